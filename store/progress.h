@@ -1,0 +1,31 @@
+// How long work reports where it is and learns that it should stop.
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+
+namespace isonest {
+
+/// Passed down to every long operation. The default is silent and never stops.
+/// Thread-safety: all methods may be called from any thread at any time.
+class Progress {
+  public:
+    Progress() = default;
+    Progress(const Progress&) = delete;
+    Progress& operator=(const Progress&) = delete;
+    virtual ~Progress() = default;
+    /// A phase begins that has `total` units of `unit` ("B" for bytes, else a plural noun).
+    virtual void begin(std::string_view /*phase*/, std::uint64_t /*total*/,
+                       std::string_view /*unit*/) {}
+    /// `amount` more units of the current phase are done.
+    virtual void advance(std::uint64_t /*amount*/) {}
+    /// True once the user asked to stop; the operation then throws Error{cancelled} soon.
+    [[nodiscard]] virtual bool cancelled() const { return false; }
+    /// Throws Error{cancelled} if cancelled().
+    void check() const;
+};
+
+/// A shared silent instance.
+Progress& silent_progress();
+
+}  // namespace isonest
