@@ -1,0 +1,153 @@
+#include "preprocess/deviation_table.h"
+
+#include <array>
+#include <map>
+#include <set>
+#include <tuple>
+
+#include "store/bisection.h"
+#include "store/lattice.h"
+
+namespace isonest {
+namespace {
+
+using Key = std::tuple<std::int64_t, std::int64_t, std::int64_t>;
+Key key_of(const Int3& p) {
+    return {p.z, p.y, p.x};
+}
+
+std::int64_t determinant(const Int3& a, const Int3& b, const Int3& c) {
+    return a.x * (b.y * c.z - b.z * c.y) - a.y * (b.x * c.z - b.z * c.x) +
+           a.z * (b.x * c.y - b.y * c.x);
+}
+
+/// Barycentric coordinates of p in t times the volume; all >= 0 if p lies in t.
+std::array<std::int64_t, 4> barycentric(const Tetrahedron& t, const Int3& p) {
+    const std::int64_t volume = determinant(t.v[1] - t.v[0], t.v[2] - t.v[0], t.v[3] - t.v[0]);
+    const std::int64_t sign = volume < 0 ? -1 : 1;
+    const std::int64_t b1 = sign * determinant(p - t.v[0], t.v[2] - t.v[0], t.v[3] - t.v[0]);
+    const std::int64_t b2 = sign * determinant(t.v[1] - t.v[0], p - t.v[0], t.v[3] - t.v[0]);
+    const std::int64_t b3 = sign * determinant(t.v[1] - t.v[0], t.v[2] - t.v[0], p - t.v[0]);
+    return {sign * volume - b1 - b2 - b3, b1, b2, b3};
+}
+
+/// All tetrahedra of the level-L cubes around `cube` that refine at `node`, cubes having edge 4.
+std::vector<Tetrahedron> diamond(const Int3& cube, const Int3& node) {
+    std::vector<Tetrahedron> found;
+    for (std::int64_t z = -1; z <= 1; ++z) {
+        for (std::int64_t y = -1; y <= 1; ++y) {
+            for (std::int64_t x = -1; x <= 1; ++x) {
+                for (int order = 0; order < 6; ++order) {
+                    std::vector<Tetrahedron> level{
+                        kuhn_tetrahedron(cube + Int3{x, y, z}, 4, order)};
+                    for (int step = 0; step < 3; ++step) {
+                        std::vector<Tetrahedron> next;
+                        for (const Tetrahedron& t : level) {
+                            if (t.ref_node() == node) {
+                                found.push_back(t);
+                            }
+                            for (const Tetrahedron& child : t.bisect()) {
+                                next.push_back(child);
+                            }
+                        }
+                        level = std::move(next);
+                    }
+                }
+            }
+        }
+    }
+    return found;
+}
+
+/// The Kuhn tetrahedra of cubes of edge 1 inside t.
+std::vector<Tetrahedron> finest(const Tetrahedron& t) {
+    std::vector<Tetrahedron> level{t};
+    while (true) {
+        std::vector<Tetrahedron> next;
+        for (const Tetrahedron& parent : level) {
+            const Int3 diagonal = parent.ref_end1() - parent.ref_end0();
+            if (parent.kind == 0 && diagonal.x * diagonal.x == 1) {
+                next.push_back(parent);
+                continue;
+            }
+            for (const Tetrahedron& child : parent.bisect()) {
+                next.push_back(child);
+            }
+        }
+        if (next.size() == level.size()) {
+            return level;
+        }
+        level = std::move(next);
+    }
+}
+
+DeviationSupport make_support(int slot, const Int3& parity) {
+    // A cube index with these parities, away from the origin so that all coordinates are positive.
+    const Int3 cube = parity + Int3{4, 4, 4};
+    const Int3 base = cube * 4;
+    const Int3 node = base + slot_offset(slot) * 2;
+
+    std::map<Key, DeviationSupport::Point> points;
+    std::map<Key, std::pair<Int3, std::set<Key>>> cubes;
+    for (const Tetrahedron& t : diamond(cube, node)) {
+        for (const Tetrahedron& small : finest(t)) {
+            Int3 low = small.v[0];
+            for (const Int3& v : small.v) {
+                low = min(low, v);
+            }
+            auto& [corner, vertices] = cubes[key_of(low)];
+            corner = low - base;
+            for (const Int3& v : small.v) {
+                vertices.insert(key_of(v));
+                if (points.contains(key_of(v))) {
+                    continue;
+                }
+                DeviationSupport::Point point{v - base, {}};
+                const auto weights = barycentric(t, v);
+                std::int64_t total = 0;
+                for (const std::int64_t w : weights) {
+                    total += w;
+                }
+                for (std::size_t i = 0; i < 4; ++i) {
+                    if (weights[i] != 0 && weights[i] != total) {
+                        point.terms.push_back(
+                            {t.v[i] - base,
+                             static_cast<double>(weights[i]) / static_cast<double>(total)});
+                    }
+                }
+                points.emplace(key_of(v), std::move(point));
+            }
+        }
+    }
+    DeviationSupport support;
+    std::map<Key, std::uint16_t> index;
+    for (auto& [key, point] : points) {
+        index[key] = static_cast<std::uint16_t>(support.points.size());
+        support.points.push_back(std::move(point));
+    }
+    for (const auto& [key, cube_and_vertices] : cubes) {
+        DeviationSupport::Cube c{cube_and_vertices.first, {}};
+        for (const Key& v : cube_and_vertices.second) {
+            c.points.push_back(index.at(v));
+        }
+        support.cubes.push_back(std::move(c));
+    }
+    return support;
+}
+
+}  // namespace
+
+const DeviationSupport& deviation_support(int slot, int parity_x, int parity_y, int parity_z) {
+    static const std::vector<DeviationSupport> tables = [] {
+        std::vector<DeviationSupport> all;
+        for (int s = 0; s < kSlots; ++s) {
+            for (std::int64_t p = 0; p < 8; ++p) {
+                all.push_back(make_support(s, {p & 1, (p >> 1) & 1, p >> 2}));
+            }
+        }
+        return all;
+    }();
+    return tables[static_cast<std::size_t>(slot * 8 + parity_x + 2 * parity_y + 4 * parity_z)];
+}
+
+}  // namespace isonest

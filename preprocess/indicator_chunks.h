@@ -1,0 +1,47 @@
+// The chunks of one indicator field that a block of the level pass fills and encodes.
+#pragma once
+
+#include <limits>
+#include <vector>
+
+#include "preprocess/layer.h"
+#include "store/chunk_source.h"
+#include "store/indicator_code.h"
+
+namespace isonest {
+
+/// One chunk in its stored form, on the way to the writer.
+struct EncodedChunk {
+    const ArrayInfo* array = nullptr;
+    Int3 chunk;
+    std::vector<std::byte> bytes;
+    ChunkRow row;
+};
+
+/// Up to 2 x 2 x 2 neighbouring chunks of an indicator array, filled layer by layer.
+class IndicatorChunks {
+  public:
+    /// `first` chunk and how many per axis (those beyond the array's grid are left out).
+    IndicatorChunks(const ArrayInfo& array, const Int3& first, const Int3& count, bool exact);
+
+    /// Takes the part of layer k that lies in these chunks.
+    template <class Real>
+    void put(const LayerRange& range, std::int64_t k, const Layer<Real>& layer);
+    /// Encodes all chunks and appends them.
+    void encode(std::vector<EncodedChunk>& out) const;
+
+  private:
+    struct Part {
+        Int3 chunk;
+        Int3 lo;  ///< first lattice node
+        Int3 n;   ///< nodes inside the array
+        std::vector<std::byte> raw;
+        float min = std::numeric_limits<float>::infinity();
+        float max = 0;
+    };
+    const ArrayInfo& array_;
+    bool exact_;
+    std::vector<Part> parts_;
+};
+
+}  // namespace isonest

@@ -1,0 +1,400 @@
+#include "preprocess/level_pass.h"
+
+#include <cstring>
+
+#include "store/codec.h"
+#include "store/gather.h"
+
+namespace isonest {
+namespace {
+
+/// Nodes that a base block needs beyond its own: two for the deviation of level 2, and one more
+/// for missing values beside the finer cubes that its edges look at.
+constexpr std::int64_t kMargin = 3;
+
+const ArrayInfo* find(const StoreLayout& layout, int level, Field field) {
+    return level <= layout.lattice().top() && layout.has(field) ? &layout.array(level, field)
+                                                                : nullptr;
+}
+
+/// One chunk of values by injection: node i of the array is node step * i of the box.
+template <class T>
+EncodedChunk encode_values(const ArrayInfo& array, const Int3& chunk, const Box<T>& box,
+                           std::int64_t step) {
+    std::vector<T> raw(static_cast<std::size_t>(array.chunk.product()));
+    const Int3 lo{chunk.x * array.chunk.x, chunk.y * array.chunk.y, chunk.z * array.chunk.z};
+    const Int3 n = min(array.chunk, array.nodes - lo);
+    EncodedChunk out;
+    out.array = &array;
+    out.chunk = chunk;
+    T low = std::numeric_limits<T>::max();
+    T high = std::numeric_limits<T>::lowest();
+    bool missing = false;
+    for (std::int64_t z = 0; z < n.z; ++z) {
+        for (std::int64_t y = 0; y < n.y; ++y) {
+            const T* const from =
+                box.row((lo.y + y) * step, (lo.z + z) * step) + (lo.x * step - box.lo.x);
+            T* const to = raw.data() + array.chunk.linear({0, y, z});
+            for (std::int64_t x = 0; x < n.x; ++x) {
+                const T v = from[x * step];
+                to[x] = v;
+                if constexpr (std::is_floating_point_v<T>) {
+                    if (!std::isfinite(v)) {
+                        missing = true;
+                        continue;
+                    }
+                }
+                low = v < low ? v : low;
+                high = v > high ? v : high;
+            }
+        }
+    }
+    const bool any = low <= high;
+    out.row.min = any ? static_cast<double>(low) : std::numeric_limits<double>::infinity();
+    out.row.max = any ? static_cast<double>(high) : -std::numeric_limits<double>::infinity();
+    out.row.flags = missing ? kChunkHasMissing : 0;
+    encode_chunk(std::as_bytes(std::span(raw)), array.codec, out.bytes);
+    out.bytes.shrink_to_fit();
+    return out;
+}
+
+template <class T>
+void encode_all_values(const ArrayInfo* array, const Int3& first, const Int3& count,
+                       const Box<T>& box, std::int64_t step, std::vector<EncodedChunk>& out) {
+    if (array == nullptr) {
+        return;
+    }
+    const Int3 end = min(first + count, array->grid);
+    for (std::int64_t z = first.z; z < end.z; ++z) {
+        for (std::int64_t y = first.y; y < end.y; ++y) {
+            for (std::int64_t x = first.x; x < end.x; ++x) {
+                out.push_back(encode_values(*array, {x, y, z}, box, step));
+            }
+        }
+    }
+}
+
+/// The volume around a base block, values outside being those of the nearest node.
+template <class T>
+Box<T> gather_base(const StoreLayout& layout, const PlaneWindow& window, const Int3& block) {
+    const std::int64_t k = layout.header().chunk;
+    const Int3 ends = layout.lattice().cells_at(2) * 4;
+    const Int3 lo = block * (2 * k) - Int3{kMargin, kMargin, kMargin};
+    const Int3 hi = min((block + Int3{1, 1, 1}) * (2 * k), ends) + Int3{kMargin, kMargin, kMargin};
+    Box<T> box(lo, hi - lo + Int3{1, 1, 1});
+    const Int3 last = layout.lattice().nodes() - Int3{1, 1, 1};
+    const std::int64_t x0 = std::clamp<std::int64_t>(lo.x, 0, last.x);
+    const std::int64_t x1 = std::clamp<std::int64_t>(hi.x, 0, last.x);
+    for (std::int64_t z = lo.z; z <= hi.z; ++z) {
+        for (std::int64_t y = lo.y; y <= hi.y; ++y) {
+            const T* const from = reinterpret_cast<const T*>(window.row(
+                std::clamp<std::int64_t>(y, 0, last.y), std::clamp<std::int64_t>(z, 0, last.z)));
+            T* const to = box.row(y, z);
+            std::fill(to, to + (x0 - lo.x), from[x0]);
+            std::copy(from + x0, from + x1 + 1, to + (x0 - lo.x));
+            std::fill(to + (x1 - lo.x) + 1, to + box.size.x, from[x1]);
+        }
+    }
+    return box;
+}
+
+/// The indicator chunks of one level that a block fills; deviations of level 1 are eta bar.
+class LevelSink {
+  public:
+    LevelSink(const StoreLayout& layout, int level, const Int3& first, const Int3& count) {
+        for (const Field field : layout.header().fields) {
+            const ArrayInfo* const array = find(layout, level, field);
+            if (array == nullptr || array->alias) {
+                continue;
+            }
+            const Field source =
+                level == 1 && field == Field::deviation_bar ? Field::linf_bar : field;
+            parts_.emplace_back(source,
+                                IndicatorChunks(*array, first, count, layout.header().exact));
+        }
+    }
+    template <class Real>
+    void put(Field field, const LayerRange& range, std::int64_t k, const Layer<Real>& layer) {
+        for (auto& [source, chunks] : parts_) {
+            if (source == field) {
+                chunks.put(range, k, layer);
+            }
+        }
+    }
+    void encode(std::vector<EncodedChunk>& out) const {
+        for (const auto& part : parts_) {
+            part.second.encode(out);
+        }
+    }
+
+  private:
+    std::vector<std::pair<Field, IndicatorChunks>> parts_;
+};
+
+/// Copies the centres of layer k that lie in `to`.
+template <class Real>
+void keep_centres(const LayerRange& range, std::int64_t k, const Layer<Real>& layer,
+                  Box<float>& to) {
+    if (k < to.lo.z || k >= to.lo.z + to.size.z || k - range.lo.z >= range.odd_count(2)) {
+        return;
+    }
+    const Int3 lo = max(range.lo, to.lo);
+    const Int3 end = min(range.lo + Int3{range.odd_count(0), range.odd_count(1), 0},
+                         to.lo + to.size);
+    for (std::int64_t y = lo.y; y < end.y; ++y) {
+        const Real* const from = layer.row(kCentreSlot, y - range.lo.y);
+        float* const row = to.row(y, k);
+        for (std::int64_t x = lo.x; x < end.x; ++x) {
+            row[x - to.lo.x] = round_up_to_float(from[x - range.lo.x]);
+        }
+    }
+}
+
+LayerRange range_of(const StoreLayout& layout, int level, const Int3& first, std::int64_t count) {
+    const Int3 cells = layout.lattice().cells_at(level);
+    return {first, min(first + Int3{count, count, count}, cells), cells};
+}
+
+/// Cubes of `level` inside a block, for the centres that the block hands on.
+Box<float> own_cubes(const LayerRange& range, std::int64_t count) {
+    const Int3 end = min(range.lo + Int3{count, count, count}, range.cells);
+    return {range.lo, max(end - range.lo, {0, 0, 0})};
+}
+
+struct Wanted {
+    bool bar;
+    bool plus;
+    bool deviation;
+    explicit Wanted(const StoreLayout& layout)
+        : bar(layout.has(Field::linf_bar)),
+          plus(layout.has(Field::linf_plus)),
+          deviation(layout.has(Field::deviation_bar)) {}
+};
+
+/// Runs one level and hands its centres to the coarser levels.
+template <class T>
+void run_and_carry(const PassContext& context, const LevelTask<T>& task, int level,
+                   std::int64_t count, LevelSink& sink) {
+    const bool carry = level < context.layout.lattice().top();
+    Box<float> bar = own_cubes(task.range, count);
+    Box<float> plus = bar;
+    Box<float> deviation = bar;
+    run_level(task, [&](Field field, std::int64_t k, const auto& layer) {
+        sink.put(field, task.range, k, layer);
+        if (carry) {
+            keep_centres(task.range, k, layer,
+                         field == Field::linf_bar    ? bar
+                         : field == Field::linf_plus ? plus
+                                                     : deviation);
+        }
+    });
+    if (!carry) {
+        return;
+    }
+    if (task.want_bar) {
+        context.centres.put(level, Carried::bar, bar);
+    }
+    if (task.want_plus) {
+        context.centres.put(level, Carried::plus, plus);
+    }
+    if (task.want_deviation) {
+        context.centres.put(level, Carried::deviation, deviation);
+    }
+}
+
+}  // namespace
+
+Int3 base_grid(const StoreLayout& layout) {
+    const auto half = [](const Int3& grid) { return ceil_div(grid, {2, 2, 2}); };
+    Int3 grid = half(layout.array(0, Field::values).grid);
+    for (const ArrayInfo& array : layout.arrays()) {
+        if (array.field == Field::values && array.level == 1) {
+            grid = max(grid, array.grid);
+        } else if (array.field != Field::values && array.level == 1) {
+            grid = max(grid, half(array.grid));
+        } else if (array.field != Field::values && array.level == 2) {
+            grid = max(grid, array.grid);
+        }
+    }
+    return grid;
+}
+
+std::pair<std::int64_t, std::int64_t> base_planes(const StoreLayout& layout, std::int64_t z) {
+    const std::int64_t k = layout.header().chunk;
+    const std::int64_t nz = layout.lattice().nodes().z;
+    return {std::clamp<std::int64_t>(2 * k * z - kMargin, 0, nz - 1),
+            std::clamp<std::int64_t>(2 * k * (z + 1) + kMargin + 1, 1, nz)};
+}
+
+template <class T>
+std::vector<EncodedChunk> base_block(const PassContext& context, const PlaneWindow& window,
+                                     const Int3& block) {
+    const StoreLayout& layout = context.layout;
+    const Lattice& lattice = layout.lattice();
+    const std::int64_t k = layout.header().chunk;
+    const Wanted wanted(layout);
+    const Int3 two{2, 2, 2};
+    const Int3 one{1, 1, 1};
+    ValueBox<T> box;
+    box.values = gather_base<T>(layout, window, block);
+    box.find_missing();
+
+    std::vector<EncodedChunk> out;
+    encode_all_values(&layout.array(0, Field::values), block * 2, two, box.values, 1, out);
+    encode_all_values(find(layout, 1, Field::values), block, one, box.values, 2, out);
+    if (lattice.top() < 1) {
+        return out;
+    }
+
+    // Level 1, one ring of cubes wider than the block, for the children of level 2's edges.
+    LevelTask<T> first;
+    first.values = &box;
+    first.step = 1;
+    first.fine_cells = lattice.cells_at(0);
+    first.range.cells = lattice.cells_at(1);
+    first.range.lo = max(block * k - one, {0, 0, 0});
+    first.range.hi = min((block + one) * k + one, first.range.cells);
+    first.want_bar = wanted.bar || wanted.deviation;
+    first.want_plus = wanted.plus;
+    const LayerRange second = range_of(layout, 2, block * (k / 2), k / 2);
+    Box<float> bar(second.lo * 2 - one, (second.hi - second.lo) * 2 + two);
+    Box<float> plus = bar;
+    LevelSink sink(layout, 1, block * 2, two);
+    run_level(first, [&](Field field, std::int64_t z, const auto& layer) {
+        sink.put(field, first.range, z, layer);
+        keep_centres(first.range, z, layer, field == Field::linf_bar ? bar : plus);
+    });
+    sink.encode(out);
+    if (lattice.top() < 2) {
+        return out;
+    }
+    if (wanted.deviation && lattice.top() > 2) {
+        // Level 3 looks two levels down; the deviation of level 1 is eta bar.
+        const Int3 lo = block * k;
+        Box<float> own(lo, max(min(lo + Int3{k, k, k}, first.range.cells) - lo, {0, 0, 0}));
+        for (std::int64_t z = own.lo.z; z < own.lo.z + own.size.z; ++z) {
+            for (std::int64_t y = own.lo.y; y < own.lo.y + own.size.y; ++y) {
+                std::copy_n(bar.row(y, z) + (own.lo.x - bar.lo.x), own.size.x, own.row(y, z));
+            }
+        }
+        context.centres.put(1, Carried::deviation, own);
+    }
+
+    LevelTask<T> task;
+    task.range = second;
+    task.values = &box;
+    task.fine_cells = lattice.cells_at(0);
+    task.bar_centres = &bar;
+    task.plus_centres = &plus;
+    task.deviation_centres = &bar;
+    task.want_bar = wanted.bar;
+    task.want_plus = wanted.plus;
+    task.want_deviation = wanted.deviation;
+    LevelSink coarse(layout, 2, block, one);
+    run_and_carry(context, task, 2, k / 2, coarse);
+    coarse.encode(out);
+    return out;
+}
+
+Int3 level_grid(const StoreLayout& layout, int level) {
+    Int3 grid = layout.array(level - 1, Field::values).grid;
+    for (const ArrayInfo& array : layout.arrays()) {
+        if (array.level == level && array.field != Field::values) {
+            grid = max(grid, array.grid);
+        }
+    }
+    return grid;
+}
+
+template <class T>
+std::vector<EncodedChunk> level_block_of(const PassContext& context, ChunkCache& cache, int level,
+                                         const Int3& block) {
+    const StoreLayout& layout = context.layout;
+    const std::int64_t k = layout.header().chunk;
+    const Wanted wanted(layout);
+    const Int3 one{1, 1, 1};
+    const Int3 two{2, 2, 2};
+    const LayerRange range = range_of(layout, level, block * (k / 2), k / 2);
+    ValueBox<T> box;
+    box.values = Box<T>(range.lo * 4 - one * kMargin, (range.hi - range.lo) * 4 + one * 7);
+    gather_values(cache, layout.array(level - 2, Field::values), box.values);
+    box.find_missing();
+
+    std::vector<EncodedChunk> out;
+    encode_all_values(&layout.array(level - 1, Field::values), block, one, box.values, 2, out);
+
+    const auto finer = [&](bool want, Carried what) {
+        Box<float> centres;
+        if (want) {
+            centres = Box<float>(range.lo * 2 - one, (range.hi - range.lo) * 2 + two);
+            context.centres.get(level - 1, what, 0.0F, centres);
+        }
+        return centres;
+    };
+    const Box<float> bar = finer(wanted.bar, Carried::bar);
+    const Box<float> plus = finer(wanted.plus, Carried::plus);
+    const Box<float> deviation = finer(wanted.deviation, Carried::deviation);
+    Box<float> fine;
+    if (wanted.deviation) {
+        fine = Box<float>(box.values.lo, box.values.size);
+        context.centres.get(level - 2, Carried::deviation,
+                            std::numeric_limits<float>::quiet_NaN(), fine);
+    }
+    LevelTask<T> task;
+    task.range = range;
+    task.values = &box;
+    task.fine_cells = layout.lattice().cells_at(level - 2);
+    task.bar_centres = &bar;
+    task.plus_centres = &plus;
+    task.deviation_centres = &deviation;
+    task.fine_deviation = &fine;
+    task.want_bar = wanted.bar;
+    task.want_plus = wanted.plus;
+    task.want_deviation = wanted.deviation;
+    LevelSink sink(layout, level, block, one);
+    run_and_carry(context, task, level, k / 2, sink);
+    sink.encode(out);
+    return out;
+}
+
+template <class T>
+std::vector<EncodedChunk> top_values(const PassContext& context, ChunkCache& cache) {
+    const StoreLayout& layout = context.layout;
+    const int top = layout.lattice().top();
+    const ArrayInfo& array = layout.array(top, Field::values);
+    Box<T> box({0, 0, 0}, (array.nodes - Int3{1, 1, 1}) * 2 + Int3{1, 1, 1});
+    gather_values(cache, layout.array(top - 1, Field::values), box);
+    std::vector<EncodedChunk> out;
+    encode_all_values(&array, {0, 0, 0}, array.grid, box, 2, out);
+    return out;
+}
+
+std::uint64_t block_heap(const StoreLayout& layout) {
+    const auto k = static_cast<std::uint64_t>(layout.header().chunk);
+    const std::uint64_t value = size_of(layout.header().type);
+    const std::uint64_t code = layout.header().exact ? 4 : 2;
+    const std::uint64_t fields = layout.header().fields.size();
+    const std::uint64_t box = (2 * k + 7) * (2 * k + 7) * (2 * k + 7);
+    const std::uint64_t chunk = k * k * k;
+    // The values, the indicators of both levels, both once more encoded, kernels and codec.
+    return box * value * 2 + (chunk / 8) * kSlots * code * fields * 9 * 2 + 3 * 4 * chunk * 2 +
+           48 * 8 * (2 * k + 16) * (2 * k + 16) + codec_heap(chunk * value);
+}
+
+#define ISONEST_INSTANTIATE(T)                                                                  \
+    template std::vector<EncodedChunk> base_block<T>(const PassContext&, const PlaneWindow&,    \
+                                                     const Int3&);                              \
+    template std::vector<EncodedChunk> level_block_of<T>(const PassContext&, ChunkCache&, int,  \
+                                                         const Int3&);                          \
+    template std::vector<EncodedChunk> top_values<T>(const PassContext&, ChunkCache&)
+ISONEST_INSTANTIATE(std::uint8_t);
+ISONEST_INSTANTIATE(std::int8_t);
+ISONEST_INSTANTIATE(std::uint16_t);
+ISONEST_INSTANTIATE(std::int16_t);
+ISONEST_INSTANTIATE(std::uint32_t);
+ISONEST_INSTANTIATE(std::int32_t);
+ISONEST_INSTANTIATE(float);
+ISONEST_INSTANTIATE(double);
+#undef ISONEST_INSTANTIATE
+
+}  // namespace isonest

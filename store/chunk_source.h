@@ -1,0 +1,27 @@
+// Something that can produce the decoded bytes of a chunk: a finished store, or one being written.
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+#include "store/format.h"
+
+namespace isonest {
+
+/// Thread-safety: all methods from any thread.
+class ChunkSource {
+  public:
+    ChunkSource() = default;
+    ChunkSource(const ChunkSource&) = delete;
+    ChunkSource& operator=(const ChunkSource&) = delete;
+    virtual ~ChunkSource() = default;
+    [[nodiscard]] virtual const StoreLayout& layout() const = 0;
+    /// Row of the chunk table. REQUIRES: the chunk exists (and, while writing, was written).
+    [[nodiscard]] virtual ChunkRow row(const ArrayInfo& array, const Int3& chunk) const = 0;
+    /// Decodes into `raw` (array.chunk_bytes() bytes, [z][y][x][component], x fastest).
+    /// Throws Error{corrupt, io}.
+    virtual void decode(const ArrayInfo& array, const Int3& chunk,
+                        std::span<std::byte> raw) const = 0;
+};
+
+}  // namespace isonest

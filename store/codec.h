@@ -1,0 +1,33 @@
+// The stored form of a chunk: HDF5's byte shuffle, then one zstd frame with content size and checksum.
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace isonest {
+
+/// How the chunks of an array are stored.
+struct CodecSpec {
+    std::size_t element_size = 1;  ///< bytes of one element, the unit of the shuffle
+    bool shuffle = false;          ///< HDF5 filter 2 before the compression
+    int level = 1;                 ///< zstd level
+};
+
+/// Compresses `raw` into `out` (replaced). Thread-safe: the contexts are per thread.
+void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
+                  std::vector<std::byte>& out);
+
+/// Decompresses one stored chunk into `raw`, which has exactly the chunk's size.
+/// `place` names the chunk in the message. Throws Error{corrupt}. Thread-safe.
+void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
+                  std::span<std::byte> raw, const std::string& place);
+
+/// XXH64 with seed 0.
+std::uint64_t checksum_of(std::span<const std::byte> bytes);
+
+/// Heap that one thread's contexts and buffers may take for chunks of `chunk_bytes`.
+std::size_t codec_heap(std::size_t chunk_bytes);
+
+}  // namespace isonest

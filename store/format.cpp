@@ -1,0 +1,124 @@
+#include "store/format.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "store/error.h"
+#include "store/indicator_code.h"
+
+namespace isonest {
+namespace {
+
+void validate(const StoreHeader& header) {
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        if (header.nodes[axis] < 1 || header.nodes[axis] > kMaxNodesPerAxis) {
+            throw Error(ErrorKind::unsupported,
+                        fmt::format("a volume of {} x {} x {} nodes: each axis must have 1 to {}",
+                                    header.nodes.x, header.nodes.y, header.nodes.z,
+                                    kMaxNodesPerAxis));
+        }
+        if (!(header.spacing[a] > 0) || !std::isfinite(header.spacing[a]) ||
+            !std::isfinite(header.origin[a])) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("spacing {} {} {} and origin {} {} {}: the spacing must be "
+                                    "positive, and all must be finite",
+                                    header.spacing[0], header.spacing[1], header.spacing[2],
+                                    header.origin[0], header.origin[1], header.origin[2]));
+        }
+    }
+    if (header.chunk < kMinChunk || header.chunk > kMaxChunk ||
+        !std::has_single_bit(static_cast<unsigned>(header.chunk))) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("chunk {}: must be a power of two from {} to {}", header.chunk,
+                                kMinChunk, kMaxChunk));
+    }
+    if (header.compression < 1 || header.compression > 19) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("compression {}: zstd levels 1 to 19", header.compression));
+    }
+}
+
+}  // namespace
+
+std::string ArrayInfo::place(const Int3& c) const {
+    return fmt::format("level {}, {}, chunk {} {} {}", level, name_of(field), c.x, c.y, c.z);
+}
+
+StoreLayout::StoreLayout(const StoreHeader& header) : header_(header) {
+    validate(header);
+    std::sort(header_.fields.begin(), header_.fields.end());
+    header_.fields.erase(std::unique(header_.fields.begin(), header_.fields.end()),
+                         header_.fields.end());
+    lattice_ = Lattice(header_.nodes);
+    const std::size_t value_size = size_of(header_.type);
+    const std::size_t code_size = header_.exact ? sizeof(float) : sizeof(IndicatorCode);
+    for (int level = 0; level <= lattice_.top(); ++level) {
+        ArrayInfo values;
+        values.level = level;
+        values.nodes = lattice_.nodes_at(level);
+        const std::int64_t k = header_.chunk;
+        values.chunk = min(values.nodes, {k, k, k});
+        values.grid = ceil_div(values.nodes, values.chunk);
+        values.first_row = rows_;
+        values.codec = {value_size, value_size > 1, header_.compression};
+        rows_ += static_cast<std::uint64_t>(values.grid.product());
+        arrays_.push_back(values);
+        if (level == 0) {
+            continue;
+        }
+        std::uint64_t linf_bar_row = 0;
+        for (const Field field : header_.fields) {
+            ArrayInfo indicator = values;
+            indicator.field = field;
+            indicator.components = kSlots;
+            indicator.chunk = min(values.nodes, {k / 2, k / 2, k / 2});
+            indicator.grid = ceil_div(values.nodes, indicator.chunk);
+            indicator.codec = {code_size, true, header_.compression};
+            // At level 1 the deviation of a tetrahedron is attained at a node that its own
+            // refinement reaches, so both saturated fields are the same array.
+            if (level == 1 && field == Field::deviation_bar && has(Field::linf_bar)) {
+                indicator.alias = true;
+                indicator.first_row = linf_bar_row;
+            } else {
+                indicator.first_row = rows_;
+                rows_ += static_cast<std::uint64_t>(indicator.grid.product());
+            }
+            if (field == Field::linf_bar) {
+                linf_bar_row = indicator.first_row;
+            }
+            arrays_.push_back(indicator);
+        }
+    }
+}
+
+bool StoreLayout::has(Field field) const {
+    return field == Field::values ||
+           std::find(header_.fields.begin(), header_.fields.end(), field) != header_.fields.end();
+}
+
+const ArrayInfo& StoreLayout::array(int level, Field field) const {
+    for (const ArrayInfo& array : arrays_) {
+        if (array.level == level && array.field == field) {
+            return array;
+        }
+    }
+    if (has(field)) {
+        throw Error(ErrorKind::not_found,
+                    fmt::format("there is no level {} of {}: levels {} to {} exist", level,
+                                name_of(field), field == Field::values ? 0 : 1, lattice_.top()));
+    }
+    throw Error(ErrorKind::not_found,
+                fmt::format("the store has no field {}; it has {}. Preprocess again with "
+                            "--indicators to add it",
+                            name_of(field), list_names(header_.fields)));
+}
+
+std::string StoreLayout::path_of(const ArrayInfo& array) {
+    return fmt::format("/levels/{}/{}", array.level, name_of(array.field));
+}
+
+}  // namespace isonest

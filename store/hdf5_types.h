@@ -1,0 +1,37 @@
+// HDF5 types and attributes as the store uses them. Private to the store.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "store/handles.h"
+#include "store/value_type.h"
+
+namespace isonest {
+
+/// Little endian type of the values.
+TypeHandle file_type(ValueType type);
+/// Little endian 16-bit float with 8 exponent bits: what an indicator code is.
+TypeHandle indicator_code_type();
+/// The compound of ChunkRow.
+TypeHandle chunk_row_type();
+
+/// Attributes of fixed type; failures throw Error{io}.
+void write_attribute(hid_t object, const char* name, std::uint32_t value);
+void write_attribute(hid_t object, const char* name, std::uint64_t value);
+void write_attribute(hid_t object, const char* name, const std::string& value);
+void write_attribute(hid_t object, const char* name, const std::vector<std::uint32_t>& values);
+void write_attribute(hid_t object, const char* name, const std::vector<std::uint64_t>& values);
+void write_attribute(hid_t object, const char* name, const std::vector<std::int64_t>& values);
+void write_attribute(hid_t object, const char* name, const std::vector<double>& values);
+
+/// Empty if the attribute is missing or not `count` numbers; never allocates more than that.
+std::optional<std::vector<std::uint64_t>> read_integers(hid_t object, const char* name,
+                                                        std::size_t count);
+std::optional<std::vector<double>> read_numbers(hid_t object, const char* name, std::size_t count);
+/// Empty if the attribute is missing or not a fixed-length text of at most 4096 bytes.
+std::optional<std::string> read_text(hid_t object, const char* name);
+
+}  // namespace isonest

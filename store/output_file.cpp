@@ -1,0 +1,83 @@
+#include "store/output_file.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+
+#include "store/error.h"
+
+namespace isonest {
+namespace {
+
+std::filesystem::path folder_of(const std::filesystem::path& path) {
+    const std::filesystem::path folder = path.parent_path();
+    return folder.empty() ? std::filesystem::path(".") : folder;
+}
+
+void sync(const std::filesystem::path& path, int flags) {
+    const int fd = ::open(path.c_str(), flags | O_CLOEXEC);
+    if (fd < 0 || ::fsync(fd) != 0) {
+        const int error = errno;
+        if (fd >= 0) {
+            ::close(fd);
+        }
+        throw Error(ErrorKind::io, fmt::format("{}: cannot write to disk: {}", path.string(),
+                                               std::strerror(error)));
+    }
+    ::close(fd);
+}
+
+[[noreturn]] void exists_already(const std::filesystem::path& path) {
+    throw Error(ErrorKind::invalid_argument,
+                fmt::format("{} exists; give --force to replace it, or another name",
+                            path.string()));
+}
+
+}  // namespace
+
+std::filesystem::path temporary_name(const std::filesystem::path& path) {
+    return folder_of(path) / fmt::format(".{}.partial-{}", path.filename().string(), ::getpid());
+}
+
+void check_output(const std::filesystem::path& path, bool force) {
+    std::error_code ignored;
+    if (path.filename().empty() || std::filesystem::is_directory(path, ignored)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} is a folder; give a file name", path.string()));
+    }
+    if (!std::filesystem::is_directory(folder_of(path), ignored)) {
+        throw Error(ErrorKind::not_found, fmt::format("{}: there is no folder {}", path.string(),
+                                                      folder_of(path).string()));
+    }
+    if (!force && std::filesystem::exists(path, ignored)) {
+        exists_already(path);
+    }
+}
+
+void publish(const std::filesystem::path& temporary, const std::filesystem::path& path,
+             bool force) {
+    sync(temporary, O_RDONLY);
+    const unsigned flags = force ? 0U : static_cast<unsigned>(RENAME_NOREPLACE);
+    int result = ::renameat2(AT_FDCWD, temporary.c_str(), AT_FDCWD, path.c_str(), flags);
+    if (result != 0 && errno == EINVAL && !force) {
+        // The file system has no exclusive rename: a hard link is exclusive as well.
+        result = ::link(temporary.c_str(), path.c_str());
+        if (result == 0) {
+            ::unlink(temporary.c_str());
+        }
+    }
+    if (result != 0) {
+        if (errno == EEXIST) {
+            exists_already(path);
+        }
+        throw Error(ErrorKind::io, fmt::format("{}: cannot give the finished file its name: {}",
+                                               path.string(), std::strerror(errno)));
+    }
+    sync(folder_of(path), O_RDONLY | O_DIRECTORY);
+}
+
+}  // namespace isonest

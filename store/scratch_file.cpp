@@ -1,0 +1,129 @@
+#include "store/scratch_file.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <string>
+#include <utility>
+
+#include "store/error.h"
+
+namespace isonest {
+namespace {
+
+[[noreturn]] void fail(const std::filesystem::path& folder, const char* what, int error) {
+    throw Error(ErrorKind::io,
+                fmt::format("temporary space in {}: {}: {}; free some space or choose another "
+                            "output folder",
+                            folder.string(), what, std::strerror(error)));
+}
+
+}  // namespace
+
+ScratchFile::ScratchFile(const std::filesystem::path& folder)
+    : folder_(folder.empty() ? std::filesystem::path(".") : folder) {
+    fd_ = ::open(folder_.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
+    if (fd_ < 0) {
+        std::string name = (folder_ / ".isonest-scratch-XXXXXX").string();
+        fd_ = ::mkostemp(name.data(), O_CLOEXEC);
+        if (fd_ < 0) {
+            fail(folder_, "cannot create a file", errno);
+        }
+        ::unlink(name.c_str());
+    }
+}
+
+ScratchFile::ScratchFile(ScratchFile&& other) noexcept
+    : fd_(std::exchange(other.fd_, -1)),
+      folder_(std::move(other.folder_)),
+      map_(std::exchange(other.map_, nullptr)),
+      mapped_(std::exchange(other.mapped_, 0)) {}
+
+ScratchFile& ScratchFile::operator=(ScratchFile&& other) noexcept {
+    if (this != &other) {
+        unmap();
+        if (fd_ >= 0) {
+            ::close(fd_);
+        }
+        fd_ = std::exchange(other.fd_, -1);
+        folder_ = std::move(other.folder_);
+        map_ = std::exchange(other.map_, nullptr);
+        mapped_ = std::exchange(other.mapped_, 0);
+    }
+    return *this;
+}
+
+ScratchFile::~ScratchFile() {
+    unmap();
+    if (fd_ >= 0) {
+        ::close(fd_);
+    }
+}
+
+void ScratchFile::unmap() {
+    if (map_ != nullptr) {
+        ::munmap(map_, mapped_);
+    }
+    map_ = nullptr;
+    mapped_ = 0;
+}
+
+void ScratchFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes) {
+    while (!bytes.empty()) {
+        const ssize_t n =
+            ::pwrite(fd_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
+        if (n < 0 && errno == EINTR) {
+            continue;
+        }
+        if (n <= 0) {
+            fail(folder_, "cannot write", n == 0 ? ENOSPC : errno);
+        }
+        bytes = bytes.subspan(static_cast<std::size_t>(n));
+        offset += static_cast<std::uint64_t>(n);
+    }
+}
+
+void ScratchFile::read_at(std::uint64_t offset, std::span<std::byte> bytes) const {
+    while (!bytes.empty()) {
+        const ssize_t n = ::pread(fd_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
+        if (n < 0 && errno == EINTR) {
+            continue;
+        }
+        if (n <= 0) {
+            fail(folder_, "cannot read", n == 0 ? EIO : errno);
+        }
+        bytes = bytes.subspan(static_cast<std::size_t>(n));
+        offset += static_cast<std::uint64_t>(n);
+    }
+}
+
+std::span<std::byte> ScratchFile::map(std::uint64_t bytes) {
+    unmap();
+    if (bytes == 0) {
+        return {};
+    }
+    struct stat status {};
+    if (::fstat(fd_, &status) != 0) {
+        fail(folder_, "cannot inspect", errno);
+    }
+    // Also fills holes: a store to a hole of a full disk would be a fault.
+    const int error = ::posix_fallocate(fd_, 0, static_cast<off_t>(bytes));
+    if (error != 0) {
+        fail(folder_, fmt::format("cannot reserve {} bytes", bytes).c_str(), error);
+    }
+    void* const p =
+        ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd_, 0);
+    if (p == MAP_FAILED) {
+        fail(folder_, "cannot map", errno);
+    }
+    map_ = static_cast<std::byte*>(p);
+    mapped_ = bytes;
+    return {map_, bytes};
+}
+
+}  // namespace isonest

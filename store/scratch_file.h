@@ -1,0 +1,44 @@
+// Temporary space on disk that grows with the work while memory does not.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+
+namespace isonest {
+
+/// An unnamed temporary file: it has no name that could be left behind, and disappears when closed.
+/// Its space is allocated before it is mapped, so a full disk is an error and not a fault.
+/// Thread-safety: write_at() and read_at() on disjoint ranges from any thread; the rest from one.
+class ScratchFile {
+  public:
+    /// Creates the file in `folder`. Throws Error{io}.
+    explicit ScratchFile(const std::filesystem::path& folder);
+    ScratchFile(ScratchFile&& other) noexcept;
+    ScratchFile& operator=(ScratchFile&& other) noexcept;
+    ScratchFile(const ScratchFile&) = delete;
+    ScratchFile& operator=(const ScratchFile&) = delete;
+    ~ScratchFile();
+
+    /// Throws Error{io}, for example on a full disk.
+    void write_at(std::uint64_t offset, std::span<const std::byte> bytes);
+    void read_at(std::uint64_t offset, std::span<std::byte> bytes) const;
+    /// Maps the first `bytes` for reading and writing, extending the file (with zeros) where needed.
+    /// Earlier maps become invalid. Throws Error{io}.
+    std::span<std::byte> map(std::uint64_t bytes);
+    /// The current map as an array of T.
+    template <class T>
+    [[nodiscard]] std::span<T> as() const {
+        return {reinterpret_cast<T*>(map_), mapped_ / sizeof(T)};
+    }
+
+  private:
+    void unmap();
+    int fd_ = -1;
+    std::filesystem::path folder_;
+    std::byte* map_ = nullptr;
+    std::uint64_t mapped_ = 0;
+};
+
+}  // namespace isonest

@@ -1,0 +1,38 @@
+// Writes a store: chunks in any order, then the table; whole under its name or not at all.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+
+#include "store/chunk_source.h"
+
+namespace isonest {
+
+/// A store that is being written under a temporary name beside its final one.
+/// Thread-safety: write_chunk(), row() and decode() from any thread; finish() from one.
+class StoreWriter : public ChunkSource {
+  public:
+    /// Throws Error{invalid_argument} if `path` exists and `force` is false; Error{io}.
+    StoreWriter(const std::filesystem::path& path, const StoreHeader& header, bool force);
+    ~StoreWriter() override;  ///< removes the temporary file unless finish() succeeded
+
+    [[nodiscard]] const StoreLayout& layout() const override;
+    /// Appends one encoded chunk. `row` brings flags, min and max; offset, size and checksum are
+    /// filled in. REQUIRES: each chunk of a non-alias array exactly once.
+    /// Throws Error{io}.
+    void write_chunk(const ArrayInfo& array, const Int3& chunk, std::span<const std::byte> encoded,
+                     ChunkRow row);
+    [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override;
+    void decode(const ArrayInfo& array, const Int3& chunk,
+                std::span<std::byte> raw) const override;
+    [[nodiscard]] std::uint64_t bytes_written() const;
+
+    /// Writes table and completeness mark, syncs, renames. Throws Error{io}.
+    void finish();
+
+  private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace isonest
