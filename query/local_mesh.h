@@ -1,0 +1,106 @@
+// The part of the surface that one thread makes in one go, before vertices are welded across parts.
+#pragma once
+
+#include <tsl/robin_map.h>
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "query/vertex_key.h"
+#include "store/int3.h"
+
+namespace isonest {
+
+/// A corner of a tetrahedron that is marched.
+struct Corner {
+    Int3 node;     ///< on the finest lattice
+    double value;  ///< REQUIRES: finite
+};
+
+/// A box in coordinates of the finest lattice, to which the surface is cut.
+struct ClipBox {
+    Double3 lo{};
+    Double3 hi{};
+};
+
+/// A finished part: vertices in the order in which the triangles first name them.
+struct MeshPart {
+    static constexpr std::uint32_t kNoVertex = 0xFFFFFFFFU;
+
+    /// A vertex (or, without one, a link between other parts' vertices) that other parts may share.
+    struct Shared {
+        std::uint32_t vertex = kNoVertex;
+    };
+    /// A name of shared element `shared`. Elements of any part with an equal name are one vertex.
+    struct Name {
+        VertexKey key;
+        std::uint32_t shared = 0;
+    };
+    /// A vertex where the box cuts a triangle edge whose ends are both shared. Equal ends and plane
+    /// in another part mean the same vertex.
+    struct Cut {
+        std::uint32_t end0 = 0;  ///< shared elements
+        std::uint32_t end1 = 0;
+        std::uint32_t plane = 0;
+        std::uint32_t shared = 0;  ///< the element of the cut vertex itself
+    };
+    std::vector<Double3> positions;  ///< coordinates of the finest lattice
+    std::vector<std::array<std::uint32_t, 3>> triangles;
+    std::vector<Shared> shared;  ///< those with a vertex in ascending order of it
+    std::vector<Name> names;
+    std::vector<Cut> cuts;
+};
+
+/// Collects triangles of marched tetrahedra. Not thread-safe; one per thread, reused.
+class LocalMesh {
+  public:
+    /// Marches one leaf tetrahedron: a node is inside if value >= iso; the triangles' normals point to
+    /// the smaller values. Where the surface passes exactly through nodes, no triangle of zero area
+    /// arises and the mesh stays a manifold. `cut` says that the tetrahedron may reach out of the box.
+    /// `positive`: det(v1 - v0, v2 - v0, v3 - v0) > 0.
+    void march(const std::array<Corner, 4>& corners, bool positive, double iso, bool cut);
+
+    [[nodiscard]] bool empty() const { return triangles_.empty() && elements_.empty(); }
+    /// How many vertices are held; the owner bounds it by finishing the part.
+    [[nodiscard]] std::size_t size() const { return elements_.size(); }
+    /// Bytes of heap per vertex held, at most, finishing included.
+    static constexpr std::size_t kBytesPerVertex = 420;
+
+    /// Turns what was collected into a part and starts anew.
+    MeshPart finish(const ClipBox& box);
+
+  private:
+    struct Element {
+        VertexKey key;
+        Double3 position;
+        std::uint32_t parent = 0;  ///< union-find over names of the same vertex
+        std::uint8_t uses = 0;     ///< tetrahedra that named it (fans and runs: two if complete)
+    };
+    struct Triangle {
+        std::array<std::uint32_t, 3> v;
+        bool cut;
+    };
+
+    std::uint32_t edge_vertex(const Corner& a, const Corner& b, double iso);
+    std::uint32_t token(VertexKind kind, const Int3& first, const Int3& second,
+                        const Double3& position);
+    std::uint32_t fan(const Corner& node, const Corner& a0, const Corner& b0, const Corner& a1,
+                      const Corner& b1);
+    std::uint32_t root(std::uint32_t e);
+    void unite(std::uint32_t a, std::uint32_t b);
+    void add(std::uint32_t a, std::uint32_t b, std::uint32_t c, bool cut);
+    void add_split(const std::array<std::uint32_t, 3>& v, const std::array<std::uint32_t, 3>& mid,
+                   bool cut);
+    void march_one_below(const Corner& q, const std::array<Corner, 3>& above, bool positive,
+                         double iso, bool cut);
+    void march_two_below(const Corner& a, const Corner& b, const Corner& q1, const Corner& q2,
+                         bool positive, double iso, bool cut);
+
+    tsl::robin_map<std::uint64_t, std::uint32_t> edges_;
+    tsl::robin_map<VertexKey, std::uint32_t, VertexKeyHash> tokens_;
+    std::vector<Element> elements_;
+    std::vector<Triangle> triangles_;
+};
+
+}  // namespace isonest

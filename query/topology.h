@@ -1,0 +1,46 @@
+// How the tetrahedra of a cube and of its eight subcubes hang together, in a cube whose all-even corner
+// is its low one; other cubes are its mirror images.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "store/int3.h"
+
+namespace isonest {
+
+/// One of the 6 + 12 + 24 tetrahedra between a cube and its subcubes. Node positions are 0, 1 or 2 half
+/// edges per axis, numbered x + 3 y + 9 z.
+struct TopologyTetrahedron {
+    std::array<std::uint8_t, 4> vertices{};
+    std::uint8_t ref_node = 0;
+    /// Kinds 0 and 1: positions of the two children in the next kind's array. Kind 2: the subcube (bits
+    /// x, y, z) of each child.
+    std::array<std::uint8_t, 2> children{};
+    /// Kind 2: the Kuhn tetrahedron of the subcube that each child is (position in kAxisOrders).
+    std::array<std::uint8_t, 2> child_orders{};
+    bool positive = false;  ///< det(v1 - v0, v2 - v0, v3 - v0) > 0
+};
+
+/// Derived from explicit bisection when first used.
+struct Topology {
+    std::array<TopologyTetrahedron, 6> cube;   ///< kind 0, in the order of kAxisOrders
+    std::array<TopologyTetrahedron, 12> face;  ///< kind 1
+    std::array<TopologyTetrahedron, 24> edge;  ///< kind 2
+    /// Kind 0 of the eight subcubes (bits x, y, z), in the order of kAxisOrders; no children.
+    std::array<std::array<TopologyTetrahedron, 6>, 8> subcube;
+};
+const Topology& topology();
+
+/// Offset of node `position` in half edges, mirrored along the axes set in `mirror` (bits x, y, z).
+constexpr Int3 node_offset(int position, unsigned mirror) {
+    Int3 o{position % 3, position / 3 % 3, position / 9};
+    for (int axis = 0; axis < 3; ++axis) {
+        if (((mirror >> static_cast<unsigned>(axis)) & 1U) != 0) {
+            o[axis] = 2 - o[axis];
+        }
+    }
+    return o;
+}
+
+}  // namespace isonest
