@@ -102,36 +102,38 @@ void LocalMesh::add(std::uint32_t a, std::uint32_t b, std::uint32_t c, bool cut)
     triangles_.push_back({{a, b, c}, cut});
 }
 
-/// Adds a triangle whose edge i, from corner i to i + 1, passes through mid[i] where that is a vertex.
+std::uint32_t LocalMesh::private_vertex(const Double3& position) {
+    const auto next = static_cast<std::uint32_t>(elements_.size());
+    elements_.push_back({{0, 0, VertexKind::fan}, position, next, 2});
+    return next;
+}
+
+/// Adds a triangle whose edge i, from corner i to i + 1, passes through mid[i] where that is a vertex:
+/// none of them, one, or all three.
 void LocalMesh::add_split(const std::array<std::uint32_t, 3>& v,
                           const std::array<std::uint32_t, 3>& mid, bool cut) {
     const int count = (mid[0] != kNone) + (mid[1] != kNone) + (mid[2] != kNone);
     if (count == 0) {
         return add(v[0], v[1], v[2], cut);
     }
-    if (count == 3) {
-        add(v[0], mid[0], mid[2], cut);
-        add(v[1], mid[1], mid[0], cut);
-        add(v[2], mid[2], mid[1], cut);
-        return add(mid[0], mid[1], mid[2], cut);
-    }
-    // Turn it so that edge 0 is split and edge 2 is not.
-    std::size_t s = 0;
-    while (mid[s] == kNone || mid[(s + 2) % 3] != kNone) {
-        ++s;
-    }
-    const std::uint32_t a = v[s];
-    const std::uint32_t b = v[(s + 1) % 3];
-    const std::uint32_t c = v[(s + 2) % 3];
-    const std::uint32_t m = mid[s];
-    const std::uint32_t n = mid[(s + 1) % 3];
     if (count == 1) {
-        add(a, m, c, cut);
-        return add(m, b, c, cut);
+        const std::size_t s = mid[0] != kNone ? 0 : mid[1] != kNone ? 1 : 2;
+        add(v[s], mid[s], v[(s + 2) % 3], cut);
+        return add(mid[s], v[(s + 1) % 3], v[(s + 2) % 3], cut);
     }
-    add(m, b, n, cut);
-    add(a, m, n, cut);
-    add(a, n, c, cut);
+    // The whole triangle is a face of the grid, and the surface may pass through it on both sides with
+    // the same six vertices; a centre of its own keeps the two apart.
+    Double3 centre{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        centre[axis] = (elements_[v[0]].position[axis] + elements_[v[1]].position[axis] +
+                        elements_[v[2]].position[axis]) /
+                       3;
+    }
+    const std::uint32_t c = private_vertex(centre);
+    for (std::size_t i = 0; i < 3; ++i) {
+        add(c, v[i], mid[i], cut);
+        add(c, mid[i], v[(i + 1) % 3], cut);
+    }
 }
 
 void LocalMesh::march_one_below(const Corner& q, const std::array<Corner, 3>& above, bool positive,

@@ -92,12 +92,13 @@ class LocalMesh {
     void add(std::uint32_t a, std::uint32_t b, std::uint32_t c, bool cut);
     void add_split(const std::array<std::uint32_t, 3>& v, const std::array<std::uint32_t, 3>& mid,
                    bool cut);
+    std::uint32_t private_vertex(const Double3& position);
     void march_one_below(const Corner& q, const std::array<Corner, 3>& above, bool positive,
                          double iso, bool cut);
     void march_two_below(const Corner& a, const Corner& b, const Corner& q1, const Corner& q2,
                          bool positive, double iso, bool cut);
 
-    tsl::robin_map<std::uint64_t, std::uint32_t> edges_;
+    tsl::robin_map<std::uint64_t, std::uint32_t, HalfLatticeHash> edges_;
     tsl::robin_map<VertexKey, std::uint32_t, VertexKeyHash> tokens_;
     std::vector<Element> elements_;
     std::vector<Triangle> triangles_;

@@ -34,6 +34,13 @@ struct VertexKey {
     auto operator<=>(const VertexKey&) const = default;
 };
 
+struct HalfLatticeHash {
+    std::size_t operator()(std::uint64_t key) const {
+        const std::uint64_t h = key * 0x9E3779B97F4A7C15ULL;
+        return static_cast<std::size_t>(h ^ (h >> 32U));
+    }
+};
+
 struct VertexKeyHash {
     std::size_t operator()(const VertexKey& key) const {
         std::uint64_t h = key.first * 0x9E3779B97F4A7C15ULL;
