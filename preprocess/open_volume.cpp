@@ -1,0 +1,109 @@
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <array>
+#include <cstring>
+
+#include "preprocess/hdf5_source.h"
+#include "preprocess/nrrd_header.h"
+#include "store/error.h"
+
+namespace isonest {
+namespace {
+
+/// A source with another spacing or origin than the file says.
+class Placed : public VolumeSource {
+  public:
+    Placed(std::unique_ptr<VolumeSource> inner, const SourceOptions& options)
+        : inner_(std::move(inner)),
+          spacing_(options.spacing.value_or(inner_->spacing())),
+          origin_(options.origin.value_or(inner_->origin())) {}
+    [[nodiscard]] Int3 nodes() const override { return inner_->nodes(); }
+    [[nodiscard]] ValueType type() const override { return inner_->type(); }
+    [[nodiscard]] Double3 spacing() const override { return spacing_; }
+    [[nodiscard]] Double3 origin() const override { return origin_; }
+    [[nodiscard]] std::string name() const override { return inner_->name(); }
+    [[nodiscard]] Granularity granularity() const override { return inner_->granularity(); }
+    [[nodiscard]] bool sequential() const override { return inner_->sequential(); }
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        inner_->read(z0, nz, y0, ny, dst);
+    }
+
+  private:
+    std::unique_ptr<VolumeSource> inner_;
+    Double3 spacing_;
+    Double3 origin_;
+};
+
+std::string first_bytes(const std::filesystem::path& path, std::size_t count) {
+    std::string text(count, '\0');
+    const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (fd < 0) {
+        throw Error(ErrorKind::io,
+                    fmt::format("{}: cannot open: {}", path.string(), std::strerror(errno)));
+    }
+    const ssize_t n = ::pread(fd, text.data(), count, 0);
+    ::close(fd);
+    text.resize(n > 0 ? static_cast<std::size_t>(n) : 0);
+    return text;
+}
+
+std::unique_ptr<VolumeSource> open_nrrd(const std::filesystem::path& path) {
+    constexpr std::size_t kLongestHeader = std::size_t{1} << 16U;
+    const std::string name = path.string();
+    NrrdHeader header = parse_nrrd_header(first_bytes(path, kLongestHeader), name);
+    RawLayout& layout = header.layout;
+    layout.offset_from_end = header.byte_skip < 0;
+    layout.offset = header.byte_skip > 0 ? static_cast<std::uint64_t>(header.byte_skip) : 0;
+    layout.exact_length = false;
+    if (!header.data_file.empty()) {
+        const std::filesystem::path data = path.parent_path() / header.data_file;
+        if (header.gzip != is_gzip((regular_file_size(data), data))) {
+            throw Error(ErrorKind::corrupt,
+                        fmt::format("{}: says encoding {}, but {} is not so", name,
+                                    header.gzip ? "gzip" : "raw", data.string()));
+        }
+        return open_raw(data, data.string(), layout);
+    }
+    if (header.gzip) {
+        return open_gzip_behind(path, name, header.header_bytes, layout);
+    }
+    layout.offset += header.header_bytes;
+    return open_raw(path, name, layout);
+}
+
+}  // namespace
+
+std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
+                                          const SourceOptions& options) {
+    regular_file_size(path);
+    const std::string magic = first_bytes(path, 8);
+    constexpr std::array<char, 8> kHdf5{'\x89', 'H', 'D', 'F', '\r', '\n', '\x1a', '\n'};
+    std::unique_ptr<VolumeSource> source;
+    if (magic.size() == 8 && std::memcmp(magic.data(), kHdf5.data(), 8) == 0) {
+        source = open_hdf5(path, options);
+    } else if (magic.starts_with("NRRD000")) {
+        source = open_nrrd(path);
+    } else {
+        if (!options.dims || !options.type) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("{}: neither HDF5 nor NRRD; to read it as raw numbers give "
+                                    "--dims X,Y,Z and --type T",
+                                    path.string()));
+        }
+        RawLayout layout;
+        layout.nodes = *options.dims;
+        layout.type = *options.type;
+        layout.big_endian = options.big_endian;
+        layout.offset = options.offset;
+        source = open_raw(path, path.string(), layout);
+    }
+    if (options.spacing || options.origin) {
+        return std::make_unique<Placed>(std::move(source), options);
+    }
+    return source;
+}
+
+}  // namespace isonest

@@ -1,0 +1,175 @@
+#include "store/volume_file.h"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+
+#include "store/error.h"
+#include "store/handles.h"
+#include "store/hdf5_types.h"
+#include "store/output_file.h"
+
+namespace isonest {
+namespace {
+
+class Hdf5File : public VolumeFile {
+  public:
+    Hdf5File(std::filesystem::path path, const VolumeFileSpec& spec)
+        : path_(std::move(path)), temporary_(temporary_name(path_)), spec_(spec) {
+        const QuietHdf5 quiet;
+        std::filesystem::remove(temporary_);
+        const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
+        H5Pset_libver_bounds(access.get(), H5F_LIBVER_V110, H5F_LIBVER_V110);
+        file_ = FileHandle(H5Fcreate(temporary_.c_str(), H5F_ACC_EXCL, H5P_DEFAULT, access.get()));
+        const std::array<hsize_t, 3> dims = shape(spec_.nodes.z);
+        const SpaceHandle space(H5Screate_simple(3, dims.data(), nullptr));
+        const PropertyHandle creation(H5Pcreate(H5P_DATASET_CREATE));
+        H5Pset_obj_track_times(creation.get(), false);
+        H5Pset_fill_time(creation.get(), H5D_FILL_TIME_NEVER);
+        const TypeHandle type = file_type(spec_.type);
+        if (file_.valid()) {
+            data_ = DatasetHandle(H5Dcreate2(file_.get(), "data", type.get(), space.get(),
+                                             H5P_DEFAULT, creation.get(), H5P_DEFAULT));
+        }
+        if (!data_.valid()) {
+            fail("create it");
+        }
+        write_attribute(data_.get(), "spacing",
+                        std::vector<double>(spec_.spacing.begin(), spec_.spacing.end()));
+        write_attribute(data_.get(), "origin",
+                        std::vector<double>(spec_.origin.begin(), spec_.origin.end()));
+    }
+    ~Hdf5File() override {
+        if (!finished_) {
+            data_.reset();
+            file_.reset();
+            std::error_code ignored;
+            std::filesystem::remove(temporary_, ignored);
+        }
+    }
+    void write(const std::byte* planes, std::int64_t count) override {
+        const QuietHdf5 quiet;
+        const std::array<hsize_t, 3> start{static_cast<hsize_t>(next_), 0, 0};
+        const std::array<hsize_t, 3> size = shape(count);
+        const SpaceHandle to(H5Dget_space(data_.get()));
+        H5Sselect_hyperslab(to.get(), H5S_SELECT_SET, start.data(), nullptr, size.data(), nullptr);
+        const SpaceHandle from(H5Screate_simple(3, size.data(), nullptr));
+        const TypeHandle type = file_type(spec_.type);
+        if (H5Dwrite(data_.get(), type.get(), from.get(), to.get(), H5P_DEFAULT, planes) < 0) {
+            fail("write it");
+        }
+        next_ += count;
+    }
+    void finish() override {
+        const bool closed = data_.close();
+        if (!file_.close() || !closed) {
+            fail("close it");
+        }
+        publish(temporary_, path_, spec_.force);
+        finished_ = true;
+    }
+
+  private:
+    [[nodiscard]] std::array<hsize_t, 3> shape(std::int64_t planes) const {
+        return {static_cast<hsize_t>(planes), static_cast<hsize_t>(spec_.nodes.y),
+                static_cast<hsize_t>(spec_.nodes.x)};
+    }
+    [[noreturn]] void fail(const char* what) {
+        const std::string detail = hdf5_message();
+        data_.reset();
+        file_.reset();
+        std::error_code ignored;
+        std::filesystem::remove(temporary_, ignored);
+        throw Error(ErrorKind::io,
+                    fmt::format("{}: cannot {}: {}", path_.string(), what, detail));
+    }
+    std::filesystem::path path_;
+    std::filesystem::path temporary_;
+    VolumeFileSpec spec_;
+    FileHandle file_;
+    DatasetHandle data_;
+    std::int64_t next_ = 0;
+    bool finished_ = false;
+};
+
+class FlatFile : public VolumeFile {
+  public:
+    FlatFile(std::filesystem::path path, const VolumeFileSpec& spec, const std::string& header)
+        : path_(std::move(path)), temporary_(temporary_name(path_)), spec_(spec) {
+        file_ = std::fopen(temporary_.c_str(), "wb");
+        if (file_ == nullptr) {
+            fail();
+        }
+        put(header.data(), header.size());
+    }
+    ~FlatFile() override {
+        if (file_ != nullptr) {
+            std::fclose(file_);
+            std::error_code ignored;
+            std::filesystem::remove(temporary_, ignored);
+        }
+    }
+    void write(const std::byte* planes, std::int64_t count) override {
+        put(planes, static_cast<std::size_t>(count * spec_.nodes.x * spec_.nodes.y) *
+                        size_of(spec_.type));
+    }
+    void finish() override {
+        if (std::fflush(file_) != 0) {
+            fail();
+        }
+        publish(temporary_, path_, spec_.force);
+        std::fclose(file_);
+        file_ = nullptr;
+    }
+
+  private:
+    void put(const void* data, std::size_t bytes) {
+        if (std::fwrite(data, 1, bytes, file_) != bytes) {
+            fail();
+        }
+    }
+    [[noreturn]] void fail() const {
+        throw Error(ErrorKind::io,
+                    fmt::format("{}: cannot write: {}", path_.string(), std::strerror(errno)));
+    }
+    std::filesystem::path path_;
+    std::filesystem::path temporary_;
+    VolumeFileSpec spec_;
+    std::FILE* file_ = nullptr;
+};
+
+std::string nrrd_header(const VolumeFileSpec& spec) {
+    const std::string_view type = spec.type == ValueType::f32   ? "float"
+                                  : spec.type == ValueType::f64 ? "double"
+                                                                : name_of(spec.type);
+    return fmt::format(
+        "NRRD0004\ntype: {}\ndimension: 3\nspace dimension: 3\nsizes: {} {} {}\n"
+        "space directions: ({},0,0) (0,{},0) (0,0,{})\nspace origin: ({},{},{})\n"
+        "endian: little\nencoding: raw\n\n",
+        type, spec.nodes.x, spec.nodes.y, spec.nodes.z, spec.spacing[0], spec.spacing[1],
+        spec.spacing[2], spec.origin[0], spec.origin[1], spec.origin[2]);
+}
+
+}  // namespace
+
+std::unique_ptr<VolumeFile> create_volume_file(const std::filesystem::path& path,
+                                               const VolumeFileSpec& spec) {
+    check_output(path, spec.force);
+    const std::string ending = path.extension().string();
+    if (ending == ".h5" || ending == ".hdf5") {
+        return std::make_unique<Hdf5File>(path, spec);
+    }
+    if (ending == ".nrrd") {
+        return std::make_unique<FlatFile>(path, spec, nrrd_header(spec));
+    }
+    if (ending == ".raw") {
+        return std::make_unique<FlatFile>(path, spec, "");
+    }
+    throw Error(ErrorKind::invalid_argument,
+                fmt::format("{}: the name must end in .h5, .nrrd or .raw", path.string()));
+}
+
+}  // namespace isonest
