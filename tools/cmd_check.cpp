@@ -1,0 +1,139 @@
+// isonest check: the consistency tests of a store.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <memory>
+#include <vector>
+
+#include "preprocess/volume_source.h"
+#include "query/check.h"
+#include "store/error.h"
+#include "tools/command.h"
+#include "tools/source_options.h"
+#include "tools/units.h"
+
+namespace isonest::cli {
+namespace {
+
+struct Arguments {
+    std::string store;
+    std::string source;
+    SourceOptions source_options;
+    CheckOptions check;
+};
+
+/// Hands out rows of a source, reading as many planes at a time as the source likes.
+class SlabReader {
+  public:
+    SlabReader(std::shared_ptr<VolumeSource> source, std::uint64_t budget)
+        : source_(std::move(source)), nodes_(source_->nodes()) {
+        row_bytes_ = nodes_.x * static_cast<std::int64_t>(size_of(source_->type()));
+        const std::int64_t planes = std::min(source_->granularity().planes, nodes_.z);
+        const auto slab =
+            static_cast<std::uint64_t>(row_bytes_ * nodes_.y) * static_cast<std::uint64_t>(planes);
+        if (planes > 1 && slab <= budget) {
+            planes_ = planes;
+            slab_.resize(slab);
+        }
+    }
+    void read(std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out) {
+        if (planes_ == 0) {
+            source_->read(z, 1, y0, ny, out);
+            return;
+        }
+        if (z / planes_ != loaded_) {
+            loaded_ = z / planes_;
+            const std::int64_t first = loaded_ * planes_;
+            source_->read(first, std::min(planes_, nodes_.z - first), 0, nodes_.y, slab_.data());
+        }
+        const std::byte* const from =
+            slab_.data() + ((z - loaded_ * planes_) * nodes_.y + y0) * row_bytes_;
+        std::copy(from, from + ny * row_bytes_, out);
+    }
+
+  private:
+    std::shared_ptr<VolumeSource> source_;
+    Int3 nodes_;
+    std::int64_t row_bytes_ = 0;
+    std::int64_t planes_ = 0;  ///< 0 = read directly
+    std::int64_t loaded_ = -1;
+    std::vector<std::byte> slab_;
+};
+
+SourceReader open_source(const Arguments& a, const StoreReader& store) {
+    const std::shared_ptr<VolumeSource> source = open_volume(a.source, a.source_options);
+    const StoreHeader& h = store.layout().header();
+    const Int3 n = source->nodes();
+    if (n != h.nodes || source->type() != h.type) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} is {} x {} x {} {}, but {} was made from {} x {} x {} {}: give "
+                                "the file (and --dataset) it was made from",
+                                source->name(), n.x, n.y, n.z, name_of(source->type()), a.store,
+                                h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type)));
+    }
+    const auto reader = std::make_shared<SlabReader>(source, a.check.memory / 4);
+    return [reader](std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out) {
+        reader->read(z, y0, ny, out);
+    };
+}
+
+Result run(Arguments& a, Progress& progress) {
+    const StoreReader store(a.store);
+    if (!a.source.empty()) {
+        a.source_options.max_heap = a.check.memory / 4;
+        a.check.source = open_source(a, store);
+    }
+    const CheckReport r = check(store, a.check, progress);
+    Result result;
+    result.exit_code = r.failures > 0 ? static_cast<int>(ErrorKind::corrupt) : 0;
+    result.json = {{"store", a.store},         {"ok", r.failures == 0}, {"chunks", r.chunks},
+                   {"nodes", r.nodes},         {"cubes", r.cubes},      {"failures", r.failures},
+                   {"findings", Json::array()}};
+    for (const Finding& f : r.findings) {
+        Json finding{{"test", f.test},   {"level", f.level},
+                     {"field", f.field}, {"chunk", {f.chunk.x, f.chunk.y, f.chunk.z}},
+                     {"node", nullptr},  {"message", f.message}};
+        std::string node;
+        if (f.node.x >= 0) {
+            finding["node"] = {f.node.x, f.node.y, f.node.z};
+            node = fmt::format(", node {} {} {}", f.node.x, f.node.y, f.node.z);
+        }
+        result.json["findings"].push_back(std::move(finding));
+        result.text += fmt::format("{}: level {}, {}, chunk {} {} {}{}: {}\n", f.test, f.level,
+                                   f.field, f.chunk.x, f.chunk.y, f.chunk.z, node, f.message);
+    }
+    if (r.failures > r.findings.size()) {
+        result.text += fmt::format("... and {} more\n", r.failures - r.findings.size());
+    }
+    result.text += fmt::format(
+        "{}: {} ({} chunks, {} nodes, {} cubes by brute force{})\n", a.store,
+        r.failures == 0 ? std::string("all is well") : fmt::format("{} findings", r.failures),
+        r.chunks, human_count(static_cast<double>(r.nodes)), r.cubes,
+        a.source.empty() ? "" : ", values as in the source");
+    return result;
+}
+
+}  // namespace
+
+void add_check(CLI::App& app, Invocation& chosen) {
+    const auto a = std::make_shared<Arguments>();
+    CLI::App* const c = add_command(
+        app, chosen, "check",
+        "Test a store: checksums, levels against each other, saturation across chunk borders,\n"
+        "sampled bounds against brute force, and with --source its values against the original.\n"
+        "Exits with 4 if anything is wrong; each finding names level, chunk and node.",
+        "isonest check scan.isonest\n"
+        "isonest check scan.isonest --quick\n"
+        "isonest check head.isonest --source head.raw.gz --dims 256,256,113 --type uint16");
+    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    c->add_flag("--quick", a->check.quick, "only the chunk table and the checksums");
+    c->add_option("--source", a->source, "the volume that the store was made from")
+        ->type_name("INPUT");
+    add_source_options(c, a->source_options);
+    add_memory(c, a->check.memory);
+    add_threads(c, a->check.threads);
+    c->callback(
+        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+}
+
+}  // namespace isonest::cli

@@ -1,0 +1,78 @@
+// isonest export: a field of a store as a plain volume file.
+#include <fmt/format.h>
+
+#include <memory>
+
+#include "query/export.h"
+#include "store/error.h"
+#include "tools/command.h"
+#include "tools/units.h"
+
+namespace isonest::cli {
+namespace {
+
+struct Arguments {
+    std::string store;
+    std::string output;
+    ExportOptions options;
+};
+
+Field parse_field(const std::string& text) {
+    const std::optional<Field> field = field_from_name(text);
+    if (!field) {
+        throw Error(ErrorKind::invalid_argument, fmt::format("--field '{}': give values, {}", text,
+                                                             list_names(all_indicators())));
+    }
+    return *field;
+}
+
+Result run(const Arguments& a, Progress& progress) {
+    const StoreReader store(a.store);
+    export_field(store, a.output, a.options, progress);
+    const bool values = a.options.field == Field::values;
+    const Int3 nodes = values ? store.layout().array(a.options.level, Field::values).nodes
+                              : store.layout().header().nodes;
+    const std::string_view type = name_of(values ? store.layout().header().type : ValueType::f32);
+    Result result;
+    result.json = {{"output", a.output},
+                   {"field", name_of(a.options.field)},
+                   {"level", a.options.level},
+                   {"nodes", {nodes.x, nodes.y, nodes.z}},
+                   {"type", type}};
+    result.text = fmt::format("{}: {}, {} x {} x {} {}\n", a.output, name_of(a.options.field),
+                              nodes.x, nodes.y, nodes.z, type);
+    return result;
+}
+
+}  // namespace
+
+void add_export(CLI::App& app, Invocation& chosen) {
+    const auto a = std::make_shared<Arguments>();
+    CLI::App* const c = add_command(
+        app, chosen, "export",
+        "Write a field of a store as a volume file: .h5 (dataset 'data', [z,y,x]), .nrrd or\n"
+        ".raw by its name. The values come in the input's type; an indicator comes as float32\n"
+        "on the finest lattice, 0 at the macro vertices.",
+        "isonest export scan.isonest --field values --level 2 -o quarter.nrrd\n"
+        "isonest export scan.isonest --field deviation_bar -o deviation.h5");
+    ExportOptions& e = a->options;
+    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    add_parsed(
+        c, "--field", [&e](const std::string& text) { e.field = parse_field(text); },
+        fmt::format("values, {}", list_names(all_indicators())), "NAME")
+        ->required();
+    add_parsed(
+        c, "--level",
+        [&e](const std::string& text) {
+            constexpr int kMost = 64;
+            e.level = static_cast<int>(parse_integer("--level", text, 0, kMost));
+        },
+        "values: the lattice of stride 2^L; indicators: nodes of level L and coarser [0]", "L");
+    c->add_option("-o,--output", a->output, "the file to write")->required()->type_name("FILE");
+    c->add_flag("--force", e.force, "replace an existing file");
+    add_memory(c, e.memory);
+    c->callback(
+        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+}
+
+}  // namespace isonest::cli

@@ -1,0 +1,39 @@
+#include "tools/interrupt.h"
+
+#include <unistd.h>
+
+#include <atomic>
+#include <csignal>
+
+#include "store/error.h"
+
+namespace isonest::cli {
+namespace {
+
+std::atomic<int> signals{0};
+static_assert(std::atomic<int>::is_always_lock_free);
+
+extern "C" void on_signal(int /*signal*/) {
+    if (signals.fetch_add(1) > 0) {
+        ::_exit(static_cast<int>(ErrorKind::cancelled));
+    }
+}
+
+}  // namespace
+
+void watch_signals() {
+    struct sigaction action {};
+    action.sa_handler = &on_signal;
+    action.sa_flags = SA_RESTART;
+    sigemptyset(&action.sa_mask);
+    ::sigaction(SIGINT, &action, nullptr);
+    ::sigaction(SIGTERM, &action, nullptr);
+    action.sa_handler = SIG_IGN;
+    ::sigaction(SIGXFSZ, &action, nullptr);
+}
+
+bool interrupted() {
+    return signals.load(std::memory_order_relaxed) > 0;
+}
+
+}  // namespace isonest::cli

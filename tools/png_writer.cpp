@@ -1,0 +1,64 @@
+#include "tools/png_writer.h"
+
+#include <fmt/format.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <memory>
+#include <vector>
+
+#include "store/error.h"
+#include "store/output_file.h"
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wall"
+#pragma GCC diagnostic ignored "-Wextra"
+#pragma GCC diagnostic ignored "-Wconversion"
+#pragma GCC diagnostic ignored "-Wshadow"
+#pragma GCC diagnostic ignored "-Wunused-function"
+#pragma GCC diagnostic ignored "-Wmissing-field-initializers"
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#define STB_IMAGE_WRITE_STATIC
+#define STBI_WRITE_NO_STDIO
+#include <stb/stb_image_write.h>
+#pragma GCC diagnostic pop
+
+namespace isonest::cli {
+namespace {
+
+void append(void* context, void* data, int size) {
+    auto& bytes = *static_cast<std::vector<std::uint8_t>*>(context);
+    const auto* const begin = static_cast<const std::uint8_t*>(data);
+    bytes.insert(bytes.end(), begin, begin + size);
+}
+
+}  // namespace
+
+void write_png(const std::filesystem::path& path, int width, int height,
+               std::span<const std::uint8_t> rgb) {
+    check_output(path, true);
+    std::vector<std::uint8_t> bytes;
+    if (stbi_write_png_to_func(&append, &bytes, width, height, 3, rgb.data(), 3 * width) == 0) {
+        throw Error(ErrorKind::limit,
+                    fmt::format("{}: cannot encode {} x {} pixels", path.string(), width, height));
+    }
+    const std::filesystem::path temporary = temporary_name(path);
+    try {
+        std::FILE* const file = std::fopen(temporary.c_str(), "wb");
+        const bool written =
+            file != nullptr && std::fwrite(bytes.data(), 1, bytes.size(), file) == bytes.size();
+        const bool closed = file != nullptr && std::fclose(file) == 0;
+        if (!written || !closed) {
+            throw Error(ErrorKind::io,
+                        fmt::format("{}: cannot write: {}", path.string(), std::strerror(errno)));
+        }
+        publish(temporary, path, true);
+    } catch (...) {
+        std::error_code ignored;
+        std::filesystem::remove(temporary, ignored);
+        throw;
+    }
+}
+
+}  // namespace isonest::cli
