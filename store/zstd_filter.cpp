@@ -13,6 +13,15 @@ namespace {
 constexpr H5Z_filter_t kId = 32015;
 constexpr unsigned long long kLargest = 0xFFFFFFFFULL;  // HDF5 1.10 chunks are smaller than 4 GiB
 
+/// True if a frame of `bytes` can hold `content`: a block takes at least 4 bytes, and holds at most
+/// 128 KiB (RFC 8878, section 3.1.1.2). HDF5 does not tell a filter what size it expects, so this is
+/// what keeps a damaged header from asking for gigabytes.
+bool is_plausible(unsigned long long content, std::size_t bytes) {
+    constexpr unsigned long long kLeastBlock = 4;
+    constexpr unsigned long long kLargestBlock = 128U << 10U;
+    return content > 0 && content <= kLargest && content / kLargestBlock <= bytes / kLeastBlock;
+}
+
 struct FreeHdf5 {
     void operator()(void* p) const { H5free_memory(p); }
 };
@@ -21,7 +30,7 @@ using Buffer = std::unique_ptr<void, FreeHdf5>;
 std::size_t decompress(std::size_t bytes, std::size_t* capacity, void** data) {
     const unsigned long long content = ZSTD_getFrameContentSize(*data, bytes);
     if (content == ZSTD_CONTENTSIZE_UNKNOWN || content == ZSTD_CONTENTSIZE_ERROR ||
-        content == 0 || content > kLargest) {
+        !is_plausible(content, bytes)) {
         return 0;
     }
     Buffer out(H5allocate_memory(content, false));
@@ -47,6 +56,7 @@ std::size_t compress(int level, std::size_t bytes, std::size_t* capacity, void**
         return 0;
     }
     ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel, level);
+    ZSTD_CCtx_setParameter(context.get(), ZSTD_c_contentSizeFlag, 1);
     ZSTD_CCtx_setParameter(context.get(), ZSTD_c_checksumFlag, 1);
     const std::size_t size = ZSTD_compress2(context.get(), out.get(), bound, *data, bytes);
     if (ZSTD_isError(size) != 0U) {

@@ -1,0 +1,209 @@
+// The indicators in a store against an explicit recursive bisection.
+#include <catch2/catch.hpp>
+#include <cstdio>
+
+#include "query/check.h"
+#include "query/export.h"
+#include "tests/bisection_oracle.h"
+#include "tests/test_support.h"
+
+using namespace isonest;
+using namespace isonest::test;
+
+namespace {
+
+std::vector<float> exported(const StoreReader& store, Field field, const std::filesystem::path& path) {
+    ExportOptions options;
+    options.field = field;
+    options.force = true;
+    export_field(store, path, options, silent_progress());
+    const std::string bytes = read_file(path);
+    std::vector<float> out(bytes.size() / 4);
+    std::memcpy(out.data(), bytes.data(), bytes.size());
+    return out;
+}
+
+struct Comparison {
+    std::size_t compared = 0;
+    std::size_t wrong_bar = 0;
+    std::size_t wrong_plus = 0;
+    std::size_t low_deviation = 0;
+    std::size_t extra_nodes = 0;
+    double ratio_sum = 0;
+    std::size_t ratios = 0;
+};
+
+/// `above`: how far a stored value may be above the exact one, relatively.
+template <class T>
+Comparison compare(MemoryVolume<T>& volume, int chunk, bool exact, double above) {
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(chunk, exact));
+    const StoreReader store(folder / "s");
+    const auto bar = exported(store, Field::linf_bar, folder / "bar.raw");
+    const auto plus = exported(store, Field::linf_plus, folder / "plus.raw");
+    const auto deviation = exported(store, Field::deviation_bar, folder / "dev.raw");
+    const BisectionOracle oracle(volume.nodes(), [&](const Int3& p) { return volume.at(p); });
+    Comparison c;
+    double size = 0;
+    for (std::int64_t i = 0; i < volume.nodes().product(); ++i) {
+        const double v = volume.at(volume.nodes().unlinear(i));
+        size = std::isfinite(v) ? std::max(size, std::fabs(v)) : size;
+    }
+    const double rounding = 1e-6 * size;
+    const auto agrees = [&](double stored, double exact_value) {
+        if (std::isinf(exact_value)) {
+            return std::isinf(stored);
+        }
+        return stored >= exact_value - rounding * 1e-6 &&
+               stored <= exact_value * (1 + above) + rounding * (exact ? 1 : 1e-6);
+    };
+    std::vector<bool> seen(bar.size());
+    for (const auto& [key, node] : oracle.nodes()) {
+        const Int3 p{key[0], key[1], key[2]};
+        if (max(p, volume.nodes() - Int3{1, 1, 1}) != volume.nodes() - Int3{1, 1, 1}) {
+            continue;
+        }
+        const auto i = static_cast<std::size_t>(volume.nodes().linear(p));
+        seen[i] = true;
+        ++c.compared;
+        c.wrong_bar += agrees(bar[i], node.bar) ? 0 : 1;
+        c.wrong_plus += agrees(plus[i], node.plus) ? 0 : 1;
+        c.low_deviation += deviation[i] >= node.deviation_bar - rounding ? 0 : 1;
+        if (node.deviation_bar > 0 && std::isfinite(node.deviation_bar)) {
+            c.ratio_sum += static_cast<double>(deviation[i]) / node.deviation_bar;
+            ++c.ratios;
+        }
+    }
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+        c.extra_nodes += !seen[i] && (bar[i] != 0 || plus[i] != 0 || deviation[i] != 0) ? 1 : 0;
+    }
+    return c;
+}
+
+template <class T>
+void require_agreement(const Int3& n, int chunk, const std::function<T(const Int3&)>& f) {
+    CAPTURE(n.x, n.y, n.z, chunk);
+    for (const bool exact : {true, false}) {
+        MemoryVolume<T> volume(n, f);
+        const Comparison c = compare(volume, chunk, exact, exact ? 1e-6 : 0x1p-7);
+        CAPTURE(exact);
+        CHECK(c.compared > 0);
+        CHECK(c.wrong_bar == 0);
+        CHECK(c.wrong_plus == 0);
+        CHECK(c.low_deviation == 0);
+        CHECK(c.extra_nodes == 0);
+        if (exact && c.ratios > 0) {
+            CHECK(c.ratio_sum / static_cast<double>(c.ratios) <= 1.05);
+        }
+    }
+}
+
+float noise_f(const Int3& p) {
+    return static_cast<float>(noise(p));
+}
+float smooth_f(const Int3& p) {
+    return static_cast<float>(smooth(p));
+}
+
+}  // namespace
+
+TEST_CASE("indicators equal an explicit recursive bisection on 33^3") {
+    require_agreement<float>({33, 33, 33}, 8, noise_f);
+    require_agreement<float>({33, 33, 33}, 16, smooth_f);
+    require_agreement<float>({33, 33, 33}, 64, noise_f);
+}
+
+TEST_CASE("indicators equal an explicit recursive bisection on odd sizes") {
+    for (const Int3& n : {Int3{2, 2, 2}, Int3{3, 2, 5}, Int3{9, 17, 6}, Int3{20, 5, 11}, Int3{2, 2, 40}}) {
+        require_agreement<float>(n, 8, noise_f);
+    }
+}
+
+TEST_CASE("indicators equal an explicit recursive bisection on every value type") {
+    const Int3 n{13, 10, 18};
+    require_agreement<std::uint8_t>(n, 8, [](const Int3& p) { return static_cast<std::uint8_t>(256 * noise(p)); });
+    require_agreement<std::int16_t>(n, 8, [](const Int3& p) { return static_cast<std::int16_t>(65535 * noise(p) - 32768); });
+    require_agreement<std::int32_t>(n, 8, [](const Int3& p) {
+        return noise(p) < 0.5 ? std::numeric_limits<std::int32_t>::min() : std::numeric_limits<std::int32_t>::max();
+    });
+    require_agreement<double>(n, 8, [](const Int3& p) { return 1e100 * smooth(p); });
+}
+
+TEST_CASE("missing data make every diamond that touches them refine to the end") {
+    const float nan = std::numeric_limits<float>::quiet_NaN();
+    const float inf = std::numeric_limits<float>::infinity();
+    require_agreement<float>({17, 17, 17}, 8, [&](const Int3& p) {
+        return p == Int3{5, 9, 12} || p == Int3{0, 0, 3} ? nan : p == Int3{16, 8, 8} ? -inf : smooth_f(p);
+    });
+    require_agreement<float>({9, 9, 9}, 8, [&](const Int3&) { return nan; });
+}
+
+TEST_CASE("half of eta plus does not bound the deviation, eta plus does") {
+    // Section 4 of the paper prints beta_0 = eta_plus / 2. With U = 0 but for one node in the middle
+    // of a refinement edge, U reaches delta there, and the printed bound says delta / 2.
+    MemoryVolume<float> volume({3, 3, 3}, [](const Int3& p) { return p == Int3{1, 1, 1} ? 1.0F : 0.0F; });
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(8, true));
+    const StoreReader store(folder / "s");
+    const auto plus = exported(store, Field::linf_plus, folder / "p.raw");
+    const float at_centre = plus[static_cast<std::size_t>(Int3{3, 3, 3}.linear({1, 1, 1}))];
+    const double reached = 1.0;
+    CHECK(reached > 0 + static_cast<double>(at_centre) / 2);
+    CHECK(reached <= 0 + static_cast<double>(at_centre));
+}
+
+TEST_CASE("eta bar is no guarantee, the deviation is") {
+    const auto worst = [](Guarantee guarantee) {
+        MemoryVolume<float> volume({33, 33, 33}, [](const Int3& p) {
+            const double x = static_cast<double>(p.x) / 16 - 1;
+            const double y = static_cast<double>(p.y) / 16 - 1;
+            const double z = static_cast<double>(p.z) / 16 - 1;
+            const double rho = std::cos(12 * M_PI * std::cos(M_PI * std::hypot(x, y) / 2));
+            return static_cast<float>((1 - std::sin(M_PI * z / 2) + 0.25 * (1 + rho)) / 2.5);
+        });
+        const TemporaryFolder folder;
+        make_store(volume, folder / "s", with_chunk(16));
+        const StoreReader store(folder / "s");
+        double most = 0;
+        for (const double iso : {0.3, 0.4, 0.5, 0.6}) {
+            ExtractOptions options;
+            options.iso = iso;
+            options.error = 0.05;
+            options.guarantee = guarantee;
+            extract(store, folder / "m.ply", options, silent_progress());
+            const Mesh mesh = read_mesh(folder / "m.ply");
+            for (const auto& t : mesh.triangles) {
+                for (int i = 0; i <= 4; ++i) {
+                    for (int j = 0; i + j <= 4; ++j) {
+                        Double3 p{};
+                        for (std::size_t a = 0; a < 3; ++a) {
+                            p[a] = (i * mesh.vertices[t[0]][a] + j * mesh.vertices[t[1]][a] +
+                                    (4 - i - j) * mesh.vertices[t[2]][a]) / 4.0;
+                        }
+                        most = std::max(most, std::fabs(fine_value(volume, p) - iso));
+                    }
+                }
+            }
+        }
+        return most;
+    };
+    CHECK(worst(Guarantee::estimate) > 0.05);
+    CHECK(worst(Guarantee::deviation) <= 0.05 + 1e-5);
+    CHECK(worst(Guarantee::plus) <= 0.05 + 1e-5);
+}
+
+TEST_CASE("check finds saturation, injection and bounds in order on every chunk size") {
+    MemoryVolume<float> volume({40, 33, 27}, smooth_f);
+    for (const int chunk : {8, 16, 32, 64}) {
+        const TemporaryFolder folder;
+        make_store(volume, folder / "s", with_chunk(chunk));
+        CheckOptions options;
+        options.source = [&](std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out) {
+            volume.read(z, 1, y0, ny, out);
+        };
+        const CheckReport r = check(StoreReader(folder / "s"), options, silent_progress());
+        CHECK(r.failures == 0);
+        CHECK(r.cubes > 0);
+        CHECK(r.nodes > 0);
+    }
+}

@@ -1,0 +1,141 @@
+"""Reads a store with h5py alone, following store/FORMAT.md, and shows that VTK opens it.
+
+Usage: store_h5py_test.py ISONEST PLUGIN_FOLDER
+"""
+import json
+import os
+import subprocess
+import sys
+import tempfile
+
+isonest, plugins = sys.argv[1:3]
+os.environ["HDF5_PLUGIN_PATH"] = plugins
+
+import h5py  # noqa: E402  (the plugin path must be set first)
+import numpy as np  # noqa: E402
+
+
+def run(*arguments):
+    return json.loads(subprocess.run([isonest, *map(str, arguments), "--json"], check=True,
+                                     capture_output=True, text=True).stdout)
+
+
+def nodes_at(n, level):
+    return tuple(-(-(m - 1) // 2**level) + 1 for m in n)
+
+
+def brute_force_deviation(u, cube, level):
+    """max |U - U_T| over the nodes of the six Kuhn tetrahedra of one cube (z, y, x)."""
+    edge = 2**level
+    lo = [c * edge for c in cube]
+    worst = 0.0
+    top = [s - 1 for s in u.shape]
+    value = lambda p: float(u[tuple(min(a, t) for a, t in zip(p, top))])
+    for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
+        p = [c + edge * (i & 1) for c, i in zip(lo, cube)]
+        corners = [list(p)]
+        for axis in order:
+            p[axis] += edge * (-1 if cube[axis] & 1 else 1)
+            corners.append(list(p))
+        uc = [value(c) for c in corners]
+        for z in range(edge + 1):
+            for y in range(edge + 1):
+                for x in range(edge + 1):
+                    q = [lo[0] + z, lo[1] + y, lo[2] + x]
+                    if any(a > t for a, t in zip(q, top)):
+                        continue
+                    d = [abs(q[a] - corners[0][a]) / edge for a in order]
+                    if d[0] < d[1] or d[1] < d[2]:
+                        continue
+                    linear = (uc[0] * (1 - d[0]) + uc[1] * (d[0] - d[1]) + uc[2] * (d[1] - d[2])
+                              + uc[3] * d[2])
+                    worst = max(worst, abs(value(q) - linear))
+    return worst
+
+
+with tempfile.TemporaryDirectory() as folder:
+    volume, store = f"{folder}/v.h5", f"{folder}/v.isonest"
+    run("make-volume", "noise", "--size", "37,30,45", "-o", volume)
+    run("preprocess", volume, "-o", store, "--chunk", 16, "--spacing", "1,2,0.5")
+    with h5py.File(volume) as f:
+        original = f["data"][...]
+    with h5py.File(store) as f:
+        assert f.attrs["format"] in (b"isonest", "isonest"), f.attrs["format"]
+        assert list(f.attrs["version"]) == [1, 0] and f.attrs["flags"] == 0
+        assert f.attrs["complete"] == 1
+        n = tuple(int(i) for i in f.attrs["nodes"])[::-1]
+        assert n == original.shape
+        assert tuple(f.attrs["spacing"]) == (1, 2, 0.5)
+        fields = f.attrs["fields"]
+        fields = (fields.decode() if isinstance(fields, bytes) else fields).split(",")
+        assert fields == ["linf_bar", "linf_plus", "deviation_bar"]
+        u = f["levels/0/values"][...]
+        assert u.dtype == np.float32 and np.array_equal(u, original)
+        top = len(f["levels"]) - 1
+        for level in range(1, top + 1):
+            values = f[f"levels/{level}/values"][...]
+            shape = nodes_at(n, level)
+            assert values.shape == shape
+            pick = np.ix_(*[np.minimum(np.arange(s) * 2**level, m - 1) for s, m in zip(shape, n)])
+            assert np.array_equal(values, u[pick]), level
+            for name in fields:
+                array = f[f"levels/{level}/{name}"]
+                assert array.shape == (*shape, 7), array.shape
+        # Slot 0 of level 1 is the midpoint of the edge along x: the offset indicator, rounded up.
+        bar = f["levels/1/linf_bar"]
+        got = bar[..., 0].astype(np.float64)
+        eta = np.abs(u[::2, ::2, 1:-1:2].astype(np.float64)
+                     - (u[::2, ::2, 0:-2:2].astype(np.float64) + u[::2, ::2, 2::2]) / 2)
+        part = got[: eta.shape[0], : eta.shape[1], : eta.shape[2]]
+        assert np.all(part >= eta * (1 - 1e-6)) and np.all(part <= eta * (1 + 2**-7) + 1e-7)
+        assert f["levels/1/linf_bar"] == f["levels/1/deviation_bar"]  # one array, linked
+        # The centre's deviation bounds what brute force finds in the cube.
+        rng = np.random.default_rng(1)
+        for level in (1, 2, 3):
+            deviation = f[f"levels/{level}/deviation_bar"][..., 6].astype(np.float64)
+            for _ in range(6):
+                cube = [int(rng.integers(s - 1)) for s in deviation.shape]
+                worst = brute_force_deviation(u, cube, level)
+                assert deviation[tuple(cube)] >= worst * (1 - 1e-6), (level, cube, worst)
+        # The chunk table: where each chunk lies, and what it holds.
+        table = f["chunks"][...]
+        raw = open(store, "rb").read()
+        rows = 0
+        for level in range(top + 1):
+            for name in ["values", *fields]:
+                if name not in f[f"levels/{level}"]:
+                    continue
+                array = f[f"levels/{level}/{name}"]
+                first = int(array.attrs["first_chunk_row"])
+                grid = [-(-s // c) for s, c in zip(array.shape[:3], array.chunks[:3])]
+                rows = max(rows, first + int(np.prod(grid)))
+                for i in range(array.id.get_num_chunks()):
+                    info = array.id.get_chunk_info(i)
+                    at = [o // c for o, c in zip(info.chunk_offset[:3], array.chunks[:3])]
+                    row = table[first + (at[0] * grid[1] + at[1]) * grid[2] + at[2]]
+                    assert row["offset"] == info.byte_offset and row["bytes"] == info.size
+                    frame = raw[info.byte_offset: info.byte_offset + info.size]
+                    assert frame[:4] == b"\x28\xb5\x2f\xfd" and frame[4] & 4  # zstd, with checksum
+                    if name == "values":
+                        block = array[tuple(slice(o, o + c) for o, c in
+                                            zip(info.chunk_offset, array.chunks))]
+                        assert row["min"] == block.min() and row["max"] == block.max()
+        assert rows == len(table)
+    print("h5py: header, values, indicators, chunk table agree with FORMAT.md")
+
+    try:
+        import vtk
+        from vtk.util import numpy_support
+    except ImportError:
+        print("vtk is not installed: the VTKHDF part was skipped")
+        sys.exit(0)
+    reader = vtk.vtkHDFReader()
+    reader.SetFileName(store)
+    assert reader.CanReadFile(store)
+    reader.Update()
+    image = reader.GetOutputDataObject(0)
+    assert image.GetDimensions() == n[::-1], image.GetDimensions()
+    assert image.GetSpacing() == (1, 2, 0.5)
+    array = numpy_support.vtk_to_numpy(image.GetPointData().GetArray("values"))
+    assert np.array_equal(array.reshape(original.shape), original)
+    print("vtk: opens the store as VTKHDF ImageData, values equal")
