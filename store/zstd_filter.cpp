@@ -1,5 +1,5 @@
-// Source: the registered HDF5 filter plugins, https://github.com/HDFGroup/hdf5_plugins (ZSTD, 32015):
-// cd_values[0] is the compression level, and the chunk is one zstd frame.
+// Source: the registered HDF5 filter plugins, https://github.com/HDFGroup/hdf5_plugins (ZSTD,
+// 32015): cd_values[0] is the compression level, and the chunk is one zstd frame.
 #include "store/zstd_filter.h"
 
 #include <zstd.h>
@@ -14,8 +14,8 @@ constexpr H5Z_filter_t kId = 32015;
 constexpr unsigned long long kLargest = 0xFFFFFFFFULL;  // HDF5 1.10 chunks are smaller than 4 GiB
 
 /// True if a frame of `bytes` can hold `content`: a block takes at least 4 bytes, and holds at most
-/// 128 KiB (RFC 8878, section 3.1.1.2). HDF5 does not tell a filter what size it expects, so this is
-/// what keeps a damaged header from asking for gigabytes.
+/// 128 KiB (RFC 8878, section 3.1.1.2). HDF5 does not tell a filter what size it expects, so this
+/// is what keeps a damaged header from asking for gigabytes.
 bool is_plausible(unsigned long long content, std::size_t bytes) {
     constexpr unsigned long long kLeastBlock = 4;
     constexpr unsigned long long kLargestBlock = 128U << 10U;
@@ -80,8 +80,8 @@ std::size_t filter(unsigned flags, std::size_t parameters, const unsigned* value
 }  // namespace
 
 const H5Z_class2_t& zstd_filter_class() {
-    static const H5Z_class2_t description{
-        H5Z_CLASS_T_VERS, kId, 1, 1, "Zstandard", nullptr, nullptr, &filter};
+    static const H5Z_class2_t description{H5Z_CLASS_T_VERS, kId,     1,       1,
+                                          "Zstandard",      nullptr, nullptr, &filter};
     return description;
 }
 

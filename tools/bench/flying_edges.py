@@ -1,0 +1,36 @@
+"""VTK's Flying Edges from the dataset /data of an HDF5 file to a PLY file: the peer that needs the whole
+volume in memory. Prints JSON with the seconds of reading, extracting and writing.
+
+usage: flying_edges.py IN.h5 ISOVALUE OUT.ply
+"""
+import json
+import sys
+import time
+
+import h5py
+import vtk
+from vtk.util import numpy_support
+
+path, iso, out = sys.argv[1], float(sys.argv[2]), sys.argv[3]
+start = time.perf_counter()
+with h5py.File(path) as f:
+    data = f["data"][...]
+image = vtk.vtkImageData()
+image.SetDimensions(*data.shape[::-1])
+image.GetPointData().SetScalars(numpy_support.numpy_to_vtk(data.reshape(-1), deep=False))
+read = time.perf_counter()
+edges = vtk.vtkFlyingEdges3D()
+edges.SetInputData(image)
+edges.SetValue(0, iso)
+edges.ComputeNormalsOff()
+edges.ComputeScalarsOff()
+edges.Update()
+extracted = time.perf_counter()
+writer = vtk.vtkPLYWriter()
+writer.SetInputData(edges.GetOutput())
+writer.SetFileName(out)
+writer.SetFileTypeToBinary()
+writer.Write()
+end = time.perf_counter()
+print(json.dumps({"triangles": edges.GetOutput().GetNumberOfCells(), "read": read - start,
+                  "extract": extracted - read, "write": end - extracted, "total": end - start}))
