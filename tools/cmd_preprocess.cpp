@@ -6,7 +6,7 @@
 
 #include "preprocess/preprocess.h"
 #include "store/error.h"
-#include "store/lattice.h"
+#include "store/format.h"
 #include "tools/command.h"
 #include "tools/source_options.h"
 #include "tools/units.h"

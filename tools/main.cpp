@@ -114,7 +114,7 @@ int run(const Invocation& chosen) {
     return result.exit_code;
 }
 
-int parse_and_run(int argc, char** argv, bool json) {
+int parse_and_run(int argc, char** argv) {
     CLI::App app(
         "isonest: isosurfaces with a guaranteed error from volumes of any size.\n"
         "A volume is preprocessed once into a store; any isovalue, error and region is then\n"
@@ -146,5 +146,5 @@ int main(int argc, char** argv) {
         return std::string_view(argument) == "--json";
     });
     return isonest::cli::guarded(json,
-                                 [&] { return isonest::cli::parse_and_run(argc, argv, json); });
+                                 [&] { return isonest::cli::parse_and_run(argc, argv); });
 }
