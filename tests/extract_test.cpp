@@ -77,6 +77,10 @@ double residual(const MemoryVolume<T>& volume, const Mesh& mesh, double iso) {
     return worst;
 }
 
+double distance(const Int3& p, const Double3& c) {
+    return std::hypot(static_cast<double>(p.x) - c[0], static_cast<double>(p.y) - c[1],
+                      static_cast<double>(p.z) - c[2]);
+}
 float smooth_f(const Int3& p) {
     return static_cast<float>(smooth(p));
 }
@@ -88,7 +92,7 @@ std::uint8_t few_levels(const Int3& p) {
 
 TEST_CASE("a sphere comes out as one closed surface with its area") {
     MemoryVolume<float> volume({33, 33, 33}, [](const Int3& p) {
-        return static_cast<float>(std::hypot(p.x - 16.0, p.y - 16.0, p.z - 16.0));
+        return static_cast<float>(distance(p, {16.0, 16.0, 16.0}));
     });
     const Result r = surface(volume, 10, 0);
     require_whole(volume, r);
@@ -264,7 +268,7 @@ TEST_CASE("extreme integers cross at the right place") {
 
 TEST_CASE("a coarse surface reads few chunks") {
     MemoryVolume<float> volume({129, 65, 65}, [](const Int3& p) {
-        return static_cast<float>(std::hypot(p.x - 64.0, p.y - 32.0, p.z - 32.0));
+        return static_cast<float>(distance(p, {64.0, 32.0, 32.0}));
     });
     const Result full = surface(volume, 20, 0, 16);
     const Result coarse = surface(volume, 20, 2, 16);

@@ -177,8 +177,10 @@ TEST_CASE("eta bar is no guarantee, the deviation is") {
                     for (int j = 0; i + j <= 4; ++j) {
                         Double3 p{};
                         for (std::size_t a = 0; a < 3; ++a) {
-                            p[a] = (i * mesh.vertices[t[0]][a] + j * mesh.vertices[t[1]][a] +
-                                    (4 - i - j) * mesh.vertices[t[2]][a]) / 4.0;
+                            p[a] = (static_cast<double>(i) * mesh.vertices[t[0]][a] +
+                                static_cast<double>(j) * mesh.vertices[t[1]][a] +
+                                static_cast<double>(4 - i - j) * mesh.vertices[t[2]][a]) /
+                               4.0;
                         }
                         most = std::max(most, std::fabs(fine_value(volume, p) - iso));
                     }

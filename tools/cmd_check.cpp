@@ -119,12 +119,13 @@ void add_check(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<Arguments>();
     CLI::App* const c = add_command(
         app, chosen, "check",
-        "Test a store: checksums, levels against each other, saturation across chunk borders,\n"
-        "sampled bounds against brute force, and with --source its values against the original.\n"
-        "Exits with 4 if anything is wrong; each finding names level, chunk and node.",
-        "isonest check scan.isonest\n"
-        "isonest check scan.isonest --quick\n"
-        "isonest check head.isonest --source head.raw.gz --dims 256,256,113 --type uint16");
+        {"Test a store, from checksums to brute force",
+         "Checksums, levels against each other, saturation across chunk borders, sampled bounds\n"
+         "against brute force, and with --source the values against the original. Exits with 4 if\n"
+         "anything is wrong; each finding names level, chunk and node.",
+         "isonest check scan.isonest\n"
+         "isonest check scan.isonest --quick\n"
+         "isonest check head.isonest --source head.raw.gz --dims 256,256,113 --type uint16"});
     c->add_option("STORE", a->store, "made by isonest preprocess")->required();
     c->add_flag("--quick", a->check.quick, "only the chunk table and the checksums");
     c->add_option("--source", a->source, "the volume that the store was made from")

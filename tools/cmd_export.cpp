@@ -50,11 +50,12 @@ void add_export(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<Arguments>();
     CLI::App* const c = add_command(
         app, chosen, "export",
-        "Write a field of a store as a volume file: .h5 (dataset 'data', [z,y,x]), .nrrd or\n"
-        ".raw by its name. The values come in the input's type; an indicator comes as float32\n"
-        "on the finest lattice, 0 at the macro vertices.",
-        "isonest export scan.isonest --field values --level 2 -o quarter.nrrd\n"
-        "isonest export scan.isonest --field deviation_bar -o deviation.h5");
+        {"Write a field of a store as a plain volume file",
+         "The name decides: .h5 (dataset 'data', [z,y,x]), .nrrd or .raw. Values come in the "
+         "input's\n"
+         "type; an indicator comes as float32 on the finest lattice, 0 at the macro vertices.",
+         "isonest export scan.isonest --field values --level 2 -o quarter.nrrd\n"
+         "isonest export scan.isonest --field deviation_bar -o deviation.h5"});
     ExportOptions& e = a->options;
     c->add_option("STORE", a->store, "made by isonest preprocess")->required();
     add_parsed(

@@ -91,12 +91,14 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<Arguments>();
     CLI::App* const c = add_command(
         app, chosen, "extract",
-        "Write the isosurface of a store as a binary PLY mesh: crack-free, and nowhere further\n"
-        "from the isovalue than the error says. A larger error gives fewer triangles and reads\n"
-        "less; error 0 gives the surface at full resolution.",
-        "isonest extract scan.isonest --iso 120 -o full.ply\n"
-        "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.ply\n"
-        "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply");
+        {"Write an isosurface of a store as a mesh, with a guaranteed error",
+         "The mesh (binary PLY) is crack-free, and nowhere further from the isovalue than the "
+         "error\n"
+         "says. A larger error gives fewer triangles and reads less; error 0 gives the surface at\n"
+         "full resolution.",
+         "isonest extract scan.isonest --iso 120 -o full.ply\n"
+         "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.ply\n"
+         "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply"});
     ExtractOptions& e = a->extract;
     c->add_option("STORE", a->store, "made by isonest preprocess")->required();
     add_parsed(
@@ -113,8 +115,8 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         ->excludes(error);
     add_parsed(
         c, "--guarantee", [&e](const std::string& text) { e.guarantee = parse_guarantee(text); },
-        "what the error promises: deviation (a bound, tight), plus (a bound, looser), "
-        "estimate (no bound) [deviation]",
+        "deviation (a bound, tight), plus (a bound, looser) or\n"
+        "estimate (no bound, usually close) [deviation]",
         "NAME");
     add_parsed(
         c, "--box", [&e](const std::string& text) { e.box = parse_box(text); },

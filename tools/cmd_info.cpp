@@ -93,12 +93,12 @@ Result run(const std::string& path) {
 
 void add_info(CLI::App& app, Invocation& chosen) {
     const auto path = std::make_shared<std::string>();
-    CLI::App* const c = add_command(
-        app, chosen, "info",
-        "Say what a store holds: size, type, range, levels, fields, compression. Reads the\n"
-        "header and the chunk table only.",
-        "isonest info scan.isonest\n"
-        "isonest info scan.isonest --json");
+    CLI::App* const c =
+        add_command(app, chosen, "info",
+                    {"Say what a store holds: size, type, range, levels, fields, compression",
+                     "Reads the header and the chunk table only.",
+                     "isonest info scan.isonest\n"
+                     "isonest info scan.isonest --json"});
     c->add_option("STORE", *path, "made by isonest preprocess")->required();
     c->callback(
         [path, &chosen] { chosen.run = [path](Progress& /*progress*/) { return run(*path); }; });

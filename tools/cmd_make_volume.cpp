@@ -52,10 +52,10 @@ void add_make_volume(CLI::App& app, Invocation& chosen) {
     }
     CLI::App* const c = add_command(
         app, chosen, "make-volume",
-        "Write a synthetic volume, to try things out and to measure. The file is made plane by\n"
-        "plane and may be larger than memory.",
-        "isonest make-volume bucky --size 129 -o bucky.h5\n"
-        "isonest make-volume noise --size 200,100,50 --type uint8 --seed 7 -o noise.h5");
+        {"Write a synthetic volume, to try things out and to measure",
+         "The file is made slab by slab and may be larger than memory.",
+         "isonest make-volume bucky --size 129 -o bucky.h5\n"
+         "isonest make-volume noise --size 200,100,50 --type uint8 --seed 7 -o noise.h5"});
     c->add_option("NAME", o.name, "one of " + names)->required();
     add_parsed(
         c, "--size", [&o](const std::string& text) { o.nodes = parse_nodes(text); },

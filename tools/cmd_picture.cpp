@@ -43,13 +43,15 @@ Result run(const Arguments& a, Progress& progress) {
 
 void add_picture(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<Arguments>();
-    CLI::App* const c = add_command(
-        app, chosen, "picture",
-        "Draw a PLY mesh (binary, triangles) as a PNG: shaded, off screen, fitted into the\n"
-        "picture, z up. The side toward larger values is drawn in a paler, warmer colour.",
-        "isonest picture surface.ply -o surface.png\n"
-        "isonest picture surface.ply -o edges.png --wireframe --size 1600x1200\n"
-        "isonest picture surface.ply -o top.png --view 0,0,1 --color 200,120,90");
+    CLI::App* const c =
+        add_command(app, chosen, "picture",
+                    {"Draw a mesh as a PNG",
+                     "MESH is a binary PLY file of triangles. Shaded, off screen, fitted into the "
+                     "picture, z up;\n"
+                     "the side toward larger values is drawn in a paler, warmer colour.",
+                     "isonest picture surface.ply -o surface.png\n"
+                     "isonest picture surface.ply -o edges.png --wireframe --size 1600x1200\n"
+                     "isonest picture surface.ply -o top.png --view 0,0,1 --color 200,120,90"});
     PictureOptions& o = a->options;
     c->add_option("MESH", a->mesh, "a PLY file, for example from isonest extract")->required();
     c->add_option("-o,--output", a->png, "the picture to write")->required()->type_name("OUT.png");

@@ -79,13 +79,16 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
     const auto a = std::make_shared<Arguments>();
     CLI::App* const c = add_command(
         app, chosen, "preprocess",
-        "Turn a volume into a store: all levels, with the error indicators of every node.\n"
-        "INPUT is HDF5, NRRD (attached or detached header), or raw numbers (then --dims and\n"
-        "--type are needed); raw and NRRD data may be gzip compressed. NaN means missing data.",
-        "isonest preprocess scan.h5 -o scan.isonest\n"
-        "isonest preprocess scan.h5 --dataset /entry/data -o scan.isonest --memory 8G\n"
-        "isonest preprocess head.raw.gz --dims 256,256,113 --type uint16 --endian big "
-        "--spacing 1,1,2 -o head.isonest");
+        {"Turn a volume into a store: all levels, with the error of every node",
+         "INPUT is HDF5, NRRD (attached or detached header), or raw numbers (then --dims and "
+         "--type\n"
+         "are needed); raw and NRRD data may be gzip compressed. NaN means missing data. Every "
+         "input\n"
+         "byte is read once, and the volume may be larger than memory.",
+         "isonest preprocess scan.h5 -o scan.isonest\n"
+         "isonest preprocess scan.h5 --dataset /entry/data -o scan.isonest --memory 8G\n"
+         "isonest preprocess head.raw.gz --dims 256,256,113 --type uint16 --endian big "
+         "--spacing 1,1,2 -o head.isonest"});
     c->add_option("INPUT", a->input, "the volume file")->required();
     c->add_option("-o,--output", a->store, "the store to write")->required()->type_name("STORE");
     add_source_options(c, a->source);

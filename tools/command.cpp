@@ -7,10 +7,12 @@
 namespace isonest::cli {
 
 CLI::App* add_command(CLI::App& app, Invocation& chosen, const std::string& name,
-                      const std::string& description, const std::string& examples) {
-    CLI::App* const command = app.add_subcommand(name, description);
+                      const Description& description) {
+    CLI::App* const command =
+        app.add_subcommand(name, description.summary + "\n" + description.details + "\n");
     command->add_flag("--json", chosen.json, "print one JSON object instead of text");
     command->add_flag("-q,--quiet", chosen.quiet, "no progress, and no text where all is well");
+    const std::string& examples = description.examples;
     std::string footer = "Examples:";
     std::size_t begin = 0;
     while (begin < examples.size()) {

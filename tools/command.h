@@ -27,9 +27,16 @@ struct Invocation {
     std::function<Result(Progress&)> run;
 };
 
-/// Declares a command with --json and --quiet; its help ends with `examples`, one a line.
+/// What the help of a command says.
+struct Description {
+    std::string summary;   ///< one line, in the list of commands too
+    std::string details;   ///< the rest, lines of at most 90 characters
+    std::string examples;  ///< one a line, at the end
+};
+
+/// Declares a command with --json and --quiet.
 CLI::App* add_command(CLI::App& app, Invocation& chosen, const std::string& name,
-                      const std::string& description, const std::string& examples);
+                      const Description& description);
 
 void add_preprocess(CLI::App& app, Invocation& chosen);
 void add_extract(CLI::App& app, Invocation& chosen);

@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <memory>
 #include <new>
+#include <sstream>
 
 #include "store/error.h"
 #include "store/format.h"
@@ -73,11 +75,25 @@ int guarded(bool json, const Work& work) {
     }
 }
 
+/// The list of commands shows the first line of each description.
+class ShortList : public CLI::Formatter {
+  public:
+    std::string make_subcommand(const CLI::App* command) const override {
+        const std::string text = command->get_description();
+        std::ostringstream out;
+        CLI::detail::format_help(out, command->get_name(), text.substr(0, text.find('\n')),
+                                 get_column_width());
+        return out.str();
+    }
+};
+
 void declare(CLI::App& app, Invocation& chosen) {
     app.set_version_flag("--version", fmt::format("isonest {} (store format {}.{})",
                                                   ISONEST_VERSION, kFormatMajor, kFormatMinor));
     app.require_subcommand(1);
-    app.get_formatter()->column_width(32);
+    const auto formatter = std::make_shared<ShortList>();
+    formatter->column_width(32);
+    app.formatter(formatter);
     app.footer(
         "Start here:\n"
         "  isonest make-volume bucky --size 129 -o bucky.h5\n"
@@ -118,7 +134,7 @@ int parse_and_run(int argc, char** argv) {
     CLI::App app(
         "isonest: isosurfaces with a guaranteed error from volumes of any size.\n"
         "A volume is preprocessed once into a store; any isovalue, error and region is then\n"
-        "extracted from it without reading more than it needs.",
+        "extracted from it without reading more than it needs.\n",
         "isonest");
     Invocation chosen;
     declare(app, chosen);
@@ -145,6 +161,5 @@ int main(int argc, char** argv) {
     const bool json = std::any_of(argv, argv + argc, [](const char* argument) {
         return std::string_view(argument) == "--json";
     });
-    return isonest::cli::guarded(json,
-                                 [&] { return isonest::cli::parse_and_run(argc, argv); });
+    return isonest::cli::guarded(json, [&] { return isonest::cli::parse_and_run(argc, argv); });
 }

@@ -193,11 +193,11 @@ void set_up(const Camera& camera, const PictureOptions& o) {
     }
     glMaterialfv(GL_FRONT, GL_AMBIENT_AND_DIFFUSE, front.data());
     glMaterialfv(GL_BACK, GL_AMBIENT_AND_DIFFUSE, back.data());
-    const std::array<float, 4> ambient{0.32F, 0.32F, 0.34F, 1};
+    const std::array<float, 4> ambient{0.26F, 0.26F, 0.28F, 1};
     glLightModelfv(GL_LIGHT_MODEL_AMBIENT, ambient.data());
     glLightModeli(GL_LIGHT_MODEL_TWO_SIDE, GL_TRUE);
-    light(GL_LIGHT0, {-0.45F, 0.65F, 0.9F, 0}, 0.72F);
-    light(GL_LIGHT1, {0.8F, -0.1F, 0.5F, 0}, 0.25F);
+    light(GL_LIGHT0, {-0.45F, 0.65F, 0.9F, 0}, 0.8F);
+    light(GL_LIGHT1, {0.8F, -0.1F, 0.5F, 0}, 0.2F);
     glEnable(GL_NORMALIZE);
 }
 
