@@ -30,7 +30,8 @@ std::vector<std::string_view> split(std::string_view text, char separator) {
 /// The number at the start of `text` and what is left of it.
 bool leading_number(std::string_view& text, double& value) {
     const char* const end = text.data() + text.size();
-    const char* const begin = text.data() + (text.size() > 1 && text.front() == '+' ? 1 : 0);
+    const bool plus = text.size() > 1 && text[0] == '+' && text[1] != '-';  // not for from_chars
+    const char* const begin = text.data() + (plus ? 1 : 0);
     const auto [rest, error] = std::from_chars(begin, end, value);
     if (error != std::errc() || !std::isfinite(value)) {
         return false;
