@@ -213,7 +213,9 @@ void run_level(const LevelTask<T>& task, Emit&& emit) {
                 copy_slots(bar[now], 0, kSlots - 1, ny, nx, plus[now]);
                 saturate_even_plane<SaturatePlus>(range, k, task.plus_centres, plus[now]);
             }
-            saturate_even_plane<SaturateBar>(range, k, task.bar_centres, bar[now]);
+            if (task.want_bar) {
+                saturate_even_plane<SaturateBar>(range, k, task.bar_centres, bar[now]);
+            }
         }
         if (task.want_deviation) {
             load_until(has_odd ? 4 * k + 5 : 4 * k + 3);

@@ -118,25 +118,6 @@ TEST_CASE("indicators equal an explicit recursive bisection on odd sizes") {
     }
 }
 
-TEST_CASE("indicators equal an explicit recursive bisection on every value type") {
-    const Int3 n{13, 10, 18};
-    require_agreement<std::uint8_t>(n, 8, [](const Int3& p) { return static_cast<std::uint8_t>(256 * noise(p)); });
-    require_agreement<std::int16_t>(n, 8, [](const Int3& p) { return static_cast<std::int16_t>(65535 * noise(p) - 32768); });
-    require_agreement<std::int32_t>(n, 8, [](const Int3& p) {
-        return noise(p) < 0.5 ? std::numeric_limits<std::int32_t>::min() : std::numeric_limits<std::int32_t>::max();
-    });
-    require_agreement<double>(n, 8, [](const Int3& p) { return 1e100 * smooth(p); });
-}
-
-TEST_CASE("missing data make every diamond that touches them refine to the end") {
-    const float nan = std::numeric_limits<float>::quiet_NaN();
-    const float inf = std::numeric_limits<float>::infinity();
-    require_agreement<float>({17, 17, 17}, 8, [&](const Int3& p) {
-        return p == Int3{5, 9, 12} || p == Int3{0, 0, 3} ? nan : p == Int3{16, 8, 8} ? -inf : smooth_f(p);
-    });
-    require_agreement<float>({9, 9, 9}, 8, [&](const Int3&) { return nan; });
-}
-
 TEST_CASE("half of eta plus does not bound the deviation, eta plus does") {
     // Section 4 of the paper prints beta_0 = eta_plus / 2. With U = 0 but for one node in the middle
     // of a refinement edge, U reaches delta there, and the printed bound says delta / 2.
@@ -193,18 +174,3 @@ TEST_CASE("eta bar is no guarantee, the deviation is") {
     CHECK(worst(Guarantee::plus) <= 0.05 + 1e-5);
 }
 
-TEST_CASE("check finds saturation, injection and bounds in order on every chunk size") {
-    MemoryVolume<float> volume({40, 33, 27}, smooth_f);
-    for (const int chunk : {8, 16, 32, 64}) {
-        const TemporaryFolder folder;
-        make_store(volume, folder / "s", with_chunk(chunk));
-        CheckOptions options;
-        options.source = [&](std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out) {
-            volume.read(z, 1, y0, ny, out);
-        };
-        const CheckReport r = check(StoreReader(folder / "s"), options, silent_progress());
-        CHECK(r.failures == 0);
-        CHECK(r.cubes > 0);
-        CHECK(r.nodes > 0);
-    }
-}
