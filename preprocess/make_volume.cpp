@@ -1,9 +1,7 @@
 #include "preprocess/make_volume.h"
 
 #include <fmt/format.h>
-#include <oneapi/tbb/info.h>
 #include <oneapi/tbb/parallel_for.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include <cmath>
 #include <limits>
@@ -13,6 +11,7 @@
 #include "store/error.h"
 #include "store/lattice.h"
 #include "store/volume_file.h"
+#include "store/workers.h"
 
 namespace isonest {
 namespace {
@@ -74,9 +73,7 @@ void make_volume(const std::filesystem::path& path, const MakeVolumeOptions& opt
     progress.begin(options.name,
                    static_cast<std::uint64_t>(options.nodes.product()) * size_of(options.type),
                    "B");
-    tbb::task_arena arena(options.threads > 0 ? options.threads
-                                              : tbb::info::default_concurrency());
-    arena.execute([&] {
+    Workers(options.threads).execute([&] {
         dispatch(options.type, [&](auto tag) {
             fill<typename decltype(tag)::type>(*volume, options.nodes, *file, progress);
         });

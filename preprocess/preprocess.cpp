@@ -1,9 +1,7 @@
 #include "preprocess/preprocess.h"
 
 #include <fmt/format.h>
-#include <oneapi/tbb/info.h>
 #include <oneapi/tbb/parallel_pipeline.h>
-#include <oneapi/tbb/task_arena.h>
 #include <oneapi/tbb/task_group.h>
 
 #include <chrono>
@@ -13,6 +11,7 @@
 #include "preprocess/level_pass.h"
 #include "store/error.h"
 #include "store/writer.h"
+#include "store/workers.h"
 
 namespace isonest {
 namespace {
@@ -151,9 +150,9 @@ void allocate_centres(const StoreLayout& layout, CentreStore& centres) {
 PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& store,
                             const PreprocessOptions& options, Progress& progress) {
     const auto start = std::chrono::steady_clock::now();
-    const int threads = options.threads > 0 ? options.threads : tbb::info::default_concurrency();
+    Workers workers(options.threads);
     const StoreHeader header = header_of(source, options);
-    const int tokens = token_count(StoreLayout(header), options, threads, source.name());
+    const int tokens = token_count(StoreLayout(header), options, workers.count(), source.name());
     StoreWriter writer(store, header, options.force);
     const StoreLayout& layout = writer.layout();
     const std::uint64_t in_blocks = static_cast<std::uint64_t>(tokens) * block_heap(layout);
@@ -161,8 +160,7 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
         options.memory - std::min(options.memory, kLibraryHeap + in_blocks);
 
     PreprocessReport report;
-    tbb::task_arena arena(threads);
-    arena.execute([&] {
+    workers.execute([&] {
         CentreStore centres(layout.lattice(), store.parent_path());
         allocate_centres(layout, centres);
         const std::int64_t planes = 2 * layout.header().chunk + 8;

@@ -1,9 +1,7 @@
 #include "query/check.h"
 
 #include <fmt/format.h>
-#include <oneapi/tbb/info.h>
 #include <oneapi/tbb/parallel_for.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include <cmath>
 #include <cstring>
@@ -15,6 +13,7 @@
 #include "store/bisection.h"
 #include "store/error.h"
 #include "store/gather.h"
+#include "store/workers.h"
 
 namespace isonest {
 namespace {
@@ -426,9 +425,7 @@ class Checker {
 }  // namespace
 
 CheckReport check(const StoreReader& store, const CheckOptions& options, Progress& progress) {
-    tbb::task_arena arena(options.threads > 0 ? options.threads
-                                              : tbb::info::default_concurrency());
-    return arena.execute([&] { return Checker(store, options, progress).run(); });
+    return Workers(options.threads).execute([&] { return Checker(store, options, progress).run(); });
 }
 
 }  // namespace isonest

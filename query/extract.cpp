@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 #include <oneapi/tbb/info.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include <chrono>
 #include <cmath>
@@ -13,6 +12,7 @@
 #include "query/weld.h"
 #include "store/error.h"
 #include "store/output_file.h"
+#include "store/workers.h"
 
 namespace isonest {
 namespace {
@@ -151,8 +151,7 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
     report.tolerance = query.epsilon;
     const std::uint64_t chunks_before = store.chunks_read();
     const std::uint64_t bytes_before = store.bytes_read();
-    tbb::task_arena arena(budget.threads);
-    arena.execute([&] {
+    Workers(budget.threads).execute([&] {
         PartStore parts(mesh.parent_path(), store.layout().header().spacing,
                         store.layout().header().origin);
         {

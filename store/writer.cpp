@@ -69,6 +69,7 @@ struct StoreWriter::Impl {
     }
 
     void create();
+    GroupHandle create_group(const std::string& name) const;
     void create_array(const ArrayInfo& array);
     void write_header();
     void write_vtk_group();
@@ -88,9 +89,11 @@ void StoreWriter::Impl::create() {
     file = made(FileHandle(H5Fcreate(temporary.c_str(), H5F_ACC_EXCL, creation.get(),
                                      access.get())),
                 "create the file");
-    const PropertyHandle links(H5Pcreate(H5P_LINK_CREATE));
-    H5Pset_create_intermediate_group(links.get(), 1);
     datasets.resize(layout.arrays().size());
+    create_group("/levels");
+    for (int level = 0; level <= layout.lattice().top(); ++level) {
+        create_group(fmt::format("/levels/{}", level));
+    }
     for (const ArrayInfo& array : layout.arrays()) {
         create_array(array);
     }
@@ -101,6 +104,15 @@ void StoreWriter::Impl::create() {
         throw Error(ErrorKind::io, fmt::format("{}: cannot read back: {}", temporary.string(),
                                                std::strerror(errno)));
     }
+}
+
+/// Without times, which would make every run's bytes differ.
+GroupHandle StoreWriter::Impl::create_group(const std::string& name) const {
+    const PropertyHandle creation(H5Pcreate(H5P_GROUP_CREATE));
+    H5Pset_obj_track_times(creation.get(), false);
+    return made(GroupHandle(H5Gcreate2(file.get(), name.c_str(), H5P_DEFAULT, creation.get(),
+                                       H5P_DEFAULT)),
+                "create a group");
 }
 
 void StoreWriter::Impl::create_array(const ArrayInfo& array) {
@@ -126,14 +138,12 @@ void StoreWriter::Impl::create_array(const ArrayInfo& array) {
     }
     const auto level = static_cast<unsigned>(array.codec.level);
     H5Pset_filter(creation.get(), kZstdFilter, H5Z_FLAG_MANDATORY, 1, &level);
-    const PropertyHandle links(H5Pcreate(H5P_LINK_CREATE));
-    H5Pset_create_intermediate_group(links.get(), 1);
     const TypeHandle type = array.field == Field::values ? file_type(layout.header().type)
                             : layout.header().exact      ? file_type(ValueType::f32)
                                                          : indicator_code_type();
     DatasetHandle dataset =
         made(DatasetHandle(H5Dcreate2(file.get(), name.c_str(), type.get(), space.get(),
-                                      links.get(), creation.get(), H5P_DEFAULT)),
+                                      H5P_DEFAULT, creation.get(), H5P_DEFAULT)),
              "create a dataset");
     write_attribute(dataset.get(), "first_chunk_row", array.first_row);
     datasets[static_cast<std::size_t>(&array - layout.arrays().data())] = std::move(dataset);
@@ -166,14 +176,8 @@ void StoreWriter::Impl::write_header() {
 
 void StoreWriter::Impl::write_vtk_group() {
     const StoreHeader& header = layout.header();
-    const PropertyHandle properties(H5Pcreate(H5P_GROUP_CREATE));
-    H5Pset_obj_track_times(properties.get(), false);
-    const GroupHandle group = made(GroupHandle(H5Gcreate2(file.get(), "VTKHDF", H5P_DEFAULT,
-                                                          properties.get(), H5P_DEFAULT)),
-                                   "create /VTKHDF");
-    const GroupHandle points = made(GroupHandle(H5Gcreate2(group.get(), "PointData", H5P_DEFAULT,
-                                                           properties.get(), H5P_DEFAULT)),
-                                    "create /VTKHDF/PointData");
+    const GroupHandle group = create_group("/VTKHDF");
+    const GroupHandle points = create_group("/VTKHDF/PointData");
     write_attribute(group.get(), "Version", std::vector<std::int64_t>{1, 0});
     write_attribute(group.get(), "Type", std::string("ImageData"));
     write_attribute(group.get(), "WholeExtent",
@@ -222,6 +226,10 @@ void StoreWriter::Impl::write_table() {
     }
     write_attribute(table.get(), "xxh64", checksum_of(std::as_bytes(rows)));
     write_attribute(file.get(), "complete", std::uint32_t{1});
+}
+
+void leave_hdf5_alone_at_exit() {
+    H5dont_atexit();
 }
 
 StoreWriter::StoreWriter(const std::filesystem::path& path, const StoreHeader& header, bool force) {

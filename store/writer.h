@@ -35,4 +35,9 @@ class StoreWriter : public ChunkSource {
     std::unique_ptr<Impl> impl_;
 };
 
+/// For main(), before anything else: HDF5 then closes nothing at exit. All of isonest's files are
+/// closed by their owners; without this call, HDF5 1.10 would try a close that failed (a full disk)
+/// once more at exit, and crash.
+void leave_hdf5_alone_at_exit();
+
 }  // namespace isonest

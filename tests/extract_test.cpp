@@ -177,6 +177,24 @@ TEST_CASE("the mesh has the same bytes for any threads, chunk and memory") {
     }
 }
 
+TEST_CASE("the store has the same bytes for any threads and memory") {
+    MemoryVolume<float> volume({70, 41, 53}, smooth_f);
+    const TemporaryFolder folder;
+    PreprocessOptions options = with_chunk(16);
+    options.threads = 1;
+    make_store(volume, folder / "a", options);
+    const std::string expected = read_file(folder / "a");
+    for (const int threads : {2, 4}) {
+        options.threads = threads;
+        make_store(volume, folder / "b", options);
+        CHECK(read_file(folder / "b") == expected);
+    }
+    options.memory = 48U << 20U;
+    const auto report = make_store(volume, folder / "b", options);
+    CHECK(read_file(folder / "b") == expected);
+    CHECK(report.nodes == volume.nodes());
+}
+
 TEST_CASE("a box cuts the surface at its faces, and only there") {
     MemoryVolume<float> volume({33, 29, 31}, smooth_f);
     const WorldBox box{{3.5, 4, 6.25}, {20.75, 21, 27}};
@@ -259,3 +277,33 @@ TEST_CASE("a coarse surface reads few chunks") {
     CHECK(coarse.mesh.triangles.size() * 10 < full.mesh.triangles.size());
 }
 
+TEST_CASE("requests that make no sense are refused by name") {
+    MemoryVolume<float> volume({9, 9, 9}, smooth_f);
+    const TemporaryFolder folder;
+    PreprocessOptions p = with_chunk(8);
+    p.fields = {Field::linf_plus};
+    make_store(volume, folder / "s", p);
+    const StoreReader store(folder / "s");
+    const auto kind_of = [&](const ExtractOptions& options) {
+        try {
+            extract(store, folder / "m.ply", options, silent_progress());
+        } catch (const Error& e) {
+            return static_cast<int>(e.kind());
+        }
+        return 0;
+    };
+    ExtractOptions options;
+    CHECK(kind_of(options) == static_cast<int>(ErrorKind::not_found));  // no deviation stored
+    options.guarantee = Guarantee::plus;
+    CHECK(kind_of(options) == 0);
+    options.error = -1;
+    CHECK(kind_of(options) == static_cast<int>(ErrorKind::invalid_argument));
+    options.error = std::nan("");
+    CHECK(kind_of(options) == static_cast<int>(ErrorKind::invalid_argument));
+    options.error = 0;
+    options.iso = std::numeric_limits<double>::infinity();
+    CHECK(kind_of(options) == static_cast<int>(ErrorKind::invalid_argument));
+    options.iso = 0;
+    options.memory = 1000;
+    CHECK(kind_of(options) == static_cast<int>(ErrorKind::limit));
+}

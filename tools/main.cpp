@@ -9,6 +9,7 @@
 
 #include "store/error.h"
 #include "store/format.h"
+#include "store/writer.h"
 #include "tools/command.h"
 #include "tools/interrupt.h"
 #include "tools/terminal_progress.h"
@@ -158,6 +159,7 @@ int parse_and_run(int argc, char** argv) {
 }  // namespace isonest::cli
 
 int main(int argc, char** argv) {
+    isonest::leave_hdf5_alone_at_exit();
     const bool json = std::any_of(argv, argv + argc, [](const char* argument) {
         return std::string_view(argument) == "--json";
     });

@@ -1,0 +1,35 @@
+// The threads that one call may use.
+#pragma once
+
+#include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/info.h>
+#include <oneapi/tbb/task_arena.h>
+
+#include <optional>
+
+namespace isonest {
+
+/// `threads` workers, also where that is more than the machine has; 0 = as many as it has.
+class Workers {
+  public:
+    explicit Workers(int threads)
+        : count_(threads > 0 ? threads : tbb::info::default_concurrency()) {
+        if (count_ > tbb::info::default_concurrency()) {
+            allowed_.emplace(tbb::global_control::max_allowed_parallelism,
+                             static_cast<std::size_t>(count_));
+        }
+        arena_.initialize(count_);
+    }
+    [[nodiscard]] int count() const { return count_; }
+    template <class Work>
+    auto execute(const Work& work) {
+        return arena_.execute(work);
+    }
+
+  private:
+    int count_;
+    std::optional<tbb::global_control> allowed_;
+    tbb::task_arena arena_;
+};
+
+}  // namespace isonest

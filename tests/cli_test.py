@@ -1,0 +1,419 @@
+"""The program as its users see it: help, errors, exit codes, files, signals, pictures, the plugin.
+
+Usage: cli_test.py ISONEST PLUGIN_FOLDER
+"""
+import json
+import os
+import pathlib
+import pty
+import re
+import shlex
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+import zlib
+
+ISONEST, PLUGINS = sys.argv[1:3]
+os.environ["HDF5_PLUGIN_PATH"] = PLUGINS
+COMMANDS = ["preprocess", "extract", "info", "export", "check", "make-volume", "picture"]
+ERROR_KINDS = {2: "invalid_argument", 3: "not_found", 4: "corrupt", 5: "unsupported", 6: "io",
+               7: "limit", 130: "cancelled"}
+
+
+def run(*arguments, cwd=None, **options):
+    return subprocess.run([ISONEST, *map(os.fsdecode, map(os.fspath, map(_text, arguments)))],
+                          cwd=cwd, capture_output=True, timeout=600, **options)
+
+
+def _text(argument):
+    return argument if isinstance(argument, (bytes, os.PathLike)) else str(argument)
+
+
+def read_png(path):
+    """(width, height, rows of RGB bytes) of an 8-bit RGB PNG; checks every checksum."""
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    at, pixels = 8, b""
+    while at < len(data):
+        size, kind = struct.unpack(">I4s", data[at:at + 8])
+        body = data[at + 8:at + 8 + size]
+        assert zlib.crc32(kind + body) == struct.unpack(">I", data[at + 8 + size:at + 12 + size])[0]
+        if kind == b"IHDR":
+            width, height, depth, color = struct.unpack(">IIBB", body[:10])
+            assert (depth, color) == (8, 2)
+        if kind == b"IDAT":
+            pixels += body
+        at += 12 + size
+    raw, rows, stride = zlib.decompress(pixels), [], 3 * width
+    above = bytearray(stride)
+    for y in range(height):
+        kind, row = raw[y * (stride + 1)], bytearray(raw[y * (stride + 1) + 1:(y + 1) * (stride + 1)])
+        for i in range(stride):
+            a = row[i - 3] if i >= 3 else 0
+            b, c = above[i], above[i - 3] if i >= 3 else 0
+            p = a + b - c
+            paeth = min((abs(p - a), 0, a), (abs(p - b), 1, b), (abs(p - c), 2, c))[2]
+            row[i] = (row[i] + (0, a, b, (a + b) // 2, paeth)[kind]) & 255
+        rows.append(bytes(row))
+        above = row
+    return width, height, rows
+
+
+def colours(rows):
+    return {row[i:i + 3] for row in rows for i in range(0, len(row), 3)}
+
+
+class Cli(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory(prefix="isonest-cli-")
+        cls.here = pathlib.Path(cls.folder.name)
+        for arguments in (["make-volume", "bucky", "--size", "33", "-o", "b.h5"],
+                          ["preprocess", "b.h5", "-o", "b.isonest", "--chunk", "16"],
+                          ["extract", "b.isonest", "--iso", "0.5", "-o", "b.ply"]):
+            done = run(*arguments, cwd=cls.here)
+            assert done.returncode == 0, done.stderr
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.folder.cleanup()
+
+    def ok(self, *arguments):
+        done = run(*arguments, cwd=self.here)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return done
+
+    def json(self, *arguments):
+        done = self.ok(*arguments, "--json")
+        self.assertEqual(done.stderr, b"")
+        return json.loads(done.stdout)
+
+    def fails(self, code, *arguments):
+        """Exit code, message on stderr, error object on stdout; no file comes or goes."""
+        before = sorted(self.here.rglob("*"))
+        done = run(*arguments, cwd=self.here)
+        self.assertEqual(done.returncode, code, (arguments, done.stderr))
+        self.assertRegex(done.stderr.decode(), r"(?s)\Aisonest: error: .+\n\Z")
+        self.assertEqual(done.stdout, b"")
+        done = run(*arguments, "--json", cwd=self.here)
+        self.assertEqual(done.returncode, code)
+        error = json.loads(done.stdout)["error"]
+        self.assertEqual(error["kind"], ERROR_KINDS[code])
+        self.assertIn(error["message"].split("\n")[0], done.stderr.decode())
+        self.assertEqual(sorted(self.here.rglob("*")), before)
+        return error["message"]
+
+    # Help
+
+    def test_help_lists_every_command_on_one_line(self):
+        text = self.ok("--help").stdout.decode()
+        for command in COMMANDS:
+            self.assertRegex(text, rf"(?m)^  {command} +\w.*$")
+        for line in text.split("\n"):
+            self.assertLessEqual(len(line), 110)
+
+    def test_every_example_of_the_help_is_taken(self):
+        seen = 0
+        with tempfile.TemporaryDirectory() as empty:
+            for command in COMMANDS:
+                text = self.ok(command, "--help").stdout.decode()
+                examples = re.findall(r"(?m)^  (isonest .*)$", text[text.index("Examples:"):])
+                self.assertGreaterEqual(len(examples), 2, command)
+                self.assertTrue(text.rstrip().endswith(examples[-1]))
+                for example in examples:
+                    done = run(*shlex.split(example)[1:], cwd=empty)
+                    wanted = (0,) if command == "make-volume" else (3,)  # well formed, no such file
+                    self.assertIn(done.returncode, wanted, (example, done.stderr))
+                    seen += 1
+        self.assertGreaterEqual(seen, 2 * len(COMMANDS))
+
+    def test_version(self):
+        self.assertRegex(self.ok("--version").stdout.decode(),
+                         r"\Aisonest \d+\.\d+\.\d+ \(store format \d+\.\d+\)\n\Z")
+
+    # Errors
+
+    def test_wrong_requests_exit_with_2_and_touch_nothing(self):
+        extract = ["extract", "b.isonest", "-o", "x.ply"]
+        raw = ["preprocess", "b.h5", "-o", "x.isonest"]
+        for arguments in (
+                [], ["nothing"], ["info"], ["info", "b.isonest", "--what"], extract,
+                [*extract, "--iso", "nan"], [*extract, "--iso", "inf"], [*extract, "--iso", ""],
+                [*extract, "--iso", "0.5x"], [*extract, "--iso", "1", "--iso", "2"],
+                [*extract, "--iso", "1", "--error", "-1"], [*extract, "--iso", "1", "--error", "nan"],
+                [*extract, "--iso", "1", "--error", "1", "--error-relative", "1"],
+                [*extract, "--iso", "1", "--guarantee", "best"],
+                [*extract, "--iso", "1", "--box", "0,0,0,1,1"],
+                [*extract, "--iso", "1", "--box", "0,0,0,1,1,nan"],
+                [*extract, "--iso", "1", "--box", "5,0,0,1,9,9"],
+                [*extract, "--iso", "1", "--memory", "lots"],
+                [*extract, "--iso", "1", "--threads", "-1"],
+                [*extract, "--iso", "1", "surplus"],
+                [*raw, "--chunk", "20"], [*raw, "--chunk", "512"], [*raw, "--compression", "0"],
+                [*raw, "--indicators", "best"], [*raw, "--indicators", "values"],
+                [*raw, "--spacing", "1,0,1"], [*raw, "--spacing", "1,1"], [*raw, "--type", "int24"],
+                [*raw, "--endian", "middle"], [*raw, "--dims", "1,2"],
+                ["preprocess", "b.h5", "-o", "b.isonest"],
+                ["make-volume", "cube", "--size", "8", "-o", "x.h5"],
+                ["make-volume", "bucky", "--size", "0", "-o", "x.h5"],
+                ["make-volume", "bucky", "--size", "8", "-o", "x.txt"],
+                ["make-volume", "bucky", "--size", "8", "-o", "b.h5"],
+                ["export", "b.isonest", "--field", "worst", "-o", "x.h5"],
+                ["export", "b.isonest", "--field", "values", "-o", "x.txt"],
+                ["picture", "b.ply", "-o", "x.png", "--size", "0x0"],
+                ["picture", "b.ply", "-o", "x.png", "--size", "99999x9"],
+                ["picture", "b.ply", "-o", "x.png", "--view", "0,0,0"],
+                ["picture", "b.ply", "-o", "x.png", "--color", "0,0,256"]):
+            with self.subTest(arguments=arguments):
+                self.fails(2, *arguments)
+
+    def test_what_is_missing_exits_with_3(self):
+        for arguments in (["info", "none"], ["check", "none"], ["picture", "none", "-o", "x.png"],
+                          ["preprocess", "none", "-o", "x.isonest"],
+                          ["preprocess", "b.h5", "--dataset", "/none", "-o", "x.isonest"],
+                          ["extract", "b.isonest", "--iso", "1", "-o", "none/x.ply"],
+                          ["picture", "b.ply", "-o", "none/x.png"],
+                          ["export", "b.isonest", "--field", "values", "--level", "60", "-o",
+                           "x.h5"]):
+            with self.subTest(arguments=arguments):
+                self.fails(3, *arguments)
+
+    def test_a_message_tells_the_way_out(self):
+        self.assertIn("isonest extract --help", self.fails(2, "extract", "b.isonest", "--iso", "1"))
+        self.assertIn("--force", self.fails(2, "preprocess", "b.h5", "-o", "b.isonest"))
+        self.assertIn("deviation_bar", self.fails(2, "export", "b.isonest", "--field", "x", "-o",
+                                                  "x.h5"))
+
+    def test_too_little_memory_exits_with_7_and_says_how_much(self):
+        self.assertRegex(self.fails(7, "extract", "b.isonest", "--iso", "0.5", "--memory", "1M",
+                                    "-o", "x.ply"), r"--memory \d+M")
+
+    def test_damage_exits_with_4(self):
+        self.fails(4, "info", "b.ply")
+        self.fails(4, "picture", "b.h5", "-o", "x.png")
+        with tempfile.TemporaryDirectory() as other:
+            cut = pathlib.Path(other) / "cut.ply"
+            cut.write_bytes((self.here / "b.ply").read_bytes()[:-1])
+            self.assertIn("cut off", self.fails(4, "picture", cut, "-o", "x.png"))
+
+    def test_check_finds_a_flipped_byte(self):
+        report = self.json("check", "b.isonest", "--source", "b.h5")
+        self.assertTrue(report["ok"])
+        self.assertEqual(report["findings"], [])
+        store = bytearray((self.here / "b.isonest").read_bytes())
+        frame = store.index(b"\x28\xb5\x2f\xfd")  # zstd's magic: the first chunk
+        store[frame + 40] ^= 1
+        with tempfile.TemporaryDirectory() as other:
+            path = pathlib.Path(other) / "flipped.isonest"
+            path.write_bytes(store)
+            done = run("check", path, "--json")
+        self.assertEqual(done.returncode, 4)
+        report = json.loads(done.stdout)
+        self.assertFalse(report["ok"])
+        self.assertGreater(report["failures"], 0)
+        self.assertIn("checksum", {finding["test"] for finding in report["findings"]})
+
+    def test_check_refuses_another_source(self):
+        with tempfile.TemporaryDirectory() as other:
+            path = pathlib.Path(other) / "s.h5"
+            self.ok("make-volume", "sphere", "--size", "32", "-o", path)
+            self.assertIn("32 x 32 x 32", self.fails(2, "check", "b.isonest", "--source", path))
+
+    def test_a_full_disk_under_standard_output_exits_with_6(self):
+        with open("/dev/full", "wb") as full:
+            done = subprocess.run([ISONEST, "info", "b.isonest"], cwd=self.here, stdout=full,
+                                  stderr=subprocess.PIPE, timeout=60)
+        self.assertEqual(done.returncode, 6)
+        self.assertIn(b"standard output", done.stderr)
+
+    def test_a_file_size_limit_is_an_error_and_leaves_nothing(self):
+        def limit():
+            import resource
+            resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
+        before = sorted(self.here.iterdir())
+        for arguments in (["make-volume", "bucky", "--size", "33", "-o", "x.raw"],
+                          ["preprocess", "b.h5", "-o", "x.isonest"],
+                          ["extract", "b.isonest", "--iso", "0.5", "-o", "x.ply"],
+                          ["export", "b.isonest", "--field", "values", "-o", "x.nrrd"],
+                          ["picture", "b.ply", "-o", "x.png"]):
+            with self.subTest(arguments=arguments):
+                done = run(*arguments, cwd=self.here, preexec_fn=limit)
+                self.assertEqual(done.returncode, 6, done.stderr)
+                self.assertEqual(sorted(self.here.iterdir()), before)
+
+    # Output
+
+    def test_reports_have_what_scripts_need(self):
+        info = self.json("info", "b.isonest")
+        self.assertEqual(info["nodes"], [33, 33, 33])
+        self.assertEqual(info["type"], "float32")
+        self.assertEqual(sum(a["chunks"] for a in info["arrays"] if not a["alias"]), info["chunks"])
+        report = self.json("extract", "b.isonest", "--iso", "0.5", "--error", "0.01", "-o", "e.ply")
+        for key in ("vertices", "triangles", "error_bound", "visited_tetrahedra",
+                    "leaf_tetrahedra", "chunks_read", "chunks_total", "bytes_read",
+                    "peak_cache_bytes", "seconds"):
+            self.assertIn(key, report)
+        self.assertLessEqual(report["error_bound"], 0.01)
+        self.assertGreater(report["triangles"], 0)
+        header = (self.here / "e.ply").read_bytes()[:400].decode("latin-1")
+        self.assertIn(f"element face {report['triangles']}\n", header)
+        (self.here / "e.ply").unlink()
+
+    def test_json_is_json_whatever_the_file_is_called(self):
+        done = run("info", b"\xff\xfe.isonest", "--json", cwd=self.here)
+        self.assertEqual(done.returncode, 3)
+        self.assertIn("error", json.loads(done.stdout))
+
+    def test_quiet_says_nothing(self):
+        self.assertEqual(self.ok("picture", "b.ply", "-o", "q.png", "--quiet").stdout, b"")
+        (self.here / "q.png").unlink()
+
+    def test_units_reach_the_library(self):
+        a = self.json("extract", "b.isonest", "--iso=0.5", "--memory", "64M", "-o", "u.ply")
+        b = self.json("extract", "b.isonest", "--iso", "5e-1", "--memory", "67108864", "-o", "u.ply")
+        self.assertEqual(a["triangles"], b["triangles"])
+        below = self.json("extract", "b.isonest", "--iso", "-5", "-o", "u.ply")
+        self.assertEqual((below["iso"], below["triangles"]), (-5, 0))
+        (self.here / "u.ply").unlink()
+
+    def test_progress_is_drawn_on_a_terminal_only(self):
+        def stderr_of(*extra):
+            master, slave = pty.openpty()
+            try:
+                with tempfile.TemporaryDirectory() as other:
+                    process = subprocess.Popen(
+                        [ISONEST, "make-volume", "noise", "--size", "65", "-o",
+                         os.path.join(other, "n.h5"), *extra],
+                        stderr=slave, stdout=subprocess.DEVNULL, env={**os.environ, "TERM": "xterm"})
+                    os.close(slave)
+                    text = b""
+                    while True:
+                        try:
+                            part = os.read(master, 65536)
+                        except OSError:  # the other end is closed
+                            break
+                        if not part:
+                            break
+                        text += part
+                    self.assertEqual(process.wait(), 0)
+                return text
+            finally:
+                os.close(master)
+        drawn = stderr_of()
+        self.assertIn(b" %", drawn)
+        self.assertIn(b"noise", drawn)
+        self.assertTrue(drawn.endswith(b"\r\x1b[K"), drawn[-40:])
+        self.assertNotIn(b"\n", drawn)
+        self.assertEqual(stderr_of("--quiet"), b"")
+        self.assertEqual(stderr_of("--json"), b"")
+        self.assertEqual(self.ok("make-volume", "noise", "--size", "9", "-o", "n.h5").stderr, b"")
+        (self.here / "n.h5").unlink()
+
+    # Signals
+
+    def test_an_interrupt_leaves_nothing_behind(self):
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with self.subTest(signal=number), tempfile.TemporaryDirectory() as other:
+                folder = pathlib.Path(other)
+                self.ok("make-volume", "noise", "--size", "129", "--type", "uint16", "-o",
+                        folder / "n.raw")
+                process = subprocess.Popen(
+                    [ISONEST, "preprocess", "n.raw", "--dims", "129,129,129", "--type", "uint16",
+                     "--compression", "19", "--chunk", "16", "--threads", "1", "-o", "n.isonest",
+                     "--json"], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+                while process.poll() is None and not list(folder.glob(".n.isonest.*")):
+                    time.sleep(0.01)
+                self.assertIsNone(process.poll(), "it was over before it could be interrupted")
+                process.send_signal(number)
+                out, err = process.communicate(timeout=120)
+                self.assertEqual(process.returncode, 130, err)
+                self.assertEqual(json.loads(out)["error"]["kind"], "cancelled")
+                self.assertTrue(err.startswith(b"isonest: error: "), err)
+                self.assertEqual([p.name for p in folder.iterdir()], ["n.raw"])
+
+    # Pictures
+
+    def test_a_picture_shows_the_mesh_in_its_middle(self):
+        self.ok("picture", "b.ply", "-o", "p.png", "--size", "120x90")
+        width, height, rows = read_png(self.here / "p.png")
+        self.assertEqual((width, height), (120, 90))
+        background = rows[0][:3]
+        self.assertGreater(min(background), 200)
+        ink = [(x, y) for y, row in enumerate(rows) for x in range(width)
+               if row[3 * x:3 * x + 3] != background]
+        self.assertGreater(len(colours(rows)), 50)  # shaded
+        for axis, size in ((0, width), (1, height)):
+            lo, hi = (f(p[axis] for p in ink) for f in (min, max))
+            self.assertAlmostEqual(lo + hi, size - 1, delta=0.08 * size)
+            self.assertGreater(lo, 0)
+            self.assertLess(hi, size - 1)
+        self.assertGreater(max(p[1] for p in ink) - min(p[1] for p in ink), 0.8 * height)
+        first = (self.here / "p.png").read_bytes()
+        self.ok("picture", "b.ply", "-o", "p.png", "--size", "120x90")
+        self.assertEqual((self.here / "p.png").read_bytes(), first)
+        for option in ("--wireframe", "--flat", "--view=0,0,-1", "--color=250,10,10"):
+            self.ok("picture", "b.ply", "-o", "p.png", "--size", "120x90", option)
+            self.assertNotEqual((self.here / "p.png").read_bytes(), first, option)
+        (self.here / "p.png").unlink()
+
+    def test_shading_falls_back_to_flat_where_memory_is_short(self):
+        self.assertEqual(self.json("picture", "b.ply", "-o", "p.png")["shading"], "smooth")
+        self.assertEqual(self.json("picture", "b.ply", "-o", "p.png", "--memory", "1K")["shading"],
+                         "flat")
+        (self.here / "p.png").unlink()
+
+    def test_an_empty_mesh_gives_the_background_and_a_warning(self):
+        self.ok("extract", "b.isonest", "--iso", "99", "-o", "empty.ply")
+        done = self.ok("picture", "empty.ply", "-o", "p.png", "--size", "7x5")
+        self.assertIn(b"isonest: warning: ", done.stderr)
+        width, height, rows = read_png(self.here / "p.png")
+        self.assertEqual((width, height, len(colours(rows))), (7, 5, 1))
+        (self.here / "p.png").unlink()
+        (self.here / "empty.ply").unlink()
+
+    # The HDF5 filter
+
+    def test_the_plugin_writes_frames_with_size_and_checksum_and_reads_them(self):
+        import h5py
+        import numpy
+        data = numpy.arange(4096, dtype="<u2").reshape(64, 64)
+        path = self.here / "plugin.h5"
+        with h5py.File(path, "w") as file:
+            file.create_dataset("d", data=data, chunks=(32, 64), compression=32015,
+                                compression_opts=(3,))
+        with h5py.File(path, "r") as file:
+            numpy.testing.assert_array_equal(file["d"][...], data)
+            _, frame = file["d"].id.read_direct_chunk((0, 0))
+            self.assertEqual(frame[:4], b"\x28\xb5\x2f\xfd")
+            self.assertEqual(frame[4] & 0x04, 0x04, "checksum")
+            self.assertTrue(frame[4] & 0xE0, "content size")
+        path.unlink()
+
+    def test_the_plugin_refuses_frames_that_lie(self):
+        import h5py
+        import numpy
+        magic = b"\x28\xb5\x2f\xfd"
+        lies = {
+            "no zstd": b"\0" * 64,
+            "empty": b"",
+            "4 GiB in 32 bytes": magic + b"\xa0" + struct.pack("<I", 0xFFFFFFFF) + b"\1" * 23,
+            "2^63 bytes": magic + b"\xe0" + struct.pack("<Q", 2**63) + b"\1" * 19,
+            "unknown size": magic + b"\0\x58" + b"\1\0\0",
+        }
+        path = self.here / "lies.h5"
+        for name, frame in lies.items():
+            with self.subTest(name):
+                with h5py.File(path, "w") as file:
+                    d = file.create_dataset("d", (64,), "u1", chunks=(64,), compression=32015)
+                    d.id.write_direct_chunk((0,), frame or b"\0")
+                with h5py.File(path, "r") as file, self.assertRaises(OSError):
+                    numpy.array(file["d"][...])
+        path.unlink()
+
+
+if __name__ == "__main__":
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]], verbosity=1)

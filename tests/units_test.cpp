@@ -1,0 +1,100 @@
+// The command line's numbers: what is taken, what is refused, and how it reads.
+#include "tools/units.h"
+
+#include <catch2/catch.hpp>
+#include <string>
+#include <utility>
+
+#include "store/error.h"
+#include "tools/terminal_progress.h"
+
+using namespace isonest;
+using namespace isonest::cli;
+
+TEST_CASE("sizes take units of 1024") {
+    const std::vector<std::pair<const char*, std::uint64_t>> cases{
+        {"0", 0},
+        {"4096", 4096},
+        {"512M", 512ULL << 20U},
+        {"512MB", 512ULL << 20U},
+        {"1GiB", 1ULL << 30U},
+        {"2g", 2ULL << 30U},
+        {"1.5K", 1536},
+        {"3 T", 3ULL << 40U},
+        {"7B", 7},
+    };
+    for (const auto& [text, bytes] : cases) {
+        CAPTURE(text);
+        CHECK(parse_bytes("--memory", text) == bytes);
+    }
+}
+
+TEST_CASE("what is no size is refused by name") {
+    for (const char* text : {"", "M", "-1M", "1X", "1Mi", "1MM", "nan", "inf", "1e30", "1.5",
+                             "0x10", "5 0", "1M ", "99999999T"}) {
+        CAPTURE(text);
+        try {
+            parse_bytes("--memory", text);
+            FAIL("was taken");
+        } catch (const Error& e) {
+            CHECK(e.kind() == ErrorKind::invalid_argument);
+            CHECK(std::string(e.what()).find("--memory") != std::string::npos);
+        }
+    }
+}
+
+TEST_CASE("numbers are finite and whole texts") {
+    CHECK(parse_number("--iso", "-5") == -5);
+    CHECK(parse_number("--iso", "+1e-3") == 1e-3);
+    CHECK(parse_number("--iso", "0.1") == 0.1);
+    for (const char* text : {"", "+", "nan", "inf", "-inf", "1e999", "1,5", "5x", " 5", "+-5"}) {
+        CAPTURE(text);
+        CHECK_THROWS_AS(parse_number("--iso", text), Error);
+    }
+    CHECK(parse_integer("--threads", "8", 0, 8) == 8);
+    for (const char* text : {"", "9", "-1", "1.0", "99999999999999999999"}) {
+        CAPTURE(text);
+        CHECK_THROWS_AS(parse_integer("--threads", text, 0, 8), Error);
+    }
+}
+
+TEST_CASE("triples and sizes in pixels have exactly their parts") {
+    CHECK(parse_double3("--spacing", "1,0.5,2e3") == Double3{1, 0.5, 2000});
+    CHECK(parse_int3("--dims", "1,2,3", 10) == Int3{1, 2, 3});
+    CHECK(parse_size("--size", "800x600", 4096) == std::vector<int>{800, 600});
+    for (const char* text : {"", "1", "1,2", "1,2,3,4", "1,,3", "1,2,nan", "1, 2,3"}) {
+        CAPTURE(text);
+        CHECK_THROWS_AS(parse_double3("--spacing", text), Error);
+        CHECK_THROWS_AS(parse_int3("--dims", text, 10), Error);
+    }
+    CHECK_THROWS_AS(parse_int3("--dims", "1,2,11", 10), Error);
+    CHECK_THROWS_AS(parse_int3("--dims", "0,2,3", 10), Error);
+    for (const char* text : {"800", "800x", "0x600", "800x600x2", "5000x5"}) {
+        CAPTURE(text);
+        CHECK_THROWS_AS(parse_size("--size", text, 4096), Error);
+    }
+}
+
+TEST_CASE("amounts read in three digits") {
+    CHECK(human_bytes(0) == "0 B");
+    CHECK(human_bytes(999) == "999 B");
+    CHECK(human_bytes(1234567) == "1.23 MB");
+    CHECK(human_bytes(4.3e9) == "4.30 GB");
+    CHECK(human_count(12345) == "12.3 k");
+    CHECK(human_count(7) == "7");
+    CHECK(human_seconds(0.25) == "0.2 s");
+    CHECK(human_seconds(125) == "2:05");
+    CHECK(human_seconds(3725) == "1:02:05");
+}
+
+TEST_CASE("a progress line tells phase, percent, rate and remaining time, and fits the terminal") {
+    ProgressState state{"levels 0-2", "B", 250'000'000, 1'000'000'000, 2};
+    CHECK(progress_line(state, 80) == "levels 0-2        25 %   125 MB/s   6.0 s left");
+    CHECK(progress_line(state, 15).size() == 14);
+    state.seconds = 0.1;  // too early for a rate
+    CHECK(progress_line(state, 80) == "levels 0-2        25 %");
+    state = {"traverse", "bricks", 50, 0, 10};  // the total is unknown
+    CHECK(progress_line(state, 80) == "traverse           5 bricks/s");
+    state = {"write mesh", "triangles", 12, 10, 10};  // never more than all, no negative time
+    CHECK(progress_line(state, 80) == "write mesh       100 %   1 triangles/s");
+}
