@@ -31,13 +31,15 @@ void IndicatorChunks::put(const LayerRange& range, std::int64_t k, const Layer<R
             continue;
         }
         for (std::int64_t j = 0; j < part.n.y; ++j) {
-            const std::int64_t at = array_.chunk.linear({0, j, k - part.lo.z}) * kSlots;
-            for (int slot = 0; slot < kSlots; ++slot) {
+            const int first = array_.first_slot();
+            const int n = array_.components;
+            const std::int64_t at = array_.chunk.linear({0, j, k - part.lo.z}) * n;
+            for (int slot = first; slot < kSlots; ++slot) {
                 const Real* const from =
                     layer.row(slot, part.lo.y + j - range.lo.y) + (part.lo.x - range.lo.x);
                 for (std::int64_t i = 0; i < part.n.x; ++i) {
                     const float up = round_up_to_float(from[i]);
-                    const std::int64_t to = at + i * kSlots + slot;
+                    const std::int64_t to = at + i * n + slot - first;
                     float stored = up;
                     if (exact_) {
                         reinterpret_cast<float*>(part.raw.data())[to] = up;

@@ -186,6 +186,14 @@ void run_level(const LevelTask<T>& task, Emit&& emit) {
         }
     };
 
+    const auto mark = [&](std::int64_t k, int first_slot, int last_slot, Layer<Real>& eta) {
+        if (missing && task.step == 1) {
+            mark_missing_finest(range, k, first_slot, last_slot, *missing, eta);
+        } else if (missing) {
+            mark_missing(range, k, first_slot, last_slot, *missing, eta);
+        }
+    };
+
     for (std::int64_t k = range.lo.z; k <= range.hi.z; ++k) {
         const auto now = static_cast<std::size_t>(k & 1);
         const std::size_t before = 1 - now;
@@ -198,16 +206,12 @@ void run_level(const LevelTask<T>& task, Emit&& emit) {
                 std::swap(planes[0], planes[2]);
             }
             linf_even_plane(range, planes[0], bar[now]);
-            if (missing) {
-                mark_missing(range, k, 0, 2, *missing, bar[now]);
-            }
+            mark(k, 0, 2, bar[now]);
             if (has_odd) {
                 fill_plane(task, 2 * k + 1, planes[1]);
                 fill_plane(task, 2 * k + 2, planes[2]);
                 linf_odd_plane(range, k, planes[0], planes[1], planes[2], bar[now]);
-                if (missing) {
-                    mark_missing(range, k, 3, 6, *missing, bar[now]);
-                }
+                mark(k, 3, 6, bar[now]);
             }
             if (task.want_plus) {
                 copy_slots(bar[now], 0, kSlots - 1, ny, nx, plus[now]);

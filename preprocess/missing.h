@@ -10,6 +10,29 @@ namespace isonest {
 /// Which nodes of a box are missing (1) or not (0).
 using MissingBox = Box<std::uint8_t>;
 
+/// Level 1: sets eta to +inf where the node itself or an end of its refinement edge is missing. That
+/// is enough there: what is left of a diamond consists of cells of the finest level. `missing` as below.
+template <class Real>
+void mark_missing_finest(const LayerRange& range, std::int64_t k, int first_slot, int last_slot,
+                         const MissingBox& missing, Layer<Real>& eta) {
+    for (int slot = first_slot; slot <= last_slot; ++slot) {
+        const Int3 o = slot_offset(slot);
+        for (std::int64_t j = 0; j < range.count(1, static_cast<int>(o.y)); ++j) {
+            for (std::int64_t i = 0; i < range.count(0, static_cast<int>(o.x)); ++i) {
+                const Int3 p = Int3{range.lo.x + i, range.lo.y + j, k} * 2 + o;
+                Int3 sigma;
+                for (int axis = 0; axis < 3; ++axis) {
+                    sigma[axis] = o[axis] == 0 ? 0 : (p[axis] & 3) == 1 ? 1 : -1;
+                }
+                if (missing.at(p) != 0 || missing.at(p + sigma) != 0 ||
+                    missing.at(p - sigma) != 0) {
+                    eta.row(slot, j)[i] = std::numeric_limits<Real>::infinity();
+                }
+            }
+        }
+    }
+}
+
 /// Sets eta to +inf where a vertex of a tetrahedron that refines at the node, or the node itself, is
 /// missing. `missing` covers the lattice of stride 2^(L-1) from 2 lo - 1 to 2 hi + 1.
 template <class Real>

@@ -46,14 +46,21 @@ class IndicatorView {
   public:
     IndicatorView() = default;
     IndicatorView(ChunkCache& cache, const ArrayInfo& array, const Int3& base)
-        : chunks_(cache, array, base), exact_(array.codec.element_size == sizeof(float)) {}
+        : chunks_(cache, array, base),
+          first_slot_(array.first_slot()),
+          exact_(array.codec.element_size == sizeof(float)) {}
+    /// REQUIRES: the array stores the slot: slot >= ArrayInfo::first_slot().
     [[nodiscard]] double at(const Int3& node, int slot) {
-        return exact_ ? static_cast<double>(chunks_.at<float>(node, slot))
-                      : static_cast<double>(decode_indicator(chunks_.at<IndicatorCode>(node, slot)));
+        const int component = slot - first_slot_;
+        return exact_
+                   ? static_cast<double>(chunks_.at<float>(node, component))
+                   : static_cast<double>(
+                         decode_indicator(chunks_.at<IndicatorCode>(node, component)));
     }
 
   private:
     ChunkGroup chunks_;
+    int first_slot_ = 0;
     bool exact_ = false;
 };
 

@@ -10,6 +10,8 @@
 #include <set>
 
 #include "query/brick_view.h"
+#include "query/finest_indicators.h"
+#include "query/topology.h"
 #include "store/bisection.h"
 #include "store/error.h"
 #include "store/gather.h"
@@ -19,6 +21,8 @@ namespace isonest {
 namespace {
 
 constexpr Int3 kWholeChunk{-1, -1, -1};
+/// Codes near zero have fewer digits: the distance between two of them.
+constexpr double kSmallestCode = 0x1p-133;
 
 class Checker {
   public:
@@ -36,6 +40,8 @@ class Checker {
             for_each_chunk("levels", [&](const ArrayInfo& a, const Int3& c) {
                 if (a.field == Field::values) {
                     injection(a, c);
+                } else if (a.level == 1) {
+                    finest_bounds(a, c);
                 } else {
                     saturation(a, c);
                 }
@@ -283,6 +289,41 @@ class Checker {
                         rest, kCentreSlot),
                     cube * 2 + Int3{1, 1, 1}, std::int64_t{1} << (fine.level - 1));
         }
+    }
+
+    /// Level 1: the stored centre of each cube against the indicators of its 19 nodes, which follow
+    /// from the values: never below, and at most the codes' rounding above.
+    void finest_bounds(const ArrayInfo& array, const Int3& chunk) {
+        const Int3 base{chunk.x * array.chunk.x, chunk.y * array.chunk.y, chunk.z * array.chunk.z};
+        const Int3 n = min(array.chunk, layout_.lattice().cells_at(1) - base);
+        if (min(n, {1, 1, 1}) != Int3{1, 1, 1}) {
+            return;
+        }
+        dispatch(layout_.header().type, [&](auto tag) {
+            using T = typename decltype(tag)::type;
+            Box<T> values(base * 2, n * 2 + Int3{1, 1, 1});
+            gather_values(cache_, layout_.array(0, Field::values), values);
+            IndicatorView own(cache_, array, base);
+            for (std::int64_t i = 0; i < n.product(); ++i) {
+                const Int3 cube = base + n.unlinear(i);
+                const auto mirror = static_cast<unsigned>((cube.x & 1) + 2 * (cube.y & 1) +
+                                                          4 * (cube.z & 1));
+                CubeValues u{};
+                for (int p = 0; p < 27; ++p) {
+                    u[static_cast<std::size_t>(p)] =
+                        static_cast<double>(values.at(cube * 2 + node_offset(p, mirror)));
+                }
+                const double stored = own.at(cube - base, kCentreSlot);
+                const double computed =
+                    finest_indicator(u, 13, array.field == Field::linf_plus);
+                if (!(stored >= computed) ||
+                    !(stored <= computed * (1 + 0x1p-7) + kSmallestCode)) {
+                    add("indicator", array, chunk, cube * 2 + Int3{1, 1, 1},
+                        fmt::format("{} is stored, {} follows from the values", stored, computed));
+                }
+            }
+            count_nodes(n.product());
+        });
     }
 
     void source_values() {

@@ -5,6 +5,8 @@
 #include <vector>
 
 #include "query/brick_view.h"
+#include "query/finest_indicators.h"
+#include "query/topology.h"
 #include "store/error.h"
 #include "store/gather.h"
 #include "store/volume_file.h"
@@ -26,6 +28,49 @@ void export_values(const StoreReader& store, const ArrayInfo& array, ChunkCache&
     static_cast<void>(store);
 }
 
+/// Level 1: the cubes' centres are stored, faces and edges follow from the values.
+template <class T>
+void finest_plane(const StoreReader& store, ChunkCache& cache, Field field, std::int64_t z,
+                  std::vector<float>& plane) {
+    const StoreLayout& layout = store.layout();
+    const Int3 n = layout.lattice().nodes();
+    const Int3 cells = layout.lattice().cells_at(1);
+    const std::int64_t cz = std::min(z / 2, cells.z - 1);
+    const ArrayInfo& array = layout.array(1, field);
+    Box<T> values({0, 0, 2 * cz}, {2 * cells.x + 1, 2 * cells.y + 1, 3});
+    gather_values(cache, layout.array(0, Field::values), values);
+    for (std::int64_t cy = 0; cy < cells.y; ++cy) {
+        for (std::int64_t gx = 0; gx < array.grid.x; ++gx) {
+            const Int3 base{gx * array.chunk.x, cy / array.chunk.y * array.chunk.y,
+                            cz / array.chunk.z * array.chunk.z};
+            IndicatorView centres(cache, array, base);
+            const std::int64_t end = std::min(base.x + array.chunk.x, cells.x);
+            for (std::int64_t cx = base.x; cx < end; ++cx) {
+                const Int3 cube{cx, cy, cz};
+                // finest_indicator() wants the all-even corner first: mirror the odd cubes.
+                const auto mirror = static_cast<unsigned>((cx & 1) + 2 * (cy & 1) + 4 * (cz & 1));
+                CubeValues u{};
+                for (int p = 0; p < 27; ++p) {
+                    u[static_cast<std::size_t>(p)] =
+                        static_cast<double>(values.at(cube * 2 + node_offset(p, mirror)));
+                }
+                for (int p = 0; p < 27; ++p) {
+                    const Int3 at = cube * 2 + node_offset(p, mirror);
+                    const bool refines = ((at.x | at.y | at.z) & 1) != 0;
+                    if (at.z != z || at.x >= n.x || at.y >= n.y || !refines) {
+                        continue;
+                    }
+                    const bool centre = (at.x & at.y & at.z & 1) != 0;
+                    plane[static_cast<std::size_t>(at.y * n.x + at.x)] =
+                        centre ? static_cast<float>(centres.at(cube - base, kCentreSlot))
+                               : round_up_to_float(
+                                     finest_indicator(u, p, field == Field::linf_plus));
+                }
+            }
+        }
+    }
+}
+
 /// One plane of the nodal array: the node's level and slot follow from its coordinates.
 void indicator_plane(const StoreReader& store, ChunkCache& cache, const ExportOptions& options,
                      std::int64_t z, std::vector<float>& plane) {
@@ -33,7 +78,12 @@ void indicator_plane(const StoreReader& store, ChunkCache& cache, const ExportOp
     const Lattice& lattice = layout.lattice();
     const Int3 n = lattice.nodes();
     std::fill(plane.begin(), plane.end(), 0.0F);
-    for (int level = std::max(options.level, 1); level <= lattice.top(); ++level) {
+    if (options.level <= 1 && lattice.top() >= 1 && lattice.cells_at(1).product() > 0) {
+        dispatch(layout.header().type, [&](auto tag) {
+            finest_plane<typename decltype(tag)::type>(store, cache, options.field, z, plane);
+        });
+    }
+    for (int level = std::max(options.level, 2); level <= lattice.top(); ++level) {
         const std::int64_t scale = std::int64_t{1} << (level - 1);
         if (z % scale != 0) {
             break;  // no node of this plane is on a coarser lattice

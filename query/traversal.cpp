@@ -8,6 +8,7 @@
 #include <memory>
 
 #include "query/brick_view.h"
+#include "query/finest_indicators.h"
 #include "query/morton.h"
 #include "query/topology.h"
 #include "store/error.h"
@@ -68,7 +69,7 @@ class BrickWork {
         values_ = ChunkGroup(shared.cache, layout.array(level, Field::values), base_);
         const Int3 parents = brick * half_;
         one_field_ = query_.stop == query_.bound;
-        if (level < layout.lattice().top()) {
+        if (level > 0 && level < layout.lattice().top()) {
             stop_ = IndicatorView(shared.cache, layout.array(level + 1, query_.stop), parents);
             bound_ = IndicatorView(shared.cache, layout.array(level + 1, query_.bound), parents);
         }
@@ -97,7 +98,7 @@ class BrickWork {
 
   private:
     struct Nodes {
-        std::array<double, 27> value;
+        CubeValues value;
         Int3 low;         ///< of the parent cube, in nodes of level_
         unsigned mirror;  ///< axes along which the topology tables are mirrored
         bool cut;
@@ -107,7 +108,11 @@ class BrickWork {
     void face(const Nodes& nodes, int index);
     void edge(const Nodes& nodes, int index);
     void subcube(const Nodes& nodes, int corner, std::uint8_t mask);
-    [[nodiscard]] double indicator(IndicatorView& view, const Nodes& nodes, int position) {
+    [[nodiscard]] double indicator(IndicatorView& view, Field field, const Nodes& nodes,
+                                   int position) {
+        if (level_ == 0) {
+            return finest_indicator(nodes.value, position, field == Field::linf_plus);
+        }
         const Int3 p = (nodes.low - base_) + node_offset(position, nodes.mirror);
         return view.at({p.x >> 1, p.y >> 1, p.z >> 1},
                        slot_of(static_cast<int>(p.x & 1), static_cast<int>(p.y & 1),
@@ -186,11 +191,11 @@ void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
 template <class T>
 void BrickWork<T>::edge(const Nodes& nodes, int index) {
     const TopologyTetrahedron& t = topology().edge[static_cast<std::size_t>(index)];
-    const double beta = indicator(bound_, nodes, t.ref_node);
+    const double beta = indicator(bound_, query_.bound, nodes, t.ref_node);
     if (!interesting(nodes, t, beta)) {
         return;
     }
-    const double eta = one_field_ ? beta : indicator(stop_, nodes, t.ref_node);
+    const double eta = one_field_ ? beta : indicator(stop_, query_.stop, nodes, t.ref_node);
     if (eta < query_.epsilon) {
         return march(nodes, t, eta);
     }
@@ -202,11 +207,11 @@ void BrickWork<T>::edge(const Nodes& nodes, int index) {
 template <class T>
 void BrickWork<T>::face(const Nodes& nodes, int index) {
     const TopologyTetrahedron& t = topology().face[static_cast<std::size_t>(index)];
-    const double beta = indicator(bound_, nodes, t.ref_node);
+    const double beta = indicator(bound_, query_.bound, nodes, t.ref_node);
     if (!interesting(nodes, t, beta)) {
         return;
     }
-    const double eta = one_field_ ? beta : indicator(stop_, nodes, t.ref_node);
+    const double eta = one_field_ ? beta : indicator(stop_, query_.stop, nodes, t.ref_node);
     if (eta < query_.epsilon) {
         return march(nodes, t, eta);
     }

@@ -74,7 +74,7 @@ StoreLayout::StoreLayout(const StoreHeader& header) : header_(header) {
         for (const Field field : header_.fields) {
             ArrayInfo indicator = values;
             indicator.field = field;
-            indicator.components = kSlots;
+            indicator.components = kSlots - indicator.first_slot();
             indicator.chunk = min(values.nodes, {k / 2, k / 2, k / 2});
             indicator.grid = ceil_div(values.nodes, indicator.chunk);
             indicator.codec = {code_size, true, header_.compression};

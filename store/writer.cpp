@@ -27,7 +27,7 @@ std::array<hsize_t, 4> dims_of(const Int3& n, int components) {
 }
 
 int rank_of(const ArrayInfo& array) {
-    return array.components == 1 ? 3 : 4;
+    return array.field == Field::values ? 3 : 4;
 }
 
 }  // namespace

@@ -1,0 +1,140 @@
+#!/usr/bin/python3
+"""Proves the promise on a volume of your own: preprocess, extract, and look at every triangle.
+
+usage: verify_surfaces.py ISONEST PLUGIN_FOLDER INPUT [PREPROCESS_OPTION...]
+
+Three isovalues (the quantiles 0.5, 0.9 and 0.99 of the distinct values), five tolerances (0, 0.5, 2, 5
+and 10 % of the range). For each surface: edges with one triangle that do not lie on the volume's
+boundary, edges with more than two triangles or two of the same orientation, unused and doubled
+vertices, and the largest |U - iso| over the vertices and three random points of each triangle, where U
+is the finest piecewise linear function, from the values as h5py reads them. Prints a line per surface;
+exit code 1 if a promise is broken. Needs memory for the volume and the meshes.
+"""
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+import numpy as np
+
+TOLERANCES = (0, 0.005, 0.02, 0.05, 0.1)
+QUANTILES = (0.5, 0.9, 0.99)
+
+
+def read_ply(path):
+    with open(path, "rb") as file:
+        counts, line = {}, b""
+        while line != b"end_header\n":
+            line = file.readline()
+            if line.startswith(b"element"):
+                counts[line.split()[1]] = int(line.split()[2])
+        v = np.frombuffer(file.read(12 * counts[b"vertex"]), "<f4").reshape(-1, 3).astype(float)
+        face = np.dtype([("n", "u1"), ("i", "<u4", 3)])
+        t = np.frombuffer(file.read(13 * counts[b"face"]), face)["i"].astype(np.int64)
+        assert file.read() == b""
+    return v, t
+
+
+def finest(u, p):
+    """U at points p (x, y, z in lattice units): Kuhn tetrahedra of unit cubes, mirrored by parity."""
+    n = np.array(u.shape[::-1])
+    cell = np.clip(np.floor(p).astype(np.int64), 0, np.maximum(n - 2, 0))
+    t = p - cell
+    odd = (cell & 1) == 1
+    corner = cell + odd
+    step = np.where(odd, -1, 1)
+    t = np.where(odd, 1 - t, t)
+    order = np.argsort(-t, axis=1, kind="stable")
+    t = np.take_along_axis(t, order, 1)
+    at = lambda c: u[tuple(np.clip(c, 0, n - 1).T[::-1])].astype(float)
+    value = at(corner) * (1 - t[:, 0])
+    rows = np.arange(len(p))
+    for i in range(3):
+        corner[rows, order[:, i]] += step[rows, order[:, i]]
+        value += at(corner) * (t[:, i] - (t[:, i + 1] if i < 2 else 0))
+    return value
+
+
+def residual(u, spacing, v, t, iso):
+    worst, rng = 0.0, np.random.default_rng(1)
+    for a in range(0, len(v), 1 << 20):
+        worst = max(worst, np.abs(finest(u, v[a:a + (1 << 20)] / spacing) - iso).max())
+    for a in range(0, len(t), 1 << 19):
+        corners = v[t[a:a + (1 << 19)]]
+        for _ in range(3):
+            w = rng.dirichlet((1, 1, 1), len(corners))
+            p = np.einsum("ij,ijk->ik", w, corners) / spacing
+            worst = max(worst, np.abs(finest(u, p) - iso).max())
+    return worst
+
+
+def faults(v, t, high):
+    if len(t) == 0:
+        return {"vertices": len(v)} if len(v) else {}
+    n, found = len(v), {}
+    found["unused vertices"] = n - len(np.unique(t))
+    e = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    key = e.min(1) * n + e.max(1)
+    order = np.argsort(key, kind="stable")
+    unique, start, count = np.unique(key[order], return_index=True, return_counts=True)
+    turn = np.add.reduceat(np.where(e[:, 0] < e[:, 1], 1, -1)[order], start)
+    found["edges with more than two triangles"] = int((count > 2).sum())
+    found["edges of two orientations"] = int(((count == 2) & (turn != 0)).sum())
+    open_edges = unique[count == 1]
+    a, b = v[open_edges // n], v[open_edges % n]
+    on_face = np.zeros(len(open_edges), bool)
+    for face in (np.zeros(3), high):
+        on_face |= ((np.abs(a - face) < 1e-3) & (np.abs(b - face) < 1e-3)).any(1)
+    found["cracks"] = int((~on_face).sum())
+    found["loops"] = int((e[:, 0] == e[:, 1]).sum())
+    found["flat triangles"] = int((np.cross(v[t[:, 1]] - v[t[:, 0]],
+                                            v[t[:, 2]] - v[t[:, 0]]) == 0).all(1).sum())
+    return {name: c for name, c in found.items() if c}
+
+
+def main():
+    isonest, plugin, volume, *options = sys.argv[1:]
+    os.environ["HDF5_PLUGIN_PATH"] = plugin
+    import h5py
+    broken = 0
+    with tempfile.TemporaryDirectory() as folder:
+        store, mesh = pathlib.Path(folder, "s.isonest"), pathlib.Path(folder, "m.ply")
+        subprocess.run([isonest, "preprocess", volume, "-o", store, "-q", *options], check=True)
+        with h5py.File(store) as file:
+            u = file["levels/0/values"][...]
+            spacing = np.array(file.attrs["spacing"])
+            origin = np.array(file.attrs["origin"])
+            low, high = file.attrs["range"]
+        extent = (np.array(u.shape[::-1]) - 1) * spacing
+        isovalues = np.quantile(np.unique(u[np.isfinite(u)]), QUANTILES)
+        # A vertex is rounded to float32: half a unit in the last place of the coordinates, times
+        # the steepest step between neighbours.
+        steep = max(np.abs(np.diff(u.astype(float), axis=a)).max() for a in range(3))
+        slack = 4 * steep * (np.abs(origin / spacing) + u.shape[::-1]).max() * 2.0**-24 * 3
+        for iso in isovalues:
+            if u.dtype.kind in "iu":
+                iso = float(round(iso))  # the hard case: equal to nodes
+            for tolerance in TOLERANCES:
+                done = subprocess.run([isonest, "extract", store, "--iso", repr(float(iso)),
+                                       "--error-relative", str(tolerance), "-o", mesh,
+                                       "--json"], check=True, capture_output=True)
+                report = json.loads(done.stdout)
+                v, t = read_ply(mesh)
+                v -= origin
+                worst = residual(u, spacing, v, t, iso) if len(t) else 0.0
+                found = faults(v, t, extent)
+                epsilon = tolerance * (high - low)
+                ok = not found and worst <= epsilon + slack and \
+                    report["error_bound"] <= epsilon and report["triangles"] == len(t)
+                broken += not ok
+                print(f"iso {iso:10.5g}  eps {epsilon:10.5g}  residual {worst:10.5g}  bound "
+                      f"{report['error_bound']:10.5g}  triangles {len(t):9d}  visited "
+                      f"{report['visited_tetrahedra'] / max(1, report['leaf_tetrahedra']):5.2f} x "
+                      f"leaves  {'ok' if ok else 'BROKEN ' + str(found)}", flush=True)
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
