@@ -1,94 +1,79 @@
 #include "preprocess/deviation.h"
 
+#include "preprocess/row_kernels.h"
+
 namespace isonest {
-namespace {
-
-/// A comparison that ignores NaN in `value`.
-template <class Real>
-void raise(Real* best, const Real* value, std::int64_t n) {
-    for (std::int64_t i = 0; i < n; ++i) {
-        best[i] = value[i] > best[i] ? value[i] : best[i];
-    }
-}
-
-}  // namespace
 
 template <class Real>
-void DeviationKernel<Real>::differences(const DeviationSupport::Point& point, int px,
-                                        std::int64_t y, std::int64_t k, std::int64_t lanes,
-                                        Real* out) const {
-    const auto at = [&](const Int3& p) {
-        return values_.data() + row_start(4 * y + p.y, 4 * k + p.z) +
-               lane_offset(p.x, px, groups_);
-    };
-    const Real* const v = at(point.at);
-    const auto& t = point.terms;
-    const auto weight = [&](std::size_t i) { return static_cast<Real>(t[i].weight); };
-    if (t.size() == 2) {
-        const Real* const a = at(t[0].at);
-        const Real* const b = at(t[1].at);
-        const Real wa = weight(0);
-        const Real wb = weight(1);
-        for (std::int64_t n = 0; n < lanes; ++n) {
-            out[n] = std::fabs(v[n] - (wa * a[n] + wb * b[n]));
-        }
-    } else if (t.size() == 3) {
-        const Real* const a = at(t[0].at);
-        const Real* const b = at(t[1].at);
-        const Real* const c = at(t[2].at);
-        const Real wa = weight(0);
-        const Real wb = weight(1);
-        const Real wc = weight(2);
-        for (std::int64_t n = 0; n < lanes; ++n) {
-            out[n] = std::fabs(v[n] - (wa * a[n] + wb * b[n] + wc * c[n]));
-        }
-    } else {
-        const Real* const a = at(t[0].at);
-        const Real* const b = at(t[1].at);
-        const Real* const c = at(t[2].at);
-        const Real* const d = at(t[3].at);
-        const Real wa = weight(0);
-        const Real wb = weight(1);
-        const Real wc = weight(2);
-        const Real wd = weight(3);
-        for (std::int64_t n = 0; n < lanes; ++n) {
-            out[n] = std::fabs(v[n] - (wa * a[n] + wb * b[n] + wc * c[n] + wd * d[n]));
+const std::vector<typename DeviationKernel<Real>::Step>& DeviationKernel<Real>::steps(int slot,
+                                                                                      int px,
+                                                                                      int py,
+                                                                                      int pz) {
+    std::vector<Step>& steps = steps_[static_cast<std::size_t>(slot * 8 + px + 2 * py + 4 * pz)];
+    if (steps.empty()) {
+        const std::int64_t row = kPhases * groups_;
+        const auto place = [&](const Int3& p) {
+            return ((4 * pz + p.z) & (kRing - 1)) * rows_ * row + p.y * row +
+                   lane_offset(p.x, px, groups_);
+        };
+        for (const DeviationSupport::Point& point :
+             deviation_support(slot, px, py, pz).points) {
+            Step step;
+            step.at = point.at;
+            step.value = place(point.at);
+            step.valid = lane_offset(point.at.x, px, groups_);
+            for (const DeviationSupport::Term& term : point.terms) {
+                const auto t = static_cast<std::size_t>(step.terms++);
+                step.term[t] = place(term.at);
+                step.weight[t] = static_cast<Real>(term.weight);
+            }
+            steps.push_back(step);
         }
     }
+    return steps;
 }
 
 template <class Real>
 void DeviationKernel<Real>::row(int slot, int px, std::int64_t y, std::int64_t k,
                                 std::int64_t lanes) {
-    const DeviationSupport& support =
-        deviation_support(slot, px, static_cast<int>(y & 1), static_cast<int>(k & 1));
+    const int py = static_cast<int>(y & 1);
+    const int pz = static_cast<int>(k & 1);
+    const std::vector<Step>& points = steps(slot, px, py, pz);
     const auto n = static_cast<std::size_t>(lanes);
+    const bool with_fine = !fine_.empty();
     best_.assign(n, Real{0});
-    errors_.resize(n * (fine_.empty() ? 1 : support.points.size()));
-    for (std::size_t p = 0; p < support.points.size(); ++p) {
-        const DeviationSupport::Point& point = support.points[p];
-        Real* const error = errors_.data() + (fine_.empty() ? 0 : p * n);
-        const std::int64_t py = 4 * y + point.at.y;
-        const std::int64_t pz = 4 * k + point.at.z;
-        const bool outside = py < 0 || py > fine_cells_.y || pz < 0 || pz > fine_cells_.z;
-        if (outside || point.terms.empty()) {
-            std::fill(error, error + n, Real{0});
+    errors_.resize(with_fine ? n * points.size() : 0);
+    const Real* const base = values_.data() + (4 * y - low_y()) * kPhases * groups_;
+    for (std::size_t p = 0; p < points.size(); ++p) {
+        const Step& step = points[p];
+        const std::int64_t at_y = 4 * y + step.at.y;
+        const std::int64_t at_z = 4 * k + step.at.z;
+        const bool outside =
+            at_y < 0 || at_y > fine_cells_.y || at_z < 0 || at_z > fine_cells_.z;
+        if (outside || step.terms == 0) {
+            if (with_fine) {
+                std::fill_n(errors_.data() + p * n, n, Real{0});
+            }
             continue;
         }
-        differences(point, px, y, k, lanes, error);
-        if (fine_.empty()) {
-            const Real* const valid = valid_.data() + lane_offset(point.at.x, px, groups_);
-            for (std::size_t i = 0; i < n; ++i) {
-                const Real value = error[i] + valid[i];
-                best_[i] = value > best_[i] ? value : best_[i];
-            }
+        Interpolation<Real> d;
+        d.value = base + step.value;
+        d.terms = step.terms;
+        for (std::size_t t = 0; t < 4; ++t) {
+            d.term[t] = base + step.term[t];
+            d.weight[t] = step.weight[t];
+        }
+        if (with_fine) {
+            differences(d, errors_.data() + p * n, lanes);
+        } else {
+            raise_differences(d, valid_.data() + step.valid, best_.data(), lanes);
         }
     }
-    if (fine_.empty()) {
+    if (!with_fine) {
         return;
     }
     largest_.resize(n);
-    for (const DeviationSupport::Cube& cube : support.cubes) {
+    for (const DeviationSupport::Cube& cube : deviation_support(slot, px, py, pz).cubes) {
         const std::int64_t cy = 4 * y + cube.low.y;
         const std::int64_t cz = 4 * k + cube.low.z;
         if (cy < 0 || cy >= fine_cells_.y || cz < 0 || cz >= fine_cells_.z) {
@@ -96,14 +81,11 @@ void DeviationKernel<Real>::row(int slot, int px, std::int64_t y, std::int64_t k
         }
         std::fill(largest_.begin(), largest_.end(), Real{0});
         for (const std::uint16_t p : cube.points) {
-            raise(largest_.data(), errors_.data() + p * n, lanes);
+            raise(errors_.data() + p * n, largest_.data(), lanes);
         }
-        const Real* const fine =
-            fine_.data() + row_start(cy, cz) + lane_offset(cube.low.x, px, groups_);
-        for (std::size_t i = 0; i < n; ++i) {
-            const Real value = largest_[i] + fine[i];
-            best_[i] = value > best_[i] ? value : best_[i];
-        }
+        raise_sum(largest_.data(),
+                  fine_.data() + row_start(cy, cz) + lane_offset(cube.low.x, px, groups_),
+                  best_.data(), lanes);
     }
 }
 

@@ -7,6 +7,7 @@
 // exact at levels 1 and 2, where D(T') = 0.
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -110,10 +111,19 @@ class DeviationKernel {
         return (i & 7) * groups + (i >> 3);
     }
 
-    void row(int slot, int px, std::int64_t y, std::int64_t k, std::int64_t lanes);
-    void differences(const DeviationSupport::Point& point, int px, std::int64_t y, std::int64_t k,
-                     std::int64_t lanes, Real* out) const;
+    /// One point of a support with the places of its numbers in values_, relative to row 4 y of the
+    /// ring. Holds for all rows and layers of the same parities.
+    struct Step {
+        Int3 at;
+        std::int64_t value = 0;
+        std::int64_t valid = 0;
+        std::array<std::int64_t, 4> term{};
+        std::array<Real, 4> weight{};
+        int terms = 0;
+    };
+    const std::vector<Step>& steps(int slot, int px, int py, int pz);
 
+    void row(int slot, int px, std::int64_t y, std::int64_t k, std::int64_t lanes);
     LayerRange range_;
     Int3 fine_cells_;
     std::int64_t rows_;
@@ -122,6 +132,7 @@ class DeviationKernel {
     std::vector<Real> fine_;
     std::vector<Real> valid_;
     std::vector<Real> line_;
+    std::array<std::vector<Step>, 8 * kSlots> steps_;
     std::vector<Real> best_;
     std::vector<Real> errors_;
     std::vector<Real> largest_;

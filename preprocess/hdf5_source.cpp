@@ -11,6 +11,7 @@
 #include "store/handles.h"
 #include "store/hdf5_types.h"
 #include "store/lattice.h"
+#include "store/mapped_file.h"
 #include "store/zstd_filter.h"
 
 namespace isonest {
@@ -128,6 +129,7 @@ class Hdf5Source : public VolumeSource {
             origin_ = {(*o)[0], (*o)[1], (*o)[2]};
         }
         memory_type_ = native(type_);
+        map_contiguous(path);
     }
 
     [[nodiscard]] Int3 nodes() const override { return nodes_; }
@@ -137,6 +139,8 @@ class Hdf5Source : public VolumeSource {
     [[nodiscard]] std::string name() const override { return name_; }
     [[nodiscard]] Granularity granularity() const override { return granularity_; }
     [[nodiscard]] bool sequential() const override { return false; }
+    [[nodiscard]] std::uint64_t heap() const override { return heap_; }
+    [[nodiscard]] std::span<const std::byte> mapped() const override { return mapped_; }
 
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
@@ -226,6 +230,8 @@ class Hdf5Source : public VolumeSource {
         }
         granularity_ = {std::min(nodes_.z, static_cast<std::int64_t>(chunk[0])),
                         std::min(nodes_.y, static_cast<std::int64_t>(chunk[1]))};
+        // The cached chunk, and the filters' input and output.
+        heap_ += 3 * bytes;
         const PropertyHandle access(H5Pcreate(H5P_DATASET_ACCESS));
         H5Pset_chunk_cache(access.get(), 521, std::max<std::uint64_t>(bytes, 1U << 20U), 1.0);
         dataset_.reset();
@@ -234,6 +240,25 @@ class Hdf5Source : public VolumeSource {
             throw Error(ErrorKind::io,
                         fmt::format("{}: cannot open: {}", path.string(), hdf5_message()));
         }
+    }
+
+    /// A dataset that lies in the file as read() would give it needs no copy.
+    void map_contiguous(const std::filesystem::path& path) {
+        const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
+        const TypeHandle stored(H5Dget_type(dataset_.get()));
+        const haddr_t offset = H5Dget_offset(dataset_.get());
+        if (H5Pget_layout(creation.get()) != H5D_CONTIGUOUS || offset == HADDR_UNDEF ||
+            H5Pget_external_count(creation.get()) != 0 ||
+            H5Tequal(stored.get(), memory_type_) <= 0 || offset % size_of(type_) != 0) {
+            return;
+        }
+        const auto bytes = static_cast<std::uint64_t>(nodes_.product()) * size_of(type_);
+        map_.emplace(path);
+        if (map_->bytes().size() < bytes || map_->bytes().size() - bytes < offset) {
+            throw Error(ErrorKind::corrupt,
+                        fmt::format("{}: the file ends before the dataset does", name_));
+        }
+        mapped_ = map_->bytes().subspan(offset, bytes);
     }
 
     FileHandle file_;
@@ -246,6 +271,9 @@ class Hdf5Source : public VolumeSource {
     Double3 origin_{0, 0, 0};
     Granularity granularity_;
     int rank_ = 3;
+    std::optional<MappedFile> map_;
+    std::span<const std::byte> mapped_;
+    std::uint64_t heap_ = 2U << 20U;
     hid_t memory_type_ = H5I_INVALID_HID;
 };
 

@@ -1,7 +1,9 @@
 #include "preprocess/indicator_chunks.h"
 
-#include <cstring>
+#include <algorithm>
+#include <bit>
 
+#include "preprocess/row_kernels.h"
 #include "store/codec.h"
 
 namespace isonest {
@@ -37,19 +39,24 @@ void IndicatorChunks::put(const LayerRange& range, std::int64_t k, const Layer<R
             for (int slot = first; slot < kSlots; ++slot) {
                 const Real* const from =
                     layer.row(slot, part.lo.y + j - range.lo.y) + (part.lo.x - range.lo.x);
-                for (std::int64_t i = 0; i < part.n.x; ++i) {
-                    const float up = round_up_to_float(from[i]);
-                    const std::int64_t to = at + i * n + slot - first;
-                    float stored = up;
-                    if (exact_) {
-                        reinterpret_cast<float*>(part.raw.data())[to] = up;
-                    } else {
-                        const IndicatorCode code = encode_indicator(up);
-                        reinterpret_cast<IndicatorCode*>(part.raw.data())[to] = code;
-                        stored = decode_indicator(code);
+                // Bits of non-negative floats are in the order of their values.
+                line_.resize(static_cast<std::size_t>(part.n.x));
+                round_up_row(from, line_.data(), part.n.x, exact_ ? 0U : 0xFFFFU);
+                for (const std::uint32_t bits : line_) {
+                    part.min = std::min(part.min, bits);
+                    part.max = std::max(part.max, bits);
+                }
+                const std::int64_t to = at + slot - first;
+                if (exact_) {
+                    auto* const out = reinterpret_cast<std::uint32_t*>(part.raw.data()) + to;
+                    for (std::int64_t i = 0; i < part.n.x; ++i) {
+                        out[i * n] = line_[static_cast<std::size_t>(i)];
                     }
-                    part.min = stored < part.min ? stored : part.min;
-                    part.max = stored > part.max ? stored : part.max;
+                } else {
+                    auto* const out = reinterpret_cast<IndicatorCode*>(part.raw.data()) + to;
+                    for (std::int64_t i = 0; i < part.n.x; ++i) {
+                        out[i * n] = static_cast<IndicatorCode>(line_[static_cast<std::size_t>(i)] >> 16);
+                    }
                 }
             }
         }
@@ -64,8 +71,8 @@ void IndicatorChunks::encode(std::vector<EncodedChunk>& out) const {
         EncodedChunk chunk;
         chunk.array = &array_;
         chunk.chunk = part.chunk;
-        chunk.row.min = part.min;
-        chunk.row.max = part.max;
+        chunk.row.min = static_cast<double>(std::bit_cast<float>(part.min));
+        chunk.row.max = static_cast<double>(std::bit_cast<float>(part.max));
         encode_chunk(part.raw, array_.codec, chunk.bytes);
         chunk.bytes.shrink_to_fit();
         out.push_back(std::move(chunk));

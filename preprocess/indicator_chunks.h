@@ -1,6 +1,8 @@
 // The chunks of one indicator field that a block of the level pass fills and encodes.
 #pragma once
 
+#include <bit>
+#include <cstdint>
 #include <limits>
 #include <vector>
 
@@ -36,12 +38,13 @@ class IndicatorChunks {
         Int3 lo;  ///< first lattice node
         Int3 n;   ///< nodes inside the array
         std::vector<std::byte> raw;
-        float min = std::numeric_limits<float>::infinity();
-        float max = 0;
+        std::uint32_t min = std::bit_cast<std::uint32_t>(std::numeric_limits<float>::infinity());
+        std::uint32_t max = 0;
     };
     const ArrayInfo& array_;
     bool exact_;
     std::vector<Part> parts_;
+    std::vector<std::uint32_t> line_;
 };
 
 }  // namespace isonest

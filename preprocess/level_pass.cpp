@@ -2,6 +2,8 @@
 
 #include <cstring>
 
+#include "preprocess/row_kernels.h"
+#include "preprocess/value_range.h"
 #include "store/codec.h"
 #include "store/gather.h"
 
@@ -27,32 +29,21 @@ EncodedChunk encode_values(const ArrayInfo& array, const Int3& chunk, const Box<
     EncodedChunk out;
     out.array = &array;
     out.chunk = chunk;
-    T low = std::numeric_limits<T>::max();
-    T high = std::numeric_limits<T>::lowest();
-    bool missing = false;
+    ValueRange<T> range;
     for (std::int64_t z = 0; z < n.z; ++z) {
         for (std::int64_t y = 0; y < n.y; ++y) {
             const T* const from =
                 box.row((lo.y + y) * step, (lo.z + z) * step) + (lo.x * step - box.lo.x);
             T* const to = raw.data() + array.chunk.linear({0, y, z});
             for (std::int64_t x = 0; x < n.x; ++x) {
-                const T v = from[x * step];
-                to[x] = v;
-                if constexpr (std::is_floating_point_v<T>) {
-                    if (!std::isfinite(v)) {
-                        missing = true;
-                        continue;
-                    }
-                }
-                low = v < low ? v : low;
-                high = v > high ? v : high;
+                to[x] = from[x * step];
             }
+            range.include(to, n.x);
         }
     }
-    const bool any = low <= high;
-    out.row.min = any ? static_cast<double>(low) : std::numeric_limits<double>::infinity();
-    out.row.max = any ? static_cast<double>(high) : -std::numeric_limits<double>::infinity();
-    out.row.flags = missing ? kChunkHasMissing : 0;
+    out.row.min = range.min();
+    out.row.max = range.max();
+    out.row.flags = range.missing() ? kChunkHasMissing : 0;
     encode_chunk(std::as_bytes(std::span(raw)), array.codec, out.bytes);
     out.bytes.shrink_to_fit();
     return out;
@@ -143,10 +134,8 @@ void keep_centres(const LayerRange& range, std::int64_t k, const Layer<Real>& la
                          to.lo + to.size);
     for (std::int64_t y = lo.y; y < end.y; ++y) {
         const Real* const from = layer.row(kCentreSlot, y - range.lo.y);
-        float* const row = to.row(y, k);
-        for (std::int64_t x = lo.x; x < end.x; ++x) {
-            row[x - to.lo.x] = round_up_to_float(from[x - range.lo.x]);
-        }
+        round_up_row(from + (lo.x - range.lo.x), to.row(y, k) + (lo.x - to.lo.x),
+                     std::max<std::int64_t>(end.x - lo.x, 0));
     }
 }
 
@@ -159,6 +148,38 @@ LayerRange range_of(const StoreLayout& layout, int level, const Int3& first, std
 Box<float> own_cubes(const LayerRange& range, std::int64_t count) {
     const Int3 end = min(range.lo + Int3{count, count, count}, range.cells);
     return {range.lo, max(end - range.lo, {0, 0, 0})};
+}
+
+/// The deviations of level 1's cubes as they were stored (rounded up); NaN outside of the volume.
+void gather_finest_deviation(ChunkCache& cache, const StoreLayout& layout, Box<float>& box) {
+    const ArrayInfo& array = layout.array(1, Field::deviation_bar);
+    const Int3 cells = layout.lattice().cells_at(1);
+    std::fill(box.data.begin(), box.data.end(), std::numeric_limits<float>::quiet_NaN());
+    Box<float> inside(max(box.lo, {0, 0, 0}), {0, 0, 0});
+    inside.size = max(min(box.lo + box.size, cells) - inside.lo, {0, 0, 0});
+    if (inside.size.product() == 0) {
+        return;
+    }
+    const auto copy = [&](const auto& from, const auto& decode) {
+        for (std::int64_t z = from.lo.z; z < from.lo.z + from.size.z; ++z) {
+            for (std::int64_t y = from.lo.y; y < from.lo.y + from.size.y; ++y) {
+                float* const to = box.row(y, z) + (from.lo.x - box.lo.x);
+                const auto* const row = from.row(y, z);
+                for (std::int64_t x = 0; x < from.size.x; ++x) {
+                    to[x] = decode(row[x]);
+                }
+            }
+        }
+    };
+    if (layout.header().exact) {
+        Box<float> stored(inside.lo, inside.size);
+        gather_values(cache, array, stored);
+        copy(stored, [](float v) { return v; });
+    } else {
+        Box<IndicatorCode> stored(inside.lo, inside.size);
+        gather_values(cache, array, stored);
+        copy(stored, [](IndicatorCode code) { return decode_indicator(code); });
+    }
 }
 
 struct Wanted {
@@ -268,18 +289,6 @@ std::vector<EncodedChunk> base_block(const PassContext& context, const PlaneWind
     if (lattice.top() < 2) {
         return out;
     }
-    if (wanted.deviation && lattice.top() > 2) {
-        // Level 3 looks two levels down; the deviation of level 1 is eta bar.
-        const Int3 lo = block * k;
-        Box<float> own(lo, max(min(lo + Int3{k, k, k}, first.range.cells) - lo, {0, 0, 0}));
-        for (std::int64_t z = own.lo.z; z < own.lo.z + own.size.z; ++z) {
-            for (std::int64_t y = own.lo.y; y < own.lo.y + own.size.y; ++y) {
-                std::copy_n(bar.row(y, z) + (own.lo.x - bar.lo.x), own.size.x, own.row(y, z));
-            }
-        }
-        context.centres.put(1, Carried::deviation, own);
-    }
-
     LevelTask<T> task;
     task.range = second;
     task.values = &box;
@@ -337,8 +346,12 @@ std::vector<EncodedChunk> level_block_of(const PassContext& context, ChunkCache&
     Box<float> fine;
     if (wanted.deviation) {
         fine = Box<float>(box.values.lo, box.values.size);
-        context.centres.get(level - 2, Carried::deviation,
-                            std::numeric_limits<float>::quiet_NaN(), fine);
+        if (level == 3) {
+            gather_finest_deviation(cache, layout, fine);
+        } else {
+            context.centres.get(level - 2, Carried::deviation,
+                                std::numeric_limits<float>::quiet_NaN(), fine);
+        }
     }
     LevelTask<T> task;
     task.range = range;
@@ -376,9 +389,15 @@ std::uint64_t block_heap(const StoreLayout& layout) {
     const std::uint64_t fields = layout.header().fields.size();
     const std::uint64_t box = (2 * k + 7) * (2 * k + 7) * (2 * k + 7);
     const std::uint64_t chunk = k * k * k;
-    // The values, the indicators of both levels, both once more encoded, kernels and codec.
-    return box * value * 2 + (chunk / 8) * kSlots * code * fields * 9 * 2 + 3 * 4 * chunk * 2 +
-           48 * 8 * (2 * k + 16) * (2 * k + 16) + codec_heap(chunk * value);
+    // Indicators of a base block (2 x 2 x 2 chunks of level 1, one of level 2), once raw and once
+    // encoded; centres that are handed on; the kernels' planes; the codec.
+    const std::uint64_t common = (chunk + chunk / 8 * kSlots) * code * fields * 2 +
+                                 2 * 4 * (k + 2) * (k + 2) * (k + 2) +
+                                 24 * 8 * (2 * k + 16) * (2 * k + 16) +
+                                 codec_heap(chunk * value, layout.header().compression);
+    // The base block encodes its 2 x 2 x 2 chunks of values and those of level 1; coarser blocks
+    // hold the finer deviations beside the values.
+    return common + box * value + std::max(10 * chunk * value, box * 4);
 }
 
 #define ISONEST_INSTANTIATE(T)                                                                  \

@@ -15,6 +15,12 @@ PlaneWindow::PlaneWindow(VolumeSource& source, std::int64_t planes, std::uint64_
       row_bytes_(source.nodes().x * static_cast<std::int64_t>(size_of(source.type()))),
       plane_bytes_(row_bytes_ * source.nodes().y) {
     const std::int64_t nz = source.nodes().z;
+    if (!source.mapped().empty()) {
+        base_ = source.mapped().data();
+        capacity_ = nz;
+        whole_ = true;
+        return;
+    }
     const std::int64_t step = source.granularity().planes;
     const std::int64_t affordable = static_cast<std::int64_t>(budget) / plane_bytes_;
     // Reads are whole steps, so the window may have to hold the rest of a step on either side.
@@ -67,7 +73,7 @@ void PlaneWindow::spool(std::uint64_t budget, const std::filesystem::path& folde
     }
     base_ = spool_->map(static_cast<std::uint64_t>(plane_bytes_ * n.z)).data();
     capacity_ = n.z;
-    end_ = n.z;
+    whole_ = true;
 }
 
 void PlaneWindow::read_until(std::int64_t z_end) {
@@ -92,7 +98,7 @@ void PlaneWindow::read_until(std::int64_t z_end) {
 }
 
 void PlaneWindow::load(std::int64_t z_begin, std::int64_t z_end) {
-    if (spool_) {
+    if (whole_) {
         return;
     }
     begin_ = std::max(begin_, z_begin);
@@ -103,7 +109,7 @@ void PlaneWindow::load(std::int64_t z_begin, std::int64_t z_end) {
 }
 
 void PlaneWindow::prefetch(std::int64_t z_end) {
-    if (spool_) {
+    if (whole_) {
         return;
     }
     const std::int64_t step = source_.granularity().planes;

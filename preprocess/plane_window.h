@@ -11,7 +11,8 @@
 
 namespace isonest {
 
-/// A sliding window of whole planes in memory if the budget allows it, else a copy of the volume in
+/// The map of the file where its bytes can be used as they are; else a sliding window of whole planes in
+/// memory if the budget allows it; else a copy of the volume in
 /// temporary space on disk, written in the order that the source likes best.
 /// Thread-safety: row() from any thread; the rest from one, prefetch() at the same time as row().
 class PlaneWindow {
@@ -46,7 +47,8 @@ class PlaneWindow {
     std::int64_t end_ = 0;
     std::vector<std::byte> ring_;
     std::optional<ScratchFile> spool_;
-    std::byte* base_ = nullptr;
+    bool whole_ = false;  ///< all planes are there: mapped or spooled
+    const std::byte* base_ = nullptr;
 };
 
 }  // namespace isonest

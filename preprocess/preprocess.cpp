@@ -16,7 +16,9 @@
 namespace isonest {
 namespace {
 
-constexpr std::uint64_t kLibraryHeap = 24U << 20U;
+/// HDF5, TBB, the tables and the smallest window or cache.
+constexpr std::uint64_t kLibraryHeap = 10U << 20U;
+constexpr std::uint64_t kLeastWindow = 6U << 20U;
 
 using Block = std::function<std::vector<EncodedChunk>(const Int3&)>;
 
@@ -67,16 +69,18 @@ StoreHeader header_of(const VolumeSource& source, const PreprocessOptions& optio
 
 /// How many blocks may be under way, given the budget; at least one must fit.
 int token_count(const StoreLayout& layout, const PreprocessOptions& options, int threads,
-                const std::string& name) {
+                const VolumeSource& source) {
     const std::uint64_t block = block_heap(layout);
-    const std::uint64_t least = kLibraryHeap + block + (8U << 20U);
+    const std::uint64_t fixed = kLibraryHeap + source.heap();
+    const std::uint64_t least = fixed + block + kLeastWindow;
     if (options.memory < least) {
         throw Error(ErrorKind::limit,
                     fmt::format("{}: a memory of {} MiB is too little for chunks of {}: give at "
                                 "least --memory {}M, or a smaller --chunk",
-                                name, options.memory >> 20U, options.chunk, (least >> 20U) + 1));
+                                source.name(), options.memory >> 20U, options.chunk,
+                                (least >> 20U) + 1));
     }
-    const std::uint64_t share = (options.memory - kLibraryHeap) * 3 / 5 / block;
+    const std::uint64_t share = (options.memory - fixed) * 3 / 5 / block;
     return static_cast<int>(std::clamp<std::uint64_t>(share, 1, static_cast<std::uint64_t>(threads) + 1));
 }
 
@@ -133,7 +137,7 @@ void run_levels(const StoreLayout& layout, StoreWriter& writer, CentreStore& cen
 void allocate_centres(const StoreLayout& layout, CentreStore& centres) {
     const int top = layout.lattice().top();
     for (int level = 1; level < top; ++level) {
-        if (layout.has(Field::deviation_bar) && (level > 1 || top > 2)) {
+        if (layout.has(Field::deviation_bar) && level > 1) {
             centres.allocate(level, Carried::deviation);
         }
         if (layout.has(Field::linf_bar) && level > 1) {
@@ -152,12 +156,12 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
     const auto start = std::chrono::steady_clock::now();
     Workers workers(options.threads);
     const StoreHeader header = header_of(source, options);
-    const int tokens = token_count(StoreLayout(header), options, workers.count(), source.name());
+    const int tokens = token_count(StoreLayout(header), options, workers.count(), source);
     StoreWriter writer(store, header, options.force);
     const StoreLayout& layout = writer.layout();
     const std::uint64_t in_blocks = static_cast<std::uint64_t>(tokens) * block_heap(layout);
     const std::uint64_t rest =
-        options.memory - std::min(options.memory, kLibraryHeap + in_blocks);
+        options.memory - std::min(options.memory, kLibraryHeap + source.heap() + in_blocks);
 
     PreprocessReport report;
     workers.execute([&] {
@@ -167,7 +171,7 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
         PlaneWindow window(source, planes, rest, store.parent_path(), progress);
         report.input_on_disk = window.on_disk();
         const std::uint64_t cache = std::max<std::uint64_t>(rest - std::min(rest, window.heap()),
-                                                            8U << 20U);
+                                                            kLeastWindow);
         dispatch(header.type, [&](auto tag) {
             using T = typename decltype(tag)::type;
             run_levels<T>(layout, writer, centres, window, tokens, cache, progress);

@@ -9,10 +9,12 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <optional>
 #include <vector>
 
 #include "store/error.h"
 #include "store/lattice.h"
+#include "store/mapped_file.h"
 
 namespace isonest {
 namespace {
@@ -71,11 +73,19 @@ class PlainSource : public RawBase {
             throw Error(ErrorKind::io,
                         fmt::format("{}: cannot open: {}", name_, std::strerror(errno)));
         }
+        const std::size_t size = size_of(layout.type);
+        if ((!layout.big_endian || size == 1) && layout.offset % size == 0) {
+            map_.emplace(path);
+        }
     }
     PlainSource(const PlainSource&) = delete;
     PlainSource& operator=(const PlainSource&) = delete;
     ~PlainSource() override { ::close(fd_); }
     [[nodiscard]] bool sequential() const override { return false; }
+    [[nodiscard]] std::span<const std::byte> mapped() const override {
+        return map_ ? map_->bytes().subspan(layout_.offset, data_bytes(layout_))
+                    : std::span<const std::byte>{};
+    }
 
   private:
     void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
@@ -96,6 +106,7 @@ class PlainSource : public RawBase {
         }
     }
     int fd_;
+    std::optional<MappedFile> map_;
 };
 
 class GzipSource : public RawBase {

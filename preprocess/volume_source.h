@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 
 #include "store/int3.h"
@@ -41,6 +42,11 @@ class VolumeSource {
     [[nodiscard]] virtual Granularity granularity() const = 0;
     /// True if reads must come in ascending order without gaps (a gzip stream).
     [[nodiscard]] virtual bool sequential() const = 0;
+    /// Bytes that the source may hold beside what it reads into.
+    [[nodiscard]] virtual std::uint64_t heap() const { return 1U << 20U; }
+    /// The whole volume as read() would give it, in a read-only map of the file; empty if the file
+    /// does not hold it that way (compressed, chunked, foreign byte order).
+    [[nodiscard]] virtual std::span<const std::byte> mapped() const { return {}; }
 
     /// Reads rows [y0, y0 + ny) of planes [z0, z0 + nz), whole rows in x, native endianness, x
     /// fastest, tightly packed, into dst (nz * ny * nodes().x * size_of(type()) bytes).

@@ -105,7 +105,8 @@ struct Budget {
 /// Shares the memory among threads; fewer threads run where there is little.
 Budget share(const StoreReader& store, const ExtractOptions& options, const TraversalQuery& query) {
     const std::uint64_t brick = brick_heap(store.layout(), query) +
-                                codec_heap(store.layout().array(0, Field::values).chunk_bytes());
+                                codec_heap(store.layout().array(0, Field::values).chunk_bytes(),
+                                           store.layout().header().compression);
     constexpr std::uint64_t kLeastPart = 4096;
     const std::uint64_t each = brick + 2 * kLeastPart * LocalMesh::kBytesPerVertex;
     if (options.memory < kLibraryHeap + each) {

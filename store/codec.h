@@ -28,6 +28,6 @@ void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
 std::uint64_t checksum_of(std::span<const std::byte> bytes);
 
 /// Heap that one thread's contexts and buffers may take for chunks of `chunk_bytes`.
-std::size_t codec_heap(std::size_t chunk_bytes);
+std::size_t codec_heap(std::size_t chunk_bytes, int level);
 
 }  // namespace isonest

@@ -1,6 +1,7 @@
 // The indicators in a store against an explicit recursive bisection.
 #include <catch2/catch.hpp>
 #include <cstdio>
+#include <cstdlib>
 
 #include "query/check.h"
 #include "query/export.h"
@@ -213,4 +214,40 @@ TEST_CASE("check finds saturation, injection and bounds in order on every chunk 
         CHECK(r.cubes > 0);
         CHECK(r.nodes > 0);
     }
+}
+
+// Hidden: with ISONEST_CROPS naming a folder of NxNxN crops of real volumes (NAME-N.f32, raw float32),
+// `isonest_tests "[crops]"` compares all indicators with the recursion and prints the deviation's ratio.
+TEST_CASE("indicators equal the recursion, and the deviation is tight, on crops of real volumes", "[.][crops]") {
+    const char* const folder = std::getenv("ISONEST_CROPS");
+    REQUIRE(folder != nullptr);
+    int seen = 0;
+    for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+        const std::string bytes = read_file(entry.path());
+        const auto n = static_cast<std::int64_t>(std::lround(std::cbrt(static_cast<double>(bytes.size() / 4))));
+        REQUIRE(bytes.size() == static_cast<std::size_t>(4 * n * n * n));
+        MemoryVolume<float> volume({n, n, n}, [&](const Int3& p) {
+            float v = 0;
+            std::memcpy(&v, bytes.data() + 4 * (Int3{n, n, n}).linear(p), 4);
+            return v;
+        });
+        for (const int chunk : {16, 32, 64}) {
+            for (const bool exact : {true, false}) {
+                const Comparison c = compare(volume, chunk, exact, exact ? 1e-6 : 0x1p-7);
+                const double ratio = c.ratio_sum / static_cast<double>(c.ratios);
+                std::printf("%-28s chunk %2d %s  nodes %zu  mean deviation / exact %.4f\n",
+                            entry.path().filename().c_str(), chunk, exact ? "exact " : "16 bit", c.compared, ratio);
+                CHECK(c.wrong_bar + c.wrong_plus + c.low_deviation + c.extra_nodes == 0);
+                CHECK((!exact || ratio <= 1.05));
+                ++seen;
+                if (n > 40 && exact) {
+                    break;  // the recursion is slow; one run shows the ratio
+                }
+            }
+            if (n > 40) {
+                break;
+            }
+        }
+    }
+    CHECK(seen > 0);
 }

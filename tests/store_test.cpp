@@ -154,11 +154,11 @@ TEST_CASE("too little memory is said, with how much would do") {
 }
 
 TEST_CASE("little memory copies the input to disk and gives the same store") {
-    MemoryVolume<float> volume({200, 190, 180}, smooth_f);
+    MemoryVolume<float> volume({300, 290, 80}, smooth_f);
     const TemporaryFolder folder;
     PreprocessOptions options = with_chunk(32);
     const auto wide = make_store(volume, folder / "a", options);
-    options.memory = 47U << 20U;
+    options.memory = 28U << 20U;
     const auto narrow = make_store(volume, folder / "b", options);
     CHECK_FALSE(wide.input_on_disk);
     CHECK(narrow.input_on_disk);

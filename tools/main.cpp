@@ -1,5 +1,6 @@
 // The command line: parses, runs one command, turns errors into messages and exit codes.
 #include <fmt/format.h>
+#include <malloc.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -160,6 +161,10 @@ int parse_and_run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
     isonest::leave_hdf5_alone_at_exit();
+    // Blocks and chunks of a few MB come and go all the time: fetching their pages from the kernel
+    // anew each time costs more than the work on them.
+    ::mallopt(M_MMAP_THRESHOLD, 32 << 20);
+    ::mallopt(M_TRIM_THRESHOLD, 512 << 20);
     const bool json = std::any_of(argv, argv + argc, [](const char* argument) {
         return std::string_view(argument) == "--json";
     });
