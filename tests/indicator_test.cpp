@@ -55,8 +55,10 @@ Comparison compare(MemoryVolume<T>& volume, int chunk, bool exact, double above)
         if (std::isinf(exact_value)) {
             return std::isinf(stored);
         }
+        // What is handed from level to level is rounded up to binary32, 2^-24 each time.
+        const double carried = exact_value * (1 + 1e-6);
         return stored >= exact_value - rounding * 1e-6 &&
-               stored <= exact_value * (1 + above) + rounding * (exact ? 1 : 1e-6);
+               stored <= carried * (1 + above) + rounding * (exact ? 1 : 1e-6);
     };
     std::vector<bool> seen(bar.size());
     for (const auto& [key, node] : oracle.nodes()) {
@@ -237,7 +239,10 @@ TEST_CASE("indicators equal the recursion, and the deviation is tight, on crops 
                 const double ratio = c.ratio_sum / static_cast<double>(c.ratios);
                 std::printf("%-28s chunk %2d %s  nodes %zu  mean deviation / exact %.4f\n",
                             entry.path().filename().c_str(), chunk, exact ? "exact " : "16 bit", c.compared, ratio);
-                CHECK(c.wrong_bar + c.wrong_plus + c.low_deviation + c.extra_nodes == 0);
+                CHECK(c.wrong_bar == 0);
+                CHECK(c.wrong_plus == 0);
+                CHECK(c.low_deviation == 0);
+                CHECK(c.extra_nodes == 0);
                 CHECK((!exact || ratio <= 1.05));
                 ++seen;
                 if (n > 40 && exact) {
