@@ -16,8 +16,7 @@ const std::vector<typename DeviationKernel<Real>::Step>& DeviationKernel<Real>::
             return ((4 * pz + p.z) & (kRing - 1)) * rows_ * row + p.y * row +
                    lane_offset(p.x, px, groups_);
         };
-        for (const DeviationSupport::Point& point :
-             deviation_support(slot, px, py, pz).points) {
+        for (const DeviationSupport::Point& point : deviation_support(slot, px, py, pz).points) {
             Step step;
             step.at = point.at;
             step.value = place(point.at);
@@ -48,8 +47,7 @@ void DeviationKernel<Real>::row(int slot, int px, std::int64_t y, std::int64_t k
         const Step& step = points[p];
         const std::int64_t at_y = 4 * y + step.at.y;
         const std::int64_t at_z = 4 * k + step.at.z;
-        const bool outside =
-            at_y < 0 || at_y > fine_cells_.y || at_z < 0 || at_z > fine_cells_.z;
+        const bool outside = at_y < 0 || at_y > fine_cells_.y || at_z < 0 || at_z > fine_cells_.z;
         if (outside || step.terms == 0) {
             if (with_fine) {
                 std::fill_n(errors_.data() + p * n, n, Real{0});

@@ -1,8 +1,8 @@
 // The deviation indicator: how far the finest function can be from a tetrahedron's linear function.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 3, eta*_infinity(x) = |U - U^l| over the support of
-// x, which the paper calls too expensive. Here it is streamed: with the values two levels finer (stride
-// 2^(L-2)) and the deviation D already known there,
+// Source: Gerstner, Rumpf, Weikard (2000), section 3, eta*_infinity(x) = |U - U^l| over the support
+// of x, which the paper calls too expensive. Here it is streamed: with the values two levels finer
+// (stride 2^(L-2)) and the deviation D already known there,
 //   D(T) <= max over the finer T' in T of (max over vertices v of T' of |U(v) - U_T(v)| + D(T')),
 // exact at levels 1 and 2, where D(T') = 0.
 #pragma once
@@ -38,15 +38,17 @@ class DeviationKernel {
         }
     }
 
-    /// Coordinates that a plane of values or finer deviations must cover: x and y from first to last.
+    /// Coordinates that a plane of values or finer deviations must cover: x and y from first to
+    /// last.
     [[nodiscard]] std::int64_t low_x() const { return 4 * range_.lo.x - 2; }
     [[nodiscard]] std::int64_t high_x() const { return 4 * range_.hi.x + 2; }
     [[nodiscard]] std::int64_t low_y() const { return 4 * range_.lo.y - 2; }
     [[nodiscard]] std::int64_t high_y() const { return 4 * range_.hi.y + 2; }
 
-    /// Brings in plane z: value(y, out) writes the values at x = low_x() .. high_x() of row y (those
-    /// outside the volume clamped, missing ones 0), fine(y, out) likewise D of the finer cubes, NaN
-    /// where there is no cube. REQUIRES: called for z = 4k - 2 .. 4k + 4 before layer k, in order.
+    /// Brings in plane z: value(y, out) writes the values at x = low_x() .. high_x() of row y
+    /// (those outside the volume clamped, missing ones 0), fine(y, out) likewise D of the finer
+    /// cubes, NaN where there is no cube. REQUIRES: called for z = 4k - 2 .. 4k + 4 before layer k,
+    /// in order.
     template <class Value, class Fine>
     void load_plane(std::int64_t z, Value&& value, Fine&& fine) {
         line_.resize(static_cast<std::size_t>(high_x() - low_x() + 1));

@@ -110,9 +110,8 @@ DeviationSupport make_support(int slot, const Int3& parity) {
                 }
                 for (std::size_t i = 0; i < 4; ++i) {
                     if (weights[i] != 0 && weights[i] != total) {
-                        point.terms.push_back(
-                            {t.v[i] - base,
-                             static_cast<double>(weights[i]) / static_cast<double>(total)});
+                        point.terms.push_back({t.v[i] - base, static_cast<double>(weights[i]) /
+                                                                  static_cast<double>(total)});
                     }
                 }
                 points.emplace(key_of(v), std::move(point));

@@ -97,8 +97,8 @@ class Hdf5Source : public VolumeSource {
         H5Pset_file_locking(access.get(), false, true);
         file_ = FileHandle(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access.get()));
         if (!file_.valid()) {
-            throw Error(ErrorKind::corrupt, fmt::format("{}: HDF5 cannot open it: {}",
-                                                        path.string(), hdf5_message()));
+            throw Error(ErrorKind::corrupt,
+                        fmt::format("{}: HDF5 cannot open it: {}", path.string(), hdf5_message()));
         }
         choose(path, options);
         const auto shape = shape_of(dataset_.get());
@@ -204,9 +204,10 @@ class Hdf5Source : public VolumeSource {
                                                     : "several volumes, choose one with --dataset",
                                         text_of(listing)));
             }
-            dataset = std::find_if(listing.found.begin(), listing.found.end(),
-                                   [](const Candidate& c) { return c.usable; })
-                          ->path;
+            dataset =
+                std::find_if(listing.found.begin(), listing.found.end(), [](const Candidate& c) {
+                    return c.usable;
+                })->path;
             dataset_ = DatasetHandle(H5Dopen2(file_.get(), dataset.c_str(), H5P_DEFAULT));
         }
         dataset_name_ = dataset;

@@ -55,7 +55,8 @@ void IndicatorChunks::put(const LayerRange& range, std::int64_t k, const Layer<R
                 } else {
                     auto* const out = reinterpret_cast<IndicatorCode*>(part.raw.data()) + to;
                     for (std::int64_t i = 0; i < part.n.x; ++i) {
-                        out[i * n] = static_cast<IndicatorCode>(line_[static_cast<std::size_t>(i)] >> 16);
+                        out[i * n] =
+                            static_cast<IndicatorCode>(line_[static_cast<std::size_t>(i)] >> 16);
                     }
                 }
             }

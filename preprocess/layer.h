@@ -11,8 +11,8 @@
 
 namespace isonest {
 
-/// The part of level L that a kernel works on: lattice nodes lo..hi inclusive, where hi lies one past
-/// the nodes to be produced unless the volume ends there.
+/// The part of level L that a kernel works on: lattice nodes lo..hi inclusive, where hi lies one
+/// past the nodes to be produced unless the volume ends there.
 struct LayerRange {
     Int3 lo;
     Int3 hi;
@@ -34,7 +34,9 @@ class Layer {
   public:
     Layer() = default;
     Layer(std::int64_t nx, std::int64_t ny)
-        : pitch_(nx + 1), data_(static_cast<std::size_t>(kSlots * pitch_ * (ny + 1))), rows_(ny + 1) {}
+        : pitch_(nx + 1),
+          data_(static_cast<std::size_t>(kSlots * pitch_ * (ny + 1))),
+          rows_(ny + 1) {}
     [[nodiscard]] Real* row(int slot, std::int64_t y) {
         return data_.data() + (slot * rows_ + y) * pitch_;
     }

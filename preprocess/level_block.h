@@ -51,15 +51,17 @@ struct ValueBox {
 template <class T>
 struct LevelTask {
     LayerRange range;  ///< REQUIRES: range.lo.x even where the deviation is wanted
-    /// Values of level max(L - 2, 0), from 4 lo - 2 to 4 hi + 2 (level 1: from 2 lo - 1 to 2 hi + 1).
+    /// Values of level max(L - 2, 0), from 4 lo - 2 to 4 hi + 2 (level 1: from 2 lo - 1 to 2 hi +
+    /// 1).
     const ValueBox<T>* values = nullptr;
-    int step = 2;      ///< nodes of `values` per half cube edge: 1 at level 1, else 2
-    Int3 fine_cells;   ///< cubes of level L - 2
+    int step = 2;     ///< nodes of `values` per half cube edge: 1 at level 1, else 2
+    Int3 fine_cells;  ///< cubes of level L - 2
     /// Saturated centres of level L - 1, cubes 2 lo - 1 to 2 hi, 0 outside; null at level 1.
     const Box<float>* bar_centres = nullptr;
     const Box<float>* plus_centres = nullptr;
     const Box<float>* deviation_centres = nullptr;
-    /// Deviations of the cubes of level L - 2, cubes 4 lo - 2 to 4 hi + 2, NaN outside; null for L <= 2.
+    /// Deviations of the cubes of level L - 2, cubes 4 lo - 2 to 4 hi + 2, NaN outside; null for L
+    /// <= 2.
     const Box<float>* fine_deviation = nullptr;
     bool want_bar = false;
     bool want_plus = false;

@@ -3,7 +3,7 @@
 #include <cstring>
 
 #include "preprocess/row_kernels.h"
-#include "preprocess/value_range.h"
+#include "preprocess/value_chunks.h"
 #include "store/codec.h"
 #include "store/gather.h"
 
@@ -17,52 +17,6 @@ constexpr std::int64_t kMargin = 3;
 const ArrayInfo* find(const StoreLayout& layout, int level, Field field) {
     return level <= layout.lattice().top() && layout.has(field) ? &layout.array(level, field)
                                                                 : nullptr;
-}
-
-/// One chunk of values by injection: node i of the array is node step * i of the box.
-template <class T>
-EncodedChunk encode_values(const ArrayInfo& array, const Int3& chunk, const Box<T>& box,
-                           std::int64_t step) {
-    std::vector<T> raw(static_cast<std::size_t>(array.chunk.product()));
-    const Int3 lo{chunk.x * array.chunk.x, chunk.y * array.chunk.y, chunk.z * array.chunk.z};
-    const Int3 n = min(array.chunk, array.nodes - lo);
-    EncodedChunk out;
-    out.array = &array;
-    out.chunk = chunk;
-    ValueRange<T> range;
-    for (std::int64_t z = 0; z < n.z; ++z) {
-        for (std::int64_t y = 0; y < n.y; ++y) {
-            const T* const from =
-                box.row((lo.y + y) * step, (lo.z + z) * step) + (lo.x * step - box.lo.x);
-            T* const to = raw.data() + array.chunk.linear({0, y, z});
-            for (std::int64_t x = 0; x < n.x; ++x) {
-                to[x] = from[x * step];
-            }
-            range.include(to, n.x);
-        }
-    }
-    out.row.min = range.min();
-    out.row.max = range.max();
-    out.row.flags = range.missing() ? kChunkHasMissing : 0;
-    encode_chunk(std::as_bytes(std::span(raw)), array.codec, out.bytes);
-    out.bytes.shrink_to_fit();
-    return out;
-}
-
-template <class T>
-void encode_all_values(const ArrayInfo* array, const Int3& first, const Int3& count,
-                       const Box<T>& box, std::int64_t step, std::vector<EncodedChunk>& out) {
-    if (array == nullptr) {
-        return;
-    }
-    const Int3 end = min(first + count, array->grid);
-    for (std::int64_t z = first.z; z < end.z; ++z) {
-        for (std::int64_t y = first.y; y < end.y; ++y) {
-            for (std::int64_t x = first.x; x < end.x; ++x) {
-                out.push_back(encode_values(*array, {x, y, z}, box, step));
-            }
-        }
-    }
 }
 
 /// The volume around a base block, values outside being those of the nearest node.
@@ -130,8 +84,8 @@ void keep_centres(const LayerRange& range, std::int64_t k, const Layer<Real>& la
         return;
     }
     const Int3 lo = max(range.lo, to.lo);
-    const Int3 end = min(range.lo + Int3{range.odd_count(0), range.odd_count(1), 0},
-                         to.lo + to.size);
+    const Int3 end =
+        min(range.lo + Int3{range.odd_count(0), range.odd_count(1), 0}, to.lo + to.size);
     for (std::int64_t y = lo.y; y < end.y; ++y) {
         const Real* const from = layer.row(kCentreSlot, y - range.lo.y);
         round_up_row(from + (lo.x - range.lo.x), to.row(y, k) + (lo.x - to.lo.x),
@@ -400,11 +354,11 @@ std::uint64_t block_heap(const StoreLayout& layout) {
     return common + box * value + std::max(10 * chunk * value, box * 4);
 }
 
-#define ISONEST_INSTANTIATE(T)                                                                  \
-    template std::vector<EncodedChunk> base_block<T>(const PassContext&, const PlaneWindow&,    \
-                                                     const Int3&);                              \
-    template std::vector<EncodedChunk> level_block_of<T>(const PassContext&, ChunkCache&, int,  \
-                                                         const Int3&);                          \
+#define ISONEST_INSTANTIATE(T)                                                                 \
+    template std::vector<EncodedChunk> base_block<T>(const PassContext&, const PlaneWindow&,   \
+                                                     const Int3&);                             \
+    template std::vector<EncodedChunk> level_block_of<T>(const PassContext&, ChunkCache&, int, \
+                                                         const Int3&);                         \
     template std::vector<EncodedChunk> top_values<T>(const PassContext&, ChunkCache&)
 ISONEST_INSTANTIATE(std::uint8_t);
 ISONEST_INSTANTIATE(std::int8_t);

@@ -1,5 +1,5 @@
-// The two kinds of block of the bottom-up pass: the one that takes in the volume and makes levels 0 to
-// 2, and the one that makes a coarser level from the store being written.
+// The two kinds of block of the bottom-up pass: the one that takes in the volume and makes levels 0
+// to 2, and the one that makes a coarser level from the store being written.
 #pragma once
 
 #include <vector>

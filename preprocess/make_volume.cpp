@@ -58,10 +58,10 @@ void make_volume(const std::filesystem::path& path, const MakeVolumeOptions& opt
                  Progress& progress) {
     for (int axis = 0; axis < 3; ++axis) {
         if (options.nodes[axis] < 1 || options.nodes[axis] > kMaxNodesPerAxis) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("size {} x {} x {}: each axis must have 1 to {} nodes",
-                                    options.nodes.x, options.nodes.y, options.nodes.z,
-                                    kMaxNodesPerAxis));
+            throw Error(
+                ErrorKind::invalid_argument,
+                fmt::format("size {} x {} x {}: each axis must have 1 to {} nodes", options.nodes.x,
+                            options.nodes.y, options.nodes.z, kMaxNodesPerAxis));
         }
     }
     const auto volume = make_synthetic(options.name, options.nodes, options.seed);

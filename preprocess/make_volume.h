@@ -4,9 +4,9 @@
 #include <filesystem>
 #include <string>
 
+#include "store/int3.h"
 #include "store/progress.h"
 #include "store/value_type.h"
-#include "store/int3.h"
 
 namespace isonest {
 

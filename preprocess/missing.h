@@ -10,8 +10,9 @@ namespace isonest {
 /// Which nodes of a box are missing (1) or not (0).
 using MissingBox = Box<std::uint8_t>;
 
-/// Level 1: sets eta to +inf where the node itself or an end of its refinement edge is missing. That
-/// is enough there: what is left of a diamond consists of cells of the finest level. `missing` as below.
+/// Level 1: sets eta to +inf where the node itself or an end of its refinement edge is missing.
+/// That is enough there: what is left of a diamond consists of cells of the finest level. `missing`
+/// as below.
 template <class Real>
 void mark_missing_finest(const LayerRange& range, std::int64_t k, int first_slot, int last_slot,
                          const MissingBox& missing, Layer<Real>& eta) {
@@ -33,8 +34,8 @@ void mark_missing_finest(const LayerRange& range, std::int64_t k, int first_slot
     }
 }
 
-/// Sets eta to +inf where a vertex of a tetrahedron that refines at the node, or the node itself, is
-/// missing. `missing` covers the lattice of stride 2^(L-1) from 2 lo - 1 to 2 hi + 1.
+/// Sets eta to +inf where a vertex of a tetrahedron that refines at the node, or the node itself,
+/// is missing. `missing` covers the lattice of stride 2^(L-1) from 2 lo - 1 to 2 hi + 1.
 template <class Real>
 void mark_missing(const LayerRange& range, std::int64_t k, int first_slot, int last_slot,
                   const MissingBox& missing, Layer<Real>& eta) {
@@ -45,8 +46,8 @@ void mark_missing(const LayerRange& range, std::int64_t k, int first_slot, int l
     for (int slot = first_slot; slot <= last_slot; ++slot) {
         const Int3 o = slot_offset(slot);
         const std::int64_t odd = o.x + o.y + o.z;
-        // The diamond's vertices: of a centre the corners of the cube, of a face its corners and the
-        // two centres, of an edge its ends and the faces and centres around it.
+        // The diamond's vertices: of a centre the corners of the cube, of a face its corners and
+        // the two centres, of an edge its ends and the faces and centres around it.
         for (std::int64_t j = 0; j < range.count(1, static_cast<int>(o.y)); ++j) {
             Real* const row = eta.row(slot, j);
             for (std::int64_t i = 0; i < range.count(0, static_cast<int>(o.x)); ++i) {

@@ -11,10 +11,10 @@
 
 namespace isonest {
 
-/// The map of the file where its bytes can be used as they are; else a sliding window of whole planes in
-/// memory if the budget allows it; else a copy of the volume in
-/// temporary space on disk, written in the order that the source likes best.
-/// Thread-safety: row() from any thread; the rest from one, prefetch() at the same time as row().
+/// The map of the file where its bytes can be used as they are; else a sliding window of whole
+/// planes in memory if the budget allows it; else a copy of the volume in temporary space on disk,
+/// written in the order that the source likes best. Thread-safety: row() from any thread; the rest
+/// from one, prefetch() at the same time as row().
 class PlaneWindow {
   public:
     /// `planes` is the largest number of planes needed at a time, `budget` the bytes it may hold.

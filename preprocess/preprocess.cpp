@@ -10,8 +10,8 @@
 
 #include "preprocess/level_pass.h"
 #include "store/error.h"
-#include "store/writer.h"
 #include "store/workers.h"
+#include "store/writer.h"
 
 namespace isonest {
 namespace {
@@ -22,8 +22,8 @@ constexpr std::uint64_t kLeastWindow = 6U << 20U;
 
 using Block = std::function<std::vector<EncodedChunk>(const Int3&)>;
 
-/// Computes blocks in parallel, writes their chunks in the order of the blocks, and so gives the same
-/// bytes for any number of threads.
+/// Computes blocks in parallel, writes their chunks in the order of the blocks, and so gives the
+/// same bytes for any number of threads.
 void run_blocks(const Int3& grid, int tokens, const Block& compute, StoreWriter& writer,
                 Progress& progress, std::uint64_t bytes_per_block) {
     using Result = std::shared_ptr<std::vector<EncodedChunk>>;
@@ -74,14 +74,15 @@ int token_count(const StoreLayout& layout, const PreprocessOptions& options, int
     const std::uint64_t fixed = kLibraryHeap + source.heap();
     const std::uint64_t least = fixed + block + kLeastWindow;
     if (options.memory < least) {
-        throw Error(ErrorKind::limit,
-                    fmt::format("{}: a memory of {} MiB is too little for chunks of {}: give at "
-                                "least --memory {}M, or a smaller --chunk",
-                                source.name(), options.memory >> 20U, options.chunk,
-                                (least >> 20U) + 1));
+        throw Error(
+            ErrorKind::limit,
+            fmt::format("{}: a memory of {} MiB is too little for chunks of {}: give at "
+                        "least --memory {}M, or a smaller --chunk",
+                        source.name(), options.memory >> 20U, options.chunk, (least >> 20U) + 1));
     }
     const std::uint64_t share = (options.memory - fixed) * 3 / 5 / block;
-    return static_cast<int>(std::clamp<std::uint64_t>(share, 1, static_cast<std::uint64_t>(threads) + 1));
+    return static_cast<int>(
+        std::clamp<std::uint64_t>(share, 1, static_cast<std::uint64_t>(threads) + 1));
 }
 
 template <class T>
@@ -90,8 +91,7 @@ void run_levels(const StoreLayout& layout, StoreWriter& writer, CentreStore& cen
     const Lattice& lattice = layout.lattice();
     const PassContext context{layout, centres};
     const Int3 grid = base_grid(layout);
-    const auto volume_bytes =
-        static_cast<std::uint64_t>(lattice.nodes().product()) * sizeof(T);
+    const auto volume_bytes = static_cast<std::uint64_t>(lattice.nodes().product()) * sizeof(T);
     const std::uint64_t per_block = volume_bytes / static_cast<std::uint64_t>(grid.product());
     progress.begin("levels 0-2", volume_bytes, "B");
     for (std::int64_t z = 0; z < grid.z; ++z) {
@@ -102,11 +102,12 @@ void run_levels(const StoreLayout& layout, StoreWriter& writer, CentreStore& cen
             reading.run([&] { window.prefetch(base_planes(layout, z + 1).second); });
         }
         try {
-            run_blocks({grid.x, grid.y, 1}, tokens,
-                       [&](const Int3& b) {
-                           return base_block<T>(context, window, {b.x, b.y, z});
-                       },
-                       writer, progress, per_block);
+            run_blocks(
+                {grid.x, grid.y, 1}, tokens,
+                [&](const Int3& b) {
+                    return base_block<T>(context, window, {b.x, b.y, z});
+                },
+                writer, progress, per_block);
         } catch (...) {
             try {
                 reading.wait();
@@ -120,11 +121,12 @@ void run_levels(const StoreLayout& layout, StoreWriter& writer, CentreStore& cen
     ChunkCache cache(writer, cache_budget);
     for (int level = 3; level <= lattice.top(); ++level) {
         const Int3 blocks = level_grid(layout, level);
-        progress.begin(fmt::format("level {}", level),
-                       static_cast<std::uint64_t>(blocks.product()), "blocks");
-        run_blocks(blocks, tokens,
-                   [&](const Int3& b) { return level_block_of<T>(context, cache, level, b); },
-                   writer, progress, 1);
+        progress.begin(fmt::format("level {}", level), static_cast<std::uint64_t>(blocks.product()),
+                       "blocks");
+        run_blocks(
+            blocks, tokens,
+            [&](const Int3& b) { return level_block_of<T>(context, cache, level, b); }, writer,
+            progress, 1);
         centres.release(level - 2);
     }
     if (lattice.top() >= 2) {
@@ -170,8 +172,8 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
         const std::int64_t planes = 2 * layout.header().chunk + 8;
         PlaneWindow window(source, planes, rest, store.parent_path(), progress);
         report.input_on_disk = window.on_disk();
-        const std::uint64_t cache = std::max<std::uint64_t>(rest - std::min(rest, window.heap()),
-                                                            kLeastWindow);
+        const std::uint64_t cache =
+            std::max<std::uint64_t>(rest - std::min(rest, window.heap()), kLeastWindow);
         dispatch(header.type, [&](auto tag) {
             using T = typename decltype(tag)::type;
             run_levels<T>(layout, writer, centres, window, tokens, cache, progress);
@@ -180,8 +182,7 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
     progress.check();
     report.nodes = header.nodes;
     report.levels = layout.lattice().top() + 1;
-    report.input_bytes =
-        static_cast<std::uint64_t>(header.nodes.product()) * size_of(header.type);
+    report.input_bytes = static_cast<std::uint64_t>(header.nodes.product()) * size_of(header.type);
     report.chunks = layout.rows();
     report.min_value = std::numeric_limits<double>::infinity();
     report.max_value = -report.min_value;

@@ -13,10 +13,10 @@ namespace isonest {
 struct PreprocessOptions {
     std::uint64_t memory = std::uint64_t{1} << 30U;  ///< bytes of heap, at most
     int threads = 0;                                 ///< 0 = all cores
-    int chunk = 64;        ///< nodes per axis of a chunk: a power of two, 8 to 256
-    int compression = 1;   ///< zstd level, 1 to 19
-    bool exact = false;    ///< indicators as binary32 instead of 16-bit codes rounded up
-    bool force = false;    ///< replace an existing store
+    int chunk = 64;       ///< nodes per axis of a chunk: a power of two, 8 to 256
+    int compression = 1;  ///< zstd level, 1 to 19
+    bool exact = false;   ///< indicators as binary32 instead of 16-bit codes rounded up
+    bool force = false;   ///< replace an existing store
     std::vector<Field> fields = all_indicators();
 };
 
@@ -28,8 +28,8 @@ struct PreprocessReport {
     std::uint64_t chunks = 0;
     double min_value = 0;
     double max_value = 0;
-    bool has_missing = false;   ///< non-finite values were found and treated as missing data
-    bool input_on_disk = false; ///< the input was first copied to temporary space (little memory)
+    bool has_missing = false;    ///< non-finite values were found and treated as missing data
+    bool input_on_disk = false;  ///< the input was first copied to temporary space (little memory)
     double seconds = 0;
 };
 

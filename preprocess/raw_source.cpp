@@ -201,7 +201,8 @@ std::uint64_t regular_file_size(const std::filesystem::path& path) {
                     fmt::format("{}: not a regular file", path.string()));
     }
     if (status.st_size == 0) {
-        throw Error(ErrorKind::invalid_argument, fmt::format("{}: the file is empty", path.string()));
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{}: the file is empty", path.string()));
     }
     return static_cast<std::uint64_t>(status.st_size);
 }
@@ -222,10 +223,10 @@ namespace {
 void check_nodes(const std::string& name, const RawLayout& layout) {
     for (int axis = 0; axis < 3; ++axis) {
         if (layout.nodes[axis] < 1 || layout.nodes[axis] > kMaxNodesPerAxis) {
-            throw Error(ErrorKind::unsupported,
-                        fmt::format("{}: {} x {} x {} nodes: each axis must have 1 to {}", name,
-                                    layout.nodes.x, layout.nodes.y, layout.nodes.z,
-                                    kMaxNodesPerAxis));
+            throw Error(
+                ErrorKind::unsupported,
+                fmt::format("{}: {} x {} x {} nodes: each axis must have 1 to {}", name,
+                            layout.nodes.x, layout.nodes.y, layout.nodes.z, kMaxNodesPerAxis));
         }
     }
 }
@@ -256,11 +257,12 @@ std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const 
     }
     if (size < need || size - need < layout.offset ||
         (layout.exact_length && size - need != layout.offset)) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: {} x {} x {} nodes of {} after {} bytes need {} bytes, but the "
-                                "file has {}; check --dims, --type and --offset",
-                                name, layout.nodes.x, layout.nodes.y, layout.nodes.z,
-                                name_of(layout.type), layout.offset, need + layout.offset, size));
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("{}: {} x {} x {} nodes of {} after {} bytes need {} bytes, but the "
+                        "file has {}; check --dims, --type and --offset",
+                        name, layout.nodes.x, layout.nodes.y, layout.nodes.z, name_of(layout.type),
+                        layout.offset, need + layout.offset, size));
     }
     return std::make_unique<PlainSource>(path, name, layout);
 }

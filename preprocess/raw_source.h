@@ -12,15 +12,16 @@ struct RawLayout {
     Int3 nodes{1, 1, 1};
     ValueType type = ValueType::u8;
     bool big_endian = false;
-    std::uint64_t offset = 0;       ///< bytes before the data, of the decompressed stream
-    bool offset_from_end = false;   ///< the data are the last bytes of the file (not with gzip)
-    bool exact_length = true;       ///< bytes behind the data are an error
+    std::uint64_t offset = 0;      ///< bytes before the data, of the decompressed stream
+    bool offset_from_end = false;  ///< the data are the last bytes of the file (not with gzip)
+    bool exact_length = true;      ///< bytes behind the data are an error
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
 };
 
 /// Opens the numbers in `path`; gzip is recognised by its magic. `name` is used in messages.
-/// Throws Error{not_found, io, invalid_argument} (the file's length does not fit: both byte counts).
+/// Throws Error{not_found, io, invalid_argument} (the file's length does not fit: both byte
+/// counts).
 std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const std::string& name,
                                        const RawLayout& layout);
 
@@ -32,7 +33,8 @@ std::unique_ptr<VolumeSource> open_gzip_behind(const std::filesystem::path& path
 /// True if the file starts with gzip's magic. Throws Error{not_found, io}.
 bool is_gzip(const std::filesystem::path& path);
 
-/// Throws Error{not_found, invalid_argument, io} unless `path` is a readable regular file; gives its size.
+/// Throws Error{not_found, invalid_argument, io} unless `path` is a readable regular file; gives
+/// its size.
 std::uint64_t regular_file_size(const std::filesystem::path& path);
 
 }  // namespace isonest

@@ -44,8 +44,8 @@ template <class Real>
 
 template <class Real>
 [[gnu::always_inline]] inline void raise_differences_of(const Interpolation<Real>& d,
-                                                        const Real* offset,
-                                                        Real* __restrict best, std::int64_t n) {
+                                                        const Real* offset, Real* __restrict best,
+                                                        std::int64_t n) {
     each_difference(d, n, [&](std::int64_t i, Real difference) {
         const Real sum = difference + offset[i];
         best[i] = sum > best[i] ? sum : best[i];
@@ -61,8 +61,8 @@ template <class Real>
 }
 
 template <class Real>
-[[gnu::always_inline]] inline void raise_sum_of(const Real* a, const Real* b,
-                                                Real* __restrict best, std::int64_t n) {
+[[gnu::always_inline]] inline void raise_sum_of(const Real* a, const Real* b, Real* __restrict best,
+                                                std::int64_t n) {
     for (std::int64_t i = 0; i < n; ++i) {
         const Real sum = a[i] + b[i];
         best[i] = sum > best[i] ? sum : best[i];
@@ -113,8 +113,8 @@ ISONEST_SIMD void differences(const Interpolation<float>& d, float* out, std::in
 ISONEST_SIMD void differences(const Interpolation<double>& d, double* out, std::int64_t n) {
     differences_of(d, out, n);
 }
-ISONEST_SIMD void raise_differences(const Interpolation<float>& d, const float* offset,
-                                    float* best, std::int64_t n) {
+ISONEST_SIMD void raise_differences(const Interpolation<float>& d, const float* offset, float* best,
+                                    std::int64_t n) {
     raise_differences_of(d, offset, best, n);
 }
 ISONEST_SIMD void raise_differences(const Interpolation<double>& d, const double* offset,

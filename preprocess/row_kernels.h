@@ -32,7 +32,8 @@ void raise_sum(const float* a, const float* b, float* best, std::int64_t n);
 void raise_sum(const double* a, const double* b, double* best, std::int64_t n);
 
 /// out[i] = the bits of the smallest binary32 >= in[i] that is 0 in the bits of `mask`, a number
-/// 2^k - 1: 0 for a float, 0xFFFF for a 16-bit code in the upper half. REQUIRES: in[i] >= 0 or +inf.
+/// 2^k - 1: 0 for a float, 0xFFFF for a 16-bit code in the upper half. REQUIRES: in[i] >= 0 or
+/// +inf.
 void round_up_row(const float* in, std::uint32_t* out, std::int64_t n, std::uint32_t mask);
 void round_up_row(const double* in, std::uint32_t* out, std::int64_t n, std::uint32_t mask);
 

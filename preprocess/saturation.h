@@ -69,8 +69,8 @@ void apply_four(Real* out, std::int64_t n, const Real* a, const Real* b, const R
 
 }  // namespace saturation
 
-/// Saturates slots 0, 1, 2 of layer k in place. `centres` holds the saturated centre values of level
-/// L-1, from cube 2 lo - 1 on (0 where there is no cube), or is null at level 1.
+/// Saturates slots 0, 1, 2 of layer k in place. `centres` holds the saturated centre values of
+/// level L-1, from cube 2 lo - 1 on (0 where there is no cube), or is null at level 1.
 template <class Op, class Real>
 void saturate_even_plane(const LayerRange& range, std::int64_t k, const Box<float>* centres,
                          Layer<Real>& layer) {
@@ -118,8 +118,7 @@ void saturate_odd_plane(const LayerRange& range, std::int64_t k, const Box<float
                                    layer.row(kEx, j), above.row(kEx, j));
         if (j < range.odd_count(1)) {
             saturation::apply_four<Op>(layer.row(kFyz, j), range.count(0), ez,
-                                       layer.row(kEz, j + 1), layer.row(kEy, j),
-                                       above.row(kEy, j));
+                                       layer.row(kEz, j + 1), layer.row(kEy, j), above.row(kEy, j));
         }
     }
     for (std::int64_t j = 0; j < range.odd_count(1); ++j) {

@@ -44,8 +44,8 @@ class Bucky : public SyntheticVolume {
     void row(std::int64_t y, std::int64_t z, double* out) const override {
         std::fill(out, out + nodes_.x, 0.0);
         for (const auto& atom : atoms_) {
-            const double yz = atom[1][static_cast<std::size_t>(y)] *
-                              atom[2][static_cast<std::size_t>(z)];
+            const double yz =
+                atom[1][static_cast<std::size_t>(y)] * atom[2][static_cast<std::size_t>(z)];
             if (yz < 1e-9) {
                 continue;
             }
@@ -99,7 +99,8 @@ class MarschnerLobb : public SyntheticVolume {
     Int3 nodes_;
 };
 
-/// Band-limited noise: hashed lattice values, blended smoothly, in octaves of half the size and weight.
+/// Band-limited noise: hashed lattice values, blended smoothly, in octaves of half the size and
+/// weight.
 class Noise : public SyntheticVolume {
   public:
     Noise(const Int3& nodes, std::uint64_t seed) : nodes_(nodes), seed_(seed) {}
@@ -134,7 +135,8 @@ class Noise : public SyntheticVolume {
         const double fy = fade(py - static_cast<double>(cy));
         const double fz = fade(pz - static_cast<double>(cz));
         const auto column = [&](std::int64_t x) {
-            const double a = std::lerp(lattice(x, cy, cz, cells), lattice(x, cy + 1, cz, cells), fy);
+            const double a =
+                std::lerp(lattice(x, cy, cz, cells), lattice(x, cy + 1, cz, cells), fy);
             const double b =
                 std::lerp(lattice(x, cy, cz + 1, cells), lattice(x, cy + 1, cz + 1, cells), fy);
             return a + fz * (b - a);
@@ -196,9 +198,8 @@ std::unique_ptr<SyntheticVolume> make_synthetic(const std::string& name, const I
     if (name == "sphere") {
         return std::make_unique<Sphere>(nodes);
     }
-    throw Error(ErrorKind::invalid_argument,
-                fmt::format("there is no volume '{}'; there are: {}", name,
-                            fmt::join(synthetic_names(), ", ")));
+    throw Error(ErrorKind::invalid_argument, fmt::format("there is no volume '{}'; there are: {}",
+                                                         name, fmt::join(synthetic_names(), ", ")));
 }
 
 }  // namespace isonest

@@ -52,10 +52,9 @@ class IndicatorView {
     /// REQUIRES: the array stores the slot: slot >= ArrayInfo::first_slot().
     [[nodiscard]] double at(const Int3& node, int slot) {
         const int component = slot - first_slot_;
-        return exact_
-                   ? static_cast<double>(chunks_.at<float>(node, component))
-                   : static_cast<double>(
-                         decode_indicator(chunks_.at<IndicatorCode>(node, component)));
+        return exact_ ? static_cast<double>(chunks_.at<float>(node, component))
+                      : static_cast<double>(
+                            decode_indicator(chunks_.at<IndicatorCode>(node, component)));
     }
 
   private:

@@ -10,9 +10,8 @@
 #include <set>
 
 #include "query/brick_view.h"
+#include "query/brute_force.h"
 #include "query/finest_indicators.h"
-#include "query/topology.h"
-#include "store/bisection.h"
 #include "store/error.h"
 #include "store/gather.h"
 #include "store/workers.h"
@@ -49,9 +48,8 @@ class Checker {
         }
         if (options_.source) {
             source_values();
-            dispatch(layout_.header().type, [&](auto tag) {
-                sampled_bounds<typename decltype(tag)::type>();
-            });
+            dispatch(layout_.header().type,
+                     [&](auto tag) { sampled_bounds<typename decltype(tag)::type>(); });
         }
         return std::move(report_);
     }
@@ -175,8 +173,8 @@ class Checker {
         }
         return layout_.header().exact
                    ? static_cast<double>(reinterpret_cast<const float*>(raw.data())[i])
-                   : static_cast<double>(decode_indicator(
-                         reinterpret_cast<const IndicatorCode*>(raw.data())[i]));
+                   : static_cast<double>(
+                         decode_indicator(reinterpret_cast<const IndicatorCode*>(raw.data())[i]));
     }
 
     /// Every node of a coarser level has the bits of the finer level's node.
@@ -220,7 +218,8 @@ class Checker {
         if (array.level > 1) {
             fine = &layout_.array(array.level - 1, array.field);
             for (std::size_t i = 0; i < 27; ++i) {
-                const Int3 o = (Int3{3, 3, 3}).unlinear(static_cast<std::int64_t>(i)) - Int3{1, 1, 1};
+                const Int3 o =
+                    (Int3{3, 3, 3}).unlinear(static_cast<std::int64_t>(i)) - Int3{1, 1, 1};
                 const Int3 at{o.x * fine->chunk.x, o.y * fine->chunk.y, o.z * fine->chunk.z};
                 finer[i] = IndicatorView(cache_, *fine, base * 2 + at * 2);
             }
@@ -250,11 +249,11 @@ class Checker {
                             Int3 c = p;
                             c[axis] += side;
                             const Int3 q = c - base * 2;
-                            against(own.at({q.x >> 1, q.y >> 1, q.z >> 1},
-                                           slot_of(static_cast<int>(q.x & 1),
-                                                   static_cast<int>(q.y & 1),
-                                                   static_cast<int>(q.z & 1))),
-                                    c, std::int64_t{1} << (array.level - 1));
+                            against(
+                                own.at({q.x >> 1, q.y >> 1, q.z >> 1},
+                                       slot_of(static_cast<int>(q.x & 1), static_cast<int>(q.y & 1),
+                                               static_cast<int>(q.z & 1))),
+                                c, std::int64_t{1} << (array.level - 1));
                         }
                     }
                 } else if (fine != nullptr) {
@@ -285,8 +284,8 @@ class Checker {
                 block[axis] = local[axis] < 0 ? 0 : local[axis] < size ? 1 : 2;
                 rest[axis] = local[axis] - (block[axis] - 1) * size;
             }
-            against(finer[static_cast<std::size_t>((Int3{3, 3, 3}).linear(block))].at(
-                        rest, kCentreSlot),
+            against(finer[static_cast<std::size_t>((Int3{3, 3, 3}).linear(block))].at(rest,
+                                                                                      kCentreSlot),
                     cube * 2 + Int3{1, 1, 1}, std::int64_t{1} << (fine.level - 1));
         }
     }
@@ -306,18 +305,10 @@ class Checker {
             IndicatorView own(cache_, array, base);
             for (std::int64_t i = 0; i < n.product(); ++i) {
                 const Int3 cube = base + n.unlinear(i);
-                const auto mirror = static_cast<unsigned>((cube.x & 1) + 2 * (cube.y & 1) +
-                                                          4 * (cube.z & 1));
-                CubeValues u{};
-                for (int p = 0; p < 27; ++p) {
-                    u[static_cast<std::size_t>(p)] =
-                        static_cast<double>(values.at(cube * 2 + node_offset(p, mirror)));
-                }
                 const double stored = own.at(cube - base, kCentreSlot);
-                const double computed =
-                    finest_indicator(u, 13, array.field == Field::linf_plus);
-                if (!(stored >= computed) ||
-                    !(stored <= computed * (1 + 0x1p-7) + kSmallestCode)) {
+                const double computed = finest_indicator(cube_values(values, cube), 13,
+                                                         array.field == Field::linf_plus);
+                if (!(stored >= computed) || !(stored <= computed * (1 + 0x1p-7) + kSmallestCode)) {
                     add("indicator", array, chunk, cube * 2 + Int3{1, 1, 1},
                         fmt::format("{} is stored, {} follows from the values", stored, computed));
                 }
@@ -332,10 +323,10 @@ class Checker {
         progress_.begin("compare with source", static_cast<std::uint64_t>(n.z), "planes");
         dispatch(layout_.header().type, [&](auto tag) {
             using T = typename decltype(tag)::type;
-            const std::int64_t rows = std::clamp<std::int64_t>(
-                static_cast<std::int64_t>(options_.memory / 8) /
-                    (n.x * static_cast<std::int64_t>(sizeof(T))),
-                1, n.y);
+            const std::int64_t rows =
+                std::clamp<std::int64_t>(static_cast<std::int64_t>(options_.memory / 8) /
+                                             (n.x * static_cast<std::int64_t>(sizeof(T))),
+                                         1, n.y);
             std::vector<T> original(static_cast<std::size_t>(n.x * rows));
             for (std::int64_t z = 0; z < n.z; ++z) {
                 progress_.check();
@@ -353,7 +344,8 @@ class Checker {
                     }
                     for (std::size_t i = 0; i < ours.data.size(); ++i) {
                         if (std::memcmp(&ours.data[i], &original[i], sizeof(T)) != 0) {
-                            const Int3 p = Int3{0, y, z} + ours.size.unlinear(static_cast<std::int64_t>(i));
+                            const Int3 p =
+                                Int3{0, y, z} + ours.size.unlinear(static_cast<std::int64_t>(i));
                             add("source", array,
                                 {p.x / array.chunk.x, p.y / array.chunk.y, p.z / array.chunk.z}, p,
                                 "the value differs from the source's");
@@ -406,35 +398,8 @@ class Checker {
         const Int3 low = cube * edge;
         Box<T> box(low, {edge + 1, edge + 1, edge + 1});
         gather_values(cache_, layout_.array(0, Field::values), box);
-        const Int3 last = layout_.lattice().nodes() - Int3{1, 1, 1};
-        double worst = 0;
-        double size = 0;
-        for (int order = 0; order < 6; ++order) {
-            const Tetrahedron t = kuhn_tetrahedron(cube, edge, order);
-            std::array<double, 4> corner{};
-            for (std::size_t i = 0; i < 4; ++i) {
-                corner[i] = static_cast<double>(box.at(t.v[i]));
-                size = std::max(size, std::fabs(corner[i]));
-            }
-            const auto& axes = kAxisOrders[static_cast<std::size_t>(order)];
-            for (std::int64_t i = 0; i < box.size.product(); ++i) {
-                const Int3 p = low + box.size.unlinear(i);
-                std::array<double, 3> d{};
-                for (std::size_t a = 0; a < 3; ++a) {
-                    d[a] = std::fabs(static_cast<double>(p[axes[a]] - t.v[0][axes[a]])) /
-                           static_cast<double>(edge);
-                }
-                // Inside a Kuhn tetrahedron the coordinates descend along its axis order.
-                if (d[0] < d[1] || d[1] < d[2] || max(p, last) != last) {
-                    continue;
-                }
-                const double linear = corner[0] * (1 - d[0]) + corner[1] * (d[0] - d[1]) +
-                                      corner[2] * (d[1] - d[2]) + corner[3] * d[2];
-                const double difference = std::fabs(static_cast<double>(box.at(p)) - linear);
-                worst = std::isnan(difference) ? std::numeric_limits<double>::infinity()
-                                               : std::max(worst, difference);
-            }
-        }
+        const LargestDifference found =
+            largest_difference(box, cube, edge, layout_.lattice().nodes() - Int3{1, 1, 1});
         for (const Field field : {Field::deviation_bar, Field::linf_plus}) {
             if (!layout_.has(field)) {
                 continue;
@@ -446,9 +411,10 @@ class Checker {
                             chunk.z * array.chunk.z};
             IndicatorView view(cache_, array, base);
             const double bound = view.at(cube - base, kCentreSlot);
-            if (!(bound >= worst - 1e-12 * size)) {
+            if (!(bound >= found.difference - 1e-12 * found.size)) {
                 add("bound", array, chunk, low + Int3{edge / 2, edge / 2, edge / 2},
-                    fmt::format("{} is less than the difference {} that there is", bound, worst));
+                    fmt::format("{} is less than the difference {} that there is", bound,
+                                found.difference));
             }
         }
     }
@@ -466,7 +432,9 @@ class Checker {
 }  // namespace
 
 CheckReport check(const StoreReader& store, const CheckOptions& options, Progress& progress) {
-    return Workers(options.threads).execute([&] { return Checker(store, options, progress).run(); });
+    return Workers(options.threads).execute([&] {
+        return Checker(store, options, progress).run();
+    });
 }
 
 }  // namespace isonest

@@ -12,21 +12,23 @@ namespace isonest {
 
 /// One thing that is wrong.
 struct Finding {
-    std::string test;   ///< "checksum", "decode", "range", "injection", "saturation", "source", "bound"
+    std::string
+        test;  ///< "checksum", "decode", "range", "injection", "saturation", "source", "bound"
     std::string field;
     int level = 0;
     Int3 chunk;
-    Int3 node;          ///< on the finest lattice; {-1, -1, -1} if the chunk as a whole
+    Int3 node;  ///< on the finest lattice; {-1, -1, -1} if the chunk as a whole
     std::string message;
 };
 
-/// Reads rows [y0, y0 + ny) of plane z of the original volume into `out`, in the store's value type.
+/// Reads rows [y0, y0 + ny) of plane z of the original volume into `out`, in the store's value
+/// type.
 using SourceReader =
     std::function<void(std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out)>;
 
 struct CheckOptions {
-    bool quick = false;       ///< only table and checksums
-    SourceReader source;      ///< empty: no comparison with the original
+    bool quick = false;   ///< only table and checksums
+    SourceReader source;  ///< empty: no comparison with the original
     std::uint64_t memory = std::uint64_t{512} << 20U;
     int threads = 0;
     std::uint64_t sampled_cubes = 2000;  ///< cubes whose bounds are checked by brute force
@@ -34,8 +36,8 @@ struct CheckOptions {
 
 struct CheckReport {
     std::uint64_t chunks = 0;
-    std::uint64_t nodes = 0;   ///< values and indicators compared
-    std::uint64_t cubes = 0;   ///< bounds checked by brute force
+    std::uint64_t nodes = 0;  ///< values and indicators compared
+    std::uint64_t cubes = 0;  ///< bounds checked by brute force
     std::uint64_t failures = 0;
     std::vector<Finding> findings;  ///< the first 100
 };

@@ -1,8 +1,8 @@
 // Cuts triangles at an axis-aligned box.
 //
 // Source: I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17 (1974). Every new vertex
-// is named by the triangle edge and the plane that make it, so that both triangles at the edge get the
-// same one.
+// is named by the triangle edge and the plane that make it, so that both triangles at the edge get
+// the same one.
 #pragma once
 
 #include <array>
@@ -21,7 +21,7 @@ class ClipContext {
     struct CutVertex {
         std::uint32_t end0 = 0;  ///< the triangle edge's ends; end0 < end1
         std::uint32_t end1 = 0;
-        std::uint32_t plane = 0;  ///< 2 axis + (0 low, 1 high)
+        std::uint32_t plane = 0;       ///< 2 axis + (0 low, 1 high)
         bool inside_triangle = false;  ///< where two planes meet inside a triangle: never shared
         Double3 position{};
     };
@@ -45,7 +45,8 @@ class ClipContext {
     }
 
   private:
-    /// A polygon corner and the triangle edge (0, 1, 2) that the side after it lies on; 3 = a plane.
+    /// A polygon corner and the triangle edge (0, 1, 2) that the side after it lies on; 3 = a
+    /// plane.
     struct Side {
         std::uint32_t v;
         std::size_t edge;
@@ -59,5 +60,22 @@ class ClipContext {
     std::vector<CutVertex> vertices_;
     std::map<std::tuple<std::uint32_t, std::uint32_t, std::uint32_t>, std::uint32_t> index_;
 };
+
+/// How a cube with the given low corner and edge lies to the box.
+enum class Overlap { outside, crossing, inside };
+
+inline Overlap overlap_of(const ClipBox& box, const Int3& low, std::int64_t edge) {
+    bool inside = true;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        const auto lo = static_cast<double>(low[axis]);
+        const auto hi = static_cast<double>(low[axis] + edge);
+        if (hi <= box.lo[a] || lo >= box.hi[a]) {
+            return Overlap::outside;
+        }
+        inside = inside && lo >= box.lo[a] && hi <= box.hi[a];
+    }
+    return inside ? Overlap::inside : Overlap::crossing;
+}
 
 }  // namespace isonest

@@ -49,11 +49,7 @@ void finest_plane(const StoreReader& store, ChunkCache& cache, Field field, std:
                 const Int3 cube{cx, cy, cz};
                 // finest_indicator() wants the all-even corner first: mirror the odd cubes.
                 const auto mirror = static_cast<unsigned>((cx & 1) + 2 * (cy & 1) + 4 * (cz & 1));
-                CubeValues u{};
-                for (int p = 0; p < 27; ++p) {
-                    u[static_cast<std::size_t>(p)] =
-                        static_cast<double>(values.at(cube * 2 + node_offset(p, mirror)));
-                }
+                const CubeValues u = cube_values(values, cube);
                 for (int p = 0; p < 27; ++p) {
                     const Int3 at = cube * 2 + node_offset(p, mirror);
                     const bool refines = ((at.x | at.y | at.z) & 1) != 0;
@@ -62,9 +58,9 @@ void finest_plane(const StoreReader& store, ChunkCache& cache, Field field, std:
                     }
                     const bool centre = (at.x & at.y & at.z & 1) != 0;
                     plane[static_cast<std::size_t>(at.y * n.x + at.x)] =
-                        centre ? static_cast<float>(centres.at(cube - base, kCentreSlot))
-                               : round_up_to_float(
-                                     finest_indicator(u, p, field == Field::linf_plus));
+                        centre
+                            ? static_cast<float>(centres.at(cube - base, kCentreSlot))
+                            : round_up_to_float(finest_indicator(u, p, field == Field::linf_plus));
                 }
             }
         }
@@ -102,10 +98,10 @@ void indicator_plane(const StoreReader& store, ChunkCache& cache, const ExportOp
                             continue;
                         }
                         plane[static_cast<std::size_t>(py * scale * n.x + px * scale)] =
-                            static_cast<float>(view.at(
-                                Int3{px / 2, py / 2, pz / 2} - base,
-                                slot_of(static_cast<int>(px & 1), static_cast<int>(py & 1),
-                                        static_cast<int>(pz & 1))));
+                            static_cast<float>(
+                                view.at(Int3{px / 2, py / 2, pz / 2} - base,
+                                        slot_of(static_cast<int>(px & 1), static_cast<int>(py & 1),
+                                                static_cast<int>(pz & 1))));
                     }
                 }
             }

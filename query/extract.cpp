@@ -21,8 +21,9 @@ constexpr std::uint64_t kLibraryHeap = 24U << 20U;
 
 double tolerance_of(const StoreReader& store, const ExtractOptions& options) {
     if (options.error && options.error_relative) {
-        throw Error(ErrorKind::invalid_argument,
-                    "give the error either in units of the data or relative to its range, not both");
+        throw Error(
+            ErrorKind::invalid_argument,
+            "give the error either in units of the data or relative to its range, not both");
     }
     double tolerance = options.error.value_or(0);
     if (options.error_relative) {
@@ -43,9 +44,8 @@ void require(const StoreReader& store, Field field, const char* guarantee) {
                     fmt::format("{}: --guarantee {} needs the field {}; the store has {}. Choose "
                                 "another guarantee or preprocess again with --indicators {}",
                                 store.path().string(), guarantee, name_of(field),
-                                layout.header().fields.empty()
-                                    ? "none"
-                                    : list_names(layout.header().fields),
+                                layout.header().fields.empty() ? "none"
+                                                               : list_names(layout.header().fields),
                                 name_of(field)));
     }
 }
@@ -110,14 +110,14 @@ Budget share(const StoreReader& store, const ExtractOptions& options, const Trav
     constexpr std::uint64_t kLeastPart = 4096;
     const std::uint64_t each = brick + 2 * kLeastPart * LocalMesh::kBytesPerVertex;
     if (options.memory < kLibraryHeap + each) {
-        throw Error(ErrorKind::limit,
-                    fmt::format("{}: a memory of {} MiB is too little for this store's chunks: give "
-                                "at least --memory {}M",
-                                store.path().string(), options.memory >> 20U,
-                                ((kLibraryHeap + each) >> 20U) + 1));
+        throw Error(
+            ErrorKind::limit,
+            fmt::format("{}: a memory of {} MiB is too little for this store's chunks: give "
+                        "at least --memory {}M",
+                        store.path().string(), options.memory >> 20U,
+                        ((kLibraryHeap + each) >> 20U) + 1));
     }
-    const int wanted =
-        options.threads > 0 ? options.threads : tbb::info::default_concurrency();
+    const int wanted = options.threads > 0 ? options.threads : tbb::info::default_concurrency();
     const std::uint64_t usable = options.memory - kLibraryHeap;
     Budget budget{};
     budget.threads = static_cast<int>(
@@ -126,8 +126,8 @@ Budget share(const StoreReader& store, const ExtractOptions& options, const Trav
     const std::uint64_t spare = usable - threads * each;
     budget.part_vertices = std::clamp<std::size_t>(
         spare / 4 / threads / (2 * LocalMesh::kBytesPerVertex), kLeastPart, 65536);
-    budget.cache = usable - threads * (2 * budget.part_vertices * LocalMesh::kBytesPerVertex +
-                                       (4U << 20U));
+    budget.cache =
+        usable - threads * (2 * budget.part_vertices * LocalMesh::kBytesPerVertex + (4U << 20U));
     return budget;
 }
 

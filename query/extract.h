@@ -27,7 +27,7 @@ struct WorldBox {
 
 struct ExtractOptions {
     double iso = 0;
-    std::optional<double> error;           ///< in units of the data; 0 (the default) = full resolution
+    std::optional<double> error;  ///< in units of the data; 0 (the default) = full resolution
     std::optional<double> error_relative;  ///< relative to the data's range
     Guarantee guarantee = Guarantee::deviation;
     std::optional<WorldBox> box;                     ///< the surface is cut at the box
@@ -42,7 +42,7 @@ struct ExtractReport {
     double tolerance = 0;    ///< the error asked for, in units of the data
     double error_bound = 0;  ///< largest indicator at which a visited leaf stopped; <= tolerance
     std::uint64_t visited_tetrahedra = 0;
-    std::uint64_t leaf_tetrahedra = 0;  ///< visited, not refined further, and holding surface
+    std::uint64_t leaf_tetrahedra = 0;      ///< visited, not refined further, and holding surface
     std::uint64_t zero_area_triangles = 0;  ///< left where coordinates round to the same place
     std::uint64_t chunks_read = 0;
     std::uint64_t chunks_total = 0;
@@ -52,12 +52,12 @@ struct ExtractReport {
     double seconds = 0;
 };
 
-/// Writes the isosurface {U = iso} as binary PLY, coordinates float32 in world units, normals toward
-/// smaller values. The bytes depend on the volume, iso, tolerance, guarantee and box alone.
+/// Writes the isosurface {U = iso} as binary PLY, coordinates float32 in world units, normals
+/// toward smaller values. The bytes depend on the volume, iso, tolerance, guarantee and box alone.
 /// An empty surface is a mesh without triangles.
-/// Throws Error{invalid_argument} (non-finite iso, negative error), Error{not_found} (the store lacks
-/// the field that the guarantee needs), Error{limit} (memory, or more than 2^32 - 1 vertices),
-/// Error{corrupt, io, cancelled}. Thread-safe for different outputs.
+/// Throws Error{invalid_argument} (non-finite iso, negative error), Error{not_found} (the store
+/// lacks the field that the guarantee needs), Error{limit} (memory, or more than 2^32 - 1
+/// vertices), Error{corrupt, io, cancelled}. Thread-safe for different outputs.
 ExtractReport extract(const StoreReader& store, const std::filesystem::path& mesh,
                       const ExtractOptions& options, Progress& progress);
 

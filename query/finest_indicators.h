@@ -1,8 +1,8 @@
 // The indicators of level 1's faces and edges, from the values of one cube of edge 2.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 3. At the finest scale an indicator depends on no
-// finer one, so whoever has the 27 values of a cube has them all; the store keeps only the cube's centre
-// (store/FORMAT.md, section 4).
+// Source: Gerstner, Rumpf, Weikard (2000), section 3. At the finest scale an indicator depends on
+// no finer one, so whoever has the 27 values of a cube has them all; the store keeps only the
+// cube's centre (store/FORMAT.md, section 4).
 #pragma once
 
 #include <algorithm>
@@ -12,10 +12,26 @@
 #include <cstdint>
 #include <limits>
 
+#include "query/topology.h"
+#include "store/box.h"
+
 namespace isonest {
 
 /// Values of the nodes {0, 1, 2}^3 of a cube, numbered x + 3 y + 9 z, the all-even corner at 0.
 using CubeValues = std::array<double, 27>;
+
+/// The values of cube `cube` of level 1 from a box that covers it, mirrored so that the all-even
+/// corner is 0.
+template <class T>
+CubeValues cube_values(const Box<T>& values, const Int3& cube) {
+    const auto mirror = static_cast<unsigned>((cube.x & 1) + 2 * (cube.y & 1) + 4 * (cube.z & 1));
+    CubeValues u{};
+    for (int p = 0; p < 27; ++p) {
+        u[static_cast<std::size_t>(p)] =
+            static_cast<double>(values.at(cube * 2 + node_offset(p, mirror)));
+    }
+    return u;
+}
 
 namespace finest {
 
@@ -66,8 +82,8 @@ inline double finest_offset(const CubeValues& u, int position) {
                                                      : std::numeric_limits<double>::infinity();
 }
 
-/// linf_bar (which is deviation_bar at level 1), or linf_plus, of an edge midpoint, a face centre or the
-/// cube's centre. REQUIRES: position is odd in at least one coordinate.
+/// linf_bar (which is deviation_bar at level 1), or linf_plus, of an edge midpoint, a face centre
+/// or the cube's centre. REQUIRES: position is odd in at least one coordinate.
 inline double finest_indicator(const CubeValues& u, int position, bool plus) {
     const auto& node = finest::kNodes[static_cast<std::size_t>(position)];
     const double eta = finest_offset(u, position);

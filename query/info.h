@@ -14,7 +14,7 @@ struct ArrayReport {
     Int3 nodes;
     Int3 chunk;
     std::uint64_t chunks = 0;
-    std::uint64_t raw_bytes = 0;     ///< of the nodes themselves, without padding
+    std::uint64_t raw_bytes = 0;  ///< of the nodes themselves, without padding
     std::uint64_t stored_bytes = 0;
     double min = 0;
     double max = 0;

@@ -1,11 +1,11 @@
 // Marching tetrahedra with exact hits.
 //
 // Sources: A. Doi, A. Koide, "An efficient method of triangulating equi-valued surfaces by using
-// tetrahedral cells", IEICE Trans. E74 (1991) for the cases. The treatment of nodes that lie exactly
-// on the surface is our own: each tetrahedron face with such a node, one node below and one not below
-// is crossed by the surface in a segment from that node; the faces around a node that successive
-// tetrahedra link form closed fans, and each fan is one vertex. So sheets that touch in a node stay
-// separate, and the triangles that would have no area never arise.
+// tetrahedral cells", IEICE Trans. E74 (1991) for the cases. The treatment of nodes that lie
+// exactly on the surface is our own: each tetrahedron face with such a node, one node below and one
+// not below is crossed by the surface in a segment from that node; the faces around a node that
+// successive tetrahedra link form closed fans, and each fan is one vertex. So sheets that touch in
+// a node stay separate, and the triangles that would have no area never arise.
 #include "query/local_mesh.h"
 
 #include <cmath>
@@ -108,8 +108,8 @@ std::uint32_t LocalMesh::private_vertex(const Double3& position) {
     return next;
 }
 
-/// Adds a triangle whose edge i, from corner i to i + 1, passes through mid[i] where that is a vertex:
-/// none of them, one, or all three.
+/// Adds a triangle whose edge i, from corner i to i + 1, passes through mid[i] where that is a
+/// vertex: none of them, one, or all three.
 void LocalMesh::add_split(const std::array<std::uint32_t, 3>& v,
                           const std::array<std::uint32_t, 3>& mid, bool cut) {
     const int count = (mid[0] != kNone) + (mid[1] != kNone) + (mid[2] != kNone);
@@ -121,8 +121,8 @@ void LocalMesh::add_split(const std::array<std::uint32_t, 3>& v,
         add(v[s], mid[s], v[(s + 2) % 3], cut);
         return add(mid[s], v[(s + 1) % 3], v[(s + 2) % 3], cut);
     }
-    // The whole triangle is a face of the grid, and the surface may pass through it on both sides with
-    // the same six vertices; a centre of its own keeps the two apart.
+    // The whole triangle is a face of the grid, and the surface may pass through it on both sides
+    // with the same six vertices; a centre of its own keeps the two apart.
     Double3 centre{};
     for (std::size_t axis = 0; axis < 3; ++axis) {
         centre[axis] = (elements_[v[0]].position[axis] + elements_[v[1]].position[axis] +
@@ -234,8 +234,8 @@ void LocalMesh::march(const std::array<Corner, 4>& corners, bool positive, doubl
 
 MeshPart LocalMesh::finish(const ClipBox& box) {
     // A vertex is complete if its triangles close up around it: then the neighbours that its
-    // triangles enter and leave by are the same, and their (mixed) numbers cancel. An incomplete one
-    // may continue in another part.
+    // triangles enter and leave by are the same, and their (mixed) numbers cancel. An incomplete
+    // one may continue in another part.
     std::vector<std::uint64_t> open(elements_.size(), 0);
     for (Triangle& t : triangles_) {
         for (std::uint32_t& v : t.v) {
@@ -262,8 +262,9 @@ MeshPart LocalMesh::finish(const ClipBox& box) {
     };
     std::vector<std::uint32_t> number(elements_.size(), kNone);
     std::vector<std::uint32_t> order;
-    ClipContext clip(box, [&](std::uint32_t e) -> const Double3& { return elements_[e].position; },
-                     static_cast<std::uint32_t>(elements_.size()));
+    ClipContext clip(
+        box, [&](std::uint32_t e) -> const Double3& { return elements_[e].position; },
+        static_cast<std::uint32_t>(elements_.size()));
     const auto vertex_of = [&](std::uint32_t v) {
         if (v >= number.size()) {
             number.resize(v + 1, kNone);

@@ -55,10 +55,10 @@ struct MeshPart {
 /// Collects triangles of marched tetrahedra. Not thread-safe; one per thread, reused.
 class LocalMesh {
   public:
-    /// Marches one leaf tetrahedron: a node is inside if value >= iso; the triangles' normals point to
-    /// the smaller values. Where the surface passes exactly through nodes, no triangle of zero area
-    /// arises and the mesh stays a manifold. `cut` says that the tetrahedron may reach out of the box.
-    /// `positive`: det(v1 - v0, v2 - v0, v3 - v0) > 0.
+    /// Marches one leaf tetrahedron: a node is inside if value >= iso; the triangles' normals point
+    /// to the smaller values. Where the surface passes exactly through nodes, no triangle of zero
+    /// area arises and the mesh stays a manifold. `cut` says that the tetrahedron may reach out of
+    /// the box. `positive`: det(v1 - v0, v2 - v0, v3 - v0) > 0.
     void march(const std::array<Corner, 4>& corners, bool positive, double iso, bool cut);
 
     [[nodiscard]] bool empty() const { return triangles_.empty() && elements_.empty(); }

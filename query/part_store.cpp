@@ -92,9 +92,9 @@ std::span<const MeshPart::Cut> PartStore::cuts(const PartRecord& r) const {
     return slice<MeshPart::Cut>(r.offset + r.names * sizeof(MeshPart::Name), r.cuts);
 }
 std::span<const MeshPart::Shared> PartStore::shared(const PartRecord& r) const {
-    return slice<MeshPart::Shared>(r.offset + r.names * sizeof(MeshPart::Name) +
-                                       aligned(r.cuts * sizeof(MeshPart::Cut)),
-                                   r.shared);
+    return slice<MeshPart::Shared>(
+        r.offset + r.names * sizeof(MeshPart::Name) + aligned(r.cuts * sizeof(MeshPart::Cut)),
+        r.shared);
 }
 std::span<const std::array<float, 3>> PartStore::vertices(const PartRecord& r) const {
     return slice<Point>(r.offset + r.names * sizeof(MeshPart::Name) +

@@ -19,8 +19,8 @@ struct PartRecord {
     std::uint32_t shared = 0;
     std::uint32_t names = 0;
     std::uint32_t cuts = 0;
-    std::uint32_t owned = 0;        ///< set by the weld: vertices not named by an earlier part
-    std::uint64_t first_vertex = 0; ///< set by the weld: number of the first owned vertex
+    std::uint32_t owned = 0;         ///< set by the weld: vertices not named by an earlier part
+    std::uint64_t first_vertex = 0;  ///< set by the weld: number of the first owned vertex
     std::uint64_t first_triangle = 0;
     std::uint64_t first_shared = 0;
 };
@@ -38,7 +38,8 @@ class PartStore {
 
     [[nodiscard]] std::span<PartRecord> records() const { return records_; }
     [[nodiscard]] std::span<const std::array<float, 3>> vertices(const PartRecord& r) const;
-    [[nodiscard]] std::span<const std::array<std::uint32_t, 3>> triangles(const PartRecord& r) const;
+    [[nodiscard]] std::span<const std::array<std::uint32_t, 3>> triangles(
+        const PartRecord& r) const;
     [[nodiscard]] std::span<const MeshPart::Shared> shared(const PartRecord& r) const;
     [[nodiscard]] std::span<const MeshPart::Name> names(const PartRecord& r) const;
     [[nodiscard]] std::span<const MeshPart::Cut> cuts(const PartRecord& r) const;

@@ -58,8 +58,8 @@ class OutputFile {
 
   private:
     [[noreturn]] void fail(const char* what, int error) const {
-        throw Error(ErrorKind::io, fmt::format("{}: cannot {}: {}", path_.string(), what,
-                                               std::strerror(error)));
+        throw Error(ErrorKind::io,
+                    fmt::format("{}: cannot {}: {}", path_.string(), what, std::strerror(error)));
     }
     std::filesystem::path path_;
     std::filesystem::path temporary_;

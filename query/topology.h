@@ -1,5 +1,5 @@
-// How the tetrahedra of a cube and of its eight subcubes hang together, in a cube whose all-even corner
-// is its low one; other cubes are its mirror images.
+// How the tetrahedra of a cube and of its eight subcubes hang together, in a cube whose all-even
+// corner is its low one; other cubes are its mirror images.
 #pragma once
 
 #include <array>
@@ -9,13 +9,13 @@
 
 namespace isonest {
 
-/// One of the 6 + 12 + 24 tetrahedra between a cube and its subcubes. Node positions are 0, 1 or 2 half
-/// edges per axis, numbered x + 3 y + 9 z.
+/// One of the 6 + 12 + 24 tetrahedra between a cube and its subcubes. Node positions are 0, 1 or 2
+/// half edges per axis, numbered x + 3 y + 9 z.
 struct TopologyTetrahedron {
     std::array<std::uint8_t, 4> vertices{};
     std::uint8_t ref_node = 0;
-    /// Kinds 0 and 1: positions of the two children in the next kind's array. Kind 2: the subcube (bits
-    /// x, y, z) of each child.
+    /// Kinds 0 and 1: positions of the two children in the next kind's array. Kind 2: the subcube
+    /// (bits x, y, z) of each child.
     std::array<std::uint8_t, 2> children{};
     /// Kind 2: the Kuhn tetrahedron of the subcube that each child is (position in kAxisOrders).
     std::array<std::uint8_t, 2> child_orders{};

@@ -8,6 +8,7 @@
 #include <memory>
 
 #include "query/brick_view.h"
+#include "query/clip.h"
 #include "query/finest_indicators.h"
 #include "query/morton.h"
 #include "query/topology.h"
@@ -35,24 +36,8 @@ std::uint64_t order_of(int level, std::uint64_t morton) {
     return (static_cast<std::uint64_t>(63 - level) << 57U) | morton;
 }
 
-enum class Overlap { outside, crossing, inside };
-
-Overlap overlap_of(const ClipBox& box, const Int3& low, std::int64_t edge) {
-    bool inside = true;
-    for (int axis = 0; axis < 3; ++axis) {
-        const auto a = static_cast<std::size_t>(axis);
-        const auto lo = static_cast<double>(low[axis]);
-        const auto hi = static_cast<double>(low[axis] + edge);
-        if (hi <= box.lo[a] || lo >= box.hi[a]) {
-            return Overlap::outside;
-        }
-        inside = inside && lo >= box.lo[a] && hi <= box.hi[a];
-    }
-    return inside ? Overlap::inside : Overlap::crossing;
-}
-
-/// The work on one brick of level `level`: cubes of level + 1 whose tetrahedra are to be refined come
-/// in, leaves are marched, and cubes of `level` whose tetrahedra are to be refined go out.
+/// The work on one brick of level `level`: cubes of level + 1 whose tetrahedra are to be refined
+/// come in, leaves are marched, and cubes of `level` whose tetrahedra are to be refined go out.
 template <class T>
 class BrickWork {
   public:
@@ -78,10 +63,10 @@ class BrickWork {
                 const Int3 o{octant & 1, (octant >> 1) & 1, octant >> 2};
                 const auto i = static_cast<std::size_t>(octant);
                 centre_base_[i] = base_ + o * half_;
-                centre_stop_[i] = IndicatorView(
-                    shared.cache, layout.array(level, query_.stop), centre_base_[i]);
-                centre_bound_[i] = IndicatorView(
-                    shared.cache, layout.array(level, query_.bound), centre_base_[i]);
+                centre_stop_[i] =
+                    IndicatorView(shared.cache, layout.array(level, query_.stop), centre_base_[i]);
+                centre_bound_[i] =
+                    IndicatorView(shared.cache, layout.array(level, query_.bound), centre_base_[i]);
             }
         }
     }
@@ -178,13 +163,14 @@ template <class T>
 void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
     nodes.low = parent * 2;
     nodes.mirror = static_cast<unsigned>((parent.x & 1) + 2 * (parent.y & 1) + 4 * (parent.z & 1));
-    const Int3 last = shared_.cache.source().layout().array(level_, Field::values).nodes -
-                      Int3{1, 1, 1} - base_;
+    const Int3 last =
+        shared_.cache.source().layout().array(level_, Field::values).nodes - Int3{1, 1, 1} - base_;
     for (int position = 0; position < 27; ++position) {
-        // Beyond the lattice of this level (only there for a parent that reaches outside the volume)
-        // the nearest node's value holds.
+        // Beyond the lattice of this level (only there for a parent that reaches outside the
+        // volume) the nearest node's value holds.
         const Int3 p = min(nodes.low - base_ + node_offset(position, nodes.mirror), last);
-        nodes.value[static_cast<std::size_t>(position)] = static_cast<double>(values_.template at<T>(p));
+        nodes.value[static_cast<std::size_t>(position)] =
+            static_cast<double>(values_.template at<T>(p));
     }
 }
 
@@ -365,10 +351,11 @@ void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Mas
             continue;
         }
         const Int3 child = brick * 2 + Int3{octant & 1, (octant >> 1) & 1, octant >> 2};
-        group.run([&shared, level, child, share, masks = std::shared_ptr<MaskList>(std::move(list))] {
-            run_brick<T>(shared, level - 1, child, std::make_unique<MaskList>(std::move(*masks)),
-                         share);
-        });
+        group.run(
+            [&shared, level, child, share, masks = std::shared_ptr<MaskList>(std::move(list))] {
+                run_brick<T>(shared, level - 1, child,
+                             std::make_unique<MaskList>(std::move(*masks)), share);
+            });
     }
     group.wait();
 }

@@ -1,7 +1,7 @@
 // AdaptTraverse, out of core: from the coarsest cube to the leaves, brick by brick.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), sections 2, 4 and 6. The unit is a cube with a mask of its
-// active Kuhn tetrahedra; a brick is the cubes of one level in one chunk of values.
+// Source: Gerstner, Rumpf, Weikard (2000), sections 2, 4 and 6. The unit is a cube with a mask of
+// its active Kuhn tetrahedra; a brick is the cubes of one level in one chunk of values.
 #pragma once
 
 #include <array>
@@ -21,7 +21,7 @@ struct TraversalQuery {
     double epsilon = 0;  ///< refine while the stop field >= epsilon; 0: to the end
     Field stop = Field::deviation_bar;
     Field bound = Field::deviation_bar;  ///< REQUIRES: a sound bound (linf_plus or deviation_bar)
-    ClipBox box;  ///< inside the volume
+    ClipBox box;                         ///< inside the volume
 };
 
 struct TraversalCounts {

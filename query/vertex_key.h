@@ -7,8 +7,9 @@
 
 namespace isonest {
 
-/// A point of the half lattice (twice the finest lattice's coordinates) as one number. The midpoint of
-/// an edge of the nested grid names the edge, because every edge is the refinement edge of its midpoint.
+/// A point of the half lattice (twice the finest lattice's coordinates) as one number. The midpoint
+/// of an edge of the nested grid names the edge, because every edge is the refinement edge of its
+/// midpoint.
 inline std::uint64_t half_lattice_key(const Int3& p) {
     constexpr auto kBase = static_cast<std::uint64_t>(2 * kMaxNodesPerAxis + 1);
     return (static_cast<std::uint64_t>(p.z) * kBase + static_cast<std::uint64_t>(p.y)) * kBase +
@@ -18,11 +19,13 @@ inline std::uint64_t half_lattice_key(const Int3& p) {
 /// What a vertex is the crossing of.
 enum class VertexKind : std::uint32_t {
     edge,  ///< first: midpoint of the tetrahedron edge that the surface crosses
-    /// The surface passes exactly through a node; its sheets there are separate vertices. first: the
-    /// node; second: midpoint of the edge opposite to it in a tetrahedron face that the sheet crosses.
+    /// The surface passes exactly through a node; its sheets there are separate vertices. first:
+    /// the node; second: midpoint of the edge opposite to it in a tetrahedron face that the sheet
+    /// crosses.
     fan,
-    /// Midpoint of an edge whose two nodes both lie on the surface; one for each sheet through the edge.
-    /// first: midpoint of the edge; second: the third node of a face at the edge, below the isovalue.
+    /// Midpoint of an edge whose two nodes both lie on the surface; one for each sheet through the
+    /// edge. first: midpoint of the edge; second: the third node of a face at the edge, below the
+    /// isovalue.
     run
 };
 

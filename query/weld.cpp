@@ -127,8 +127,7 @@ Weld::Weld(PartStore& parts, const std::filesystem::path& folder)
         std::uint32_t skipped = 0;
         for (std::uint64_t e = r.first_shared; e < r.first_shared + r.shared; ++e) {
             elements_[e].skipped = skipped;
-            skipped +=
-                elements_[e].vertex != MeshPart::kNoVertex && owner[root(e)] != e ? 1U : 0U;
+            skipped += elements_[e].vertex != MeshPart::kNoVertex && owner[root(e)] != e ? 1U : 0U;
         }
         r.owned = r.vertices - skipped;
         r.first_vertex = vertices_;

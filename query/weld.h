@@ -8,9 +8,9 @@
 
 namespace isonest {
 
-/// Numbers in the order in which the triangles of the parts, taken in order, first name the vertices:
-/// so they do not depend on how the mesh was cut into parts. What grows with the mesh lies in
-/// temporary files.
+/// Numbers in the order in which the triangles of the parts, taken in order, first name the
+/// vertices: so they do not depend on how the mesh was cut into parts. What grows with the mesh
+/// lies in temporary files.
 class Weld {
   public:
     /// REQUIRES: parts.seal() was called. Throws Error{io}.

@@ -11,9 +11,9 @@
 
 namespace isonest {
 
-/// A tetrahedron of the nested grid. `kind` counts the bisections since the last whole cube: 0, 1 or 2.
-/// kind 0 (Kuhn): v0 -> v1 -> v2 -> v3 walks along the axes from the cube's all-even corner to its
-/// all-odd corner; the refinement edge is v0 v3. kind 1: it is v0 v2; kind 2: v0 v1.
+/// A tetrahedron of the nested grid. `kind` counts the bisections since the last whole cube: 0, 1
+/// or 2. kind 0 (Kuhn): v0 -> v1 -> v2 -> v3 walks along the axes from the cube's all-even corner
+/// to its all-odd corner; the refinement edge is v0 v3. kind 1: it is v0 v2; kind 2: v0 v1.
 struct Tetrahedron {
     std::array<Int3, 4> v;
     int kind = 0;
@@ -28,8 +28,8 @@ struct Tetrahedron {
     [[nodiscard]] std::array<Tetrahedron, 2> bisect() const;
 };
 
-/// The axis orders of the six Kuhn tetrahedra; a tetrahedron's position here is its bit in the masks
-/// of the traversal.
+/// The axis orders of the six Kuhn tetrahedra; a tetrahedron's position here is its bit in the
+/// masks of the traversal.
 inline constexpr std::array<std::array<int, 3>, 6> kAxisOrders{
     {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}}};
 

@@ -154,14 +154,14 @@ void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
         state.shuffled.resize(raw.size());
         to = state.shuffled.data();
     }
-    const std::size_t size = ZSTD_decompressDCtx(state.decompress.get(), to, raw.size(),
-                                                 stored.data(), stored.size());
+    const std::size_t size =
+        ZSTD_decompressDCtx(state.decompress.get(), to, raw.size(), stored.data(), stored.size());
     if (ZSTD_isError(size) != 0U || size != raw.size()) {
-        throw Error(ErrorKind::corrupt,
-                    fmt::format("{}: {}; restore the store from a good copy or preprocess again",
-                                place,
-                                ZSTD_isError(size) != 0U ? ZSTD_getErrorName(size)
-                                                         : "the frame is too short"));
+        throw Error(
+            ErrorKind::corrupt,
+            fmt::format(
+                "{}: {}; restore the store from a good copy or preprocess again", place,
+                ZSTD_isError(size) != 0U ? ZSTD_getErrorName(size) : "the frame is too short"));
     }
     if (spec.shuffle) {
         unshuffle(state.shuffled, raw.data(), spec.element_size);

@@ -1,4 +1,5 @@
-// The stored form of a chunk: HDF5's byte shuffle, then one zstd frame with content size and checksum.
+// The stored form of a chunk: HDF5's byte shuffle, then one zstd frame with content size and
+// checksum.
 #pragma once
 
 #include <cstddef>

@@ -9,7 +9,8 @@
 
 namespace isonest {
 
-/// Values, or an indicator with its saturation ("bar": maximum, "plus": sum; section 3 of the paper).
+/// Values, or an indicator with its saturation ("bar": maximum, "plus": sum; section 3 of the
+/// paper).
 enum class Field : std::uint8_t {
     values,
     linf_bar,      ///< eta_infinity, saturated by the maximum: an estimate

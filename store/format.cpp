@@ -16,10 +16,10 @@ void validate(const StoreHeader& header) {
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
         if (header.nodes[axis] < 1 || header.nodes[axis] > kMaxNodesPerAxis) {
-            throw Error(ErrorKind::unsupported,
-                        fmt::format("a volume of {} x {} x {} nodes: each axis must have 1 to {}",
-                                    header.nodes.x, header.nodes.y, header.nodes.z,
-                                    kMaxNodesPerAxis));
+            throw Error(
+                ErrorKind::unsupported,
+                fmt::format("a volume of {} x {} x {} nodes: each axis must have 1 to {}",
+                            header.nodes.x, header.nodes.y, header.nodes.z, kMaxNodesPerAxis));
         }
         if (!(header.spacing[a] > 0) || !std::isfinite(header.spacing[a]) ||
             !std::isfinite(header.origin[a])) {

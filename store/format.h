@@ -28,7 +28,7 @@ struct StoreHeader {
     Double3 origin{0, 0, 0};
     int chunk = 64;  ///< nodes per axis of a chunk of values: a power of two in 8..256
     int compression = 1;
-    bool exact = false;  ///< indicators as binary32 instead of 16-bit codes
+    bool exact = false;         ///< indicators as binary32 instead of 16-bit codes
     std::vector<Field> fields;  ///< the indicators, in the order of the enumeration
 };
 

@@ -9,9 +9,9 @@
 
 namespace isonest {
 
-/// Fills `box` (lattice coordinates of the array's level) with component 0 of a one-component array;
-/// coordinates outside the lattice get the value of the nearest node.
-/// REQUIRES: the array's elements are of type T, and the box is not empty.
+/// Fills `box` (lattice coordinates of the array's level) with component 0 of a one-component
+/// array; coordinates outside the lattice get the value of the nearest node. REQUIRES: the array's
+/// elements are of type T, and the box is not empty.
 template <class T>
 void gather_values(ChunkCache& cache, const ArrayInfo& array, Box<T>& box) {
     const Int3 last = array.nodes - Int3{1, 1, 1};

@@ -121,8 +121,7 @@ std::optional<std::vector<std::uint64_t>> read_integers(hid_t object, const char
                                                         std::size_t count) {
     return read_array<std::uint64_t>(object, name, H5T_NATIVE_UINT64, count, true);
 }
-std::optional<std::vector<double>> read_numbers(hid_t object, const char* name,
-                                                std::size_t count) {
+std::optional<std::vector<double>> read_numbers(hid_t object, const char* name, std::size_t count) {
     return read_array<double>(object, name, H5T_NATIVE_DOUBLE, count, false);
 }
 

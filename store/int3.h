@@ -28,16 +28,24 @@ struct Int3 {
     }
 };
 
-constexpr Int3 operator+(const Int3& a, const Int3& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
-constexpr Int3 operator-(const Int3& a, const Int3& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
-constexpr Int3 operator*(const Int3& a, std::int64_t k) { return {a.x * k, a.y * k, a.z * k}; }
+constexpr Int3 operator+(const Int3& a, const Int3& b) {
+    return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+constexpr Int3 operator-(const Int3& a, const Int3& b) {
+    return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+constexpr Int3 operator*(const Int3& a, std::int64_t k) {
+    return {a.x * k, a.y * k, a.z * k};
+}
 constexpr Int3 min(const Int3& a, const Int3& b) {
     return {std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)};
 }
 constexpr Int3 max(const Int3& a, const Int3& b) {
     return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)};
 }
-constexpr std::int64_t ceil_div(std::int64_t a, std::int64_t b) { return (a + b - 1) / b; }
+constexpr std::int64_t ceil_div(std::int64_t a, std::int64_t b) {
+    return (a + b - 1) / b;
+}
 constexpr Int3 ceil_div(const Int3& a, const Int3& b) {
     return {ceil_div(a.x, b.x), ceil_div(a.y, b.y), ceil_div(a.z, b.z)};
 }

@@ -15,8 +15,9 @@ namespace isonest {
 /// Largest number of nodes per axis. Doubled coordinates of three axes then fit in one 64-bit key.
 inline constexpr std::int64_t kMaxNodesPerAxis = std::int64_t{1} << 20;
 
-/// The levels over a volume. Level L is the lattice of stride 2^L; its cubes tile the volume, so the
-/// last node of an axis may lie outside, where the value of the nearest node of the volume holds.
+/// The levels over a volume. Level L is the lattice of stride 2^L; its cubes tile the volume, so
+/// the last node of an axis may lie outside, where the value of the nearest node of the volume
+/// holds.
 class Lattice {
   public:
     Lattice() = default;
@@ -42,7 +43,8 @@ enum class NodeKind : std::uint8_t { macro_vertex = 0, edge = 1, face = 2, centr
 /// The closed-form description of one node.
 struct NodeInfo {
     NodeKind kind = NodeKind::macro_vertex;
-    std::int64_t scale = 0;  ///< largest power of two dividing all coordinates; 0 for macro vertices
+    std::int64_t scale =
+        0;  ///< largest power of two dividing all coordinates; 0 for macro vertices
     std::array<bool, 3> odd{};
     Int3 end0;  ///< end of the refinement edge with lattice coordinates x - s*sigma
     Int3 end1;  ///< the other end, x + s*sigma
@@ -52,12 +54,14 @@ struct NodeInfo {
 /// REQUIRES: x >= 0.
 NodeInfo describe_node(const Int3& x, int top);
 
-/// The seven refinement nodes of scale 2^(L-1) that a node of level L owns: slot = ox + 2 oy + 4 oz - 1
-/// for the offset (ox, oy, oz) in {0,1}^3 \ 0 times the scale. Slots 0, 1, 3 are the midpoints of the
-/// cube's edges along x, y, z; 2, 4, 5 the centres of its xy, xz, yz faces; 6 its centre.
+/// The seven refinement nodes of scale 2^(L-1) that a node of level L owns: slot = ox + 2 oy + 4 oz
+/// - 1 for the offset (ox, oy, oz) in {0,1}^3 \ 0 times the scale. Slots 0, 1, 3 are the midpoints
+/// of the cube's edges along x, y, z; 2, 4, 5 the centres of its xy, xz, yz faces; 6 its centre.
 inline constexpr int kSlots = 7;
 inline constexpr int kCentreSlot = 6;
-constexpr int slot_of(int ox, int oy, int oz) { return ox + 2 * oy + 4 * oz - 1; }
+constexpr int slot_of(int ox, int oy, int oz) {
+    return ox + 2 * oy + 4 * oz - 1;
+}
 constexpr Int3 slot_offset(int slot) {
     return {(slot + 1) & 1, ((slot + 1) >> 1) & 1, ((slot + 1) >> 2) & 1};
 }

@@ -32,9 +32,9 @@ void sync(const std::filesystem::path& path, int flags) {
 }
 
 [[noreturn]] void exists_already(const std::filesystem::path& path) {
-    throw Error(ErrorKind::invalid_argument,
-                fmt::format("{} exists; give --force to replace it, or another name",
-                            path.string()));
+    throw Error(
+        ErrorKind::invalid_argument,
+        fmt::format("{} exists; give --force to replace it, or another name", path.string()));
 }
 
 }  // namespace

@@ -46,9 +46,9 @@ void StoreReader::read_header() {
     }
     const auto flags = read_integers(root, "flags", 1);
     if (!flags || (*flags)[0] != 0) {
-        throw Error(ErrorKind::unsupported,
-                    fmt::format("{}: reserved header flags are set: use a newer isonest",
-                                path_.string()));
+        throw Error(
+            ErrorKind::unsupported,
+            fmt::format("{}: reserved header flags are set: use a newer isonest", path_.string()));
     }
     if (read_integers(root, "complete", 1) != std::vector<std::uint64_t>{1}) {
         fail_corrupt("the store is incomplete; preprocess again");
@@ -103,8 +103,7 @@ void StoreReader::read_header() {
     const std::uint64_t size = file_.bytes().size();
     if (!sum || offset == HADDR_UNDEF || offset > size ||
         layout_.rows() > (size - offset) / sizeof(ChunkRow)) {
-        fail_corrupt(
-            "the chunk table is missing or cut off; restore the store from a good copy");
+        fail_corrupt("the chunk table is missing or cut off; restore the store from a good copy");
     }
     table_offset_ = offset;
     if (checksum_of(file_.bytes().subspan(offset, layout_.rows() * sizeof(ChunkRow))) !=
@@ -115,8 +114,7 @@ void StoreReader::read_header() {
 
 ChunkRow StoreReader::row(const ArrayInfo& array, const Int3& chunk) const {
     ChunkRow row;
-    std::memcpy(&row,
-                file_.bytes().data() + table_offset_ + array.row_of(chunk) * sizeof(ChunkRow),
+    std::memcpy(&row, file_.bytes().data() + table_offset_ + array.row_of(chunk) * sizeof(ChunkRow),
                 sizeof(ChunkRow));
     if (row.offset > file_bytes() || row.bytes > file_bytes() - row.offset) {
         fail_corrupt(array.place(chunk) + " lies outside the file; it was cut off");

@@ -30,8 +30,7 @@ class StoreReader : public ChunkSource {
     /// The stored bytes of a chunk, in the map.
     [[nodiscard]] std::span<const std::byte> stored(const ArrayInfo& array,
                                                     const Int3& chunk) const;
-    void decode(const ArrayInfo& array, const Int3& chunk,
-                std::span<std::byte> raw) const override;
+    void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
     void prefetch(const ArrayInfo& array, const Int3& chunk) const;
 
     /// Chunks and stored bytes decoded since opening.

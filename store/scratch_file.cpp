@@ -75,8 +75,7 @@ void ScratchFile::unmap() {
 
 void ScratchFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes) {
     while (!bytes.empty()) {
-        const ssize_t n =
-            ::pwrite(fd_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
+        const ssize_t n = ::pwrite(fd_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
         if (n < 0 && errno == EINTR) {
             continue;
         }
@@ -116,8 +115,7 @@ std::span<std::byte> ScratchFile::map(std::uint64_t bytes) {
     if (error != 0) {
         fail(folder_, fmt::format("cannot reserve {} bytes", bytes).c_str(), error);
     }
-    void* const p =
-        ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd_, 0);
+    void* const p = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd_, 0);
     if (p == MAP_FAILED) {
         fail(folder_, "cannot map", errno);
     }

@@ -24,8 +24,8 @@ class ScratchFile {
     /// Throws Error{io}, for example on a full disk.
     void write_at(std::uint64_t offset, std::span<const std::byte> bytes);
     void read_at(std::uint64_t offset, std::span<std::byte> bytes) const;
-    /// Maps the first `bytes` for reading and writing, extending the file (with zeros) where needed.
-    /// Earlier maps become invalid. Throws Error{io}.
+    /// Maps the first `bytes` for reading and writing, extending the file (with zeros) where
+    /// needed. Earlier maps become invalid. Throws Error{io}.
     std::span<std::byte> map(std::uint64_t bytes);
     /// The current map as an array of T.
     template <class T>

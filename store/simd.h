@@ -1,5 +1,5 @@
-// ISONEST_SIMD before a function: compiled for several instruction sets, chosen when the program starts.
-// The results are the same on all of them, because contraction to fused operations is off.
+// ISONEST_SIMD before a function: compiled for several instruction sets, chosen when the program
+// starts. The results are the same on all of them, because contraction to fused operations is off.
 #pragma once
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \

@@ -83,8 +83,7 @@ class Hdf5File : public VolumeFile {
         file_.reset();
         std::error_code ignored;
         std::filesystem::remove(temporary_, ignored);
-        throw Error(ErrorKind::io,
-                    fmt::format("{}: cannot {}: {}", path_.string(), what, detail));
+        throw Error(ErrorKind::io, fmt::format("{}: cannot {}: {}", path_.string(), what, detail));
     }
     std::filesystem::path path_;
     std::filesystem::path temporary_;
@@ -113,8 +112,8 @@ class FlatFile : public VolumeFile {
         }
     }
     void write(const std::byte* planes, std::int64_t count) override {
-        put(planes, static_cast<std::size_t>(count * spec_.nodes.x * spec_.nodes.y) *
-                        size_of(spec_.type));
+        put(planes,
+            static_cast<std::size_t>(count * spec_.nodes.x * spec_.nodes.y) * size_of(spec_.type));
     }
     void finish() override {
         if (std::fflush(file_) != 0) {

@@ -31,8 +31,8 @@ struct VolumeFileSpec {
     bool force = false;
 };
 
-/// By the name's ending: .h5 or .hdf5 (dataset /data, [z, y, x], with attributes spacing and origin in
-/// x, y, z order), .nrrd, .raw (no header). Throws Error{invalid_argument, not_found, io}.
+/// By the name's ending: .h5 or .hdf5 (dataset /data, [z, y, x], with attributes spacing and origin
+/// in x, y, z order), .nrrd, .raw (no header). Throws Error{invalid_argument, not_found, io}.
 std::unique_ptr<VolumeFile> create_volume_file(const std::filesystem::path& path,
                                                const VolumeFileSpec& spec);
 

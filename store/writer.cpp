@@ -86,9 +86,9 @@ void StoreWriter::Impl::create() {
     const PropertyHandle creation(H5Pcreate(H5P_FILE_CREATE));
     H5Pset_obj_track_times(creation.get(), false);
     std::filesystem::remove(temporary);
-    file = made(FileHandle(H5Fcreate(temporary.c_str(), H5F_ACC_EXCL, creation.get(),
-                                     access.get())),
-                "create the file");
+    file =
+        made(FileHandle(H5Fcreate(temporary.c_str(), H5F_ACC_EXCL, creation.get(), access.get())),
+             "create the file");
     datasets.resize(layout.arrays().size());
     create_group("/levels");
     for (int level = 0; level <= layout.lattice().top(); ++level) {
@@ -110,16 +110,15 @@ void StoreWriter::Impl::create() {
 GroupHandle StoreWriter::Impl::create_group(const std::string& name) const {
     const PropertyHandle creation(H5Pcreate(H5P_GROUP_CREATE));
     H5Pset_obj_track_times(creation.get(), false);
-    return made(GroupHandle(H5Gcreate2(file.get(), name.c_str(), H5P_DEFAULT, creation.get(),
-                                       H5P_DEFAULT)),
-                "create a group");
+    return made(
+        GroupHandle(H5Gcreate2(file.get(), name.c_str(), H5P_DEFAULT, creation.get(), H5P_DEFAULT)),
+        "create a group");
 }
 
 void StoreWriter::Impl::create_array(const ArrayInfo& array) {
     const std::string name = StoreLayout::path_of(array);
     if (array.alias) {
-        const std::string target =
-            StoreLayout::path_of(layout.array(array.level, Field::linf_bar));
+        const std::string target = StoreLayout::path_of(layout.array(array.level, Field::linf_bar));
         if (H5Lcreate_hard(file.get(), target.c_str(), file.get(), name.c_str(), H5P_DEFAULT,
                            H5P_DEFAULT) < 0) {
             fail("link " + name);
@@ -203,8 +202,8 @@ void StoreWriter::Impl::write_table() {
         if (array.level != 0) {
             continue;
         }
-        for (const ChunkRow& row : rows.subspan(array.first_row,
-                                                static_cast<std::size_t>(array.grid.product()))) {
+        for (const ChunkRow& row :
+             rows.subspan(array.first_row, static_cast<std::size_t>(array.grid.product()))) {
             low = std::fmin(low, row.min);
             high = std::fmax(high, row.max);
             missing |= row.flags & kChunkHasMissing;
@@ -271,9 +270,8 @@ std::uint64_t StoreWriter::bytes_written() const {
 
 void StoreWriter::write_chunk(const ArrayInfo& array, const Int3& chunk,
                               std::span<const std::byte> encoded, ChunkRow row) {
-    const auto at = dims_of({chunk.x * array.chunk.x, chunk.y * array.chunk.y,
-                             chunk.z * array.chunk.z},
-                            0);
+    const auto at =
+        dims_of({chunk.x * array.chunk.x, chunk.y * array.chunk.y, chunk.z * array.chunk.z}, 0);
     const auto index = static_cast<std::size_t>(&array - impl_->layout.arrays().data());
     row.bytes = static_cast<std::uint32_t>(encoded.size());
     row.checksum = checksum_of(encoded);
@@ -327,9 +325,9 @@ void StoreWriter::decode(const ArrayInfo& array, const Int3& chunk,
     stored.resize(row.bytes);
     if (::pread(impl_->read_fd, stored.data(), stored.size(), static_cast<off_t>(row.offset)) !=
         static_cast<ssize_t>(stored.size())) {
-        throw Error(ErrorKind::io, fmt::format("{}: cannot read back {}: {}",
-                                               impl_->temporary.string(), array.place(chunk),
-                                               std::strerror(errno)));
+        throw Error(ErrorKind::io,
+                    fmt::format("{}: cannot read back {}: {}", impl_->temporary.string(),
+                                array.place(chunk), std::strerror(errno)));
     }
     decode_chunk(stored, array.codec, raw, impl_->temporary.string() + ": " + array.place(chunk));
 }

@@ -23,8 +23,7 @@ class StoreWriter : public ChunkSource {
     void write_chunk(const ArrayInfo& array, const Int3& chunk, std::span<const std::byte> encoded,
                      ChunkRow row);
     [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override;
-    void decode(const ArrayInfo& array, const Int3& chunk,
-                std::span<std::byte> raw) const override;
+    void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
     [[nodiscard]] std::uint64_t bytes_written() const;
 
     /// Writes table and completeness mark, syncs, renames. Throws Error{io}.

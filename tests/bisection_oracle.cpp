@@ -119,7 +119,8 @@ BisectionOracle::BisectionOracle(const Int3& n, const std::function<double(const
         for (const Element& t : generations[g]) {
             const Int3 x = middle(t);
             OracleNode& node = nodes_[key_of(x)];
-            const double u = value_(x) - (value_(t.v[0]) + value_(t.v[static_cast<std::size_t>(t.tag)])) / 2;
+            const double u =
+                value_(x) - (value_(t.v[0]) + value_(t.v[static_cast<std::size_t>(t.tag)])) / 2;
             bool missing = !std::isfinite(value_(x));
             bool around = false;
             for (const Int3& v : t.v) {
@@ -129,7 +130,8 @@ BisectionOracle::BisectionOracle(const Int3& n, const std::function<double(const
             const bool finest = g + 3 >= generations.size();
             missing = finest ? !std::isfinite(u) : missing || around;
             node.eta = std::max(node.eta, missing ? kInfinity : std::fabs(u));
-            node.deviation = std::max(node.deviation, finest && (missing || around) ? node.eta : deviation(t));
+            node.deviation =
+                std::max(node.deviation, finest && (missing || around) ? node.eta : deviation(t));
             auto& largest = children[key_of(x)];
             if (g + 1 < generations.size()) {
                 for (const Element& child : bisect(t)) {

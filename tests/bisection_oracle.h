@@ -1,7 +1,8 @@
 // Indicators by explicit recursive bisection, without the closed form of the lattice.
 //
-// Source: Maubach's tagged bisection (1995): a tetrahedron (v0, v1, v2, v3; d) is cut at the midpoint z
-// of v0 vd into (v0 .. v(d-1), z, v(d+1) ..; d') and (v1 .. vd, z, v(d+1) ..; d'), d' = d - 1, or 3 if d = 1.
+// Source: Maubach's tagged bisection (1995): a tetrahedron (v0, v1, v2, v3; d) is cut at the
+// midpoint z of v0 vd into (v0 .. v(d-1), z, v(d+1) ..; d') and (v1 .. vd, z, v(d+1) ..; d'), d' =
+// d - 1, or 3 if d = 1.
 #pragma once
 
 #include <array>
@@ -18,7 +19,7 @@ struct OracleNode {
     double eta = 0;
     double bar = 0;
     double plus = 0;
-    double deviation = 0;      ///< not saturated
+    double deviation = 0;  ///< not saturated
     double deviation_bar = 0;
 };
 

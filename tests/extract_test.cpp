@@ -17,7 +17,8 @@ struct Result {
 
 template <class T>
 Result surface(MemoryVolume<T>& volume, double iso, double error, int chunk = 8,
-               const std::optional<WorldBox>& box = {}, int threads = 2, std::uint64_t memory = 1U << 30U) {
+               const std::optional<WorldBox>& box = {}, int threads = 2,
+               std::uint64_t memory = 1U << 30U) {
     const TemporaryFolder folder;
     PreprocessOptions p = with_chunk(chunk);
     p.threads = threads;
@@ -114,7 +115,8 @@ TEST_CASE("a sphere comes out as one closed surface with its area") {
             u[a] = p[1][a] - p[0][a];
             w[a] = p[2][a] - p[0][a];
         }
-        const Double3 n{u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]};
+        const Double3 n{u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2],
+                        u[0] * w[1] - u[1] * w[0]};
         area += std::hypot(n[0], n[1], n[2]) / 2;
         outward += (n[0] * p[0][0] + n[1] * p[0][1] + n[2] * p[0][2]) / 6;
     }
@@ -124,7 +126,8 @@ TEST_CASE("a sphere comes out as one closed surface with its area") {
 }
 
 TEST_CASE("surfaces are whole and within the tolerance on every size") {
-    for (const Int3& n : {Int3{33, 33, 33}, Int3{20, 31, 17}, Int3{2, 2, 2}, Int3{3, 40, 5}, Int3{41, 6, 13}}) {
+    for (const Int3& n :
+         {Int3{33, 33, 33}, Int3{20, 31, 17}, Int3{2, 2, 2}, Int3{3, 40, 5}, Int3{41, 6, 13}}) {
         MemoryVolume<float> volume(n, smooth_f);
         for (const double iso : {-0.4, 0.1, 0.6}) {
             for (const double error : {0.0, 0.01, 0.05, 0.2, 1.0}) {
@@ -220,7 +223,8 @@ TEST_CASE("flat, constant, missing and outside: an empty mesh, no failure") {
     MemoryVolume<float> thin({1, 1, 100}, [](const Int3& p) { return static_cast<float>(p.z); });
     MemoryVolume<float> flat({20, 30, 1}, smooth_f);
     MemoryVolume<float> constant({9, 9, 9}, [](const Int3&) { return 3.0F; });
-    MemoryVolume<float> missing({9, 9, 9}, [](const Int3&) { return std::numeric_limits<float>::quiet_NaN(); });
+    MemoryVolume<float> missing(
+        {9, 9, 9}, [](const Int3&) { return std::numeric_limits<float>::quiet_NaN(); });
     MemoryVolume<float> normal({9, 9, 9}, smooth_f);
     CHECK(surface(one, 0.5, 0).mesh.triangles.empty());
     CHECK(surface(thin, 0.5, 0).mesh.triangles.empty());
@@ -233,7 +237,8 @@ TEST_CASE("flat, constant, missing and outside: an empty mesh, no failure") {
 
 TEST_CASE("no surface next to a missing value, and whole everywhere else") {
     MemoryVolume<float> volume({17, 17, 17}, [](const Int3& p) {
-        return p == Int3{8, 8, 8} ? std::numeric_limits<float>::quiet_NaN() : static_cast<float>(p.z) - 8.25F;
+        return p == Int3{8, 8, 8} ? std::numeric_limits<float>::quiet_NaN()
+                                  : static_cast<float>(p.z) - 8.25F;
     });
     for (const double error : {0.0, 0.5}) {
         const Result r = surface(volume, 0, error);
@@ -250,7 +255,8 @@ TEST_CASE("no surface next to a missing value, and whole everywhere else") {
 
 TEST_CASE("extreme integers cross at the right place") {
     MemoryVolume<std::int32_t> volume({5, 5, 5}, [](const Int3& p) {
-        return p.x < 2 ? std::numeric_limits<std::int32_t>::min() : std::numeric_limits<std::int32_t>::max();
+        return p.x < 2 ? std::numeric_limits<std::int32_t>::min()
+                       : std::numeric_limits<std::int32_t>::max();
     });
     const Result r = surface(volume, -0.5, 0);
     require_whole(volume, r);

@@ -13,7 +13,8 @@ using namespace isonest::test;
 
 namespace {
 
-std::vector<float> exported(const StoreReader& store, Field field, const std::filesystem::path& path) {
+std::vector<float> exported(const StoreReader& store, Field field,
+                            const std::filesystem::path& path) {
     ExportOptions options;
     options.field = field;
     options.force = true;
@@ -117,17 +118,21 @@ TEST_CASE("indicators equal an explicit recursive bisection on 33^3") {
 }
 
 TEST_CASE("indicators equal an explicit recursive bisection on odd sizes") {
-    for (const Int3& n : {Int3{2, 2, 2}, Int3{3, 2, 5}, Int3{9, 17, 6}, Int3{20, 5, 11}, Int3{2, 2, 40}}) {
+    for (const Int3& n :
+         {Int3{2, 2, 2}, Int3{3, 2, 5}, Int3{9, 17, 6}, Int3{20, 5, 11}, Int3{2, 2, 40}}) {
         require_agreement<float>(n, 8, noise_f);
     }
 }
 
 TEST_CASE("indicators equal an explicit recursive bisection on every value type") {
     const Int3 n{13, 10, 18};
-    require_agreement<std::uint8_t>(n, 8, [](const Int3& p) { return static_cast<std::uint8_t>(256 * noise(p)); });
-    require_agreement<std::int16_t>(n, 8, [](const Int3& p) { return static_cast<std::int16_t>(65535 * noise(p) - 32768); });
+    require_agreement<std::uint8_t>(
+        n, 8, [](const Int3& p) { return static_cast<std::uint8_t>(256 * noise(p)); });
+    require_agreement<std::int16_t>(
+        n, 8, [](const Int3& p) { return static_cast<std::int16_t>(65535 * noise(p) - 32768); });
     require_agreement<std::int32_t>(n, 8, [](const Int3& p) {
-        return noise(p) < 0.5 ? std::numeric_limits<std::int32_t>::min() : std::numeric_limits<std::int32_t>::max();
+        return noise(p) < 0.5 ? std::numeric_limits<std::int32_t>::min()
+                              : std::numeric_limits<std::int32_t>::max();
     });
     require_agreement<double>(n, 8, [](const Int3& p) { return 1e30 * smooth(p); });
 }
@@ -136,15 +141,19 @@ TEST_CASE("missing data make every diamond that touches them refine to the end")
     const float nan = std::numeric_limits<float>::quiet_NaN();
     const float inf = std::numeric_limits<float>::infinity();
     require_agreement<float>({17, 17, 17}, 8, [&](const Int3& p) {
-        return p == Int3{5, 9, 12} || p == Int3{0, 0, 3} ? nan : p == Int3{16, 8, 8} ? -inf : smooth_f(p);
+        return p == Int3{5, 9, 12} || p == Int3{0, 0, 3} ? nan
+               : p == Int3{16, 8, 8}                     ? -inf
+                                                         : smooth_f(p);
     });
     require_agreement<float>({9, 9, 9}, 8, [&](const Int3&) { return nan; });
 }
 
 TEST_CASE("half of eta plus does not bound the deviation, eta plus does") {
-    // Section 4 of the paper prints beta_0 = eta_plus / 2. With U = 0 but for one node in the middle
-    // of a refinement edge, U reaches delta there, and the printed bound says delta / 2.
-    MemoryVolume<float> volume({3, 3, 3}, [](const Int3& p) { return p == Int3{1, 1, 1} ? 1.0F : 0.0F; });
+    // Section 4 of the paper prints beta_0 = eta_plus / 2. With U = 0 but for one node in the
+    // middle of a refinement edge, U reaches delta there, and the printed bound says delta / 2.
+    MemoryVolume<float> volume({3, 3, 3}, [](const Int3& p) {
+        return p == Int3{1, 1, 1} ? 1.0F : 0.0F;
+    });
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8, true));
     const StoreReader store(folder / "s");
@@ -157,7 +166,8 @@ TEST_CASE("half of eta plus does not bound the deviation, eta plus does") {
 
 TEST_CASE("eta bar is no guarantee, the deviation is") {
     // Takagi's function along x: every level of the lattice adds at most 1, which eta bar sees, and
-    // the sum reaches 10/3 over the five levels, which it does not. Along z a slope that no indicator sees.
+    // the sum reaches 10/3 over the five levels, which it does not. Along z a slope that no
+    // indicator sees.
     const double error = 1.25;
     const auto worst = [&](Guarantee guarantee) {
         MemoryVolume<float> volume({33, 33, 33}, [](const Int3& p) {
@@ -186,9 +196,9 @@ TEST_CASE("eta bar is no guarantee, the deviation is") {
                         Double3 p{};
                         for (std::size_t a = 0; a < 3; ++a) {
                             p[a] = (static_cast<double>(i) * mesh.vertices[t[0]][a] +
-                                static_cast<double>(j) * mesh.vertices[t[1]][a] +
-                                static_cast<double>(4 - i - j) * mesh.vertices[t[2]][a]) /
-                               4.0;
+                                    static_cast<double>(j) * mesh.vertices[t[1]][a] +
+                                    static_cast<double>(4 - i - j) * mesh.vertices[t[2]][a]) /
+                                   4.0;
                         }
                         most = std::max(most, std::fabs(fine_value(volume, p) - iso));
                     }
@@ -218,15 +228,18 @@ TEST_CASE("check finds saturation, injection and bounds in order on every chunk 
     }
 }
 
-// Hidden: with ISONEST_CROPS naming a folder of NxNxN crops of real volumes (NAME-N.f32, raw float32),
-// `isonest_tests "[crops]"` compares all indicators with the recursion and prints the deviation's ratio.
-TEST_CASE("indicators equal the recursion, and the deviation is tight, on crops of real volumes", "[.][crops]") {
+// Hidden: with ISONEST_CROPS naming a folder of NxNxN crops of real volumes (NAME-N.f32, raw
+// float32), `isonest_tests "[crops]"` compares all indicators with the recursion and prints the
+// deviation's ratio.
+TEST_CASE("indicators equal the recursion, and the deviation is tight, on crops of real volumes",
+          "[.][crops]") {
     const char* const folder = std::getenv("ISONEST_CROPS");
     REQUIRE(folder != nullptr);
     int seen = 0;
     for (const auto& entry : std::filesystem::directory_iterator(folder)) {
         const std::string bytes = read_file(entry.path());
-        const auto n = static_cast<std::int64_t>(std::lround(std::cbrt(static_cast<double>(bytes.size() / 4))));
+        const auto n = static_cast<std::int64_t>(
+            std::lround(std::cbrt(static_cast<double>(bytes.size() / 4))));
         REQUIRE(bytes.size() == static_cast<std::size_t>(4 * n * n * n));
         MemoryVolume<float> volume({n, n, n}, [&](const Int3& p) {
             float v = 0;
@@ -238,7 +251,8 @@ TEST_CASE("indicators equal the recursion, and the deviation is tight, on crops 
                 const Comparison c = compare(volume, chunk, exact, exact ? 1e-6 : 0x1p-7);
                 const double ratio = c.ratio_sum / static_cast<double>(c.ratios);
                 std::printf("%-28s chunk %2d %s  nodes %zu  mean deviation / exact %.4f\n",
-                            entry.path().filename().c_str(), chunk, exact ? "exact " : "16 bit", c.compared, ratio);
+                            entry.path().filename().c_str(), chunk, exact ? "exact " : "16 bit",
+                            c.compared, ratio);
                 CHECK(c.wrong_bar == 0);
                 CHECK(c.wrong_plus == 0);
                 CHECK(c.low_deviation == 0);

@@ -41,7 +41,8 @@ class Stopper : public Progress {
 class FailingVolume : public MemoryVolume<float> {
   public:
     using MemoryVolume::MemoryVolume;
-    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny, std::byte* dst) override {
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
         if (z0 + nz > 40) {
             throw Error(ErrorKind::io, "the disk is gone");
         }
@@ -82,7 +83,8 @@ TEST_CASE("an interrupted or failed run leaves nothing, and an old store alone")
         Stopper stopper(calls);
         PreprocessOptions options = with_chunk(8);
         options.force = true;
-        CHECK(failure([&] { preprocess(volume, folder / "s", options, stopper); }) == ErrorKind::cancelled);
+        CHECK(failure([&] { preprocess(volume, folder / "s", options, stopper); }) ==
+              ErrorKind::cancelled);
     }
     FailingVolume failing({60, 60, 90}, smooth_f);
     CHECK(failure([&] { make_store(failing, folder / "s", with_chunk(8)); }) == ErrorKind::io);
@@ -121,7 +123,8 @@ TEST_CASE("a flipped byte ends in the same surface or in an error, and check fin
     int found = 0;
     for (int i = 0; i < 150; ++i) {
         std::string bad = good;
-        const auto at = static_cast<std::size_t>(noise({i, 0, 0}) * static_cast<double>(bad.size()));
+        const auto at =
+            static_cast<std::size_t>(noise({i, 0, 0}) * static_cast<double>(bad.size()));
         bad[at] = static_cast<char>(bad[at] ^ (1 << (i % 8)));
         write_file(folder / "t", bad);
         const auto kind = failure([&] {

@@ -1,5 +1,8 @@
-// What the tests share: volumes in memory, temporary folders, a mesh checker, and the finest function.
+// What the tests share: volumes in memory, temporary folders, a mesh checker, and the finest
+// function.
 #pragma once
+
+#include <unistd.h>
 
 #include <array>
 #include <cmath>
@@ -11,7 +14,6 @@
 #include <limits>
 #include <map>
 #include <string>
-#include <unistd.h>
 #include <vector>
 
 #include "preprocess/preprocess.h"
@@ -23,7 +25,8 @@ namespace isonest::test {
 class TemporaryFolder {
   public:
     TemporaryFolder() {
-        std::string name = (std::filesystem::temp_directory_path() / "isonest-test-XXXXXX").string();
+        std::string name =
+            (std::filesystem::temp_directory_path() / "isonest-test-XXXXXX").string();
         path_ = ::mkdtemp(name.data());
     }
     TemporaryFolder(const TemporaryFolder&) = delete;
@@ -150,10 +153,10 @@ inline Mesh read_mesh(const std::filesystem::path& path) {
 
 struct MeshFaults {
     std::size_t unused_vertices = 0;
-    std::size_t overused_edges = 0;       ///< more than two triangles
+    std::size_t overused_edges = 0;  ///< more than two triangles
     std::size_t misoriented_edges = 0;
-    std::size_t open_edges_inside = 0;    ///< one triangle, not on a face of the box
-    std::size_t split_vertices = 0;       ///< more than one fan
+    std::size_t open_edges_inside = 0;  ///< one triangle, not on a face of the box
+    std::size_t split_vertices = 0;     ///< more than one fan
     std::size_t flat_triangles = 0;
     bool operator==(const MeshFaults&) const = default;
 };
@@ -186,7 +189,8 @@ inline MeshFaults check_mesh(const Mesh& mesh, const Double3& lo, const Double3&
             for (std::size_t axis = 0; axis < 3; ++axis) {
                 const double p = mesh.vertices[edge.first][axis];
                 const double q = mesh.vertices[edge.second][axis];
-                on_face = on_face || (std::fabs(p - lo[axis]) < 1e-4 && std::fabs(q - lo[axis]) < 1e-4) ||
+                on_face = on_face ||
+                          (std::fabs(p - lo[axis]) < 1e-4 && std::fabs(q - lo[axis]) < 1e-4) ||
                           (std::fabs(p - hi[axis]) < 1e-4 && std::fabs(q - hi[axis]) < 1e-4);
             }
             faults.open_edges_inside += on_face ? 0 : 1;
@@ -223,8 +227,8 @@ double fine_value(const MemoryVolume<T>& volume, const Double3& p) {
     std::array<std::pair<double, int>, 3> order;
     for (int axis = 0; axis < 3; ++axis) {
         const double x = p[static_cast<std::size_t>(axis)];
-        const std::int64_t cell =
-            std::clamp<std::int64_t>(static_cast<std::int64_t>(std::floor(x)), 0, std::max<std::int64_t>(n[axis] - 2, 0));
+        const std::int64_t cell = std::clamp<std::int64_t>(
+            static_cast<std::int64_t>(std::floor(x)), 0, std::max<std::int64_t>(n[axis] - 2, 0));
         const double t = x - static_cast<double>(cell);
         const bool odd = (cell & 1) != 0;
         from[axis] = cell + (odd ? 1 : 0);

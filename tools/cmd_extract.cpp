@@ -6,6 +6,7 @@
 #include "query/extract.h"
 #include "store/error.h"
 #include "tools/command.h"
+#include "tools/leftovers.h"
 #include "tools/units.h"
 
 namespace isonest::cli {
@@ -50,6 +51,7 @@ Result run(const Arguments& a, Progress& progress) {
     const ExtractReport r = extract(store, a.mesh, a.extract, progress);
     const bool promised = a.extract.guarantee != Guarantee::estimate;
     Result result;
+    result.warning = leftovers_of(a.mesh);
     result.json = {{"mesh", a.mesh},
                    {"iso", a.extract.iso},
                    {"vertices", r.vertices},

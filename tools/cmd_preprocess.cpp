@@ -8,6 +8,7 @@
 #include "store/error.h"
 #include "store/format.h"
 #include "tools/command.h"
+#include "tools/leftovers.h"
 #include "tools/source_options.h"
 #include "tools/units.h"
 
@@ -48,6 +49,7 @@ Result run(Arguments& a, Progress& progress) {
     const PreprocessReport r = preprocess(*source, a.store, a.preprocess, progress);
     const double rate = r.seconds > 0 ? static_cast<double>(r.input_bytes) / r.seconds : 0;
     Result result;
+    result.warning = leftovers_of(a.store);
     result.json = {{"store", a.store},
                    {"nodes", {r.nodes.x, r.nodes.y, r.nodes.z}},
                    {"type", name_of(source->type())},

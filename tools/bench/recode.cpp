@@ -1,5 +1,5 @@
-// The floor for any preprocessing: read a dataset /data, compress it in chunks of 64^3 with shuffle and
-// zstd level 1 on all cores, write the chunks to another HDF5 file. Prints the seconds.
+// The floor for any preprocessing: read a dataset /data, compress it in chunks of 64^3 with shuffle
+// and zstd level 1 on all cores, write the chunks to another HDF5 file. Prints the seconds.
 #include <fmt/format.h>
 #include <hdf5.h>
 #include <oneapi/tbb/parallel_for.h>

@@ -1,0 +1,60 @@
+// Chunks of values: a level is the finer one at every second node (injection).
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "preprocess/indicator_chunks.h"
+#include "preprocess/value_range.h"
+#include "store/box.h"
+#include "store/codec.h"
+
+namespace isonest {
+
+/// One chunk of values by injection: node i of the array is node step * i of the box.
+template <class T>
+EncodedChunk encode_values(const ArrayInfo& array, const Int3& chunk, const Box<T>& box,
+                           std::int64_t step) {
+    std::vector<T> raw(static_cast<std::size_t>(array.chunk.product()));
+    const Int3 lo{chunk.x * array.chunk.x, chunk.y * array.chunk.y, chunk.z * array.chunk.z};
+    const Int3 n = min(array.chunk, array.nodes - lo);
+    EncodedChunk out;
+    out.array = &array;
+    out.chunk = chunk;
+    ValueRange<T> range;
+    for (std::int64_t z = 0; z < n.z; ++z) {
+        for (std::int64_t y = 0; y < n.y; ++y) {
+            const T* const from =
+                box.row((lo.y + y) * step, (lo.z + z) * step) + (lo.x * step - box.lo.x);
+            T* const to = raw.data() + array.chunk.linear({0, y, z});
+            for (std::int64_t x = 0; x < n.x; ++x) {
+                to[x] = from[x * step];
+            }
+            range.include(to, n.x);
+        }
+    }
+    out.row.min = range.min();
+    out.row.max = range.max();
+    out.row.flags = range.missing() ? kChunkHasMissing : 0;
+    encode_chunk(std::as_bytes(std::span(raw)), array.codec, out.bytes);
+    out.bytes.shrink_to_fit();
+    return out;
+}
+
+template <class T>
+void encode_all_values(const ArrayInfo* array, const Int3& first, const Int3& count,
+                       const Box<T>& box, std::int64_t step, std::vector<EncodedChunk>& out) {
+    if (array == nullptr) {
+        return;
+    }
+    const Int3 end = min(first + count, array->grid);
+    for (std::int64_t z = first.z; z < end.z; ++z) {
+        for (std::int64_t y = first.y; y < end.y; ++y) {
+            for (std::int64_t x = first.x; x < end.x; ++x) {
+                out.push_back(encode_values(*array, {x, y, z}, box, step));
+            }
+        }
+    }
+}
+
+}  // namespace isonest

@@ -1,0 +1,65 @@
+"""Killed at random moments, preprocess leaves no store or a whole one, and what it replaces survives.
+
+Usage: kill_test.py ISONEST PLUGIN_FOLDER     (ISONEST_KILLS=200 in the environment: that many kills)
+"""
+import json
+import os
+import pathlib
+import random
+import subprocess
+import sys
+import tempfile
+import time
+
+isonest = sys.argv[1]
+kills = int(os.environ.get("ISONEST_KILLS", "30"))
+random.seed(7)
+
+
+def run(*arguments, **options):
+    return subprocess.run([isonest, *map(str, arguments)], capture_output=True, timeout=600, **options)
+
+
+with tempfile.TemporaryDirectory(prefix="isonest-kill-") as name:
+    folder = pathlib.Path(name)
+    volume, store = folder / "v.h5", folder / "s.isonest"
+    assert run("make-volume", "noise", "--size", "60,50,70", "-o", volume).returncode == 0
+    command = [isonest, "preprocess", str(volume), "-o", str(store), "--chunk", "8", "-q"]
+    start = time.monotonic()
+    assert subprocess.run(command).returncode == 0
+    seconds = time.monotonic() - start
+    whole = store.read_bytes()
+    killed = finished = warned = 0
+    for i in range(kills):
+        replacing = i % 2 == 1
+        for old in folder.glob(".*"):
+            old.unlink()
+        if replacing:
+            store.write_bytes(whole)
+        else:
+            store.unlink(missing_ok=True)
+        process = subprocess.Popen([*command, "--force"])
+        time.sleep(random.uniform(0, 1.1 * seconds))
+        process.kill()
+        code = process.wait()
+        killed += code == -9
+        finished += code == 0
+        assert code in (0, -9), code
+        if code == 0 or replacing:
+            assert store.exists(), f"kill {i}: the store that was to be replaced is gone"
+        if store.exists():
+            assert store.read_bytes() == whole, f"kill {i}: neither the old store nor the new one"
+            if i < 10:
+                done = run("check", store, "--json")
+                assert done.returncode == 0, done.stdout
+        left = [p.name for p in folder.iterdir() if p not in (volume, store)]
+        assert all(p.startswith(".s.isonest.partial-") for p in left), left
+        if left and warned < 3:
+            done = run("preprocess", volume, "-o", store, "--chunk", "8", "--force", "--json")
+            assert done.returncode == 0, done.stderr
+            assert left[0].encode() in done.stderr, done.stderr
+            assert left[0] in json.loads(done.stdout)["warning"]
+            warned += 1
+    assert killed >= kills // 2, (killed, finished)
+    assert warned > 0
+    print(f"{killed} runs killed, {finished} finished first; no store was lost or half written")

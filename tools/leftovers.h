@@ -1,0 +1,13 @@
+// What a killed run left behind.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+namespace isonest::cli {
+
+/// Names the temporary files of `output` whose run is over, and how to remove them; empty if there
+/// are none. Deletes nothing.
+std::string leftovers_of(const std::filesystem::path& output);
+
+}  // namespace isonest::cli
