@@ -1,7 +1,5 @@
 #include "tools/picture.h"
 
-#include <GL/gl.h>
-#include <GL/osmesa.h>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -12,6 +10,7 @@
 
 #include "store/error.h"
 #include "store/output_file.h"
+#include "tools/osmesa.h"
 #include "tools/png_writer.h"
 
 namespace isonest::cli {
@@ -109,20 +108,21 @@ class Canvas {
                                                  0,
                                                  0,
                                                  0};
-        context_.reset(OSMesaCreateContextAttribs(kAttributes.data(), nullptr));
+        context_.reset(osmesa().OSMesaCreateContextAttribs(kAttributes.data(), nullptr));
         pixels_.resize(std::size_t{4} * static_cast<std::size_t>(width) *
                        static_cast<std::size_t>(height));
-        if (context_ == nullptr || OSMesaMakeCurrent(context_.get(), pixels_.data(),
-                                                     GL_UNSIGNED_BYTE, width, height) != GL_TRUE) {
+        if (context_ == nullptr ||
+            osmesa().OSMesaMakeCurrent(context_.get(), pixels_.data(), GL_UNSIGNED_BYTE, width,
+                                       height) != GL_TRUE) {
             throw Error(ErrorKind::limit,
                         fmt::format("OSMesa cannot draw {} x {} pixels: give a smaller --size",
                                     width, height));
         }
-        OSMesaPixelStore(OSMESA_Y_UP, 0);  // rows from the top
+        osmesa().OSMesaPixelStore(OSMESA_Y_UP, 0);  // rows from the top
     }
     /// Averages squares of `step` pixels; RGB, rows from the top.
     [[nodiscard]] std::vector<std::uint8_t> reduced(int step) const {
-        glFinish();
+        osmesa().glFinish();
         const int width = width_ / step;
         const int height = height_ / step;
         std::vector<std::uint8_t> rgb;
@@ -148,7 +148,7 @@ class Canvas {
 
   private:
     struct Destroy {
-        void operator()(OSMesaContext c) const { OSMesaDestroyContext(c); }
+        void operator()(OSMesaContext c) const { osmesa().OSMesaDestroyContext(c); }
     };
     int width_;
     int height_;
@@ -159,11 +159,11 @@ class Canvas {
 void light(unsigned name, const std::array<float, 4>& toward, float brightness) {
     const std::array<float, 4> diffuse{brightness, brightness, brightness, 1};
     const std::array<float, 4> none{0, 0, 0, 1};
-    glLightfv(name, GL_POSITION, toward.data());
-    glLightfv(name, GL_DIFFUSE, diffuse.data());
-    glLightfv(name, GL_AMBIENT, none.data());
-    glLightfv(name, GL_SPECULAR, none.data());
-    glEnable(name);
+    osmesa().glLightfv(name, GL_POSITION, toward.data());
+    osmesa().glLightfv(name, GL_DIFFUSE, diffuse.data());
+    osmesa().glLightfv(name, GL_AMBIENT, none.data());
+    osmesa().glLightfv(name, GL_SPECULAR, none.data());
+    osmesa().glEnable(name);
 }
 
 void set_up(const Camera& camera, const PictureOptions& o) {
@@ -172,17 +172,17 @@ void set_up(const Camera& camera, const PictureOptions& o) {
     const double aspect = static_cast<double>(o.width) / o.height;
     half_x = std::max(half_x, half_y * aspect);
     half_y = half_x / aspect;
-    glMatrixMode(GL_PROJECTION);
-    glLoadIdentity();
-    glOrtho(-half_x, half_x, -half_y, half_y, -1.5, 1.5);
-    glMatrixMode(GL_MODELVIEW);
-    glLoadIdentity();
+    osmesa().glMatrixMode(GL_PROJECTION);
+    osmesa().glLoadIdentity();
+    osmesa().glOrtho(-half_x, half_x, -half_y, half_y, -1.5, 1.5);
+    osmesa().glMatrixMode(GL_MODELVIEW);
+    osmesa().glLoadIdentity();
 
     constexpr float kBackground = 0.97F;
-    glClearColor(kBackground, kBackground, kBackground, 1);
-    glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
-    glEnable(GL_DEPTH_TEST);
-    glDepthFunc(GL_LEQUAL);
+    osmesa().glClearColor(kBackground, kBackground, kBackground, 1);
+    osmesa().glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+    osmesa().glEnable(GL_DEPTH_TEST);
+    osmesa().glDepthFunc(GL_LEQUAL);
 
     // The back, where values are larger, is warmer and paler than the front.
     std::array<float, 4> front{0, 0, 0, 1};
@@ -191,14 +191,14 @@ void set_up(const Camera& camera, const PictureOptions& o) {
         front[i] = static_cast<float>(o.color[i]) / 255;
         back[i] = 0.75F * back[i] + 0.25F * front[i];
     }
-    glMaterialfv(GL_FRONT, GL_AMBIENT_AND_DIFFUSE, front.data());
-    glMaterialfv(GL_BACK, GL_AMBIENT_AND_DIFFUSE, back.data());
+    osmesa().glMaterialfv(GL_FRONT, GL_AMBIENT_AND_DIFFUSE, front.data());
+    osmesa().glMaterialfv(GL_BACK, GL_AMBIENT_AND_DIFFUSE, back.data());
     const std::array<float, 4> ambient{0.26F, 0.26F, 0.28F, 1};
-    glLightModelfv(GL_LIGHT_MODEL_AMBIENT, ambient.data());
-    glLightModeli(GL_LIGHT_MODEL_TWO_SIDE, GL_TRUE);
+    osmesa().glLightModelfv(GL_LIGHT_MODEL_AMBIENT, ambient.data());
+    osmesa().glLightModeli(GL_LIGHT_MODEL_TWO_SIDE, GL_TRUE);
     light(GL_LIGHT0, {-0.45F, 0.65F, 0.9F, 0}, 0.8F);
     light(GL_LIGHT1, {0.8F, -0.1F, 0.5F, 0}, 0.2F);
-    glEnable(GL_NORMALIZE);
+    osmesa().glEnable(GL_NORMALIZE);
 }
 
 /// Collects triangles and draws them when there are many.
@@ -221,24 +221,24 @@ class Batch {
     void draw() {
         const auto count = static_cast<GLsizei>(corners_.size() / kCorner);
         constexpr auto kStride = static_cast<GLsizei>(kCorner * sizeof(float));
-        glEnableClientState(GL_VERTEX_ARRAY);
-        glEnableClientState(GL_NORMAL_ARRAY);
-        glVertexPointer(3, GL_FLOAT, kStride, corners_.data());
-        glNormalPointer(GL_FLOAT, kStride, corners_.data() + 3);
-        glEnable(GL_LIGHTING);
+        osmesa().glEnableClientState(GL_VERTEX_ARRAY);
+        osmesa().glEnableClientState(GL_NORMAL_ARRAY);
+        osmesa().glVertexPointer(3, GL_FLOAT, kStride, corners_.data());
+        osmesa().glNormalPointer(GL_FLOAT, kStride, corners_.data() + 3);
+        osmesa().glEnable(GL_LIGHTING);
         if (wireframe_) {
-            glEnable(GL_POLYGON_OFFSET_FILL);
-            glPolygonOffset(1, 1);
+            osmesa().glEnable(GL_POLYGON_OFFSET_FILL);
+            osmesa().glPolygonOffset(1, 1);
         }
-        glDrawArrays(GL_TRIANGLES, 0, count);
+        osmesa().glDrawArrays(GL_TRIANGLES, 0, count);
         if (wireframe_) {
-            glDisable(GL_POLYGON_OFFSET_FILL);
-            glDisable(GL_LIGHTING);
-            glColor3fv(line_.data());
-            glLineWidth(1);
-            glPolygonMode(GL_FRONT_AND_BACK, GL_LINE);
-            glDrawArrays(GL_TRIANGLES, 0, count);
-            glPolygonMode(GL_FRONT_AND_BACK, GL_FILL);
+            osmesa().glDisable(GL_POLYGON_OFFSET_FILL);
+            osmesa().glDisable(GL_LIGHTING);
+            osmesa().glColor3fv(line_.data());
+            osmesa().glLineWidth(1);
+            osmesa().glPolygonMode(GL_FRONT_AND_BACK, GL_LINE);
+            osmesa().glDrawArrays(GL_TRIANGLES, 0, count);
+            osmesa().glPolygonMode(GL_FRONT_AND_BACK, GL_FILL);
         }
         corners_.clear();
     }
