@@ -8,8 +8,6 @@
 #pragma once
 
 #include <array>
-#include <cmath>
-#include <limits>
 #include <vector>
 
 #include "preprocess/deviation_table.h"
@@ -18,25 +16,15 @@
 namespace isonest {
 
 /// Computes the unsaturated deviation of the nodes of level L >= 2, one layer after another.
-/// Coordinates of values and finer cubes are those of level L-2.
+/// Coordinates of values and finer cubes are those of level L-2. A plane of values is kept as 8 x 8
+/// arrays, one for each (y mod 8, x mod 8), so that all nodes of a layer with the same parities see
+/// one point of their supports in one contiguous piece: they are the lanes of the kernels.
 template <class Real>
 class DeviationKernel {
   public:
     /// `fine_cells`: cubes of level L-2 per axis. `with_fine` says whether level L-2 has deviations
     /// of its own (L > 2). REQUIRES: range.lo.x is even.
-    DeviationKernel(const LayerRange& range, const Int3& fine_cells, bool with_fine)
-        : range_(range),
-          fine_cells_(fine_cells),
-          rows_(4 * (range.hi.y - range.lo.y) + 5),
-          groups_((4 * (range.hi.x - range.lo.x) + 8) / 8 + 3),
-          values_(static_cast<std::size_t>(kRing * rows_ * kPhases * groups_)),
-          fine_(with_fine ? values_.size() : 0),
-          valid_(static_cast<std::size_t>(kPhases * groups_)) {
-        for (std::int64_t i = 0; i < kPhases * groups_; ++i) {
-            const std::int64_t x = first_x() + i;
-            valid_[split(i)] = x >= 0 && x <= fine_cells.x ? Real{0} : kNan;
-        }
-    }
+    DeviationKernel(const LayerRange& range, const Int3& fine_cells, bool with_fine);
 
     /// Coordinates that a plane of values or finer deviations must cover: x and y from first to
     /// last.
@@ -54,85 +42,58 @@ class DeviationKernel {
         line_.resize(static_cast<std::size_t>(high_x() - low_x() + 1));
         for (std::int64_t y = low_y(); y <= high_y(); ++y) {
             value(y, line_.data());
-            scatter(values_, y, z);
+            scatter(values_.data() + ring_start(z), y);
             if (!fine_.empty()) {
                 fine(y, line_.data());
-                scatter(fine_, y, z);
+                scatter(fine_.data() + ring_start(z), y);
             }
         }
     }
 
     /// Slots 0 to 2 (first = 0, last = 2) or 3 to 6 of layer k.
-    void layer(std::int64_t k, int first_slot, int last_slot, Layer<Real>& out) {
-        for (int slot = first_slot; slot <= last_slot; ++slot) {
-            const Int3 o = slot_offset(slot);
-            for (std::int64_t j = 0; j < range_.count(1, static_cast<int>(o.y)); ++j) {
-                for (int px = 0; px < 2; ++px) {
-                    const std::int64_t lanes =
-                        (range_.count(0, static_cast<int>(o.x)) - px + 1) / 2;
-                    if (lanes <= 0) {
-                        continue;
-                    }
-                    row(slot, px, range_.lo.y + j, k, lanes);
-                    Real* const to = out.row(slot, j) + px;
-                    for (std::int64_t n = 0; n < lanes; ++n) {
-                        to[2 * n] = best_[static_cast<std::size_t>(n)];
-                    }
-                }
-            }
-        }
-    }
-
-    [[nodiscard]] std::size_t heap() const {
-        return (values_.size() + fine_.size()) * sizeof(Real) + (std::size_t{1} << 17U);
-    }
+    void layer(std::int64_t k, int first_slot, int last_slot, Layer<Real>& out);
 
   private:
     static constexpr std::int64_t kPhases = 8;
     static constexpr std::int64_t kRing = 8;
-    static constexpr Real kNan = std::numeric_limits<Real>::quiet_NaN();
 
-    [[nodiscard]] std::int64_t first_x() const { return 4 * range_.lo.x - kPhases; }
-    /// Position in a row of the element i after first_x().
-    [[nodiscard]] std::size_t split(std::int64_t i) const {
-        return static_cast<std::size_t>((i & 7) * groups_ + (i >> 3));
-    }
-    [[nodiscard]] std::size_t row_start(std::int64_t y, std::int64_t z) const {
-        return static_cast<std::size_t>(((z & (kRing - 1)) * rows_ + (y - low_y())) * kPhases *
-                                        groups_);
-    }
-    void scatter(std::vector<Real>& to, std::int64_t y, std::int64_t z) {
-        Real* const out = to.data() + row_start(y, z);
-        for (std::size_t i = 0; i < line_.size(); ++i) {
-            out[split(static_cast<std::int64_t>(i) + kPhases - 2)] = line_[i];
-        }
-    }
-    /// The lanes' elements at offset x from their lattice node, in a row that starts at `start`.
-    [[nodiscard]] static std::int64_t lane_offset(std::int64_t x, int px, std::int64_t groups) {
-        const std::int64_t i = 4 * px + x + kPhases;
-        return (i & 7) * groups + (i >> 3);
-    }
-
-    /// One point of a support with the places of its numbers in values_, relative to row 4 y of the
-    /// ring. Holds for all rows and layers of the same parities.
+    /// Nodes of a layer with the same slot and parities: rows j = first, first + 2 .. of the range,
+    /// in each row the columns px, px + 2 .. .
+    struct Lanes {
+        int slot;
+        int px;
+        int py;
+        std::int64_t first;
+        std::int64_t count;
+    };
+    /// One point of a support with the places of its numbers in values_, relative to the first
+    /// lane's.
     struct Step {
-        Int3 at;
+        std::int64_t z = 0;
         std::int64_t value = 0;
         std::int64_t valid = 0;
         std::array<std::int64_t, 4> term{};
         std::array<Real, 4> weight{};
         int terms = 0;
     };
-    const std::vector<Step>& steps(int slot, int px, int py, int pz);
 
-    void row(int slot, int px, std::int64_t y, std::int64_t k, std::int64_t lanes);
+    [[nodiscard]] std::int64_t plane_size() const { return kPhases * kPhases * groups_.product(); }
+    [[nodiscard]] std::int64_t ring_start(std::int64_t z) const {
+        return (z & (kRing - 1)) * plane_size();
+    }
+    /// Place in a plane of the element at `at`, counted from the first lattice node of the range.
+    [[nodiscard]] std::int64_t place(std::int64_t at_x, std::int64_t at_y) const;
+    void scatter(Real* plane, std::int64_t y) const;
+    const std::vector<Step>& steps(const Lanes& lanes, int pz);
+    void raise_points(const Lanes& lanes, std::int64_t k);
+    void raise_cubes(const Lanes& lanes, std::int64_t k);
+
     LayerRange range_;
     Int3 fine_cells_;
-    std::int64_t rows_;
-    std::int64_t groups_;
+    Int3 groups_;  ///< x and y: elements per row and rows of each of a plane's 64 arrays; z is 1
     std::vector<Real> values_;
     std::vector<Real> fine_;
-    std::vector<Real> valid_;
+    std::vector<Real> valid_;  ///< like one plane: 0 inside the volume, NaN outside; empty if all 0
     std::vector<Real> line_;
     std::array<std::vector<Step>, 8 * kSlots> steps_;
     std::vector<Real> best_;

@@ -1,7 +1,6 @@
 // The chunks of one indicator field that a block of the level pass fills and encodes.
 #pragma once
 
-#include <bit>
 #include <cstdint>
 #include <limits>
 #include <vector>
@@ -38,13 +37,18 @@ class IndicatorChunks {
         Int3 lo;  ///< first lattice node
         Int3 n;   ///< nodes inside the array
         std::vector<std::byte> raw;
-        std::uint32_t min = std::bit_cast<std::uint32_t>(std::numeric_limits<float>::infinity());
-        std::uint32_t max = 0;
+        float min = std::numeric_limits<float>::infinity();
+        float max = 0;
     };
+    /// Rounds one row up and spreads it over the elements from `at` on; `line` is room for the row.
+    template <class Stored, class Real>
+    void put_row(const Real* from, Part& part, std::int64_t at, std::vector<Stored>& line) const;
+
     const ArrayInfo& array_;
     bool exact_;
     std::vector<Part> parts_;
-    std::vector<std::uint32_t> line_;
+    std::vector<IndicatorCode> codes_;
+    std::vector<float> floats_;
 };
 
 }  // namespace isonest

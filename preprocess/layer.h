@@ -44,7 +44,6 @@ class Layer {
         return data_.data() + (slot * rows_ + y) * pitch_;
     }
     void clear() { std::fill(data_.begin(), data_.end(), Real{0}); }
-    [[nodiscard]] std::size_t heap() const { return data_.size() * sizeof(Real); }
 
   private:
     std::int64_t pitch_ = 0;

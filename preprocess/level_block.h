@@ -6,10 +6,12 @@
 #include <optional>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 #include "preprocess/deviation.h"
 #include "preprocess/linf.h"
 #include "preprocess/missing.h"
+#include "preprocess/row_kernels.h"
 #include "preprocess/saturation.h"
 #include "store/field.h"
 #include "store/value_type.h"
@@ -74,15 +76,14 @@ template <class T, class Real>
 void fill_plane(const LevelTask<T>& task, std::int64_t z, SplitPlane<Real>& plane) {
     const ValueBox<T>& box = *task.values;
     const std::int64_t nx = task.range.count(0);
+    std::vector<Real> line(static_cast<std::size_t>(2 * nx));
     for (std::int64_t y = 0; y < plane.rows(); ++y) {
         const T* const row = box.values.row(task.step * (2 * task.range.lo.y + y), task.step * z) +
                              (2 * task.step * task.range.lo.x - box.values.lo.x);
-        Real* const even = plane.even(y);
-        Real* const odd = plane.odd(y);
-        for (std::int64_t i = 0; i < nx; ++i) {
-            even[i] = box.template number<Real>(row[2 * task.step * i]);
-            odd[i] = box.template number<Real>(row[2 * task.step * i + task.step]);
+        for (std::int64_t i = 0; i < 2 * nx; ++i) {
+            line[static_cast<std::size_t>(i)] = box.template number<Real>(row[task.step * i]);
         }
+        split_row(line.data(), plane.even(y), plane.odd(y), nx);
     }
 }
 

@@ -109,30 +109,27 @@ void gather_finest_deviation(ChunkCache& cache, const StoreLayout& layout, Box<f
     const ArrayInfo& array = layout.array(1, Field::deviation_bar);
     const Int3 cells = layout.lattice().cells_at(1);
     std::fill(box.data.begin(), box.data.end(), std::numeric_limits<float>::quiet_NaN());
-    Box<float> inside(max(box.lo, {0, 0, 0}), {0, 0, 0});
-    inside.size = max(min(box.lo + box.size, cells) - inside.lo, {0, 0, 0});
-    if (inside.size.product() == 0) {
+    const Int3 lo = max(box.lo, {0, 0, 0});
+    const Int3 size = max(min(box.lo + box.size, cells) - lo, {0, 0, 0});
+    if (size.product() == 0) {
         return;
     }
-    const auto copy = [&](const auto& from, const auto& decode) {
+    const auto copy = [&](auto from) {
+        gather_values(cache, array, from);
         for (std::int64_t z = from.lo.z; z < from.lo.z + from.size.z; ++z) {
             for (std::int64_t y = from.lo.y; y < from.lo.y + from.size.y; ++y) {
                 float* const to = box.row(y, z) + (from.lo.x - box.lo.x);
                 const auto* const row = from.row(y, z);
                 for (std::int64_t x = 0; x < from.size.x; ++x) {
-                    to[x] = decode(row[x]);
+                    to[x] = decode_indicator(row[x]);
                 }
             }
         }
     };
     if (layout.header().exact) {
-        Box<float> stored(inside.lo, inside.size);
-        gather_values(cache, array, stored);
-        copy(stored, [](float v) { return v; });
+        copy(Box<float>(lo, size));
     } else {
-        Box<IndicatorCode> stored(inside.lo, inside.size);
-        gather_values(cache, array, stored);
-        copy(stored, [](IndicatorCode code) { return decode_indicator(code); });
+        copy(Box<IndicatorCode>(lo, size));
     }
 }
 

@@ -1,6 +1,5 @@
 #include "preprocess/row_kernels.h"
 
-#include <bit>
 #include <cmath>
 
 #include "store/simd.h"
@@ -46,10 +45,16 @@ template <class Real>
 [[gnu::always_inline]] inline void raise_differences_of(const Interpolation<Real>& d,
                                                         const Real* offset, Real* __restrict best,
                                                         std::int64_t n) {
-    each_difference(d, n, [&](std::int64_t i, Real difference) {
-        const Real sum = difference + offset[i];
-        best[i] = sum > best[i] ? sum : best[i];
-    });
+    if (offset == nullptr) {
+        each_difference(d, n, [&](std::int64_t i, Real difference) {
+            best[i] = difference > best[i] ? difference : best[i];
+        });
+    } else {
+        each_difference(d, n, [&](std::int64_t i, Real difference) {
+            const Real sum = difference + offset[i];
+            best[i] = sum > best[i] ? sum : best[i];
+        });
+    }
 }
 
 template <class Real>
@@ -70,16 +75,75 @@ template <class Real>
 }
 
 template <class Real>
-[[gnu::always_inline]] inline std::uint32_t bits_above(Real value) {
-    const auto f = static_cast<float>(value);
-    return std::bit_cast<std::uint32_t>(f) + (static_cast<Real>(f) < value ? 1U : 0U);
+[[gnu::always_inline]] inline Real larger(Real a, Real b) {
+    return a < b ? b : a;
 }
 
 template <class Real>
-[[gnu::always_inline]] inline void round_up_bits(const Real* in, std::uint32_t* __restrict out,
-                                                 std::int64_t n, std::uint32_t mask) {
+[[gnu::always_inline]] inline void raise_by_four_of(const Real* a, const Real* b, const Real* c,
+                                                    const Real* d, Real* __restrict best,
+                                                    std::int64_t n) {
     for (std::int64_t i = 0; i < n; ++i) {
-        out[i] = (bits_above(in[i]) + mask) & ~mask;
+        best[i] = larger(best[i], larger(larger(a[i], b[i]), larger(c[i], d[i])));
+    }
+}
+
+template <class Real>
+[[gnu::always_inline]] inline void add_largest_of_four_of(const Real* a, const Real* b,
+                                                          const Real* c, const Real* d,
+                                                          Real* __restrict sum, std::int64_t n) {
+    for (std::int64_t i = 0; i < n; ++i) {
+        sum[i] += larger(larger(a[i], b[i]), larger(c[i], d[i]));
+    }
+}
+
+template <class Real>
+[[gnu::always_inline]] inline void midpoint_offsets_of(const Real* mid, const Real* a,
+                                                       const Real* b, Real* __restrict out,
+                                                       std::int64_t n) {
+    for (std::int64_t i = 0; i < n; ++i) {
+        out[i] = std::fabs(mid[i] - Real{0.5} * (a[i] + b[i]));
+    }
+}
+
+template <class Real>
+[[gnu::always_inline]] inline void diagonal_offsets_of(const Real* mid, const Real* a,
+                                                       const Real* b, std::int64_t first,
+                                                       Real* __restrict out, std::int64_t n) {
+    const auto parity = static_cast<int>(first & 1);
+    const auto count = static_cast<int>(n);
+    for (int i = 0; i < count; ++i) {
+        const Real same = a[i] + b[i + 1];
+        const Real cross = a[i + 1] + b[i];
+        out[i] = std::fabs(mid[i] - Real{0.5} * (((parity + i) & 1) == 0 ? same : cross));
+    }
+}
+
+template <class Real>
+[[gnu::always_inline]] inline void split_row_of(const Real* in, Real* __restrict even,
+                                                Real* __restrict odd, std::int64_t n) {
+    for (std::int64_t i = 0; i < n; ++i) {
+        even[i] = in[2 * i];
+        odd[i] = in[2 * i + 1];
+    }
+}
+
+template <class T>
+[[gnu::always_inline]] inline std::pair<T, T> range_of(const T* in, std::int64_t n) {
+    T low = in[0];
+    T high = in[0];
+    for (std::int64_t i = 1; i < n; ++i) {
+        low = in[i] < low ? in[i] : low;
+        high = in[i] > high ? in[i] : high;
+    }
+    return {low, high};
+}
+
+template <class Real>
+[[gnu::always_inline]] inline void round_up_codes(const Real* in, IndicatorCode* __restrict out,
+                                                  std::int64_t n) {
+    for (std::int64_t i = 0; i < n; ++i) {
+        out[i] = encode_indicator(round_up_to_float(in[i]));
     }
 }
 
@@ -87,19 +151,17 @@ template <class Real>
 [[gnu::always_inline]] inline void round_up_floats(const Real* in, float* __restrict out,
                                                    std::int64_t n) {
     for (std::int64_t i = 0; i < n; ++i) {
-        out[i] = std::bit_cast<float>(bits_above(in[i]));
+        out[i] = round_up_to_float(in[i]);
     }
 }
 
 }  // namespace
 
-ISONEST_SIMD void round_up_row(const float* in, std::uint32_t* out, std::int64_t n,
-                               std::uint32_t mask) {
-    round_up_bits(in, out, n, mask);
+ISONEST_SIMD void round_up_row(const float* in, IndicatorCode* out, std::int64_t n) {
+    round_up_codes(in, out, n);
 }
-ISONEST_SIMD void round_up_row(const double* in, std::uint32_t* out, std::int64_t n,
-                               std::uint32_t mask) {
-    round_up_bits(in, out, n, mask);
+ISONEST_SIMD void round_up_row(const double* in, IndicatorCode* out, std::int64_t n) {
+    round_up_codes(in, out, n);
 }
 ISONEST_SIMD void round_up_row(const float* in, float* out, std::int64_t n) {
     round_up_floats(in, out, n);
@@ -120,6 +182,51 @@ ISONEST_SIMD void raise_differences(const Interpolation<float>& d, const float* 
 ISONEST_SIMD void raise_differences(const Interpolation<double>& d, const double* offset,
                                     double* best, std::int64_t n) {
     raise_differences_of(d, offset, best, n);
+}
+ISONEST_SIMD void raise_by_four(const float* a, const float* b, const float* c, const float* d,
+                                float* best, std::int64_t n) {
+    raise_by_four_of(a, b, c, d, best, n);
+}
+ISONEST_SIMD void raise_by_four(const double* a, const double* b, const double* c, const double* d,
+                                double* best, std::int64_t n) {
+    raise_by_four_of(a, b, c, d, best, n);
+}
+ISONEST_SIMD void add_largest_of_four(const float* a, const float* b, const float* c,
+                                      const float* d, float* sum, std::int64_t n) {
+    add_largest_of_four_of(a, b, c, d, sum, n);
+}
+ISONEST_SIMD void add_largest_of_four(const double* a, const double* b, const double* c,
+                                      const double* d, double* sum, std::int64_t n) {
+    add_largest_of_four_of(a, b, c, d, sum, n);
+}
+ISONEST_SIMD void midpoint_offsets(const float* mid, const float* a, const float* b, float* out,
+                                   std::int64_t n) {
+    midpoint_offsets_of(mid, a, b, out, n);
+}
+ISONEST_SIMD void midpoint_offsets(const double* mid, const double* a, const double* b, double* out,
+                                   std::int64_t n) {
+    midpoint_offsets_of(mid, a, b, out, n);
+}
+ISONEST_SIMD void diagonal_offsets(const float* mid, const float* a, const float* b,
+                                   std::int64_t first, float* out, std::int64_t n) {
+    diagonal_offsets_of(mid, a, b, first, out, n);
+}
+ISONEST_SIMD void diagonal_offsets(const double* mid, const double* a, const double* b,
+                                   std::int64_t first, double* out, std::int64_t n) {
+    diagonal_offsets_of(mid, a, b, first, out, n);
+}
+ISONEST_SIMD void split_row(const float* in, float* even, float* odd, std::int64_t n) {
+    split_row_of(in, even, odd, n);
+}
+ISONEST_SIMD void split_row(const double* in, double* even, double* odd, std::int64_t n) {
+    split_row_of(in, even, odd, n);
+}
+ISONEST_SIMD std::pair<IndicatorCode, IndicatorCode> range_of_row(const IndicatorCode* in,
+                                                                  std::int64_t n) {
+    return range_of(in, n);
+}
+ISONEST_SIMD std::pair<float, float> range_of_row(const float* in, std::int64_t n) {
+    return range_of(in, n);
 }
 ISONEST_SIMD void raise(const float* value, float* best, std::int64_t n) {
     raise_of(value, best, n);

@@ -2,6 +2,9 @@
 #pragma once
 
 #include <cstdint>
+#include <utility>
+
+#include "store/indicator_code.h"
 
 namespace isonest {
 
@@ -19,7 +22,8 @@ struct Interpolation {
 void differences(const Interpolation<float>& d, float* out, std::int64_t n);
 void differences(const Interpolation<double>& d, double* out, std::int64_t n);
 
-/// best[i] = max(best[i], difference + offset[i]); a sum that is NaN changes nothing.
+/// best[i] = max(best[i], difference + offset[i]); a sum that is NaN changes nothing. A null offset
+/// is 0.
 void raise_differences(const Interpolation<float>& d, const float* offset, float* best,
                        std::int64_t n);
 void raise_differences(const Interpolation<double>& d, const double* offset, double* best,
@@ -31,13 +35,40 @@ void raise(const double* value, double* best, std::int64_t n);
 void raise_sum(const float* a, const float* b, float* best, std::int64_t n);
 void raise_sum(const double* a, const double* b, double* best, std::int64_t n);
 
-/// out[i] = the bits of the smallest binary32 >= in[i] that is 0 in the bits of `mask`, a number
-/// 2^k - 1: 0 for a float, 0xFFFF for a 16-bit code in the upper half. REQUIRES: in[i] >= 0 or
-/// +inf.
-void round_up_row(const float* in, std::uint32_t* out, std::int64_t n, std::uint32_t mask);
-void round_up_row(const double* in, std::uint32_t* out, std::int64_t n, std::uint32_t mask);
+/// best[i] = max(best[i], the largest of a, b, c, d at i), and sum[i] += that. No aliasing of the
+/// last argument.
+void raise_by_four(const float* a, const float* b, const float* c, const float* d, float* best,
+                   std::int64_t n);
+void raise_by_four(const double* a, const double* b, const double* c, const double* d, double* best,
+                   std::int64_t n);
+void add_largest_of_four(const float* a, const float* b, const float* c, const float* d, float* sum,
+                         std::int64_t n);
+void add_largest_of_four(const double* a, const double* b, const double* c, const double* d,
+                         double* sum, std::int64_t n);
 
-/// out[i] = the smallest binary32 >= in[i].
+/// out[i] = |mid[i] - (a[i] + b[i]) / 2|.
+void midpoint_offsets(const float* mid, const float* a, const float* b, float* out, std::int64_t n);
+void midpoint_offsets(const double* mid, const double* a, const double* b, double* out,
+                      std::int64_t n);
+
+/// The same on diagonals that change their direction from lane to lane: from a[i] to b[i + 1] where
+/// first + i is even, else from a[i + 1] to b[i].
+void diagonal_offsets(const float* mid, const float* a, const float* b, std::int64_t first,
+                      float* out, std::int64_t n);
+void diagonal_offsets(const double* mid, const double* a, const double* b, std::int64_t first,
+                      double* out, std::int64_t n);
+
+/// even[i] = in[2 i], odd[i] = in[2 i + 1].
+void split_row(const float* in, float* even, float* odd, std::int64_t n);
+void split_row(const double* in, double* even, double* odd, std::int64_t n);
+
+/// Smallest and largest. REQUIRES: n > 0; no NaN.
+std::pair<IndicatorCode, IndicatorCode> range_of_row(const IndicatorCode* in, std::int64_t n);
+std::pair<float, float> range_of_row(const float* in, std::int64_t n);
+
+/// out[i] = the smallest code, or binary32, whose value is >= in[i]. REQUIRES: in[i] >= 0 or +inf.
+void round_up_row(const float* in, IndicatorCode* out, std::int64_t n);
+void round_up_row(const double* in, IndicatorCode* out, std::int64_t n);
 void round_up_row(const float* in, float* out, std::int64_t n);
 void round_up_row(const double* in, float* out, std::int64_t n);
 

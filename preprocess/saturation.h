@@ -6,9 +6,11 @@
 // centres of the eight finer cubes around it. Order: fine to coarse, edges, faces, centres.
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "preprocess/layer.h"
+#include "preprocess/row_kernels.h"
 
 namespace isonest {
 
@@ -18,6 +20,11 @@ struct SaturateBar {
     Real operator()(Real own, Real children) const {
         return own < children ? children : own;
     }
+    template <class Real>
+    static void four(const Real* a, const Real* b, const Real* c, const Real* d, Real* out,
+                     std::int64_t n) {
+        raise_by_four(a, b, c, d, out, n);
+    }
 };
 
 /// plus: the node added to the maximum of its children.
@@ -25,6 +32,11 @@ struct SaturatePlus {
     template <class Real>
     Real operator()(Real own, Real children) const {
         return own + children;
+    }
+    template <class Real>
+    static void four(const Real* a, const Real* b, const Real* c, const Real* d, Real* out,
+                     std::int64_t n) {
+        add_largest_of_four(a, b, c, d, out, n);
     }
 };
 
@@ -58,15 +70,6 @@ void apply_centres(Real* edges, std::int64_t n, const std::vector<Real>& childre
     }
 }
 
-/// out[i] = Op(out[i], max of four neighbours)
-template <class Op, class Real>
-void apply_four(Real* out, std::int64_t n, const Real* a, const Real* b, const Real* c,
-                const Real* d) {
-    for (std::int64_t i = 0; i < n; ++i) {
-        out[i] = Op{}(out[i], larger(larger(a[i], b[i]), larger(c[i], d[i])));
-    }
-}
-
 }  // namespace saturation
 
 /// Saturates slots 0, 1, 2 of layer k in place. `centres` holds the saturated centre values of
@@ -89,9 +92,9 @@ void saturate_even_plane(const LayerRange& range, std::int64_t k, const Box<floa
         }
     }
     for (std::int64_t j = 0; j < range.odd_count(1); ++j) {
-        saturation::apply_four<Op>(layer.row(slot_of(1, 1, 0), j), range.odd_count(0),
-                                   layer.row(kEx, j), layer.row(kEx, j + 1), layer.row(kEy, j),
-                                   layer.row(kEy, j) + 1);
+        const Real* const ey = layer.row(kEy, j);
+        Op::four(std::as_const(layer).row(kEx, j), std::as_const(layer).row(kEx, j + 1), ey, ey + 1,
+                 layer.row(slot_of(1, 1, 0), j), range.odd_count(0));
     }
 }
 
@@ -114,11 +117,11 @@ void saturate_odd_plane(const LayerRange& range, std::int64_t k, const Box<float
     }
     for (std::int64_t j = 0; j < range.count(1); ++j) {
         const Real* const ez = layer.row(kEz, j);
-        saturation::apply_four<Op>(layer.row(kFxz, j), range.odd_count(0), ez, ez + 1,
-                                   layer.row(kEx, j), above.row(kEx, j));
+        Op::four(ez, ez + 1, std::as_const(layer).row(kEx, j), above.row(kEx, j),
+                 layer.row(kFxz, j), range.odd_count(0));
         if (j < range.odd_count(1)) {
-            saturation::apply_four<Op>(layer.row(kFyz, j), range.count(0), ez,
-                                       layer.row(kEz, j + 1), layer.row(kEy, j), above.row(kEy, j));
+            Op::four(ez, std::as_const(layer).row(kEz, j + 1), std::as_const(layer).row(kEy, j),
+                     above.row(kEy, j), layer.row(kFyz, j), range.count(0));
         }
     }
     for (std::int64_t j = 0; j < range.odd_count(1); ++j) {

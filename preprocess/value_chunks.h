@@ -16,7 +16,7 @@ template <class T>
 EncodedChunk encode_values(const ArrayInfo& array, const Int3& chunk, const Box<T>& box,
                            std::int64_t step) {
     std::vector<T> raw(static_cast<std::size_t>(array.chunk.product()));
-    const Int3 lo{chunk.x * array.chunk.x, chunk.y * array.chunk.y, chunk.z * array.chunk.z};
+    const Int3 lo = array.first_node(chunk);
     const Int3 n = min(array.chunk, array.nodes - lo);
     EncodedChunk out;
     out.array = &array;
@@ -37,7 +37,6 @@ EncodedChunk encode_values(const ArrayInfo& array, const Int3& chunk, const Box<
     out.row.max = range.max();
     out.row.flags = range.missing() ? kChunkHasMissing : 0;
     encode_chunk(std::as_bytes(std::span(raw)), array.codec, out.bytes);
-    out.bytes.shrink_to_fit();
     return out;
 }
 

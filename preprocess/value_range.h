@@ -35,11 +35,18 @@ class ValueRange {
                 }
             }
         }
+        // Copies, because a row of bytes may alias the members.
+        std::array<T, kLanes> low = low_;
+        std::array<T, kLanes> high = high_;
         for (; i + static_cast<std::int64_t>(kLanes) <= n; i += kLanes) {
             for (std::size_t l = 0; l < kLanes; ++l) {
-                lane(l, row[i + static_cast<std::int64_t>(l)]);
+                const T v = row[i + static_cast<std::int64_t>(l)];
+                low[l] = v < low[l] ? v : low[l];
+                high[l] = v > high[l] ? v : high[l];
             }
         }
+        low_ = low;
+        high_ = high;
         for (; i < n; ++i) {
             lane(0, row[i]);
         }

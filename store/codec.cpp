@@ -27,6 +27,7 @@ struct ThreadState {
     std::unique_ptr<ZSTD_CCtx, FreeContext> compress{ZSTD_createCCtx()};
     std::unique_ptr<ZSTD_DCtx, FreeContext> decompress{ZSTD_createDCtx()};
     std::vector<std::byte> shuffled;
+    std::vector<std::byte> packed;
 };
 
 ThreadState& thread_state() {
@@ -119,7 +120,7 @@ void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
     }
     const std::byte* from = raw.data();
     if (spec.shuffle) {
-        state.shuffled.resize(raw.size());
+        state.shuffled.resize(std::max(state.shuffled.size(), raw.size()));
         shuffle(raw, state.shuffled.data(), spec.element_size);
         from = state.shuffled.data();
     }
@@ -127,13 +128,14 @@ void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
     ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel, spec.level);
     ZSTD_CCtx_setParameter(context, ZSTD_c_contentSizeFlag, 1);
     ZSTD_CCtx_setParameter(context, ZSTD_c_checksumFlag, 1);
-    out.resize(ZSTD_compressBound(raw.size()));
-    const std::size_t size = ZSTD_compress2(context, out.data(), out.size(), from, raw.size());
+    state.packed.resize(std::max(state.packed.size(), ZSTD_compressBound(raw.size())));
+    const std::size_t size =
+        ZSTD_compress2(context, state.packed.data(), state.packed.size(), from, raw.size());
     if (ZSTD_isError(size) != 0U) {
         throw Error(ErrorKind::limit,
                     fmt::format("zstd could not compress a chunk: {}", ZSTD_getErrorName(size)));
     }
-    out.resize(size);
+    out.assign(state.packed.begin(), state.packed.begin() + static_cast<std::ptrdiff_t>(size));
 }
 
 void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
@@ -151,7 +153,7 @@ void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
     }
     std::byte* to = raw.data();
     if (spec.shuffle) {
-        state.shuffled.resize(raw.size());
+        state.shuffled.resize(std::max(state.shuffled.size(), raw.size()));
         to = state.shuffled.data();
     }
     const std::size_t size =
@@ -164,7 +166,7 @@ void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
                 ZSTD_isError(size) != 0U ? ZSTD_getErrorName(size) : "the frame is too short"));
     }
     if (spec.shuffle) {
-        unshuffle(state.shuffled, raw.data(), spec.element_size);
+        unshuffle({state.shuffled.data(), raw.size()}, raw.data(), spec.element_size);
     }
 }
 

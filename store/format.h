@@ -65,6 +65,14 @@ struct ArrayInfo {
     [[nodiscard]] std::uint64_t row_of(const Int3& c) const {
         return first_row + static_cast<std::uint64_t>(grid.linear(c));
     }
+    /// The first lattice node of chunk c.
+    [[nodiscard]] Int3 first_node(const Int3& c) const {
+        return {c.x * chunk.x, c.y * chunk.y, c.z * chunk.z};
+    }
+    /// The chunk that holds lattice node p. REQUIRES: p >= 0.
+    [[nodiscard]] Int3 chunk_of(const Int3& p) const {
+        return {p.x / chunk.x, p.y / chunk.y, p.z / chunk.z};
+    }
     /// "level 2, deviation_bar, chunk 3 0 1": for messages.
     [[nodiscard]] std::string place(const Int3& c) const;
 };

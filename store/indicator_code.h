@@ -3,9 +3,7 @@
 #pragma once
 
 #include <bit>
-#include <cmath>
 #include <cstdint>
-#include <limits>
 
 namespace isonest {
 
@@ -15,9 +13,8 @@ using IndicatorCode = std::uint16_t;
 /// The smallest binary32 that is >= value. REQUIRES: value >= 0 or +inf.
 inline float round_up_to_float(double value) {
     const auto f = static_cast<float>(value);
-    return static_cast<double>(f) < value
-               ? std::nextafter(f, std::numeric_limits<float>::infinity())
-               : f;
+    const std::uint32_t up = static_cast<double>(f) < value ? 1U : 0U;
+    return std::bit_cast<float>(std::bit_cast<std::uint32_t>(f) + up);
 }
 inline float round_up_to_float(float value) {
     return value;
@@ -29,9 +26,12 @@ inline IndicatorCode encode_indicator(float value) {
     return static_cast<IndicatorCode>((std::bit_cast<std::uint32_t>(value) + 0xFFFFU) >> 16);
 }
 
-/// The exact value of a code.
+/// The exact value of a code, or of an indicator stored as binary32.
 inline float decode_indicator(IndicatorCode code) {
     return std::bit_cast<float>(static_cast<std::uint32_t>(code) << 16);
+}
+inline float decode_indicator(float value) {
+    return value;
 }
 
 }  // namespace isonest
