@@ -335,6 +335,25 @@ class Cli(unittest.TestCase):
                 self.assertTrue(err.startswith(b"isonest: error: "), err)
                 self.assertEqual([p.name for p in folder.iterdir()], ["n.raw"])
 
+    def test_an_input_truncated_while_it_is_read_is_an_error(self):
+        with tempfile.TemporaryDirectory(prefix="isonest-test-") as name:
+            folder = pathlib.Path(name)
+            path = folder / "n.raw"
+            with open(path, "wb") as file:
+                file.truncate(1 << 29)
+            process = subprocess.Popen(
+                [ISONEST, "preprocess", path, "--dims", "1024,512,1024", "--type", "uint8", "-o",
+                 folder / "n.isonest"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            deadline = time.monotonic() + 120
+            while not any(p.name.startswith(".") for p in folder.iterdir()):
+                self.assertLess(time.monotonic(), deadline)
+                time.sleep(0.01)
+            os.truncate(path, 0)
+            _, err = process.communicate(timeout=300)
+            self.assertEqual(process.returncode, 6, err)
+            self.assertIn(b"truncated", err)
+            self.assertFalse((folder / "n.isonest").exists())
+
     # Pictures
 
     def test_a_picture_shows_the_mesh_in_its_middle(self):

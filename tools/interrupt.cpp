@@ -19,6 +19,15 @@ extern "C" void on_signal(int /*signal*/) {
     }
 }
 
+/// A page of a mapped file that is not there any more.
+extern "C" void on_bus_error(int /*signal*/) {
+    constexpr char kMessage[] =
+        "isonest: an input file or store was truncated, or its disk failed, while it was being "
+        "read; the output was not made. Restore the file and run again.\n";
+    [[maybe_unused]] const auto written = ::write(STDERR_FILENO, kMessage, sizeof(kMessage) - 1);
+    ::_exit(static_cast<int>(ErrorKind::io));
+}
+
 }  // namespace
 
 void watch_signals() {
@@ -30,6 +39,8 @@ void watch_signals() {
     ::sigaction(SIGTERM, &action, nullptr);
     action.sa_handler = SIG_IGN;
     ::sigaction(SIGXFSZ, &action, nullptr);
+    action.sa_handler = &on_bus_error;
+    ::sigaction(SIGBUS, &action, nullptr);
 }
 
 bool interrupted() {
