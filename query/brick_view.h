@@ -16,9 +16,7 @@ class ChunkGroup {
     ChunkGroup() = default;
     /// REQUIRES: base is a multiple of the array's chunk.
     ChunkGroup(ChunkCache& cache, const ArrayInfo& array, const Int3& base)
-        : cache_(&cache),
-          array_(&array),
-          first_{base.x / array.chunk.x, base.y / array.chunk.y, base.z / array.chunk.z} {}
+        : cache_(&cache), array_(&array), first_(array.chunk_of(base)) {}
 
     /// The element of node base + p. REQUIRES: 0 <= p < 2 chunk, inside the lattice.
     template <class T>

@@ -146,7 +146,7 @@ class Checker {
             low = std::fmin(low, v);
             high = std::fmax(high, v);
         };
-        const Int3 base{chunk.x * array.chunk.x, chunk.y * array.chunk.y, chunk.z * array.chunk.z};
+        const Int3 base = array.first_node(chunk);
         const Int3 n = min(array.chunk, array.nodes - base);
         for (std::int64_t i = 0; i < n.product(); ++i) {
             const std::int64_t at = array.chunk.linear(n.unlinear(i)) * array.components;
@@ -185,8 +185,7 @@ class Checker {
         dispatch(layout_.header().type, [&](auto tag) {
             using T = typename decltype(tag)::type;
             const ArrayInfo& fine = layout_.array(array.level - 1, Field::values);
-            const Int3 base{chunk.x * array.chunk.x, chunk.y * array.chunk.y,
-                            chunk.z * array.chunk.z};
+            const Int3 base = array.first_node(chunk);
             const Int3 n = min(array.chunk, array.nodes - base);
             Box<T> coarse(base, n);
             gather_values(cache_, array, coarse);
@@ -206,7 +205,7 @@ class Checker {
     /// Every refinement node is at least its children, in this chunk and across its borders: so the
     /// stop test of a node implies that of its parents, and leaves fit together.
     void saturation(const ArrayInfo& array, const Int3& chunk) {
-        const Int3 base{chunk.x * array.chunk.x, chunk.y * array.chunk.y, chunk.z * array.chunk.z};
+        const Int3 base = array.first_node(chunk);
         const Int3 n = min(array.chunk, array.nodes - base);
         const Int3 cells = layout_.lattice().cells_at(array.level);
         const auto exists = [&](const Int3& p) {
@@ -220,8 +219,7 @@ class Checker {
             for (std::size_t i = 0; i < 27; ++i) {
                 const Int3 o =
                     (Int3{3, 3, 3}).unlinear(static_cast<std::int64_t>(i)) - Int3{1, 1, 1};
-                const Int3 at{o.x * fine->chunk.x, o.y * fine->chunk.y, o.z * fine->chunk.z};
-                finer[i] = IndicatorView(cache_, *fine, base * 2 + at * 2);
+                finer[i] = IndicatorView(cache_, *fine, base * 2 + fine->first_node(o) * 2);
             }
         }
         std::int64_t compared = 0;
@@ -249,11 +247,8 @@ class Checker {
                             Int3 c = p;
                             c[axis] += side;
                             const Int3 q = c - base * 2;
-                            against(
-                                own.at({q.x >> 1, q.y >> 1, q.z >> 1},
-                                       slot_of(static_cast<int>(q.x & 1), static_cast<int>(q.y & 1),
-                                               static_cast<int>(q.z & 1))),
-                                c, std::int64_t{1} << (array.level - 1));
+                            against(own.at({q.x >> 1, q.y >> 1, q.z >> 1}, slot_of(q)), c,
+                                    std::int64_t{1} << (array.level - 1));
                         }
                     }
                 } else if (fine != nullptr) {
@@ -293,7 +288,7 @@ class Checker {
     /// Level 1: the stored centre of each cube against the indicators of its 19 nodes, which follow
     /// from the values: never below, and at most the codes' rounding above.
     void finest_bounds(const ArrayInfo& array, const Int3& chunk) {
-        const Int3 base{chunk.x * array.chunk.x, chunk.y * array.chunk.y, chunk.z * array.chunk.z};
+        const Int3 base = array.first_node(chunk);
         const Int3 n = min(array.chunk, layout_.lattice().cells_at(1) - base);
         if (min(n, {1, 1, 1}) != Int3{1, 1, 1}) {
             return;
@@ -346,8 +341,7 @@ class Checker {
                         if (std::memcmp(&ours.data[i], &original[i], sizeof(T)) != 0) {
                             const Int3 p =
                                 Int3{0, y, z} + ours.size.unlinear(static_cast<std::int64_t>(i));
-                            add("source", array,
-                                {p.x / array.chunk.x, p.y / array.chunk.y, p.z / array.chunk.z}, p,
+                            add("source", array, array.chunk_of(p), p,
                                 "the value differs from the source's");
                         }
                     }
@@ -405,10 +399,8 @@ class Checker {
                 continue;
             }
             const ArrayInfo& array = layout_.array(level, field);
-            const Int3 chunk{cube.x / array.chunk.x, cube.y / array.chunk.y,
-                             cube.z / array.chunk.z};
-            const Int3 base{chunk.x * array.chunk.x, chunk.y * array.chunk.y,
-                            chunk.z * array.chunk.z};
+            const Int3 chunk = array.chunk_of(cube);
+            const Int3 base = array.first_node(chunk);
             IndicatorView view(cache_, array, base);
             const double bound = view.at(cube - base, kCentreSlot);
             if (!(bound >= found.difference - 1e-12 * found.size)) {

@@ -12,8 +12,9 @@ namespace isonest {
 
 /// One thing that is wrong.
 struct Finding {
-    std::string
-        test;  ///< "checksum", "decode", "range", "injection", "saturation", "source", "bound"
+    /// "table", "checksum", "decode", "range", "injection", "saturation", "indicator", "source" or
+    /// "bound".
+    std::string test;
     std::string field;
     int level = 0;
     Int3 chunk;

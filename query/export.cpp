@@ -15,8 +15,8 @@ namespace isonest {
 namespace {
 
 template <class T>
-void export_values(const StoreReader& store, const ArrayInfo& array, ChunkCache& cache,
-                   VolumeFile& file, Progress& progress) {
+void export_values(const ArrayInfo& array, ChunkCache& cache, VolumeFile& file,
+                   Progress& progress) {
     Box<T> plane({0, 0, 0}, {array.nodes.x, array.nodes.y, 1});
     for (std::int64_t z = 0; z < array.nodes.z; ++z) {
         progress.check();
@@ -25,7 +25,6 @@ void export_values(const StoreReader& store, const ArrayInfo& array, ChunkCache&
         file.write(reinterpret_cast<const std::byte*>(plane.data.data()), 1);
         progress.advance(1);
     }
-    static_cast<void>(store);
 }
 
 /// Level 1: the cubes' centres are stored, faces and edges follow from the values.
@@ -41,14 +40,13 @@ void finest_plane(const StoreReader& store, ChunkCache& cache, Field field, std:
     gather_values(cache, layout.array(0, Field::values), values);
     for (std::int64_t cy = 0; cy < cells.y; ++cy) {
         for (std::int64_t gx = 0; gx < array.grid.x; ++gx) {
-            const Int3 base{gx * array.chunk.x, cy / array.chunk.y * array.chunk.y,
-                            cz / array.chunk.z * array.chunk.z};
+            const Int3 base = array.first_node(array.chunk_of({gx * array.chunk.x, cy, cz}));
             IndicatorView centres(cache, array, base);
             const std::int64_t end = std::min(base.x + array.chunk.x, cells.x);
             for (std::int64_t cx = base.x; cx < end; ++cx) {
                 const Int3 cube{cx, cy, cz};
                 // finest_indicator() wants the all-even corner first: mirror the odd cubes.
-                const auto mirror = static_cast<unsigned>((cx & 1) + 2 * (cy & 1) + 4 * (cz & 1));
+                const unsigned mirror = mirror_of(cube);
                 const CubeValues u = cube_values(values, cube);
                 for (int p = 0; p < 27; ++p) {
                     const Int3 at = cube * 2 + node_offset(p, mirror);
@@ -89,7 +87,7 @@ void indicator_plane(const StoreReader& store, ChunkCache& cache, const ExportOp
         for (std::int64_t cy = 0; cy < array.grid.y; ++cy) {
             for (std::int64_t cx = 0; cx < array.grid.x; ++cx) {
                 const Int3 chunk{cx, cy, pz / 2 / array.chunk.z};
-                const Int3 base{cx * array.chunk.x, cy * array.chunk.y, chunk.z * array.chunk.z};
+                const Int3 base = array.first_node(chunk);
                 IndicatorView view(cache, array, base);
                 const Int3 end = min(base + array.chunk, array.nodes);
                 for (std::int64_t py = 2 * base.y; py < 2 * end.y && py * scale < n.y; ++py) {
@@ -98,10 +96,8 @@ void indicator_plane(const StoreReader& store, ChunkCache& cache, const ExportOp
                             continue;
                         }
                         plane[static_cast<std::size_t>(py * scale * n.x + px * scale)] =
-                            static_cast<float>(
-                                view.at(Int3{px / 2, py / 2, pz / 2} - base,
-                                        slot_of(static_cast<int>(px & 1), static_cast<int>(py & 1),
-                                                static_cast<int>(pz & 1))));
+                            static_cast<float>(view.at(Int3{px / 2, py / 2, pz / 2} - base,
+                                                       slot_of({px, py, pz})));
                     }
                 }
             }
@@ -130,7 +126,7 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
         const auto file = create_volume_file(path, spec);
         progress.begin("export", static_cast<std::uint64_t>(array.nodes.z), "planes");
         dispatch(header.type, [&](auto tag) {
-            export_values<typename decltype(tag)::type>(store, array, cache, *file, progress);
+            export_values<typename decltype(tag)::type>(array, cache, *file, progress);
         });
         return file->finish();
     }

@@ -11,8 +11,8 @@ namespace isonest {
 
 struct ExportOptions {
     Field field = Field::values;
-    int level =
-        0;  ///< values: the level; indicators: only nodes of this level or coarser, 0 or 1 = all
+    /// Values: the level. Indicators: only nodes of this level or coarser, 0 or 1 = all.
+    int level = 0;
     bool force = false;
     std::uint64_t memory = std::uint64_t{256} << 20U;
 };

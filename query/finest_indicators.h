@@ -24,7 +24,7 @@ using CubeValues = std::array<double, 27>;
 /// corner is 0.
 template <class T>
 CubeValues cube_values(const Box<T>& values, const Int3& cube) {
-    const auto mirror = static_cast<unsigned>((cube.x & 1) + 2 * (cube.y & 1) + 4 * (cube.z & 1));
+    const unsigned mirror = mirror_of(cube);
     CubeValues u{};
     for (int p = 0; p < 27; ++p) {
         u[static_cast<std::size_t>(p)] =

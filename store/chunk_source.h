@@ -22,6 +22,8 @@ class ChunkSource {
     /// Throws Error{corrupt, io}.
     virtual void decode(const ArrayInfo& array, const Int3& chunk,
                         std::span<std::byte> raw) const = 0;
+    /// A hint that the chunk is needed soon. Throws what decode() throws for a bad table.
+    virtual void prefetch(const ArrayInfo& /*array*/, const Int3& /*chunk*/) const {}
 };
 
 }  // namespace isonest

@@ -17,8 +17,8 @@ void gather_values(ChunkCache& cache, const ArrayInfo& array, Box<T>& box) {
     const Int3 last = array.nodes - Int3{1, 1, 1};
     const Int3 from = min(max(box.lo, {0, 0, 0}), last);
     const Int3 to = max(min(box.lo + box.size - Int3{1, 1, 1}, last), {0, 0, 0});
-    const Int3 c0{from.x / array.chunk.x, from.y / array.chunk.y, from.z / array.chunk.z};
-    const Int3 c1{to.x / array.chunk.x, to.y / array.chunk.y, to.z / array.chunk.z};
+    const Int3 c0 = array.chunk_of(from);
+    const Int3 c1 = array.chunk_of(to);
     // A box that lies wholly outside is filled from the nearest nodes, `from` .. `to`, below.
     const auto place = [&](std::int64_t p, int axis) {
         return std::clamp(p, box.lo[axis], box.lo[axis] + box.size[axis] - 1);
@@ -28,7 +28,7 @@ void gather_values(ChunkCache& cache, const ArrayInfo& array, Box<T>& box) {
             for (std::int64_t cx = c0.x; cx <= c1.x; ++cx) {
                 const DecodedChunk chunk = cache.get(array, {cx, cy, cz});
                 const T* const data = reinterpret_cast<const T*>(chunk->data());
-                const Int3 base{cx * array.chunk.x, cy * array.chunk.y, cz * array.chunk.z};
+                const Int3 base = array.first_node({cx, cy, cz});
                 const Int3 lo = max(base, from);
                 const Int3 hi = min(base + array.chunk - Int3{1, 1, 1}, to);
                 for (std::int64_t z = lo.z; z <= hi.z; ++z) {

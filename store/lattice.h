@@ -43,8 +43,8 @@ enum class NodeKind : std::uint8_t { macro_vertex = 0, edge = 1, face = 2, centr
 /// The closed-form description of one node.
 struct NodeInfo {
     NodeKind kind = NodeKind::macro_vertex;
-    std::int64_t scale =
-        0;  ///< largest power of two dividing all coordinates; 0 for macro vertices
+    /// Largest power of two that divides all coordinates; 0 for macro vertices.
+    std::int64_t scale = 0;
     std::array<bool, 3> odd{};
     Int3 end0;  ///< end of the refinement edge with lattice coordinates x - s*sigma
     Int3 end1;  ///< the other end, x + s*sigma
@@ -61,6 +61,10 @@ inline constexpr int kSlots = 7;
 inline constexpr int kCentreSlot = 6;
 constexpr int slot_of(int ox, int oy, int oz) {
     return ox + 2 * oy + 4 * oz - 1;
+}
+/// The slot of node p, in units of the nodes' scale. REQUIRES: p >= 0, a coordinate odd.
+constexpr int slot_of(const Int3& p) {
+    return slot_of(static_cast<int>(p.x & 1), static_cast<int>(p.y & 1), static_cast<int>(p.z & 1));
 }
 constexpr Int3 slot_offset(int slot) {
     return {(slot + 1) & 1, ((slot + 1) >> 1) & 1, ((slot + 1) >> 2) & 1};

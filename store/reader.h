@@ -31,7 +31,7 @@ class StoreReader : public ChunkSource {
     [[nodiscard]] std::span<const std::byte> stored(const ArrayInfo& array,
                                                     const Int3& chunk) const;
     void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
-    void prefetch(const ArrayInfo& array, const Int3& chunk) const;
+    void prefetch(const ArrayInfo& array, const Int3& chunk) const override;
 
     /// Chunks and stored bytes decoded since opening.
     [[nodiscard]] std::uint64_t chunks_read() const { return chunks_read_; }

@@ -12,13 +12,15 @@ namespace isonest {
 /// `threads` workers, also where that is more than the machine has; 0 = as many as it has.
 class Workers {
   public:
-    explicit Workers(int threads)
-        : count_(threads > 0 ? threads : tbb::info::default_concurrency()) {
+    explicit Workers(int threads) : count_(count_of(threads)) {
         if (count_ > tbb::info::default_concurrency()) {
             allowed_.emplace(tbb::global_control::max_allowed_parallelism,
                              static_cast<std::size_t>(count_));
         }
         arena_.initialize(count_);
+    }
+    [[nodiscard]] static int count_of(int threads) {
+        return threads > 0 ? threads : tbb::info::default_concurrency();
     }
     [[nodiscard]] int count() const { return count_; }
     template <class Work>

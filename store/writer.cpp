@@ -270,8 +270,7 @@ std::uint64_t StoreWriter::bytes_written() const {
 
 void StoreWriter::write_chunk(const ArrayInfo& array, const Int3& chunk,
                               std::span<const std::byte> encoded, ChunkRow row) {
-    const auto at =
-        dims_of({chunk.x * array.chunk.x, chunk.y * array.chunk.y, chunk.z * array.chunk.z}, 0);
+    const auto at = dims_of(array.first_node(chunk), 0);
     const auto index = static_cast<std::size_t>(&array - impl_->layout.arrays().data());
     row.bytes = static_cast<std::uint32_t>(encoded.size());
     row.checksum = checksum_of(encoded);
