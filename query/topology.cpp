@@ -15,6 +15,7 @@ TopologyTetrahedron describe(const Tetrahedron& t) {
     TopologyTetrahedron out;
     for (std::size_t i = 0; i < 4; ++i) {
         out.vertices[i] = position_of(t.v[i]);
+        out.nodes |= std::uint32_t{1} << out.vertices[i];
     }
     const Int3 a = t.v[1] - t.v[0];
     const Int3 b = t.v[2] - t.v[0];
@@ -63,9 +64,14 @@ Topology make() {
                     edge.children[k] = static_cast<std::uint8_t>(corner.x / 2 + corner.y / 2 * 2 +
                                                                  corner.z / 2 * 4);
                     edge.child_orders[k] = order_of(t3[k]);
-                    out.subcube[edge.children[k]][edge.child_orders[k]] = describe(t3[k]);
+                    TopologyTetrahedron& subcube =
+                        out.subcube[edge.children[k]][edge.child_orders[k]];
+                    subcube = describe(t3[k]);
+                    edge.nodes |= subcube.nodes;
                 }
+                face.nodes |= edge.nodes;
             }
+            out.cube[order].nodes |= face.nodes;
         }
     }
     return out;

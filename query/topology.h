@@ -20,6 +20,8 @@ struct TopologyTetrahedron {
     /// Kind 2: the Kuhn tetrahedron of the subcube that each child is (position in kAxisOrders).
     std::array<std::uint8_t, 2> child_orders{};
     bool positive = false;  ///< det(v1 - v0, v2 - v0, v3 - v0) > 0
+    /// Bit p: node position p is a vertex of the tetrahedron or of one below it in these tables.
+    std::uint32_t nodes = 0;
 };
 
 /// Derived from explicit bisection when first used.
@@ -31,6 +33,11 @@ struct Topology {
     std::array<std::array<TopologyTetrahedron, 6>, 8> subcube;
 };
 const Topology& topology();
+
+/// Along which axes (bits x, y, z) a cube is the mirror image of the tables' cube.
+constexpr unsigned mirror_of(const Int3& cube) {
+    return static_cast<unsigned>((cube.x & 1) + 2 * (cube.y & 1) + 4 * (cube.z & 1));
+}
 
 /// Offset of node `position` in half edges, mirrored along the axes set in `mirror` (bits x, y, z).
 constexpr Int3 node_offset(int position, unsigned mirror) {

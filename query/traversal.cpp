@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 
 #include "query/brick_view.h"
@@ -16,6 +17,21 @@
 
 namespace isonest {
 namespace {
+
+/// The node positions (x + 3 y + 9 z) of the eight subcubes' corners.
+constexpr std::array<std::array<std::uint8_t, 8>, 8> make_corners() {
+    std::array<std::array<std::uint8_t, 8>, 8> corners{};
+    for (unsigned cube = 0; cube < 8; ++cube) {
+        for (unsigned c = 0; c < 8; ++c) {
+            const unsigned x = (cube & 1U) + (c & 1U);
+            const unsigned y = (cube >> 1U & 1U) + (c >> 1U & 1U);
+            const unsigned z = (cube >> 2U) + (c >> 2U);
+            corners[cube][c] = static_cast<std::uint8_t>(x + 3 * y + 9 * z);
+        }
+    }
+    return corners;
+}
+constexpr auto kCorners = make_corners();
 
 /// One byte per cube in Morton order: the Kuhn tetrahedra that are to be refined.
 using MaskList = std::vector<std::uint8_t>;
@@ -56,7 +72,6 @@ class BrickWork {
         one_field_ = query_.stop == query_.bound;
         if (level > 0 && level < layout.lattice().top()) {
             stop_ = IndicatorView(shared.cache, layout.array(level + 1, query_.stop), parents);
-            bound_ = IndicatorView(shared.cache, layout.array(level + 1, query_.bound), parents);
         }
         if (level > 0) {
             for (int octant = 0; octant < 8; ++octant) {
@@ -86,6 +101,9 @@ class BrickWork {
         CubeValues value;
         Int3 low;         ///< of the parent cube, in nodes of level_
         unsigned mirror;  ///< axes along which the topology tables are mirrored
+        // Bit p: near position p the finest function may be below the isovalue, or not below it.
+        std::uint32_t below;
+        std::uint32_t not_below;
         bool cut;
     };
     void load(Nodes& nodes, const Int3& parent);
@@ -93,18 +111,29 @@ class BrickWork {
     void face(const Nodes& nodes, int index);
     void edge(const Nodes& nodes, int index);
     void subcube(const Nodes& nodes, int corner, std::uint8_t mask);
-    [[nodiscard]] double indicator(IndicatorView& view, Field field, const Nodes& nodes,
-                                   int position) {
+    /// The stop indicator of a face or edge.
+    [[nodiscard]] double indicator(const Nodes& nodes, int position) {
         if (level_ == 0) {
-            return finest_indicator(nodes.value, position, field == Field::linf_plus);
+            return finest_indicator(nodes.value, position, query_.stop == Field::linf_plus);
         }
         const Int3 p = (nodes.low - base_) + node_offset(position, nodes.mirror);
-        return view.at({p.x >> 1, p.y >> 1, p.z >> 1},
-                       slot_of(static_cast<int>(p.x & 1), static_cast<int>(p.y & 1),
-                               static_cast<int>(p.z & 1)));
+        return stop_.at({p.x >> 1, p.y >> 1, p.z >> 1}, slot_of(p));
     }
+    void classify(Nodes& nodes);
+    /// The interest test of a subcube's tetrahedron: whether the finest function can take the
+    /// isovalue in it (section 4), by the bound beta of |U - U^l|; exactly at level 0.
     [[nodiscard]] bool interesting(const Nodes& nodes, const TopologyTetrahedron& t,
                                    double beta) const;
+    /// The interest test of the tetrahedra above, by the finer level's values and bounds.
+    [[nodiscard]] std::size_t octant_of(const Int3& local) const {
+        return static_cast<std::size_t>((local.x >= half_ ? 1 : 0) + (local.y >= half_ ? 2 : 0) +
+                                        (local.z >= half_ ? 4 : 0));
+    }
+    [[nodiscard]] static bool straddles(const Nodes& nodes, const TopologyTetrahedron& t) {
+        return (t.nodes & nodes.below) != 0 && (t.nodes & nodes.not_below) != 0;
+    }
+    /// The stop test. Without a tolerance no node stops, and none is asked.
+    [[nodiscard]] bool stops(const Nodes& nodes, const TopologyTetrahedron& t, double& eta);
     void march(const Nodes& nodes, const TopologyTetrahedron& t, double eta);
     void flush();
 
@@ -119,7 +148,6 @@ class BrickWork {
     bool one_field_ = true;
     ChunkGroup values_;
     IndicatorView stop_;
-    IndicatorView bound_;
     std::array<Int3, 8> centre_base_;
     std::array<IndicatorView, 8> centre_stop_;
     std::array<IndicatorView, 8> centre_bound_;
@@ -132,6 +160,9 @@ template <class T>
 bool BrickWork<T>::interesting(const Nodes& nodes, const TopologyTetrahedron& t,
                                double beta) const {
     ++counts_.visited;
+    if (level_ == 0) {
+        return straddles(nodes, t);
+    }
     double low = nodes.value[t.vertices[0]];
     double high = low;
     for (std::size_t i = 1; i < 4; ++i) {
@@ -162,7 +193,7 @@ void BrickWork<T>::march(const Nodes& nodes, const TopologyTetrahedron& t, doubl
 template <class T>
 void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
     nodes.low = parent * 2;
-    nodes.mirror = static_cast<unsigned>((parent.x & 1) + 2 * (parent.y & 1) + 4 * (parent.z & 1));
+    nodes.mirror = mirror_of(parent);
     const Int3 last =
         shared_.cache.source().layout().array(level_, Field::values).nodes - Int3{1, 1, 1} - base_;
     for (int position = 0; position < 27; ++position) {
@@ -174,15 +205,59 @@ void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
     }
 }
 
+/// What the 27 values and the bounds of the eight subcubes say about the finest function: in a
+/// subcube it stays within the values of its corners plus or minus the bound of its centre. So a
+/// tetrahedron none of whose nodes can be below the isovalue, or none not below it, holds none of
+/// the surface. Sharper than a bound of its own, which looks at the coarser function; at level 0,
+/// where the bounds are 0, exact.
+template <class T>
+void BrickWork<T>::classify(Nodes& nodes) {
+    std::array<double, 27> bound{};
+    if (level_ > 0) {
+        const Int3 local = nodes.low - base_;
+        const std::size_t octant = octant_of(local);
+        for (int corner = 0; corner < 8; ++corner) {
+            const unsigned at = static_cast<unsigned>(corner) ^ nodes.mirror;
+            const Int3 cube = nodes.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
+            const double beta = centre_bound_[octant].at(cube - centre_base_[octant], kCentreSlot);
+            for (const std::uint8_t p : kCorners[static_cast<std::size_t>(corner)]) {
+                bound[p] = std::max(bound[p], beta);
+            }
+        }
+    }
+    nodes.below = 0;
+    nodes.not_below = 0;
+    for (std::size_t p = 0; p < 27; ++p) {
+        const double low = nodes.value[p] - bound[p];
+        const double high = nodes.value[p] + bound[p];
+        // Missing values, where the bound is infinite, never exclude anything; at level 0 they are
+        // on neither side. A difference that is rounded may be the isovalue and yet below it.
+        const bool unknown = bound[p] > std::numeric_limits<double>::max();
+        const bool below = unknown || low < query_.iso || (bound[p] > 0 && low == query_.iso);
+        const bool not_below = unknown || high >= query_.iso;
+        nodes.below |= (below ? 1U : 0U) << p;
+        nodes.not_below |= (not_below ? 1U : 0U) << p;
+    }
+}
+
+template <class T>
+bool BrickWork<T>::stops(const Nodes& nodes, const TopologyTetrahedron& t, double& eta) {
+    if (query_.epsilon <= 0) {
+        return false;
+    }
+    eta = indicator(nodes, t.ref_node);
+    return eta < query_.epsilon;
+}
+
 template <class T>
 void BrickWork<T>::edge(const Nodes& nodes, int index) {
     const TopologyTetrahedron& t = topology().edge[static_cast<std::size_t>(index)];
-    const double beta = indicator(bound_, query_.bound, nodes, t.ref_node);
-    if (!interesting(nodes, t, beta)) {
+    ++counts_.visited;
+    if (!straddles(nodes, t)) {
         return;
     }
-    const double eta = one_field_ ? beta : indicator(stop_, query_.stop, nodes, t.ref_node);
-    if (eta < query_.epsilon) {
+    double eta = 0;
+    if (stops(nodes, t, eta)) {
         return march(nodes, t, eta);
     }
     for (std::size_t i = 0; i < 2; ++i) {
@@ -193,12 +268,12 @@ void BrickWork<T>::edge(const Nodes& nodes, int index) {
 template <class T>
 void BrickWork<T>::face(const Nodes& nodes, int index) {
     const TopologyTetrahedron& t = topology().face[static_cast<std::size_t>(index)];
-    const double beta = indicator(bound_, query_.bound, nodes, t.ref_node);
-    if (!interesting(nodes, t, beta)) {
+    ++counts_.visited;
+    if (!straddles(nodes, t)) {
         return;
     }
-    const double eta = one_field_ ? beta : indicator(stop_, query_.stop, nodes, t.ref_node);
-    if (eta < query_.epsilon) {
+    double eta = 0;
+    if (stops(nodes, t, eta)) {
         return march(nodes, t, eta);
     }
     edge(nodes, t.children[0]);
@@ -222,8 +297,7 @@ void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
     std::size_t octant = 0;
     const Int3 local = cube - base_;
     if (level_ > 0) {
-        octant = static_cast<std::size_t>((local.x >= half_ ? 1 : 0) + (local.y >= half_ ? 2 : 0) +
-                                          (local.z >= half_ ? 4 : 0));
+        octant = octant_of(local);
         const Int3 node = cube - centre_base_[octant];
         beta = centre_bound_[octant].at(node, kCentreSlot);
         eta = one_field_ ? beta : centre_stop_[octant].at(node, kCentreSlot);
@@ -261,10 +335,12 @@ void BrickWork<T>::refine(const Int3& parent, std::uint8_t mask) {
     }
     Nodes nodes;
     load(nodes, parent);
+    classify(nodes);
     nodes.cut = overlap == Overlap::crossing;
     subcubes_.fill(0);
     for (std::size_t order = 0; order < 6; ++order) {
-        if ((mask >> order & 1U) != 0) {
+        // The finer values say more than the bound by which the level above asked for this one.
+        if ((mask >> order & 1U) != 0 && straddles(nodes, topology().cube[order])) {
             face(nodes, topology().cube[order].children[0]);
             face(nodes, topology().cube[order].children[1]);
         }
@@ -313,6 +389,9 @@ void BrickWork<T>::root() {
     // The coarsest cube as subcube 0 of a parent that is never refined itself.
     Nodes nodes;
     load(nodes, {0, 0, 0});
+    if (level_ == 0) {
+        classify(nodes);
+    }
     nodes.cut = true;
     order_ = order_of(level_, 0);
     subcube(nodes, 0, 0x3F);
@@ -341,6 +420,13 @@ void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Mas
     if (count == 0) {
         shared.progress.advance(progress_share);
         return;
+    }
+    const ArrayInfo& values = shared.cache.source().layout().array(level - 1, Field::values);
+    for (int octant = 0; octant < 8; ++octant) {
+        if (children[static_cast<std::size_t>(octant)] != nullptr) {
+            shared.cache.source().prefetch(
+                values, brick * 2 + Int3{octant & 1, (octant >> 1) & 1, octant >> 2});
+        }
     }
     tbb::task_group group;
     const std::uint64_t share = progress_share / static_cast<std::uint64_t>(count);
