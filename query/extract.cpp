@@ -1,7 +1,6 @@
 #include "query/extract.h"
 
 #include <fmt/format.h>
-#include <oneapi/tbb/info.h>
 
 #include <chrono>
 #include <cmath>
@@ -99,6 +98,7 @@ ClipBox clip_box(const StoreReader& store, const std::optional<WorldBox>& box) {
 struct Budget {
     int threads;
     std::size_t part_vertices;
+    std::uint64_t parts;
     std::uint64_t cache;
 };
 
@@ -117,7 +117,7 @@ Budget share(const StoreReader& store, const ExtractOptions& options, const Trav
                         store.path().string(), options.memory >> 20U,
                         ((kLibraryHeap + each) >> 20U) + 1));
     }
-    const int wanted = options.threads > 0 ? options.threads : tbb::info::default_concurrency();
+    const int wanted = Workers::count_of(options.threads);
     const std::uint64_t usable = options.memory - kLibraryHeap;
     Budget budget{};
     budget.threads = static_cast<int>(
@@ -126,8 +126,10 @@ Budget share(const StoreReader& store, const ExtractOptions& options, const Trav
     const std::uint64_t spare = usable - threads * each;
     budget.part_vertices = std::clamp<std::size_t>(
         spare / 4 / threads / (2 * LocalMesh::kBytesPerVertex), kLeastPart, 65536);
-    budget.cache =
+    const std::uint64_t rest =
         usable - threads * (2 * budget.part_vertices * LocalMesh::kBytesPerVertex + (4U << 20U));
+    budget.parts = spare / 4;
+    budget.cache = rest - budget.parts;
     return budget;
 }
 
@@ -154,7 +156,7 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
     const std::uint64_t bytes_before = store.bytes_read();
     Workers(budget.threads).execute([&] {
         PartStore parts(mesh.parent_path(), store.layout().header().spacing,
-                        store.layout().header().origin);
+                        store.layout().header().origin, budget.parts);
         {
             ChunkCache cache(store, budget.cache);
             const TraversalCounts counts = traverse(

@@ -1,6 +1,7 @@
 #include "query/part_store.h"
 
 #include <algorithm>
+#include <cstring>
 
 namespace isonest {
 namespace {
@@ -19,24 +20,56 @@ bool has_no_area(const Point& a, const Point& b, const Point& c) {
            d(a, b, 0) * d(a, c, 1) == d(a, b, 1) * d(a, c, 0);
 }
 
-template <class T>
-std::uint64_t bytes_of(const std::vector<T>& v) {
-    return v.size() * sizeof(T);
-}
-
 std::uint64_t aligned(std::uint64_t bytes) {
     return (bytes + 7) / 8 * 8;
 }
 
+/// Where the pieces of a part begin, in bytes from its start: names, cuts, shared, vertices,
+/// triangles, end.
+struct Pieces {
+    std::uint64_t cuts;
+    std::uint64_t shared;
+    std::uint64_t vertices;
+    std::uint64_t triangles;
+    std::uint64_t end;
+    explicit Pieces(const PartRecord& r)
+        : cuts(aligned(r.names * sizeof(MeshPart::Name))),
+          shared(cuts + aligned(r.cuts * sizeof(MeshPart::Cut))),
+          vertices(shared + aligned(r.shared * sizeof(MeshPart::Shared))),
+          triangles(vertices + aligned(r.vertices * sizeof(Point))),
+          end(triangles + aligned(r.triangles * sizeof(std::array<std::uint32_t, 3>))) {}
+};
+
+/// What keeping a part costs beside its bytes.
+constexpr std::uint64_t kKeptOverhead = 64;
+
 }  // namespace
 
 PartStore::PartStore(const std::filesystem::path& folder, const Double3& spacing,
-                     const Double3& origin)
-    : file_(folder), record_file_(folder), spacing_(spacing), origin_(origin) {}
+                     const Double3& origin, std::uint64_t memory)
+    : file_(folder), record_file_(folder), spacing_(spacing), origin_(origin), memory_(memory) {}
 
 void PartStore::append(std::uint64_t order, const MeshPart& part) {
-    std::vector<Point> world(part.positions.size());
-    for (std::size_t i = 0; i < world.size(); ++i) {
+    PartRecord record;
+    record.order = order;
+    record.vertices = static_cast<std::uint32_t>(part.positions.size());
+    record.triangles = static_cast<std::uint32_t>(part.triangles.size());
+    record.shared = static_cast<std::uint32_t>(part.shared.size());
+    record.names = static_cast<std::uint32_t>(part.names.size());
+    record.cuts = static_cast<std::uint32_t>(part.cuts.size());
+    const Pieces pieces(record);
+    auto bytes = std::make_unique_for_overwrite<std::byte[]>(pieces.end);
+    const auto put = [&](std::uint64_t at, const auto& v) {
+        if (!v.empty()) {
+            std::memcpy(bytes.get() + at, v.data(), v.size() * sizeof(v[0]));
+        }
+    };
+    put(0, part.names);
+    put(pieces.cuts, part.cuts);
+    put(pieces.shared, part.shared);
+    put(pieces.triangles, part.triangles);
+    auto* const world = reinterpret_cast<Point*>(bytes.get() + pieces.vertices);
+    for (std::size_t i = 0; i < part.positions.size(); ++i) {
         for (std::size_t axis = 0; axis < 3; ++axis) {
             world[i][axis] =
                 static_cast<float>(origin_[axis] + spacing_[axis] * part.positions[i][axis]);
@@ -47,33 +80,23 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
         zero += has_no_area(world[t[0]], world[t[1]], world[t[2]]) ? 1 : 0;
     }
     zero_area_ += zero;
-    PartRecord record;
-    record.order = order;
-    record.vertices = static_cast<std::uint32_t>(world.size());
-    record.triangles = static_cast<std::uint32_t>(part.triangles.size());
-    record.shared = static_cast<std::uint32_t>(part.shared.size());
-    record.names = static_cast<std::uint32_t>(part.names.size());
-    record.cuts = static_cast<std::uint32_t>(part.cuts.size());
-    const std::uint64_t size = bytes_of(part.names) + aligned(bytes_of(part.cuts)) +
-                               aligned(bytes_of(part.shared)) + aligned(bytes_of(world)) +
-                               aligned(bytes_of(part.triangles));
     std::uint64_t index = 0;
     {
         const std::lock_guard lock(mutex_);
-        record.offset = end_;
-        end_ += size;
         index = count_++;
+        if (pieces.end + kKeptOverhead <= memory_) {
+            memory_ -= pieces.end + kKeptOverhead;
+            record.in_memory = 1;
+            record.offset = kept_.size();
+            kept_.push_back(std::move(bytes));
+        } else {
+            record.offset = end_;
+            end_ += pieces.end;
+        }
     }
-    std::uint64_t at = record.offset;
-    const auto write = [&](const auto& v) {
-        file_.write_at(at, std::as_bytes(std::span(v)));
-        at += aligned(bytes_of(v));
-    };
-    write(part.names);
-    write(part.cuts);
-    write(part.shared);
-    write(world);
-    write(part.triangles);
+    if (record.in_memory == 0) {
+        file_.write_at(record.offset, {bytes.get(), pieces.end});
+    }
     record_file_.write_at(index * sizeof(PartRecord), std::as_bytes(std::span(&record, 1)));
 }
 
@@ -86,27 +109,19 @@ void PartStore::seal() {
 }
 
 std::span<const MeshPart::Name> PartStore::names(const PartRecord& r) const {
-    return slice<MeshPart::Name>(r.offset, r.names);
+    return slice<MeshPart::Name>(r, 0, r.names);
 }
 std::span<const MeshPart::Cut> PartStore::cuts(const PartRecord& r) const {
-    return slice<MeshPart::Cut>(r.offset + r.names * sizeof(MeshPart::Name), r.cuts);
+    return slice<MeshPart::Cut>(r, Pieces(r).cuts, r.cuts);
 }
 std::span<const MeshPart::Shared> PartStore::shared(const PartRecord& r) const {
-    return slice<MeshPart::Shared>(
-        r.offset + r.names * sizeof(MeshPart::Name) + aligned(r.cuts * sizeof(MeshPart::Cut)),
-        r.shared);
+    return slice<MeshPart::Shared>(r, Pieces(r).shared, r.shared);
 }
 std::span<const std::array<float, 3>> PartStore::vertices(const PartRecord& r) const {
-    return slice<Point>(r.offset + r.names * sizeof(MeshPart::Name) +
-                            aligned(r.cuts * sizeof(MeshPart::Cut)) +
-                            aligned(r.shared * sizeof(MeshPart::Shared)),
-                        r.vertices);
+    return slice<Point>(r, Pieces(r).vertices, r.vertices);
 }
 std::span<const std::array<std::uint32_t, 3>> PartStore::triangles(const PartRecord& r) const {
-    return slice<std::array<std::uint32_t, 3>>(
-        r.offset + r.names * sizeof(MeshPart::Name) + aligned(r.cuts * sizeof(MeshPart::Cut)) +
-            aligned(r.shared * sizeof(MeshPart::Shared)) + aligned(r.vertices * sizeof(Point)),
-        r.triangles);
+    return slice<std::array<std::uint32_t, 3>>(r, Pieces(r).triangles, r.triangles);
 }
 
 }  // namespace isonest

@@ -1,19 +1,23 @@
-// The parts of a mesh on disk, until all are known and their vertices can be numbered.
+// The parts of a mesh, until all are known and their vertices can be numbered: in memory as far as
+// that is allowed, then on disk.
 #pragma once
 
 #include <atomic>
 #include <filesystem>
+#include <memory>
 #include <mutex>
+#include <vector>
 
 #include "query/local_mesh.h"
 #include "store/scratch_file.h"
 
 namespace isonest {
 
-/// Where one part lies. Offsets are bytes in the store's file.
+/// Where one part lies.
 struct PartRecord {
-    std::uint64_t order = 0;  ///< parts in this order make the mesh, whatever made them
-    std::uint64_t offset = 0;
+    std::uint64_t order = 0;   ///< parts in this order make the mesh, whatever made them
+    std::uint64_t offset = 0;  ///< bytes in the file, or number of the part in memory
+    std::uint32_t in_memory = 0;
     std::uint32_t vertices = 0;
     std::uint32_t triangles = 0;
     std::uint32_t shared = 0;
@@ -28,8 +32,10 @@ struct PartRecord {
 /// Thread-safety: append() from any thread; the rest from one, after the last append.
 class PartStore {
   public:
-    /// World coordinates are origin + spacing * position, as float32.
-    PartStore(const std::filesystem::path& folder, const Double3& spacing, const Double3& origin);
+    /// World coordinates are origin + spacing * position, as float32. Parts of up to `memory` bytes
+    /// in all stay in memory, the others go to a temporary file in `folder`.
+    PartStore(const std::filesystem::path& folder, const Double3& spacing, const Double3& origin,
+              std::uint64_t memory);
 
     /// Throws Error{io}.
     void append(std::uint64_t order, const MeshPart& part);
@@ -47,14 +53,18 @@ class PartStore {
 
   private:
     template <class T>
-    std::span<const T> slice(std::uint64_t offset, std::uint32_t count) const {
-        return {reinterpret_cast<const T*>(data_.data() + offset), count};
+    std::span<const T> slice(const PartRecord& r, std::uint64_t offset, std::uint32_t count) const {
+        const std::byte* const part =
+            r.in_memory != 0 ? kept_[r.offset].get() : data_.data() + r.offset;
+        return {reinterpret_cast<const T*>(part + offset), count};
     }
     ScratchFile file_;
     ScratchFile record_file_;
     Double3 spacing_;
     Double3 origin_;
+    std::uint64_t memory_;
     std::mutex mutex_;
+    std::vector<std::unique_ptr<std::byte[]>> kept_;
     std::uint64_t end_ = 0;
     std::uint64_t count_ = 0;
     std::atomic<std::uint64_t> zero_area_ = 0;
