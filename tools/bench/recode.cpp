@@ -1,5 +1,6 @@
 // The floor for any preprocessing: read a dataset /data, compress it in chunks of 64^3 with shuffle
-// and zstd level 1 on all cores, write the chunks to another HDF5 file. Prints the seconds.
+// and zstd (level 1 unless told) on all cores, write the chunks to another HDF5 file. Prints the
+// seconds.
 #include <fmt/format.h>
 #include <hdf5.h>
 #include <oneapi/tbb/parallel_for.h>
@@ -14,8 +15,8 @@
 #include "store/codec.h"
 
 int main(int argc, char** argv) {
-    if (argc != 3) {
-        fmt::print(stderr, "usage: isonest_recode IN.h5 OUT.h5\n");
+    if (argc != 3 && argc != 4) {
+        fmt::print(stderr, "usage: isonest_recode IN.h5 OUT.h5 [ZSTD_LEVEL]\n");
         return 2;
     }
     const auto start = std::chrono::steady_clock::now();
@@ -41,7 +42,7 @@ int main(int argc, char** argv) {
     H5Pset_fill_time(creation, H5D_FILL_TIME_NEVER);
     const hid_t to = H5Dcreate2(out, "data", type, space, H5P_DEFAULT, creation, H5P_DEFAULT);
 
-    const isonest::CodecSpec codec{size, size > 1, 1};
+    const isonest::CodecSpec codec{size, size > 1, argc == 4 ? std::atoi(argv[3]) : 1};
     std::vector<std::byte> slab(kChunk * n[1] * n[2] * size);
     const hsize_t gy = (n[1] + kChunk - 1) / kChunk;
     const hsize_t gx = (n[2] + kChunk - 1) / kChunk;

@@ -1,0 +1,106 @@
+"""The peers' way to a surface at a tolerance, and ours, at the same measured residual.
+
+usage: simplified_edges.py ISONEST STORE IN.h5 ISOVALUE ERROR_RELATIVE [FOLDER]
+
+Ours: `isonest extract --error-relative`. Theirs: VTK's Flying Edges of the whole volume, then
+meshoptimizer's simplification with the largest error for which the measured residual is no larger than
+ours; found by bisection, and only the last run is timed. The residual is the largest |U - iso| at the
+vertices and at three random points of every triangle, U being the finest piecewise linear function.
+Prints JSON. Needs memory for the volume and the meshes.
+"""
+import ctypes
+import ctypes.util
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import time
+
+import h5py
+import numpy as np
+import vtk
+from vtk.util import numpy_support
+
+from verify_surfaces import read_ply, residual
+
+meshoptimizer = ctypes.CDLL(ctypes.util.find_library("meshoptimizer") or "libmeshoptimizer.so.2d")
+meshoptimizer.meshopt_simplify.restype = ctypes.c_size_t
+meshoptimizer.meshopt_simplifyScale.restype = ctypes.c_float
+
+
+def simplify(v, t, error):
+    """Triangles of the simplified mesh; `error` is an absolute distance."""
+    f = v.astype(np.float32)
+    scale = meshoptimizer.meshopt_simplifyScale(f.ctypes.data_as(ctypes.c_void_p),
+                                                ctypes.c_size_t(len(f)), ctypes.c_size_t(12))
+    index, out = t.astype(np.uint32).reshape(-1), np.empty(t.size, np.uint32)
+    n = meshoptimizer.meshopt_simplify(
+        out.ctypes.data_as(ctypes.c_void_p), index.ctypes.data_as(ctypes.c_void_p),
+        ctypes.c_size_t(index.size), f.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(len(f)),
+        ctypes.c_size_t(12), ctypes.c_size_t(0), ctypes.c_float(error / scale), ctypes.c_uint(0),
+        None)
+    return out[:n].reshape(-1, 3)
+
+
+def write_ply(path, v, t):
+    used, inverse = np.unique(t, return_inverse=True)
+    faces = np.empty(len(t), np.dtype([("n", "u1"), ("i", "<u4", 3)]))
+    faces["n"], faces["i"] = 3, inverse.reshape(-1, 3)
+    with open(path, "wb") as file:
+        file.write(b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float x\n"
+                   b"property float y\nproperty float z\nelement face %d\nproperty list uchar uint "
+                   b"vertex_indices\nend_header\n" % (len(used), len(t)))
+        file.write(v[used].astype("<f4").tobytes())
+        file.write(faces.tobytes())
+
+
+def main():
+    isonest, store, volume, iso, relative = sys.argv[1:6]
+    iso = float(iso)
+    folder = sys.argv[6] if len(sys.argv) > 6 else tempfile.mkdtemp()
+    mesh = pathlib.Path(folder, "tolerance.ply")
+    start = time.perf_counter()
+    done = subprocess.run([isonest, "extract", store, "--iso", str(iso), "--error-relative", relative,
+                           "-o", mesh, "--json"], check=True, capture_output=True)
+    ours = {"seconds": time.perf_counter() - start, **json.loads(done.stdout)}
+
+    start = time.perf_counter()
+    with h5py.File(volume) as file:
+        u = file["data"][...]
+    image = vtk.vtkImageData()
+    image.SetDimensions(*u.shape[::-1])
+    image.GetPointData().SetScalars(numpy_support.numpy_to_vtk(u.reshape(-1), deep=False))
+    edges = vtk.vtkFlyingEdges3D()
+    edges.SetInputData(image)
+    edges.SetValue(0, iso)
+    edges.ComputeNormalsOff()
+    edges.ComputeScalarsOff()
+    edges.Update()
+    output = edges.GetOutput()
+    v = numpy_support.vtk_to_numpy(output.GetPoints().GetData())
+    t = numpy_support.vtk_to_numpy(output.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    extracted = time.perf_counter() - start
+
+    one = np.ones(3)
+    reached = residual(u, one, *read_ply(mesh), iso)
+    low, high = 0.0, 16.0  # lattice units
+    for _ in range(12):
+        middle = (low + high) / 2
+        simple = simplify(v, t, middle)
+        good = len(simple) and residual(u, one, v.astype(float), simple.astype(np.int64), iso) <= reached
+        low, high = (middle, high) if good else (low, middle)
+    start = time.perf_counter()
+    simple = simplify(v, t, low)
+    write_ply(pathlib.Path(folder, "simplified.ply"), v, simple)
+    theirs = extracted + time.perf_counter() - start
+    print(json.dumps({
+        "tolerance": ours["tolerance"], "residual": reached, "bound": ours["error_bound"],
+        "seconds": ours["seconds"], "triangles": ours["triangles"],
+        "peer_seconds": theirs, "peer_extract_seconds": extracted, "peer_triangles": len(simple),
+        "peer_full_triangles": len(t), "peer_error": low,
+        "peer_residual": residual(u, one, v.astype(float), simple.astype(np.int64), iso)}))
+
+
+if __name__ == "__main__":
+    main()
