@@ -5,33 +5,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <memory>
 
 #include "query/brick_view.h"
 #include "query/clip.h"
 #include "query/finest_indicators.h"
+#include "query/interest.h"
 #include "query/morton.h"
 #include "query/topology.h"
 #include "store/error.h"
 
 namespace isonest {
 namespace {
-
-/// The node positions (x + 3 y + 9 z) of the eight subcubes' corners.
-constexpr std::array<std::array<std::uint8_t, 8>, 8> make_corners() {
-    std::array<std::array<std::uint8_t, 8>, 8> corners{};
-    for (unsigned cube = 0; cube < 8; ++cube) {
-        for (unsigned c = 0; c < 8; ++c) {
-            const unsigned x = (cube & 1U) + (c & 1U);
-            const unsigned y = (cube >> 1U & 1U) + (c >> 1U & 1U);
-            const unsigned z = (cube >> 2U) + (c >> 2U);
-            corners[cube][c] = static_cast<std::uint8_t>(x + 3 * y + 9 * z);
-        }
-    }
-    return corners;
-}
-constexpr auto kCorners = make_corners();
 
 /// One byte per cube in Morton order: the Kuhn tetrahedra that are to be refined.
 using MaskList = std::vector<std::uint8_t>;
@@ -72,6 +57,7 @@ class BrickWork {
         one_field_ = query_.stop == query_.bound;
         if (level > 0 && level < layout.lattice().top()) {
             stop_ = IndicatorView(shared.cache, layout.array(level + 1, query_.stop), parents);
+            bound_ = IndicatorView(shared.cache, layout.array(level + 1, query_.bound), parents);
         }
         if (level > 0) {
             for (int octant = 0; octant < 8; ++octant) {
@@ -101,40 +87,33 @@ class BrickWork {
         CubeValues value;
         Int3 low;         ///< of the parent cube, in nodes of level_
         unsigned mirror;  ///< axes along which the topology tables are mirrored
-        // Bit p: near position p the finest function may be below the isovalue, or not below it.
-        std::uint32_t below;
-        std::uint32_t not_below;
+        Sides sides;      ///< anything, until sharpen()
+        bool sharp;
         bool cut;
     };
     void load(Nodes& nodes, const Int3& parent);
     void refine(const Int3& parent, std::uint8_t mask);
-    void face(const Nodes& nodes, int index);
-    void edge(const Nodes& nodes, int index);
+    void face(Nodes& nodes, int index);
+    void edge(Nodes& nodes, int index);
     void subcube(const Nodes& nodes, int corner, std::uint8_t mask);
-    /// The stop indicator of a face or edge.
-    [[nodiscard]] double indicator(const Nodes& nodes, int position) {
-        if (level_ == 0) {
-            return finest_indicator(nodes.value, position, query_.stop == Field::linf_plus);
-        }
+    /// Of a face or edge, above level 0.
+    [[nodiscard]] double indicator(IndicatorView& view, const Nodes& nodes, int position) {
         const Int3 p = (nodes.low - base_) + node_offset(position, nodes.mirror);
-        return stop_.at({p.x >> 1, p.y >> 1, p.z >> 1}, slot_of(p));
+        return view.at({p.x >> 1, p.y >> 1, p.z >> 1}, slot_of(p));
     }
-    void classify(Nodes& nodes);
-    /// The interest test of a subcube's tetrahedron: whether the finest function can take the
-    /// isovalue in it (section 4), by the bound beta of |U - U^l|; exactly at level 0.
-    [[nodiscard]] bool interesting(const Nodes& nodes, const TopologyTetrahedron& t,
-                                   double beta) const;
-    /// The interest test of the tetrahedra above, by the finer level's values and bounds.
+    void sharpen(Nodes& nodes);
+    [[nodiscard]] bool interesting(const Nodes& nodes, const TopologyTetrahedron& t, double beta) {
+        ++counts_.visited;
+        return level_ == 0 ? nodes.sides.both_in(t) : may_cross(nodes.value, t, beta, query_.iso);
+    }
     [[nodiscard]] std::size_t octant_of(const Int3& local) const {
         return static_cast<std::size_t>((local.x >= half_ ? 1 : 0) + (local.y >= half_ ? 2 : 0) +
                                         (local.z >= half_ ? 4 : 0));
     }
-    [[nodiscard]] static bool straddles(const Nodes& nodes, const TopologyTetrahedron& t) {
-        return (t.nodes & nodes.below) != 0 && (t.nodes & nodes.not_below) != 0;
-    }
-    /// The stop test. Without a tolerance no node stops, and none is asked.
-    [[nodiscard]] bool stops(const Nodes& nodes, const TopologyTetrahedron& t, double& eta);
-    void march(const Nodes& nodes, const TopologyTetrahedron& t, double eta);
+    /// The interest and stop tests of a face's or edge's tetrahedron; marches it if it is a leaf.
+    /// Without a tolerance no node stops, and none is asked.
+    [[nodiscard]] bool refines(Nodes& nodes, const TopologyTetrahedron& t);
+    void march(const Nodes& nodes, const TopologyTetrahedron& t, double eta, bool cut);
     void flush();
 
     Shared& shared_;
@@ -148,6 +127,7 @@ class BrickWork {
     bool one_field_ = true;
     ChunkGroup values_;
     IndicatorView stop_;
+    IndicatorView bound_;
     std::array<Int3, 8> centre_base_;
     std::array<IndicatorView, 8> centre_stop_;
     std::array<IndicatorView, 8> centre_bound_;
@@ -157,24 +137,7 @@ class BrickWork {
 };
 
 template <class T>
-bool BrickWork<T>::interesting(const Nodes& nodes, const TopologyTetrahedron& t,
-                               double beta) const {
-    ++counts_.visited;
-    if (level_ == 0) {
-        return straddles(nodes, t);
-    }
-    double low = nodes.value[t.vertices[0]];
-    double high = low;
-    for (std::size_t i = 1; i < 4; ++i) {
-        low = std::min(low, nodes.value[t.vertices[i]]);
-        high = std::max(high, nodes.value[t.vertices[i]]);
-    }
-    // Written so that missing values (beta is infinite there) never exclude anything.
-    return !(low - beta > query_.iso) && !(high + beta < query_.iso);
-}
-
-template <class T>
-void BrickWork<T>::march(const Nodes& nodes, const TopologyTetrahedron& t, double eta) {
+void BrickWork<T>::march(const Nodes& nodes, const TopologyTetrahedron& t, double eta, bool cut) {
     std::array<Corner, 4> corners;
     for (std::size_t i = 0; i < 4; ++i) {
         const int position = t.vertices[i];
@@ -187,12 +150,14 @@ void BrickWork<T>::march(const Nodes& nodes, const TopologyTetrahedron& t, doubl
     ++counts_.leaves;
     counts_.error_bound = std::max(counts_.error_bound, eta);
     const bool mirrored = ((nodes.mirror ^ (nodes.mirror >> 1U) ^ (nodes.mirror >> 2U)) & 1U) != 0;
-    mesh_.march(corners, t.positive != mirrored, query_.iso, nodes.cut);
+    mesh_.march(corners, t.positive != mirrored, query_.iso, cut);
 }
 
 template <class T>
 void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
     nodes.low = parent * 2;
+    nodes.sides = {~0U, ~0U};
+    nodes.sharp = false;
     nodes.mirror = mirror_of(parent);
     const Int3 last =
         shared_.cache.source().layout().array(level_, Field::values).nodes - Int3{1, 1, 1} - base_;
@@ -205,60 +170,60 @@ void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
     }
 }
 
-/// What the 27 values and the bounds of the eight subcubes say about the finest function: in a
-/// subcube it stays within the values of its corners plus or minus the bound of its centre. So a
-/// tetrahedron none of whose nodes can be below the isovalue, or none not below it, holds none of
-/// the surface. Sharper than a bound of its own, which looks at the coarser function; at level 0,
-/// where the bounds are 0, exact.
+/// Finds out on which sides of the isovalue the finest function can be. Above level 0 that takes
+/// the indicators of the subcubes, which only a query without a tolerance is sure to need.
 template <class T>
-void BrickWork<T>::classify(Nodes& nodes) {
-    std::array<double, 27> bound{};
+void BrickWork<T>::sharpen(Nodes& nodes) {
+    std::array<double, 8> bound{};
     if (level_ > 0) {
-        const Int3 local = nodes.low - base_;
-        const std::size_t octant = octant_of(local);
-        for (int corner = 0; corner < 8; ++corner) {
-            const unsigned at = static_cast<unsigned>(corner) ^ nodes.mirror;
+        const std::size_t octant = octant_of(nodes.low - base_);
+        for (unsigned corner = 0; corner < 8; ++corner) {
+            const unsigned at = corner ^ nodes.mirror;
             const Int3 cube = nodes.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
-            const double beta = centre_bound_[octant].at(cube - centre_base_[octant], kCentreSlot);
-            for (const std::uint8_t p : kCorners[static_cast<std::size_t>(corner)]) {
-                bound[p] = std::max(bound[p], beta);
-            }
+            bound[corner] = centre_bound_[octant].at(cube - centre_base_[octant], kCentreSlot);
         }
     }
-    nodes.below = 0;
-    nodes.not_below = 0;
-    for (std::size_t p = 0; p < 27; ++p) {
-        const double low = nodes.value[p] - bound[p];
-        const double high = nodes.value[p] + bound[p];
-        // Missing values, where the bound is infinite, never exclude anything; at level 0 they are
-        // on neither side. A difference that is rounded may be the isovalue and yet below it.
-        const bool unknown = bound[p] > std::numeric_limits<double>::max();
-        const bool below = unknown || low < query_.iso || (bound[p] > 0 && low == query_.iso);
-        const bool not_below = unknown || high >= query_.iso;
-        nodes.below |= (below ? 1U : 0U) << p;
-        nodes.not_below |= (not_below ? 1U : 0U) << p;
-    }
+    nodes.sides = sides_of(nodes.value, bound, query_.iso);
+    nodes.sharp = true;
 }
 
 template <class T>
-bool BrickWork<T>::stops(const Nodes& nodes, const TopologyTetrahedron& t, double& eta) {
-    if (query_.epsilon <= 0) {
+bool BrickWork<T>::refines(Nodes& nodes, const TopologyTetrahedron& t) {
+    ++counts_.visited;
+    if (!nodes.sides.both_in(t)) {
         return false;
     }
-    eta = indicator(nodes, t.ref_node);
-    return eta < query_.epsilon;
+    if (query_.epsilon <= 0) {
+        return true;
+    }
+    double eta = 0;
+    if (level_ == 0) {
+        eta = finest_indicator(nodes.value, t.ref_node, query_.stop == Field::linf_plus);
+    } else {
+        const double beta = indicator(bound_, nodes, t.ref_node);
+        if (!may_cross(nodes.value, t, beta, query_.iso)) {
+            return false;
+        }
+        eta = one_field_ ? beta : indicator(stop_, nodes, t.ref_node);
+    }
+    if (eta < query_.epsilon) {
+        march(nodes, t, eta, nodes.cut);
+        return false;
+    }
+    return true;
 }
 
 template <class T>
-void BrickWork<T>::edge(const Nodes& nodes, int index) {
+void BrickWork<T>::edge(Nodes& nodes, int index) {
     const TopologyTetrahedron& t = topology().edge[static_cast<std::size_t>(index)];
-    ++counts_.visited;
-    if (!straddles(nodes, t)) {
+    if (!refines(nodes, t)) {
         return;
     }
-    double eta = 0;
-    if (stops(nodes, t, eta)) {
-        return march(nodes, t, eta);
+    if (!nodes.sharp) {
+        sharpen(nodes);
+        if (!nodes.sides.both_in(t)) {
+            return;
+        }
     }
     for (std::size_t i = 0; i < 2; ++i) {
         subcubes_[t.children[i]] |= static_cast<std::uint8_t>(1U << t.child_orders[i]);
@@ -266,31 +231,25 @@ void BrickWork<T>::edge(const Nodes& nodes, int index) {
 }
 
 template <class T>
-void BrickWork<T>::face(const Nodes& nodes, int index) {
+void BrickWork<T>::face(Nodes& nodes, int index) {
     const TopologyTetrahedron& t = topology().face[static_cast<std::size_t>(index)];
-    ++counts_.visited;
-    if (!straddles(nodes, t)) {
-        return;
+    if (refines(nodes, t)) {
+        edge(nodes, t.children[0]);
+        edge(nodes, t.children[1]);
     }
-    double eta = 0;
-    if (stops(nodes, t, eta)) {
-        return march(nodes, t, eta);
-    }
-    edge(nodes, t.children[0]);
-    edge(nodes, t.children[1]);
 }
 
 template <class T>
 void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
     const unsigned at = static_cast<unsigned>(corner) ^ nodes.mirror;
     const Int3 cube = nodes.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
-    Nodes view = nodes;
-    if (nodes.cut) {
+    bool cut = nodes.cut;
+    if (cut) {
         const Overlap overlap = overlap_of(query_.box, cube * stride_, stride_);
         if (overlap == Overlap::outside) {
             return;
         }
-        view.cut = overlap == Overlap::crossing;
+        cut = overlap == Overlap::crossing;
     }
     double beta = 0;
     double eta = 0;
@@ -313,7 +272,7 @@ void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
             continue;
         }
         if (leaf) {
-            march(view, t, eta);
+            march(nodes, t, eta, cut);
         } else {
             refined |= static_cast<std::uint8_t>(1U << order);
         }
@@ -335,12 +294,14 @@ void BrickWork<T>::refine(const Int3& parent, std::uint8_t mask) {
     }
     Nodes nodes;
     load(nodes, parent);
-    classify(nodes);
+    if (level_ == 0 || query_.epsilon <= 0) {
+        sharpen(nodes);
+    }
     nodes.cut = overlap == Overlap::crossing;
     subcubes_.fill(0);
     for (std::size_t order = 0; order < 6; ++order) {
         // The finer values say more than the bound by which the level above asked for this one.
-        if ((mask >> order & 1U) != 0 && straddles(nodes, topology().cube[order])) {
+        if ((mask >> order & 1U) != 0 && nodes.sides.both_in(topology().cube[order])) {
             face(nodes, topology().cube[order].children[0]);
             face(nodes, topology().cube[order].children[1]);
         }
@@ -390,7 +351,7 @@ void BrickWork<T>::root() {
     Nodes nodes;
     load(nodes, {0, 0, 0});
     if (level_ == 0) {
-        classify(nodes);
+        sharpen(nodes);
     }
     nodes.cut = true;
     order_ = order_of(level_, 0);

@@ -1,0 +1,113 @@
+// The interest test by the values and bounds of the level below, against a walk over all
+// tetrahedra.
+#include "query/interest.h"
+
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <vector>
+
+namespace isonest {
+namespace {
+
+/// The subcubes' tetrahedra below a face's: (subcube, tetrahedron) pairs.
+std::vector<std::pair<std::size_t, const TopologyTetrahedron*>> below_face(
+    const TopologyTetrahedron& face) {
+    std::vector<std::pair<std::size_t, const TopologyTetrahedron*>> out;
+    for (const std::uint8_t e : face.children) {
+        const TopologyTetrahedron& edge = topology().edge[e];
+        for (std::size_t i = 0; i < 2; ++i) {
+            out.emplace_back(edge.children[i],
+                             &topology().subcube[edge.children[i]][edge.child_orders[i]]);
+        }
+    }
+    return out;
+}
+
+TEST_CASE("a face's tetrahedron is dropped only if no tetrahedron below it can hold the surface") {
+    std::mt19937 random(3);
+    std::uniform_int_distribution<int> digit(0, 9);
+    constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+    constexpr double kInf = std::numeric_limits<double>::infinity();
+    int kept = 0;
+    int dropped = 0;
+    for (int round = 0; round < 2000; ++round) {
+        const bool exact = round % 2 == 0;
+        CubeValues value{};
+        for (double& v : value) {
+            v = digit(random) == 0 && round % 5 == 0 ? kNan : digit(random);
+        }
+        std::array<double, 8> bound{};
+        for (double& b : bound) {
+            b = exact ? 0 : digit(random) == 0 ? kInf : digit(random) / 4.0;
+        }
+        const double iso = digit(random);
+        const Sides sides = sides_of(value, bound, iso);
+        for (const TopologyTetrahedron& face : topology().face) {
+            bool can = false;
+            for (const auto& [cube, t] : below_face(face)) {
+                bool missing = false;
+                double low = kInf;
+                double high = -kInf;
+                for (const std::uint8_t v : t->vertices) {
+                    missing = missing || std::isnan(value[v]);
+                    low = std::fmin(low, value[v]);
+                    high = std::fmax(high, value[v]);
+                }
+                if (!missing) {
+                    can = can || (low - bound[cube] < iso && high + bound[cube] >= iso);
+                } else if (std::isinf(bound[cube])) {
+                    can = true;
+                }
+            }
+            const bool both = sides.both_in(face);
+            CHECK((both || !can));
+            kept += both ? 1 : 0;
+            dropped += both ? 0 : 1;
+        }
+    }
+    CHECK(kept > 1000);
+    CHECK(dropped > 1000);
+}
+
+TEST_CASE("with bounds of 0 the interest test is exact") {
+    std::mt19937 random(4);
+    std::uniform_int_distribution<int> digit(0, 9);
+    for (int round = 0; round < 500; ++round) {
+        CubeValues value{};
+        for (double& v : value) {
+            v = digit(random);
+        }
+        const double iso = digit(random);
+        const Sides sides = sides_of(value, {}, iso);
+        for (const TopologyTetrahedron& edge : topology().edge) {
+            bool below = false;
+            bool not_below = false;
+            for (std::size_t p = 0; p < 27; ++p) {
+                if ((edge.nodes >> p & 1U) != 0) {
+                    (value[p] < iso ? below : not_below) = true;
+                }
+            }
+            CHECK(sides.both_in(edge) == (below && not_below));
+        }
+    }
+}
+
+TEST_CASE("a tetrahedron's nodes are its vertices and, above the last kind, the node it refines") {
+    const auto bit = [](int p) { return std::uint32_t{1} << static_cast<unsigned>(p); };
+    for (const TopologyTetrahedron& edge : topology().edge) {
+        std::uint32_t nodes = bit(edge.ref_node);
+        for (const std::uint8_t v : edge.vertices) {
+            nodes |= bit(v);
+        }
+        CHECK(edge.nodes == nodes);
+    }
+    for (const TopologyTetrahedron& face : topology().face) {
+        CHECK(face.nodes ==
+              (topology().edge[face.children[0]].nodes | topology().edge[face.children[1]].nodes));
+    }
+}
+
+}  // namespace
+}  // namespace isonest
