@@ -84,8 +84,8 @@ def main():
 
     one = np.ones(3)
     reached = residual(u, one, *read_ply(mesh), iso)
-    low, high = 0.0, 16.0  # lattice units
-    for _ in range(12):
+    low, high = 0.0, 4.0  # lattice units
+    for _ in range(9):
         middle = (low + high) / 2
         simple = simplify(v, t, middle)
         good = len(simple) and residual(u, one, v.astype(float), simple.astype(np.int64), iso) <= reached
