@@ -28,6 +28,20 @@ struct LayerRange {
     }
 };
 
+/// Calls f(slot, i, j) for every node of slots first to last of a layer that can be computed here;
+/// its owner is the lattice node lo + (i, j).
+template <class F>
+void each_node(const LayerRange& range, int first, int last, const F& f) {
+    for (int slot = first; slot <= last; ++slot) {
+        const Int3 o = slot_offset(slot);
+        for (std::int64_t j = 0; j < range.count(1, static_cast<int>(o.y)); ++j) {
+            for (std::int64_t i = 0; i < range.count(0, static_cast<int>(o.x)); ++i) {
+                f(slot, i, j);
+            }
+        }
+    }
+}
+
 /// Seven arrays [y][x] of one layer, each row with one spare element behind it.
 template <class Real>
 class Layer {

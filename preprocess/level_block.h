@@ -108,24 +108,19 @@ void mark_missing_support(const LevelTask<T>& task, std::int64_t k, int first_sl
                           Layer<Real>& layer) {
     const LayerRange& range = task.range;
     const MissingBox& missing = task.values->missing;
-    for (int slot = first_slot; slot <= last_slot; ++slot) {
-        const Int3 o = slot_offset(slot);
-        for (std::int64_t j = 0; j < range.count(1, static_cast<int>(o.y)); ++j) {
-            for (std::int64_t i = 0; i < range.count(0, static_cast<int>(o.x)); ++i) {
-                const Int3 owner{range.lo.x + i, range.lo.y + j, k};
-                const auto& support =
-                    deviation_support(slot, static_cast<int>(owner.x & 1),
-                                      static_cast<int>(owner.y & 1), static_cast<int>(k & 1));
-                for (const auto& point : support.points) {
-                    const Int3 p = owner * 4 + point.at;
-                    if (min(p, {0, 0, 0}) == Int3{0, 0, 0} &&
-                        max(p, task.fine_cells) == task.fine_cells && missing.at(p) != 0) {
-                        layer.row(slot, j)[i] = std::numeric_limits<Real>::infinity();
-                    }
-                }
+    each_node(range, first_slot, last_slot, [&](int slot, std::int64_t i, std::int64_t j) {
+        const Int3 owner{range.lo.x + i, range.lo.y + j, k};
+        const auto& support =
+            deviation_support(slot, static_cast<int>(owner.x & 1), static_cast<int>(owner.y & 1),
+                              static_cast<int>(k & 1));
+        for (const auto& point : support.points) {
+            const Int3 p = owner * 4 + point.at;
+            if (min(p, {0, 0, 0}) == Int3{0, 0, 0} && max(p, task.fine_cells) == task.fine_cells &&
+                missing.at(p) != 0) {
+                layer.row(slot, j)[i] = std::numeric_limits<Real>::infinity();
             }
         }
-    }
+    });
 }
 
 template <class Real>

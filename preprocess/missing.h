@@ -16,22 +16,13 @@ using MissingBox = Box<std::uint8_t>;
 template <class Real>
 void mark_missing_finest(const LayerRange& range, std::int64_t k, int first_slot, int last_slot,
                          const MissingBox& missing, Layer<Real>& eta) {
-    for (int slot = first_slot; slot <= last_slot; ++slot) {
-        const Int3 o = slot_offset(slot);
-        for (std::int64_t j = 0; j < range.count(1, static_cast<int>(o.y)); ++j) {
-            for (std::int64_t i = 0; i < range.count(0, static_cast<int>(o.x)); ++i) {
-                const Int3 p = Int3{range.lo.x + i, range.lo.y + j, k} * 2 + o;
-                Int3 sigma;
-                for (int axis = 0; axis < 3; ++axis) {
-                    sigma[axis] = o[axis] == 0 ? 0 : (p[axis] & 3) == 1 ? 1 : -1;
-                }
-                if (missing.at(p) != 0 || missing.at(p + sigma) != 0 ||
-                    missing.at(p - sigma) != 0) {
-                    eta.row(slot, j)[i] = std::numeric_limits<Real>::infinity();
-                }
-            }
+    each_node(range, first_slot, last_slot, [&](int slot, std::int64_t i, std::int64_t j) {
+        const Int3 p = Int3{range.lo.x + i, range.lo.y + j, k} * 2 + slot_offset(slot);
+        const NodeInfo node = describe_node(p, 1);
+        if (missing.at(p) != 0 || missing.at(node.end0) != 0 || missing.at(node.end1) != 0) {
+            eta.row(slot, j)[i] = std::numeric_limits<Real>::infinity();
         }
-    }
+    });
 }
 
 /// Sets eta to +inf where a vertex of a tetrahedron that refines at the node, or the node itself,
@@ -43,32 +34,27 @@ void mark_missing(const LayerRange& range, std::int64_t k, int first_slot, int l
         const Int3 last = missing.lo + missing.size - Int3{1, 1, 1};
         return missing.at(max(missing.lo, min(p, last))) != 0;
     };
-    for (int slot = first_slot; slot <= last_slot; ++slot) {
+    // The diamond's vertices: of a centre the corners of the cube, of a face its corners and the
+    // two centres, of an edge its ends and the faces and centres around it.
+    each_node(range, first_slot, last_slot, [&](int slot, std::int64_t i, std::int64_t j) {
         const Int3 o = slot_offset(slot);
         const std::int64_t odd = o.x + o.y + o.z;
-        // The diamond's vertices: of a centre the corners of the cube, of a face its corners and
-        // the two centres, of an edge its ends and the faces and centres around it.
-        for (std::int64_t j = 0; j < range.count(1, static_cast<int>(o.y)); ++j) {
-            Real* const row = eta.row(slot, j);
-            for (std::int64_t i = 0; i < range.count(0, static_cast<int>(o.x)); ++i) {
-                const Int3 p = Int3{range.lo.x + i, range.lo.y + j, k} * 2 + o;
-                bool found = false;
-                for (std::int64_t d = 0; d < 27 && !found; ++d) {
-                    const Int3 e = (Int3{3, 3, 3}).unlinear(d) - Int3{1, 1, 1};
-                    std::int64_t along = 0;
-                    std::int64_t across = 0;
-                    for (int axis = 0; axis < 3; ++axis) {
-                        (o[axis] != 0 ? along : across) += e[axis] != 0 ? 1 : 0;
-                    }
-                    const bool vertex = (along == odd && across == 0) || along == 0;
-                    found = vertex && is_missing(p + e);
-                }
-                if (found) {
-                    row[i] = std::numeric_limits<Real>::infinity();
-                }
+        const Int3 p = Int3{range.lo.x + i, range.lo.y + j, k} * 2 + o;
+        bool found = false;
+        for (std::int64_t d = 0; d < 27 && !found; ++d) {
+            const Int3 e = (Int3{3, 3, 3}).unlinear(d) - Int3{1, 1, 1};
+            std::int64_t along = 0;
+            std::int64_t across = 0;
+            for (int axis = 0; axis < 3; ++axis) {
+                (o[axis] != 0 ? along : across) += e[axis] != 0 ? 1 : 0;
             }
+            const bool vertex = (along == odd && across == 0) || along == 0;
+            found = vertex && is_missing(p + e);
         }
-    }
+        if (found) {
+            eta.row(slot, j)[i] = std::numeric_limits<Real>::infinity();
+        }
+    });
 }
 
 }  // namespace isonest

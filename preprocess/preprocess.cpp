@@ -16,8 +16,9 @@
 namespace isonest {
 namespace {
 
-/// HDF5, TBB, the tables and the smallest window or cache.
+/// HDF5, TBB and the tables.
 constexpr std::uint64_t kLibraryHeap = 10U << 20U;
+/// The smallest window or cache.
 constexpr std::uint64_t kLeastWindow = 6U << 20U;
 
 using Block = std::function<std::vector<EncodedChunk>(const Int3&)>;

@@ -75,11 +75,6 @@ template <class Real>
 }
 
 template <class Real>
-[[gnu::always_inline]] inline Real larger(Real a, Real b) {
-    return a < b ? b : a;
-}
-
-template <class Real>
 [[gnu::always_inline]] inline void raise_by_four_of(const Real* a, const Real* b, const Real* c,
                                                     const Real* d, Real* __restrict best,
                                                     std::int64_t n) {

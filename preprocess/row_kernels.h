@@ -8,6 +8,11 @@
 
 namespace isonest {
 
+template <class Real>
+[[gnu::always_inline]] inline Real larger(Real a, Real b) {
+    return a < b ? b : a;
+}
+
 /// Differences between values and a linear interpolation of up to four others, one per lane:
 /// |v[i] - sum of weight[t] * term[t][i]|.
 template <class Real>

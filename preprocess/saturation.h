@@ -18,7 +18,7 @@ namespace isonest {
 struct SaturateBar {
     template <class Real>
     Real operator()(Real own, Real children) const {
-        return own < children ? children : own;
+        return larger(own, children);
     }
     template <class Real>
     static void four(const Real* a, const Real* b, const Real* c, const Real* d, Real* out,
@@ -41,11 +41,6 @@ struct SaturatePlus {
 };
 
 namespace saturation {
-
-template <class Real>
-Real larger(Real a, Real b) {
-    return a < b ? b : a;
-}
 
 /// out[q] = the largest of four rows of finer centres: y0, y0 + 1 times z0, z0 + 1.
 template <class Real>
@@ -132,10 +127,10 @@ void saturate_odd_plane(const LayerRange& range, std::int64_t k, const Box<float
         const Real* const fxy = layer.row(kFxy, j);
         const Real* const fxy1 = above.row(kFxy, j);
         for (std::int64_t i = 0; i < range.odd_count(0); ++i) {
-            const Real x = saturation::larger(fyz[i], fyz[i + 1]);
-            const Real y = saturation::larger(fxz[i], fxz1[i]);
-            const Real z = saturation::larger(fxy[i], fxy1[i]);
-            c[i] = Op{}(c[i], saturation::larger(saturation::larger(x, y), z));
+            const Real x = larger(fyz[i], fyz[i + 1]);
+            const Real y = larger(fxz[i], fxz1[i]);
+            const Real z = larger(fxy[i], fxy1[i]);
+            c[i] = Op{}(c[i], larger(larger(x, y), z));
         }
     }
 }

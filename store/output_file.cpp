@@ -39,8 +39,12 @@ void sync(const std::filesystem::path& path, int flags) {
 
 }  // namespace
 
+std::filesystem::path temporary_prefix(const std::filesystem::path& path) {
+    return folder_of(path) / fmt::format(".{}.partial-", path.filename().string());
+}
+
 std::filesystem::path temporary_name(const std::filesystem::path& path) {
-    return folder_of(path) / fmt::format(".{}.partial-{}", path.filename().string(), ::getpid());
+    return temporary_prefix(path) += std::to_string(::getpid());
 }
 
 void check_output(const std::filesystem::path& path, bool force) {

@@ -5,7 +5,9 @@
 
 namespace isonest {
 
-/// The temporary name for an output, in the same folder: ".NAME.partial-PID".
+/// The temporary names for an output, in the same folder: ".NAME.partial-" and a process id.
+std::filesystem::path temporary_prefix(const std::filesystem::path& path);
+/// That of this process.
 std::filesystem::path temporary_name(const std::filesystem::path& path);
 
 /// Throws Error{invalid_argument} if `path` exists and `force` is false, or if it is a folder;

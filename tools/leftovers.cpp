@@ -7,17 +7,17 @@
 #include <charconv>
 #include <system_error>
 
+#include "store/output_file.h"
 #include "tools/units.h"
 
 namespace isonest::cli {
 
 std::string leftovers_of(const std::filesystem::path& output) {
-    const std::filesystem::path folder =
-        output.parent_path().empty() ? std::filesystem::path(".") : output.parent_path();
-    const std::string prefix = fmt::format(".{}.partial-", output.filename().string());
+    const std::filesystem::path names = temporary_prefix(output);
+    const std::string prefix = names.filename().string();
     std::string found;
     std::error_code error;
-    for (auto entry = std::filesystem::directory_iterator(folder, error);
+    for (auto entry = std::filesystem::directory_iterator(names.parent_path(), error);
          !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
         const std::string name = entry->path().filename().string();
         if (!name.starts_with(prefix)) {

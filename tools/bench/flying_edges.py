@@ -11,26 +11,43 @@ import h5py
 import vtk
 from vtk.util import numpy_support
 
-path, iso, out = sys.argv[1], float(sys.argv[2]), sys.argv[3]
-start = time.perf_counter()
-with h5py.File(path) as f:
-    data = f["data"][...]
-image = vtk.vtkImageData()
-image.SetDimensions(*data.shape[::-1])
-image.GetPointData().SetScalars(numpy_support.numpy_to_vtk(data.reshape(-1), deep=False))
-read = time.perf_counter()
-edges = vtk.vtkFlyingEdges3D()
-edges.SetInputData(image)
-edges.SetValue(0, iso)
-edges.ComputeNormalsOff()
-edges.ComputeScalarsOff()
-edges.Update()
-extracted = time.perf_counter()
-writer = vtk.vtkPLYWriter()
-writer.SetInputData(edges.GetOutput())
-writer.SetFileName(out)
-writer.SetFileTypeToBinary()
-writer.Write()
-end = time.perf_counter()
-print(json.dumps({"triangles": edges.GetOutput().GetNumberOfCells(), "read": read - start,
-                  "extract": extracted - read, "write": end - extracted, "total": end - start}))
+
+def read_image(path):
+    """The values and the image that shares them."""
+    with h5py.File(path) as f:
+        data = f["data"][...]
+    image = vtk.vtkImageData()
+    image.SetDimensions(*data.shape[::-1])
+    image.GetPointData().SetScalars(numpy_support.numpy_to_vtk(data.reshape(-1), deep=False))
+    return data, image
+
+
+def flying_edges(image, iso):
+    edges = vtk.vtkFlyingEdges3D()
+    edges.SetInputData(image)
+    edges.SetValue(0, iso)
+    edges.ComputeNormalsOff()
+    edges.ComputeScalarsOff()
+    edges.Update()
+    return edges.GetOutput()
+
+
+def main():
+    path, iso, out = sys.argv[1], float(sys.argv[2]), sys.argv[3]
+    start = time.perf_counter()
+    _data, image = read_image(path)
+    read = time.perf_counter()
+    mesh = flying_edges(image, iso)
+    extracted = time.perf_counter()
+    writer = vtk.vtkPLYWriter()
+    writer.SetInputData(mesh)
+    writer.SetFileName(out)
+    writer.SetFileTypeToBinary()
+    writer.Write()
+    end = time.perf_counter()
+    print(json.dumps({"triangles": mesh.GetNumberOfCells(), "read": read - start,
+                      "extract": extracted - read, "write": end - extracted, "total": end - start}))
+
+
+if __name__ == "__main__":
+    main()

@@ -5,6 +5,7 @@
 #include <malloc.h>
 
 #include <atomic>
+#include <cerrno>
 #include <cstddef>
 #include <cstdio>
 
@@ -22,7 +23,8 @@ extern "C" void __libc_free(void*);
 
 void* taken(void* p) {
     if (p != nullptr) {
-        const std::size_t now = held.fetch_add(::malloc_usable_size(p)) + ::malloc_usable_size(p);
+        const std::size_t size = ::malloc_usable_size(p);
+        const std::size_t now = held.fetch_add(size) + size;
         std::size_t before = peak.load();
         while (now > before && !peak.compare_exchange_weak(before, now)) {
         }
@@ -65,7 +67,7 @@ void* aligned_alloc(std::size_t alignment, std::size_t n) {
 }
 int posix_memalign(void** p, std::size_t alignment, std::size_t n) {
     *p = taken(__libc_memalign(alignment, n));
-    return *p == nullptr ? 12 : 0;
+    return *p == nullptr ? ENOMEM : 0;
 }
 void free(void* p) {
     given_back(p);

@@ -6,9 +6,10 @@ usage: verify_surfaces.py ISONEST PLUGIN_FOLDER INPUT [PREPROCESS_OPTION...]
 Three isovalues (the quantiles 0.5, 0.9 and 0.99 of the distinct values), five tolerances (0, 0.5, 2, 5
 and 10 % of the range). For each surface: edges with one triangle that do not lie on the volume's
 boundary (so an edge with two vertices shows as a crack), edges with more than two triangles or two of
-the same orientation, unused vertices, flat triangles, and the largest |U - iso| over the vertices and three random points of each triangle, where U
-is the finest piecewise linear function, from the values as h5py reads them. Prints a line per surface;
-exit code 1 if a promise is broken. Needs memory for the volume and the meshes.
+the same orientation, unused vertices, flat triangles, and the largest |U - iso| over the vertices and
+three random points of each triangle, where U is the finest piecewise linear function, from the values
+as h5py reads them. Prints a line per surface; exit code 1 if a promise is broken. Needs memory for the
+volume and the meshes.
 """
 import json
 import os
