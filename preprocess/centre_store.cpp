@@ -4,8 +4,8 @@
 
 namespace isonest {
 
-void CentreStore::allocate(int level, Carried what) {
-    const auto cells = static_cast<std::uint64_t>(lattice_.cells_at(level).product());
+void CentreStore::allocate(int level, Field what) {
+    const auto cells = static_cast<std::uint64_t>(lattice_.elements_at(level).product());
     const auto it = files_.emplace(std::pair{level, what}, ScratchFile(folder_)).first;
     it->second.map(cells * sizeof(float));
 }
@@ -14,8 +14,8 @@ void CentreStore::release(int level) {
     std::erase_if(files_, [&](const auto& entry) { return entry.first.first == level; });
 }
 
-void CentreStore::put(int level, Carried what, const Box<float>& centres) {
-    const Int3 cells = lattice_.cells_at(level);
+void CentreStore::put(int level, Field what, const Box<float>& centres) {
+    const Int3 cells = lattice_.elements_at(level);
     const auto to = files_.at({level, what}).as<float>();
     for (std::int64_t z = centres.lo.z; z < centres.lo.z + centres.size.z; ++z) {
         for (std::int64_t y = centres.lo.y; y < centres.lo.y + centres.size.y; ++y) {
@@ -25,8 +25,8 @@ void CentreStore::put(int level, Carried what, const Box<float>& centres) {
     }
 }
 
-void CentreStore::get(int level, Carried what, float outside, Box<float>& centres) const {
-    const Int3 cells = lattice_.cells_at(level);
+void CentreStore::get(int level, Field what, float outside, Box<float>& centres) const {
+    const Int3 cells = lattice_.elements_at(level);
     const auto from = files_.at({level, what}).as<float>();
     std::fill(centres.data.begin(), centres.data.end(), outside);
     const Int3 first = max(centres.lo, {0, 0, 0});

@@ -1,17 +1,15 @@
-// The centre values of each level's cubes, which the next two levels need, outside of memory.
+// The centre values of each level's cubes (or squares, see Lattice::elements_at()), which the next two levels need, outside of memory.
 #pragma once
 
 #include <filesystem>
 #include <map>
 
 #include "preprocess/layer.h"
+#include "store/field.h"
 #include "store/lattice.h"
 #include "store/scratch_file.h"
 
 namespace isonest {
-
-/// What is carried from level to level.
-enum class Carried { bar, plus, deviation };
 
 /// Saturated values of cube centres per level, as binary32 in temporary files: so that the 16-bit
 /// rounding of the stored indicators does not add up over the levels.
@@ -21,16 +19,16 @@ class CentreStore {
     CentreStore(const Lattice& lattice, std::filesystem::path folder)
         : lattice_(lattice), folder_(std::move(folder)) {}
     /// Throws Error{io}, for example on a full disk.
-    void allocate(int level, Carried what);
+    void allocate(int level, Field what);
     void release(int level);
-    void put(int level, Carried what, const Box<float>& centres);
+    void put(int level, Field what, const Box<float>& centres);
     /// Cubes outside the volume get `outside`.
-    void get(int level, Carried what, float outside, Box<float>& centres) const;
+    void get(int level, Field what, float outside, Box<float>& centres) const;
 
   private:
     Lattice lattice_;
     std::filesystem::path folder_;
-    std::map<std::pair<int, Carried>, ScratchFile> files_;
+    std::map<std::pair<int, Field>, ScratchFile> files_;
 };
 
 }  // namespace isonest

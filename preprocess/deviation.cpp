@@ -1,5 +1,6 @@
 #include "preprocess/deviation.h"
 
+#include <algorithm>
 #include <limits>
 
 #include "preprocess/row_kernels.h"
@@ -8,8 +9,8 @@ namespace isonest {
 
 template <class Real>
 DeviationKernel<Real>::DeviationKernel(const LayerRange& range, const Int3& fine_cells,
-                                       bool with_fine)
-    : range_(range), fine_cells_(fine_cells) {
+                                       bool with_fine, unsigned flat)
+    : range_(range), fine_cells_(fine_cells), flat_(flat) {
     for (int axis = 0; axis < 2; ++axis) {
         groups_[axis] = (4 * (range.hi[axis] - range.lo[axis]) + 2 + kPhases) / kPhases + 1;
     }
@@ -62,7 +63,7 @@ const std::vector<typename DeviationKernel<Real>::Step>& DeviationKernel<Real>::
             return place(4 * lanes.px + p.x, 4 * lanes.first + p.y);
         };
         for (const DeviationSupport::Point& point :
-             deviation_support(lanes.slot, lanes.px, lanes.py, pz).points) {
+             deviation_support(lanes.slot, lanes.px, lanes.py, pz, flat_).points) {
             Step step;
             step.z = point.at.z;
             step.value = ring_start(4 * pz + point.at.z) + in_plane(point.at);
@@ -116,9 +117,9 @@ void DeviationKernel<Real>::raise_cubes(const Lanes& lanes, std::int64_t k) {
     const std::vector<Step>& points = steps(lanes, pz);
     const auto n = static_cast<std::size_t>(lanes.count);
     for (const DeviationSupport::Cube& cube :
-         deviation_support(lanes.slot, lanes.px, lanes.py, pz).cubes) {
+         deviation_support(lanes.slot, lanes.px, lanes.py, pz, flat_).cubes) {
         const std::int64_t z = 4 * k + cube.low.z;
-        if (z < 0 || z >= fine_cells_.z) {
+        if (z < 0 || z >= std::max<std::int64_t>(fine_cells_.z, 1)) {
             continue;
         }
         largest_.assign(n, Real{0});
@@ -138,6 +139,9 @@ template <class Real>
 void DeviationKernel<Real>::layer(std::int64_t k, int first_slot, int last_slot, Layer<Real>& out) {
     for (int slot = first_slot; slot <= last_slot; ++slot) {
         const Int3 o = slot_offset(slot);
+        if ((static_cast<unsigned>(slot + 1) & flat_) != 0) {
+            continue;
+        }
         for (int parity = 0; parity < 4; ++parity) {
             Lanes lanes{slot, parity & 1, parity >> 1, 0, 0};
             lanes.first = (lanes.py ^ range_.lo.y) & 1;

@@ -1,7 +1,9 @@
 #include "preprocess/deviation_table.h"
 
 #include <array>
+#include <bit>
 #include <map>
+#include <mutex>
 #include <set>
 #include <tuple>
 
@@ -81,7 +83,23 @@ std::vector<Tetrahedron> finest(const Tetrahedron& t) {
     }
 }
 
-DeviationSupport make_support(int slot, const Int3& parity) {
+bool in_flat_space(const Int3& offset, unsigned flat) {
+    return ((flat & 1U) == 0 || offset.x == 0) && ((flat & 2U) == 0 || offset.y == 0) &&
+           ((flat & 4U) == 0 || offset.z == 0);
+}
+
+/// The vertices of t in the space of the axes that are not flat: an element's, if there are enough.
+std::vector<Int3> trace(const Tetrahedron& t, const Int3& node, unsigned flat) {
+    std::vector<Int3> vertices;
+    for (const Int3& v : t.v) {
+        if (in_flat_space(v - node, flat)) {
+            vertices.push_back(v);
+        }
+    }
+    return vertices;
+}
+
+DeviationSupport make_support(int slot, const Int3& parity, unsigned flat) {
     // A cube index with these parities, away from the origin so that all coordinates are positive.
     const Int3 cube = parity + Int3{4, 4, 4};
     const Int3 base = cube * 4;
@@ -89,15 +107,23 @@ DeviationSupport make_support(int slot, const Int3& parity) {
 
     std::map<Key, DeviationSupport::Point> points;
     std::map<Key, std::pair<Int3, std::set<Key>>> cubes;
+    const auto full = static_cast<std::size_t>(4 - std::popcount(flat));
     for (const Tetrahedron& t : diamond(cube, node)) {
+        if (trace(t, node, flat).size() != full) {
+            continue;
+        }
         for (const Tetrahedron& small : finest(t)) {
             Int3 low = small.v[0];
             for (const Int3& v : small.v) {
                 low = min(low, v);
             }
+            const std::vector<Int3> traced = trace(small, node, flat);
+            if (traced.size() != full || !in_flat_space(low - node, flat)) {
+                continue;
+            }
             auto& [corner, vertices] = cubes[key_of(low)];
             corner = low - base;
-            for (const Int3& v : small.v) {
+            for (const Int3& v : traced) {
                 vertices.insert(key_of(v));
                 if (points.contains(key_of(v))) {
                     continue;
@@ -136,17 +162,24 @@ DeviationSupport make_support(int slot, const Int3& parity) {
 
 }  // namespace
 
-const DeviationSupport& deviation_support(int slot, int parity_x, int parity_y, int parity_z) {
-    static const std::vector<DeviationSupport> tables = [] {
-        std::vector<DeviationSupport> all;
+const DeviationSupport& deviation_support(int slot, int parity_x, int parity_y, int parity_z,
+                                          unsigned flat) {
+    constexpr std::size_t kKinds = 8;
+    static std::array<std::vector<DeviationSupport>, kKinds> tables;
+    static std::array<std::once_flag, kKinds> made;
+    std::call_once(made.at(flat), [flat] {
         for (int s = 0; s < kSlots; ++s) {
             for (std::int64_t p = 0; p < 8; ++p) {
-                all.push_back(make_support(s, {p & 1, (p >> 1) & 1, p >> 2}));
+                const bool exists =
+                    ((static_cast<unsigned>(s + 1) | static_cast<unsigned>(p)) & flat) == 0;
+                tables[flat].push_back(
+                    exists ? make_support(s, {p & 1, (p >> 1) & 1, p >> 2}, flat)
+                           : DeviationSupport{});
             }
         }
-        return all;
-    }();
-    return tables[static_cast<std::size_t>(slot * 8 + parity_x + 2 * parity_y + 4 * parity_z)];
+    });
+    return tables[flat][static_cast<std::size_t>(slot * 8 + parity_x + 2 * parity_y +
+                                                 4 * parity_z)];
 }
 
 }  // namespace isonest

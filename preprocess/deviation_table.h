@@ -30,7 +30,9 @@ struct DeviationSupport {
 };
 
 /// The support of the node in `slot` of a lattice node whose coordinates have these parities.
-/// Thread-safe; the tables are made once.
-const DeviationSupport& deviation_support(int slot, int parity_x, int parity_y, int parity_z);
+/// `flat`: bits of the flat axes, 0 in slot; the support then is of triangles or edges, its cubes
+/// squares or edges. Thread-safe; the tables are made once.
+const DeviationSupport& deviation_support(int slot, int parity_x, int parity_y, int parity_z,
+                                          unsigned flat);
 
 }  // namespace isonest

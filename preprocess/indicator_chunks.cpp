@@ -41,14 +41,14 @@ void IndicatorChunks::put_row(const Real* from, Part& part, std::int64_t at,
 
 template <class Real>
 void IndicatorChunks::put(const LayerRange& range, std::int64_t k, const Layer<Real>& layer) {
-    const int first = array_.first_slot();
+    const int first = array_.first_slot;
     for (Part& part : parts_) {
         if (k < part.lo.z || k >= part.lo.z + part.n.z) {
             continue;
         }
         for (std::int64_t j = 0; j < part.n.y; ++j) {
             const std::int64_t at = array_.chunk.linear({0, j, k - part.lo.z}) * array_.components;
-            for (int slot = first; slot < kSlots; ++slot) {
+            for (int slot = first; slot < first + array_.components; ++slot) {
                 const Real* const from =
                     layer.row(slot, part.lo.y + j - range.lo.y) + (part.lo.x - range.lo.x);
                 if (exact_) {

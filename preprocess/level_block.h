@@ -1,6 +1,7 @@
 // All indicators of one level on one block: values in, saturated layers out.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -11,6 +12,8 @@
 #include "preprocess/deviation.h"
 #include "preprocess/linf.h"
 #include "preprocess/missing.h"
+#include "preprocess/normal_indicators.h"
+#include "preprocess/offset_norms.h"
 #include "preprocess/row_kernels.h"
 #include "preprocess/saturation.h"
 #include "store/field.h"
@@ -49,6 +52,13 @@ struct ValueBox {
     }
 };
 
+/// One saturated field that a block makes.
+struct FieldTask {
+    Field field = Field::linf_bar;
+    /// Its saturated centres of level L - 1, cubes 2 lo - 1 to 2 hi, 0 outside; null at level 1.
+    const Box<float>* centres = nullptr;
+};
+
 /// What run_level() needs. Boxes are borrowed.
 template <class T>
 struct LevelTask {
@@ -56,18 +66,22 @@ struct LevelTask {
     /// Values of level max(L - 2, 0), from 4 lo - 2 to 4 hi + 2 (level 1: from 2 lo - 1 to 2 hi +
     /// 1).
     const ValueBox<T>* values = nullptr;
-    int step = 2;     ///< nodes of `values` per half cube edge: 1 at level 1, else 2
-    Int3 fine_cells;  ///< cubes of level L - 2
-    /// Saturated centres of level L - 1, cubes 2 lo - 1 to 2 hi, 0 outside; null at level 1.
-    const Box<float>* bar_centres = nullptr;
-    const Box<float>* plus_centres = nullptr;
-    const Box<float>* deviation_centres = nullptr;
+    int step = 2;          ///< nodes of `values` per half cube edge: 1 at level 1, else 2
+    int level = 1;
+    Double3 spacing{1, 1, 1};
+    unsigned flat = 0;     ///< bits of the flat axes
+    Int3 fine_cells;       ///< cubes of level L - 2
     /// Deviations of the cubes of level L - 2, cubes 4 lo - 2 to 4 hi + 2, NaN outside; null for L
     /// <= 2.
     const Box<float>* fine_deviation = nullptr;
-    bool want_bar = false;
-    bool want_plus = false;
-    bool want_deviation = false;
+    /// At level 1 no deviation, see source_at_level_1().
+    std::vector<FieldTask> fields;
+
+    [[nodiscard]] bool wants(Indicator indicator) const {
+        return std::any_of(fields.begin(), fields.end(), [&](const FieldTask& f) {
+            return indicator_of(f.field) == indicator;
+        });
+    }
 };
 
 namespace level_block {
@@ -112,7 +126,7 @@ void mark_missing_support(const LevelTask<T>& task, std::int64_t k, int first_sl
         const Int3 owner{range.lo.x + i, range.lo.y + j, k};
         const auto& support =
             deviation_support(slot, static_cast<int>(owner.x & 1), static_cast<int>(owner.y & 1),
-                              static_cast<int>(k & 1));
+                              static_cast<int>(k & 1), task.flat);
         for (const auto& point : support.points) {
             const Int3 p = owner * 4 + point.at;
             if (min(p, {0, 0, 0}) == Int3{0, 0, 0} && max(p, task.fine_cells) == task.fine_cells &&
@@ -123,15 +137,181 @@ void mark_missing_support(const LevelTask<T>& task, std::int64_t k, int first_sl
     });
 }
 
-template <class Real>
-void copy_slots(const Layer<Real>& from, int first, int last, std::int64_t rows, std::int64_t n,
-                Layer<Real>& to) {
-    for (int slot = first; slot <= last; ++slot) {
-        for (std::int64_t j = 0; j < rows; ++j) {
-            std::copy_n(from.row(slot, j), n, to.row(slot, j));
+/// What nodes measure before they are saturated, of one layer, by indicator.
+template <class T>
+class Measures {
+  public:
+    using Real = RealFor<T>;
+    explicit Measures(const LevelTask<T>& task)
+        : task_(task), norms_(task.spacing, task.level, task.flat) {
+        const std::int64_t nx = task.range.count(0);
+        const std::int64_t ny = task.range.count(1);
+        for (const FieldTask& f : task.fields) {
+            const Indicator indicator = indicator_of(f.field);
+            offset_wanted_ = offset_wanted_ || OffsetNorms::is_offset_norm(indicator);
+            normal_wanted_ = normal_wanted_ || indicator >= Indicator::normal;
+        }
+        if (offset_wanted_) {
+            planes_.fill(SplitPlane<Real>(task.range));
+            eta_ = Layer<Real>(nx, ny);
+        }
+        if (task.values->has_missing && (offset_wanted_ || normal_wanted_)) {
+            missing_ = missing_at_half_edge(task);
+        }
+        if (task.wants(Indicator::deviation)) {
+            kernel_.emplace(task.range, task.fine_cells, task.fine_deviation != nullptr, task.flat);
+            deviation_ = Layer<Real>(nx, ny);
+        }
+        if (normal_wanted_) {
+            normals_.emplace(task.spacing, task.level, task.flat);
+            for (Layer<Real>& layer : changes_) {
+                layer = Layer<Real>(nx, ny);
+            }
         }
     }
-}
+
+    /// REQUIRES: called for k = range.lo.z .. range.hi.z, in order.
+    void compute(std::int64_t k) {
+        const bool has_odd = k - task_.range.lo.z < task_.range.odd_count(2);
+        const int last = has_odd ? kSlots - 1 : 2;
+        if (offset_wanted_) {
+            offsets(k, has_odd);
+        }
+        if (kernel_) {
+            load_until(has_odd ? 4 * k + 5 : 4 * k + 3);
+            deviation_.clear();
+            kernel_->layer(k, 0, last, deviation_);
+            if (task_.values->has_missing) {
+                mark_missing_support(task_, k, 0, last, deviation_);
+            }
+        }
+        if (normals_) {
+            normal_changes(k, last);
+        }
+    }
+
+    /// Copies the measure of a field, or takes it where no other field needs it.
+    void hand_out(std::size_t which, std::int64_t k, Layer<Real>& to) {
+        const Indicator indicator = indicator_of(task_.fields[which].field);
+        Layer<Real>& from = layer_of(indicator);
+        const bool needed = std::any_of(
+            task_.fields.begin() + static_cast<std::ptrdiff_t>(which) + 1, task_.fields.end(),
+            [&](const FieldTask& f) { return &layer_of(indicator_of(f.field)) == &from; });
+        if (needed) {
+            to = from;
+        } else {
+            std::swap(to, from);
+        }
+        if (OffsetNorms::is_offset_norm(indicator)) {
+            const bool has_odd = k - task_.range.lo.z < task_.range.odd_count(2);
+            norms_.scale(indicator, task_.range, k, 0, has_odd ? kSlots - 1 : 2, to);
+        }
+    }
+
+  private:
+    Layer<Real>& layer_of(Indicator indicator) {
+        switch (indicator) {
+            case Indicator::deviation:
+                return deviation_;
+            case Indicator::normal:
+                return changes_[0];
+            case Indicator::normal_edge:
+                return changes_[1];
+            case Indicator::normal_turn:
+                return changes_[2];
+            default:
+                return eta_;
+        }
+    }
+
+    void mark(std::int64_t k, int first, int last, Layer<Real>& layer) {
+        if (missing_ && task_.step == 1) {
+            mark_missing_finest(task_.range, k, first, last, *missing_, layer);
+        } else if (missing_) {
+            mark_missing(task_.range, k, first, last, *missing_, layer);
+        }
+    }
+
+    void offsets(std::int64_t k, bool has_odd) {
+        eta_.clear();
+        if (k == task_.range.lo.z) {
+            fill_plane(task_, 2 * k, planes_[0]);
+        } else {
+            std::swap(planes_[0], planes_[2]);
+        }
+        linf_even_plane(task_.range, planes_[0], eta_);
+        mark(k, 0, 2, eta_);
+        if (has_odd) {
+            fill_plane(task_, 2 * k + 1, planes_[1]);
+            fill_plane(task_, 2 * k + 2, planes_[2]);
+            linf_odd_plane(task_.range, k, planes_[0], planes_[1], planes_[2], eta_);
+            mark(k, 3, kSlots - 1, eta_);
+        }
+    }
+
+    void load_until(std::int64_t z_end) {
+        for (; next_plane_ < z_end; ++next_plane_) {
+            const std::int64_t z = next_plane_;
+            const std::int64_t n = kernel_->high_x() - kernel_->low_x() + 1;
+            kernel_->load_plane(
+                z,
+                [&](std::int64_t y, Real* out) {
+                    const T* const row = task_.values->values.row(y, z) +
+                                         (kernel_->low_x() - task_.values->values.lo.x);
+                    for (std::int64_t i = 0; i < n; ++i) {
+                        out[i] = task_.values->template number<Real>(row[i]);
+                    }
+                },
+                [&](std::int64_t y, Real* out) {
+                    const float* const row = task_.fine_deviation->row(y, z) +
+                                             (kernel_->low_x() - task_.fine_deviation->lo.x);
+                    std::copy_n(row, n, out);
+                });
+        }
+    }
+
+    void normal_changes(std::int64_t k, int last) {
+        for (Layer<Real>& layer : changes_) {
+            layer.clear();
+        }
+        const Box<T>& box = task_.values->values;
+        const Int3 elements = max(task_.range.cells, {1, 1, 1});
+        each_node(task_.range, 0, last, [&](int slot, std::int64_t i, std::int64_t j) {
+            if ((static_cast<unsigned>(slot + 1) & task_.flat) != 0) {
+                return;
+            }
+            const Int3 owner{task_.range.lo.x + i, task_.range.lo.y + j, k};
+            const Int3 node = owner * 2 + slot_offset(slot);
+            Neighbourhood u{};
+            for (std::int64_t n = 0; n < 27; ++n) {
+                const Int3 at = node + (Int3{3, 3, 3}).unlinear(n) - Int3{1, 1, 1};
+                u[static_cast<std::size_t>(n)] = static_cast<double>(box.at(at * task_.step));
+            }
+            const NormalChange c = normals_->at(owner, slot, elements, u);
+            // Enough above that the sums of a saturation do not round below the exact ones.
+            constexpr double kUp = 1 + 4 * static_cast<double>(std::numeric_limits<Real>::epsilon());
+            changes_[0].row(slot, j)[i] = static_cast<Real>(c.jump * kUp);
+            changes_[1].row(slot, j)[i] = static_cast<Real>(c.edge * kUp);
+            changes_[2].row(slot, j)[i] = static_cast<Real>(c.turn * kUp);
+        });
+        for (Layer<Real>& layer : changes_) {
+            mark(k, 0, last, layer);
+        }
+    }
+
+    const LevelTask<T>& task_;
+    OffsetNorms norms_;
+    bool offset_wanted_ = false;
+    bool normal_wanted_ = false;
+    std::array<SplitPlane<Real>, 3> planes_;
+    Layer<Real> eta_;
+    Layer<Real> deviation_;
+    std::array<Layer<Real>, 3> changes_;
+    std::optional<MissingBox> missing_;
+    std::optional<DeviationKernel<Real>> kernel_;
+    std::optional<NormalIndicators> normals_;
+    std::int64_t next_plane_ = 4 * task_.range.lo.z - 2;
+};
 
 }  // namespace level_block
 
@@ -140,125 +320,41 @@ void copy_slots(const Layer<Real>& from, int first, int last, std::int64_t rows,
 template <class T, class Emit>
 void run_level(const LevelTask<T>& task, Emit&& emit) {
     using Real = RealFor<T>;
-    using namespace level_block;
     const LayerRange& range = task.range;
-    const bool linf = task.want_bar || task.want_plus;
-    const std::int64_t nx = range.count(0);
-    const std::int64_t ny = range.count(1);
-    std::array<SplitPlane<Real>, 3> planes;
-    std::array<Layer<Real>, 2> bar;
-    std::array<Layer<Real>, 2> plus;
-    std::array<Layer<Real>, 2> deviation;
-    std::optional<DeviationKernel<Real>> kernel;
-    std::optional<MissingBox> missing;
-    if (linf) {
-        planes.fill(SplitPlane<Real>(range));
-        bar.fill(Layer<Real>(nx, ny));
-        plus.fill(Layer<Real>(nx, ny));
-        if (task.values->has_missing) {
-            missing = missing_at_half_edge(task);
-        }
+    level_block::Measures<T> measures(task);
+    // Layers k - 1 and k of each field: an odd plane is complete once the even plane above it is.
+    std::vector<std::array<Layer<Real>, 2>> layers(task.fields.size());
+    for (auto& pair : layers) {
+        pair.fill(Layer<Real>(range.count(0), range.count(1)));
     }
-    if (task.want_deviation) {
-        kernel.emplace(range, task.fine_cells, task.fine_deviation != nullptr);
-        deviation.fill(Layer<Real>(nx, ny));
-    }
-    std::int64_t next_plane = 4 * range.lo.z - 2;
-    const auto load_until = [&](std::int64_t z_end) {
-        for (; next_plane < z_end; ++next_plane) {
-            const std::int64_t z = next_plane;
-            kernel->load_plane(
-                z,
-                [&](std::int64_t y, Real* out) {
-                    const T* const row = task.values->values.row(y, z) +
-                                         (kernel->low_x() - task.values->values.lo.x);
-                    for (std::int64_t i = 0; i <= kernel->high_x() - kernel->low_x(); ++i) {
-                        out[i] = task.values->template number<Real>(row[i]);
-                    }
-                },
-                [&](std::int64_t y, Real* out) {
-                    const float* const row = task.fine_deviation->row(y, z) +
-                                             (kernel->low_x() - task.fine_deviation->lo.x);
-                    std::copy_n(row, kernel->high_x() - kernel->low_x() + 1, out);
-                });
-        }
-    };
-
-    const auto mark = [&](std::int64_t k, int first_slot, int last_slot, Layer<Real>& eta) {
-        if (missing && task.step == 1) {
-            mark_missing_finest(range, k, first_slot, last_slot, *missing, eta);
-        } else if (missing) {
-            mark_missing(range, k, first_slot, last_slot, *missing, eta);
-        }
-    };
-
     for (std::int64_t k = range.lo.z; k <= range.hi.z; ++k) {
         const auto now = static_cast<std::size_t>(k & 1);
-        const std::size_t before = 1 - now;
         const bool has_odd = k - range.lo.z < range.odd_count(2);
-        if (linf) {
-            bar[now].clear();
-            if (k == range.lo.z) {
-                fill_plane(task, 2 * k, planes[0]);
+        measures.compute(k);
+        for (std::size_t f = 0; f < layers.size(); ++f) {
+            const auto [field, centres] = task.fields[f];
+            Layer<Real>& layer = layers[f][now];
+            Layer<Real>& below = layers[f][1 - now];
+            measures.hand_out(f, k, layer);
+            if (saturation_of(field) == Saturation::bar) {
+                saturate_even_plane<SaturateBar>(range, k, centres, layer);
             } else {
-                std::swap(planes[0], planes[2]);
+                saturate_even_plane<SaturatePlus>(range, k, centres, layer);
             }
-            linf_even_plane(range, planes[0], bar[now]);
-            mark(k, 0, 2, bar[now]);
-            if (has_odd) {
-                fill_plane(task, 2 * k + 1, planes[1]);
-                fill_plane(task, 2 * k + 2, planes[2]);
-                linf_odd_plane(range, k, planes[0], planes[1], planes[2], bar[now]);
-                mark(k, 3, 6, bar[now]);
+            if (k == range.lo.z) {
+                continue;
             }
-            if (task.want_plus) {
-                copy_slots(bar[now], 0, kSlots - 1, ny, nx, plus[now]);
-                saturate_even_plane<SaturatePlus>(range, k, task.plus_centres, plus[now]);
+            if (saturation_of(field) == Saturation::bar) {
+                saturate_odd_plane<SaturateBar>(range, k - 1, centres, layer, below);
+            } else {
+                saturate_odd_plane<SaturatePlus>(range, k - 1, centres, layer, below);
             }
-            if (task.want_bar) {
-                saturate_even_plane<SaturateBar>(range, k, task.bar_centres, bar[now]);
-            }
-        }
-        if (task.want_deviation) {
-            load_until(has_odd ? 4 * k + 5 : 4 * k + 3);
-            deviation[now].clear();
-            kernel->layer(k, 0, 2, deviation[now]);
-            if (has_odd) {
-                kernel->layer(k, 3, 6, deviation[now]);
-            }
-            if (task.values->has_missing) {
-                mark_missing_support(task, k, 0, has_odd ? 6 : 2, deviation[now]);
-            }
-            saturate_even_plane<SaturateBar>(range, k, task.deviation_centres, deviation[now]);
-        }
-        const auto emit_layer = [&](std::int64_t layer, std::size_t which) {
-            if (task.want_bar) {
-                emit(Field::linf_bar, layer, std::as_const(bar[which]));
-            }
-            if (task.want_plus) {
-                emit(Field::linf_plus, layer, std::as_const(plus[which]));
-            }
-            if (task.want_deviation) {
-                emit(Field::deviation_bar, layer, std::as_const(deviation[which]));
-            }
-        };
-        if (k > range.lo.z) {
-            if (task.want_bar) {
-                saturate_odd_plane<SaturateBar>(range, k - 1, task.bar_centres, bar[now],
-                                                bar[before]);
-            }
-            if (task.want_plus) {
-                saturate_odd_plane<SaturatePlus>(range, k - 1, task.plus_centres, plus[now],
-                                                 plus[before]);
-            }
-            if (task.want_deviation) {
-                saturate_odd_plane<SaturateBar>(range, k - 1, task.deviation_centres,
-                                                deviation[now], deviation[before]);
-            }
-            emit_layer(k - 1, before);
+            emit(field, k - 1, std::as_const(below));
         }
         if (k == range.hi.z && !has_odd && range.hi.z == range.cells.z) {
-            emit_layer(k, now);
+            for (std::size_t f = 0; f < layers.size(); ++f) {
+                emit(task.fields[f].field, k, std::as_const(layers[f][now]));
+            }
         }
     }
 }

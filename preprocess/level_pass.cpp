@@ -1,6 +1,8 @@
 #include "preprocess/level_pass.h"
 
+#include <algorithm>
 #include <cstring>
+#include <map>
 
 #include "preprocess/row_kernels.h"
 #include "preprocess/value_chunks.h"
@@ -43,7 +45,7 @@ Box<T> gather_base(const StoreLayout& layout, const PlaneWindow& window, const I
     return box;
 }
 
-/// The indicator chunks of one level that a block fills; deviations of level 1 are eta bar.
+/// The indicator chunks of one level that a block fills.
 class LevelSink {
   public:
     LevelSink(const StoreLayout& layout, int level, const Int3& first, const Int3& count) {
@@ -52,9 +54,7 @@ class LevelSink {
             if (array == nullptr || array->alias) {
                 continue;
             }
-            const Field source =
-                level == 1 && field == Field::deviation_bar ? Field::linf_bar : field;
-            parts_.emplace_back(source,
+            parts_.emplace_back(level == 1 ? source_at_level_1(field) : field,
                                 IndicatorChunks(*array, first, count, layout.header().exact));
         }
     }
@@ -76,18 +76,19 @@ class LevelSink {
     std::vector<std::pair<Field, IndicatorChunks>> parts_;
 };
 
-/// Copies the centres of layer k that lie in `to`.
+/// Copies the centres of layer k (in slot `centre`) that lie in `to`.
 template <class Real>
-void keep_centres(const LayerRange& range, std::int64_t k, const Layer<Real>& layer,
+void keep_centres(int centre, const LayerRange& range, std::int64_t k, const Layer<Real>& layer,
                   Box<float>& to) {
-    if (k < to.lo.z || k >= to.lo.z + to.size.z || k - range.lo.z >= range.odd_count(2)) {
+    const Int3 o = slot_offset(centre);
+    const auto count = [&](int axis) { return range.count(axis, static_cast<int>(o[axis])); };
+    if (k < to.lo.z || k >= to.lo.z + to.size.z || k - range.lo.z >= count(2)) {
         return;
     }
     const Int3 lo = max(range.lo, to.lo);
-    const Int3 end =
-        min(range.lo + Int3{range.odd_count(0), range.odd_count(1), 0}, to.lo + to.size);
+    const Int3 end = min(range.lo + Int3{count(0), count(1), 0}, to.lo + to.size);
     for (std::int64_t y = lo.y; y < end.y; ++y) {
-        const Real* const from = layer.row(kCentreSlot, y - range.lo.y);
+        const Real* const from = layer.row(centre, y - range.lo.y);
         round_up_row(from + (lo.x - range.lo.x), to.row(y, k) + (lo.x - to.lo.x),
                      std::max<std::int64_t>(end.x - lo.x, 0));
     }
@@ -98,16 +99,21 @@ LayerRange range_of(const StoreLayout& layout, int level, const Int3& first, std
     return {first, min(first + Int3{count, count, count}, cells), cells};
 }
 
-/// Cubes of `level` inside a block, for the centres that the block hands on.
+/// Cubes of the level inside a block, for the centres that the block hands on.
 Box<float> own_cubes(const LayerRange& range, std::int64_t count) {
-    const Int3 end = min(range.lo + Int3{count, count, count}, range.cells);
+    const Int3 end = min(range.lo + Int3{count, count, count}, max(range.cells, {1, 1, 1}));
     return {range.lo, max(end - range.lo, {0, 0, 0})};
+}
+
+/// The field that tells how far the finest function can be from a finer level's.
+Field deviation_carried(const StoreLayout& layout) {
+    return layout.has(Field::deviation_bar) ? Field::deviation_bar : Field::deviation_plus;
 }
 
 /// The deviations of level 1's cubes as they were stored (rounded up); NaN outside of the volume.
 void gather_finest_deviation(ChunkCache& cache, const StoreLayout& layout, Box<float>& box) {
-    const ArrayInfo& array = layout.array(1, Field::deviation_bar);
-    const Int3 cells = layout.lattice().cells_at(1);
+    const ArrayInfo& array = layout.array(1, deviation_carried(layout));
+    const Int3 cells = layout.lattice().elements_at(1);
     std::fill(box.data.begin(), box.data.end(), std::numeric_limits<float>::quiet_NaN());
     const Int3 lo = max(box.lo, {0, 0, 0});
     const Int3 size = max(min(box.lo + box.size, cells) - lo, {0, 0, 0});
@@ -133,44 +139,48 @@ void gather_finest_deviation(ChunkCache& cache, const StoreLayout& layout, Box<f
     }
 }
 
-struct Wanted {
-    bool bar;
-    bool plus;
-    bool deviation;
-    explicit Wanted(const StoreLayout& layout)
-        : bar(layout.has(Field::linf_bar)),
-          plus(layout.has(Field::linf_plus)),
-          deviation(layout.has(Field::deviation_bar)) {}
-};
+/// The fields to compute at a level, none twice.
+std::vector<Field> fields_at(const StoreLayout& layout, int level) {
+    std::vector<Field> fields = layout.header().fields;
+    if (level == 1) {
+        std::transform(fields.begin(), fields.end(), fields.begin(), source_at_level_1);
+        std::sort(fields.begin(), fields.end());
+        fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
+    }
+    return fields;
+}
+
+template <class T>
+LevelTask<T> level_task(const StoreLayout& layout, int level, const LayerRange& range,
+                        const ValueBox<T>& box) {
+    LevelTask<T> task;
+    task.range = range;
+    task.values = &box;
+    task.step = level == 1 ? 1 : 2;
+    task.level = level;
+    task.spacing = layout.header().spacing;
+    task.flat = layout.lattice().flat_axes();
+    task.fine_cells = layout.lattice().cells_at(std::max(level - 2, 0));
+    return task;
+}
 
 /// Runs one level and hands its centres to the coarser levels.
 template <class T>
 void run_and_carry(const PassContext& context, const LevelTask<T>& task, int level,
                    std::int64_t count, LevelSink& sink) {
     const bool carry = level < context.layout.lattice().top();
-    Box<float> bar = own_cubes(task.range, count);
-    Box<float> plus = bar;
-    Box<float> deviation = bar;
+    const int centre = context.layout.lattice().centre_slot();
+    std::vector<Box<float>> centres(carry ? task.fields.size() : 0, own_cubes(task.range, count));
     run_level(task, [&](Field field, std::int64_t k, const auto& layer) {
         sink.put(field, task.range, k, layer);
-        if (carry) {
-            keep_centres(task.range, k, layer,
-                         field == Field::linf_bar    ? bar
-                         : field == Field::linf_plus ? plus
-                                                     : deviation);
+        for (std::size_t f = 0; f < centres.size(); ++f) {
+            if (task.fields[f].field == field) {
+                keep_centres(centre, task.range, k, layer, centres[f]);
+            }
         }
     });
-    if (!carry) {
-        return;
-    }
-    if (task.want_bar) {
-        context.centres.put(level, Carried::bar, bar);
-    }
-    if (task.want_plus) {
-        context.centres.put(level, Carried::plus, plus);
-    }
-    if (task.want_deviation) {
-        context.centres.put(level, Carried::deviation, deviation);
+    for (std::size_t f = 0; f < centres.size(); ++f) {
+        context.centres.put(level, task.fields[f].field, centres[f]);
     }
 }
 
@@ -204,7 +214,6 @@ std::vector<EncodedChunk> base_block(const PassContext& context, const PlaneWind
     const StoreLayout& layout = context.layout;
     const Lattice& lattice = layout.lattice();
     const std::int64_t k = layout.header().chunk;
-    const Wanted wanted(layout);
     const Int3 two{2, 2, 2};
     const Int3 one{1, 1, 1};
     ValueBox<T> box;
@@ -219,37 +228,29 @@ std::vector<EncodedChunk> base_block(const PassContext& context, const PlaneWind
     }
 
     // Level 1, one ring of cubes wider than the block, for the children of level 2's edges.
-    LevelTask<T> first;
-    first.values = &box;
-    first.step = 1;
-    first.fine_cells = lattice.cells_at(0);
-    first.range.cells = lattice.cells_at(1);
-    first.range.lo = max(block * k - one, {0, 0, 0});
-    first.range.hi = min((block + one) * k + one, first.range.cells);
-    first.want_bar = wanted.bar || wanted.deviation;
-    first.want_plus = wanted.plus;
+    const LayerRange ring{max(block * k - one, {0, 0, 0}),
+                          min((block + one) * k + one, lattice.cells_at(1)), lattice.cells_at(1)};
+    LevelTask<T> first = level_task(layout, 1, ring, box);
     const LayerRange second = range_of(layout, 2, block * (k / 2), k / 2);
-    Box<float> bar(second.lo * 2 - one, (second.hi - second.lo) * 2 + two);
-    Box<float> plus = bar;
+    std::map<Field, Box<float>> centres;
+    for (const Field field : fields_at(layout, 1)) {
+        first.fields.push_back({field, nullptr});
+        centres.emplace(field,
+                        Box<float>(second.lo * 2 - one, (second.hi - second.lo) * 2 + two));
+    }
     LevelSink sink(layout, 1, block * 2, two);
     run_level(first, [&](Field field, std::int64_t z, const auto& layer) {
-        sink.put(field, first.range, z, layer);
-        keep_centres(first.range, z, layer, field == Field::linf_bar ? bar : plus);
+        sink.put(field, ring, z, layer);
+        keep_centres(lattice.centre_slot(), ring, z, layer, centres.at(field));
     });
     sink.encode(out);
     if (lattice.top() < 2) {
         return out;
     }
-    LevelTask<T> task;
-    task.range = second;
-    task.values = &box;
-    task.fine_cells = lattice.cells_at(0);
-    task.bar_centres = &bar;
-    task.plus_centres = &plus;
-    task.deviation_centres = &bar;
-    task.want_bar = wanted.bar;
-    task.want_plus = wanted.plus;
-    task.want_deviation = wanted.deviation;
+    LevelTask<T> task = level_task(layout, 2, second, box);
+    for (const Field field : fields_at(layout, 2)) {
+        task.fields.push_back({field, &centres.at(source_at_level_1(field))});
+    }
     LevelSink coarse(layout, 2, block, one);
     run_and_carry(context, task, 2, k / 2, coarse);
     coarse.encode(out);
@@ -271,7 +272,6 @@ std::vector<EncodedChunk> level_block_of(const PassContext& context, ChunkCache&
                                          const Int3& block) {
     const StoreLayout& layout = context.layout;
     const std::int64_t k = layout.header().chunk;
-    const Wanted wanted(layout);
     const Int3 one{1, 1, 1};
     const Int3 two{2, 2, 2};
     const LayerRange range = range_of(layout, level, block * (k / 2), k / 2);
@@ -283,38 +283,26 @@ std::vector<EncodedChunk> level_block_of(const PassContext& context, ChunkCache&
     std::vector<EncodedChunk> out;
     encode_all_values(&layout.array(level - 1, Field::values), block, one, box.values, 2, out);
 
-    const auto finer = [&](bool want, Carried what) {
-        Box<float> centres;
-        if (want) {
-            centres = Box<float>(range.lo * 2 - one, (range.hi - range.lo) * 2 + two);
-            context.centres.get(level - 1, what, 0.0F, centres);
-        }
-        return centres;
-    };
-    const Box<float> bar = finer(wanted.bar, Carried::bar);
-    const Box<float> plus = finer(wanted.plus, Carried::plus);
-    const Box<float> deviation = finer(wanted.deviation, Carried::deviation);
+    LevelTask<T> task = level_task(layout, level, range, box);
+    std::vector<Box<float>> centres(
+        layout.header().fields.size(),
+        Box<float>(range.lo * 2 - one, (range.hi - range.lo) * 2 + two));
+    for (std::size_t f = 0; f < centres.size(); ++f) {
+        const Field field = layout.header().fields[f];
+        context.centres.get(level - 1, field, 0.0F, centres[f]);
+        task.fields.push_back({field, &centres[f]});
+    }
     Box<float> fine;
-    if (wanted.deviation) {
+    if (task.wants(Indicator::deviation)) {
         fine = Box<float>(box.values.lo, box.values.size);
         if (level == 3) {
             gather_finest_deviation(cache, layout, fine);
         } else {
-            context.centres.get(level - 2, Carried::deviation,
+            context.centres.get(level - 2, deviation_carried(layout),
                                 std::numeric_limits<float>::quiet_NaN(), fine);
         }
+        task.fine_deviation = &fine;
     }
-    LevelTask<T> task;
-    task.range = range;
-    task.values = &box;
-    task.fine_cells = layout.lattice().cells_at(level - 2);
-    task.bar_centres = &bar;
-    task.plus_centres = &plus;
-    task.deviation_centres = &deviation;
-    task.fine_deviation = &fine;
-    task.want_bar = wanted.bar;
-    task.want_plus = wanted.plus;
-    task.want_deviation = wanted.deviation;
     LevelSink sink(layout, level, block, one);
     run_and_carry(context, task, level, k / 2, sink);
     sink.encode(out);
@@ -342,8 +330,12 @@ std::uint64_t block_heap(const StoreLayout& layout) {
     const std::uint64_t chunk = k * k * k;
     // Indicators of a base block (2 x 2 x 2 chunks of level 1, one of level 2), once raw and once
     // encoded; centres that are handed on; the kernels' planes; the codec.
-    const std::uint64_t common = (chunk + chunk / 8 * kSlots) * code * fields * 2 +
-                                 2 * 4 * (k + 2) * (k + 2) * (k + 2) +
+    std::uint64_t elements = 0;
+    for (const Field field : layout.header().fields) {
+        elements += chunk * (centre_suffices_at_level_1(field) ? 1 : kSlots) + chunk / 8 * kSlots;
+    }
+    const std::uint64_t common = elements * code * 2 + fields * 4 * (k + 2) * (k + 2) * (k + 2) +
+                                 fields * 2 * kSlots * 8 * (k + 4) * (k + 4) +
                                  24 * 8 * (2 * k + 16) * (2 * k + 16) +
                                  codec_heap(chunk * value, layout.header().compression);
     // The base block encodes its 2 x 2 x 2 chunks of values and those of level 1; coarser blocks

@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "preprocess/hdf5_source.h"
+#include "preprocess/missing_source.h"
 #include "preprocess/nrrd_header.h"
 #include "store/error.h"
 
@@ -26,6 +27,8 @@ class Placed : public VolumeSource {
     [[nodiscard]] std::string name() const override { return inner_->name(); }
     [[nodiscard]] Granularity granularity() const override { return inner_->granularity(); }
     [[nodiscard]] bool sequential() const override { return inner_->sequential(); }
+    [[nodiscard]] std::uint64_t heap() const override { return inner_->heap(); }
+    [[nodiscard]] std::span<const std::byte> mapped() const override { return inner_->mapped(); }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         inner_->read(z0, nz, y0, ny, dst);
@@ -90,7 +93,7 @@ std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
         if (!options.dims || !options.type) {
             throw Error(ErrorKind::invalid_argument,
                         fmt::format("{}: neither HDF5 nor NRRD; to read it as raw numbers give "
-                                    "--dims X,Y,Z and --type T",
+                                    "--dims X,Y[,Z] and --type T",
                                     path.string()));
         }
         RawLayout layout;
@@ -101,7 +104,10 @@ std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
         source = open_raw(path, path.string(), layout);
     }
     if (options.spacing || options.origin) {
-        return std::make_unique<Placed>(std::move(source), options);
+        source = std::make_unique<Placed>(std::move(source), options);
+    }
+    if (options.missing) {
+        source = with_missing(std::move(source), *options.missing);
     }
     return source;
 }

@@ -139,15 +139,9 @@ void run_levels(const StoreLayout& layout, StoreWriter& writer, CentreStore& cen
 
 void allocate_centres(const StoreLayout& layout, CentreStore& centres) {
     const int top = layout.lattice().top();
-    for (int level = 1; level < top; ++level) {
-        if (layout.has(Field::deviation_bar) && level > 1) {
-            centres.allocate(level, Carried::deviation);
-        }
-        if (layout.has(Field::linf_bar) && level > 1) {
-            centres.allocate(level, Carried::bar);
-        }
-        if (layout.has(Field::linf_plus) && level > 1) {
-            centres.allocate(level, Carried::plus);
+    for (int level = 2; level < top; ++level) {
+        for (const Field field : layout.header().fields) {
+            centres.allocate(level, field);
         }
     }
 }

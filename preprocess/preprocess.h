@@ -17,7 +17,7 @@ struct PreprocessOptions {
     int compression = 1;  ///< zstd level, 1 to 19
     bool exact = false;   ///< indicators as binary32 instead of 16-bit codes rounded up
     bool force = false;   ///< replace an existing store
-    std::vector<Field> fields = all_indicators();
+    std::vector<Field> fields = default_indicators();
 };
 
 struct PreprocessReport {

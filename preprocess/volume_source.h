@@ -65,6 +65,7 @@ struct SourceOptions {
     std::uint64_t offset = 0;             ///< raw: bytes to skip (of the decompressed stream)
     std::optional<Double3> spacing;       ///< overrides the file's
     std::optional<Double3> origin;        ///< overrides the file's
+    std::optional<double> missing;        ///< this value stands for missing data
     std::uint64_t max_heap = 256u << 20;  ///< a source may not hold more than this many bytes
 };
 

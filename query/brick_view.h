@@ -45,9 +45,9 @@ class IndicatorView {
     IndicatorView() = default;
     IndicatorView(ChunkCache& cache, const ArrayInfo& array, const Int3& base)
         : chunks_(cache, array, base),
-          first_slot_(array.first_slot()),
+          first_slot_(array.first_slot),
           exact_(array.codec.element_size == sizeof(float)) {}
-    /// REQUIRES: the array stores the slot: slot >= ArrayInfo::first_slot().
+    /// REQUIRES: the array stores the slot: slot >= ArrayInfo::first_slot.
     [[nodiscard]] double at(const Int3& node, int slot) {
         const int component = slot - first_slot_;
         return exact_ ? static_cast<double>(chunks_.at<float>(node, component))

@@ -39,7 +39,7 @@ class Checker {
             for_each_chunk("levels", [&](const ArrayInfo& a, const Int3& c) {
                 if (a.field == Field::values) {
                     injection(a, c);
-                } else if (a.level == 1) {
+                } else if (a.level == 1 && centre_suffices_at_level_1(a.field)) {
                     finest_bounds(a, c);
                 } else {
                     saturation(a, c);
@@ -225,7 +225,7 @@ class Checker {
         std::int64_t compared = 0;
         for (std::int64_t i = 0; i < n.product(); ++i) {
             const Int3 node = n.unlinear(i);
-            for (int slot = 0; slot < kSlots; ++slot) {
+            for (int slot = 0; slot < array.components; ++slot) {
                 const Int3 o = slot_offset(slot);
                 const Int3 p = (base + node) * 2 + o;
                 if (!exists(p)) {
@@ -263,9 +263,10 @@ class Checker {
     template <class F>
     void finer_centres(const ArrayInfo& fine, const Int3& p, const Int3& base,
                        std::array<IndicatorView, 27>& finer, F&& against) {
-        const Int3 cells = layout_.lattice().cells_at(fine.level);
+        const Int3 cells = layout_.lattice().elements_at(fine.level);
         for (std::int64_t i = 0; i < 8; ++i) {
             const Int3 cube = p - Int3{i & 1, (i >> 1) & 1, i >> 2};
+            // Along a flat axis p is 0, and so is the square.
             if (min(cube, {0, 0, 0}) != Int3{0, 0, 0} ||
                 max(cube + Int3{1, 1, 1}, cells) != cells) {
                 continue;
@@ -279,9 +280,9 @@ class Checker {
                 block[axis] = local[axis] < 0 ? 0 : local[axis] < size ? 1 : 2;
                 rest[axis] = local[axis] - (block[axis] - 1) * size;
             }
-            against(finer[static_cast<std::size_t>((Int3{3, 3, 3}).linear(block))].at(rest,
-                                                                                      kCentreSlot),
-                    cube * 2 + Int3{1, 1, 1}, std::int64_t{1} << (fine.level - 1));
+            const int centre = layout_.lattice().centre_slot();
+            against(finer[static_cast<std::size_t>((Int3{3, 3, 3}).linear(block))].at(rest, centre),
+                    cube * 2 + slot_offset(centre), std::int64_t{1} << (fine.level - 1));
         }
     }
 
@@ -289,7 +290,7 @@ class Checker {
     /// from the values: never below, and at most the codes' rounding above.
     void finest_bounds(const ArrayInfo& array, const Int3& chunk) {
         const Int3 base = array.first_node(chunk);
-        const Int3 n = min(array.chunk, layout_.lattice().cells_at(1) - base);
+        const Int3 n = min(array.chunk, layout_.lattice().elements_at(1) - base);
         if (min(n, {1, 1, 1}) != Int3{1, 1, 1}) {
             return;
         }
@@ -300,11 +301,12 @@ class Checker {
             IndicatorView own(cache_, array, base);
             for (std::int64_t i = 0; i < n.product(); ++i) {
                 const Int3 cube = base + n.unlinear(i);
-                const double stored = own.at(cube - base, kCentreSlot);
-                const double computed = finest_indicator(cube_values(values, cube), 13,
-                                                         array.field == Field::linf_plus);
+                const double stored = own.at(cube - base, array.first_slot);
+                const double computed =
+                    finest_indicator(cube_values(values, cube), position_of_slot(array.first_slot),
+                                     saturation_of(array.field) == Saturation::plus);
                 if (!(stored >= computed) || !(stored <= computed * (1 + 0x1p-7) + kSmallestCode)) {
-                    add("indicator", array, chunk, cube * 2 + Int3{1, 1, 1},
+                    add("indicator", array, chunk, cube * 2 + slot_offset(array.first_slot),
                         fmt::format("{} is stored, {} follows from the values", stored, computed));
                 }
             }
@@ -357,8 +359,7 @@ class Checker {
     template <class T>
     void sampled_bounds() {
         const Lattice& lattice = layout_.lattice();
-        const std::int64_t total = lattice.cells_at(0).product();
-        if (total == 0 || lattice.top() == 0) {
+        if (lattice.top() == 0) {
             return;
         }
         std::uint64_t state = 0x9E3779B97F4A7C15ULL;
@@ -372,7 +373,7 @@ class Checker {
         for (std::uint64_t s = 0; s < options_.sampled_cubes; ++s) {
             progress_.check();
             const int level = 1 + static_cast<int>(random(std::min(lattice.top(), 5)));
-            const Int3 cells = lattice.cells_at(level);
+            const Int3 cells = lattice.elements_at(level);
             const Int3 cube{random(cells.x), random(cells.y), random(cells.z)};
             try {
                 brute_force<T>(level, cube);
@@ -394,7 +395,7 @@ class Checker {
         gather_values(cache_, layout_.array(0, Field::values), box);
         const LargestDifference found =
             largest_difference(box, cube, edge, layout_.lattice().nodes() - Int3{1, 1, 1});
-        for (const Field field : {Field::deviation_bar, Field::linf_plus}) {
+        for (const Field field : {Field::deviation_bar, Field::deviation_plus, Field::linf_plus}) {
             if (!layout_.has(field)) {
                 continue;
             }
@@ -402,7 +403,8 @@ class Checker {
             const Int3 chunk = array.chunk_of(cube);
             const Int3 base = array.first_node(chunk);
             IndicatorView view(cache_, array, base);
-            const double bound = view.at(cube - base, kCentreSlot);
+            const int centre = layout_.lattice().centre_slot();
+            const double bound = view.at(cube - base, centre);
             if (!(bound >= found.difference - 1e-12 * found.size)) {
                 add("bound", array, chunk, low + Int3{edge / 2, edge / 2, edge / 2},
                     fmt::format("{} is less than the difference {} that there is", bound,

@@ -24,14 +24,18 @@ std::uint32_t ClipContext::crossing(const std::array<std::uint32_t, 3>& triangle
     // from both sides and in every part.
     Double3 p = position(a);
     Double3 q = position(b);
+    c.from = a;
+    c.to = b;
     if (q < p) {
         std::swap(p, q);
+        std::swap(c.from, c.to);
     }
     const double t = (limit - p[axis]) / (q[axis] - p[axis]);
     for (std::size_t i = 0; i < 3; ++i) {
         c.position[i] = p[i] + t * (q[i] - p[i]);
     }
     c.position[axis] = limit;
+    c.t = t;
     vertices_.push_back(c);
     return next;
 }

@@ -24,6 +24,9 @@ class ClipContext {
         std::uint32_t plane = 0;       ///< 2 axis + (0 low, 1 high)
         bool inside_triangle = false;  ///< where two planes meet inside a triangle: never shared
         Double3 position{};
+        std::uint32_t from = 0;  ///< position is from + t (to - from)
+        std::uint32_t to = 0;
+        double t = 0;
     };
     /// New vertices are numbered from `first_new` on.
     ClipContext(const ClipBox& box, std::function<const Double3&(std::uint32_t)> position,

@@ -33,9 +33,10 @@ void finest_plane(const StoreReader& store, ChunkCache& cache, Field field, std:
                   std::vector<float>& plane) {
     const StoreLayout& layout = store.layout();
     const Int3 n = layout.lattice().nodes();
-    const Int3 cells = layout.lattice().cells_at(1);
+    const Int3 cells = layout.lattice().elements_at(1);
     const std::int64_t cz = std::min(z / 2, cells.z - 1);
     const ArrayInfo& array = layout.array(1, field);
+    const bool plus = saturation_of(field) == Saturation::plus;
     Box<T> values({0, 0, 2 * cz}, {2 * cells.x + 1, 2 * cells.y + 1, 3});
     gather_values(cache, layout.array(0, Field::values), values);
     for (std::int64_t cy = 0; cy < cells.y; ++cy) {
@@ -54,11 +55,11 @@ void finest_plane(const StoreReader& store, ChunkCache& cache, Field field, std:
                     if (at.z != z || at.x >= n.x || at.y >= n.y || !refines) {
                         continue;
                     }
-                    const bool centre = (at.x & at.y & at.z & 1) != 0;
+                    const bool centre = slot_of(at) == array.first_slot;
                     plane[static_cast<std::size_t>(at.y * n.x + at.x)] =
                         centre
-                            ? static_cast<float>(centres.at(cube - base, kCentreSlot))
-                            : round_up_to_float(finest_indicator(u, p, field == Field::linf_plus));
+                            ? static_cast<float>(centres.at(cube - base, array.first_slot))
+                            : round_up_to_float(finest_indicator(u, p, plus));
                 }
             }
         }
@@ -72,12 +73,13 @@ void indicator_plane(const StoreReader& store, ChunkCache& cache, const ExportOp
     const Lattice& lattice = layout.lattice();
     const Int3 n = lattice.nodes();
     std::fill(plane.begin(), plane.end(), 0.0F);
-    if (options.level <= 1 && lattice.top() >= 1 && lattice.cells_at(1).product() > 0) {
+    const bool derived = centre_suffices_at_level_1(options.field);
+    if (derived && options.level <= 1 && lattice.top() >= 1) {
         dispatch(layout.header().type, [&](auto tag) {
             finest_plane<typename decltype(tag)::type>(store, cache, options.field, z, plane);
         });
     }
-    for (int level = std::max(options.level, 2); level <= lattice.top(); ++level) {
+    for (int level = std::max(options.level, derived ? 2 : 1); level <= lattice.top(); ++level) {
         const std::int64_t scale = std::int64_t{1} << (level - 1);
         if (z % scale != 0) {
             break;  // no node of this plane is on a coarser lattice
@@ -92,12 +94,13 @@ void indicator_plane(const StoreReader& store, ChunkCache& cache, const ExportOp
                 const Int3 end = min(base + array.chunk, array.nodes);
                 for (std::int64_t py = 2 * base.y; py < 2 * end.y && py * scale < n.y; ++py) {
                     for (std::int64_t px = 2 * base.x; px < 2 * end.x && px * scale < n.x; ++px) {
-                        if (((px | py | pz) & 1) == 0) {
+                        const Int3 p{px, py, pz};
+                        if (((px | py | pz) & 1) == 0 || slot_of(p) >= array.components) {
                             continue;
                         }
                         plane[static_cast<std::size_t>(py * scale * n.x + px * scale)] =
                             static_cast<float>(view.at(Int3{px / 2, py / 2, pz / 2} - base,
-                                                       slot_of({px, py, pz})));
+                                                       slot_of(p)));
                     }
                 }
             }

@@ -14,6 +14,7 @@
 
 #include "query/topology.h"
 #include "store/box.h"
+#include "store/lattice.h"
 
 namespace isonest {
 
@@ -72,6 +73,12 @@ constexpr std::array<Node, 27> make_nodes() {
 inline constexpr std::array<Node, 27> kNodes = make_nodes();
 
 }  // namespace finest
+
+/// The position of a cube's node of this slot.
+constexpr int position_of_slot(int slot) {
+    const Int3 o = slot_offset(slot);
+    return static_cast<int>(o.x + 3 * o.y + 9 * o.z);
+}
 
 /// eta of one node: +inf if it or an end of its refinement edge is missing.
 inline double finest_offset(const CubeValues& u, int position) {

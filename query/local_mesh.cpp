@@ -26,7 +26,7 @@ bool precedes(const Int3& a, const Int3& b) {
 }
 
 /// A bijection on 64-bit numbers that leaves no pattern (the finaliser of MurmurHash3).
-std::uint64_t mix(std::uint64_t h) {
+std::uint64_t scrambled(std::uint64_t h) {
     h = (h ^ (h >> 33U)) * 0xFF51AFD7ED558CCDULL;
     h = (h ^ (h >> 33U)) * 0xC4CEB9FE1A85EC53ULL;
     return h ^ (h >> 33U);
@@ -70,18 +70,19 @@ std::uint32_t LocalMesh::edge_vertex(const Corner& a, const Corner& b, double is
     for (std::size_t axis = 0; axis < 3; ++axis) {
         element.position[axis] = from[axis] + t * (to[axis] - from[axis]);
     }
+    element.attributes = attributes_of(p.node, q.node, t);
     element.parent = next;
     elements_.push_back(element);
     return next;
 }
 
 std::uint32_t LocalMesh::token(VertexKind kind, const Int3& first, const Int3& second,
-                               const Double3& position) {
+                               const Double3& position, const VertexAttributes& attributes) {
     const VertexKey key{half_lattice_key(first), half_lattice_key(second), kind};
     const auto next = static_cast<std::uint32_t>(elements_.size());
     const auto [it, inserted] = tokens_.try_emplace(key, next);
     if (inserted) {
-        elements_.push_back({key, position, next, 0});
+        elements_.push_back({key, position, attributes, next, 0});
     }
     ++elements_[it->second].uses;
     return it->second;
@@ -92,8 +93,12 @@ std::uint32_t LocalMesh::token(VertexKind kind, const Int3& first, const Int3& s
 std::uint32_t LocalMesh::fan(const Corner& node, const Corner& a0, const Corner& b0,
                              const Corner& a1, const Corner& b1) {
     const Double3 at = as_point(node.node);
-    const std::uint32_t in = token(VertexKind::fan, node.node * 2, a0.node + b0.node, at);
-    const std::uint32_t out = token(VertexKind::fan, node.node * 2, a1.node + b1.node, at);
+    const VertexAttributes attributes =
+        attributes_ != nullptr ? attributes_->node(node.node) : VertexAttributes{};
+    const std::uint32_t in =
+        token(VertexKind::fan, node.node * 2, a0.node + b0.node, at, attributes);
+    const std::uint32_t out =
+        token(VertexKind::fan, node.node * 2, a1.node + b1.node, at, attributes);
     unite(in, out);
     return in;
 }
@@ -102,9 +107,10 @@ void LocalMesh::add(std::uint32_t a, std::uint32_t b, std::uint32_t c, bool cut)
     triangles_.push_back({{a, b, c}, cut});
 }
 
-std::uint32_t LocalMesh::private_vertex(const Double3& position) {
+std::uint32_t LocalMesh::private_vertex(const Double3& position,
+                                        const VertexAttributes& attributes) {
     const auto next = static_cast<std::uint32_t>(elements_.size());
-    elements_.push_back({{0, 0, VertexKind::fan}, position, next, 2});
+    elements_.push_back({{0, 0, VertexKind::fan}, position, attributes, next, 2});
     return next;
 }
 
@@ -129,7 +135,13 @@ void LocalMesh::add_split(const std::array<std::uint32_t, 3>& v,
                         elements_[v[2]].position[axis]) /
                        3;
     }
-    const std::uint32_t c = private_vertex(centre);
+    VertexAttributes mean{};
+    for (std::size_t i = 0; i < mean.size(); ++i) {
+        mean[i] = (elements_[v[0]].attributes[i] + elements_[v[1]].attributes[i] +
+                   elements_[v[2]].attributes[i]) /
+                  3;
+    }
+    const std::uint32_t c = private_vertex(centre, mean);
     for (std::size_t i = 0; i < 3; ++i) {
         add(c, v[i], mid[i], cut);
         add(c, mid[i], v[(i + 1) % 3], cut);
@@ -151,7 +163,9 @@ void LocalMesh::march_one_below(const Corner& q, const std::array<Corner, 3>& ab
         if (a.value == iso && b.value == iso) {
             const Double3 at = as_point(a.node + b.node);
             mid[i] = token(VertexKind::run, a.node + b.node, q.node * 2,
-                           {at[0] / 2, at[1] / 2, at[2] / 2});
+                           {at[0] / 2, at[1] / 2, at[2] / 2},
+                           precedes(a.node, b.node) ? attributes_of(a.node, b.node, 0.5)
+                                                    : attributes_of(b.node, a.node, 0.5));
         }
     }
     add_split(v, mid, cut);
@@ -166,8 +180,11 @@ void LocalMesh::march_two_below(const Corner& a, const Corner& b, const Corner& 
         fan(b, a, q1, a, q2);
         const Double3 at = as_point(a.node + b.node);
         const Double3 middle{at[0] / 2, at[1] / 2, at[2] / 2};
-        unite(token(VertexKind::run, a.node + b.node, q1.node * 2, middle),
-              token(VertexKind::run, a.node + b.node, q2.node * 2, middle));
+        const VertexAttributes attributes = precedes(a.node, b.node)
+                                                ? attributes_of(a.node, b.node, 0.5)
+                                                : attributes_of(b.node, a.node, 0.5);
+        unite(token(VertexKind::run, a.node + b.node, q1.node * 2, middle, attributes),
+              token(VertexKind::run, a.node + b.node, q2.node * 2, middle, attributes));
         return;
     }
     // (a, b, q1, q2) positive: the quadrilateral a q1, a q2, b q2, b q1 faces q.
@@ -232,6 +249,50 @@ void LocalMesh::march(const std::array<Corner, 4>& corners, bool positive, doubl
     }
 }
 
+std::uint32_t LocalMesh::node_vertex(const Int3& node, const Double3& position) {
+    const std::uint64_t key = half_lattice_key(node * 2);
+    const auto next = static_cast<std::uint32_t>(elements_.size());
+    const auto [it, inserted] = edges_.try_emplace(key, next);
+    if (inserted) {
+        const VertexAttributes attributes =
+            attributes_ != nullptr ? attributes_->node(node) : VertexAttributes{};
+        elements_.push_back({{key, 0, VertexKind::edge}, position, attributes, next, 0});
+    }
+    return it->second;
+}
+
+void LocalMesh::march_line(const std::array<Corner, 3>& corners, double iso, bool cut) {
+    lines_ = true;
+    std::array<std::uint32_t, 2> ends{kNone, kNone};
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+        const Corner& a = corners[i];
+        const Corner& b = corners[(i + 1) % 3];
+        if ((a.value < iso) != (b.value < iso)) {
+            const Corner& above = a.value < iso ? b : a;
+            ends.at(count++) = above.value == iso ? node_vertex(above.node, as_point(above.node))
+                                                  : edge_vertex(a, b, iso);
+        }
+    }
+    if (count == 2 && ends[0] != ends[1]) {
+        add(ends[0], ends[1], ends[1], cut);
+    }
+}
+
+void LocalMesh::add_graph(const std::array<Corner, 3>& corners, bool cut) {
+    const Int3 a = corners[1].node - corners[0].node;
+    const Int3 b = corners[2].node - corners[0].node;
+    const bool up = a.x * b.y - a.y * b.x > 0;
+    std::array<std::uint32_t, 3> v{};
+    for (std::size_t i = 0; i < 3; ++i) {
+        const Corner& c = corners[i];
+        Double3 position = as_point(c.node);
+        position[2] = c.value;
+        v[i] = node_vertex(c.node, position);
+    }
+    add(v[0], v[up ? 1 : 2], v[up ? 2 : 1], cut);
+}
+
 MeshPart LocalMesh::finish(const ClipBox& box) {
     // A vertex is complete if its triangles close up around it: then the neighbours that its
     // triangles enter and leave by are the same, and their (mixed) numbers cancel. An incomplete
@@ -242,13 +303,16 @@ MeshPart LocalMesh::finish(const ClipBox& box) {
             v = root(v);
         }
         for (std::size_t i = 0; i < 3; ++i) {
-            open[t.v[i]] += mix(t.v[(i + 1) % 3]) - mix(t.v[(i + 2) % 3]);
+            open[t.v[i]] += scrambled(t.v[(i + 1) % 3]) - scrambled(t.v[(i + 2) % 3]);
         }
     }
     for (std::uint32_t e = 0; e < elements_.size(); ++e) {
         if (elements_[e].key.kind != VertexKind::edge && elements_[e].uses < 2) {
             open[root(e)] |= 1U;
         }
+    }
+    if (lines_) {
+        std::fill(open.begin(), open.end(), 1);  // any end may go on in another part
     }
     MeshPart part;
     // First by element: which of them are shared, with their names.
@@ -265,6 +329,14 @@ MeshPart LocalMesh::finish(const ClipBox& box) {
     ClipContext clip(
         box, [&](std::uint32_t e) -> const Double3& { return elements_[e].position; },
         static_cast<std::uint32_t>(elements_.size()));
+    const std::size_t width = attributes_ != nullptr ? attributes_->width() : 0;
+    const std::function<VertexAttributes(std::uint32_t)> attributes = [&](std::uint32_t v) {
+        if (v < elements_.size()) {
+            return elements_[v].attributes;
+        }
+        const ClipContext::CutVertex& c = clip.vertex(v);
+        return mix(attributes(c.from), attributes(c.to), c.t);
+    };
     const auto vertex_of = [&](std::uint32_t v) {
         if (v >= number.size()) {
             number.resize(v + 1, kNone);
@@ -273,6 +345,11 @@ MeshPart LocalMesh::finish(const ClipBox& box) {
             number[v] = static_cast<std::uint32_t>(part.positions.size());
             part.positions.push_back(v < elements_.size() ? elements_[v].position
                                                           : clip.position(v));
+            if (width > 0) {
+                const VertexAttributes a = attributes(v);
+                part.attributes.insert(part.attributes.end(), a.begin(),
+                                       a.begin() + static_cast<std::ptrdiff_t>(width));
+            }
             order.push_back(v);
         }
         return number[v];
@@ -283,6 +360,9 @@ MeshPart LocalMesh::finish(const ClipBox& box) {
             continue;
         }
         for (const auto& piece : clip.cut(t.v)) {
+            if (lines_ && (piece[0] == piece[1] || piece[1] != piece[2])) {
+                continue;  // what a flat triangle leaves beside its line
+            }
             part.triangles.push_back(
                 {vertex_of(piece[0]), vertex_of(piece[1]), vertex_of(piece[2])});
         }

@@ -30,13 +30,15 @@ struct Pieces {
     std::uint64_t cuts;
     std::uint64_t shared;
     std::uint64_t vertices;
+    std::uint64_t attributes;
     std::uint64_t triangles;
     std::uint64_t end;
-    explicit Pieces(const PartRecord& r)
+    Pieces(const PartRecord& r, std::size_t width)
         : cuts(aligned(r.names * sizeof(MeshPart::Name))),
           shared(cuts + aligned(r.cuts * sizeof(MeshPart::Cut))),
           vertices(shared + aligned(r.shared * sizeof(MeshPart::Shared))),
-          triangles(vertices + aligned(r.vertices * sizeof(Point))),
+          attributes(vertices + aligned(r.vertices * sizeof(Point))),
+          triangles(attributes + aligned(r.vertices * width * sizeof(float))),
           end(triangles + aligned(r.triangles * sizeof(std::array<std::uint32_t, 3>))) {}
 };
 
@@ -46,8 +48,14 @@ constexpr std::uint64_t kKeptOverhead = 64;
 }  // namespace
 
 PartStore::PartStore(const std::filesystem::path& folder, const Double3& spacing,
-                     const Double3& origin, std::uint64_t memory)
-    : file_(folder), record_file_(folder), spacing_(spacing), origin_(origin), memory_(memory) {}
+                     const Double3& origin, std::uint64_t memory,
+                     std::size_t attributes)
+    : file_(folder),
+      record_file_(folder),
+      spacing_(spacing),
+      origin_(origin),
+      memory_(memory),
+      attributes_(attributes) {}
 
 void PartStore::append(std::uint64_t order, const MeshPart& part) {
     PartRecord record;
@@ -57,7 +65,7 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     record.shared = static_cast<std::uint32_t>(part.shared.size());
     record.names = static_cast<std::uint32_t>(part.names.size());
     record.cuts = static_cast<std::uint32_t>(part.cuts.size());
-    const Pieces pieces(record);
+    const Pieces pieces(record, attributes_);
     auto bytes = std::make_unique_for_overwrite<std::byte[]>(pieces.end);
     const auto put = [&](std::uint64_t at, const auto& v) {
         if (!v.empty()) {
@@ -67,6 +75,7 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     put(0, part.names);
     put(pieces.cuts, part.cuts);
     put(pieces.shared, part.shared);
+    put(pieces.attributes, part.attributes);
     put(pieces.triangles, part.triangles);
     auto* const world = reinterpret_cast<Point*>(bytes.get() + pieces.vertices);
     for (std::size_t i = 0; i < part.positions.size(); ++i) {
@@ -112,16 +121,20 @@ std::span<const MeshPart::Name> PartStore::names(const PartRecord& r) const {
     return slice<MeshPart::Name>(r, 0, r.names);
 }
 std::span<const MeshPart::Cut> PartStore::cuts(const PartRecord& r) const {
-    return slice<MeshPart::Cut>(r, Pieces(r).cuts, r.cuts);
+    return slice<MeshPart::Cut>(r, Pieces(r, attributes_).cuts, r.cuts);
 }
 std::span<const MeshPart::Shared> PartStore::shared(const PartRecord& r) const {
-    return slice<MeshPart::Shared>(r, Pieces(r).shared, r.shared);
+    return slice<MeshPart::Shared>(r, Pieces(r, attributes_).shared, r.shared);
 }
 std::span<const std::array<float, 3>> PartStore::vertices(const PartRecord& r) const {
-    return slice<Point>(r, Pieces(r).vertices, r.vertices);
+    return slice<Point>(r, Pieces(r, attributes_).vertices, r.vertices);
+}
+std::span<const float> PartStore::attributes(const PartRecord& r) const {
+    return slice<float>(r, Pieces(r, attributes_).attributes,
+                        r.vertices * static_cast<std::uint32_t>(attributes_));
 }
 std::span<const std::array<std::uint32_t, 3>> PartStore::triangles(const PartRecord& r) const {
-    return slice<std::array<std::uint32_t, 3>>(r, Pieces(r).triangles, r.triangles);
+    return slice<std::array<std::uint32_t, 3>>(r, Pieces(r, attributes_).triangles, r.triangles);
 }
 
 }  // namespace isonest

@@ -33,9 +33,10 @@ struct PartRecord {
 class PartStore {
   public:
     /// World coordinates are origin + spacing * position, as float32. Parts of up to `memory` bytes
-    /// in all stay in memory, the others go to a temporary file in `folder`.
+    /// in all stay in memory, the others go to a temporary file in `folder`. `attributes`: how
+    /// many each vertex has.
     PartStore(const std::filesystem::path& folder, const Double3& spacing, const Double3& origin,
-              std::uint64_t memory);
+              std::uint64_t memory, std::size_t attributes = 0);
 
     /// Throws Error{io}.
     void append(std::uint64_t order, const MeshPart& part);
@@ -44,6 +45,9 @@ class PartStore {
 
     [[nodiscard]] std::span<PartRecord> records() const { return records_; }
     [[nodiscard]] std::span<const std::array<float, 3>> vertices(const PartRecord& r) const;
+    /// attributes_per_vertex() numbers for each vertex.
+    [[nodiscard]] std::span<const float> attributes(const PartRecord& r) const;
+    [[nodiscard]] std::size_t attributes_per_vertex() const { return attributes_; }
     [[nodiscard]] std::span<const std::array<std::uint32_t, 3>> triangles(
         const PartRecord& r) const;
     [[nodiscard]] std::span<const MeshPart::Shared> shared(const PartRecord& r) const;
@@ -63,6 +67,7 @@ class PartStore {
     Double3 spacing_;
     Double3 origin_;
     std::uint64_t memory_;
+    std::size_t attributes_;
     std::mutex mutex_;
     std::vector<std::unique_ptr<std::byte[]>> kept_;
     std::uint64_t end_ = 0;

@@ -7,9 +7,13 @@
 #include <array>
 #include <atomic>
 #include <functional>
+#include <optional>
 #include <vector>
 
+#include "query/culling.h"
 #include "query/local_mesh.h"
+#include "query/target.h"
+#include "query/tolerance.h"
 #include "store/chunk_cache.h"
 #include "store/progress.h"
 
@@ -18,10 +22,14 @@ namespace isonest {
 /// What to extract, in lattice terms.
 struct TraversalQuery {
     double iso = 0;
-    double epsilon = 0;  ///< refine while the stop field >= epsilon; 0: to the end
+    std::optional<LatticePlane> plane;  ///< a slice in place of the isosurface
+    Tolerance tolerance{0, {}, {}, {1, 1, 1}, {}};  ///< which nodes stop
     Field stop = Field::deviation_bar;
-    Field bound = Field::deviation_bar;  ///< REQUIRES: a sound bound (linf_plus or deviation_bar)
-    ClipBox box;                         ///< inside the volume
+    Field bound = Field::deviation_bar;  ///< REQUIRES: is_bound(bound)
+    std::optional<Culling> culling;
+    AttributeChoice attributes;
+    ChunkCache* attribute_values = nullptr;  ///< another store of the same nodes; null: this one
+    ClipBox box;                             ///< inside the volume
 };
 
 struct TraversalCounts {
@@ -38,6 +46,12 @@ using PartSink = std::function<void(std::uint64_t order, const MeshPart& part)>;
 /// Throws what the chunk source throws, and Error{cancelled}.
 TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
                          const PartSink& sink, Progress& progress);
+
+/// By what the bound field at the refinement node of an element of kind 0, 1 or 2 has to be
+/// multiplied to bound |U - U^l| there: 1, and h(T) for the gradient type (section 4 of the paper).
+/// `level`: an element of kind 0 is in a cube of edge 2^level, one of kind 1 or 2 of edge 2^(level +
+/// 1).
+std::array<double, 3> bound_scale(Field bound, int level, const Double3& spacing);
 
 /// Heap of chunks that one thread may hold at the same time while it works on a brick.
 std::uint64_t brick_heap(const StoreLayout& layout, const TraversalQuery& query);

@@ -70,25 +70,22 @@ StoreLayout::StoreLayout(const StoreHeader& header) : header_(header) {
         if (level == 0) {
             continue;
         }
-        std::uint64_t linf_bar_row = 0;
         for (const Field field : header_.fields) {
             ArrayInfo indicator = values;
             indicator.field = field;
-            indicator.components = kSlots - indicator.first_slot();
+            const int centre = lattice_.centre_slot();
+            indicator.first_slot = level == 1 && centre_suffices_at_level_1(field) ? centre : 0;
+            indicator.components = centre + 1 - indicator.first_slot;
             indicator.chunk = min(values.nodes, {k / 2, k / 2, k / 2});
             indicator.grid = ceil_div(values.nodes, indicator.chunk);
             indicator.codec = {code_size, true, header_.compression};
-            // At level 1 the deviation of a tetrahedron is attained at a node that its own
-            // refinement reaches, so both saturated fields are the same array.
-            if (level == 1 && field == Field::deviation_bar && has(Field::linf_bar)) {
+            const Field source = level == 1 ? source_at_level_1(field) : field;
+            if (source != field && has(source)) {
                 indicator.alias = true;
-                indicator.first_row = linf_bar_row;
+                indicator.first_row = array(level, source).first_row;
             } else {
                 indicator.first_row = rows_;
                 rows_ += static_cast<std::uint64_t>(indicator.grid.product());
-            }
-            if (field == Field::linf_bar) {
-                linf_bar_row = indicator.first_row;
             }
             arrays_.push_back(indicator);
         }

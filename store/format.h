@@ -13,7 +13,7 @@
 
 namespace isonest {
 
-inline constexpr std::uint32_t kFormatMajor = 1;
+inline constexpr std::uint32_t kFormatMajor = 2;
 inline constexpr std::uint32_t kFormatMinor = 0;
 inline constexpr const char* kFormatName = "isonest";
 inline constexpr unsigned kZstdFilter = 32015;
@@ -51,14 +51,12 @@ struct ArrayInfo {
     Int3 nodes;                   ///< lattice nodes of the level
     Int3 chunk;                   ///< nodes per chunk
     Int3 grid;                    ///< chunks per axis
-    int components = 1;           ///< 1 for values, kSlots for indicators, 1 of those at level 1
+    int components = 1;           ///< 1 for values; indicators: slots from first_slot on
+    int first_slot = 0;           ///< indicators: the slot of component 0
     std::uint64_t first_row = 0;  ///< of the chunk table; chunks follow x fastest
     bool alias = false;           ///< the same stored array as another field's (a hard link)
     CodecSpec codec;
 
-    /// Indicators: the slot of component 0. Level 1 keeps the centres alone, because its faces and
-    /// edges follow from the values of level 0.
-    [[nodiscard]] int first_slot() const { return level == 1 ? kCentreSlot : 0; }
     [[nodiscard]] std::size_t chunk_bytes() const {
         return static_cast<std::size_t>(chunk.product() * components) * codec.element_size;
     }

@@ -25,6 +25,22 @@ Int3 Lattice::nodes_at(int level) const {
     return cells_at(level) + Int3{1, 1, 1};
 }
 
+unsigned Lattice::flat_axes() const {
+    return (nodes_.x == 1 ? 1U : 0U) + (nodes_.y == 1 ? 2U : 0U) + (nodes_.z == 1 ? 4U : 0U);
+}
+
+int Lattice::dimension() const {
+    return 3 - std::popcount(flat_axes());
+}
+
+Int3 Lattice::elements_at(int level) const {
+    return max(cells_at(level), {1, 1, 1});
+}
+
+int Lattice::centre_slot() const {
+    return static_cast<int>(7U & ~flat_axes()) - 1;
+}
+
 NodeInfo describe_node(const Int3& x, int top) {
     NodeInfo info;
     const auto all = static_cast<std::uint64_t>(x.x | x.y | x.z);

@@ -31,6 +31,15 @@ class Lattice {
     [[nodiscard]] Int3 cells_at(int level) const;
     /// Nodes of the lattice of stride 2^level per axis (cells + 1).
     [[nodiscard]] Int3 nodes_at(int level) const;
+    /// Axes with a single node (bits x, y, z): the grid is of triangles, or of edges, if there are any.
+    [[nodiscard]] unsigned flat_axes() const;
+    /// 3 less the number of flat axes.
+    [[nodiscard]] int dimension() const;
+    /// What has a centre at a level: its cubes, or squares, or edges; cells_at() but 1 along a flat
+    /// axis.
+    [[nodiscard]] Int3 elements_at(int level) const;
+    /// The slot of those centres: kCentreSlot unless an axis is flat. REQUIRES: dimension() > 0.
+    [[nodiscard]] int centre_slot() const;
 
   private:
     Int3 nodes_{1, 1, 1};
@@ -57,6 +66,8 @@ NodeInfo describe_node(const Int3& x, int top);
 /// The seven refinement nodes of scale 2^(L-1) that a node of level L owns: slot = ox + 2 oy + 4 oz
 /// - 1 for the offset (ox, oy, oz) in {0,1}^3 \ 0 times the scale. Slots 0, 1, 3 are the midpoints
 /// of the cube's edges along x, y, z; 2, 4, 5 the centres of its xy, xz, yz faces; 6 its centre.
+/// Along a flat axis all nodes have offset 0, and the centre of a square or an edge takes the place
+/// of the cube's.
 inline constexpr int kSlots = 7;
 inline constexpr int kCentreSlot = 6;
 constexpr int slot_of(int ox, int oy, int oz) {

@@ -84,4 +84,60 @@ void publish(const std::filesystem::path& temporary, const std::filesystem::path
     sync(folder_of(path), O_RDONLY | O_DIRECTORY);
 }
 
+OutputFile::OutputFile(
+    std::filesystem::path path, bool force,
+    const std::function<void(const std::filesystem::path& temporary)>& prepare)
+    : path_(std::move(path)), temporary_(temporary_name(path_)), force_(force) {
+    check_output(path_, force_);
+    ::unlink(temporary_.c_str());
+    int flags = O_CREAT | O_EXCL;
+    if (prepare) {
+        try {
+            prepare(temporary_);
+        } catch (...) {
+            ::unlink(temporary_.c_str());
+            throw;
+        }
+        flags = 0;
+    }
+    fd_ = ::open(temporary_.c_str(), flags | O_WRONLY | O_CLOEXEC, 0666);
+    if (fd_ < 0) {
+        const int error = errno;
+        ::unlink(temporary_.c_str());
+        fail("create", error);
+    }
+}
+
+OutputFile::~OutputFile() {
+    if (fd_ >= 0) {
+        ::close(fd_);
+        ::unlink(temporary_.c_str());
+    }
+}
+
+void OutputFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes) const {
+    while (!bytes.empty()) {
+        const ssize_t n = ::pwrite(fd_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
+        if (n < 0 && errno == EINTR) {
+            continue;
+        }
+        if (n <= 0) {
+            fail("write", n == 0 ? ENOSPC : errno);
+        }
+        offset += static_cast<std::uint64_t>(n);
+        bytes = bytes.subspan(static_cast<std::size_t>(n));
+    }
+}
+
+void OutputFile::publish_as_named() {
+    publish(temporary_, path_, force_);
+    ::close(fd_);
+    fd_ = -1;
+}
+
+void OutputFile::fail(const char* what, int error) const {
+    throw Error(ErrorKind::io,
+                fmt::format("{}: cannot {}: {}", path_.string(), what, std::strerror(error)));
+}
+
 }  // namespace isonest

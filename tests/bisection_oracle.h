@@ -1,33 +1,39 @@
 // Indicators by explicit recursive bisection, without the closed form of the lattice.
 //
-// Source: Maubach's tagged bisection (1995): a tetrahedron (v0, v1, v2, v3; d) is cut at the
-// midpoint z of v0 vd into (v0 .. v(d-1), z, v(d+1) ..; d') and (v1 .. vd, z, v(d+1) ..; d'), d' =
-// d - 1, or 3 if d = 1.
+// Source: Maubach's tagged bisection (1995) in d dimensions: a simplex (v0 .. vd; k) is cut at the
+// midpoint z of v0 vk into (v0 .. v(k-1), z, v(k+1) ..; k') and (v1 .. vk, z, v(k+1) ..; k'), k' = k - 1,
+// or d if k = 1.
 #pragma once
 
 #include <array>
 #include <functional>
 #include <map>
-#include <tuple>
 #include <vector>
 
+#include "store/field.h"
 #include "store/lattice.h"
 
 namespace isonest::test {
 
 struct OracleNode {
-    double eta = 0;
-    double bar = 0;
-    double plus = 0;
-    double deviation = 0;  ///< not saturated
-    double deviation_bar = 0;
+    /// By Indicator; not saturated, and saturated by maximum and by sum.
+    std::array<double, kIndicatorCount> eta{};
+    std::array<double, kIndicatorCount> bar{};
+    std::array<double, kIndicatorCount> plus{};
+
+    [[nodiscard]] double of(Field field) const {
+        const auto i = static_cast<std::size_t>(indicator_of(field));
+        return saturation_of(field) == Saturation::bar ? bar[i] : plus[i];
+    }
 };
 
 class BisectionOracle {
   public:
     using Key = std::array<std::int64_t, 3>;
-    /// `value` gives U, clamped outside. A non-finite value is missing.
-    BisectionOracle(const Int3& n, const std::function<double(const Int3&)>& value);
+    /// `value` gives U, clamped outside. A non-finite value is missing. Axes with one node are left
+    /// out: the elements are triangles or edges then.
+    BisectionOracle(const Int3& n, const std::function<double(const Int3&)>& value,
+                    const Double3& spacing = {1, 1, 1});
     [[nodiscard]] const std::map<Key, OracleNode>& nodes() const { return nodes_; }
 
   private:
@@ -35,17 +41,24 @@ class BisectionOracle {
         std::array<Int3, 4> v;
         int tag;
     };
-    static Int3 middle(const Element& t) {
-        const Int3 sum = t.v[0] + t.v[static_cast<std::size_t>(t.tag)];
-        return {sum.x / 2, sum.y / 2, sum.z / 2};
-    }
-    static std::array<Element, 2> bisect(const Element& t);
+    using Gradient = std::array<double, 3>;
+
+    [[nodiscard]] Int3 middle(const Element& t) const;
+    [[nodiscard]] std::array<Element, 2> bisect(const Element& t) const;
     [[nodiscard]] bool exists(const Element& t) const;
-    void visit(const Element& t, bool finest_next);
-    double deviation(const Element& t) const;
+    /// How much of the weight at vertex i a point has; and the size of the element.
+    [[nodiscard]] std::array<double, 4> barycentric(const Element& t, const Gradient& p) const;
+    [[nodiscard]] double measure(const Element& t) const;
+    [[nodiscard]] Gradient gradient(const Element& t, const std::array<double, 4>& u) const;
+    [[nodiscard]] double deviation(const Element& t) const;
+    [[nodiscard]] double determinant(const std::array<Gradient, 3>& rows) const;
+    [[nodiscard]] std::array<Gradient, 3> edges(const Element& t) const;
 
     Int3 n_;
     std::function<double(const Int3&)> value_;
+    Double3 spacing_;
+    std::vector<int> axes_;  ///< those that are not flat
+    std::size_t d_ = 3;
     std::map<Key, OracleNode> nodes_;
 };
 

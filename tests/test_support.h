@@ -75,7 +75,7 @@ class MemoryVolume : public VolumeSource {
     }
     [[nodiscard]] Int3 nodes() const override { return n_; }
     [[nodiscard]] ValueType type() const override { return value_type<T>(); }
-    [[nodiscard]] Double3 spacing() const override { return {1, 1, 1}; }
+    [[nodiscard]] Double3 spacing() const override { return spacing_; }
     [[nodiscard]] Double3 origin() const override { return {0, 0, 0}; }
     [[nodiscard]] std::string name() const override { return "memory"; }
     [[nodiscard]] Granularity granularity() const override { return granularity_; }
@@ -95,6 +95,7 @@ class MemoryVolume : public VolumeSource {
         return static_cast<double>(data_[static_cast<std::size_t>(n_.linear(q))]);
     }
     Granularity granularity_;
+    Double3 spacing_{1, 1, 1};
     std::int64_t planes_read_ = 0;
 
   private:

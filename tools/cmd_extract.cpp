@@ -6,74 +6,43 @@
 #include "query/extract.h"
 #include "store/error.h"
 #include "tools/command.h"
+#include "tools/extract_options.h"
 #include "tools/leftovers.h"
 #include "tools/units.h"
 
 namespace isonest::cli {
 namespace {
 
-struct Arguments {
-    std::string store;
-    std::string mesh;
-    ExtractOptions extract;
-};
-
-double parse_error(const std::string& option, const std::string& text) {
-    const double value = parse_number(option, text);
-    if (value < 0) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} '{}': give a number >= 0", option, text));
-    }
-    return value;
-}
-
-Guarantee parse_guarantee(const std::string& text) {
-    if (text == "deviation") {
-        return Guarantee::deviation;
-    }
-    if (text == "plus") {
-        return Guarantee::plus;
-    }
-    if (text == "estimate") {
-        return Guarantee::estimate;
-    }
-    throw Error(ErrorKind::invalid_argument,
-                fmt::format("--guarantee '{}': give deviation, plus or estimate", text));
-}
-
-WorldBox parse_box(const std::string& text) {
-    const std::vector<double> v = parse_numbers("--box", text, 6, "x0,y0,z0,x1,y1,z1");
-    return {{v[0], v[1], v[2]}, {v[3], v[4], v[5]}};
-}
-
-Result run(const Arguments& a, Progress& progress) {
+Result run(ExtractArguments& a, bool has_iso, Progress& progress) {
     const StoreReader store(a.store);
+    if (!has_iso && !a.extract.graph_scale) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("give the isovalue, --iso V; the values of {} go from {:.6g} to "
+                                "{:.6g}",
+                                a.store, store.min_value(), store.max_value()));
+    }
+    std::optional<StoreReader> values;
+    if (!a.values.empty()) {
+        values.emplace(a.values);
+        a.extract.values = &*values;
+    }
+    if (a.extract.focus) {
+        a.extract.focus->falloff = a.falloff;
+    }
     const ExtractReport r = extract(store, a.mesh, a.extract, progress);
-    const bool promised = a.extract.guarantee != Guarantee::estimate;
     Result result;
     result.warning = leftovers_of(a.mesh);
-    result.json = {{"mesh", a.mesh},
-                   {"iso", a.extract.iso},
-                   {"vertices", r.vertices},
-                   {"triangles", r.triangles},
-                   {"tolerance", r.tolerance},
-                   {"error_bound", r.error_bound},
-                   {"guaranteed", promised},
-                   {"visited_tetrahedra", r.visited_tetrahedra},
-                   {"leaf_tetrahedra", r.leaf_tetrahedra},
-                   {"zero_area_triangles", r.zero_area_triangles},
-                   {"chunks_read", r.chunks_read},
-                   {"chunks_total", r.chunks_total},
-                   {"bytes_read", r.bytes_read},
-                   {"peak_cache_bytes", r.peak_cache_bytes},
-                   {"bricks", r.bricks},
-                   {"seconds", r.seconds}};
-    result.text = fmt::format(
-        "{}: {} triangles, {} vertices, in {}\n"
-        "{} {:.6g} (asked for {:.6g}); read {} of {} chunks, {}\n",
-        a.mesh, r.triangles, r.vertices, human_seconds(r.seconds),
-        promised ? "error at most" : "estimated error", r.error_bound, r.tolerance, r.chunks_read,
-        r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
+    result.json = extract_json(a, r);
+    if (has_iso) {
+        result.json["iso"] = a.extract.iso;
+    }
+    result.text = fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n",
+                              a.mesh, r.triangles,
+                              r.dimension == 2 && !a.extract.graph_scale ? "line segments"
+                                                                         : "triangles",
+                              r.vertices, human_seconds(r.seconds),
+                              guarantee_text(a, r), r.chunks_read, r.chunks_total,
+                              human_bytes(static_cast<double>(r.bytes_read)));
     if (r.triangles == 0) {
         result.text += fmt::format("The surface is empty: the values go from {:.6g} to {:.6g}{}.\n",
                                    store.min_value(), store.max_value(),
@@ -90,44 +59,68 @@ Result run(const Arguments& a, Progress& progress) {
 }  // namespace
 
 void add_extract(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<ExtractArguments>();
     CLI::App* const c = add_command(
         app, chosen, "extract",
         {"Write an isosurface of a store as a mesh, with a guaranteed error",
-         "The mesh (binary PLY) is crack-free, and nowhere further from the isovalue than the "
-         "error\n"
-         "says. A larger error gives fewer triangles and reads less; error 0 gives the surface at\n"
-         "full resolution.",
+         "The mesh is crack-free, and nowhere further from the isovalue than the error says. A "
+         "larger\n"
+         "error gives fewer triangles and reads less; error 0 gives the surface at full "
+         "resolution.\n"
+         "The name of the mesh chooses its format: .ply .stl .obj .vtp .vtkhdf .glb. Data in a plane\n"
+         "(one node along an axis) give isolines (.vtp .obj), or their graph.",
          "isonest extract scan.isonest --iso 120 -o full.ply\n"
-         "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.ply\n"
-         "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply"});
+         "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.glb --normals\n"
+         "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply\n"
+         "isonest extract scan.isonest --iso 120 --error 1 --focus 30,40,20 --falloff 0.1 -o "
+         "near.ply\n"
+         "isonest extract scan.isonest --iso 120 --stop normal_bar --threshold 0.2 -o smooth.vtp\n"
+         "isonest extract map.isonest --iso 500 --error 2 -o contour.vtp\n"
+         "isonest extract map.isonest --graph --scale 3 --error 5 -o relief.glb --normals"});
+    add_extract_options(c, *a);
     ExtractOptions& e = a->extract;
-    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
-    add_parsed(
+    CLI::Option* const iso = add_parsed(
         c, "--iso", [&e](const std::string& text) { e.iso = parse_number("--iso", text); },
-        "the isovalue", "V")
-        ->required();
-    CLI::Option* const error = add_parsed(
-        c, "--error", [&e](const std::string& text) { e.error = parse_error("--error", text); },
-        "largest |value - V| on the surface, in units of the data [0]", "E");
+        "the isovalue", "V");
+    CLI::Option* const graph = c->add_flag_callback(
+        "--graph", [&e] { e.graph_scale = e.graph_scale.value_or(1); },
+        "of data in a plane: the surface z = value in place of isolines");
     add_parsed(
-        c, "--error-relative",
-        [&e](const std::string& text) { e.error_relative = parse_error("--error-relative", text); },
-        "the same, as a fraction of the data's range", "R")
-        ->excludes(error);
+        c, "--scale",
+        [&e](const std::string& text) { e.graph_scale = parse_number("--scale", text); },
+        "of the graph: z = S times the value [1]", "S")
+        ->needs(graph);
+    iso->excludes(graph);
     add_parsed(
-        c, "--guarantee", [&e](const std::string& text) { e.guarantee = parse_guarantee(text); },
-        "deviation (a bound, tight), plus (a bound, looser) or\n"
-        "estimate (no bound, usually close) [deviation]",
-        "NAME");
+        c, "--bound", [&e](const std::string& text) { e.bound = parse_field("--bound", text); },
+        "the field by which elements without surface are left out\n"
+        "[the tightest that the store has]",
+        "FIELD");
+    CLI::Option* const view = add_parsed(
+        c, "--view", [&e](const std::string& text) { e.view = parse_double3("--view", text); },
+        "leave out what faces away from a viewer who looks in this\n"
+        "direction; needs normal_turn_plus or grad_linf_plus",
+        "X,Y,Z");
     add_parsed(
-        c, "--box", [&e](const std::string& text) { e.box = parse_box(text); },
-        "only the surface inside this box, in world units", "x0,y0,z0,x1,y1,z1");
-    add_memory(c, e.memory);
-    add_threads(c, e.threads);
-    c->add_option("-o,--output", a->mesh, "the mesh to write")->required()->type_name("MESH.ply");
+        c, "--cull-by",
+        [&e](const std::string& text) { e.cull_by = parse_field("--cull-by", text); },
+        "which of the two [normal_turn_plus if there]", "FIELD")
+        ->needs(view);
+    c->add_flag("--normals", e.normals, "vertex normals from the data's gradient");
+    c->add_option("--vertex-values", a->values,
+                  "vertex values from this other store of the same lattice")
+        ->type_name("STORE");
+    add_parsed(
+        c, "--vertex-error",
+        [&e](const std::string& text) { e.vertex_error = parse_field("--vertex-error", text); },
+        "this field at the vertices: how far they may be off", "FIELD");
+    c->add_option("-o,--output", a->mesh, "the mesh to write")->required()->type_name("MESH");
     c->callback(
-        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+        [a, iso, &chosen] {
+            chosen.run = [a, has_iso = iso->count() > 0](Progress& progress) {
+                return run(*a, has_iso, progress);
+            };
+        });
 }
 
 }  // namespace isonest::cli

@@ -108,6 +108,7 @@ void declare(CLI::App& app, Invocation& chosen) {
         "small, 130 interrupted. No output file is left behind unless it is whole.");
     add_preprocess(app, chosen);
     add_extract(app, chosen);
+    add_slice(app, chosen);
     add_info(app, chosen);
     add_export(app, chosen);
     add_check(app, chosen);

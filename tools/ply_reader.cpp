@@ -70,6 +70,7 @@ struct PlyMesh::Header {
     std::uint64_t vertex_stride = 0;
     std::uint64_t face_stride = 0;
     std::array<std::optional<Property>, 3> coordinates;
+    std::optional<std::uint64_t> value_offset;
     std::optional<std::uint64_t> list_offset;
     bool signed_indices = true;
     bool more_elements = false;
@@ -94,6 +95,9 @@ void PlyMesh::Header::add_vertex_property(const std::vector<std::string_view>& w
                                                     "read");
         }
         coordinates.at(axis) = Property{std::string(words[2]), vertex_stride, size == 8};
+    }
+    if (words[2] == "value" && words[1].starts_with("float")) {
+        value_offset = vertex_stride;
     }
     vertex_stride += size;
 }
@@ -211,6 +215,7 @@ PlyMesh::PlyMesh(const std::filesystem::path& path) : name_(path.string()), file
         coordinate_offset_.at(axis) = header.coordinates.at(axis)->offset;
         coordinate_is_double_.at(axis) = header.coordinates.at(axis)->is_double;
     }
+    value_offset_ = header.value_offset;
     list_offset_ = *header.list_offset;
     signed_indices_ = header.signed_indices;
     // Divisions, not products: the counts are not to be trusted.
@@ -250,6 +255,16 @@ Double3 PlyMesh::vertex(std::uint64_t i) const {
         }
     }
     return position;
+}
+
+double PlyMesh::value(std::uint64_t i) const {
+    if (!value_offset_) {
+        return 0;
+    }
+    float value = 0;
+    std::memcpy(&value, file_.bytes().data() + vertex_begin_ + i * vertex_stride_ + *value_offset_,
+                sizeof(value));
+    return static_cast<double>(value);
 }
 
 std::array<std::uint32_t, 3> PlyMesh::triangle(std::uint64_t i) const {

@@ -23,6 +23,15 @@ ValueType parse_type(const std::string& text) {
     return *type;
 }
 
+namespace {
+
+/// "A,B": for data in a plane.
+bool in_plane(const std::string& text) {
+    return std::count(text.begin(), text.end(), ',') == 1;
+}
+
+}  // namespace
+
 void add_source_options(CLI::App* command, SourceOptions& o) {
     const char* const group = "How to read INPUT";
     add_parsed(
@@ -31,8 +40,10 @@ void add_source_options(CLI::App* command, SourceOptions& o) {
         ->group(group);
     add_parsed(
         command, "--dims",
-        [&o](const std::string& text) { o.dims = parse_int3("--dims", text, kMaxNodesPerAxis); },
-        "raw: nodes per axis, fastest first", "X,Y,Z")
+        [&o](const std::string& text) {
+            o.dims = parse_int3("--dims", in_plane(text) ? text + ",1" : text, kMaxNodesPerAxis);
+        },
+        "raw: nodes per axis, fastest first", "X,Y[,Z]")
         ->group(group);
     add_parsed(
         command, "--type", [&o](const std::string& text) { o.type = parse_type(text); },
@@ -60,19 +71,26 @@ void add_source_options(CLI::App* command, SourceOptions& o) {
     add_parsed(
         command, "--spacing",
         [&o](const std::string& text) {
-            o.spacing = parse_double3("--spacing", text);
+            o.spacing = parse_double3("--spacing", in_plane(text) ? text + ",1" : text);
             if (!std::all_of(o.spacing->begin(), o.spacing->end(),
                              [](double s) { return s > 0; })) {
                 throw Error(ErrorKind::invalid_argument,
                             fmt::format("--spacing '{}': give three numbers > 0", text));
             }
         },
-        "node distance in world units, instead of the file's", "X,Y,Z")
+        "node distance in world units, instead of the file's", "X,Y[,Z]")
         ->group(group);
     add_parsed(
         command, "--origin",
-        [&o](const std::string& text) { o.origin = parse_double3("--origin", text); },
-        "world position of the first node, instead of the file's", "X,Y,Z")
+        [&o](const std::string& text) { 
+            o.origin = parse_double3("--origin", in_plane(text) ? text + ",0" : text);
+        },
+        "world position of the first node, instead of the file's", "X,Y[,Z]")
+        ->group(group);
+    add_parsed(
+        command, "--missing",
+        [&o](const std::string& text) { o.missing = parse_number("--missing", text); },
+        "this value stands for missing data, as NaN does", "V")
         ->group(group);
 }
 

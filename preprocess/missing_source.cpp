@@ -1,0 +1,89 @@
+#include "preprocess/missing_source.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <vector>
+
+#include "store/error.h"
+
+namespace isonest {
+namespace {
+
+class MissingSource : public VolumeSource {
+  public:
+    MissingSource(std::unique_ptr<VolumeSource> inner, double missing)
+        : inner_(std::move(inner)), missing_(missing) {
+        const ValueType type = inner_->type();
+        single_ = size_of(type) <= 2 || type == ValueType::f32;
+        const bool holds = dispatch(type, [&](auto tag) {
+            using T = typename decltype(tag)::type;
+            if constexpr (std::is_floating_point_v<T>) {
+                return true;
+            } else {
+                return missing >= static_cast<double>(std::numeric_limits<T>::min()) &&
+                       missing <= static_cast<double>(std::numeric_limits<T>::max()) &&
+                       missing == std::floor(missing);
+            }
+        });
+        if (!holds) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("{}: --missing {}: no value of type {} is that",
+                                    inner_->name(), missing, name_of(type)));
+        }
+    }
+    [[nodiscard]] Int3 nodes() const override { return inner_->nodes(); }
+    [[nodiscard]] ValueType type() const override {
+        return single_ ? ValueType::f32 : ValueType::f64;
+    }
+    [[nodiscard]] Double3 spacing() const override { return inner_->spacing(); }
+    [[nodiscard]] Double3 origin() const override { return inner_->origin(); }
+    [[nodiscard]] std::string name() const override { return inner_->name(); }
+    [[nodiscard]] Granularity granularity() const override { return inner_->granularity(); }
+    [[nodiscard]] bool sequential() const override { return inner_->sequential(); }
+    [[nodiscard]] std::uint64_t heap() const override { return inner_->heap(); }
+    /// The inner values are read into the end of `dst` and widened from its start on.
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        const auto count = static_cast<std::size_t>(nz * ny * nodes().x);
+        const std::size_t narrow = size_of(inner_->type());
+        std::byte* const from = dst + count * (size_of(type()) - narrow);
+        inner_->read(z0, nz, y0, ny, from);
+        dispatch(inner_->type(), [&](auto tag) {
+            using T = typename decltype(tag)::type;
+            if (single_) {
+                widen<T, float>(from, count, dst);
+            } else {
+                widen<T, double>(from, count, dst);
+            }
+        });
+    }
+
+  private:
+    template <class T, class To>
+    void widen(const std::byte* from, std::size_t count, std::byte* to) const {
+        const T missing = static_cast<T>(missing_);
+        for (std::size_t i = 0; i < count; ++i) {
+            T in{};
+            std::memcpy(&in, from + i * sizeof(T), sizeof(T));
+            const To out =
+                in == missing ? std::numeric_limits<To>::quiet_NaN() : static_cast<To>(in);
+            std::memcpy(to + i * sizeof(To), &out, sizeof(To));
+        }
+    }
+
+    std::unique_ptr<VolumeSource> inner_;
+    double missing_;
+    bool single_ = true;
+};
+
+}  // namespace
+
+std::unique_ptr<VolumeSource> with_missing(std::unique_ptr<VolumeSource> inner, double missing) {
+    return std::make_unique<MissingSource>(std::move(inner), missing);
+}
+
+}  // namespace isonest

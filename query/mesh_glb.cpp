@@ -1,0 +1,146 @@
+// glTF 2.0 binary (GLB). The format: Khronos Group, "glTF 2.0 Specification" (2021).
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+
+#include "query/mesh_sections.h"
+#include "store/error.h"
+
+namespace isonest {
+namespace {
+
+std::uint64_t padded(std::uint64_t bytes) {
+    return (bytes + 3) / 4 * 4;
+}
+
+struct Bounds {
+    std::array<float, 3> lo;
+    std::array<float, 3> hi;
+};
+
+Bounds bounds_of(const MeshContent& mesh) {
+    constexpr float kMost = std::numeric_limits<float>::max();
+    Bounds b{{kMost, kMost, kMost}, {-kMost, -kMost, -kMost}};
+    for (const PartRecord& r : mesh.parts.records()) {
+        for (const auto& p : mesh.parts.vertices(r)) {
+            for (std::size_t a = 0; a < 3; ++a) {
+                b.lo[a] = std::min(b.lo[a], p[a]);
+                b.hi[a] = std::max(b.hi[a], p[a]);
+            }
+        }
+    }
+    return b;
+}
+
+/// Buffer views and accessors, one of each for every array.
+struct Arrays {
+    std::string views;
+    std::string accessors;
+    std::uint64_t end = 0;
+    int count = 0;
+
+    std::uint64_t add(std::uint64_t bytes, std::uint64_t n, int component, const char* type,
+                      int target, const std::string& extra = "") {
+        const char* const comma = count > 0 ? "," : "";
+        views += fmt::format(
+            "{}{{\"buffer\":0,\"byteOffset\":{},\"byteLength\":{},\"target\":{}}}", comma, end,
+            bytes, target);
+        accessors += fmt::format(
+            "{}{{\"bufferView\":{},\"componentType\":{},\"count\":{},\"type\":\"{}\"{}}}", comma,
+            count, component, n, type, extra);
+        const std::uint64_t at = end;
+        end += padded(bytes);
+        ++count;
+        return at;
+    }
+};
+
+}  // namespace
+
+void write_glb(const std::filesystem::path& path, bool force, const MeshContent& mesh,
+               Progress& progress) {
+    constexpr int kFloat = 5126;
+    constexpr int kUint = 5125;
+    constexpr int kVertices = 34962;
+    constexpr int kIndices = 34963;
+    require_32_bit_indices(path, mesh, "glTF");
+    const std::uint64_t nv = mesh.weld.vertices();
+    const std::uint64_t nt = mesh.weld.triangles();
+    const AttributeChoice& a = mesh.attributes;
+    Arrays arrays;
+    std::vector<VertexSection> vertices;
+    std::vector<TriangleSection> triangles;
+    std::string names = "\"POSITION\":0";
+    if (nt > 0) {
+        const Bounds b = bounds_of(mesh);
+        vertices.push_back(position_section(arrays.add(
+            nv * 12, nv, kFloat, "VEC3", kVertices,
+            fmt::format(",\"min\":[{:.9g},{:.9g},{:.9g}],\"max\":[{:.9g},{:.9g},{:.9g}]", b.lo[0],
+                        b.lo[1], b.lo[2], b.hi[0], b.hi[1], b.hi[2]))));
+        std::size_t first = 0;
+        const auto attribute = [&](const char* name, std::size_t count, const char* type) {
+            names += fmt::format(",\"{}\":{}", name, arrays.count);
+            vertices.push_back(attribute_section(
+                arrays.add(nv * 4 * count, nv, kFloat, type, kVertices), first, count));
+            first += count;
+        };
+        if (a.normal) {
+            attribute("NORMAL", 3, "VEC3");
+        }
+        if (a.value) {
+            attribute("_VALUE", 1, "SCALAR");
+        }
+        if (a.error) {
+            attribute("_ERROR", 1, "SCALAR");
+        }
+        triangles.push_back({arrays.add(nt * 12, nt * 3, kUint, "SCALAR", kIndices), 12,
+                             [](const TriangleRow& t, std::byte* out) {
+                                 for (const std::uint64_t corner : t.corners) {
+                                     const auto index = static_cast<std::uint32_t>(corner);
+                                     std::memcpy(out, &index, sizeof(index));
+                                     out += sizeof(index);
+                                 }
+                             }});
+    }
+    std::string json = R"({"asset":{"version":"2.0","generator":"isonest"},"scene":0,"scenes":[{)";
+    if (nt > 0) {
+        json += fmt::format(
+            "\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0}}],\"meshes\":[{{\"primitives\":[{{"
+            "\"attributes\":{{{}}},\"indices\":{},\"mode\":4}}]}}],\"buffers\":[{{"
+            "\"byteLength\":{}}}],\"bufferViews\":[{}],\"accessors\":[{}]}}",
+            names, arrays.count - 1, arrays.end, arrays.views, arrays.accessors);
+    } else {
+        json += "}]}";
+    }
+    json.resize(padded(json.size()), ' ');
+    const std::uint64_t head = 12 + 8 + json.size() + (nt > 0 ? 8 : 0);
+    const std::uint64_t total = head + arrays.end;
+    if (total > 0xFFFFFFFFULL) {
+        throw Error(ErrorKind::limit,
+                    fmt::format("{}: the mesh needs {} bytes, more than glTF binary can have (2^32 "
+                                "- 1); write .vtp or .vtkhdf, extract a --box of it or allow a "
+                                "larger --error",
+                                path.string(), total));
+    }
+    OutputFile file(path, force);
+    std::vector<std::uint32_t> words{0x46546C67, 2, static_cast<std::uint32_t>(total),
+                                     static_cast<std::uint32_t>(json.size()), 0x4E4F534A};
+    file.write_at(0, std::as_bytes(std::span(words)));
+    file.write_at(20, std::as_bytes(std::span(json)));
+    if (nt > 0) {
+        words = {static_cast<std::uint32_t>(arrays.end), 0x004E4942};
+        file.write_at(20 + json.size(), std::as_bytes(std::span(words)));
+    }
+    for (VertexSection& section : vertices) {
+        section.offset += head;
+    }
+    for (TriangleSection& section : triangles) {
+        section.offset += head;
+    }
+    write_sections(file, mesh, vertices, triangles, progress);
+    file.publish_as_named();
+}
+
+}  // namespace isonest

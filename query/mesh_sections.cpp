@@ -1,0 +1,64 @@
+#include "query/mesh_sections.h"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <cstring>
+
+namespace isonest {
+
+void write_sections(const OutputFile& file, const MeshContent& mesh,
+                    const std::vector<VertexSection>& vertices,
+                    const std::vector<TriangleSection>& triangles, Progress& progress) {
+    const auto records = mesh.parts.records();
+    progress.begin("write mesh", mesh.weld.triangles(), "triangles");
+    tbb::parallel_for(std::size_t{0}, records.size(), [&](std::size_t i) {
+        progress.check();
+        const PartRecord& r = records[i];
+        std::vector<std::uint64_t> number;
+        std::vector<bool> owned;
+        mesh.weld.numbers(r, number, owned);
+        const auto positions = mesh.parts.vertices(r);
+        const auto attributes = mesh.parts.attributes(r);
+        const std::size_t width = mesh.parts.attributes_per_vertex();
+        std::vector<std::byte> buffer;
+        for (const VertexSection& section : vertices) {
+            buffer.resize(r.owned * section.stride);
+            std::byte* row = buffer.data();
+            for (std::size_t v = 0; v < positions.size(); ++v) {
+                if (owned[v]) {
+                    section.fill({positions[v], attributes.subspan(v * width, width)}, row);
+                    row += section.stride;
+                }
+            }
+            file.write_at(section.offset + r.first_vertex * section.stride, buffer);
+        }
+        for (const TriangleSection& section : triangles) {
+            buffer.resize(r.triangles * section.stride);
+            std::byte* row = buffer.data();
+            std::uint64_t index = r.first_triangle;
+            for (const auto& t : mesh.parts.triangles(r)) {
+                section.fill({index++,
+                              {number[t[0]], number[t[1]], number[t[2]]},
+                              {positions[t[0]], positions[t[1]], positions[t[2]]}},
+                             row);
+                row += section.stride;
+            }
+            file.write_at(section.offset + r.first_triangle * section.stride, buffer);
+        }
+        progress.advance(r.triangles);
+    });
+}
+
+VertexSection attribute_section(std::uint64_t offset, std::size_t first, std::size_t count) {
+    return {offset, count * sizeof(float), [first, count](const VertexRow& v, std::byte* out) {
+                std::memcpy(out, v.attributes.data() + first, count * sizeof(float));
+            }};
+}
+
+VertexSection position_section(std::uint64_t offset) {
+    return {offset, sizeof(VertexRow::position), [](const VertexRow& v, std::byte* out) {
+                std::memcpy(out, v.position.data(), sizeof(v.position));
+            }};
+}
+
+}  // namespace isonest

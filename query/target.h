@@ -1,0 +1,55 @@
+// What a traversal looks for: the isosurface of the data, or a plane through it.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <optional>
+
+#include "query/finest_indicators.h"
+#include "query/topology.h"
+#include "store/int3.h"
+
+namespace isonest {
+
+/// The plane {normal . p = offset} in coordinates of the finest lattice.
+struct LatticePlane {
+    Double3 normal{0, 0, 1};
+    double offset = 0;
+
+    [[nodiscard]] double distance(const Int3& p) const {
+        return normal[0] * static_cast<double>(p.x) + normal[1] * static_cast<double>(p.y) +
+               normal[2] * static_cast<double>(p.z) - offset;
+    }
+};
+
+/// A function on the nodes whose level set is marched. A plane's function is linear, so that every
+/// element shows it exactly, and nothing but the stop test refines.
+class Target {
+  public:
+    Target(double iso, const std::optional<LatticePlane>& plane) : iso_(iso), plane_(plane) {}
+
+    [[nodiscard]] double level() const { return plane_ ? 0 : iso_; }
+    /// Whether the finest function can differ from an element's by the element's bound.
+    [[nodiscard]] bool is_exact() const { return plane_.has_value(); }
+    /// The function at the 27 nodes of the cube whose low corner is `low`, given the data there.
+    /// Where data are missing so is the function.
+    [[nodiscard]] CubeValues at(const CubeValues& data, const Int3& low, unsigned mirror,
+                                std::int64_t stride) const {
+        if (!plane_) {
+            return data;
+        }
+        CubeValues out{};
+        for (int p = 0; p < 27; ++p) {
+            const auto i = static_cast<std::size_t>(p);
+            out[i] = plane_->distance((low + node_offset(p, mirror)) * stride);
+        }
+        return out;
+    }
+
+  private:
+    double iso_;
+    std::optional<LatticePlane> plane_;
+};
+
+}  // namespace isonest

@@ -1,0 +1,34 @@
+// The options that all commands share which extract a mesh from a store.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "query/extract.h"
+#include "tools/command.h"
+
+namespace isonest::cli {
+
+/// Options with what they need beside ExtractOptions.
+struct ExtractArguments {
+    std::string store;
+    std::string mesh;
+    std::string values;  ///< a second store, or empty
+    ExtractOptions extract;
+    double falloff = 0;
+};
+
+/// STORE, the error, the stop test, focus and camera, --box, --memory, --threads.
+void add_extract_options(CLI::App* command, ExtractArguments& a);
+
+/// "at most 0.25 (asked for 0.3)": what the error of the mesh is known to be, in one line.
+std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r);
+/// Whether the line above is a bound on |U - iso| (or on |value - U| in a slice).
+bool is_guaranteed(const ExtractReport& r);
+/// What every such command reports.
+Json extract_json(const ExtractArguments& a, const ExtractReport& r);
+
+/// Throws Error{invalid_argument} listing the fields there are.
+Field parse_field(const std::string& option, const std::string& text);
+
+}  // namespace isonest::cli
