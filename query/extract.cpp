@@ -249,6 +249,22 @@ ClipBox clip_box(const StoreReader& store, const std::optional<WorldBox>& box) {
     return clip;
 }
 
+/// A slice along an axis within the box is not to be cut along that axis: what lies in the box's own
+/// face would be lost.
+void keep_on_border(TraversalQuery& query) {
+    for (std::size_t axis = 0; axis < 3 && query.plane; ++axis) {
+        const Double3& n = query.plane->normal;
+        if (n[(axis + 1) % 3] != 0 || n[(axis + 2) % 3] != 0) {
+            continue;
+        }
+        const double at = query.plane->offset / n[axis];
+        if (at >= query.box.lo[axis] && at <= query.box.hi[axis]) {
+            query.box.lo[axis] = -std::numeric_limits<double>::infinity();
+            query.box.hi[axis] = std::numeric_limits<double>::infinity();
+        }
+    }
+}
+
 struct Budget {
     int threads;
     std::size_t part_vertices;
@@ -310,6 +326,7 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
     choose_culling(store, options, query);
     choose_attributes(store, options, query);
     query.box = clip_box(store, options.box);
+    keep_on_border(query);
     const bool planar = store.layout().lattice().dimension() == 2;
     Double3 spacing = header.spacing;
     Double3 origin = header.origin;

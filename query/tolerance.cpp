@@ -18,9 +18,12 @@ Tolerance::Tolerance(double threshold, const std::optional<Focus>& focus,
       origin_(origin) {
     const double longest = std::max({spacing[0], spacing[1], spacing[2]});
     diagonal_ = std::hypot(spacing[0], spacing[1], spacing[2]);
-    // From a centre to a face centre, from there to an edge midpoint, from there to a centre of half
-    // the scale, and so on: (2 longest + diagonal / 2) (1 + 1/2 + 1/4 ...).
-    reach_ = 4 * longest + diagonal_;
+    // From a centre to a face centre, from there to an edge midpoint (one step each), from there to a
+    // centre of half the scale (half a diagonal), and so on: (2 steps + diagonal / 2) (1 + 1/2 + 1/4
+    // ...). A little more, so that rounding does not matter.
+    constexpr double kMore = 1.01;
+    step_ = kMore * longest;
+    reach_ = 4 * step_ + kMore * diagonal_;
     if (camera_) {
         pixel_ = 2 * std::tan(camera_->field_of_view * std::numbers::pi / 360) /
                  static_cast<double>(camera_->height);
@@ -29,12 +32,14 @@ Tolerance::Tolerance(double threshold, const std::optional<Focus>& focus,
 
 double Tolerance::at(const Int3& twice, std::int64_t half_scale) const {
     const double scale = static_cast<double>(half_scale) / 2;
-    const double radius = reach_ * scale;
     Double3 p{};
+    int odd = 0;
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
+        odd += static_cast<int>((twice[axis] / half_scale) & 1);
         p[a] = origin_[a] + spacing_[a] * static_cast<double>(twice[axis]) / 2;
     }
+    const double radius = (reach_ - (3 - odd) * step_) * scale;
     double threshold = threshold_;
     if (focus_) {
         Double3 away{};

@@ -54,7 +54,8 @@ class Tolerance {
     bool varies_;
     Double3 spacing_;
     Double3 origin_;
-    double reach_;     ///< of a node's ball, per unit of scale
+    double step_;      ///< how much smaller a face's ball is than a centre's, an edge's than a face's
+    double reach_;     ///< of a centre's ball, per unit of scale
     double diagonal_;  ///< of a cell
     double pixel_ = 0;  ///< size of a pixel at distance 1
 };

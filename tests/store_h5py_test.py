@@ -61,7 +61,7 @@ with tempfile.TemporaryDirectory() as folder:
         original = f["data"][...]
     with h5py.File(store) as f:
         assert f.attrs["format"] in (b"isonest", "isonest"), f.attrs["format"]
-        assert list(f.attrs["version"]) == [1, 0] and f.attrs["flags"] == 0
+        assert list(f.attrs["version"]) == [2, 0] and f.attrs["flags"] == 0
         assert f.attrs["complete"] == 1
         n = tuple(int(i) for i in f.attrs["nodes"])[::-1]
         assert n == original.shape

@@ -122,6 +122,7 @@ inline double smooth(const Int3& p) {
 
 struct Mesh {
     std::vector<std::array<float, 3>> vertices;
+    std::vector<std::vector<float>> attributes;  ///< what a vertex has behind its position
     std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
@@ -139,14 +140,23 @@ inline Mesh read_mesh(const std::filesystem::path& path) {
     std::size_t nt = 0;
     std::sscanf(text.c_str() + text.find("element vertex"), "element vertex %zu", &nv);
     std::sscanf(text.c_str() + text.find("element face"), "element face %zu", &nt);
-    if (text.size() != end + nv * 12 + nt * 13) {
+    std::size_t floats = 0;
+    for (std::size_t at = text.find("property float"); at < end;
+         at = text.find("property float", at + 1)) {
+        ++floats;
+    }
+    if (text.size() != end + nv * floats * 4 + nt * 13) {
         return mesh;
     }
-    mesh.vertices.resize(nv);
-    std::memcpy(mesh.vertices.data(), text.data() + end, nv * 12);
+    for (std::size_t i = 0; i < nv; ++i) {
+        std::vector<float> row(floats);
+        std::memcpy(row.data(), text.data() + end + i * floats * 4, floats * 4);
+        mesh.vertices.push_back({row[0], row[1], row[2]});
+        mesh.attributes.emplace_back(row.begin() + 3, row.end());
+    }
     for (std::size_t i = 0; i < nt; ++i) {
         std::array<std::uint32_t, 3> t{};
-        std::memcpy(t.data(), text.data() + end + nv * 12 + i * 13 + 1, 12);
+        std::memcpy(t.data(), text.data() + end + nv * floats * 4 + i * 13 + 1, 12);
         mesh.triangles.push_back(t);
     }
     return mesh;

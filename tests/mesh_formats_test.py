@@ -1,0 +1,161 @@
+"""Every mesh format, read by programs that are not ours: VTK, h5py, and glTF by its specification.
+
+Usage: mesh_formats_test.py ISONEST PLUGIN_FOLDER
+"""
+import json
+import pathlib
+import struct
+import subprocess
+import sys
+import tempfile
+
+import h5py
+import numpy as np
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkIOGeometry import vtkOBJReader, vtkSTLReader
+from vtkmodules.vtkIOPLY import vtkPLYReader
+from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+isonest = sys.argv[1]
+
+
+def run(*arguments, expect=0):
+    done = subprocess.run([isonest, *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == expect, (arguments, done.returncode, done.stderr)
+    return json.loads(done.stdout) if "--json" in arguments else done.stderr
+
+
+def vtk_mesh(reader, path):
+    reader.SetFileName(str(path))
+    reader.Update()
+    data = reader.GetOutput()
+    points = vtk_to_numpy(data.GetPoints().GetData()) if data.GetNumberOfPoints() else \
+        np.zeros((0, 3), "f4")
+    polys = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    return points, polys, data
+
+
+def corners(points, triangles):
+    return points[triangles].astype("f4")
+
+
+def glb(path):
+    data = path.read_bytes()
+    magic, version, total, length, kind = struct.unpack_from("<4sIII4s", data)
+    assert (magic, version, kind) == (b"glTF", 2, b"JSON") and total == len(data)
+    head = json.loads(data[20:20 + length])
+    assert head["asset"]["version"] == "2.0"
+    if "meshes" not in head:
+        return None
+    size, kind = struct.unpack_from("<I4s", data, 20 + length)
+    assert kind == b"BIN\0" and 28 + length + size == len(data) and size % 4 == 0
+    body = data[28 + length:]
+    assert head["buffers"][0]["byteLength"] == size
+    out = {}
+    primitive = head["meshes"][0]["primitives"][0]
+    assert primitive["mode"] == 4
+    for name, index in [*primitive["attributes"].items(), ("indices", primitive["indices"])]:
+        a = head["accessors"][index]
+        view = head["bufferViews"][a["bufferView"]]
+        width = {"SCALAR": 1, "VEC3": 3}[a["type"]]
+        kind = {5126: "<f4", 5125: "<u4"}[a["componentType"]]
+        assert view["byteLength"] == a["count"] * width * 4
+        out[name] = np.frombuffer(body, kind, a["count"] * width,
+                                  view["byteOffset"]).reshape(-1, width)
+    position = head["accessors"][primitive["attributes"]["POSITION"]]
+    assert np.allclose(position["min"], out["POSITION"].min(0))
+    assert np.allclose(position["max"], out["POSITION"].max(0))
+    return out
+
+
+with tempfile.TemporaryDirectory() as name:
+    folder = pathlib.Path(name)
+    store = folder / "s"
+    run("make-volume", "bucky", "--size", 33, "-o", folder / "v.h5")
+    run("preprocess", folder / "v.h5", "-o", store, "--chunk", 16, "--spacing", "1,2,0.5",
+        "--origin", "-3,4,5")
+    common = ("extract", store, "--iso", 0.5, "--error-relative", 0.01, "--normals",
+              "--vertex-values", store, "--vertex-error", "deviation_bar", "--json")
+    report = run(*common, "-o", folder / "m.ply")
+    points, polys, data = vtk_mesh(vtkPLYReader(), folder / "m.ply")
+    assert len(points) == report["vertices"] > 100 and len(polys) == report["triangles"]
+    expected = corners(points, polys)
+    normals = vtk_to_numpy(data.GetPointData().GetNormals())
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
+
+    for end in ("stl", "obj", "vtp", "vtkhdf", "glb"):
+        again = run(*common, "-o", folder / f"m.{end}")
+        assert again["triangles"] == report["triangles"]
+
+    stl_points, stl_polys, _ = vtk_mesh(vtkSTLReader(), folder / "m.stl")
+    key = lambda t: np.array(sorted(map(tuple, t.reshape(-1, 9).tolist())))
+    assert np.array_equal(key(corners(stl_points, stl_polys)), key(expected))
+
+    obj_points, obj_polys, obj = vtk_mesh(vtkOBJReader(), folder / "m.obj")
+    assert np.array_equal(obj_polys, polys) and np.array_equal(obj_points.astype("f4"), points)
+    assert np.allclose(vtk_to_numpy(obj.GetPointData().GetNormals()), normals, atol=1e-5)
+
+    vtp_points, vtp_polys, vtp = vtk_mesh(vtkXMLPolyDataReader(), folder / "m.vtp")
+    assert np.array_equal(vtp_polys, polys) and np.array_equal(vtp_points, points)
+    value = vtk_to_numpy(vtp.GetPointData().GetArray("value"))
+    error = vtk_to_numpy(vtp.GetPointData().GetArray("error"))
+    assert np.array_equal(vtk_to_numpy(vtp.GetPointData().GetNormals()), normals)
+    assert np.abs(value - 0.5).max() <= 1e-5, "the store's own value at its isosurface's vertices"
+    assert (error >= 0).all() and error.max() > 0
+
+    with h5py.File(folder / "m.vtkhdf") as f:
+        root = f["VTKHDF"]
+        assert root.attrs["Type"] == b"PolyData" and list(root.attrs["Version"]) == [2, 0]
+        assert root["NumberOfPoints"][0] == len(points)
+        assert np.array_equal(root["Points"][:], points)
+        group = root["Polygons"]
+        assert group["NumberOfCells"][0] == len(polys)
+        assert group["NumberOfConnectivityIds"][0] == 3 * len(polys)
+        assert np.array_equal(group["Connectivity"][:].reshape(-1, 3), polys)
+        assert np.array_equal(group["Offsets"][:], 3 * np.arange(len(polys) + 1))
+        assert np.array_equal(root["PointData/normal"][:], normals)
+        assert np.array_equal(root["PointData/value"][:], value)
+        assert np.array_equal(root["PointData/error"][:], error)
+        for other in ("Vertices", "Lines", "Strips"):
+            assert root[other]["NumberOfCells"][0] == 0 and list(root[other]["Offsets"]) == [0]
+
+    g = glb(folder / "m.glb")
+    assert np.array_equal(g["POSITION"], points) and np.array_equal(g["NORMAL"], normals)
+    assert np.array_equal(g["indices"].reshape(-1, 3), polys)
+    assert np.array_equal(g["_VALUE"][:, 0], value) and np.array_equal(g["_ERROR"][:, 0], error)
+
+    # Empty meshes are files of their kind too.
+    for end in ("ply", "stl", "obj", "vtp", "vtkhdf", "glb"):
+        r = run("extract", store, "--iso", 99, "-o", folder / f"e.{end}", "--json")
+        assert r["triangles"] == 0 and (folder / f"e.{end}").stat().st_size > 0
+    assert vtk_mesh(vtkXMLPolyDataReader(), folder / "e.vtp")[2].GetNumberOfPolys() == 0
+    assert glb(folder / "e.glb") is None
+    assert (folder / "e.stl").stat().st_size == 84
+
+    # A slice's values, and lines.
+    r = run("slice", store, "--plane", "0,0,1,9.3", "-o", folder / "c.vtp", "--json")
+    cut_points, _, cut = vtk_mesh(vtkXMLPolyDataReader(), folder / "c.vtp")
+    assert np.allclose(cut_points[:, 2], 9.3) and len(cut_points) == r["vertices"]
+    assert cut.GetPointData().GetScalars().GetName() == "value"
+    flat = np.add.outer(np.arange(21.0) ** 2, np.arange(30.0) ** 2).astype("f4")
+    with h5py.File(folder / "flat.h5", "w") as f:
+        f["z"] = flat
+    run("preprocess", folder / "flat.h5", "-o", folder / "f")
+    run("extract", folder / "f", "--iso", 200, "-o", folder / "l.vtp")
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(str(folder / "l.vtp"))
+    reader.Update()
+    lines = reader.GetOutput()
+    radius = np.linalg.norm(vtk_to_numpy(lines.GetPoints().GetData()), axis=1)
+    assert lines.GetNumberOfLines() > 20 and np.abs(radius - np.sqrt(200)).max() < 0.02
+    message = run("extract", folder / "f", "--iso", 200, "-o", folder / "l.ply", expect=2)
+    assert ".vtp or .obj" in message, message
+    message = run("extract", store, "--iso", 0.5, "-o", folder / "m.xyz", expect=2)
+    assert ".vtkhdf" in message, message
+    message = run("extract", store, "--iso", 0.5, "--stop", "normal_bar", "--threshold", 1, "-o",
+                  folder / "m.ply", expect=3)
+    assert "--indicators linf_bar,linf_plus,deviation_bar,normal_bar" in message, message
+    message = run("extract", store, "-o", folder / "m.ply", expect=2)
+    assert "values of" in message, message
+    assert sorted(p.name for p in folder.glob(".*")) == [], "nothing left behind"
+print("all formats agree")

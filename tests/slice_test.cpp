@@ -1,0 +1,129 @@
+// Slices: whole, in their plane, and with the data's values within the error.
+#include <catch2/catch.hpp>
+
+#include "tests/test_support.h"
+
+using namespace isonest;
+using namespace isonest::test;
+
+namespace {
+
+struct Slice {
+    Mesh mesh;
+    ExtractReport report;
+};
+
+template <class T>
+Slice slice(MemoryVolume<T>& volume, const WorldPlane& plane, double error, int chunk = 8) {
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(chunk));
+    const StoreReader store(folder / "s");
+    ExtractOptions options;
+    options.plane = plane;
+    options.error = error;
+    Slice s;
+    s.report = extract(store, folder / "m.ply", options, silent_progress());
+    s.mesh = read_mesh(folder / "m.ply");
+    CHECK(s.report.error_bound <= error);
+    return s;
+}
+
+double area(const Mesh& mesh) {
+    double sum = 0;
+    for (const auto& t : mesh.triangles) {
+        Double3 a{};
+        Double3 b{};
+        for (std::size_t i = 0; i < 3; ++i) {
+            a[i] = mesh.vertices[t[1]][i] - mesh.vertices[t[0]][i];
+            b[i] = mesh.vertices[t[2]][i] - mesh.vertices[t[0]][i];
+        }
+        sum += std::hypot(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
+                          a[0] * b[1] - a[1] * b[0]) /
+               2;
+    }
+    return sum;
+}
+
+/// The largest difference between a slice's value and the data, inside its triangles.
+template <class T>
+double residual(const MemoryVolume<T>& volume, const Mesh& mesh) {
+    double worst = 0;
+    for (const auto& t : mesh.triangles) {
+        for (int i = 0; i <= 3; ++i) {
+            for (int j = 0; i + j <= 3; ++j) {
+                const std::array<double, 3> w{i / 3.0, j / 3.0, (3 - i - j) / 3.0};
+                Double3 p{};
+                double value = 0;
+                for (std::size_t c = 0; c < 3; ++c) {
+                    value += w[c] * mesh.attributes[t[c]][0];
+                    for (std::size_t a = 0; a < 3; ++a) {
+                        p[a] += w[c] * mesh.vertices[t[c]][a] / volume.spacing_[a];
+                    }
+                }
+                worst = std::max(worst, std::fabs(value - fine_value(volume, p)));
+            }
+        }
+    }
+    return worst;
+}
+
+double smooth_value(const Int3& p) {
+    return smooth(p);
+}
+
+}  // namespace
+
+TEST_CASE("a slice covers its plane and has the data's values within the error") {
+    MemoryVolume<double> volume({29, 34, 23}, smooth_value);
+    volume.spacing_ = {1, 0.5, 1.5};
+    // World extent 28 x 16.5 x 33: the area of each plane's polygon by hand.
+    struct Case {
+        WorldPlane plane;
+        double area;
+    };
+    const std::vector<Case> cases{{{{0, 0, 1}, 12.3}, 28 * 16.5},
+                                  {{{0, 1, 0}, 4.5}, 28 * 33},  // through nodes
+                                  {{{1, 0, 0}, 0}, 16.5 * 33},  // the border
+                                  {{{0, 0, 2}, 66}, 28 * 16.5},
+                                  {{{-1, 0, 0}, -28}, 16.5 * 33},
+                                  {{{33, 0, -28}, 0}, std::hypot(28, 33) * 16.5}};
+    for (const Case& c : cases) {
+        for (const double error : {0.0, 0.05, 0.5}) {
+            CAPTURE(c.plane.normal[0], c.plane.normal[1], c.plane.normal[2], c.plane.offset, error);
+            const Slice s = slice(volume, c.plane, error);
+            REQUIRE(!s.mesh.triangles.empty());
+            CHECK(area(s.mesh) == Approx(c.area).epsilon(1e-5));
+            CHECK(residual(volume, s.mesh) <= error + 1e-5);
+            const MeshFaults faults = check_mesh(s.mesh, {0, 0, 0}, {28, 16.5, 33});
+            CHECK(faults.open_edges_inside == 0);
+            CHECK(faults.overused_edges == 0);
+            CHECK(faults.misoriented_edges == 0);
+            double off = 0;
+            for (const auto& v : s.mesh.vertices) {
+                const Double3& n = c.plane.normal;
+                off = std::max(off, std::fabs(n[0] * v[0] + n[1] * v[1] + n[2] * v[2] -
+                                              c.plane.offset) /
+                                        std::hypot(n[0], n[1], n[2]));
+            }
+            CHECK(off < 1e-4);
+        }
+    }
+}
+
+TEST_CASE("a larger error makes a slice of fewer triangles; missing data cut holes") {
+    MemoryVolume<float> volume({33, 33, 33}, [](const Int3& p) {
+        return p.x > 20 && p.y > 20 ? std::numeric_limits<float>::quiet_NaN()
+                                    : static_cast<float>(smooth(p));
+    });
+    const Slice full = slice(volume, {{0, 0, 1}, 10.5}, 0);
+    const Slice coarse = slice(volume, {{0, 0, 1}, 10.5}, 0.3);
+    CHECK(coarse.mesh.triangles.size() * 3 < full.mesh.triangles.size());
+    CHECK(area(full.mesh) == Approx(32.0 * 32 - 12 * 12));
+    CHECK(area(coarse.mesh) == Approx(32.0 * 32 - 12 * 12));
+}
+
+TEST_CASE("a plane outside of the volume gives an empty slice") {
+    MemoryVolume<float> volume({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
+    CHECK(slice(volume, {{0, 0, 1}, 8.01}, 0).mesh.triangles.empty());
+    CHECK(slice(volume, {{1, 1, 1}, -0.1}, 0).mesh.triangles.empty());
+}
