@@ -1,4 +1,5 @@
-// The centre values of each level's cubes (or squares, see Lattice::elements_at()), which the next two levels need, outside of memory.
+// The centre values of each level's cubes (or squares, see Lattice::elements_at()), which the next
+// two levels need, outside of memory.
 #pragma once
 
 #include <filesystem>

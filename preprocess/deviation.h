@@ -24,8 +24,7 @@ class DeviationKernel {
   public:
     /// `fine_cells`: cubes of level L-2 per axis. `with_fine` says whether level L-2 has deviations
     /// of its own (L > 2). `flat`: bits of the flat axes. REQUIRES: range.lo.x is even.
-    DeviationKernel(const LayerRange& range, const Int3& fine_cells, bool with_fine,
-                    unsigned flat);
+    DeviationKernel(const LayerRange& range, const Int3& fine_cells, bool with_fine, unsigned flat);
 
     /// Coordinates that a plane of values or finer deviations must cover: x and y from first to
     /// last.

@@ -172,14 +172,13 @@ const DeviationSupport& deviation_support(int slot, int parity_x, int parity_y, 
             for (std::int64_t p = 0; p < 8; ++p) {
                 const bool exists =
                     ((static_cast<unsigned>(s + 1) | static_cast<unsigned>(p)) & flat) == 0;
-                tables[flat].push_back(
-                    exists ? make_support(s, {p & 1, (p >> 1) & 1, p >> 2}, flat)
-                           : DeviationSupport{});
+                tables[flat].push_back(exists ? make_support(s, {p & 1, (p >> 1) & 1, p >> 2}, flat)
+                                              : DeviationSupport{});
             }
         }
     });
-    return tables[flat][static_cast<std::size_t>(slot * 8 + parity_x + 2 * parity_y +
-                                                 4 * parity_z)];
+    return tables[flat]
+                 [static_cast<std::size_t>(slot * 8 + parity_x + 2 * parity_y + 4 * parity_z)];
 }
 
 }  // namespace isonest

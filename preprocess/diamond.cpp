@@ -66,10 +66,9 @@ std::vector<DiamondElement> make_diamond(int slot, const Int3& parity, unsigned 
                 for (const Tetrahedron& t : level) {
                     DiamondElement element = trace(t, node, flat);
                     element.cube = around;
-                    const bool known =
-                        std::any_of(found.begin(), found.end(), [&](const DiamondElement& e) {
-                            return same_vertices(e, element);
-                        });
+                    const bool known = std::any_of(
+                        found.begin(), found.end(),
+                        [&](const DiamondElement& e) { return same_vertices(e, element); });
                     if (t.ref_node() == node && element.vertices == vertices && !known) {
                         found.push_back(element);
                     }

@@ -1,7 +1,7 @@
 // The diamond of a refinement node: the elements that share its refinement edge.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 2. Elements are tetrahedra, or triangles or edges
-// where axes of the lattice are flat.
+// Source: Gerstner, Rumpf, Weikard (2000), section 2. Elements are tetrahedra, or triangles or
+// edges where axes of the lattice are flat.
 #pragma once
 
 #include <array>

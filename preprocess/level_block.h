@@ -66,11 +66,11 @@ struct LevelTask {
     /// Values of level max(L - 2, 0), from 4 lo - 2 to 4 hi + 2 (level 1: from 2 lo - 1 to 2 hi +
     /// 1).
     const ValueBox<T>* values = nullptr;
-    int step = 2;          ///< nodes of `values` per half cube edge: 1 at level 1, else 2
+    int step = 2;  ///< nodes of `values` per half cube edge: 1 at level 1, else 2
     int level = 1;
     Double3 spacing{1, 1, 1};
-    unsigned flat = 0;     ///< bits of the flat axes
-    Int3 fine_cells;       ///< cubes of level L - 2
+    unsigned flat = 0;  ///< bits of the flat axes
+    Int3 fine_cells;    ///< cubes of level L - 2
     /// Deviations of the cubes of level L - 2, cubes 4 lo - 2 to 4 hi + 2, NaN outside; null for L
     /// <= 2.
     const Box<float>* fine_deviation = nullptr;
@@ -78,9 +78,8 @@ struct LevelTask {
     std::vector<FieldTask> fields;
 
     [[nodiscard]] bool wants(Indicator indicator) const {
-        return std::any_of(fields.begin(), fields.end(), [&](const FieldTask& f) {
-            return indicator_of(f.field) == indicator;
-        });
+        return std::any_of(fields.begin(), fields.end(),
+                           [&](const FieldTask& f) { return indicator_of(f.field) == indicator; });
     }
 };
 
@@ -289,7 +288,8 @@ class Measures {
             }
             const NormalChange c = normals_->at(owner, slot, elements, u);
             // Enough above that the sums of a saturation do not round below the exact ones.
-            constexpr double kUp = 1 + 4 * static_cast<double>(std::numeric_limits<Real>::epsilon());
+            constexpr double kUp =
+                1 + 4 * static_cast<double>(std::numeric_limits<Real>::epsilon());
             changes_[0].row(slot, j)[i] = static_cast<Real>(c.jump * kUp);
             changes_[1].row(slot, j)[i] = static_cast<Real>(c.edge * kUp);
             changes_[2].row(slot, j)[i] = static_cast<Real>(c.turn * kUp);

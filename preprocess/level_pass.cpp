@@ -235,8 +235,7 @@ std::vector<EncodedChunk> base_block(const PassContext& context, const PlaneWind
     std::map<Field, Box<float>> centres;
     for (const Field field : fields_at(layout, 1)) {
         first.fields.push_back({field, nullptr});
-        centres.emplace(field,
-                        Box<float>(second.lo * 2 - one, (second.hi - second.lo) * 2 + two));
+        centres.emplace(field, Box<float>(second.lo * 2 - one, (second.hi - second.lo) * 2 + two));
     }
     LevelSink sink(layout, 1, block * 2, two);
     run_level(first, [&](Field field, std::int64_t z, const auto& layer) {

@@ -31,8 +31,8 @@ class MissingSource : public VolumeSource {
         });
         if (!holds) {
             throw Error(ErrorKind::invalid_argument,
-                        fmt::format("{}: --missing {}: no value of type {} is that",
-                                    inner_->name(), missing, name_of(type)));
+                        fmt::format("{}: --missing {}: no value of type {} is that", inner_->name(),
+                                    missing, name_of(type)));
         }
     }
     [[nodiscard]] Int3 nodes() const override { return inner_->nodes(); }

@@ -76,8 +76,7 @@ NormalChange NormalIndicators::at(const Int3& owner, int slot, const Int3& cells
     NormalChange change;
     for (const Element& e : tables_[parities * kSlots + static_cast<unsigned>(slot)]) {
         const Int3 cube = owner + e.cube;
-        if (min(cube, {0, 0, 0}) != Int3{0, 0, 0} ||
-            max(cube + Int3{1, 1, 1}, cells) != cells) {
+        if (min(cube, {0, 0, 0}) != Int3{0, 0, 0} || max(cube + Int3{1, 1, 1}, cells) != cells) {
             continue;
         }
         std::array<double, 4> u{};

@@ -4,8 +4,8 @@
 // |grad U| between the two children of an element that refines at x. The paper gives no formula for
 // eta_{N,e}; here it is the second difference along the refinement edge, 4 |U_delta| / h(e_ref),
 // over the mean size of the children's gradients. Neither bounds how far a child's normal is from
-// its element's (the midpoint's value may turn both children the same way), so there is a third one,
-// the largest |N(child) - N(element)|, which does, once summed over the levels.
+// its element's (the midpoint's value may turn both children the same way), so there is a third
+// one, the largest |N(child) - N(element)|, which does, once summed over the levels.
 #pragma once
 
 #include <array>
@@ -36,10 +36,11 @@ class NormalIndicators {
 
   private:
     struct Element {
-        std::array<std::uint8_t, 4> v{};  ///< of the neighbourhood; v[0], v[1] end the refinement edge
+        std::array<std::uint8_t, 4>
+            v{};  ///< of the neighbourhood; v[0], v[1] end the refinement edge
         int vertices = 4;
         Int3 cube;
-        std::array<Double3, 4> whole{};                     ///< gradient weights of the element
+        std::array<Double3, 4> whole{};                    ///< gradient weights of the element
         std::array<std::array<Double3, 4>, 2> children{};  ///< in child i the node replaces v[i]
         double edge_length = 1;
     };

@@ -35,10 +35,10 @@ class OffsetNorms {
 
   private:
     struct Slot {
-        double volume = 0;        ///< of the elements in one cube
-        double grad_linf = 0;     ///< of the hat of height 1
-        double grad_l1 = 0;       ///< integral over one cube
-        double grad_l2 = 0;       ///< integral of the square over one cube
+        double volume = 0;     ///< of the elements in one cube
+        double grad_linf = 0;  ///< of the hat of height 1
+        double grad_l1 = 0;    ///< integral over one cube
+        double grad_l2 = 0;    ///< integral of the square over one cube
         double edge_length = 1;
     };
     unsigned flat_;

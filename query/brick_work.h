@@ -39,8 +39,8 @@ struct Shared {
     tbb::enumerable_thread_specific<TraversalCounts> counts;
 };
 
-/// One field around a brick of level L: at the faces and edges of level L + 1, and at the centres of
-/// level L.
+/// One field around a brick of level L: at the faces and edges of level L + 1, and at the centres
+/// of level L.
 class FieldView {
   public:
     FieldView() = default;
@@ -104,8 +104,8 @@ class BrickWork {
           stride_(std::int64_t{1} << level),
           half_(shared.cache.source().layout().header().chunk / 2),
           base_(brick * shared.cache.source().layout().header().chunk),
-          bound_scale_(bound_scale(query_.bound, level,
-                                   shared.cache.source().layout().header().spacing)),
+          bound_scale_(
+              bound_scale(query_.bound, level, shared.cache.source().layout().header().spacing)),
           iso_(shared.target.level()) {
         const StoreLayout& layout = shared.cache.source().layout();
         values_ = ChunkGroup(shared.cache, layout.array(level, Field::values), base_);
@@ -133,9 +133,9 @@ class BrickWork {
     struct Nodes {
         CubeValues value;   ///< the data
         CubeValues target;  ///< what is marched: the data, or the distance to a plane
-        Int3 low;         ///< of the parent cube, in nodes of level_
-        unsigned mirror;  ///< axes along which the topology tables are mirrored
-        Sides sides;      ///< anything, until sharpen()
+        Int3 low;           ///< of the parent cube, in nodes of level_
+        unsigned mirror;    ///< axes along which the topology tables are mirrored
+        Sides sides;        ///< anything, until sharpen()
         bool sharp;
         bool cut;
     };
@@ -154,10 +154,9 @@ class BrickWork {
     }
     /// Whether the surface in the element and below it faces away from the viewer.
     [[nodiscard]] bool culled(const Nodes& nodes, const TopologyTetrahedron& t) {
-        return query_.culling &&
-               query_.culling->faces_away(
-                   nodes.value, t, nodes.mirror, stride_,
-                   culling_.at(nodes.value, nodes.low, nodes.mirror, t.ref_node));
+        return query_.culling && query_.culling->faces_away(
+                                     nodes.value, t, nodes.mirror, stride_,
+                                     culling_.at(nodes.value, nodes.low, nodes.mirror, t.ref_node));
     }
     void sharpen(Nodes& nodes);
     [[nodiscard]] bool interesting(const Nodes& nodes, const TopologyTetrahedron& t, double beta) {

@@ -1,10 +1,10 @@
 // Backface culling for a parallel view, of whole subtrees.
 //
 // Source: Gerstner, Rumpf, Weikard (2000), section 4: an element whose descendants all face away
-// need not be visited. The surface's normals point to smaller values, so it faces away from a viewer
-// who looks along V where grad U . V <= 0. With beta_1 = eta_plus of |grad U_delta| the gradient of
-// every descendant is within beta_1 of the element's; with beta_N = plus of the turn of the unit
-// gradient (not of eta_N, see preprocess/normal_indicators.h) so are the normals.
+// need not be visited. The surface's normals point to smaller values, so it faces away from a
+// viewer who looks along V where grad U . V <= 0. With beta_1 = eta_plus of |grad U_delta| the
+// gradient of every descendant is within beta_1 of the element's; with beta_N = plus of the turn of
+// the unit gradient (not of eta_N, see preprocess/normal_indicators.h) so are the normals.
 #pragma once
 
 #include <array>
@@ -22,9 +22,11 @@ class Culling {
     /// grad_linf_plus or normal_turn_plus, which bounds the change.
     Culling(const Double3& view, Field field, const Double3& spacing);
 
-    [[nodiscard]] Field field() const { return by_normal_ ? Field::normal_turn_plus : Field::grad_linf_plus; }
-    /// Whether all of the surface in the element and its descendants faces away. `beta`: the field at
-    /// its refinement node; 0: the element alone. `stride`: of the lattice of the values.
+    [[nodiscard]] Field field() const {
+        return by_normal_ ? Field::normal_turn_plus : Field::grad_linf_plus;
+    }
+    /// Whether all of the surface in the element and its descendants faces away. `beta`: the field
+    /// at its refinement node; 0: the element alone. `stride`: of the lattice of the values.
     [[nodiscard]] bool faces_away(const CubeValues& values, const TopologyTetrahedron& t,
                                   unsigned mirror, std::int64_t stride, double beta) const;
 

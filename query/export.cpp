@@ -57,9 +57,8 @@ void finest_plane(const StoreReader& store, ChunkCache& cache, Field field, std:
                     }
                     const bool centre = slot_of(at) == array.first_slot;
                     plane[static_cast<std::size_t>(at.y * n.x + at.x)] =
-                        centre
-                            ? static_cast<float>(centres.at(cube - base, array.first_slot))
-                            : round_up_to_float(finest_indicator(u, p, plus));
+                        centre ? static_cast<float>(centres.at(cube - base, array.first_slot))
+                               : round_up_to_float(finest_indicator(u, p, plus));
                 }
             }
         }
@@ -99,8 +98,8 @@ void indicator_plane(const StoreReader& store, ChunkCache& cache, const ExportOp
                             continue;
                         }
                         plane[static_cast<std::size_t>(py * scale * n.x + px * scale)] =
-                            static_cast<float>(view.at(Int3{px / 2, py / 2, pz / 2} - base,
-                                                       slot_of(p)));
+                            static_cast<float>(
+                                view.at(Int3{px / 2, py / 2, pz / 2} - base, slot_of(p)));
                     }
                 }
             }

@@ -46,12 +46,12 @@ void require(const StoreReader& store, Field field, const std::string& what) {
         wanted.push_back(field);
         throw Error(
             ErrorKind::not_found,
-            fmt::format("{}: {} needs the field {}; the store has {}. Choose another, or preprocess "
-                        "the volume again with --indicators {}",
-                        store.path().string(), what, name_of(field),
-                        layout.header().fields.empty() ? "none"
-                                                       : list_names(layout.header().fields),
-                        fmt::join(names_of(wanted), ",")));
+            fmt::format(
+                "{}: {} needs the field {}; the store has {}. Choose another, or preprocess "
+                "the volume again with --indicators {}",
+                store.path().string(), what, name_of(field),
+                layout.header().fields.empty() ? "none" : list_names(layout.header().fields),
+                fmt::join(names_of(wanted), ",")));
     }
 }
 
@@ -82,8 +82,8 @@ void choose_fields(const StoreReader& store, const ExtractOptions& options, Trav
         return;
     }
     query.bound = Field::deviation_bar;
-    for (const Field field : {Field::grad_linf_plus, Field::linf_plus, Field::deviation_plus,
-                              Field::deviation_bar}) {
+    for (const Field field :
+         {Field::grad_linf_plus, Field::linf_plus, Field::deviation_plus, Field::deviation_bar}) {
         if (store.layout().has(field)) {
             query.bound = field;
         }
@@ -103,9 +103,9 @@ void require_dimension(const StoreReader& store, const std::filesystem::path& me
     const Int3 n = store.layout().lattice().nodes();
     const int dimension = store.layout().lattice().dimension();
     const auto refuse = [&](const char* what) {
-        throw Error(ErrorKind::invalid_argument, fmt::format("{}: {} x {} x {} nodes: {}",
-                                                             store.path().string(), n.x, n.y, n.z,
-                                                             what));
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("{}: {} x {} x {} nodes: {}", store.path().string(), n.x, n.y, n.z, what));
     };
     if (dimension == 3 && options.graph_scale) {
         refuse("--graph needs data in a plane, one node along z");
@@ -168,9 +168,9 @@ void choose_culling(const StoreReader& store, const ExtractOptions& options,
     const Field field =
         options.cull_by.value_or(by_normal ? Field::normal_turn_plus : Field::grad_linf_plus);
     if (field != Field::normal_turn_plus && field != Field::grad_linf_plus) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("--cull-by {}: give normal_turn_plus or grad_linf_plus",
-                                name_of(field)));
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("--cull-by {}: give normal_turn_plus or grad_linf_plus", name_of(field)));
     }
     require(store, field, "--view");
     query.culling.emplace(v, field, store.layout().header().spacing);
@@ -249,8 +249,8 @@ ClipBox clip_box(const StoreReader& store, const std::optional<WorldBox>& box) {
     return clip;
 }
 
-/// A slice along an axis within the box is not to be cut along that axis: what lies in the box's own
-/// face would be lost.
+/// A slice along an axis within the box is not to be cut along that axis: what lies in the box's
+/// own face would be lost.
 void keep_on_border(TraversalQuery& query) {
     for (std::size_t axis = 0; axis < 3 && query.plane; ++axis) {
         const Double3& n = query.plane->normal;

@@ -38,22 +38,23 @@ struct ExtractOptions {
     /// Of a store with one flat axis: the graph z = scale U in place of isolines.
     std::optional<double> graph_scale;
     std::optional<WorldPlane> plane;  ///< a slice through the data in place of the isosurface
-    std::optional<double> error;  ///< in units of the data; 0 (the default) = full resolution
+    std::optional<double> error;      ///< in units of the data; 0 (the default) = full resolution
     std::optional<double> error_relative;  ///< relative to the data's range
     Guarantee guarantee = Guarantee::deviation;
     /// Any field as stop test in place of error and guarantee: nodes below the threshold stop.
     std::optional<Field> stop;
-    double threshold = 0;           ///< in the field's own units
-    bool threshold_relative = false;  ///< threshold is a fraction of the field's largest finite value
-    std::optional<Field> bound;     ///< for the interest test; the tightest there is unless given
-    std::optional<Double3> view;    ///< drop backfaces for a viewer who looks in this direction
-    std::optional<Field> cull_by;   ///< normal_turn_plus or grad_linf_plus; whichever there is
+    double threshold = 0;  ///< in the field's own units
+    bool threshold_relative =
+        false;                     ///< threshold is a fraction of the field's largest finite value
+    std::optional<Field> bound;    ///< for the interest test; the tightest there is unless given
+    std::optional<Double3> view;   ///< drop backfaces for a viewer who looks in this direction
+    std::optional<Field> cull_by;  ///< normal_turn_plus or grad_linf_plus; whichever there is
     std::optional<Focus> focus;
     std::optional<Camera> camera;
-    bool normals = false;           ///< vertex normals from the data's gradient
-    std::optional<Field> vertex_error;  ///< this field at the vertices
+    bool normals = false;                 ///< vertex normals from the data's gradient
+    std::optional<Field> vertex_error;    ///< this field at the vertices
     const StoreReader* values = nullptr;  ///< vertex values from this store, of the same nodes
-    std::optional<WorldBox> box;                     ///< the surface is cut at the box
+    std::optional<WorldBox> box;          ///< the surface is cut at the box
     std::uint64_t memory = std::uint64_t{1} << 30U;  ///< bytes of heap, at most
     int threads = 0;                                 ///< 0 = all cores
     bool force = true;                               ///< replace an existing mesh file
@@ -79,12 +80,11 @@ struct ExtractReport {
     double seconds = 0;
 };
 
-/// Writes the isosurface {U = iso}, or a slice, in the format that the name of `mesh` ends with (see
-/// mesh_writer.h), coordinates float32 in world units, triangles facing smaller values (a slice: against
-/// its normal). Of a store with one flat axis, {U = iso} are lines, and the graph is a surface facing
-/// up. A slice's vertices have the value. The bytes depend on the volume and on what is asked
-/// for, not on memory and threads.
-/// An empty surface is a mesh without triangles.
+/// Writes the isosurface {U = iso}, or a slice, in the format that the name of `mesh` ends with
+/// (see mesh_writer.h), coordinates float32 in world units, triangles facing smaller values (a
+/// slice: against its normal). Of a store with one flat axis, {U = iso} are lines, and the graph is
+/// a surface facing up. A slice's vertices have the value. The bytes depend on the volume and on
+/// what is asked for, not on memory and threads. An empty surface is a mesh without triangles.
 /// Throws Error{invalid_argument} (non-finite iso, negative error), Error{not_found} (the store
 /// lacks the field that the guarantee needs), Error{limit} (memory, or more than 2^32 - 1
 /// vertices), Error{corrupt, io, cancelled}. Thread-safe for different outputs.

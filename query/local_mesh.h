@@ -67,8 +67,8 @@ class LocalMesh {
     /// the box. `positive`: det(v1 - v0, v2 - v0, v3 - v0) > 0.
     void march(const std::array<Corner, 4>& corners, bool positive, double iso, bool cut);
 
-    /// Adds the line {U = iso} in a leaf triangle of a plane, where there is one: a "triangle" whose
-    /// last two corners are equal. One mesh holds lines or triangles, not both.
+    /// Adds the line {U = iso} in a leaf triangle of a plane, where there is one: a "triangle"
+    /// whose last two corners are equal. One mesh holds lines or triangles, not both.
     void march_line(const std::array<Corner, 3>& corners, double iso, bool cut);
     /// Adds a leaf triangle of the graph z = U over the xy plane, facing up.
     void add_graph(const std::array<Corner, 3>& corners, bool cut);

@@ -44,9 +44,8 @@ struct Arrays {
     std::uint64_t add(std::uint64_t bytes, std::uint64_t n, int component, const char* type,
                       int target, const std::string& extra = "") {
         const char* const comma = count > 0 ? "," : "";
-        views += fmt::format(
-            "{}{{\"buffer\":0,\"byteOffset\":{},\"byteLength\":{},\"target\":{}}}", comma, end,
-            bytes, target);
+        views += fmt::format("{}{{\"buffer\":0,\"byteOffset\":{},\"byteLength\":{},\"target\":{}}}",
+                             comma, end, bytes, target);
         accessors += fmt::format(
             "{}{{\"bufferView\":{},\"componentType\":{},\"count\":{},\"type\":\"{}\"{}}}", comma,
             count, component, n, type, extra);
@@ -75,10 +74,10 @@ void write_glb(const std::filesystem::path& path, bool force, const MeshContent&
     std::string names = "\"POSITION\":0";
     if (nt > 0) {
         const Bounds b = bounds_of(mesh);
-        vertices.push_back(position_section(arrays.add(
-            nv * 12, nv, kFloat, "VEC3", kVertices,
-            fmt::format(",\"min\":[{:.9g},{:.9g},{:.9g}],\"max\":[{:.9g},{:.9g},{:.9g}]", b.lo[0],
-                        b.lo[1], b.lo[2], b.hi[0], b.hi[1], b.hi[2]))));
+        vertices.push_back(position_section(
+            arrays.add(nv * 12, nv, kFloat, "VEC3", kVertices,
+                       fmt::format(",\"min\":[{:.9g},{:.9g},{:.9g}],\"max\":[{:.9g},{:.9g},{:.9g}]",
+                                   b.lo[0], b.lo[1], b.lo[2], b.hi[0], b.hi[1], b.hi[2]))));
         std::size_t first = 0;
         const auto attribute = [&](const char* name, std::size_t count, const char* type) {
             names += fmt::format(",\"{}\":{}", name, arrays.count);

@@ -35,11 +35,12 @@ void write_stl(const std::filesystem::path& path, bool force, const MeshContent&
     constexpr std::size_t kHeader = 80;
     constexpr std::size_t kRow = 50;
     if (mesh.weld.triangles() > 0xFFFFFFFFULL) {
-        throw Error(ErrorKind::limit,
-                    fmt::format("{}: the surface has {} triangles, more than STL can count (2^32 - "
-                                "1); write .vtp or .vtkhdf, extract a --box of it or allow a larger "
-                                "--error",
-                                path.string(), mesh.weld.triangles()));
+        throw Error(
+            ErrorKind::limit,
+            fmt::format("{}: the surface has {} triangles, more than STL can count (2^32 - "
+                        "1); write .vtp or .vtkhdf, extract a --box of it or allow a larger "
+                        "--error",
+                        path.string(), mesh.weld.triangles()));
     }
     OutputFile file(path, force);
     std::array<char, kHeader + sizeof(std::uint32_t)> header{"binary STL, isonest"};

@@ -67,21 +67,20 @@ void write_vtp(const std::filesystem::path& path, bool force, const MeshContent&
         attribute("error", 1);
     }
     data.xml += "</PointData>\n<Points>\n";
-    vertices.push_back(
-        position_section(data.add("Float32", "points", 3, nv * 3 * sizeof(float))));
+    vertices.push_back(position_section(data.add("Float32", "points", 3, nv * 3 * sizeof(float))));
     data.xml += fmt::format("</Points>\n<{}>\n", cells);
-    triangles.push_back(
-        {data.add("Int64", "connectivity", 1, nt * corners * sizeof(std::int64_t)),
-         corners * sizeof(std::int64_t), [corners](const TriangleRow& t, std::byte* out) {
-             std::memcpy(out, t.corners.data(), corners * sizeof(std::int64_t));
-         }});
+    triangles.push_back({data.add("Int64", "connectivity", 1, nt * corners * sizeof(std::int64_t)),
+                         corners * sizeof(std::int64_t),
+                         [corners](const TriangleRow& t, std::byte* out) {
+                             std::memcpy(out, t.corners.data(), corners * sizeof(std::int64_t));
+                         }});
     triangles.push_back({data.add("Int64", "offsets", 1, nt * sizeof(std::int64_t)),
                          sizeof(std::int64_t), [corners](const TriangleRow& t, std::byte* out) {
                              const std::uint64_t end = corners * (t.index + 1);
                              std::memcpy(out, &end, sizeof(end));
                          }});
-    data.xml += fmt::format(
-        "</{}>\n</Piece>\n</PolyData>\n<AppendedData encoding=\"raw\">\n_", cells);
+    data.xml +=
+        fmt::format("</{}>\n</Piece>\n</PolyData>\n<AppendedData encoding=\"raw\">\n_", cells);
     file.write_at(0, std::as_bytes(std::span(data.xml)));
     const std::uint64_t base = data.xml.size();
     for (const auto& [offset, bytes] : data.lengths) {

@@ -28,9 +28,9 @@ struct MeshContent {
 /// Throws Error{invalid_argument} if the format cannot hold lines.
 void require_lines(const std::filesystem::path& path);
 
-/// Writes `path` whole: coordinates float32, triangles indexed (STL: repeated), attributes under the
-/// format's own names where it has any (STL has none, OBJ only normals). Throws Error{limit} beyond
-/// what the format can number, and Error{io, cancelled, invalid_argument}.
+/// Writes `path` whole: coordinates float32, triangles indexed (STL: repeated), attributes under
+/// the format's own names where it has any (STL has none, OBJ only normals). Throws Error{limit}
+/// beyond what the format can number, and Error{io, cancelled, invalid_argument}.
 void write_mesh(const std::filesystem::path& path, bool force, const PartStore& parts,
                 const Weld& weld, const AttributeChoice& attributes, bool lines,
                 Progress& progress);

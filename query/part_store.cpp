@@ -48,8 +48,7 @@ constexpr std::uint64_t kKeptOverhead = 64;
 }  // namespace
 
 PartStore::PartStore(const std::filesystem::path& folder, const Double3& spacing,
-                     const Double3& origin, std::uint64_t memory,
-                     std::size_t attributes)
+                     const Double3& origin, std::uint64_t memory, std::size_t attributes)
     : file_(folder),
       record_file_(folder),
       spacing_(spacing),

@@ -65,7 +65,8 @@ class PlanarTraversal {
     [[nodiscard]] bool interesting(const Triangle& t, double beta) const {
         const auto [low, high] = std::minmax({t.value[0], t.value[1], t.value[2]});
         // Missing values never exclude anything: their beta is infinite.
-        return kind_ == PlanarKind::graph || (!(low - beta > query_.iso) && !(high + beta < query_.iso));
+        return kind_ == PlanarKind::graph ||
+               (!(low - beta > query_.iso) && !(high + beta < query_.iso));
     }
     [[nodiscard]] Overlap overlap(const Triangle& t) const {
         Int3 low = t.v[0];
@@ -103,8 +104,7 @@ class PlanarTraversal {
         const Int3 sum = t.v[0] + t.v[end];
         const Int3 x{sum.x / 2, sum.y / 2, sum.z / 2};
         const double scale = bound_scale(query_.bound, t.level - 1, layout_.header().spacing)[1];
-        const double bound =
-            kind_ == PlanarKind::graph ? 0 : sampler_.indicator(x, query_.bound);
+        const double bound = kind_ == PlanarKind::graph ? 0 : sampler_.indicator(x, query_.bound);
         if (!interesting(t, bound * scale)) {
             return done(t);
         }

@@ -18,8 +18,9 @@ Tolerance::Tolerance(double threshold, const std::optional<Focus>& focus,
       origin_(origin) {
     const double longest = std::max({spacing[0], spacing[1], spacing[2]});
     diagonal_ = std::hypot(spacing[0], spacing[1], spacing[2]);
-    // From a centre to a face centre, from there to an edge midpoint (one step each), from there to a
-    // centre of half the scale (half a diagonal), and so on: (2 steps + diagonal / 2) (1 + 1/2 + 1/4
+    // From a centre to a face centre, from there to an edge midpoint (one step each), from there to
+    // a centre of half the scale (half a diagonal), and so on: (2 steps + diagonal / 2) (1 + 1/2 +
+    // 1/4
     // ...). A little more, so that rounding does not matter.
     constexpr double kMore = 1.01;
     step_ = kMore * longest;
@@ -51,8 +52,7 @@ double Tolerance::at(const Int3& twice, std::int64_t half_scale) const {
     }
     if (camera_) {
         const Double3& eye = camera_->position;
-        const double distance =
-            std::hypot(p[0] - eye[0], p[1] - eye[1], p[2] - eye[2]) - radius;
+        const double distance = std::hypot(p[0] - eye[0], p[1] - eye[1], p[2] - eye[2]) - radius;
         if (distance > 0 && 2 * scale * diagonal_ < camera_->pixels * pixel_ * distance) {
             return std::numeric_limits<double>::infinity();
         }

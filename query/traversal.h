@@ -22,7 +22,7 @@ namespace isonest {
 /// What to extract, in lattice terms.
 struct TraversalQuery {
     double iso = 0;
-    std::optional<LatticePlane> plane;  ///< a slice in place of the isosurface
+    std::optional<LatticePlane> plane;              ///< a slice in place of the isosurface
     Tolerance tolerance{0, {}, {}, {1, 1, 1}, {}};  ///< which nodes stop
     Field stop = Field::deviation_bar;
     Field bound = Field::deviation_bar;  ///< REQUIRES: is_bound(bound)
@@ -49,8 +49,8 @@ TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::si
 
 /// By what the bound field at the refinement node of an element of kind 0, 1 or 2 has to be
 /// multiplied to bound |U - U^l| there: 1, and h(T) for the gradient type (section 4 of the paper).
-/// `level`: an element of kind 0 is in a cube of edge 2^level, one of kind 1 or 2 of edge 2^(level +
-/// 1).
+/// `level`: an element of kind 0 is in a cube of edge 2^level, one of kind 1 or 2 of edge 2^(level
+/// + 1).
 std::array<double, 3> bound_scale(Field bound, int level, const Double3& spacing);
 
 /// Heap of chunks that one thread may hold at the same time while it works on a brick.

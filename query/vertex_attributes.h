@@ -14,8 +14,9 @@ namespace isonest {
 
 /// Which attributes; the order in a vertex is normal, value, error.
 struct AttributeChoice {
-    bool normal = false;  ///< 3 floats, unit length, toward smaller values, from the data's gradient
-    bool value = false;   ///< of the store itself (slices), or of another one with the same nodes
+    bool normal =
+        false;           ///< 3 floats, unit length, toward smaller values, from the data's gradient
+    bool value = false;  ///< of the store itself (slices), or of another one with the same nodes
     /// normal is that of the graph z = scale U over the xy plane instead.
     std::optional<double> graph_scale;
     std::optional<Field> error;  ///< the field at the midpoint of the vertex's tetrahedron edge

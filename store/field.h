@@ -26,14 +26,15 @@ enum class Indicator : std::uint8_t {
 };
 inline constexpr int kIndicatorCount = 11;
 
-/// How a node covers its children: bar(x) = max(eta(x), max bar(c)), plus(x) = eta(x) + max plus(c).
+/// How a node covers its children: bar(x) = max(eta(x), max bar(c)), plus(x) = eta(x) + max
+/// plus(c).
 enum class Saturation : std::uint8_t { bar, plus };
 
 /// Values, or an indicator with its saturation.
 enum class Field : std::uint8_t {
     values,
-    linf_bar,   ///< an estimate
-    linf_plus,  ///< a bound on |U - U^l|, loose
+    linf_bar,       ///< an estimate
+    linf_plus,      ///< a bound on |U - U^l|, loose
     deviation_bar,  ///< a bound on |U - U^l|, nearly exact
     deviation_plus,
     l1_bar,

@@ -31,7 +31,8 @@ class Lattice {
     [[nodiscard]] Int3 cells_at(int level) const;
     /// Nodes of the lattice of stride 2^level per axis (cells + 1).
     [[nodiscard]] Int3 nodes_at(int level) const;
-    /// Axes with a single node (bits x, y, z): the grid is of triangles, or of edges, if there are any.
+    /// Axes with a single node (bits x, y, z): the grid is of triangles, or of edges, if there are
+    /// any.
     [[nodiscard]] unsigned flat_axes() const;
     /// 3 less the number of flat axes.
     [[nodiscard]] int dimension() const;

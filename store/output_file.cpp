@@ -84,9 +84,8 @@ void publish(const std::filesystem::path& temporary, const std::filesystem::path
     sync(folder_of(path), O_RDONLY | O_DIRECTORY);
 }
 
-OutputFile::OutputFile(
-    std::filesystem::path path, bool force,
-    const std::function<void(const std::filesystem::path& temporary)>& prepare)
+OutputFile::OutputFile(std::filesystem::path path, bool force,
+                       const std::function<void(const std::filesystem::path& temporary)>& prepare)
     : path_(std::move(path)), temporary_(temporary_name(path_)), force_(force) {
     check_output(path_, force_);
     ::unlink(temporary_.c_str());

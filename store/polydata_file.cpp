@@ -74,8 +74,8 @@ class Frame {
   private:
     void check(bool good, const char* what) const {
         if (!good) {
-            throw Error(ErrorKind::io, fmt::format("{}: cannot {}: {}", path_.string(), what,
-                                                   hdf5_message()));
+            throw Error(ErrorKind::io,
+                        fmt::format("{}: cannot {}: {}", path_.string(), what, hdf5_message()));
         }
     }
     std::filesystem::path path_;
@@ -112,8 +112,7 @@ PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDat
         if (a.components > 1) {
             dims.push_back(static_cast<hsize_t>(a.components));
         }
-        offsets.attributes.push_back(
-            frame.array(data.get(), a.name.c_str(), H5T_IEEE_F32LE, dims));
+        offsets.attributes.push_back(frame.array(data.get(), a.name.c_str(), H5T_IEEE_F32LE, dims));
     }
     frame.close();
     return offsets;

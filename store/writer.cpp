@@ -118,7 +118,8 @@ GroupHandle StoreWriter::Impl::create_group(const std::string& name) const {
 void StoreWriter::Impl::create_array(const ArrayInfo& array) {
     const std::string name = StoreLayout::path_of(array);
     if (array.alias) {
-        const std::string target = StoreLayout::path_of(layout.array(array.level, source_at_level_1(array.field)));
+        const std::string target =
+            StoreLayout::path_of(layout.array(array.level, source_at_level_1(array.field)));
         if (H5Lcreate_hard(file.get(), target.c_str(), file.get(), name.c_str(), H5P_DEFAULT,
                            H5P_DEFAULT) < 0) {
             fail("link " + name);

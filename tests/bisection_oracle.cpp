@@ -135,8 +135,8 @@ double BisectionOracle::deviation(const Element& t) const {
     double worst = 0;
     for (std::int64_t i = 0; i < (hi - lo + Int3{1, 1, 1}).product(); ++i) {
         const Int3 p = lo + (hi - lo + Int3{1, 1, 1}).unlinear(i);
-        const auto w = barycentric(t, {static_cast<double>(p.x), static_cast<double>(p.y),
-                                       static_cast<double>(p.z)});
+        const auto w = barycentric(
+            t, {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)});
         double linear = 0;
         double least = 0;
         for (std::size_t v = 0; v <= d_; ++v) {
@@ -210,9 +210,9 @@ BisectionOracle::BisectionOracle(const Int3& n, const std::function<double(const
             using enum Indicator;
             auto& own = node.eta;
             at(own, linf) = std::max(at(own, linf), eta);
-            at(own, Indicator::deviation) =
-                std::max(at(own, Indicator::deviation),
-                         finest && (around || !std::isfinite(u)) ? at(own, linf) : this->deviation(t));
+            at(own, Indicator::deviation) = std::max(
+                at(own, Indicator::deviation),
+                finest && (around || !std::isfinite(u)) ? at(own, linf) : this->deviation(t));
             const double volume = measure(t);
             size[key_of(x)] += volume;
             const double total = size[key_of(x)];

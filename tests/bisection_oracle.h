@@ -1,8 +1,8 @@
 // Indicators by explicit recursive bisection, without the closed form of the lattice.
 //
 // Source: Maubach's tagged bisection (1995) in d dimensions: a simplex (v0 .. vd; k) is cut at the
-// midpoint z of v0 vk into (v0 .. v(k-1), z, v(k+1) ..; k') and (v1 .. vk, z, v(k+1) ..; k'), k' = k - 1,
-// or d if k = 1.
+// midpoint z of v0 vk into (v0 .. v(k-1), z, v(k+1) ..; k') and (v1 .. vk, z, v(k+1) ..; k'), k' =
+// k - 1, or d if k = 1.
 #pragma once
 
 #include <array>

@@ -184,7 +184,9 @@ TEST_CASE("missing data make every diamond that touches them refine to the end")
     require_agreement<float>({9, 9, 9}, 8, [&](const Int3&) { return nan; });
     require_agreement<float>(
         {17, 10, 9}, 8,
-        [&](const Int3& p) { return p == Int3{5, 9, 4} || p.x == 12 ? nan : smooth_f(p); },
+        [&](const Int3& p) {
+            return p == Int3{5, 9, 4} || p.x == 12 ? nan : smooth_f(p);
+        },
         all_indicators());
     require_agreement<float>(
         {17, 10, 1}, 8, [&](const Int3& p) { return p.x == 5 && p.y > 6 ? nan : noise_f(p); },

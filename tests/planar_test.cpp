@@ -190,7 +190,7 @@ TEST_CASE("the graph covers the plane, is whole and within the error") {
 TEST_CASE("missing values cut holes into the graph, and --missing makes them of integers") {
     auto inner = std::make_unique<MemoryVolume<std::int16_t>>(Int3{20, 20, 1}, [](const Int3& p) {
         return static_cast<std::int16_t>(p.x >= 5 && p.x <= 8 && p.y >= 5 && p.y <= 9 ? -32768
-                                                                                    : p.x * p.y);
+                                                                                      : p.x * p.y);
     });
     const auto source = with_missing(std::move(inner), -32768);
     CHECK(source->type() == ValueType::f32);
@@ -200,8 +200,8 @@ TEST_CASE("missing values cut holes into the graph, and --missing makes them of 
     options.graph_scale = 1;
     options.error = 3;
     extract(StoreReader(folder / "s"), folder / "m.ply", options, silent_progress());
-    // Every triangle with a missing corner is gone: the 5 x 6 cells around, but for half a cell at a
-    // corner whose diagonal passes by.
+    // Every triangle with a missing corner is gone: the 5 x 6 cells around, but for half a cell at
+    // a corner whose diagonal passes by.
     const double left = plan_area(read_mesh(folder / "m.ply")) - (19.0 * 19 - 5 * 6);
     CHECK(left >= 0);
     CHECK(left <= 2);

@@ -101,9 +101,9 @@ TEST_CASE("a slice covers its plane and has the data's values within the error")
             double off = 0;
             for (const auto& v : s.mesh.vertices) {
                 const Double3& n = c.plane.normal;
-                off = std::max(off, std::fabs(n[0] * v[0] + n[1] * v[1] + n[2] * v[2] -
-                                              c.plane.offset) /
-                                        std::hypot(n[0], n[1], n[2]));
+                off = std::max(off,
+                               std::fabs(n[0] * v[0] + n[1] * v[1] + n[2] * v[2] - c.plane.offset) /
+                                   std::hypot(n[0], n[1], n[2]));
             }
             CHECK(off < 1e-4);
         }

@@ -1,5 +1,5 @@
-// Any field stops or bounds, tolerances depend on the place, backfaces are left out: and the mesh is
-// what it should be each time.
+// Any field stops or bounds, tolerances depend on the place, backfaces are left out: and the mesh
+// is what it should be each time.
 #include <catch2/catch.hpp>
 #include <set>
 
@@ -43,8 +43,9 @@ struct Subject {
 
 /// A ball's distance with some noise: a surface that no indicator finds flat.
 double bumpy(const Int3& p) {
-    return 11 - std::hypot(static_cast<double>(p.x) - 15.3, static_cast<double>(p.y) - 16.1,
-                           static_cast<double>(p.z) - 14.7) +
+    return 11 -
+           std::hypot(static_cast<double>(p.x) - 15.3, static_cast<double>(p.y) - 16.1,
+                      static_cast<double>(p.z) - 14.7) +
            0.8 * smooth(p) + 0.1 * noise(p);
 }
 
@@ -238,7 +239,8 @@ TEST_CASE("vertex normals point away from larger values, values and errors are t
             const auto& a = mesh.attributes[i];
             REQUIRE(a.size() == 5);
             const double r = std::hypot(v[0] - 16, v[1] - 16, v[2] - 16);
-            worst = std::min(worst, (a[0] * (v[0] - 16) + a[1] * (v[1] - 16) + a[2] * (v[2] - 16)) / r);
+            worst =
+                std::min(worst, (a[0] * (v[0] - 16) + a[1] * (v[1] - 16) + a[2] * (v[2] - 16)) / r);
             CHECK(a[3] == Approx(v[0] + 2 * v[2]).margin(1e-3));
             CHECK(a[4] >= 0);
         }

@@ -36,13 +36,11 @@ Result run(ExtractArguments& a, bool has_iso, Progress& progress) {
     if (has_iso) {
         result.json["iso"] = a.extract.iso;
     }
-    result.text = fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n",
-                              a.mesh, r.triangles,
-                              r.dimension == 2 && !a.extract.graph_scale ? "line segments"
-                                                                         : "triangles",
-                              r.vertices, human_seconds(r.seconds),
-                              guarantee_text(a, r), r.chunks_read, r.chunks_total,
-                              human_bytes(static_cast<double>(r.bytes_read)));
+    result.text = fmt::format(
+        "{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh, r.triangles,
+        r.dimension == 2 && !a.extract.graph_scale ? "line segments" : "triangles", r.vertices,
+        human_seconds(r.seconds), guarantee_text(a, r), r.chunks_read, r.chunks_total,
+        human_bytes(static_cast<double>(r.bytes_read)));
     if (r.triangles == 0) {
         result.text += fmt::format("The surface is empty: the values go from {:.6g} to {:.6g}{}.\n",
                                    store.min_value(), store.max_value(),
@@ -67,7 +65,8 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "larger\n"
          "error gives fewer triangles and reads less; error 0 gives the surface at full "
          "resolution.\n"
-         "The name of the mesh chooses its format: .ply .stl .obj .vtp .vtkhdf .glb. Data in a plane\n"
+         "The name of the mesh chooses its format: .ply .stl .obj .vtp .vtkhdf .glb. Data in a "
+         "plane\n"
          "(one node along an axis) give isolines (.vtp .obj), or their graph.",
          "isonest extract scan.isonest --iso 120 -o full.ply\n"
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.glb --normals\n"
@@ -115,12 +114,11 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         [&e](const std::string& text) { e.vertex_error = parse_field("--vertex-error", text); },
         "this field at the vertices: how far they may be off", "FIELD");
     c->add_option("-o,--output", a->mesh, "the mesh to write")->required()->type_name("MESH");
-    c->callback(
-        [a, iso, &chosen] {
-            chosen.run = [a, has_iso = iso->count() > 0](Progress& progress) {
-                return run(*a, has_iso, progress);
-            };
-        });
+    c->callback([a, iso, &chosen] {
+        chosen.run = [a, has_iso = iso->count() > 0](Progress& progress) {
+            return run(*a, has_iso, progress);
+        };
+    });
 }
 
 }  // namespace isonest::cli

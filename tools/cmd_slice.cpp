@@ -69,14 +69,15 @@ Result run(Arguments& a, Progress& progress) {
     Result result;
     result.warning = leftovers_of(a.extract.mesh);
     result.json = extract_json(a.extract, r);
-    result.text = fmt::format("{}: {} triangles, {} vertices, in {}\n{}; read {} of {} chunks, {}\n",
-                              a.extract.mesh, r.triangles, r.vertices, human_seconds(r.seconds),
-                              guarantee_text(a.extract, r), r.chunks_read, r.chunks_total,
-                              human_bytes(static_cast<double>(r.bytes_read)));
+    result.text = fmt::format(
+        "{}: {} triangles, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.extract.mesh,
+        r.triangles, r.vertices, human_seconds(r.seconds), guarantee_text(a.extract, r),
+        r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
     if (r.triangles == 0) {
         const StoreHeader& h = store.layout().header();
         result.text += fmt::format(
-            "The slice is empty: the plane misses the volume, which lies between {:.6g},{:.6g},{:.6g} "
+            "The slice is empty: the plane misses the volume, which lies between "
+            "{:.6g},{:.6g},{:.6g} "
             "and {:.6g},{:.6g},{:.6g}.\n",
             h.origin[0], h.origin[1], h.origin[2],
             h.origin[0] + h.spacing[0] * static_cast<double>(h.nodes.x - 1),
@@ -146,8 +147,7 @@ void add_slice(CLI::App& app, Invocation& chosen) {
         "values of the first and the last colour [those of the data]", "LOW,HIGH");
     c->add_flag("--grid", o.grid, "draw the triangles' edges into the picture");
     add_parsed(
-        c, "--contours",
-        [&o](const std::string& text) { o.contours = parse_contours(text); },
+        c, "--contours", [&o](const std::string& text) { o.contours = parse_contours(text); },
         "draw lines at these values into the picture", "V,V,...");
     c->add_option("-o,--output", a->extract.mesh, "the mesh or picture to write")
         ->required()

@@ -13,8 +13,8 @@ namespace {
 double parse_positive(const std::string& option, const std::string& text, bool or_zero) {
     const double value = parse_number(option, text);
     if (value < 0 || (value == 0 && !or_zero)) {
-        throw Error(ErrorKind::invalid_argument, fmt::format("{} '{}': give a number {} 0", option,
-                                                             text, or_zero ? ">=" : ">"));
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} '{}': give a number {} 0", option, text, or_zero ? ">=" : ">"));
     }
     return value;
 }
@@ -44,8 +44,7 @@ Focus parse_focus(const std::string& text) {
         focus.lo = focus.hi = parse_double3("--focus", text);
         return focus;
     }
-    const std::vector<double> v =
-        parse_numbers("--focus", text, 6, "X,Y,Z or x0,y0,z0,x1,y1,z1");
+    const std::vector<double> v = parse_numbers("--focus", text, 6, "X,Y,Z or x0,y0,z0,x1,y1,z1");
     for (std::size_t a = 0; a < 3; ++a) {
         if (!(v[a] <= v[a + 3])) {
             throw Error(ErrorKind::invalid_argument,
@@ -188,31 +187,33 @@ std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
     if (r.stop == Field::linf_bar && !a.extract.stop) {
         return "estimated error " + asked();
     }
-    const std::string what =
-        r.stop == Field::grad_linf_plus ? "a bound on the gradient's error, none on the value's"
-        : r.stop == Field::normal_turn_plus ? "a bound on the unit normal's error, none on the value's"
-                                            : "no bound on the value's error";
+    const std::string what = r.stop == Field::grad_linf_plus
+                                 ? "a bound on the gradient's error, none on the value's"
+                             : r.stop == Field::normal_turn_plus
+                                 ? "a bound on the unit normal's error, none on the value's"
+                                 : "no bound on the value's error";
     return fmt::format("{} below {:.6g} (largest {:.6g}): {}", name_of(r.stop), r.tolerance,
                        r.error_bound, what);
 }
 
 Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
-    Json json = {{"mesh", a.mesh}, {"vertices", r.vertices},
-            {"triangles", r.triangles},
-            {"stop", name_of(r.stop)},
-            {"bound", name_of(r.bound)},
-            {"tolerance", r.tolerance},
-            {"error_bound", r.error_bound},
-            {"guaranteed", is_guaranteed(r)},
-            {"visited_tetrahedra", r.visited_tetrahedra},
-            {"leaf_tetrahedra", r.leaf_tetrahedra},
-            {"zero_area_triangles", r.zero_area_triangles},
-            {"chunks_read", r.chunks_read},
-            {"chunks_total", r.chunks_total},
-            {"bytes_read", r.bytes_read},
-            {"peak_cache_bytes", r.peak_cache_bytes},
-            {"bricks", r.bricks},
-            {"seconds", r.seconds}};
+    Json json = {{"mesh", a.mesh},
+                 {"vertices", r.vertices},
+                 {"triangles", r.triangles},
+                 {"stop", name_of(r.stop)},
+                 {"bound", name_of(r.bound)},
+                 {"tolerance", r.tolerance},
+                 {"error_bound", r.error_bound},
+                 {"guaranteed", is_guaranteed(r)},
+                 {"visited_tetrahedra", r.visited_tetrahedra},
+                 {"leaf_tetrahedra", r.leaf_tetrahedra},
+                 {"zero_area_triangles", r.zero_area_triangles},
+                 {"chunks_read", r.chunks_read},
+                 {"chunks_total", r.chunks_total},
+                 {"bytes_read", r.bytes_read},
+                 {"peak_cache_bytes", r.peak_cache_bytes},
+                 {"bricks", r.bricks},
+                 {"seconds", r.seconds}};
     if (r.culled_by) {
         json["culled_by"] = name_of(*r.culled_by);
     }

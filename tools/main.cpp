@@ -109,6 +109,7 @@ void declare(CLI::App& app, Invocation& chosen) {
     add_preprocess(app, chosen);
     add_extract(app, chosen);
     add_slice(app, chosen);
+    add_study(app, chosen);
     add_info(app, chosen);
     add_export(app, chosen);
     add_check(app, chosen);

@@ -95,14 +95,14 @@ class Raster {
           map_(map),
           width_(o.width * kStep),
           height_(o.height * kStep),
-          pixels_(std::size_t{3} * static_cast<std::size_t>(width_) *
-                      static_cast<std::size_t>(height_),
-                  std::uint8_t{255}) {}
+          pixels_(
+              std::size_t{3} * static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_),
+              std::uint8_t{255}) {}
 
     /// Corners in this raster's pixels, y down.
     void draw(const std::array<Flat, 3>& t) {
-        const double area = (t[1].x - t[0].x) * (t[2].y - t[0].y) -
-                            (t[1].y - t[0].y) * (t[2].x - t[0].x);
+        const double area =
+            (t[1].x - t[0].x) * (t[2].y - t[0].y) - (t[1].y - t[0].y) * (t[2].x - t[0].x);
         if (area == 0 || !std::isfinite(area)) {
             return;
         }

@@ -82,7 +82,7 @@ void add_source_options(CLI::App* command, SourceOptions& o) {
         ->group(group);
     add_parsed(
         command, "--origin",
-        [&o](const std::string& text) { 
+        [&o](const std::string& text) {
             o.origin = parse_double3("--origin", in_plane(text) ? text + ",0" : text);
         },
         "world position of the first node, instead of the file's", "X,Y[,Z]")
