@@ -64,7 +64,9 @@ void make_volume(const std::filesystem::path& path, const MakeVolumeOptions& opt
                             options.nodes.y, options.nodes.z, kMaxNodesPerAxis));
         }
     }
-    const auto volume = make_synthetic(options.name, options.nodes, options.seed);
+    Workers workers(options.threads);
+    const auto volume =
+        workers.execute([&] { return make_synthetic(options.name, options.nodes, options.seed); });
     VolumeFileSpec spec;
     spec.nodes = options.nodes;
     spec.type = options.type;
@@ -73,7 +75,7 @@ void make_volume(const std::filesystem::path& path, const MakeVolumeOptions& opt
     progress.begin(options.name,
                    static_cast<std::uint64_t>(options.nodes.product()) * size_of(options.type),
                    "B");
-    Workers(options.threads).execute([&] {
+    workers.execute([&] {
         dispatch(options.type, [&](auto tag) {
             fill<typename decltype(tag)::type>(*volume, options.nodes, *file, progress);
         });

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "preprocess/cahn_hilliard.h"
 #include "store/error.h"
 
 namespace isonest {
@@ -180,7 +181,8 @@ class Sphere : public SyntheticVolume {
 }  // namespace
 
 const std::vector<std::string>& synthetic_names() {
-    static const std::vector<std::string> names{"bucky", "marschner-lobb", "noise", "sphere"};
+    static const std::vector<std::string> names{"bucky", "cahn-hilliard", "marschner-lobb", "noise",
+                                                "sphere"};
     return names;
 }
 
@@ -188,6 +190,9 @@ std::unique_ptr<SyntheticVolume> make_synthetic(const std::string& name, const I
                                                 std::uint64_t seed) {
     if (name == "bucky") {
         return std::make_unique<Bucky>(nodes);
+    }
+    if (name == "cahn-hilliard") {
+        return make_cahn_hilliard(nodes, seed);
     }
     if (name == "marschner-lobb") {
         return std::make_unique<MarschnerLobb>(nodes);

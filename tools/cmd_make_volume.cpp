@@ -1,6 +1,7 @@
 // isonest make-volume: synthetic volumes of any size.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <limits>
 #include <memory>
 
@@ -22,7 +23,8 @@ struct Arguments {
 
 Int3 parse_nodes(const std::string& text) {
     if (text.find(',') != std::string::npos) {
-        return parse_int3("--size", text, kMaxNodesPerAxis);
+        const bool plane = std::count(text.begin(), text.end(), ',') == 1;
+        return parse_int3("--size", plane ? text + ",1" : text, kMaxNodesPerAxis);
     }
     const std::int64_t n = parse_integer("--size", text, 1, kMaxNodesPerAxis);
     return {n, n, n};
@@ -55,11 +57,12 @@ void add_make_volume(CLI::App& app, Invocation& chosen) {
         {"Write a synthetic volume, to try things out and to measure",
          "The file is made slab by slab and may be larger than memory.",
          "isonest make-volume bucky --size 129 -o bucky.h5\n"
-         "isonest make-volume noise --size 200,100,50 --type uint8 --seed 7 -o noise.h5"});
+         "isonest make-volume noise --size 200,100,50 --type uint8 --seed 7 -o noise.h5\n"
+         "isonest make-volume cahn-hilliard --size 257,257 -o mixture.h5"});
     c->add_option("NAME", o.name, "one of " + names)->required();
     add_parsed(
         c, "--size", [&o](const std::string& text) { o.nodes = parse_nodes(text); },
-        "nodes per axis", "N or X,Y,Z")
+        "nodes per axis", "N or X,Y[,Z]")
         ->required();
     add_parsed(
         c, "--type", [&o](const std::string& text) { o.type = parse_type(text); },
