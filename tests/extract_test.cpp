@@ -221,14 +221,12 @@ TEST_CASE("a box cuts the surface at its faces, and only there") {
 TEST_CASE("flat, constant, missing and outside: an empty mesh, no failure") {
     MemoryVolume<float> one({1, 1, 1}, [](const Int3&) { return 1.0F; });
     MemoryVolume<float> thin({1, 1, 100}, [](const Int3& p) { return static_cast<float>(p.z); });
-    MemoryVolume<float> flat({20, 30, 1}, smooth_f);
     MemoryVolume<float> constant({9, 9, 9}, [](const Int3&) { return 3.0F; });
     MemoryVolume<float> missing(
         {9, 9, 9}, [](const Int3&) { return std::numeric_limits<float>::quiet_NaN(); });
     MemoryVolume<float> normal({9, 9, 9}, smooth_f);
     CHECK(surface(one, 0.5, 0).mesh.triangles.empty());
     CHECK(surface(thin, 0.5, 0).mesh.triangles.empty());
-    CHECK(surface(flat, 0.5, 0).mesh.triangles.empty());
     CHECK(surface(constant, 3, 0).mesh.triangles.empty());
     CHECK(surface(constant, 2.5, 0.1).mesh.triangles.empty());
     CHECK(surface(missing, 0.5, 0).mesh.triangles.empty());
