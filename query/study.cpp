@@ -180,11 +180,12 @@ class WholeLattice {
         const Int3 cells = lattice_.cells_at(level);
         std::uint64_t count = 1;
         for (int axis = 0; axis < 3; ++axis) {
-            if (cells[axis] == 0 || p[axis] % edge != 0) {
+            if (cells[axis] == 0) {
                 continue;
             }
             const std::int64_t i = p[axis] / edge;
-            count *= (i > 0 ? 1U : 0U) + (i < cells[axis] ? 1U : 0U);
+            const bool before = p[axis] % edge == 0 && i > 0 && i <= cells[axis];
+            count *= (before ? 1U : 0U) + (i < cells[axis] ? 1U : 0U);
         }
         return count;
     }

@@ -136,7 +136,7 @@ TEST_CASE("the study counts and measures what an explicit recursion does") {
 }
 
 TEST_CASE("the study of a plane counts the triangles of the graph") {
-    MemoryVolume<double> volume({33, 17, 1},
+    MemoryVolume<double> volume({33, 33, 1},
                                 [](const Int3& p) { return smooth(p) + 0.2 * noise(p); });
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8, true));
@@ -146,7 +146,7 @@ TEST_CASE("the study of a plane counts the triangles of the graph") {
     options.steps = 5;
     options.iso = 0.3;
     const Study s = study(store, options, silent_progress());
-    CHECK(s.all_elements == 2 * 32 * 16);
+    CHECK(s.all_elements == 2 * 32 * 32);
     for (const StudyRow& row : s.rows) {
         ExtractOptions e;
         e.graph_scale = 1;
