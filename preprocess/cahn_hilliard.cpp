@@ -1,5 +1,5 @@
-// The equation: J. Cahn, J. Hilliard, "Free energy of a nonuniform system. I. Interfacial free energy",
-// J. Chem. Phys. 28 (1958).
+// The equation: J. Cahn, J. Hilliard, "Free energy of a nonuniform system. I. Interfacial free
+// energy", J. Chem. Phys. 28 (1958).
 #include "preprocess/cahn_hilliard.h"
 
 #include <fmt/format.h>
@@ -73,9 +73,10 @@ class CahnHilliard : public SyntheticVolume {
 
 std::unique_ptr<SyntheticVolume> make_cahn_hilliard(const Int3& nodes, std::uint64_t seed) {
     if (nodes.x > kMost || nodes.y > kMost) {
-        throw Error(ErrorKind::limit, fmt::format("cahn-hilliard: a plane of {} x {} nodes: at most "
-                                                  "{} x {} can be computed",
-                                                  nodes.x, nodes.y, kMost, kMost));
+        throw Error(ErrorKind::limit,
+                    fmt::format("cahn-hilliard: a plane of {} x {} nodes: at most "
+                                "{} x {} can be computed",
+                                nodes.x, nodes.y, kMost, kMost));
     }
     return std::make_unique<CahnHilliard>(nodes, seed);
 }

@@ -29,7 +29,7 @@ struct StudyRow {
     Field field = Field::linf_bar;
     double threshold = 0;       ///< of the field's largest finite value
     std::uint64_t visited = 0;  ///< elements of all levels of the mesh
-    std::uint64_t leaves = 0;   ///< k, the mesh's elements
+    std::uint64_t leaves = 0;   ///< k, the mesh's elements, those too that reach outside
     double l1 = 0;              ///< ||P U - U||
     double l2 = 0;
     double linf = 0;

@@ -1,7 +1,8 @@
 // The study's counts and norms against an explicit recursion.
+#include "query/study.h"
+
 #include <catch2/catch.hpp>
 
-#include "query/study.h"
 #include "store/bisection.h"
 #include "store/error.h"
 #include "tests/bisection_oracle.h"
@@ -18,8 +19,8 @@ struct Counted {
     double linf = 0;
 };
 
-/// Refines as long as the oracle's indicator says so; compares U with each leaf's linear function at
-/// the nodes inside it.
+/// Refines as long as the oracle's indicator says so; compares U with each leaf's linear function
+/// at the nodes inside it.
 template <class T>
 class Recursion {
   public:
@@ -121,12 +122,12 @@ TEST_CASE("the study counts and measures what an explicit recursion does") {
         REQUIRE(s.rows.size() == 7);
         for (const StudyRow& row : s.rows) {
             // A little lower, because stored numbers are rounded.
-            const Counted c =
-                Recursion(volume, oracle, row.threshold * largest * (1 - 1e-6)).run();
+            const Counted c = Recursion(volume, oracle, row.threshold * largest * (1 - 1e-6)).run();
             CAPTURE(row.threshold);
             CHECK(row.leaves == c.leaves);
             CHECK(row.visited == c.visited);
-            CHECK(row.linf * (store.max_value() - store.min_value()) == Approx(c.linf).margin(1e-6));
+            CHECK(row.linf * (store.max_value() - store.min_value()) ==
+                  Approx(c.linf).margin(1e-6));
             CHECK(row.l1 <= row.l2);
             CHECK(row.l2 <= row.linf);
         }
