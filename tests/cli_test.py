@@ -156,7 +156,7 @@ class Cli(unittest.TestCase):
                 [*raw, "--chunk", "20"], [*raw, "--chunk", "512"], [*raw, "--compression", "0"],
                 [*raw, "--indicators", "best"], [*raw, "--indicators", "values"],
                 [*raw, "--spacing", "1,0,1"], [*raw, "--spacing", "1"], [*raw, "--type", "int24"],
-                [*raw, "--endian", "middle"], [*raw, "--dims", "1,2"],
+                [*raw, "--endian", "middle"], [*raw, "--dims", "7"],
                 ["preprocess", "b.h5", "-o", "b.isonest"],
                 ["make-volume", "cube", "--size", "8", "-o", "x.h5"],
                 ["make-volume", "bucky", "--size", "0", "-o", "x.h5"],
