@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <mutex>
 
 #include "store/bisection.h"
 #include "store/lattice.h"
@@ -86,21 +87,15 @@ std::vector<DiamondElement> make_diamond(int slot, const Int3& parity, unsigned 
 }  // namespace
 
 const std::vector<DiamondElement>& diamond(int slot, unsigned parities, unsigned flat) {
-    static const std::vector<std::vector<DiamondElement>> tables = [] {
-        std::vector<std::vector<DiamondElement>> all(8 * 8 * kSlots);
-        for (unsigned f = 0; f < 7; ++f) {
-            for (unsigned p = 0; p < 8; ++p) {
-                for (int s = 0; s < kSlots; ++s) {
-                    if (((p | static_cast<unsigned>(s + 1)) & f) == 0) {
-                        all[(f * 8 + p) * kSlots + static_cast<unsigned>(s)] =
-                            make_diamond(s, {p & 1U, (p >> 1U) & 1U, p >> 2U}, f);
-                    }
-                }
-            }
-        }
-        return all;
-    }();
-    return tables[(flat * 8 + parities) * kSlots + static_cast<unsigned>(slot)];
+    constexpr std::size_t kTables = std::size_t{8} * 8 * kSlots;
+    static std::array<std::vector<DiamondElement>, kTables> tables;
+    static std::array<std::once_flag, kTables> made;
+    const std::size_t i = (flat * 8 + parities) * kSlots + static_cast<std::size_t>(slot);
+    std::call_once(made.at(i), [&] {
+        tables[i] =
+            make_diamond(slot, {parities & 1U, (parities >> 1U) & 1U, parities >> 2U}, flat);
+    });
+    return tables[i];
 }
 
 }  // namespace isonest
