@@ -39,6 +39,12 @@ struct Shared {
     tbb::enumerable_thread_specific<TraversalCounts> counts;
 };
 
+/// Which eighth of a brick a cube lies in, counted from the brick's first.
+inline Int3 octant_of(const Int3& local, std::int64_t half) {
+    return {local.x >= half ? 1 : 0, local.y >= half ? 1 : 0, local.z >= half ? 1 : 0};
+}
+constexpr Int3 kOctants{2, 2, 2};
+
 /// One field around a brick of level L: at the faces and edges of level L + 1, and at the centres
 /// of level L.
 class FieldView {
@@ -55,7 +61,7 @@ class FieldView {
             parents_ = IndicatorView(cache, layout.array(level + 1, field), brick * half);
         }
         for (int octant = 0; octant < 8 && level > 0; ++octant) {
-            const Int3 o{octant & 1, (octant >> 1) & 1, octant >> 2};
+            const Int3 o = kOctants.unlinear(octant);
             centres_[static_cast<std::size_t>(octant)] =
                 IndicatorView(cache, layout.array(level, field), base_ + o * half);
         }
@@ -72,9 +78,9 @@ class FieldView {
     /// At the centre of a cube of level L > 0 in this brick.
     [[nodiscard]] double centre(const Int3& cube) {
         const Int3 local = cube - base_;
-        const Int3 o{local.x >= half_ ? 1 : 0, local.y >= half_ ? 1 : 0, local.z >= half_ ? 1 : 0};
-        return centres_[static_cast<std::size_t>(o.x + 2 * o.y + 4 * o.z)].at(local - o * half_,
-                                                                              kCentreSlot);
+        const Int3 o = octant_of(local, half_);
+        return centres_[static_cast<std::size_t>(kOctants.linear(o))].at(local - o * half_,
+                                                                         kCentreSlot);
     }
 
   private:
@@ -131,11 +137,12 @@ class BrickWork {
 
   private:
     struct Nodes {
-        CubeValues value;   ///< the data
-        CubeValues target;  ///< what is marched: the data, or the distance to a plane
-        Int3 low;           ///< of the parent cube, in nodes of level_
-        unsigned mirror;    ///< axes along which the topology tables are mirrored
-        Sides sides;        ///< anything, until sharpen()
+        CubeValues value;          ///< the data
+        CubeValues distance;       ///< of a plane, if one is marched
+        const CubeValues* target;  ///< what is marched: one of the two
+        Int3 low;                  ///< of the parent cube, in nodes of level_
+        unsigned mirror;           ///< axes along which the topology tables are mirrored
+        Sides sides;               ///< anything, until sharpen()
         bool sharp;
         bool cut;
     };
@@ -147,25 +154,24 @@ class BrickWork {
     /// How far the finest function can be from an element's, by the bound field at its refinement
     /// node. `kind`: bisections since the last whole cube.
     [[nodiscard]] double beta(double indicator, std::size_t kind) const {
-        return shared_.target.is_exact() ? 0 : indicator * bound_scale_[kind];
+        return shared_.target.is_plane() ? 0 : indicator * bound_scale_[kind];
     }
     [[nodiscard]] double stop_at(const Nodes& nodes, int position) {
         return stop_.at(nodes.value, nodes.low, nodes.mirror, position);
     }
     /// Whether the surface in the element and below it faces away from the viewer.
     [[nodiscard]] bool culled(const Nodes& nodes, const TopologyTetrahedron& t) {
-        return query_.culling && query_.culling->faces_away(
-                                     nodes.value, t, nodes.mirror, stride_,
-                                     culling_.at(nodes.value, nodes.low, nodes.mirror, t.ref_node));
+        return query_.culling &&
+               faces_away(nodes, t, culling_.at(nodes.value, nodes.low, nodes.mirror, t.ref_node));
+    }
+    [[nodiscard]] bool faces_away(const Nodes& nodes, const TopologyTetrahedron& t,
+                                  double beta) const {
+        return query_.culling->faces_away(nodes.value, t, nodes.mirror, stride_, beta);
     }
     void sharpen(Nodes& nodes);
     [[nodiscard]] bool interesting(const Nodes& nodes, const TopologyTetrahedron& t, double beta) {
         ++counts_.visited;
-        return level_ == 0 ? nodes.sides.both_in(t) : may_cross(nodes.target, t, beta, iso_);
-    }
-    [[nodiscard]] std::size_t octant_of(const Int3& local) const {
-        return static_cast<std::size_t>((local.x >= half_ ? 1 : 0) + (local.y >= half_ ? 2 : 0) +
-                                        (local.z >= half_ ? 4 : 0));
+        return level_ == 0 ? nodes.sides.both_in(t) : may_cross(*nodes.target, t, beta, iso_);
     }
     /// The interest and stop tests of a face's or edge's tetrahedron; marches it if it is a leaf.
     /// Without a tolerance no node stops, and none is asked.
@@ -199,13 +205,13 @@ void BrickWork<T>::march(const Nodes& nodes, const TopologyTetrahedron& t, doubl
     for (std::size_t i = 0; i < 4; ++i) {
         const int position = t.vertices[i];
         const auto at = static_cast<std::size_t>(position);
-        const double value = nodes.target[at];
+        const double value = (*nodes.target)[at];
         if (!std::isfinite(nodes.value[at]) || !std::isfinite(value)) {
             return;
         }
         corners[i] = {(nodes.low + node_offset(position, nodes.mirror)) * stride_, value};
     }
-    if (query_.culling && query_.culling->faces_away(nodes.value, t, nodes.mirror, stride_, 0)) {
+    if (query_.culling && faces_away(nodes, t, 0)) {
         return;
     }
     ++counts_.leaves;
@@ -229,7 +235,11 @@ void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
         nodes.value[static_cast<std::size_t>(position)] =
             static_cast<double>(values_.template at<T>(p));
     }
-    nodes.target = shared_.target.at(nodes.value, nodes.low, nodes.mirror, stride_);
+    nodes.target = &nodes.value;
+    if (shared_.target.is_plane()) {
+        nodes.distance = shared_.target.distances(nodes.low, nodes.mirror, stride_);
+        nodes.target = &nodes.distance;
+    }
 }
 
 /// Finds out on which sides of the isovalue the finest function can be. Above level 0 that takes
@@ -237,14 +247,14 @@ void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
 template <class T>
 void BrickWork<T>::sharpen(Nodes& nodes) {
     std::array<double, 8> bound{};
-    if (level_ > 0 && !shared_.target.is_exact()) {
+    if (level_ > 0 && !shared_.target.is_plane()) {
         for (unsigned corner = 0; corner < 8; ++corner) {
             const unsigned at = corner ^ nodes.mirror;
             const Int3 cube = nodes.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
             bound[corner] = beta(bound_.centre(cube), 0);
         }
     }
-    nodes.sides = sides_of(nodes.target, bound, iso_);
+    nodes.sides = sides_of(*nodes.target, bound, iso_);
     nodes.sharp = true;
 }
 
@@ -258,11 +268,11 @@ bool BrickWork<T>::refines(Nodes& nodes, const TopologyTetrahedron& t, std::size
         return true;
     }
     double eta = 0;
-    if (level_ == 0 || shared_.target.is_exact()) {
+    if (level_ == 0 || shared_.target.is_plane()) {
         eta = stop_at(nodes, t.ref_node);
     } else {
         const double raw = bound_.at(nodes.value, nodes.low, nodes.mirror, t.ref_node);
-        if (!may_cross(nodes.target, t, beta(raw, kind), iso_)) {
+        if (!may_cross(*nodes.target, t, beta(raw, kind), iso_)) {
             return false;
         }
         eta = one_field_ ? raw : stop_at(nodes, t.ref_node);
@@ -307,7 +317,8 @@ void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
     const Int3 cube = nodes.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
     bool cut = nodes.cut;
     if (cut) {
-        const Overlap overlap = overlap_of(query_.box, cube * stride_, stride_);
+        const Overlap overlap =
+            overlap_of(query_.box, cube * stride_, (cube + Int3{1, 1, 1}) * stride_);
         if (overlap == Overlap::outside) {
             return;
         }
@@ -317,7 +328,7 @@ void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
     double eta = 0;
     bool leaf = level_ == 0;
     if (level_ > 0) {
-        const bool exact = shared_.target.is_exact();
+        const bool exact = shared_.target.is_plane();
         bound = exact ? 0 : bound_.centre(cube);
         eta = one_field_ && !exact ? bound : stop_.centre(cube);
         leaf = !query_.tolerance.is_zero() &&
@@ -332,9 +343,7 @@ void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
         if (!interesting(nodes, t, beta(bound, 0))) {
             continue;
         }
-        if (query_.culling && level_ > 0 &&
-            query_.culling->faces_away(nodes.value, t, nodes.mirror, stride_,
-                                       culling_.centre(cube))) {
+        if (query_.culling && level_ > 0 && faces_away(nodes, t, culling_.centre(cube))) {
             continue;
         }
         if (leaf) {
@@ -345,26 +354,25 @@ void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
     }
     if (refined != 0) {
         const Int3 local = cube - base_;
-        const std::size_t octant = octant_of(local);
-        auto& list = children_[octant];
+        const Int3 octant = octant_of(local, half_);
+        auto& list = children_[static_cast<std::size_t>(kOctants.linear(octant))];
         if (list == nullptr) {
             list = std::make_unique<MaskList>(static_cast<std::size_t>(half_ * half_ * half_));
         }
-        const auto o = static_cast<std::int64_t>(octant);
-        const Int3 low{o & 1, (o >> 1) & 1, o >> 2};
-        (*list)[morton_code(local - low * half_)] |= refined;
+        (*list)[morton_code(local - octant * half_)] |= refined;
     }
 }
 
 template <class T>
 void BrickWork<T>::refine(const Int3& parent, std::uint8_t mask) {
-    const Overlap overlap = overlap_of(query_.box, parent * (2 * stride_), 2 * stride_);
+    const Overlap overlap =
+        overlap_of(query_.box, parent * (2 * stride_), (parent + Int3{1, 1, 1}) * (2 * stride_));
     if (overlap == Overlap::outside) {
         return;
     }
     Nodes nodes;
     load(nodes, parent);
-    if (level_ == 0 || query_.tolerance.is_zero() || shared_.target.is_exact()) {
+    if (level_ == 0 || query_.tolerance.is_zero() || shared_.target.is_plane()) {
         sharpen(nodes);
     }
     nodes.cut = overlap == Overlap::crossing;

@@ -64,15 +64,15 @@ class ClipContext {
     std::map<std::tuple<std::uint32_t, std::uint32_t, std::uint32_t>, std::uint32_t> index_;
 };
 
-/// How a cube with the given low corner and edge lies to the box.
+/// How the box from `low` to `high` lies to `box`; along an axis without extent `box` is infinite.
 enum class Overlap { outside, crossing, inside };
 
-inline Overlap overlap_of(const ClipBox& box, const Int3& low, std::int64_t edge) {
+inline Overlap overlap_of(const ClipBox& box, const Int3& low, const Int3& high) {
     bool inside = true;
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
         const auto lo = static_cast<double>(low[axis]);
-        const auto hi = static_cast<double>(low[axis] + edge);
+        const auto hi = static_cast<double>(high[axis]);
         if (hi <= box.lo[a] || lo >= box.hi[a]) {
             return Overlap::outside;
         }

@@ -76,29 +76,39 @@ std::uint32_t LocalMesh::edge_vertex(const Corner& a, const Corner& b, double is
     return next;
 }
 
-std::uint32_t LocalMesh::token(VertexKind kind, const Int3& first, const Int3& second,
-                               const Double3& position, const VertexAttributes& attributes) {
-    const VertexKey key{half_lattice_key(first), half_lattice_key(second), kind};
+template <class MakeAttributes>
+std::uint32_t LocalMesh::token(const VertexKey& key, const Double3& position,
+                               const MakeAttributes& attributes) {
     const auto next = static_cast<std::uint32_t>(elements_.size());
     const auto [it, inserted] = tokens_.try_emplace(key, next);
     if (inserted) {
-        elements_.push_back({key, position, attributes, next, 0});
+        elements_.push_back({key, position, attributes(), next, 0});
     }
     ++elements_[it->second].uses;
     return it->second;
+}
+
+std::uint32_t LocalMesh::fan_token(const Int3& node, const Int3& second) {
+    return token({half_lattice_key(node * 2), half_lattice_key(second), VertexKind::fan},
+                 as_point(node), [&] { return attributes_at(node); });
+}
+
+std::uint32_t LocalMesh::run_token(const Corner& a, const Corner& b, const Corner& below) {
+    const Double3 at = as_point(a.node + b.node);
+    return token(
+        {half_lattice_key(a.node + b.node), half_lattice_key(below.node * 2), VertexKind::run},
+        {at[0] / 2, at[1] / 2, at[2] / 2}, [&] {
+            return precedes(a.node, b.node) ? attributes_of(a.node, b.node, 0.5)
+                                            : attributes_of(b.node, a.node, 0.5);
+        });
 }
 
 /// The fan at `node` that enters this tetrahedron through the face (node, a0, b0) and leaves it
 /// through (node, a1, b1).
 std::uint32_t LocalMesh::fan(const Corner& node, const Corner& a0, const Corner& b0,
                              const Corner& a1, const Corner& b1) {
-    const Double3 at = as_point(node.node);
-    const VertexAttributes attributes =
-        attributes_ != nullptr ? attributes_->node(node.node) : VertexAttributes{};
-    const std::uint32_t in =
-        token(VertexKind::fan, node.node * 2, a0.node + b0.node, at, attributes);
-    const std::uint32_t out =
-        token(VertexKind::fan, node.node * 2, a1.node + b1.node, at, attributes);
+    const std::uint32_t in = fan_token(node.node, a0.node + b0.node);
+    const std::uint32_t out = fan_token(node.node, a1.node + b1.node);
     unite(in, out);
     return in;
 }
@@ -161,11 +171,7 @@ void LocalMesh::march_one_below(const Corner& q, const std::array<Corner, 3>& ab
         const Corner& c = above[order[(i + 2) % 3]];
         v[i] = a.value == iso ? fan(a, b, q, c, q) : edge_vertex(a, q, iso);
         if (a.value == iso && b.value == iso) {
-            const Double3 at = as_point(a.node + b.node);
-            mid[i] = token(VertexKind::run, a.node + b.node, q.node * 2,
-                           {at[0] / 2, at[1] / 2, at[2] / 2},
-                           precedes(a.node, b.node) ? attributes_of(a.node, b.node, 0.5)
-                                                    : attributes_of(b.node, a.node, 0.5));
+            mid[i] = run_token(a, b, q);
         }
     }
     add_split(v, mid, cut);
@@ -178,13 +184,7 @@ void LocalMesh::march_two_below(const Corner& a, const Corner& b, const Corner& 
     if (a_hit && b_hit) {
         fan(a, b, q1, b, q2);
         fan(b, a, q1, a, q2);
-        const Double3 at = as_point(a.node + b.node);
-        const Double3 middle{at[0] / 2, at[1] / 2, at[2] / 2};
-        const VertexAttributes attributes = precedes(a.node, b.node)
-                                                ? attributes_of(a.node, b.node, 0.5)
-                                                : attributes_of(b.node, a.node, 0.5);
-        unite(token(VertexKind::run, a.node + b.node, q1.node * 2, middle, attributes),
-              token(VertexKind::run, a.node + b.node, q2.node * 2, middle, attributes));
+        unite(run_token(a, b, q1), run_token(a, b, q2));
         return;
     }
     // (a, b, q1, q2) positive: the quadrilateral a q1, a q2, b q2, b q1 faces q.
@@ -254,9 +254,7 @@ std::uint32_t LocalMesh::node_vertex(const Int3& node, const Double3& position) 
     const auto next = static_cast<std::uint32_t>(elements_.size());
     const auto [it, inserted] = edges_.try_emplace(key, next);
     if (inserted) {
-        const VertexAttributes attributes =
-            attributes_ != nullptr ? attributes_->node(node) : VertexAttributes{};
-        elements_.push_back({{key, 0, VertexKind::edge}, position, attributes, next, 0});
+        elements_.push_back({{key, 0, VertexKind::edge}, position, attributes_at(node), next, 0});
     }
     return it->second;
 }

@@ -97,8 +97,12 @@ class LocalMesh {
 
     std::uint32_t edge_vertex(const Corner& a, const Corner& b, double iso);
     std::uint32_t node_vertex(const Int3& node, const Double3& position);
-    std::uint32_t token(VertexKind kind, const Int3& first, const Int3& second,
-                        const Double3& position, const VertexAttributes& attributes);
+    /// Names of the sheet at `node`, and of the middle of the edge ab that a sheet runs along.
+    std::uint32_t fan_token(const Int3& node, const Int3& second);
+    std::uint32_t run_token(const Corner& a, const Corner& b, const Corner& below);
+    template <class MakeAttributes>
+    std::uint32_t token(const VertexKey& key, const Double3& position,
+                        const MakeAttributes& attributes);
     std::uint32_t fan(const Corner& node, const Corner& a0, const Corner& b0, const Corner& a1,
                       const Corner& b1);
     std::uint32_t root(std::uint32_t e);
@@ -109,6 +113,9 @@ class LocalMesh {
     std::uint32_t private_vertex(const Double3& position, const VertexAttributes& attributes);
     [[nodiscard]] VertexAttributes attributes_of(const Int3& a, const Int3& b, double t) {
         return attributes_ != nullptr ? attributes_->edge(a, b, t) : VertexAttributes{};
+    }
+    [[nodiscard]] VertexAttributes attributes_at(const Int3& node) {
+        return attributes_ != nullptr ? attributes_->node(node) : VertexAttributes{};
     }
     void march_one_below(const Corner& q, const std::array<Corner, 3>& above, bool positive,
                          double iso, bool cut);

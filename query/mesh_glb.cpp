@@ -2,11 +2,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cstring>
 #include <limits>
 
 #include "query/mesh_sections.h"
-#include "store/error.h"
 
 namespace isonest {
 namespace {
@@ -32,6 +30,11 @@ Bounds bounds_of(const MeshContent& mesh) {
         }
     }
     return b;
+}
+
+/// glTF's own name, or one of ours, which has to begin with an underscore.
+std::string semantic_of(const std::string& name) {
+    return name == "normal" ? "NORMAL" : name == "value" ? "_VALUE" : "_ERROR";
 }
 
 /// Buffer views and accessors, one of each for every array.
@@ -64,10 +67,9 @@ void write_glb(const std::filesystem::path& path, bool force, const MeshContent&
     constexpr int kUint = 5125;
     constexpr int kVertices = 34962;
     constexpr int kIndices = 34963;
-    require_32_bit_indices(path, mesh, "glTF");
+    require_32_bits(path, mesh.weld.vertices(), "vertices", "glTF");
     const std::uint64_t nv = mesh.weld.vertices();
     const std::uint64_t nt = mesh.weld.triangles();
-    const AttributeChoice& a = mesh.attributes;
     Arrays arrays;
     std::vector<VertexSection> vertices;
     std::vector<TriangleSection> triangles;
@@ -78,30 +80,15 @@ void write_glb(const std::filesystem::path& path, bool force, const MeshContent&
             arrays.add(nv * 12, nv, kFloat, "VEC3", kVertices,
                        fmt::format(",\"min\":[{:.9g},{:.9g},{:.9g}],\"max\":[{:.9g},{:.9g},{:.9g}]",
                                    b.lo[0], b.lo[1], b.lo[2], b.hi[0], b.hi[1], b.hi[2]))));
-        std::size_t first = 0;
-        const auto attribute = [&](const char* name, std::size_t count, const char* type) {
-            names += fmt::format(",\"{}\":{}", name, arrays.count);
-            vertices.push_back(attribute_section(
-                arrays.add(nv * 4 * count, nv, kFloat, type, kVertices), first, count));
-            first += count;
-        };
-        if (a.normal) {
-            attribute("NORMAL", 3, "VEC3");
-        }
-        if (a.value) {
-            attribute("_VALUE", 1, "SCALAR");
-        }
-        if (a.error) {
-            attribute("_ERROR", 1, "SCALAR");
+        for (const AttributeChoice::Array& array : mesh.attributes.arrays()) {
+            names += fmt::format(",\"{}\":{}", semantic_of(array.name), arrays.count);
+            vertices.push_back(
+                attribute_section(arrays.add(nv * 4 * array.components, nv, kFloat,
+                                             array.components == 3 ? "VEC3" : "SCALAR", kVertices),
+                                  array));
         }
         triangles.push_back({arrays.add(nt * 12, nt * 3, kUint, "SCALAR", kIndices), 12,
-                             [](const TriangleRow& t, std::byte* out) {
-                                 for (const std::uint64_t corner : t.corners) {
-                                     const auto index = static_cast<std::uint32_t>(corner);
-                                     std::memcpy(out, &index, sizeof(index));
-                                     out += sizeof(index);
-                                 }
-                             }});
+                             [](const TriangleRow& t, std::byte* out) { put_indices32(t, out); }});
     }
     std::string json = R"({"asset":{"version":"2.0","generator":"isonest"},"scene":0,"scenes":[{)";
     if (nt > 0) {
@@ -116,13 +103,7 @@ void write_glb(const std::filesystem::path& path, bool force, const MeshContent&
     json.resize(padded(json.size()), ' ');
     const std::uint64_t head = 12 + 8 + json.size() + (nt > 0 ? 8 : 0);
     const std::uint64_t total = head + arrays.end;
-    if (total > 0xFFFFFFFFULL) {
-        throw Error(ErrorKind::limit,
-                    fmt::format("{}: the mesh needs {} bytes, more than glTF binary can have (2^32 "
-                                "- 1); write .vtp or .vtkhdf, extract a --box of it or allow a "
-                                "larger --error",
-                                path.string(), total));
-    }
+    require_32_bits(path, total, "bytes of mesh", "glTF binary");
     OutputFile file(path, force);
     std::vector<std::uint32_t> words{0x46546C67, 2, static_cast<std::uint32_t>(total),
                                      static_cast<std::uint32_t>(json.size()), 0x4E4F534A};
@@ -132,12 +113,7 @@ void write_glb(const std::filesystem::path& path, bool force, const MeshContent&
         words = {static_cast<std::uint32_t>(arrays.end), 0x004E4942};
         file.write_at(20 + json.size(), std::as_bytes(std::span(words)));
     }
-    for (VertexSection& section : vertices) {
-        section.offset += head;
-    }
-    for (TriangleSection& section : triangles) {
-        section.offset += head;
-    }
+    shift(head, vertices, triangles);
     write_sections(file, mesh, vertices, triangles, progress);
     file.publish_as_named();
 }

@@ -9,7 +9,7 @@ namespace isonest {
 
 void write_ply(const std::filesystem::path& path, bool force, const MeshContent& mesh,
                Progress& progress) {
-    require_32_bit_indices(path, mesh, "PLY");
+    require_32_bits(path, mesh.weld.vertices(), "vertices", "PLY");
     OutputFile file(path, force);
     const AttributeChoice& a = mesh.attributes;
     const std::uint64_t vertices = mesh.weld.vertices();
@@ -33,11 +33,7 @@ void write_ply(const std::filesystem::path& path, bool force, const MeshContent&
                    {{faces, 1 + 3 * sizeof(std::uint32_t),
                      [](const TriangleRow& t, std::byte* out) {
                          *out++ = std::byte{3};
-                         for (const std::uint64_t corner : t.corners) {
-                             const auto index = static_cast<std::uint32_t>(corner);
-                             std::memcpy(out, &index, sizeof(index));
-                             out += sizeof(index);
-                         }
+                         put_indices32(t, out);
                      }}},
                    progress);
     file.publish_as_named();

@@ -49,9 +49,10 @@ void write_sections(const OutputFile& file, const MeshContent& mesh,
     });
 }
 
-VertexSection attribute_section(std::uint64_t offset, std::size_t first, std::size_t count) {
-    return {offset, count * sizeof(float), [first, count](const VertexRow& v, std::byte* out) {
-                std::memcpy(out, v.attributes.data() + first, count * sizeof(float));
+VertexSection attribute_section(std::uint64_t offset, const AttributeChoice::Array& array) {
+    const std::size_t bytes = array.components * sizeof(float);
+    return {offset, bytes, [first = array.first, bytes](const VertexRow& v, std::byte* out) {
+                std::memcpy(out, v.attributes.data() + first, bytes);
             }};
 }
 
@@ -59,6 +60,39 @@ VertexSection position_section(std::uint64_t offset) {
     return {offset, sizeof(VertexRow::position), [](const VertexRow& v, std::byte* out) {
                 std::memcpy(out, v.position.data(), sizeof(v.position));
             }};
+}
+
+TriangleSection connectivity_section(std::uint64_t offset, std::size_t corners) {
+    const std::size_t bytes = corners * sizeof(std::int64_t);
+    return {offset, bytes, [bytes](const TriangleRow& t, std::byte* out) {
+                std::memcpy(out, t.corners.data(), bytes);
+            }};
+}
+
+TriangleSection ends_section(std::uint64_t offset, std::size_t corners) {
+    return {offset, sizeof(std::int64_t), [corners](const TriangleRow& t, std::byte* out) {
+                const std::uint64_t end = corners * (t.index + 1);
+                std::memcpy(out, &end, sizeof(end));
+            }};
+}
+
+std::byte* put_indices32(const TriangleRow& t, std::byte* out) {
+    for (const std::uint64_t corner : t.corners) {
+        const auto index = static_cast<std::uint32_t>(corner);
+        std::memcpy(out, &index, sizeof(index));
+        out += sizeof(index);
+    }
+    return out;
+}
+
+void shift(std::uint64_t by, std::vector<VertexSection>& vertices,
+           std::vector<TriangleSection>& triangles) {
+    for (VertexSection& section : vertices) {
+        section.offset += by;
+    }
+    for (TriangleSection& section : triangles) {
+        section.offset += by;
+    }
 }
 
 }  // namespace isonest

@@ -40,8 +40,18 @@ void write_sections(const OutputFile& file, const MeshContent& mesh,
                     const std::vector<VertexSection>& vertices,
                     const std::vector<TriangleSection>& triangles, Progress& progress);
 
-/// `count` attributes from number `first` on, as they are.
-VertexSection attribute_section(std::uint64_t offset, std::size_t first, std::size_t count);
+/// One of the attributes, as it is.
+VertexSection attribute_section(std::uint64_t offset, const AttributeChoice::Array& array);
 VertexSection position_section(std::uint64_t offset);
+/// The numbers of the first `corners` corners, int64; and for each cell how many there are so far.
+TriangleSection connectivity_section(std::uint64_t offset, std::size_t corners);
+TriangleSection ends_section(std::uint64_t offset, std::size_t corners);
+
+/// Writes the three numbers as uint32 and returns what is behind them.
+std::byte* put_indices32(const TriangleRow& t, std::byte* out);
+
+/// Moves all sections by the length of what stands before them.
+void shift(std::uint64_t by, std::vector<VertexSection>& vertices,
+           std::vector<TriangleSection>& triangles);
 
 }  // namespace isonest

@@ -6,20 +6,19 @@
 #include <cstring>
 
 #include "query/mesh_sections.h"
-#include "store/error.h"
+#include "store/vector3.h"
 
 namespace isonest {
 namespace {
 
 std::array<float, 3> normal_of(const std::array<std::array<float, 3>, 3>& p) {
-    std::array<double, 3> a{};
-    std::array<double, 3> b{};
+    Double3 a{};
+    Double3 b{};
     for (std::size_t i = 0; i < 3; ++i) {
         a[i] = static_cast<double>(p[1][i]) - static_cast<double>(p[0][i]);
         b[i] = static_cast<double>(p[2][i]) - static_cast<double>(p[0][i]);
     }
-    const std::array<double, 3> n{a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
-                                  a[0] * b[1] - a[1] * b[0]};
+    const Double3 n = cross(a, b);
     const double size = std::hypot(n[0], n[1], n[2]);
     std::array<float, 3> out{};
     for (std::size_t i = 0; i < 3 && size > 0; ++i) {
@@ -34,14 +33,7 @@ void write_stl(const std::filesystem::path& path, bool force, const MeshContent&
                Progress& progress) {
     constexpr std::size_t kHeader = 80;
     constexpr std::size_t kRow = 50;
-    if (mesh.weld.triangles() > 0xFFFFFFFFULL) {
-        throw Error(
-            ErrorKind::limit,
-            fmt::format("{}: the surface has {} triangles, more than STL can count (2^32 - "
-                        "1); write .vtp or .vtkhdf, extract a --box of it or allow a larger "
-                        "--error",
-                        path.string(), mesh.weld.triangles()));
-    }
+    require_32_bits(path, mesh.weld.triangles(), "triangles", "STL");
     OutputFile file(path, force);
     std::array<char, kHeader + sizeof(std::uint32_t)> header{"binary STL, isonest"};
     const auto count = static_cast<std::uint32_t>(mesh.weld.triangles());

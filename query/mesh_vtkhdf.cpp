@@ -1,7 +1,4 @@
 // VTKHDF PolyData: HDF5 whose arrays are written in place.
-#include <array>
-#include <cstring>
-
 #include "query/mesh_sections.h"
 #include "store/polydata_file.h"
 
@@ -9,39 +6,23 @@ namespace isonest {
 
 void write_vtkhdf(const std::filesystem::path& path, bool force, const MeshContent& mesh,
                   Progress& progress) {
-    const AttributeChoice& a = mesh.attributes;
+    const std::vector<AttributeChoice::Array> arrays = mesh.attributes.arrays();
     PolyDataShape shape;
     shape.points = mesh.weld.vertices();
     shape.triangles = mesh.weld.triangles();
-    if (a.normal) {
-        shape.attributes.push_back({"normal", 3});
-    }
-    if (a.value) {
-        shape.attributes.push_back({"value", 1});
-    }
-    if (a.error) {
-        shape.attributes.push_back({"error", 1});
+    for (const AttributeChoice::Array& array : arrays) {
+        shape.attributes.push_back({array.name, static_cast<int>(array.components)});
     }
     PolyDataOffsets offsets;
     OutputFile file(path, force, [&](const std::filesystem::path& temporary) {
         offsets = create_polydata(temporary, shape);
     });
     std::vector<VertexSection> vertices{position_section(offsets.points)};
-    std::size_t first = 0;
-    for (std::size_t i = 0; i < shape.attributes.size(); ++i) {
-        const auto count = static_cast<std::size_t>(shape.attributes[i].components);
-        vertices.push_back(attribute_section(offsets.attributes[i], first, count));
-        first += count;
+    for (std::size_t i = 0; i < arrays.size(); ++i) {
+        vertices.push_back(attribute_section(offsets.attributes[i], arrays[i]));
     }
-    const std::vector<TriangleSection> triangles{
-        {offsets.connectivity, 3 * sizeof(std::int64_t),
-         [](const TriangleRow& t, std::byte* out) {
-             std::memcpy(out, t.corners.data(), sizeof(t.corners));
-         }},
-        {offsets.ends, sizeof(std::int64_t), [](const TriangleRow& t, std::byte* out) {
-             const std::uint64_t end = 3 * (t.index + 1);
-             std::memcpy(out, &end, sizeof(end));
-         }}};
+    const std::vector<TriangleSection> triangles{connectivity_section(offsets.connectivity, 3),
+                                                 ends_section(offsets.ends, 3)};
     if (shape.triangles > 0) {
         const std::uint64_t zero = 0;
         file.write_at(offsets.ends - sizeof(zero), std::as_bytes(std::span(&zero, 1)));

@@ -1,8 +1,6 @@
 // VTK XML PolyData with appended raw data. The format: Kitware, "VTK File Formats".
 #include <fmt/format.h>
 
-#include <cstring>
-
 #include "query/mesh_sections.h"
 
 namespace isonest {
@@ -15,7 +13,8 @@ struct Appended {
     std::vector<std::pair<std::uint64_t, std::uint64_t>> lengths;  ///< offset, bytes
 
     /// Returns the offset of the array's data.
-    std::uint64_t add(const char* type, const char* name, int components, std::uint64_t bytes) {
+    std::uint64_t add(const char* type, const char* name, std::size_t components,
+                      std::uint64_t bytes) {
         xml += fmt::format(
             "<DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" "
             "offset=\"{}\"/>\n",
@@ -50,35 +49,18 @@ void write_vtp(const std::filesystem::path& path, bool force, const MeshContent&
                             a.value   ? " Scalars=\"value\""
                             : a.error ? " Scalars=\"error\""
                                       : "");
-    std::size_t first = 0;
-    const auto attribute = [&](const char* name, std::size_t count) {
-        const std::uint64_t at =
-            data.add("Float32", name, static_cast<int>(count), nv * count * sizeof(float));
-        vertices.push_back(attribute_section(at, first, count));
-        first += count;
-    };
-    if (a.normal) {
-        attribute("normal", 3);
-    }
-    if (a.value) {
-        attribute("value", 1);
-    }
-    if (a.error) {
-        attribute("error", 1);
+    for (const AttributeChoice::Array& array : a.arrays()) {
+        vertices.push_back(attribute_section(data.add("Float32", array.name, array.components,
+                                                      nv * array.components * sizeof(float)),
+                                             array));
     }
     data.xml += "</PointData>\n<Points>\n";
     vertices.push_back(position_section(data.add("Float32", "points", 3, nv * 3 * sizeof(float))));
     data.xml += fmt::format("</Points>\n<{}>\n", cells);
-    triangles.push_back({data.add("Int64", "connectivity", 1, nt * corners * sizeof(std::int64_t)),
-                         corners * sizeof(std::int64_t),
-                         [corners](const TriangleRow& t, std::byte* out) {
-                             std::memcpy(out, t.corners.data(), corners * sizeof(std::int64_t));
-                         }});
-    triangles.push_back({data.add("Int64", "offsets", 1, nt * sizeof(std::int64_t)),
-                         sizeof(std::int64_t), [corners](const TriangleRow& t, std::byte* out) {
-                             const std::uint64_t end = corners * (t.index + 1);
-                             std::memcpy(out, &end, sizeof(end));
-                         }});
+    triangles.push_back(connectivity_section(
+        data.add("Int64", "connectivity", 1, nt * corners * sizeof(std::int64_t)), corners));
+    triangles.push_back(
+        ends_section(data.add("Int64", "offsets", 1, nt * sizeof(std::int64_t)), corners));
     data.xml +=
         fmt::format("</{}>\n</Piece>\n</PolyData>\n<AppendedData encoding=\"raw\">\n_", cells);
     file.write_at(0, std::as_bytes(std::span(data.xml)));
@@ -86,12 +68,7 @@ void write_vtp(const std::filesystem::path& path, bool force, const MeshContent&
     for (const auto& [offset, bytes] : data.lengths) {
         file.write_at(base + offset, std::as_bytes(std::span(&bytes, 1)));
     }
-    for (VertexSection& section : vertices) {
-        section.offset += base;
-    }
-    for (TriangleSection& section : triangles) {
-        section.offset += base;
-    }
+    shift(base, vertices, triangles);
     write_sections(file, mesh, vertices, triangles, progress);
     const std::string tail = "\n</AppendedData>\n</VTKFile>\n";
     file.write_at(base + data.end, std::as_bytes(std::span(tail)));

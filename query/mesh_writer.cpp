@@ -51,18 +51,18 @@ void require_lines(const std::filesystem::path& path) {
     const MeshFormat format = mesh_format_of(path);
     if (format != MeshFormat::vtp && format != MeshFormat::obj) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: isolines are written as .vtp or .obj", path.string()));
+                    fmt::format("{}: lines are written as .vtp or .obj", path.string()));
     }
 }
 
-void require_32_bit_indices(const std::filesystem::path& path, const MeshContent& mesh,
-                            const char* format) {
-    if (mesh.weld.vertices() > 0xFFFFFFFFULL) {
+void require_32_bits(const std::filesystem::path& path, std::uint64_t count, const char* what,
+                     const char* format) {
+    if (count > 0xFFFFFFFFULL) {
         throw Error(ErrorKind::limit,
-                    fmt::format("{}: the surface has {} vertices, more than {} can number (2^32 - "
-                                "1); write .vtp or .vtkhdf, extract a --box of it or allow a "
-                                "larger --error",
-                                path.string(), mesh.weld.vertices(), format));
+                    fmt::format("{}: the surface has {} {}, more than {} can number (2^32 - 1); "
+                                "write .vtp or .vtkhdf, extract a --box of it or allow a larger "
+                                "--error",
+                                path.string(), count, what, format));
     }
 }
 

@@ -49,8 +49,8 @@ void write_vtkhdf(const std::filesystem::path& path, bool force, const MeshConte
 void write_glb(const std::filesystem::path& path, bool force, const MeshContent& mesh,
                Progress& progress);
 
-/// Throws Error{limit} if the mesh has more vertices than 32 bits can number.
-void require_32_bit_indices(const std::filesystem::path& path, const MeshContent& mesh,
-                            const char* format);
+/// Throws Error{limit} if the count ("vertices", say) is more than 32 bits can number.
+void require_32_bits(const std::filesystem::path& path, std::uint64_t count, const char* what,
+                     const char* format);
 
 }  // namespace isonest

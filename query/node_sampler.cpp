@@ -58,10 +58,7 @@ double NodeSampler::indicator(const Int3& x, Field field) {
     if (node.scale == 0) {
         return 0;
     }
-    int level = 1;
-    while ((node.scale >> (level - 1)) != 1) {
-        ++level;
-    }
+    const int level = node.level();
     const Int3 p{x.x / node.scale, x.y / node.scale, x.z / node.scale};
     const Int3 owner{p.x / 2, p.y / 2, p.z / 2};
     const int slot = slot_of(p);

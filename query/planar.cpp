@@ -75,17 +75,7 @@ class PlanarTraversal {
             low = min(low, v);
             high = max(high, v);
         }
-        bool inside = true;
-        for (const int axis : axes_) {
-            const auto a = static_cast<std::size_t>(axis);
-            const auto lo = static_cast<double>(low[axis]);
-            const auto hi = static_cast<double>(high[axis]);
-            if (hi <= query_.box.lo[a] || lo >= query_.box.hi[a]) {
-                return Overlap::outside;
-            }
-            inside = inside && lo >= query_.box.lo[a] && hi <= query_.box.hi[a];
-        }
-        return inside ? Overlap::inside : Overlap::crossing;
+        return overlap_of(query_.box, low, high);
     }
 
     void visit(const Triangle& t) {

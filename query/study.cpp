@@ -5,7 +5,6 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -154,8 +153,7 @@ class WholeLattice {
         if (node.scale == 0) {
             return false;
         }
-        const int level = std::countr_zero(static_cast<std::uint64_t>(node.scale)) + 1;
-        const Int3 last = lattice_.cells_at(level) * (std::int64_t{1} << level);
+        const Int3 last = lattice_.cells_at(node.level()) * (2 * node.scale);
         return max(p, last) == last;
     }
     void refine(const Int3& p, const NodeInfo& node, int level, double threshold,
@@ -222,11 +220,12 @@ void count_surface(const StoreReader& store, ChunkCache& cache, double iso, doub
          {Field::grad_linf_plus, Field::linf_plus, Field::deviation_plus, Field::deviation_bar}) {
         query.bound = store.layout().has(field) ? field : query.bound;
     }
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
     for (int axis = 0; axis < 3; ++axis) {
         const bool flat = header.nodes[axis] == 1;
-        query.box.lo[static_cast<std::size_t>(axis)] = flat ? -1 : 0;
+        query.box.lo[static_cast<std::size_t>(axis)] = flat ? -kInfinity : 0;
         query.box.hi[static_cast<std::size_t>(axis)] =
-            flat ? 1 : static_cast<double>(header.nodes[axis] - 1);
+            flat ? kInfinity : static_cast<double>(header.nodes[axis] - 1);
     }
     constexpr std::size_t kPart = 65536;
     const PartSink nowhere = [](std::uint64_t, const MeshPart&) {};

@@ -30,19 +30,15 @@ class Target {
     Target(double iso, const std::optional<LatticePlane>& plane) : iso_(iso), plane_(plane) {}
 
     [[nodiscard]] double level() const { return plane_ ? 0 : iso_; }
-    /// Whether the finest function can differ from an element's by the element's bound.
-    [[nodiscard]] bool is_exact() const { return plane_.has_value(); }
-    /// The function at the 27 nodes of the cube whose low corner is `low`, given the data there.
-    /// Where data are missing so is the function.
-    [[nodiscard]] CubeValues at(const CubeValues& data, const Int3& low, unsigned mirror,
-                                std::int64_t stride) const {
-        if (!plane_) {
-            return data;
-        }
+    /// A plane's function is exact on every element: no bound is needed.
+    [[nodiscard]] bool is_plane() const { return plane_.has_value(); }
+    /// From the plane, at the 27 nodes of the cube whose low corner is `low`. REQUIRES: is_plane().
+    [[nodiscard]] CubeValues distances(const Int3& low, unsigned mirror,
+                                       std::int64_t stride) const {
         CubeValues out{};
         for (int p = 0; p < 27; ++p) {
-            const auto i = static_cast<std::size_t>(p);
-            out[i] = plane_->distance((low + node_offset(p, mirror)) * stride);
+            out[static_cast<std::size_t>(p)] =
+                plane_->distance((low + node_offset(p, mirror)) * stride);
         }
         return out;
     }

@@ -6,6 +6,21 @@
 
 namespace isonest {
 
+std::vector<AttributeChoice::Array> AttributeChoice::arrays() const {
+    std::vector<Array> all;
+    std::size_t first = 0;
+    const auto add = [&](bool chosen, const char* name, std::size_t components) {
+        if (chosen) {
+            all.push_back({name, first, components});
+            first += components;
+        }
+    };
+    add(normal, "normal", 3);
+    add(value, "value", 1);
+    add(error.has_value(), "error", 1);
+    return all;
+}
+
 AttributeSampler::AttributeSampler(const AttributeChoice& choice, ChunkCache& own,
                                    ChunkCache* values)
     : choice_(choice),

@@ -21,6 +21,14 @@ struct AttributeChoice {
     std::optional<double> graph_scale;
     std::optional<Field> error;  ///< the field at the midpoint of the vertex's tetrahedron edge
 
+    /// One of them in a vertex's numbers: `components` from number `first` on.
+    struct Array {
+        const char* name;
+        std::size_t first;
+        std::size_t components;
+    };
+    /// "normal", "value", "error", as far as chosen.
+    [[nodiscard]] std::vector<Array> arrays() const;
     [[nodiscard]] std::size_t width() const {
         return (normal ? 3U : 0U) + (value ? 1U : 0U) + (error ? 1U : 0U);
     }

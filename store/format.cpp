@@ -97,6 +97,16 @@ bool StoreLayout::has(Field field) const {
            std::find(header_.fields.begin(), header_.fields.end(), field) != header_.fields.end();
 }
 
+std::optional<Field> StoreLayout::tightest_bound() const {
+    for (const Field field :
+         {Field::deviation_bar, Field::deviation_plus, Field::linf_plus, Field::grad_linf_plus}) {
+        if (has(field)) {
+            return field;
+        }
+    }
+    return std::nullopt;
+}
+
 const ArrayInfo& StoreLayout::array(int level, Field field) const {
     for (const ArrayInfo& array : arrays_) {
         if (array.level == level && array.field == field) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -87,6 +88,8 @@ class StoreLayout {
     [[nodiscard]] const std::vector<ArrayInfo>& arrays() const { return arrays_; }
     [[nodiscard]] std::uint64_t rows() const { return rows_; }
     [[nodiscard]] bool has(Field field) const;
+    /// The tightest field that is_bound(); none if the store has no such field.
+    [[nodiscard]] std::optional<Field> tightest_bound() const;
     /// Throws Error{not_found} listing the fields there are.
     [[nodiscard]] const ArrayInfo& array(int level, Field field) const;
     /// The HDF5 path, "/levels/2/linf_bar".

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstdint>
 
 #include "store/int3.h"
@@ -58,6 +59,11 @@ struct NodeInfo {
     std::array<bool, 3> odd{};
     Int3 end0;  ///< end of the refinement edge with lattice coordinates x - s*sigma
     Int3 end1;  ///< the other end, x + s*sigma
+
+    /// The level whose refinement node it is: scale 2^(level - 1). REQUIRES: scale > 0.
+    [[nodiscard]] int level() const {
+        return std::countr_zero(static_cast<std::uint64_t>(scale)) + 1;
+    }
 };
 
 /// Describes node x of a lattice whose coarsest cubes have edge 2^top.
