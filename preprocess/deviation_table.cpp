@@ -7,6 +7,7 @@
 #include <set>
 #include <tuple>
 
+#include "preprocess/diamond.h"
 #include "store/bisection.h"
 #include "store/lattice.h"
 
@@ -33,34 +34,6 @@ std::array<std::int64_t, 4> barycentric(const Tetrahedron& t, const Int3& p) {
     return {sign * volume - b1 - b2 - b3, b1, b2, b3};
 }
 
-/// All tetrahedra of the level-L cubes around `cube` that refine at `node`, cubes having edge 4.
-std::vector<Tetrahedron> diamond(const Int3& cube, const Int3& node) {
-    std::vector<Tetrahedron> found;
-    for (std::int64_t z = -1; z <= 1; ++z) {
-        for (std::int64_t y = -1; y <= 1; ++y) {
-            for (std::int64_t x = -1; x <= 1; ++x) {
-                for (int order = 0; order < 6; ++order) {
-                    std::vector<Tetrahedron> level{
-                        kuhn_tetrahedron(cube + Int3{x, y, z}, 4, order)};
-                    for (int step = 0; step < 3; ++step) {
-                        std::vector<Tetrahedron> next;
-                        for (const Tetrahedron& t : level) {
-                            if (t.ref_node() == node) {
-                                found.push_back(t);
-                            }
-                            for (const Tetrahedron& child : t.bisect()) {
-                                next.push_back(child);
-                            }
-                        }
-                        level = std::move(next);
-                    }
-                }
-            }
-        }
-    }
-    return found;
-}
-
 /// The Kuhn tetrahedra of cubes of edge 1 inside t.
 std::vector<Tetrahedron> finest(const Tetrahedron& t) {
     std::vector<Tetrahedron> level{t};
@@ -83,22 +56,6 @@ std::vector<Tetrahedron> finest(const Tetrahedron& t) {
     }
 }
 
-bool in_flat_space(const Int3& offset, unsigned flat) {
-    return ((flat & 1U) == 0 || offset.x == 0) && ((flat & 2U) == 0 || offset.y == 0) &&
-           ((flat & 4U) == 0 || offset.z == 0);
-}
-
-/// The vertices of t in the space of the axes that are not flat: an element's, if there are enough.
-std::vector<Int3> trace(const Tetrahedron& t, const Int3& node, unsigned flat) {
-    std::vector<Int3> vertices;
-    for (const Int3& v : t.v) {
-        if (in_flat_space(v - node, flat)) {
-            vertices.push_back(v);
-        }
-    }
-    return vertices;
-}
-
 DeviationSupport make_support(int slot, const Int3& parity, unsigned flat) {
     // A cube index with these parities, away from the origin so that all coordinates are positive.
     const Int3 cube = parity + Int3{4, 4, 4};
@@ -108,17 +65,14 @@ DeviationSupport make_support(int slot, const Int3& parity, unsigned flat) {
     std::map<Key, DeviationSupport::Point> points;
     std::map<Key, std::pair<Int3, std::set<Key>>> cubes;
     const auto full = static_cast<std::size_t>(4 - std::popcount(flat));
-    for (const Tetrahedron& t : diamond(cube, node)) {
-        if (trace(t, node, flat).size() != full) {
-            continue;
-        }
+    for (const Tetrahedron& t : tetrahedra_around(cube, 4, node, flat)) {
         for (const Tetrahedron& small : finest(t)) {
             Int3 low = small.v[0];
             for (const Int3& v : small.v) {
                 low = min(low, v);
             }
             const std::vector<Int3> traced = trace(small, node, flat);
-            if (traced.size() != full || !in_flat_space(low - node, flat)) {
+            if (traced.size() != full) {
                 continue;
             }
             auto& [corner, vertices] = cubes[key_of(low)];

@@ -7,9 +7,21 @@
 #include <array>
 #include <vector>
 
+#include "store/bisection.h"
 #include "store/int3.h"
 
 namespace isonest {
+
+/// Whether `offset` is 0 along all flat axes (bits x, y, z).
+bool in_flat_space(const Int3& offset, unsigned flat);
+
+/// The vertices of t that differ from `node` along no flat axis, in the order of t.
+std::vector<Int3> trace(const Tetrahedron& t, const Int3& node, unsigned flat);
+
+/// The tetrahedra that refine at `node`, of the cubes with this edge around `cube`, and whose trace
+/// is an element; cubes beside the flat space are left out. Several may have the same trace.
+std::vector<Tetrahedron> tetrahedra_around(const Int3& cube, std::int64_t edge, const Int3& node,
+                                           unsigned flat);
 
 /// One element that refines at the node, in half edges of the node's level, relative to the node.
 struct DiamondElement {

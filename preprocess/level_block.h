@@ -141,13 +141,16 @@ template <class T>
 class Measures {
   public:
     using Real = RealFor<T>;
-    explicit Measures(const LevelTask<T>& task)
-        : task_(task), norms_(task.spacing, task.level, task.flat) {
+    explicit Measures(const LevelTask<T>& task) : task_(task) {
         const std::int64_t nx = task.range.count(0);
         const std::int64_t ny = task.range.count(1);
         for (const FieldTask& f : task.fields) {
             const Indicator indicator = indicator_of(f.field);
-            offset_wanted_ = offset_wanted_ || OffsetNorms::is_offset_norm(indicator);
+            const bool offset = OffsetNorms::is_offset_norm(indicator);
+            offset_wanted_ = offset_wanted_ || offset;
+            if (offset && indicator != Indicator::linf && !norms_) {
+                norms_.emplace(task.spacing, task.level, task.flat);
+            }
             normal_wanted_ = normal_wanted_ || indicator >= Indicator::normal;
         }
         if (offset_wanted_) {
@@ -201,9 +204,9 @@ class Measures {
         } else {
             std::swap(to, from);
         }
-        if (OffsetNorms::is_offset_norm(indicator)) {
+        if (indicator != Indicator::linf && OffsetNorms::is_offset_norm(indicator)) {
             const bool has_odd = k - task_.range.lo.z < task_.range.odd_count(2);
-            norms_.scale(indicator, task_.range, k, 0, has_odd ? kSlots - 1 : 2, to);
+            norms_->scale(indicator, task_.range, k, 0, has_odd ? kSlots - 1 : 2, to);
         }
     }
 
@@ -300,7 +303,7 @@ class Measures {
     }
 
     const LevelTask<T>& task_;
-    OffsetNorms norms_;
+    std::optional<OffsetNorms> norms_;  ///< where a field is a multiple of |U_delta|
     bool offset_wanted_ = false;
     bool normal_wanted_ = false;
     std::array<SplitPlane<Real>, 3> planes_;

@@ -4,7 +4,7 @@
 #include <limits>
 
 #include "preprocess/diamond.h"
-#include "preprocess/simplex.h"
+#include "store/simplex.h"
 
 namespace isonest {
 namespace {

@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "preprocess/diamond.h"
-#include "preprocess/simplex.h"
+#include "store/simplex.h"
 
 namespace isonest {
 
@@ -78,9 +78,6 @@ double OffsetNorms::factor(Indicator indicator, int slot, int cubes) const {
 template <class Real>
 void OffsetNorms::scale(Indicator indicator, const LayerRange& range, std::int64_t k, int first,
                         int last, Layer<Real>& layer) const {
-    if (indicator == Indicator::linf) {
-        return;
-    }
     for (int slot = first; slot <= last; ++slot) {
         const Int3 o = slot_offset(slot);
         if ((static_cast<unsigned>(slot + 1) & flat_) != 0) {

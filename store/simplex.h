@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "store/int3.h"
+#include "store/vector3.h"
 
 namespace isonest {
 
@@ -20,10 +21,6 @@ struct Simplex {
     /// REQUIRES: measure() > 0.
     [[nodiscard]] std::array<Double3, 4> gradient_weights() const;
 };
-
-inline double length(const Double3& a) {
-    return std::sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
-}
 
 namespace simplex {
 
@@ -44,26 +41,17 @@ inline std::array<Double3, 3> edge_matrix(const Simplex& s) {
     return m;
 }
 
-inline Double3 cross(const Double3& a, const Double3& b) {
-    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-
-inline double dot(const Double3& a, const Double3& b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 }  // namespace simplex
 
 inline double Simplex::measure() const {
     const auto m = simplex::edge_matrix(*this);
     constexpr std::array<double, 5> kFactorial{1, 1, 1, 2, 6};
-    return std::fabs(simplex::dot(m[0], simplex::cross(m[1], m[2]))) /
-           kFactorial[static_cast<std::size_t>(vertices)];
+    return std::fabs(dot(m[0], cross(m[1], m[2]))) / kFactorial[static_cast<std::size_t>(vertices)];
 }
 
 inline std::array<Double3, 4> Simplex::gradient_weights() const {
     const auto m = simplex::edge_matrix(*this);
-    const double det = simplex::dot(m[0], simplex::cross(m[1], m[2]));
+    const double det = dot(m[0], cross(m[1], m[2]));
     std::array<Double3, 4> weights{};
     std::size_t vertex = 1;
     for (std::size_t row = 0; row < 3; ++row) {
@@ -71,7 +59,7 @@ inline std::array<Double3, 4> Simplex::gradient_weights() const {
             continue;
         }
         // A column of the inverse: the gradient of the function that is 1 at this vertex alone.
-        const Double3 column = simplex::cross(m[(row + 1) % 3], m[(row + 2) % 3]);
+        const Double3 column = cross(m[(row + 1) % 3], m[(row + 2) % 3]);
         for (std::size_t a = 0; a < 3; ++a) {
             weights[vertex][a] = column[a] / det;
             weights[0][a] -= column[a] / det;
