@@ -31,9 +31,15 @@ class Culling {
                                   unsigned mirror, std::int64_t stride, double beta) const;
 
   private:
-    Double3 view_;
+    /// Of one tetrahedron of the tables in a cube of stride 1 that is not mirrored.
+    struct Weights {
+        /// Row i, times the value at vertex i + 1 less that at vertex 0, summed, is the gradient.
+        std::array<Double3, 3> row{};
+        double size = 0;  ///< of the longest row
+    };
     bool by_normal_;
-    Double3 spacing_;
+    std::array<Double3, 8> view_{};  ///< unit length, by the mirror of the cube
+    std::array<Weights, kTopologySize> weights_{};
 };
 
 }  // namespace isonest

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "query/contour_lines.h"
 #include "query/mesh_writer.h"
 #include "query/part_store.h"
 #include "query/planar.h"
@@ -29,8 +30,11 @@ double tolerance_of(const StoreReader& store, const ExtractOptions& options) {
     }
     double tolerance = options.error.value_or(0);
     if (options.error_relative) {
-        const double range = store.max_value() - store.min_value();
-        tolerance = *options.error_relative * (range > 0 ? range : 0);
+        // Each part by itself: the range of doubles may be beyond them.
+        const double r = *options.error_relative;
+        tolerance = store.max_value() > store.min_value()
+                        ? r * store.max_value() - r * store.min_value()
+                        : r * 0;
     }
     if (!(tolerance >= 0) || !std::isfinite(tolerance)) {
         throw Error(ErrorKind::invalid_argument,
@@ -81,19 +85,12 @@ void choose_fields(const StoreReader& store, const ExtractOptions& options, Trav
         query.bound = *options.bound;
         return;
     }
-    query.bound = Field::deviation_bar;
-    for (const Field field :
-         {Field::grad_linf_plus, Field::linf_plus, Field::deviation_plus, Field::deviation_bar}) {
-        if (store.layout().has(field)) {
-            query.bound = field;
-        }
-    }
-    if (options.graph_scale && !store.layout().has(query.bound)) {
-        query.bound = query.stop;  // not used
-    } else if (!query.plane) {
+    if (!query.plane && !options.graph_scale) {
+        const std::optional<Field> tightest = store.layout().tightest_bound();
+        query.bound = tightest.value_or(Field::deviation_bar);
         require(store, query.bound, "the search for the surface");
-    } else if (!store.layout().has(query.bound)) {
-        query.bound = query.stop;  // not used
+    } else {
+        query.bound = store.layout().tightest_bound().value_or(query.stop);  // not used
     }
 }
 
@@ -122,7 +119,7 @@ void require_dimension(const StoreReader& store, const std::filesystem::path& me
     if (options.graph_scale && !std::isfinite(*options.graph_scale)) {
         throw Error(ErrorKind::invalid_argument, "--scale: must be a finite number");
     }
-    if (dimension == 2 && !options.graph_scale) {
+    if ((dimension == 2 && !options.graph_scale) || !options.contours.empty()) {
         require_lines(mesh);
     }
 }
@@ -228,6 +225,29 @@ std::optional<LatticePlane> lattice_plane(const StoreReader& store, const Extrac
     return plane;
 }
 
+void require_contours(const ExtractOptions& options) {
+    if (options.contours.empty()) {
+        return;
+    }
+    if (!options.plane) {
+        throw Error(ErrorKind::invalid_argument, "contours: only of a slice");
+    }
+    if (options.normals || options.vertex_error) {
+        throw Error(ErrorKind::invalid_argument,
+                    "contours: lines carry their value, no normals and no --vertex-error");
+    }
+    if (options.contours.size() > kMostContours) {
+        throw Error(ErrorKind::limit, fmt::format("contours: {} values; at most {} at once",
+                                                  options.contours.size(), kMostContours));
+    }
+    for (const double value : options.contours) {
+        if (!std::isfinite(value)) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("contours: {}: must be a finite number", value));
+        }
+    }
+}
+
 ClipBox clip_box(const StoreReader& store, const std::optional<WorldBox>& box) {
     const StoreHeader& header = store.layout().header();
     ClipBox clip;
@@ -309,6 +329,7 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
                       const ExtractOptions& options, Progress& progress) {
     const auto start = std::chrono::steady_clock::now();
     require_dimension(store, mesh, options);
+    require_contours(options);
     if (!options.plane && !options.graph_scale && !std::isfinite(options.iso)) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("isovalue {}: must be a finite number", options.iso));
@@ -383,10 +404,23 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
         progress.check();
         const Weld weld(parts, mesh.parent_path());
         const bool lines = planar && !options.graph_scale;
-        write_mesh(mesh, options.force, parts, weld, query.attributes, lines, progress);
-        report.vertices = weld.vertices();
-        report.triangles = weld.triangles();
-        report.zero_area_triangles = lines ? 0 : parts.zero_area_triangles();
+        if (options.contours.empty()) {
+            write_mesh(mesh, options.force, parts, weld, query.attributes, lines, progress);
+            report.vertices = weld.vertices();
+            report.triangles = weld.triangles();
+            report.zero_area_triangles = lines ? 0 : parts.zero_area_triangles();
+            return;
+        }
+        PartStore line_parts(mesh.parent_path(), {1, 1, 1}, {0, 0, 0}, budget.cache / 2, 1);
+        contour_lines(
+            parts, weld, options.contours, 0, budget.part_vertices,
+            [&](std::uint64_t order, const MeshPart& part) { line_parts.append(order, part); },
+            progress);
+        line_parts.seal();
+        const Weld line_weld(line_parts, mesh.parent_path());
+        write_mesh(mesh, options.force, line_parts, line_weld, query.attributes, true, progress);
+        report.vertices = line_weld.vertices();
+        report.triangles = line_weld.triangles();
     });
     report.chunks_total = store.layout().rows();
     report.chunks_read = store.chunks_read() - chunks_before;

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <vector>
 
 #include "query/tolerance.h"
 #include "store/field.h"
@@ -38,7 +39,9 @@ struct ExtractOptions {
     /// Of a store with one flat axis: the graph z = scale U in place of isolines.
     std::optional<double> graph_scale;
     std::optional<WorldPlane> plane;  ///< a slice through the data in place of the isosurface
-    std::optional<double> error;      ///< in units of the data; 0 (the default) = full resolution
+    /// Of a slice: lines at these values in place of triangles (.vtp and .obj alone).
+    std::vector<double> contours;
+    std::optional<double> error;  ///< in units of the data; 0 (the default) = full resolution
     std::optional<double> error_relative;  ///< relative to the data's range
     Guarantee guarantee = Guarantee::deviation;
     /// Any field as stop test in place of error and guarantee: nodes below the threshold stop.
@@ -83,11 +86,11 @@ struct ExtractReport {
 /// Writes the isosurface {U = iso}, or a slice, in the format that the name of `mesh` ends with
 /// (see mesh_writer.h), coordinates float32 in world units, triangles facing smaller values (a
 /// slice: against its normal). Of a store with one flat axis, {U = iso} are lines, and the graph is
-/// a surface facing up. A slice's vertices have the value. The bytes depend on the volume and on
-/// what is asked for, not on memory and threads. An empty surface is a mesh without triangles.
-/// Throws Error{invalid_argument} (non-finite iso, negative error), Error{not_found} (the store
-/// lacks the field that the guarantee needs), Error{limit} (memory, or more than 2^32 - 1
-/// vertices), Error{corrupt, io, cancelled}. Thread-safe for different outputs.
+/// a surface facing up. A slice's vertices, and those of its contour lines, have the value. The
+/// bytes depend on the volume and on what is asked for, not on memory and threads. An empty surface
+/// is a mesh without triangles. Throws Error{invalid_argument} (non-finite iso, negative error),
+/// Error{not_found} (the store lacks the field that the guarantee needs), Error{limit} (memory, or
+/// more than 2^32 - 1 vertices), Error{corrupt, io, cancelled}. Thread-safe for different outputs.
 ExtractReport extract(const StoreReader& store, const std::filesystem::path& mesh,
                       const ExtractOptions& options, Progress& progress);
 

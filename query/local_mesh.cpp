@@ -107,6 +107,9 @@ std::uint32_t LocalMesh::run_token(const Corner& a, const Corner& b, const Corne
 /// through (node, a1, b1).
 std::uint32_t LocalMesh::fan(const Corner& node, const Corner& a0, const Corner& b0,
                              const Corner& a1, const Corner& b1) {
+    if (single_sheet_) {
+        return node_vertex(node.node, as_point(node.node));
+    }
     const std::uint32_t in = fan_token(node.node, a0.node + b0.node);
     const std::uint32_t out = fan_token(node.node, a1.node + b1.node);
     unite(in, out);
@@ -170,7 +173,7 @@ void LocalMesh::march_one_below(const Corner& q, const std::array<Corner, 3>& ab
         const Corner& b = above[order[(i + 1) % 3]];
         const Corner& c = above[order[(i + 2) % 3]];
         v[i] = a.value == iso ? fan(a, b, q, c, q) : edge_vertex(a, q, iso);
-        if (a.value == iso && b.value == iso) {
+        if (a.value == iso && b.value == iso && !single_sheet_) {
             mid[i] = run_token(a, b, q);
         }
     }
@@ -182,6 +185,9 @@ void LocalMesh::march_two_below(const Corner& a, const Corner& b, const Corner& 
     const bool a_hit = a.value == iso;
     const bool b_hit = b.value == iso;
     if (a_hit && b_hit) {
+        if (single_sheet_) {
+            return;  // what else is there comes from other tetrahedra
+        }
         fan(a, b, q1, b, q2);
         fan(b, a, q1, a, q2);
         unite(run_token(a, b, q1), run_token(a, b, q2));

@@ -59,7 +59,10 @@ class LocalMesh {
   public:
     LocalMesh() = default;
     /// With attributes of the vertices; `attributes` must outlive the mesh.
-    explicit LocalMesh(AttributeSampler* attributes) : attributes_(attributes) {}
+    /// `single_sheet`: the surface never touches itself (a plane), so that a node on it is one
+    /// vertex, and a face in it one triangle.
+    explicit LocalMesh(AttributeSampler* attributes, bool single_sheet = false)
+        : attributes_(attributes), single_sheet_(single_sheet) {}
 
     /// Marches one leaf tetrahedron: a node is inside if value >= iso; the triangles' normals point
     /// to the smaller values. Where the surface passes exactly through nodes, no triangle of zero
@@ -123,6 +126,7 @@ class LocalMesh {
                          bool positive, double iso, bool cut);
 
     AttributeSampler* attributes_ = nullptr;
+    bool single_sheet_ = false;
     bool lines_ = false;
     tsl::robin_map<std::uint64_t, std::uint32_t, HalfLatticeHash> edges_;
     tsl::robin_map<VertexKey, std::uint32_t, VertexKeyHash> tokens_;

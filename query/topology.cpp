@@ -74,6 +74,16 @@ Topology make() {
             out.cube[order].nodes |= face.nodes;
         }
     }
+    std::uint8_t number = 0;
+    const auto count = [&](auto& list) {
+        for (TopologyTetrahedron& t : list) {
+            t.number = number++;
+        }
+    };
+    count(out.cube);
+    count(out.face);
+    count(out.edge);
+    std::for_each(out.subcube.begin(), out.subcube.end(), count);
     return out;
 }
 

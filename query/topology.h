@@ -12,6 +12,7 @@ namespace isonest {
 /// One of the 6 + 12 + 24 tetrahedra between a cube and its subcubes. Node positions are 0, 1 or 2
 /// half edges per axis, numbered x + 3 y + 9 z.
 struct TopologyTetrahedron {
+    std::uint8_t number = 0;  ///< counts all tetrahedra of the tables, below kTopologySize
     std::array<std::uint8_t, 4> vertices{};
     std::uint8_t ref_node = 0;
     /// Kinds 0 and 1: positions of the two children in the next kind's array. Kind 2: the subcube
@@ -23,6 +24,8 @@ struct TopologyTetrahedron {
     /// Bit p: node position p is a vertex of the tetrahedron or of one below it in these tables.
     std::uint32_t nodes = 0;
 };
+
+inline constexpr std::size_t kTopologySize = 6 + 12 + 24 + 48;
 
 /// Derived from explicit bisection when first used.
 struct Topology {

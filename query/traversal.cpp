@@ -75,8 +75,9 @@ TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::si
                   tbb::enumerable_thread_specific<AttributeSampler>([&] {
                       return AttributeSampler(query.attributes, cache, query.attribute_values);
                   }),
-                  tbb::enumerable_thread_specific<LocalMesh>(
-                      [&] { return LocalMesh(&shared.attributes.local()); }),
+                  tbb::enumerable_thread_specific<LocalMesh>([&] {
+                      return LocalMesh(&shared.attributes.local(), query.plane.has_value());
+                  }),
                   {}};
     const StoreLayout& layout = cache.source().layout();
     progress.begin("extract", kWholeProgress, "");

@@ -1,5 +1,7 @@
 // Slices: whole, in their plane, and with the data's values within the error.
 #include <catch2/catch.hpp>
+#include <set>
+#include <sstream>
 
 #include "tests/test_support.h"
 
@@ -110,6 +112,15 @@ TEST_CASE("a slice covers its plane and has the data's values within the error")
     }
 }
 
+TEST_CASE("a slice through nodes has two triangles for each square") {
+    MemoryVolume<double> volume({29, 34, 23}, smooth_value);
+    for (const double z : {0.0, 7.0, 12.0, 22.0}) {
+        const Slice s = slice(volume, {{0, 0, 1}, z}, 0);
+        CHECK(s.mesh.triangles.size() == 2 * 28 * 33);
+        CHECK(s.mesh.vertices.size() == 29 * 34);
+    }
+}
+
 TEST_CASE("a larger error makes a slice of fewer triangles; missing data cut holes") {
     MemoryVolume<float> volume({33, 33, 33}, [](const Int3& p) {
         return p.x > 20 && p.y > 20 ? std::numeric_limits<float>::quiet_NaN()
@@ -126,4 +137,107 @@ TEST_CASE("a plane outside of the volume gives an empty slice") {
     MemoryVolume<float> volume({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
     CHECK(slice(volume, {{0, 0, 1}, 8.01}, 0).mesh.triangles.empty());
     CHECK(slice(volume, {{1, 1, 1}, -0.1}, 0).mesh.triangles.empty());
+}
+
+namespace {
+
+struct Contours {
+    std::vector<Double3> points;
+    std::vector<std::array<std::size_t, 2>> lines;
+};
+
+Contours contours(MemoryVolume<double>& volume, const WorldPlane& plane, double error,
+                  const std::vector<double>& values) {
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(8));
+    ExtractOptions options;
+    options.plane = plane;
+    options.error = error;
+    options.contours = values;
+    options.memory = 64U << 20U;
+    extract(StoreReader(folder / "s"), folder / "l.obj", options, silent_progress());
+    std::istringstream in(read_file(folder / "l.obj"));
+    Contours out;
+    std::string line;
+    while (std::getline(in, line)) {
+        Double3 p{};
+        std::array<std::size_t, 2> s{};
+        if (std::sscanf(line.c_str(), "v %lf %lf %lf", &p[0], &p[1], &p[2]) == 3) {
+            out.points.push_back(p);
+        } else if (std::sscanf(line.c_str(), "l %zu %zu", &s[0], &s[1]) == 2) {
+            out.lines.push_back({s[0] - 1, s[1] - 1});
+        }
+    }
+    return out;
+}
+
+}  // namespace
+
+TEST_CASE("contour lines lie in the slice, hold their value within the error, and do not end") {
+    MemoryVolume<double> volume({29, 34, 23}, smooth_value);
+    const std::vector<WorldPlane> planes{
+        {{0, 0, 1}, 7.3}, {{0, 1, 0}, 9}, {{1, 0, 0}, 0}, {{1, 2, -1}, 20.2}};
+    for (const WorldPlane& plane : planes) {
+        for (const double error : {0.0, 0.2}) {
+            CAPTURE(plane.normal[0], plane.normal[1], plane.normal[2], plane.offset, error);
+            const Contours c = contours(volume, plane, error, {0.25});
+            REQUIRE(!c.lines.empty());
+            double worst = 0;
+            double off = 0;
+            std::vector<int> uses(c.points.size(), 0);
+            for (const auto& line : c.lines) {
+                ++uses[line[0]];
+                ++uses[line[1]];
+                for (const double t : {0.0, 0.4, 1.0}) {
+                    Double3 p{};
+                    for (std::size_t a = 0; a < 3; ++a) {
+                        p[a] = c.points[line[0]][a] +
+                               t * (c.points[line[1]][a] - c.points[line[0]][a]);
+                    }
+                    worst = std::max(worst, std::fabs(fine_value(volume, p) - 0.25));
+                    off = std::max(off, std::fabs(plane.normal[0] * p[0] + plane.normal[1] * p[1] +
+                                                  plane.normal[2] * p[2] - plane.offset));
+                }
+            }
+            CHECK(worst <= error + 1e-4);
+            CHECK(off < 1e-4);
+            for (std::size_t i = 0; i < uses.size(); ++i) {
+                bool border = false;
+                for (std::size_t a = 0; a < 3; ++a) {
+                    const double last = std::array<double, 3>{28, 33, 22}[a];
+                    border = border || c.points[i][a] < 1e-4 || c.points[i][a] > last - 1e-4;
+                }
+                CHECK((uses[i] == 2 || (border && uses[i] == 1)));
+            }
+        }
+    }
+}
+
+TEST_CASE("many contour lines are those of each value alone") {
+    MemoryVolume<double> volume({40, 40, 20}, smooth_value);
+    std::vector<double> values;
+    for (int i = 0; i < 150; ++i) {
+        values.push_back(-1.5 + 0.0201 * i);
+    }
+    const WorldPlane plane{{0, 0.2, 1}, 9.5};
+    const Contours all = contours(volume, plane, 0, values);
+    CHECK(all.points.size() > 20000);  // more than one part
+    std::size_t lines = 0;
+    std::size_t points = 0;
+    for (const double value : {values[3], values[70], values[149]}) {
+        const Contours one = contours(volume, plane, 0, {value});
+        lines += one.lines.size();
+        points += one.points.size();
+        const std::set<Double3> there(all.points.begin(), all.points.end());
+        for (const Double3& p : one.points) {
+            CHECK(there.count(p) == 1);
+        }
+    }
+    std::size_t again = 0;
+    std::size_t again_points = 0;
+    const Contours three = contours(volume, plane, 0, {values[3], values[70], values[149]});
+    again = three.lines.size();
+    again_points = three.points.size();
+    CHECK(again == lines);
+    CHECK(again_points == points);
 }

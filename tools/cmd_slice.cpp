@@ -50,11 +50,14 @@ Result run(Arguments& a, Progress& progress) {
         a.picture.high = store.max_value();
     }
     const bool picture = is_png(a.extract.mesh);
-    if (!picture && (a.picture.grid || !a.picture.contours.empty())) {
+    if (!picture && a.picture.grid) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: --grid and --contours are drawn into a picture; give a name "
-                                "that ends with .png",
+                    fmt::format("{}: --grid is drawn into a picture; give a name that ends with "
+                                ".png",
                                 a.extract.mesh));
+    }
+    if (!picture) {
+        a.extract.extract.contours = a.picture.contours;
     }
     ExtractReport r;
     if (picture) {
@@ -69,11 +72,12 @@ Result run(Arguments& a, Progress& progress) {
     Result result;
     result.warning = leftovers_of(a.extract.mesh);
     result.json = extract_json(a.extract, r);
-    result.text = fmt::format(
-        "{}: {} triangles, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.extract.mesh,
-        r.triangles, r.vertices, human_seconds(r.seconds), guarantee_text(a.extract, r),
-        r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
-    if (r.triangles == 0) {
+    result.text =
+        fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.extract.mesh,
+                    r.triangles, a.extract.extract.contours.empty() ? "triangles" : "lines",
+                    r.vertices, human_seconds(r.seconds), guarantee_text(a.extract, r),
+                    r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
+    if (r.triangles == 0 && a.extract.extract.contours.empty()) {
         const StoreHeader& h = store.layout().header();
         result.text += fmt::format(
             "The slice is empty: the plane misses the volume, which lies between "
@@ -111,7 +115,8 @@ void add_slice(CLI::App& app, Invocation& chosen) {
          ".glb; .stl and .obj hold no values).",
          "isonest slice scan.isonest --plane 0,0,1,35 --error 2 -o slice.png --grid\n"
          "isonest slice scan.isonest --plane 1,1,0,90 --error-relative 0.02 -o oblique.vtp\n"
-         "isonest slice scan.isonest --plane 0,1,0,40 -o lines.png --contours 80,120,160"});
+         "isonest slice scan.isonest --plane 0,1,0,40 -o lines.png --contours 80,120,160\n"
+         "isonest slice scan.isonest --plane 0,1,0,40 -o lines.vtp --contours 80,120,160"});
     add_extract_options(c, a->extract);
     ExtractOptions& e = a->extract.extract;
     add_parsed(
@@ -148,7 +153,9 @@ void add_slice(CLI::App& app, Invocation& chosen) {
     c->add_flag("--grid", o.grid, "draw the triangles' edges into the picture");
     add_parsed(
         c, "--contours", [&o](const std::string& text) { o.contours = parse_contours(text); },
-        "draw lines at these values into the picture", "V,V,...");
+        "lines at these values, drawn into the picture; a mesh (.vtp, .obj)\n"
+        "then holds the lines alone",
+        "V,V,...");
     c->add_option("-o,--output", a->extract.mesh, "the mesh or picture to write")
         ->required()
         ->type_name("OUT");
