@@ -12,8 +12,8 @@ namespace isonest {
 
 /// One thing that is wrong.
 struct Finding {
-    /// "table", "checksum", "decode", "range", "injection", "saturation", "indicator", "source" or
-    /// "bound".
+    /// "table", "checksum", "decode", "range", "injection", "saturation", "indicator", "hdf5",
+    /// "source" or "bound".
     std::string test;
     std::string field;
     int level = 0;
@@ -27,8 +27,14 @@ struct Finding {
 using SourceReader =
     std::function<void(std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out)>;
 
+enum class CheckDepth {
+    quick,     ///< the table, and the checksums of at most some thousand chunks: seconds
+    standard,  ///< all that follows from the store's own bytes
+    deep       ///< and that HDF5 finds the same chunks by its own index
+};
+
 struct CheckOptions {
-    bool quick = false;   ///< only table and checksums
+    CheckDepth depth = CheckDepth::standard;
     SourceReader source;  ///< empty: no comparison with the original
     std::uint64_t memory = std::uint64_t{512} << 20U;
     int threads = 0;
@@ -36,9 +42,9 @@ struct CheckOptions {
 };
 
 struct CheckReport {
-    std::uint64_t chunks = 0;
-    std::uint64_t nodes = 0;  ///< values and indicators compared
-    std::uint64_t cubes = 0;  ///< bounds checked by brute force
+    std::uint64_t chunks = 0;  ///< of which the checksums were compared
+    std::uint64_t nodes = 0;   ///< values and indicators compared
+    std::uint64_t cubes = 0;   ///< bounds checked by brute force
     std::uint64_t failures = 0;
     std::vector<Finding> findings;  ///< the first 100
 };

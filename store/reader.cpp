@@ -129,7 +129,13 @@ std::span<const std::byte> StoreReader::stored(const ArrayInfo& array, const Int
 
 void StoreReader::decode(const ArrayInfo& array, const Int3& chunk,
                          std::span<std::byte> raw) const {
-    const auto bytes = stored(array, chunk);
+    const ChunkRow r = row(array, chunk);
+    const auto bytes = file_.bytes().subspan(r.offset, r.bytes);
+    if (checksum_of(bytes) != r.checksum) {
+        fail_corrupt(array.place(chunk) +
+                     " is damaged: its bytes are not those that were written; restore the store "
+                     "from a good copy or preprocess again");
+    }
     decode_chunk(bytes, array.codec, raw, path_.string() + ": " + array.place(chunk));
     ++chunks_read_;
     bytes_read_ += bytes.size();

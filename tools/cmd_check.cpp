@@ -77,6 +77,14 @@ SourceReader open_source(const Arguments& a, const StoreReader& store) {
     };
 }
 
+std::uint64_t stored_chunks(const StoreLayout& layout) {
+    std::int64_t count = 0;
+    for (const ArrayInfo& array : layout.arrays()) {
+        count += array.alias ? 0 : array.grid.product();
+    }
+    return static_cast<std::uint64_t>(count);
+}
+
 Result run(Arguments& a, Progress& progress) {
     const StoreReader store(a.store);
     if (!a.source.empty()) {
@@ -105,6 +113,15 @@ Result run(Arguments& a, Progress& progress) {
     if (r.failures > r.findings.size()) {
         result.text += fmt::format("... and {} more\n", r.failures - r.findings.size());
     }
+    const std::uint64_t all = stored_chunks(store.layout());
+    result.json["chunks_total"] = all;
+    if (r.chunks < all && r.failures == 0) {
+        result.text += fmt::format(
+            "{}: nothing is wrong in the table and in a sample of {} of {} chunks; without --quick "
+            "all are read\n",
+            a.store, r.chunks, all);
+        return result;
+    }
     result.text += fmt::format(
         "{}: {} ({} chunks, {} nodes, {} cubes by brute force{})\n", a.store,
         r.failures == 0 ? std::string("all is well") : fmt::format("{} findings", r.failures),
@@ -120,14 +137,24 @@ void add_check(CLI::App& app, Invocation& chosen) {
     CLI::App* const c = add_command(
         app, chosen, "check",
         {"Test a store, from checksums to brute force",
-         "Checksums, levels against each other, saturation across chunk borders, sampled bounds\n"
-         "against brute force, and with --source the values against the original. Exits with 4 if\n"
-         "anything is wrong; each finding names level, chunk and node.",
+         "All checksums, the table, levels against each other, saturation across chunk borders; "
+         "and\n"
+         "with --source the values against the original and sampled bounds against brute force. "
+         "Exits\n"
+         "with 4 if anything is wrong; each finding names level, chunk and node.",
          "isonest check scan.isonest\n"
          "isonest check scan.isonest --quick\n"
+         "isonest check scan.isonest --deep --json\n"
          "isonest check head.isonest --source head.raw.gz --dims 256,256,113 --type uint16"});
     c->add_option("STORE", a->store, "made by isonest preprocess")->required();
-    c->add_flag("--quick", a->check.quick, "only the chunk table and the checksums");
+    CLI::Option* const quick = c->add_flag_callback(
+        "--quick", [a] { a->check.depth = CheckDepth::quick; },
+        "seconds for any size: the chunk table, and a sample of some\n"
+        "thousand chunks' checksums");
+    c->add_flag_callback(
+         "--deep", [a] { a->check.depth = CheckDepth::deep; },
+         "everything: also that HDF5 finds the same chunks by its own index")
+        ->excludes(quick);
     c->add_option("--source", a->source, "the volume that the store was made from")
         ->type_name("INPUT");
     add_source_options(c, a->source_options);

@@ -1,0 +1,68 @@
+#include "store/hdf5_view.h"
+
+#include <fmt/format.h>
+
+#include "store/error.h"
+#include "store/handles.h"
+
+namespace isonest {
+
+struct Hdf5View::Impl {
+    FileHandle file;
+    std::string name;  ///< of the open dataset
+    DatasetHandle dataset;
+};
+
+Hdf5View::Hdf5View(const std::filesystem::path& path) : impl_(std::make_unique<Impl>()) {
+    const QuietHdf5 quiet;
+    const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
+    H5Pset_file_locking(access.get(), false, true);
+    impl_->file = FileHandle(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access.get()));
+    if (!impl_->file.valid()) {
+        throw Error(ErrorKind::corrupt,
+                    fmt::format("{}: HDF5 cannot open it: {}", path.string(), hdf5_message()));
+    }
+}
+
+Hdf5View::~Hdf5View() = default;
+
+std::string Hdf5View::read(const ArrayInfo& array, const Int3& chunk,
+                           std::vector<std::byte>& out) const {
+    const QuietHdf5 quiet;
+    const std::string name = StoreLayout::path_of(array);
+    if (impl_->name != name) {
+        impl_->name = name;
+        impl_->dataset = DatasetHandle(H5Dopen2(impl_->file.get(), name.c_str(), H5P_DEFAULT));
+    }
+    if (!impl_->dataset.valid()) {
+        return "HDF5 cannot open the dataset: " + hdf5_message();
+    }
+    const hid_t dataset = impl_->dataset.get();
+    const SpaceHandle space(H5Dget_space(dataset));
+    std::array<hsize_t, 4> dims{};
+    const int rank = array.field == Field::values ? 3 : 4;
+    const std::array<hsize_t, 4> expected{
+        static_cast<hsize_t>(array.nodes.z), static_cast<hsize_t>(array.nodes.y),
+        static_cast<hsize_t>(array.nodes.x), static_cast<hsize_t>(array.components)};
+    if (H5Sget_simple_extent_ndims(space.get()) != rank ||
+        H5Sget_simple_extent_dims(space.get(), dims.data(), nullptr) != rank ||
+        !std::equal(dims.begin(), dims.begin() + rank, expected.begin())) {
+        return "the dataset has other dimensions than the header says";
+    }
+    const Int3 first = array.first_node(chunk);
+    const std::array<hsize_t, 4> at{static_cast<hsize_t>(first.z), static_cast<hsize_t>(first.y),
+                                    static_cast<hsize_t>(first.x), 0};
+    hsize_t size = 0;
+    if (H5Dget_chunk_storage_size(dataset, at.data(), &size) < 0 ||
+        size > 2 * array.chunk_bytes() + 4096) {
+        return "HDF5 does not find the chunk: " + hdf5_message();
+    }
+    out.resize(size);
+    std::uint32_t skipped_filters = 0;
+    if (H5Dread_chunk(dataset, H5P_DEFAULT, at.data(), &skipped_filters, out.data()) < 0) {
+        return "HDF5 cannot read the chunk: " + hdf5_message();
+    }
+    return skipped_filters == 0 ? "" : "a filter of the chunk is marked as skipped";
+}
+
+}  // namespace isonest
