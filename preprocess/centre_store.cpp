@@ -4,19 +4,73 @@
 
 namespace isonest {
 
-void CentreStore::allocate(int level, Field what) {
-    const auto cells = static_cast<std::uint64_t>(lattice_.elements_at(level).product());
-    const auto it = files_.emplace(std::pair{level, what}, ScratchFile(folder_)).first;
-    it->second.map(cells * sizeof(float));
+CentreStore::CentreStore(const Lattice& lattice, const std::vector<Field>& fields,
+                         std::filesystem::path file)
+    : lattice_(lattice),
+      fields_(fields),
+      path_(std::move(file)),
+      file_(ScratchFile::named(path_)),
+      first_(static_cast<std::size_t>(std::max(lattice.top(), 2)) + 1, 0) {
+    for (int level = 2; level < lattice.top(); ++level) {
+        const auto l = static_cast<std::size_t>(level);
+        first_[l + 1] =
+            first_[l] + fields_.size() * sizeof(float) *
+                            static_cast<std::uint64_t>(lattice.elements_at(level).product());
+    }
+    try {
+        file_.map(first_.back());
+    } catch (...) {
+        std::error_code ignored;
+        std::filesystem::remove(path_, ignored);
+        throw;
+    }
+}
+
+CentreStore::~CentreStore() {
+    if (!keep_) {
+        std::error_code ignored;
+        std::filesystem::remove(path_, ignored);
+    }
+}
+
+std::span<float> CentreStore::cubes(int level, Field what) const {
+    const auto count = static_cast<std::size_t>(lattice_.elements_at(level).product());
+    const auto place =
+        static_cast<std::size_t>(std::find(fields_.begin(), fields_.end(), what) - fields_.begin());
+    return file_.as<float>().subspan(
+        first_[static_cast<std::size_t>(level)] / sizeof(float) + place * count, count);
 }
 
 void CentreStore::release(int level) {
-    std::erase_if(files_, [&](const auto& entry) { return entry.first.first == level; });
+    const auto l = static_cast<std::size_t>(level);
+    if (level >= 2) {
+        file_.release(first_[l], first_[l + 1] - first_[l]);
+    }
+}
+
+std::vector<CentreStore::Range> CentreStore::ranges_of(int chunk, int level,
+                                                       std::int64_t rows) const {
+    std::vector<Range> ranges;
+    if (level >= lattice_.top()) {
+        return ranges;
+    }
+    const Int3 cells = lattice_.elements_at(level);
+    const std::int64_t planes = level == 2 ? chunk / 2 : cells.z;
+    const std::int64_t begin = level == 2 ? std::min((rows - 1) * planes, cells.z) : 0;
+    const std::int64_t end = std::min(begin + planes, cells.z);
+    for (const Field field : fields_) {
+        const auto part = cubes(level, field)
+                              .subspan(static_cast<std::size_t>(begin * cells.x * cells.y),
+                                       static_cast<std::size_t>((end - begin) * cells.x * cells.y));
+        ranges.push_back({static_cast<std::uint64_t>(std::as_bytes(part).data() - bytes().data()),
+                          part.size_bytes()});
+    }
+    return ranges;
 }
 
 void CentreStore::put(int level, Field what, const Box<float>& centres) {
     const Int3 cells = lattice_.elements_at(level);
-    const auto to = files_.at({level, what}).as<float>();
+    const auto to = cubes(level, what);
     for (std::int64_t z = centres.lo.z; z < centres.lo.z + centres.size.z; ++z) {
         for (std::int64_t y = centres.lo.y; y < centres.lo.y + centres.size.y; ++y) {
             std::copy_n(centres.row(y, z), centres.size.x,
@@ -27,7 +81,7 @@ void CentreStore::put(int level, Field what, const Box<float>& centres) {
 
 void CentreStore::get(int level, Field what, float outside, Box<float>& centres) const {
     const Int3 cells = lattice_.elements_at(level);
-    const auto from = files_.at({level, what}).as<float>();
+    const auto from = cubes(level, what);
     std::fill(centres.data.begin(), centres.data.end(), outside);
     const Int3 first = max(centres.lo, {0, 0, 0});
     const Int3 end = min(centres.lo + centres.size, cells);

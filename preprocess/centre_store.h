@@ -3,7 +3,8 @@
 #pragma once
 
 #include <filesystem>
-#include <map>
+#include <span>
+#include <vector>
 
 #include "preprocess/layer.h"
 #include "store/field.h"
@@ -12,24 +13,45 @@
 
 namespace isonest {
 
-/// Saturated values of cube centres per level, as binary32 in temporary files: so that the 16-bit
+/// Saturated values of cube centres per level, as binary32 in a temporary file: so that the 16-bit
 /// rounding of the stored indicators does not add up over the levels.
 /// Thread-safety: put() and get() on disjoint boxes from any thread; the rest from one.
 class CentreStore {
   public:
-    CentreStore(const Lattice& lattice, std::filesystem::path folder)
-        : lattice_(lattice), folder_(std::move(folder)) {}
-    /// Throws Error{io}, for example on a full disk.
-    void allocate(int level, Field what);
+    /// Has room for all `fields` of all levels that coarser ones are made from. `file` is made, and
+    /// removed at the end unless keep() was called. Throws Error{io}, for example on a full disk.
+    CentreStore(const Lattice& lattice, const std::vector<Field>& fields,
+                std::filesystem::path file);
+    CentreStore(const CentreStore&) = delete;
+    CentreStore& operator=(const CentreStore&) = delete;
+    ~CentreStore();
+
+    /// Gives the level's space back.
     void release(int level);
     void put(int level, Field what, const Box<float>& centres);
     /// Cubes outside the volume get `outside`.
     void get(int level, Field what, float outside, Box<float>& centres) const;
+    void keep() { keep_ = true; }
+
+    /// A piece of the file.
+    struct Range {
+        std::uint64_t offset = 0;
+        std::uint64_t bytes = 0;
+    };
+    /// What row `rows` - 1 of base blocks (level 2) or all of a level above puts into the file.
+    /// `chunk`: of the store.
+    [[nodiscard]] std::vector<Range> ranges_of(int chunk, int level, std::int64_t rows) const;
+    [[nodiscard]] std::span<std::byte> bytes() const { return file_.as<std::byte>(); }
 
   private:
+    [[nodiscard]] std::span<float> cubes(int level, Field what) const;
+
     Lattice lattice_;
-    std::filesystem::path folder_;
-    std::map<std::pair<int, Field>, ScratchFile> files_;
+    std::vector<Field> fields_;
+    std::filesystem::path path_;
+    ScratchFile file_;
+    std::vector<std::uint64_t> first_;  ///< of each level, in bytes; the last one: the end
+    bool keep_ = false;
 };
 
 }  // namespace isonest

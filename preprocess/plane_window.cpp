@@ -102,6 +102,10 @@ void PlaneWindow::load(std::int64_t z_begin, std::int64_t z_end) {
         return;
     }
     begin_ = std::max(begin_, z_begin);
+    if (end_ < begin_ && !source_.sequential()) {
+        const std::int64_t step = source_.granularity().planes;
+        end_ = begin_ / step * step;
+    }
     read_until(z_end);
     if (end_ < std::min(z_end, source_.nodes().z)) {
         throw Error(ErrorKind::io, source_.name() + ": the window is too small; this is a bug");

@@ -22,7 +22,8 @@ class PlaneWindow {
     PlaneWindow(VolumeSource& source, std::int64_t planes, std::uint64_t budget,
                 const std::filesystem::path& scratch_folder, Progress& progress);
 
-    /// Makes planes [z_begin, z_end) available; those below z_begin are given up.
+    /// Makes planes [z_begin, z_end) available; those below z_begin are given up, and
+    /// those that were passed over are only read if the source is sequential.
     /// REQUIRES: both only ever grow; z_end - z_begin <= planes.
     void load(std::int64_t z_begin, std::int64_t z_end);
     /// Reads ahead, up to z_end or as far as the space goes, without giving anything up.

@@ -9,6 +9,7 @@
 #include <memory>
 
 #include "preprocess/level_pass.h"
+#include "preprocess/resume.h"
 #include "store/error.h"
 #include "store/workers.h"
 #include "store/writer.h"
@@ -23,9 +24,27 @@ constexpr std::uint64_t kLeastWindow = 6U << 20U;
 
 using Block = std::function<std::vector<EncodedChunk>(const Int3&)>;
 
+/// Where a run's work goes.
+struct Outputs {
+    StoreWriter& writer;
+    RunJournal& journal;
+    CentreStore& centres;
+
+    void write(const EncodedChunk& chunk) const {
+        const StoreLayout& layout = writer.layout();
+        writer.write_chunk(*chunk.array, chunk.chunk, chunk.bytes, chunk.row);
+        journal.chunk(static_cast<std::size_t>(chunk.array - layout.arrays().data()),
+                      chunk.array->grid.linear(chunk.chunk), writer.row(*chunk.array, chunk.chunk));
+    }
+    void complete(int level, std::int64_t rows) const {
+        const int chunk = writer.layout().header().chunk;
+        journal.checkpoint({level, rows, checkpoint_checksum(centres, chunk, level, rows)});
+    }
+};
+
 /// Computes blocks in parallel, writes their chunks in the order of the blocks, and so gives the
 /// same bytes for any number of threads.
-void run_blocks(const Int3& grid, int tokens, const Block& compute, StoreWriter& writer,
+void run_blocks(const Int3& grid, int tokens, const Block& compute, const Outputs& outputs,
                 Progress& progress, std::uint64_t bytes_per_block) {
     using Result = std::shared_ptr<std::vector<EncodedChunk>>;
     std::int64_t next = 0;
@@ -45,14 +64,14 @@ void run_blocks(const Int3& grid, int tokens, const Block& compute, StoreWriter&
                 [&](std::int64_t i) {
                     return std::make_shared<std::vector<EncodedChunk>>(compute(grid.unlinear(i)));
                 }) &
-            tbb::make_filter<Result, void>(
-                tbb::filter_mode::serial_in_order, [&](const Result& result) {
-                    for (EncodedChunk& chunk : *result) {
-                        writer.write_chunk(*chunk.array, chunk.chunk, chunk.bytes, chunk.row);
-                        chunk.bytes = {};
-                    }
-                    progress.advance(bytes_per_block);
-                }));
+            tbb::make_filter<Result, void>(tbb::filter_mode::serial_in_order,
+                                           [&](const Result& result) {
+                                               for (EncodedChunk& chunk : *result) {
+                                                   outputs.write(chunk);
+                                                   chunk.bytes = {};
+                                               }
+                                               progress.advance(bytes_per_block);
+                                           }));
 }
 
 StoreHeader header_of(const VolumeSource& source, const PreprocessOptions& options) {
@@ -86,16 +105,20 @@ int token_count(const StoreLayout& layout, const PreprocessOptions& options, int
         std::clamp<std::uint64_t>(share, 1, static_cast<std::uint64_t>(threads) + 1));
 }
 
+/// `done`: what is complete already.
 template <class T>
-void run_levels(const StoreLayout& layout, StoreWriter& writer, CentreStore& centres,
-                PlaneWindow& window, int tokens, std::uint64_t cache_budget, Progress& progress) {
+void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& done, int tokens,
+                std::uint64_t cache_budget, Progress& progress) {
+    const StoreLayout& layout = outputs.writer.layout();
     const Lattice& lattice = layout.lattice();
-    const PassContext context{layout, centres};
+    const PassContext context{layout, outputs.centres};
     const Int3 grid = base_grid(layout);
     const auto volume_bytes = static_cast<std::uint64_t>(lattice.nodes().product()) * sizeof(T);
     const std::uint64_t per_block = volume_bytes / static_cast<std::uint64_t>(grid.product());
+    const std::int64_t first = done.level > 2 ? grid.z : done.rows;
     progress.begin("levels 0-2", volume_bytes, "B");
-    for (std::int64_t z = 0; z < grid.z; ++z) {
+    progress.advance(per_block * static_cast<std::uint64_t>(first * grid.x * grid.y));
+    for (std::int64_t z = first; z < grid.z; ++z) {
         const auto [begin, end] = base_planes(layout, z);
         window.load(begin, end);
         tbb::task_group reading;
@@ -108,7 +131,7 @@ void run_levels(const StoreLayout& layout, StoreWriter& writer, CentreStore& cen
                 [&](const Int3& b) {
                     return base_block<T>(context, window, {b.x, b.y, z});
                 },
-                writer, progress, per_block);
+                outputs, progress, per_block);
         } catch (...) {
             try {
                 reading.wait();
@@ -118,32 +141,52 @@ void run_levels(const StoreLayout& layout, StoreWriter& writer, CentreStore& cen
             throw;
         }
         reading.wait();
+        outputs.complete(2, z + 1);
     }
-    ChunkCache cache(writer, cache_budget);
-    for (int level = 3; level <= lattice.top(); ++level) {
+    ChunkCache cache(outputs.writer, cache_budget);
+    for (int level = std::max(3, done.level + 1); level <= lattice.top(); ++level) {
         const Int3 blocks = level_grid(layout, level);
         progress.begin(fmt::format("level {}", level), static_cast<std::uint64_t>(blocks.product()),
                        "blocks");
         run_blocks(
             blocks, tokens,
-            [&](const Int3& b) { return level_block_of<T>(context, cache, level, b); }, writer,
+            [&](const Int3& b) { return level_block_of<T>(context, cache, level, b); }, outputs,
             progress, 1);
-        centres.release(level - 2);
+        outputs.complete(level, 0);
+        outputs.centres.release(level - 2);
     }
     if (lattice.top() >= 2) {
         for (const EncodedChunk& chunk : top_values<T>(context, cache)) {
-            writer.write_chunk(*chunk.array, chunk.chunk, chunk.bytes, chunk.row);
+            outputs.write(chunk);
         }
     }
 }
 
-void allocate_centres(const StoreLayout& layout, CentreStore& centres) {
-    const int top = layout.lattice().top();
-    for (int level = 2; level < top; ++level) {
-        for (const Field field : layout.header().fields) {
-            centres.allocate(level, field);
-        }
+/// What must be the same for a run to go on with what another one has done.
+std::string identity_of(const StoreHeader& h, const std::string& source) {
+    return fmt::format(
+        "format {}.{}\n{}nodes {} {} {}\ntype {}\nspacing {} {} {}\norigin {} {} {}\nchunk {}\n"
+        "compression {}\nexact {}\nindicators {}\n",
+        kFormatMajor, kFormatMinor, source, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type),
+        h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1], h.origin[2], h.chunk,
+        h.compression, h.exact, list_names(h.fields));
+}
+
+/// Takes over what an interrupted run has done, if there is one. Then that run's files are gone,
+/// and `worth_keeping` says so.
+Checkpoint take_over(const std::filesystem::path& store, const std::string& identity,
+                     const Outputs& outputs, PreprocessReport& report, bool& worth_keeping,
+                     Progress& progress) {
+    worth_keeping = false;
+    std::optional<InterruptedRun> before = InterruptedRun::find(store, identity);
+    Checkpoint done;
+    if (before) {
+        done = before->replay(outputs.writer, outputs.centres, outputs.journal, progress);
+        report.resumed_chunks = before->chunks();
+        before->remove();
     }
+    worth_keeping = true;
+    return done;
 }
 
 }  // namespace
@@ -156,39 +199,60 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
     const int tokens = token_count(StoreLayout(header), options, workers.count(), source);
     StoreWriter writer(store, header, options.force);
     const StoreLayout& layout = writer.layout();
+    const std::string identity = identity_of(header, options.source_identity);
+    RunJournal journal(writer.temporary(), identity);
+    CentreStore centres(layout.lattice(), header.fields, centres_name(writer.temporary()));
+    const Outputs outputs{writer, journal, centres};
     const std::uint64_t in_blocks = static_cast<std::uint64_t>(tokens) * block_heap(layout);
     const std::uint64_t rest =
         options.memory - std::min(options.memory, kLibraryHeap + source.heap() + in_blocks);
 
     PreprocessReport report;
-    workers.execute([&] {
-        CentreStore centres(layout.lattice(), store.parent_path());
-        allocate_centres(layout, centres);
+    bool worth_keeping = false;
+    const auto run = [&] {
+        Checkpoint done;
+        if (options.resume) {
+            done = take_over(store, identity, outputs, report, worth_keeping, progress);
+        }
         const std::int64_t planes = 2 * layout.header().chunk + 8;
         PlaneWindow window(source, planes, rest, store.parent_path(), progress);
         report.input_on_disk = window.on_disk();
         const std::uint64_t cache =
             std::max<std::uint64_t>(rest - std::min(rest, window.heap()), kLeastWindow);
         dispatch(header.type, [&](auto tag) {
-            using T = typename decltype(tag)::type;
-            run_levels<T>(layout, writer, centres, window, tokens, cache, progress);
+            run_levels<typename decltype(tag)::type>(outputs, window, done, tokens, cache,
+                                                     progress);
         });
-    });
-    progress.check();
-    report.nodes = header.nodes;
-    report.levels = layout.lattice().top() + 1;
-    report.input_bytes = static_cast<std::uint64_t>(header.nodes.product()) * size_of(header.type);
-    report.chunks = layout.rows();
-    report.min_value = std::numeric_limits<double>::infinity();
-    report.max_value = -report.min_value;
-    const ArrayInfo& values = layout.array(0, Field::values);
-    for (std::int64_t i = 0; i < values.grid.product(); ++i) {
-        const ChunkRow row = writer.row(values, values.grid.unlinear(i));
-        report.min_value = std::min(report.min_value, row.min);
-        report.max_value = std::max(report.max_value, row.max);
-        report.has_missing = report.has_missing || (row.flags & kChunkHasMissing) != 0;
+        progress.check();
+    };
+    const auto describe = [&] {
+        report.nodes = header.nodes;
+        report.levels = layout.lattice().top() + 1;
+        report.input_bytes =
+            static_cast<std::uint64_t>(header.nodes.product()) * size_of(header.type);
+        report.chunks = layout.rows();
+        report.min_value = std::numeric_limits<double>::infinity();
+        report.max_value = -report.min_value;
+        const ArrayInfo& values = layout.array(0, Field::values);
+        for (std::int64_t i = 0; i < values.grid.product(); ++i) {
+            const ChunkRow row = writer.row(values, values.grid.unlinear(i));
+            report.min_value = std::min(report.min_value, row.min);
+            report.max_value = std::max(report.max_value, row.max);
+            report.has_missing = report.has_missing || (row.flags & kChunkHasMissing) != 0;
+        }
+    };
+    try {
+        workers.execute(run);
+        describe();
+        writer.finish();
+    } catch (...) {
+        if (worth_keeping && journal.checkpoints() > 0) {
+            writer.keep();
+            journal.keep();
+            centres.keep();
+        }
+        throw;
     }
-    writer.finish();
     report.store_bytes = std::filesystem::file_size(store);
     report.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

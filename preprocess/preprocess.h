@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <string>
 
 #include "preprocess/volume_source.h"
 #include "store/field.h"
@@ -17,6 +18,11 @@ struct PreprocessOptions {
     int compression = 1;  ///< zstd level, 1 to 19
     bool exact = false;   ///< indicators as binary32 instead of 16-bit codes rounded up
     bool force = false;   ///< replace an existing store
+    /// Go on from where an interrupted run for the same store stopped, if there is one; and if this
+    /// one is cancelled or fails, leave what it has done for the next.
+    bool resume = false;
+    /// What tells this input from another one, line by line; an interrupted run must have the same.
+    std::string source_identity;
     std::vector<Field> fields = default_indicators();
 };
 
@@ -28,7 +34,8 @@ struct PreprocessReport {
     std::uint64_t chunks = 0;
     double min_value = 0;
     double max_value = 0;
-    bool has_missing = false;    ///< non-finite values were found and treated as missing data
+    bool has_missing = false;          ///< non-finite values were found and treated as missing data
+    std::uint64_t resumed_chunks = 0;  ///< taken over from an interrupted run
     bool input_on_disk = false;  ///< the input was first copied to temporary space (little memory)
     double seconds = 0;
 };

@@ -44,7 +44,16 @@ std::filesystem::path temporary_prefix(const std::filesystem::path& path) {
 }
 
 std::filesystem::path temporary_name(const std::filesystem::path& path) {
-    return temporary_prefix(path) += std::to_string(::getpid());
+    // In containers, process ids come again: what another run left is not to be overwritten.
+    const std::string first = (temporary_prefix(path) += std::to_string(::getpid())).string();
+    std::string name = first;
+    std::error_code ignored;
+    for (int i = 2; std::filesystem::exists(std::filesystem::symlink_status(name, ignored)) ||
+                    std::filesystem::exists(name + ".journal", ignored);
+         ++i) {
+        name = fmt::format("{}-{}", first, i);
+    }
+    return name;
 }
 
 void check_output(const std::filesystem::path& path, bool force) {
@@ -88,7 +97,6 @@ OutputFile::OutputFile(std::filesystem::path path, bool force,
                        const std::function<void(const std::filesystem::path& temporary)>& prepare)
     : path_(std::move(path)), temporary_(temporary_name(path_)), force_(force) {
     check_output(path_, force_);
-    ::unlink(temporary_.c_str());
     int flags = O_CREAT | O_EXCL;
     if (prepare) {
         try {

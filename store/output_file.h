@@ -11,7 +11,7 @@ namespace isonest {
 
 /// The temporary names for an output, in the same folder: ".NAME.partial-" and a process id.
 std::filesystem::path temporary_prefix(const std::filesystem::path& path);
-/// That of this process.
+/// One for this process that no file has: with the process id, or that and "-2", "-3", ...
 std::filesystem::path temporary_name(const std::filesystem::path& path);
 
 /// Throws Error{invalid_argument} if `path` exists and `force` is false, or if it is a folder;

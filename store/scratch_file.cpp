@@ -38,6 +38,16 @@ ScratchFile::ScratchFile(const std::filesystem::path& folder)
     }
 }
 
+ScratchFile ScratchFile::named(const std::filesystem::path& file) {
+    const std::filesystem::path folder = file.parent_path().empty() ? "." : file.parent_path();
+    ::unlink(file.c_str());
+    const int fd = ::open(file.c_str(), O_CREAT | O_EXCL | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
+    if (fd < 0) {
+        fail(folder, "cannot create a file", errno);
+    }
+    return {fd, folder};
+}
+
 ScratchFile::ScratchFile(ScratchFile&& other) noexcept
     : fd_(std::exchange(other.fd_, -1)),
       folder_(std::move(other.folder_)),
@@ -122,6 +132,12 @@ std::span<std::byte> ScratchFile::map(std::uint64_t bytes) {
     map_ = static_cast<std::byte*>(p);
     mapped_ = bytes;
     return {map_, bytes};
+}
+
+void ScratchFile::release(std::uint64_t offset, std::uint64_t bytes) {
+    // Without this feature the space is in use until the end, nothing worse.
+    ::fallocate(fd_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, static_cast<off_t>(offset),
+                static_cast<off_t>(bytes));
 }
 
 }  // namespace isonest

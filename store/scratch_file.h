@@ -8,13 +8,17 @@
 
 namespace isonest {
 
-/// An unnamed temporary file: it has no name that could be left behind, and disappears when closed.
+/// A temporary file, unnamed unless asked for: then it has no name that could be left behind, and
+/// disappears when closed.
 /// Its space is allocated before it is mapped, so a full disk is an error and not a fault.
 /// Thread-safety: write_at() and read_at() on disjoint ranges from any thread; the rest from one.
 class ScratchFile {
   public:
     /// Creates the file in `folder`. Throws Error{io}.
     explicit ScratchFile(const std::filesystem::path& folder);
+    /// Creates `file`, readable by its owner alone; who asks for a name removes it. Throws
+    /// Error{io}.
+    static ScratchFile named(const std::filesystem::path& file);
     ScratchFile(ScratchFile&& other) noexcept;
     ScratchFile& operator=(ScratchFile&& other) noexcept;
     ScratchFile(const ScratchFile&) = delete;
@@ -27,6 +31,8 @@ class ScratchFile {
     /// Maps the first `bytes` for reading and writing, extending the file (with zeros) where
     /// needed. Earlier maps become invalid. Throws Error{io}.
     std::span<std::byte> map(std::uint64_t bytes);
+    /// Gives the space of a range back where the file system can; it reads as zeros then.
+    void release(std::uint64_t offset, std::uint64_t bytes);
     /// The current map as an array of T.
     template <class T>
     [[nodiscard]] std::span<T> as() const {
@@ -34,6 +40,7 @@ class ScratchFile {
     }
 
   private:
+    ScratchFile(int fd, std::filesystem::path folder) : fd_(fd), folder_(std::move(folder)) {}
     void unmap();
     int fd_ = -1;
     std::filesystem::path folder_;

@@ -37,6 +37,7 @@ struct StoreWriter::Impl {
     std::filesystem::path temporary;
     bool force = false;
     bool finished = false;
+    bool keep = false;
     StoreLayout layout;
     FileHandle file;
     std::vector<DatasetHandle> datasets;  // one per array; invalid for aliases
@@ -85,7 +86,6 @@ void StoreWriter::Impl::create() {
     H5Pset_small_data_block_size(access.get(), 0);
     const PropertyHandle creation(H5Pcreate(H5P_FILE_CREATE));
     H5Pset_obj_track_times(creation.get(), false);
-    std::filesystem::remove(temporary);
     file =
         made(FileHandle(H5Fcreate(temporary.c_str(), H5F_ACC_EXCL, creation.get(), access.get())),
              "create the file");
@@ -254,7 +254,7 @@ StoreWriter::~StoreWriter() {
     const QuietHdf5 quiet;
     impl_->datasets.clear();
     impl_->file.reset();
-    if (!impl_->finished) {
+    if (!impl_->finished && !impl_->keep) {
         std::error_code ignored;
         std::filesystem::remove(impl_->temporary, ignored);
     }
@@ -330,6 +330,14 @@ void StoreWriter::decode(const ArrayInfo& array, const Int3& chunk,
                                 array.place(chunk), std::strerror(errno)));
     }
     decode_chunk(stored, array.codec, raw, impl_->temporary.string() + ": " + array.place(chunk));
+}
+
+const std::filesystem::path& StoreWriter::temporary() const {
+    return impl_->temporary;
+}
+
+void StoreWriter::keep() {
+    impl_->keep = true;
 }
 
 void StoreWriter::finish() {

@@ -14,7 +14,8 @@ class StoreWriter : public ChunkSource {
   public:
     /// Throws Error{invalid_argument} if `path` exists and `force` is false; Error{io}.
     StoreWriter(const std::filesystem::path& path, const StoreHeader& header, bool force);
-    ~StoreWriter() override;  ///< removes the temporary file unless finish() succeeded
+    /// Removes the temporary file unless finish() succeeded or keep() was called.
+    ~StoreWriter() override;
 
     [[nodiscard]] const StoreLayout& layout() const override;
     /// Appends one encoded chunk. `row` brings flags, min and max; offset, size and checksum are
@@ -26,6 +27,10 @@ class StoreWriter : public ChunkSource {
     void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
     [[nodiscard]] std::uint64_t bytes_written() const;
 
+    /// The unfinished file's name.
+    [[nodiscard]] const std::filesystem::path& temporary() const;
+    /// The unfinished file stays.
+    void keep();
     /// Writes table and completeness mark, syncs, renames. Throws Error{io}.
     void finish();
 

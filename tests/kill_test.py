@@ -29,7 +29,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-kill-") as name:
     assert subprocess.run(command).returncode == 0
     seconds = time.monotonic() - start
     whole = store.read_bytes()
-    killed = finished = warned = 0
+    killed = finished = warned = resumed = taken_over = 0
     for i in range(kills):
         replacing = i % 2 == 1
         for old in folder.glob(".*"):
@@ -57,9 +57,19 @@ with tempfile.TemporaryDirectory(prefix="isonest-kill-") as name:
         if left and warned < 3:
             done = run("preprocess", volume, "-o", store, "--chunk", "8", "--force", "--json")
             assert done.returncode == 0, done.stderr
-            assert left[0].encode() in done.stderr, done.stderr
-            assert left[0] in json.loads(done.stdout)["warning"]
+            store_left = min(left, key=len)
+            assert store_left.encode() in done.stderr, done.stderr
+            assert store_left in json.loads(done.stdout)["warning"]
             warned += 1
+        if code == -9 and i % 3 == 0:
+            done = run("preprocess", volume, "-o", store, "--chunk", "8", "--force", "--resume",
+                       "--json")
+            assert done.returncode == 0, done.stderr
+            assert store.read_bytes() == whole, f"kill {i}: resumed, but not to the same bytes"
+            taken_over += json.loads(done.stdout)["resumed_chunks"] > 0
+            resumed += 1
     assert killed >= kills // 2, (killed, finished)
     assert warned > 0
-    print(f"{killed} runs killed, {finished} finished first; no store was lost or half written")
+    assert taken_over > 0 or kills < 30, "no run went on with what another left"
+    print(f"{killed} runs killed, {finished} finished first; no store was lost or half written; "
+          f"{resumed} resumed to the same bytes, {taken_over} of them from work done before")

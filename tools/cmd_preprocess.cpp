@@ -45,9 +45,20 @@ std::vector<Field> parse_indicators(const std::string& text) {
     return fields;
 }
 
+/// What tells one input from another without reading it.
+std::string identity_of(const std::filesystem::path& input, const SourceOptions& source) {
+    std::error_code ignored;
+    const auto size = std::filesystem::file_size(input, ignored);
+    const auto time = std::filesystem::last_write_time(input, ignored).time_since_epoch().count();
+    return fmt::format("input bytes {}\ninput time {}\ndataset {}\noffset {}\nmissing {}\n", size,
+                       time, source.dataset, source.offset,
+                       source.missing ? fmt::format("{}", *source.missing) : "none");
+}
+
 Result run(Arguments& a, Progress& progress) {
     // A quarter of the budget is enough for the chunks of the input, and the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
+    a.preprocess.source_identity = identity_of(a.input, a.source);
     const std::unique_ptr<VolumeSource> source = open_volume(a.input, a.source);
     const PreprocessReport r = preprocess(*source, a.store, a.preprocess, progress);
     const double rate = r.seconds > 0 ? static_cast<double>(r.input_bytes) / r.seconds : 0;
@@ -63,6 +74,7 @@ Result run(Arguments& a, Progress& progress) {
                    {"input_bytes", r.input_bytes},
                    {"store_bytes", r.store_bytes},
                    {"chunks", r.chunks},
+                   {"resumed_chunks", r.resumed_chunks},
                    {"input_on_disk", r.input_on_disk},
                    {"seconds", r.seconds}};
     result.text = fmt::format(
@@ -75,6 +87,10 @@ Result run(Arguments& a, Progress& progress) {
             static_cast<double>(std::max<std::uint64_t>(r.input_bytes, 1)),
         human_bytes(static_cast<double>(r.input_bytes)), human_seconds(r.seconds),
         human_bytes(rate));
+    if (r.resumed_chunks > 0) {
+        result.text +=
+            fmt::format("{} chunks were taken over from an interrupted run\n", r.resumed_chunks);
+    }
     return result;
 }
 
@@ -120,6 +136,9 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
         "NAMES");
     c->add_flag("--exact", p.exact, "indicators in full precision, not rounded up to 16 bits");
     c->add_flag("--force", p.force, "replace an existing store");
+    c->add_flag("--resume", p.resume,
+                "go on with what an interrupted run for the same store left; and if\n"
+                "this one is interrupted, leave what it has done");
     c->callback(
         [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
 }
