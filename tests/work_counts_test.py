@@ -18,8 +18,19 @@ recorded = pathlib.Path(__file__).with_name("work_counts.csv")
 VOLUMES = [("bucky", "129", "uint8", "32"), ("bucky", "65", "uint8", "8"),
            ("bucky", "129", "uint16", "64"), ("noise", "97,50,71", "uint16", "16"),
            ("marschner-lobb", "65", "uint16", "16"), ("sphere", "100", "uint8", "32")]
-QUERIES = [("deviation", "0"), ("deviation", "0.01"), ("deviation", "0.05"), ("plus", "0.05"),
-           ("estimate", "0.05")]
+ERRORS = ["--error-relative 0", "--error-relative 0.01", "--error-relative 0.05",
+          "--guarantee plus --error-relative 0.05", "--guarantee estimate --error-relative 0.05"]
+# Of a store with the fields that they need; ISO is replaced.
+OTHERS = ["extract --iso ISO --error-relative 0.02 --focus 20,30,25 --falloff 0.1",
+          "extract --iso ISO --camera -40,30,200 --pixels 4",
+          "extract --iso ISO --error-relative 0.02 --bound grad_linf_plus",
+          "extract --iso ISO --stop normal_turn_plus --threshold 0.5",
+          "extract --iso ISO --view 1,2,-0.5",
+          "extract --iso ISO --error-relative 0.02 --view 1,2,-0.5 --cull-by grad_linf_plus",
+          "slice --plane 1,2,3,170 --error-relative 0.02",
+          "slice --plane 0,0,1,31 --error-relative 0"]
+PLANAR = ["extract --iso ISO --error-relative 0.02", "extract --graph --error-relative 0.05"]
+FIELDS = "linf_plus,deviation_bar,grad_linf_plus,normal_turn_plus"
 COUNTS = ["vertices", "triangles", "visited_tetrahedra", "leaf_tetrahedra", "chunks_read"]
 
 
@@ -31,20 +42,35 @@ def run(*arguments):
 rows = []
 with tempfile.TemporaryDirectory(prefix="isonest-counts-") as name:
     folder = pathlib.Path(name)
-    for volume, size, kind, chunk in VOLUMES:
+
+    def store(volume, size, kind, chunk, *options):
+        """Makes a store; returns an isovalue below the middle of its range."""
         run("make-volume", volume, "--size", size, "--type", kind, "-o", folder / "v.h5", "--force")
         report = json.loads(run("preprocess", folder / "v.h5", "-o", folder / "s.isonest", "--chunk",
-                                chunk, "--force"))
+                                chunk, "--force", *options))
         low, high = report["min_value"], report["max_value"]
-        iso = str(round(low + 0.45 * (high - low)))
-        for guarantee, tolerance in QUERIES:
-            counts = json.loads(run("extract", folder / "s.isonest", "--iso", iso, "--guarantee",
-                                    guarantee, "--error-relative", tolerance, "-o",
-                                    folder / "m.ply"))
-            rows.append([volume, size, kind, chunk, iso, guarantee, tolerance,
-                         *(str(counts[c]) for c in COUNTS), str(counts["bytes_read"])])
-header = ["volume", "size", "type", "chunk", "iso", "guarantee", "error_relative", *COUNTS,
-          "bytes_read"]
+        return str(round(low + 0.45 * (high - low)))
+
+    def query(text, iso, *volume):
+        command, *options = text.replace("ISO", iso).split()
+        mesh = folder / ("m.obj" if volume[1].count(",") == 1 and "graph" not in text else "m.ply")
+        counts = json.loads(run(command, folder / "s.isonest", *options, "-o", mesh))
+        rows.append([*volume, text.replace("ISO", iso), *(str(counts[c]) for c in COUNTS),
+                     str(counts["bytes_read"])])
+
+    for volume in VOLUMES:
+        iso = store(*volume)
+        for error in ERRORS:
+            query(f"extract --iso ISO {error}", iso, *volume)
+    for volume in [("bucky", "97", "uint16", "16"), ("noise", "60,70,50", "uint8", "32")]:
+        iso = store(*volume, "--indicators", FIELDS)
+        for text in OTHERS:
+            query(text, iso, *volume)
+    volume = ("noise", "300,211", "uint16", "32")
+    iso = store(*volume)
+    for text in PLANAR:
+        query(text, iso, *volume)
+header = ["volume", "size", "type", "chunk", "query", *COUNTS, "bytes_read"]
 if plugin == "--record":
     with open(recorded, "w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows([header, *rows])
