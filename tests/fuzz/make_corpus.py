@@ -1,0 +1,59 @@
+"""Makes the seeds of the fuzzing corpus anew.   Usage: make_corpus.py ISONEST"""
+import gzip
+import pathlib
+import struct
+import subprocess
+import sys
+import tempfile
+
+import h5py
+
+isonest = sys.argv[1]
+corpus = pathlib.Path(__file__).with_name("corpus")
+
+
+def seed(target, name, data):
+    (corpus / target).mkdir(parents=True, exist_ok=True)
+    (corpus / target / name).write_bytes(data)
+
+
+with tempfile.TemporaryDirectory() as name:
+    folder = pathlib.Path(name)
+    subprocess.run([isonest, "make-volume", "sphere", "--size", "9", "--type", "uint8", "-o",
+                    folder / "v.h5", "-q"], check=True)
+    subprocess.run([isonest, "preprocess", folder / "v.h5", "-o", folder / "s", "--chunk", "8", "-q"],
+                   check=True)
+    seed("open_store", "sphere", (folder / "s").read_bytes())
+    with h5py.File(folder / "s") as store:
+        rows = store["chunks"][:]
+        stored = [(folder / "s").read_bytes()[r["offset"]:r["offset"] + r["bytes"]] for r in rows]
+    seed("chunk_decode", "values", bytes([0, 512 % 256, 512 // 256]) + stored[0])
+    seed("chunk_decode", "indicators", bytes([5, 0, 1]) + stored[-1])
+    subprocess.run([isonest, "extract", folder / "s", "--iso", "128", "--error", "30", "-o",
+                    folder / "m.ply", "-q"], check=True)
+    seed("ply", "sphere", (folder / "m.ply").read_bytes())
+
+seed("ply", "quad", b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty double x\n"
+     b"property float y\nproperty float value\nproperty float z\nelement face 1\nproperty uchar tag\n"
+     b"property list uchar uint vertex_indices\nend_header\n"
+     + struct.pack("<dfff", 0, 0, 1, 0) * 3 + struct.pack("<BBIII", 7, 3, 0, 1, 2))
+header = (b"NRRD0004\n# c\ntype: short\ndimension: 3\nsizes: 4 3 2\nspacings: 1 1 2\n"
+          b"space origin: (1,2,3)\nendian: little\nencoding: ")
+values = struct.pack("<24h", *range(24))
+seed("nrrd", "raw", header + b"raw\n\n" + values)
+seed("nrrd", "gzip", header + b"gzip\n\n" + gzip.compress(values, mtime=0))
+seed("nrrd", "skip", header + b"raw\nbyte skip: -1\n\n" + values)
+seed("nrrd", "detached", header + b"raw\ndata file: v.nrrd\n\n")
+seed("nrrd", "directions", b"NRRD0005\ntype: float\ndimension: 3\nspace: left-posterior-superior\n"
+     b"sizes: 2 2 2\nspace directions: (1,0,0) (0,2,0) (0,0,3)\nendian: big\nencoding: raw\n\n"
+     + struct.pack(">8f", *range(8)))
+seed("raw", "plain", bytes([3, 2, 1, 2, 0, 0, 0, 0]) + values)
+seed("raw", "gzip", bytes([3, 2, 1, 2, 3, 2, 0, 0]) + gzip.compress(b"ab" + values, mtime=0))
+seed("raw", "missing", bytes([3, 2, 1, 2, 5, 0, 9, 0]) + values)
+seed("store_header", "nodes", bytes([0]) + struct.pack("<QQQ", 9, 10, 1 << 20))
+seed("store_header", "chunk", bytes([4]) + struct.pack("<I", 256))
+seed("store_header", "fields", bytes([6]) + b"linf_plus,l1_bar")
+seed("store_header", "range", bytes([7]) + struct.pack("<dd", float("nan"), 1e308))
+seed("chunk_table", "offset", struct.pack("<HQ", 0, 1 << 40))
+seed("chunk_table", "size", struct.pack("<HQ", 8, 0xFFFFFFFF))
+seed("chunk_table", "swapped", struct.pack("<HQ", 40, 4096) + struct.pack("<HQ", 80, 4096))

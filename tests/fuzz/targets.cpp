@@ -1,0 +1,261 @@
+#include "tests/fuzz/targets.h"
+
+#include <hdf5.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+
+#include "preprocess/preprocess.h"
+#include "query/check.h"
+#include "query/extract.h"
+#include "store/error.h"
+#include "tools/ply_reader.h"
+
+namespace isonest::fuzz {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A folder of this process, removed at its end.
+const fs::path& folder() {
+    struct Folder {
+        Folder() {
+            std::string name = (fs::temp_directory_path() / "isonest-fuzz-XXXXXX").string();
+            path = ::mkdtemp(name.data());
+        }
+        Folder(const Folder&) = delete;
+        Folder& operator=(const Folder&) = delete;
+        ~Folder() {
+            std::error_code ignored;
+            fs::remove_all(path, ignored);
+        }
+        fs::path path;
+    };
+    static const Folder folder;
+    return folder.path;
+}
+
+fs::path written(const char* name, Bytes bytes) {
+    const fs::path path = folder() / name;
+    std::ofstream out(path, std::ios::binary | std::ios::trunc);
+    out.write(reinterpret_cast<const char*>(bytes.data()),
+              static_cast<std::streamsize>(bytes.size()));
+    return path;
+}
+
+constexpr std::uint64_t kMemory = std::uint64_t{64} << 20U;
+
+/// Numbers 0, 1, 2, ... in a small volume.
+class Ramp : public VolumeSource {
+  public:
+    [[nodiscard]] Int3 nodes() const override { return {9, 10, 11}; }
+    [[nodiscard]] ValueType type() const override { return ValueType::i16; }
+    [[nodiscard]] Double3 spacing() const override { return {1, 1, 1}; }
+    [[nodiscard]] Double3 origin() const override { return {0, 0, 0}; }
+    [[nodiscard]] std::string name() const override { return "ramp"; }
+    [[nodiscard]] Granularity granularity() const override { return {}; }
+    [[nodiscard]] bool sequential() const override { return false; }
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        for (std::int64_t z = z0; z < z0 + nz; ++z) {
+            for (std::int64_t i = y0 * 9; i < (y0 + ny) * 9; ++i, dst += 2) {
+                const auto v = static_cast<std::int16_t>(90 * z + i * 7 % 90);
+                std::memcpy(dst, &v, 2);
+            }
+        }
+    }
+};
+
+/// A whole small store under this name, made once and copied.
+fs::path fresh_store(const char* name) {
+    static const fs::path whole = [] {
+        Ramp ramp;
+        PreprocessOptions options;
+        options.chunk = 8;
+        options.threads = 1;
+        preprocess(ramp, folder() / "whole", options, silent_progress());
+        return folder() / "whole";
+    }();
+    fs::copy_file(whole, folder() / name, fs::copy_options::overwrite_existing);
+    return folder() / name;
+}
+
+void use_store(const fs::path& path) {
+    try {
+        const StoreReader store(path);
+        if (store.layout().rows() > 100000) {
+            return;  // right, but long
+        }
+        CheckOptions options;
+        options.threads = 1;
+        options.memory = kMemory;
+        check(store, options, silent_progress());
+        ExtractOptions query;
+        query.iso = 300;
+        query.memory = kMemory;
+        query.threads = 1;
+        extract(store, folder() / "m.ply", query, silent_progress());
+    } catch (const Error&) {
+        // Refused.
+    }
+}
+
+}  // namespace
+
+void open_store(Bytes bytes) {
+    use_store(written("open", bytes));
+}
+
+void store_header(Bytes bytes) {
+    const fs::path path = fresh_store("header");
+    const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+    constexpr std::array<const char*, 9> kNames{
+        "nodes", "spacing", "origin", "value_type", "chunk", "version", "fields", "range", "flags"};
+    while (!bytes.empty()) {
+        const char* const name = kNames[bytes[0] % kNames.size()];
+        bytes = bytes.subspan(1);
+        const hid_t attribute = H5Aopen(file, name, H5P_DEFAULT);
+        const hid_t type = H5Aget_type(attribute);
+        const hid_t space = H5Aget_space(attribute);
+        std::vector<std::uint8_t> value(
+            H5Tget_size(type) * static_cast<std::size_t>(H5Sget_simple_extent_npoints(space)));
+        H5Aread(attribute, type, value.data());
+        const std::size_t n = std::min(value.size(), bytes.size());
+        std::copy_n(bytes.begin(), n, value.begin());
+        H5Awrite(attribute, type, value.data());
+        bytes = bytes.subspan(n);
+        H5Sclose(space);
+        H5Tclose(type);
+        H5Aclose(attribute);
+    }
+    H5Fclose(file);
+    use_store(path);
+}
+
+void chunk_table(Bytes bytes) {
+    const fs::path path = fresh_store("table");
+    const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+    const hid_t table = H5Dopen2(file, "chunks", H5P_DEFAULT);
+    const hid_t space = H5Dget_space(table);
+    const hid_t type = H5Dget_type(table);
+    std::vector<ChunkRow> rows(static_cast<std::size_t>(H5Sget_simple_extent_npoints(space)));
+    H5Dread(table, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, rows.data());
+    auto* const raw = reinterpret_cast<std::uint8_t*>(rows.data());
+    const std::size_t size = rows.size() * sizeof(ChunkRow);
+    // Groups of a place (two bytes) and a word that goes there.
+    for (; bytes.size() >= 10; bytes = bytes.subspan(10)) {
+        const std::size_t at = (bytes[0] + std::size_t{256} * bytes[1]) % size;
+        std::copy_n(bytes.begin() + 2, std::min<std::size_t>(8, size - at), raw + at);
+    }
+    H5Dwrite(table, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, rows.data());
+    const std::uint64_t sum = checksum_of(std::as_bytes(std::span(rows)));
+    const hid_t attribute = H5Aopen(table, "xxh64", H5P_DEFAULT);
+    H5Awrite(attribute, H5T_NATIVE_UINT64, &sum);
+    H5Aclose(attribute);
+    H5Tclose(type);
+    H5Sclose(space);
+    H5Dclose(table);
+    H5Fclose(file);
+    use_store(path);
+}
+
+void chunk_decode(Bytes bytes) {
+    if (bytes.size() < 3) {
+        return;
+    }
+    CodecSpec spec;
+    spec.element_size = std::size_t{1} << (bytes[0] % 4U);
+    spec.shuffle = (bytes[0] & 4U) != 0 && spec.element_size > 1;
+    const std::size_t elements = bytes[1] + std::size_t{256} * bytes[2];
+    std::vector<std::byte> raw(elements * spec.element_size);
+    try {
+        decode_chunk(std::as_bytes(bytes.subspan(3)), spec, raw, "chunk");
+    } catch (const Error&) {
+        // Refused.
+    }
+}
+
+namespace {
+
+/// So that reading is not left out.
+void keep(double value) {
+    static volatile double sink = 0;
+    sink = sink + value;
+}
+
+void use_volume(const fs::path& path, const SourceOptions& options) {
+    try {
+        const auto source = open_volume(path, options);
+        const Int3 n = source->nodes();
+        const std::size_t row = static_cast<std::size_t>(n.x) * size_of(source->type());
+        if (row * static_cast<std::size_t>(n.y) > (std::size_t{1} << 22U)) {
+            return;
+        }
+        std::vector<std::byte> plane(row * static_cast<std::size_t>(n.y));
+        for (std::int64_t z = 0; z < std::min<std::int64_t>(n.z, 64); ++z) {
+            source->read(z, 1, 0, n.y, plane.data());
+        }
+        std::uint64_t sum = 0;  // a map must be readable to its end
+        for (const std::byte b : source->mapped().first(
+                 std::min<std::size_t>(source->mapped().size(), std::size_t{1} << 22U))) {
+            sum += static_cast<std::uint64_t>(b);
+        }
+        keep(static_cast<double>(sum));
+    } catch (const Error&) {
+        // Refused.
+    }
+}
+
+}  // namespace
+
+void nrrd(Bytes bytes) {
+    SourceOptions options;
+    options.max_heap = kMemory;
+    use_volume(written("v.nrrd", bytes), options);
+}
+
+void raw(Bytes bytes) {
+    if (bytes.size() < 8) {
+        return;
+    }
+    SourceOptions options;
+    options.max_heap = kMemory;
+    options.dims = Int3{1 + bytes[0], 1 + bytes[1], 1 + bytes[2] % 8};
+    options.type = static_cast<ValueType>(bytes[3] % 8);
+    options.big_endian = (bytes[4] & 1U) != 0;
+    options.offset = (bytes[4] & 2U) != 0 ? bytes[5] : 0;
+    if ((bytes[4] & 4U) != 0) {
+        options.missing = bytes[6];
+    }
+    use_volume(written("v.raw", bytes.subspan(8)), options);
+}
+
+void ply(Bytes bytes) {
+    try {
+        const cli::PlyMesh mesh(written("f.ply", bytes));
+        for (std::uint64_t i = 0; i < mesh.vertices(); ++i) {
+            keep(mesh.vertex(i)[0] + mesh.value(i));
+        }
+        for (std::uint64_t i = 0; i < mesh.triangles(); ++i) {
+            keep(mesh.triangle(i)[0]);
+        }
+    } catch (const Error&) {
+        // Refused.
+    }
+}
+
+const std::vector<Target>& targets() {
+    static const std::vector<Target> all{{"open_store", open_store},
+                                         {"store_header", store_header},
+                                         {"chunk_table", chunk_table},
+                                         {"chunk_decode", chunk_decode},
+                                         {"nrrd", nrrd},
+                                         {"raw", raw},
+                                         {"ply", ply}};
+    return all;
+}
+
+}  // namespace isonest::fuzz

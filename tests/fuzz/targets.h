@@ -1,0 +1,31 @@
+// What takes bytes from strangers, as functions of bytes: for the fuzzer, and for the ordinary
+// tests, which replay the corpus.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace isonest::fuzz {
+
+using Bytes = std::span<const std::uint8_t>;
+
+/// Each returns when the bytes have been dealt with: taken, or refused with an Error. Everything
+/// else (another exception, a crash, a hang, much memory) is a finding.
+void open_store(Bytes bytes);    ///< a file as a store: open, check, extract
+void store_header(Bytes bytes);  ///< the attributes of a whole store are overwritten, through HDF5
+void chunk_table(Bytes bytes);   ///< the chunk table of a whole store, with a right checksum
+void chunk_decode(Bytes bytes);  ///< a stored chunk
+void nrrd(Bytes bytes);          ///< an NRRD file
+void raw(Bytes bytes);           ///< a raw file, perhaps gzipped
+void ply(Bytes bytes);           ///< a mesh for `picture`
+
+struct Target {
+    std::string name;
+    void (*run)(Bytes);
+};
+const std::vector<Target>& targets();
+
+}  // namespace isonest::fuzz

@@ -1,0 +1,223 @@
+// Volumes and questions at the limits of what numbers hold.
+//
+// ISONEST_BIG=1 in the environment, and "[big]": more than 2^32 nodes (some minutes).
+#include <catch2/catch.hpp>
+#include <cstdlib>
+
+#include "query/check.h"
+#include "store/error.h"
+#include "tests/test_support.h"
+
+using namespace isonest;
+using namespace isonest::test;
+
+namespace {
+
+/// Makes a store, checks it to its depth against its source, and extracts at some isovalues.
+template <class T>
+std::vector<Mesh> all_of(MemoryVolume<T>& volume, const std::vector<double>& isovalues,
+                         double error_relative = 0) {
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(8));
+    const StoreReader store(folder / "s");
+    CheckOptions deep;
+    deep.depth = CheckDepth::deep;
+    deep.sampled_cubes = 100;
+    deep.source = [&](std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out) {
+        volume.read(z, 1, y0, ny, out);
+    };
+    const CheckReport report = check(store, deep, silent_progress());
+    for (const Finding& f : report.findings) {
+        UNSCOPED_INFO(f.test << " " << f.field << " " << f.message);
+    }
+    CHECK(report.failures == 0);
+    std::vector<Mesh> meshes;
+    for (const double iso : isovalues) {
+        ExtractOptions options;
+        options.iso = iso;
+        options.error_relative = error_relative;
+        extract(store, folder / "m.ply", options, silent_progress());
+        meshes.push_back(read_mesh(folder / "m.ply"));
+        for (const auto& v : meshes.back().vertices) {
+            CHECK((std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2])));
+        }
+    }
+    return meshes;
+}
+
+/// A checkerboard of the two largest opposites of a type, with its middle on one side.
+template <class T>
+void opposites() {
+    constexpr T low = std::numeric_limits<T>::lowest();
+    constexpr T high = std::numeric_limits<T>::max();
+    MemoryVolume<T> volume({11, 10, 9}, [&](const Int3& p) {
+        return p.x > 6                      ? static_cast<T>(high / 2 + low / 2)
+               : (p.x + p.y + p.z) % 2 == 0 ? low
+                                            : high;
+    });
+    const double middle = static_cast<double>(low) / 2 + static_cast<double>(high) / 2;
+    CAPTURE(name_of(value_type<T>()));
+    for (const double error : {0.0, 0.3}) {
+        const std::vector<Mesh> meshes = all_of(
+            volume, {middle + 0.25, static_cast<double>(low), static_cast<double>(high)}, error);
+        CHECK(!meshes[0].triangles.empty());
+        const MeshFaults faults = check_mesh(meshes[0], {0, 0, 0}, {10, 9, 8});
+        CHECK(faults.open_edges_inside == 0);
+        CHECK(faults.overused_edges == 0);
+        CHECK(meshes[1].triangles.empty());  // nothing is below the smallest value
+    }
+}
+
+/// Zero but for a few nodes, made up as it is read.
+class Sparse : public VolumeSource {
+  public:
+    explicit Sparse(const Int3& n) : n_(n) {}
+    [[nodiscard]] Int3 nodes() const override { return n_; }
+    [[nodiscard]] ValueType type() const override { return ValueType::u8; }
+    [[nodiscard]] Double3 spacing() const override { return {1, 1, 1}; }
+    [[nodiscard]] Double3 origin() const override { return {0, 0, 0}; }
+    [[nodiscard]] std::string name() const override { return "sparse"; }
+    [[nodiscard]] Granularity granularity() const override { return {}; }
+    [[nodiscard]] bool sequential() const override { return false; }
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        std::memset(dst, 0, static_cast<std::size_t>(nz * ny * n_.x));
+        for (std::int64_t z = z0; z < z0 + nz; ++z) {
+            for (const std::int64_t i : {std::int64_t{0}, std::int64_t{2}}) {
+                // The same corner of the plane, and one far behind 2^32 nodes.
+                const std::int64_t y = i == 0 ? 3 : n_.y - 4;
+                const std::int64_t x = i == 0 ? 5 : n_.x - 6;
+                if (y >= y0 && y < y0 + ny && (z == 1 || z == n_.z - 2)) {
+                    dst[((z - z0) * ny + (y - y0)) * n_.x + x] = std::byte{200};
+                }
+            }
+        }
+    }
+
+  private:
+    Int3 n_;
+};
+
+}  // namespace
+
+TEST_CASE("the opposite ends of every type make a whole store and a whole surface") {
+    opposites<std::uint8_t>();
+    opposites<std::int8_t>();
+    opposites<std::uint16_t>();
+    opposites<std::int16_t>();
+    opposites<std::uint32_t>();
+    opposites<std::int32_t>();
+    opposites<float>();
+    opposites<double>();
+}
+
+TEST_CASE("denormals have a surface as other numbers have") {
+    MemoryVolume<float> small({12, 11, 13}, [](const Int3& p) {
+        return static_cast<float>((p.x + 2 * p.y - p.z + (p.x * p.y) % 3) * 1e-42);
+    });
+    CHECK(!all_of(small, {5.5e-42})[0].triangles.empty());
+    CHECK(!all_of(small, {5.5e-42}, 0.1)[0].triangles.empty());
+    MemoryVolume<double> smaller({12, 11, 13}, [](const Int3& p) {
+        return static_cast<double>(p.x + 2 * p.y - p.z) * 5e-322;
+    });
+    CHECK(!all_of(smaller, {5.1e-321})[0].triangles.empty());
+}
+
+TEST_CASE("an isovalue outside of the range, and any isovalue of nothing, give an empty mesh") {
+    MemoryVolume<float> ramp({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
+    for (const Mesh& mesh : all_of(ramp, {-0.5, 8.5, 1e300, -1e300})) {
+        CHECK(mesh.triangles.empty());
+    }
+    constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+    constexpr float kInfinity = std::numeric_limits<float>::infinity();
+    for (const float v : {kNaN, kInfinity, -kInfinity, 3.0F}) {
+        MemoryVolume<float> constant({17, 5, 9}, [&](const Int3& /*p*/) { return v; });
+        for (const Mesh& mesh : all_of(constant, {0, 3, 2.5}, 0)) {
+            CHECK(mesh.triangles.empty());
+        }
+    }
+    MemoryVolume<float> both({9, 9, 9},
+                             [&](const Int3& p) { return p.x < 4 ? kInfinity : -kInfinity; });
+    CHECK(all_of(both, {0})[0].triangles.empty());
+}
+
+TEST_CASE("errors and isovalues that are no numbers are refused") {
+    const TemporaryFolder folder;
+    MemoryVolume<float> ramp({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
+    make_store(ramp, folder / "s", with_chunk(8));
+    const StoreReader store(folder / "s");
+    const double kNaN = std::numeric_limits<double>::quiet_NaN();
+    const double kInfinity = std::numeric_limits<double>::infinity();
+    const auto kind = [&](double iso, double error, double relative) {
+        ExtractOptions options;
+        options.iso = iso;
+        options.error = error;
+        if (relative != 0) {
+            options.error.reset();
+            options.error_relative = relative;
+        }
+        try {
+            extract(store, folder / "m.ply", options, silent_progress());
+        } catch (const Error& error_of) {
+            return error_of.kind();
+        }
+        return ErrorKind::cancelled;
+    };
+    for (const double bad : {kNaN, kInfinity, -kInfinity, -1.0}) {
+        CHECK(kind(1, bad, 0) == ErrorKind::invalid_argument);
+        CHECK(kind(1, 0, bad) == ErrorKind::invalid_argument);
+        if (bad != -1.0) {
+            CHECK(kind(bad, 0, 0) == ErrorKind::invalid_argument);
+        }
+    }
+    CHECK(!std::filesystem::exists(folder / "m.ply"));
+    CHECK(folder.names().size() == 1);
+}
+
+TEST_CASE("a line of a million nodes, primes and pairs make whole stores") {
+    for (const Int3& n :
+         {Int3{1000000, 1, 1}, Int3{1, 1000000, 1}, Int3{1, 1, 1000000}, Int3{1, 1, 1},
+          Int3{2, 2, 2}, Int3{1, 2, 2}, Int3{13, 29, 7}, Int3{101, 3, 2}, Int3{2, 1, 103}}) {
+        CAPTURE(n.x, n.y, n.z);
+        MemoryVolume<std::uint8_t> volume(n, [](const Int3& p) {
+            return static_cast<std::uint8_t>(255 * noise({p.x / 50, p.y / 50, p.z / 50}));
+        });
+        const TemporaryFolder folder;
+        PreprocessOptions options = with_chunk(n.product() > 10000 ? 64 : 8);
+        const PreprocessReport r = make_store(volume, folder / "s", options);
+        CHECK(r.nodes == n);
+        const StoreReader store(folder / "s");
+        CHECK(check(store, {}, silent_progress()).failures == 0);
+    }
+}
+
+TEST_CASE("more than 2^32 nodes are counted and found", "[.big]") {
+    REQUIRE(std::getenv("ISONEST_BIG") != nullptr);
+    const Int3 n{65536 + 8, 16384 + 5, 4};
+    Sparse source(n);
+    const TemporaryFolder folder;
+    PreprocessOptions options = with_chunk(256);
+    options.memory = std::uint64_t{4} << 30U;
+    const PreprocessReport r = preprocess(source, folder / "s", options, silent_progress());
+    CHECK(r.input_bytes > std::uint64_t{1} << 32U);
+    const StoreReader store(folder / "s");
+    ExtractOptions query;
+    query.iso = 100;
+    extract(store, folder / "m.ply", query, silent_progress());
+    const Mesh mesh = read_mesh(folder / "m.ply");
+    std::size_t near = 0;
+    std::size_t far = 0;
+    for (const auto& v : mesh.vertices) {
+        near += std::fabs(v[0] - 5) < 2 && std::fabs(v[1] - 3) < 2 ? 1 : 0;
+        far += std::fabs(v[0] - static_cast<double>(n.x - 6)) < 2 &&
+                       std::fabs(v[1] - static_cast<double>(n.y - 4)) < 2
+                   ? 1
+                   : 0;
+    }
+    CHECK(near > 10);
+    CHECK(far > 10);
+    CHECK(near + far == mesh.vertices.size());
+    CheckOptions quick;
+    quick.depth = CheckDepth::quick;
+    CHECK(check(store, quick, silent_progress()).failures == 0);
+}
