@@ -1,5 +1,8 @@
 #include "query/planar.h"
 
+#include <oneapi/tbb/enumerable_thread_specific.h>
+#include <oneapi/tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -18,44 +21,70 @@ struct Triangle {
     int level = 0;  ///< the square's edge is 2^level
 };
 
+/// What the threads share.
+struct PlanarWork {
+    ChunkCache& cache;
+    const TraversalQuery& query;
+    PlanarKind kind;
+    std::size_t part_vertices;
+    const PartSink& sink;
+    Progress& progress;
+};
+
+/// Visits one subtree at a time. One per thread.
 class PlanarTraversal {
   public:
-    PlanarTraversal(ChunkCache& cache, const TraversalQuery& query, PlanarKind kind,
-                    std::size_t part_vertices, const PartSink& sink, Progress& progress)
-        : layout_(cache.source().layout()),
-          query_(query),
-          kind_(kind),
-          part_vertices_(part_vertices),
-          sink_(sink),
-          progress_(progress),
-          sampler_(cache),
-          attributes_(query.attributes, cache, query.attribute_values),
-          mesh_(&attributes_) {
+    explicit PlanarTraversal(const PlanarWork& work)
+        : layout_(work.cache.source().layout()),
+          query_(work.query),
+          kind_(work.kind),
+          part_vertices_(work.part_vertices),
+          sink_(work.sink),
+          progress_(work.progress),
+          sampler_(work.cache),
+          attributes_(query_.attributes, work.cache, query_.attribute_values),
+          mesh_(&attributes_) {}
+    PlanarTraversal(const PlanarTraversal&) = delete;
+    PlanarTraversal& operator=(const PlanarTraversal&) = delete;
+
+    /// The two halves of the coarsest square, down to triangles of `level`, which are left for
+    /// others: those are returned.
+    std::vector<Triangle> top(int level) {
+        std::array<int, 2> axes{};
+        int count = 0;
         for (int axis = 0; axis < 3; ++axis) {
             if (layout_.lattice().nodes()[axis] > 1) {
-                axes_.at(static_cast<std::size_t>(count_++)) = axis;
+                axes.at(static_cast<std::size_t>(count++)) = axis;
             }
         }
-    }
-
-    TraversalCounts run() {
+        std::vector<Triangle> left;
+        left_ = &left;
+        left_level_ = level;
         const int top = layout_.lattice().top();
         const std::int64_t edge = std::int64_t{1} << top;
-        progress_.begin("extract", 2 * static_cast<std::uint64_t>(edge * edge), "");
         for (std::size_t order = 0; order < 2; ++order) {
             Triangle t;
             t.level = top;
-            t.v[1][axes_.at(order)] = edge;
+            t.v[1][axes.at(order)] = edge;
             t.v[2] = t.v[1];
-            t.v[2][axes_.at(1 - order)] = edge;
+            t.v[2][axes.at(1 - order)] = edge;
             for (std::size_t i = 0; i < 3; ++i) {
                 t.value[i] = sampler_.value(t.v[i], top);
             }
             visit(t);
         }
         flush();
-        return counts_;
+        left_ = nullptr;
+        return left;
     }
+    /// The subtree of `t`; its parts' numbers begin with `number`.
+    void subtree(const Triangle& t, std::uint64_t number) {
+        constexpr unsigned kPartBits = 40;
+        parts_ = number << kPartBits;
+        visit(t);
+        flush();
+    }
+    [[nodiscard]] const TraversalCounts& counts() const { return counts_; }
 
   private:
     [[nodiscard]] static std::uint64_t doubled_area(const Triangle& t) {
@@ -79,6 +108,10 @@ class PlanarTraversal {
     }
 
     void visit(const Triangle& t) {
+        if (left_ != nullptr && t.kind == 0 && t.level == left_level_) {
+            left_->push_back(t);
+            return;
+        }
         const Overlap where = overlap(t);
         if (where == Overlap::outside) {
             return done(t);
@@ -164,17 +197,34 @@ class PlanarTraversal {
     AttributeSampler attributes_;
     LocalMesh mesh_;
     TraversalCounts counts_;
-    std::array<int, 2> axes_{};
-    int count_ = 0;
     std::uint64_t parts_ = 0;
+    std::vector<Triangle>* left_ = nullptr;  ///< where triangles of left_level_ go
+    int left_level_ = 0;
 };
+
+/// Levels below the coarsest at which the subtrees begin that are the threads' work: at most 2 *
+/// 4^5 of them.
+constexpr int kTopLevels = 5;
 
 }  // namespace
 
 TraversalCounts traverse_planar(ChunkCache& cache, const TraversalQuery& query, PlanarKind kind,
                                 std::size_t part_vertices, const PartSink& sink,
                                 Progress& progress) {
-    return PlanarTraversal(cache, query, kind, part_vertices, sink, progress).run();
+    const PlanarWork work{cache, query, kind, part_vertices, sink, progress};
+    const int top = cache.source().layout().lattice().top();
+    const std::uint64_t edge = std::uint64_t{1} << static_cast<unsigned>(top);
+    progress.begin("extract", 2 * edge * edge, "");
+    tbb::enumerable_thread_specific<PlanarTraversal> traversals(
+        [&] { return PlanarTraversal(work); });
+    const std::vector<Triangle> left = traversals.local().top(std::max(top - kTopLevels, 0));
+    tbb::parallel_for(std::size_t{0}, left.size(),
+                      [&](std::size_t i) { traversals.local().subtree(left[i], i + 1); });
+    TraversalCounts counts;
+    for (const PlanarTraversal& t : traversals) {
+        counts.add(t.counts());
+    }
+    return counts;
 }
 
 }  // namespace isonest

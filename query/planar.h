@@ -15,7 +15,7 @@ enum class PlanarKind {
 };
 
 /// Visits all triangles that may hold what is asked for. Nodes with missing values cut holes. A
-/// graph's third coordinate is U itself. Deterministic; not parallel. REQUIRES: the lattice has
+/// graph's third coordinate is U itself. Deterministic. REQUIRES: the lattice has
 /// dimension 2, and for a graph its flat axis is z. Throws as traverse() does.
 TraversalCounts traverse_planar(ChunkCache& cache, const TraversalQuery& query, PlanarKind kind,
                                 std::size_t part_vertices, const PartSink& sink,

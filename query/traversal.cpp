@@ -87,10 +87,7 @@ TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::si
     });
     TraversalCounts total;
     for (const TraversalCounts& c : shared.counts) {
-        total.visited += c.visited;
-        total.leaves += c.leaves;
-        total.bricks += c.bricks;
-        total.error_bound = std::max(total.error_bound, c.error_bound);
+        total.add(c);
     }
     return total;
 }

@@ -4,6 +4,7 @@
 // its active Kuhn tetrahedra; a brick is the cubes of one level in one chunk of values.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <functional>
@@ -37,6 +38,13 @@ struct TraversalCounts {
     std::uint64_t leaves = 0;
     std::uint64_t bricks = 0;
     double error_bound = 0;
+
+    void add(const TraversalCounts& other) {
+        visited += other.visited;
+        leaves += other.leaves;
+        bricks += other.bricks;
+        error_bound = std::max(error_bound, other.error_bound);
+    }
 };
 
 /// Receives finished parts; called from many threads. `order` sorts the parts of a mesh.
