@@ -241,16 +241,30 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
             report.has_missing = report.has_missing || (row.flags & kChunkHasMissing) != 0;
         }
     };
+    const auto keep = [&] {
+        if (!worth_keeping || journal.checkpoints() == 0) {
+            return false;
+        }
+        writer.keep();
+        journal.keep();
+        centres.keep();
+        return true;
+    };
     try {
         workers.execute(run);
         describe();
         writer.finish();
-    } catch (...) {
-        if (worth_keeping && journal.checkpoints() > 0) {
-            writer.keep();
-            journal.keep();
-            centres.keep();
+    } catch (const Error& error) {
+        if (keep()) {
+            const bool cancelled = error.kind() == ErrorKind::cancelled;
+            throw Error(error.kind(),
+                        fmt::format("{}; what is done is kept beside the store: run again with "
+                                    "--resume to go on",
+                                    cancelled ? "interrupted" : error.what()));
         }
+        throw;
+    } catch (...) {
+        keep();
         throw;
     }
     report.store_bytes = std::filesystem::file_size(store);

@@ -82,6 +82,8 @@ void StoreWriter::Impl::create() {
     register_zstd_filter();
     const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
     H5Pset_libver_bounds(access.get(), H5F_LIBVER_V110, H5F_LIBVER_V110);
+    // Nobody else knows the name, and some network file systems refuse locks.
+    H5Pset_file_locking(access.get(), false, true);
     // Chunks are then allocated one by one at the end of the file: see write_chunk().
     H5Pset_small_data_block_size(access.get(), 0);
     const PropertyHandle creation(H5Pcreate(H5P_FILE_CREATE));

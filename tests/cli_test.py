@@ -335,6 +335,34 @@ class Cli(unittest.TestCase):
                 self.assertTrue(err.startswith(b"isonest: error: "), err)
                 self.assertEqual([p.name for p in folder.iterdir()], ["n.raw"])
 
+    def test_an_interrupted_run_with_resume_says_how_to_go_on(self):
+        with tempfile.TemporaryDirectory(prefix="isonest-test-") as name:
+            folder = pathlib.Path(name)
+            self.ok("make-volume", "noise", "--size", "129", "--type", "uint16", "-o",
+                    folder / "n.raw")
+            command = [ISONEST, "preprocess", "n.raw", "--dims", "129,129,129", "--type", "uint16",
+                       "--compression", "19", "--chunk", "16", "--threads", "1", "-o", "n.isonest",
+                       "--resume", "--json"]
+            process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE,
+                                       stderr=subprocess.PIPE)
+
+            def a_row_is_done():
+                return any(p.stat().st_size > 4096 for p in folder.glob(".n.isonest.*.journal"))
+            while process.poll() is None and not a_row_is_done():
+                time.sleep(0.01)
+            self.assertIsNone(process.poll(), "it was over before it could be interrupted")
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=120)
+            self.assertEqual(process.returncode, 130, err)
+            self.assertIn("run again with --resume", json.loads(out)["error"]["message"])
+            self.assertEqual(len(list(folder.iterdir())), 4)
+            other = subprocess.run([*command, "--exact"], cwd=folder, capture_output=True)
+            self.assertEqual(other.returncode, 2)
+            self.assertIn(b"'exact false', this one has 'exact true'", other.stderr)
+            done = subprocess.run(command, cwd=folder, capture_output=True, check=True)
+            self.assertGreater(json.loads(done.stdout)["resumed_chunks"], 0)
+            self.assertEqual(sorted(p.name for p in folder.iterdir()), ["n.isonest", "n.raw"])
+
     def test_an_input_truncated_while_it_is_read_is_an_error(self):
         with tempfile.TemporaryDirectory(prefix="isonest-test-") as name:
             folder = pathlib.Path(name)

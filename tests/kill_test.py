@@ -1,4 +1,5 @@
-"""Killed at random moments, preprocess leaves no store or a whole one, and what it replaces survives.
+"""Killed at random moments, preprocess leaves no store or a whole one, and what it replaces survives; what
+it left is gone on with to the same bytes. The same for extract and its mesh.
 
 Usage: kill_test.py ISONEST PLUGIN_FOLDER     (ISONEST_KILLS=200 in the environment: that many kills)
 """
@@ -73,3 +74,29 @@ with tempfile.TemporaryDirectory(prefix="isonest-kill-") as name:
     assert taken_over > 0 or kills < 30, "no run went on with what another left"
     print(f"{killed} runs killed, {finished} finished first; no store was lost or half written; "
           f"{resumed} resumed to the same bytes, {taken_over} of them from work done before")
+
+    # A mesh, too, is there whole or not at all.
+    done = run("preprocess", volume, "-o", store, "--chunk", "8", "--force", "-q")
+    assert done.returncode == 0, done.stderr
+    for end in ("ply", "vtkhdf"):
+        mesh = folder / f"m.{end}"
+        command = [isonest, "extract", str(store), "--iso", "0.5", "-o", str(mesh), "-q"]
+        start = time.monotonic()
+        assert subprocess.run(command).returncode == 0
+        seconds = time.monotonic() - start
+        expected = mesh.read_bytes()
+        mesh.unlink()
+        killed_meshes = 0
+        for i in range(kills // 3):
+            process = subprocess.Popen(command)
+            time.sleep(random.uniform(0, 1.1 * seconds))
+            process.kill()
+            killed_meshes += process.wait() == -9
+            if mesh.exists():
+                assert mesh.read_bytes() == expected, f"kill {i}: half a mesh"
+                mesh.unlink()
+            for left in folder.glob(f".m.{end}*"):
+                assert left.name.startswith(f".m.{end}.partial-"), left
+                left.unlink()
+        assert killed_meshes >= kills // 6, killed_meshes
+        print(f"{killed_meshes} extractions to .{end} killed; no half mesh")
