@@ -41,8 +41,7 @@ class InterruptedRun {
   private:
     struct Mark {
         Checkpoint done;
-        std::uint64_t end = 0;  ///< of its record in the journal
-        std::uint64_t chunks = 0;
+        std::uint64_t chunks = 0;  ///< before it in the journal
     };
     std::filesystem::path temporary_;
     std::uint64_t records_ = 0;  ///< where they begin in the journal
