@@ -6,7 +6,6 @@
 
 #include <chrono>
 #include <functional>
-#include <memory>
 
 #include "preprocess/level_pass.h"
 #include "preprocess/resume.h"
@@ -46,10 +45,15 @@ struct Outputs {
 /// same bytes for any number of threads.
 void run_blocks(const Int3& grid, int tokens, const Block& compute, const Outputs& outputs,
                 Progress& progress, std::uint64_t bytes_per_block) {
-    using Result = std::shared_ptr<std::vector<EncodedChunk>>;
+    // The results are ours and only their numbers are tokens: tokens under way when something fails
+    // are not destroyed. The last stage is in order, so at most the last `tokens` blocks are alive.
+    std::vector<std::vector<EncodedChunk>> results(static_cast<std::size_t>(tokens));
+    const auto result_of = [&](std::int64_t i) -> std::vector<EncodedChunk>& {
+        return results[static_cast<std::size_t>(i) % results.size()];
+    };
     std::int64_t next = 0;
     tbb::parallel_pipeline(
-        static_cast<std::size_t>(tokens),
+        results.size(),
         tbb::make_filter<void, std::int64_t>(tbb::filter_mode::serial_in_order,
                                              [&](tbb::flow_control& control) -> std::int64_t {
                                                  if (next == grid.product()) {
@@ -59,19 +63,21 @@ void run_blocks(const Int3& grid, int tokens, const Block& compute, const Output
                                                  progress.check();
                                                  return next++;
                                              }) &
-            tbb::make_filter<std::int64_t, Result>(
-                tbb::filter_mode::parallel,
-                [&](std::int64_t i) {
-                    return std::make_shared<std::vector<EncodedChunk>>(compute(grid.unlinear(i)));
-                }) &
-            tbb::make_filter<Result, void>(tbb::filter_mode::serial_in_order,
-                                           [&](const Result& result) {
-                                               for (EncodedChunk& chunk : *result) {
-                                                   outputs.write(chunk);
-                                                   chunk.bytes = {};
-                                               }
-                                               progress.advance(bytes_per_block);
-                                           }));
+            tbb::make_filter<std::int64_t, std::int64_t>(tbb::filter_mode::parallel,
+                                                         [&](std::int64_t i) {
+                                                             result_of(i) =
+                                                                 compute(grid.unlinear(i));
+                                                             return i;
+                                                         }) &
+            tbb::make_filter<std::int64_t, void>(tbb::filter_mode::serial_in_order,
+                                                 [&](std::int64_t i) {
+                                                     for (EncodedChunk& chunk : result_of(i)) {
+                                                         outputs.write(chunk);
+                                                         chunk.bytes = {};
+                                                     }
+                                                     result_of(i) = {};
+                                                     progress.advance(bytes_per_block);
+                                                 }));
 }
 
 StoreHeader header_of(const VolumeSource& source, const PreprocessOptions& options) {
