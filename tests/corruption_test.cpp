@@ -12,6 +12,15 @@
 #include "store/error.h"
 #include "tests/test_support.h"
 
+// Sanitizers take address space that a limit would forbid.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define SANITIZED
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define SANITIZED
+#endif
+#endif
+
 using namespace isonest;
 using namespace isonest::test;
 
@@ -111,7 +120,7 @@ void try_store(const std::filesystem::path& path, const Expected& expected,
 /// More heap than this for stores of a few hundred kilobytes would be an allocation by a lie.
 struct HeapLimit {
     HeapLimit() {
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#ifndef SANITIZED
         ::getrlimit(RLIMIT_DATA, &before);
         const rlimit limit{rlim_t{1} << 30U, before.rlim_max};
         ::setrlimit(RLIMIT_DATA, &limit);
@@ -120,7 +129,7 @@ struct HeapLimit {
     HeapLimit(const HeapLimit&) = delete;
     HeapLimit& operator=(const HeapLimit&) = delete;
     ~HeapLimit() {
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#ifndef SANITIZED
         ::setrlimit(RLIMIT_DATA, &before);
 #endif
     }
