@@ -77,12 +77,13 @@ Result run(Arguments& a, Progress& progress) {
                     r.triangles, a.extract.extract.contours.empty() ? "triangles" : "lines",
                     r.vertices, human_seconds(r.seconds), guarantee_text(a.extract, r),
                     r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
-    if (r.triangles == 0 && a.extract.extract.contours.empty()) {
+    if (r.triangles == 0) {
         const StoreHeader& h = store.layout().header();
         result.text += fmt::format(
-            "The slice is empty: the plane misses the volume, which lies between "
-            "{:.6g},{:.6g},{:.6g} "
-            "and {:.6g},{:.6g},{:.6g}.\n",
+            "{}, which lies between {:.6g},{:.6g},{:.6g} and {:.6g},{:.6g},{:.6g}.\n",
+            a.extract.extract.contours.empty()
+                ? "The slice is empty: the plane misses the volume"
+                : "There is no line: the values do not occur in the plane, or it misses the volume",
             h.origin[0], h.origin[1], h.origin[2],
             h.origin[0] + h.spacing[0] * static_cast<double>(h.nodes.x - 1),
             h.origin[1] + h.spacing[1] * static_cast<double>(h.nodes.y - 1),
