@@ -5,11 +5,10 @@
 namespace isonest {
 
 CentreStore::CentreStore(const Lattice& lattice, const std::vector<Field>& fields,
-                         std::filesystem::path file)
+                         const std::filesystem::path& file)
     : lattice_(lattice),
       fields_(fields),
-      path_(std::move(file)),
-      file_(ScratchFile::named(path_)),
+      file_(ScratchFile::named(file)),
       first_(static_cast<std::size_t>(std::max(lattice.top(), 2)) + 1, 0) {
     for (int level = 2; level < lattice.top(); ++level) {
         const auto l = static_cast<std::size_t>(level);
@@ -17,20 +16,7 @@ CentreStore::CentreStore(const Lattice& lattice, const std::vector<Field>& field
             first_[l] + fields_.size() * sizeof(float) *
                             static_cast<std::uint64_t>(lattice.elements_at(level).product());
     }
-    try {
-        file_.map(first_.back());
-    } catch (...) {
-        std::error_code ignored;
-        std::filesystem::remove(path_, ignored);
-        throw;
-    }
-}
-
-CentreStore::~CentreStore() {
-    if (!keep_) {
-        std::error_code ignored;
-        std::filesystem::remove(path_, ignored);
-    }
+    file_.map(first_.back());
 }
 
 std::span<float> CentreStore::cubes(int level, Field what) const {

@@ -21,17 +21,14 @@ class CentreStore {
     /// Has room for all `fields` of all levels that coarser ones are made from. `file` is made, and
     /// removed at the end unless keep() was called. Throws Error{io}, for example on a full disk.
     CentreStore(const Lattice& lattice, const std::vector<Field>& fields,
-                std::filesystem::path file);
-    CentreStore(const CentreStore&) = delete;
-    CentreStore& operator=(const CentreStore&) = delete;
-    ~CentreStore();
+                const std::filesystem::path& file);
 
     /// Gives the level's space back.
     void release(int level);
     void put(int level, Field what, const Box<float>& centres);
     /// Cubes outside the volume get `outside`.
     void get(int level, Field what, float outside, Box<float>& centres) const;
-    void keep() { keep_ = true; }
+    void keep() { file_.keep(); }
 
     /// A piece of the file.
     struct Range {
@@ -48,10 +45,8 @@ class CentreStore {
 
     Lattice lattice_;
     std::vector<Field> fields_;
-    std::filesystem::path path_;
     ScratchFile file_;
     std::vector<std::uint64_t> first_;  ///< of each level, in bytes; the last one: the end
-    bool keep_ = false;
 };
 
 }  // namespace isonest

@@ -93,9 +93,7 @@ class Hdf5Source : public VolumeSource {
     Hdf5Source(const std::filesystem::path& path, const SourceOptions& options) {
         const QuietHdf5 quiet;
         register_zstd_filter();
-        const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
-        H5Pset_file_locking(access.get(), false, true);
-        file_ = FileHandle(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access.get()));
+        file_ = open_hdf5(path);
         if (!file_.valid()) {
             throw Error(ErrorKind::corrupt,
                         fmt::format("{}: HDF5 cannot open it: {}", path.string(), hdf5_message()));

@@ -1,35 +1,13 @@
 #include "preprocess/run_journal.h"
 
-#include <fcntl.h>
-#include <fmt/format.h>
-#include <sys/file.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
-#include <cerrno>
-#include <cstring>
+#include <cstddef>
 
 #include "store/codec.h"
-#include "store/error.h"
 
 namespace isonest {
 namespace {
 
 constexpr std::size_t kPending = 1024;
-
-void write_all(int fd, std::span<const std::byte> bytes, const std::filesystem::path& path) {
-    while (!bytes.empty()) {
-        const ssize_t n = ::write(fd, bytes.data(), bytes.size());
-        if (n < 0 && errno == EINTR) {
-            continue;
-        }
-        if (n <= 0) {
-            throw Error(ErrorKind::io, fmt::format("{}: cannot write: {}", path.string(),
-                                                   std::strerror(n == 0 ? ENOSPC : errno)));
-        }
-        bytes = bytes.subspan(static_cast<std::size_t>(n));
-    }
-}
 
 template <class T>
 std::span<const std::byte> bytes_of(const T& value) {
@@ -51,40 +29,20 @@ std::filesystem::path centres_name(const std::filesystem::path& temporary) {
 }
 
 RunJournal::RunJournal(const std::filesystem::path& temporary, const std::string& identity)
-    : path_(journal_name(temporary)) {
-    ::unlink(path_.c_str());
-    fd_ = ::open(path_.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, S_IRUSR | S_IWUSR);
-    if (fd_ < 0) {
-        throw Error(ErrorKind::io,
-                    fmt::format("{}: cannot create: {}", path_.string(), std::strerror(errno)));
-    }
+    : file_(ScratchFile::named(journal_name(temporary))) {
     // Where locks are refused (some network file systems) the process id in the name has to do.
-    ::flock(fd_, LOCK_EX | LOCK_NB);
-    try {
-        const std::uint64_t size = identity.size();
-        const auto text = std::as_bytes(std::span(identity));
-        write_all(fd_, bytes_of(size), path_);
-        write_all(fd_, text, path_);
-        write_all(fd_, bytes_of(checksum_of(text)), path_);
-    } catch (...) {
-        ::close(fd_);
-        ::unlink(path_.c_str());
-        throw;
-    }
+    file_.lock();
+    const std::uint64_t size = identity.size();
+    const auto text = std::as_bytes(std::span(identity));
+    write(bytes_of(size));
+    write(text);
+    write(bytes_of(checksum_of(text)));
     pending_.reserve(kPending);
 }
 
-RunJournal::~RunJournal() {
-    if (keep_) {
-        try {
-            flush();
-        } catch (...) {
-            // What is on disk is valid up to its last whole record.
-        }
-    } else {
-        ::unlink(path_.c_str());
-    }
-    ::close(fd_);
+void RunJournal::write(std::span<const std::byte> bytes) {
+    file_.write_at(end_, bytes);
+    end_ += bytes.size();
 }
 
 void RunJournal::append(JournalRecord record) {
@@ -111,7 +69,7 @@ void RunJournal::checkpoint(const Checkpoint& done) {
 }
 
 void RunJournal::flush() {
-    write_all(fd_, std::as_bytes(std::span(pending_)), path_);
+    write(std::as_bytes(std::span(pending_)));
     pending_.clear();
 }
 

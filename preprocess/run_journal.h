@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "store/format.h"
+#include "store/scratch_file.h"
 
 namespace isonest {
 
@@ -37,29 +38,27 @@ std::filesystem::path journal_name(const std::filesystem::path& temporary);
 std::filesystem::path centres_name(const std::filesystem::path& temporary);
 
 /// Appends to a journal. The file is locked as long as the object lives, so that others see that
-/// the run is alive. Thread-safety: one thread at a time.
+/// the run is alive; then it is removed unless keep() was called. What comes after the last
+/// checkpoint may be missing in a file that was kept. Thread-safety: one thread at a time.
 class RunJournal {
   public:
     /// `identity` says, line by line, what has to be the same for a run that goes on.
     /// Throws Error{io}.
     RunJournal(const std::filesystem::path& temporary, const std::string& identity);
-    RunJournal(const RunJournal&) = delete;
-    RunJournal& operator=(const RunJournal&) = delete;
-    ~RunJournal();  ///< removes the file unless keep() was called
 
     /// Throw Error{io}.
     void chunk(std::size_t array, std::int64_t index, const ChunkRow& row);
     void checkpoint(const Checkpoint& done);
-    void keep() { keep_ = true; }
+    void keep() { file_.keep(); }
     [[nodiscard]] std::uint64_t checkpoints() const { return checkpoints_; }
 
   private:
     void append(JournalRecord record);
     void flush();
+    void write(std::span<const std::byte> bytes);
 
-    std::filesystem::path path_;
-    int fd_ = -1;
-    bool keep_ = false;
+    ScratchFile file_;
+    std::uint64_t end_ = 0;
     std::uint64_t checkpoints_ = 0;
     std::vector<JournalRecord> pending_;
 };

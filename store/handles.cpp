@@ -2,6 +2,25 @@
 
 namespace isonest {
 
+FileHandle open_hdf5(const std::filesystem::path& path) {
+    const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
+    H5Pset_file_locking(access.get(), false, true);
+    return FileHandle(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access.get()));
+}
+
+PropertyHandle written_file_access() {
+    PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
+    H5Pset_libver_bounds(access.get(), H5F_LIBVER_V110, H5F_LIBVER_V110);
+    H5Pset_file_locking(access.get(), false, true);
+    return access;
+}
+
+FileHandle create_hdf5(const std::filesystem::path& path, const PropertyHandle& access) {
+    const PropertyHandle creation(H5Pcreate(H5P_FILE_CREATE));
+    H5Pset_obj_track_times(creation.get(), false);
+    return FileHandle(H5Fcreate(path.c_str(), H5F_ACC_EXCL, creation.get(), access.get()));
+}
+
 std::string hdf5_message() {
     std::string text;
     H5Ewalk2(

@@ -3,6 +3,7 @@
 
 #include <hdf5.h>
 
+#include <filesystem>
 #include <string>
 #include <utility>
 
@@ -63,6 +64,18 @@ class QuietHdf5 {
     H5E_auto2_t function_ = nullptr;
     void* data_ = nullptr;
 };
+
+/// Opens for reading, without a lock: what is read through a map needs none, and some network and
+/// read-only file systems refuse one. Invalid where HDF5 cannot open it.
+FileHandle open_hdf5(const std::filesystem::path& path);
+
+/// The properties of files that we write: HDF5 1.10 objects (their metadata have checksums), and no
+/// lock, because nobody else knows a temporary name.
+PropertyHandle written_file_access();
+/// Creates a file that is not there yet, without times, so that its bytes are the same at any time.
+/// Invalid where HDF5 cannot.
+FileHandle create_hdf5(const std::filesystem::path& path,
+                       const PropertyHandle& access = written_file_access());
 
 /// The innermost description on HDF5's error stack, or an empty text.
 std::string hdf5_message();

@@ -89,6 +89,15 @@ TypeHandle chunk_row_type() {
     return type;
 }
 
+std::array<hsize_t, 4> dims_of(const Int3& n, int components) {
+    return {static_cast<hsize_t>(n.z), static_cast<hsize_t>(n.y), static_cast<hsize_t>(n.x),
+            static_cast<hsize_t>(components)};
+}
+
+int rank_of(const ArrayInfo& array) {
+    return array.field == Field::values ? 3 : 4;
+}
+
 void write_attribute(hid_t object, const char* name, std::uint32_t value) {
     write_array(object, name, H5T_STD_U32LE, H5T_NATIVE_UINT32, &value, 1, true);
 }

@@ -1,11 +1,13 @@
 // HDF5 types and attributes as the store uses them. Private to the store.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "store/format.h"
 #include "store/handles.h"
 #include "store/value_type.h"
 
@@ -17,6 +19,10 @@ TypeHandle file_type(ValueType type);
 TypeHandle indicator_code_type();
 /// The compound of ChunkRow.
 TypeHandle chunk_row_type();
+
+/// Nodes in HDF5's order, z y x, and behind them the components; an array has rank_of() of them.
+std::array<hsize_t, 4> dims_of(const Int3& n, int components);
+int rank_of(const ArrayInfo& array);
 
 /// Attributes of fixed type; failures throw Error{io}.
 void write_attribute(hid_t object, const char* name, std::uint32_t value);

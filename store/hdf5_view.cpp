@@ -2,8 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "store/error.h"
-#include "store/handles.h"
+#include "store/hdf5_types.h"
 
 namespace isonest {
 
@@ -15,9 +17,7 @@ struct Hdf5View::Impl {
 
 Hdf5View::Hdf5View(const std::filesystem::path& path) : impl_(std::make_unique<Impl>()) {
     const QuietHdf5 quiet;
-    const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
-    H5Pset_file_locking(access.get(), false, true);
-    impl_->file = FileHandle(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access.get()));
+    impl_->file = open_hdf5(path);
     if (!impl_->file.valid()) {
         throw Error(ErrorKind::corrupt,
                     fmt::format("{}: HDF5 cannot open it: {}", path.string(), hdf5_message()));
@@ -40,18 +40,14 @@ std::string Hdf5View::read(const ArrayInfo& array, const Int3& chunk,
     const hid_t dataset = impl_->dataset.get();
     const SpaceHandle space(H5Dget_space(dataset));
     std::array<hsize_t, 4> dims{};
-    const int rank = array.field == Field::values ? 3 : 4;
-    const std::array<hsize_t, 4> expected{
-        static_cast<hsize_t>(array.nodes.z), static_cast<hsize_t>(array.nodes.y),
-        static_cast<hsize_t>(array.nodes.x), static_cast<hsize_t>(array.components)};
+    const int rank = rank_of(array);
+    const auto expected = dims_of(array.nodes, array.components);
     if (H5Sget_simple_extent_ndims(space.get()) != rank ||
         H5Sget_simple_extent_dims(space.get(), dims.data(), nullptr) != rank ||
         !std::equal(dims.begin(), dims.begin() + rank, expected.begin())) {
         return "the dataset has other dimensions than the header says";
     }
-    const Int3 first = array.first_node(chunk);
-    const std::array<hsize_t, 4> at{static_cast<hsize_t>(first.z), static_cast<hsize_t>(first.y),
-                                    static_cast<hsize_t>(first.x), 0};
+    const auto at = dims_of(array.first_node(chunk), 0);
     hsize_t size = 0;
     if (H5Dget_chunk_storage_size(dataset, at.data(), &size) < 0 ||
         size > 2 * array.chunk_bytes() + 4096) {

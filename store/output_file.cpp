@@ -48,9 +48,7 @@ std::filesystem::path temporary_name(const std::filesystem::path& path) {
     const std::string first = (temporary_prefix(path) += std::to_string(::getpid())).string();
     std::string name = first;
     std::error_code ignored;
-    for (int i = 2; std::filesystem::exists(std::filesystem::symlink_status(name, ignored)) ||
-                    std::filesystem::exists(name + ".journal", ignored);
-         ++i) {
+    for (int i = 2; std::filesystem::exists(std::filesystem::symlink_status(name, ignored)); ++i) {
         name = fmt::format("{}-{}", first, i);
     }
     return name;

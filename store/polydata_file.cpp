@@ -11,12 +11,7 @@ namespace {
 class Frame {
   public:
     explicit Frame(const std::filesystem::path& path) : path_(path) {
-        const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
-        H5Pset_libver_bounds(access.get(), H5F_LIBVER_V110, H5F_LIBVER_V110);
-        H5Pset_file_locking(access.get(), false, true);
-        const PropertyHandle creation(H5Pcreate(H5P_FILE_CREATE));
-        H5Pset_obj_track_times(creation.get(), false);
-        file_ = FileHandle(H5Fcreate(path.c_str(), H5F_ACC_EXCL, creation.get(), access.get()));
+        file_ = create_hdf5(path);
         check(file_.valid(), "create the file");
         root_ = group(file_.get(), "VTKHDF");
         const std::vector<std::int64_t> version{2, 0};

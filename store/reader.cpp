@@ -20,10 +20,7 @@ StoreReader::StoreReader(const std::filesystem::path& path) : path_(path), file_
 
 void StoreReader::read_header() {
     const QuietHdf5 quiet;
-    const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
-    // The map needs no lock, and some network and read-only file systems refuse one.
-    H5Pset_file_locking(access.get(), false, true);
-    const FileHandle file(H5Fopen(path_.c_str(), H5F_ACC_RDONLY, access.get()));
+    const FileHandle file = open_hdf5(path_);
     if (!file.valid()) {
         fail_corrupt("not a store: HDF5 cannot open it (" + hdf5_message() +
                      "); make one with: isonest preprocess INPUT -o STORE");

@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/file.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -45,23 +46,22 @@ ScratchFile ScratchFile::named(const std::filesystem::path& file) {
     if (fd < 0) {
         fail(folder, "cannot create a file", errno);
     }
-    return {fd, folder};
+    return {fd, folder, file};
 }
 
 ScratchFile::ScratchFile(ScratchFile&& other) noexcept
     : fd_(std::exchange(other.fd_, -1)),
       folder_(std::move(other.folder_)),
+      name_(std::exchange(other.name_, {})),
       map_(std::exchange(other.map_, nullptr)),
       mapped_(std::exchange(other.mapped_, 0)) {}
 
 ScratchFile& ScratchFile::operator=(ScratchFile&& other) noexcept {
     if (this != &other) {
-        unmap();
-        if (fd_ >= 0) {
-            ::close(fd_);
-        }
+        close();
         fd_ = std::exchange(other.fd_, -1);
         folder_ = std::move(other.folder_);
+        name_ = std::exchange(other.name_, {});
         map_ = std::exchange(other.map_, nullptr);
         mapped_ = std::exchange(other.mapped_, 0);
     }
@@ -69,10 +69,21 @@ ScratchFile& ScratchFile::operator=(ScratchFile&& other) noexcept {
 }
 
 ScratchFile::~ScratchFile() {
+    close();
+}
+
+void ScratchFile::close() {
     unmap();
+    if (!name_.empty()) {
+        ::unlink(name_.c_str());
+    }
     if (fd_ >= 0) {
         ::close(fd_);
     }
+}
+
+void ScratchFile::lock() const {
+    ::flock(fd_, LOCK_EX | LOCK_NB);
 }
 
 void ScratchFile::unmap() {

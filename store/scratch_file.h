@@ -16,9 +16,13 @@ class ScratchFile {
   public:
     /// Creates the file in `folder`. Throws Error{io}.
     explicit ScratchFile(const std::filesystem::path& folder);
-    /// Creates `file`, readable by its owner alone; who asks for a name removes it. Throws
-    /// Error{io}.
+    /// Creates `file`, readable by its owner alone and removed at the end unless keep() was called.
+    /// Throws Error{io}.
     static ScratchFile named(const std::filesystem::path& file);
+    /// A named file stays.
+    void keep() { name_.clear(); }
+    /// Marks the file as in use for other processes, where the file system can.
+    void lock() const;
     ScratchFile(ScratchFile&& other) noexcept;
     ScratchFile& operator=(ScratchFile&& other) noexcept;
     ScratchFile(const ScratchFile&) = delete;
@@ -40,10 +44,13 @@ class ScratchFile {
     }
 
   private:
-    ScratchFile(int fd, std::filesystem::path folder) : fd_(fd), folder_(std::move(folder)) {}
+    ScratchFile(int fd, std::filesystem::path folder, std::filesystem::path name)
+        : fd_(fd), folder_(std::move(folder)), name_(std::move(name)) {}
     void unmap();
+    void close();
     int fd_ = -1;
     std::filesystem::path folder_;
+    std::filesystem::path name_;  ///< to be removed at the end
     std::byte* map_ = nullptr;
     std::uint64_t mapped_ = 0;
 };

@@ -20,13 +20,7 @@ class Hdf5File : public VolumeFile {
     Hdf5File(std::filesystem::path path, const VolumeFileSpec& spec)
         : path_(std::move(path)), temporary_(temporary_name(path_)), spec_(spec) {
         const QuietHdf5 quiet;
-        const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
-        H5Pset_libver_bounds(access.get(), H5F_LIBVER_V110, H5F_LIBVER_V110);
-        H5Pset_file_locking(access.get(), false, true);
-        const PropertyHandle file_creation(H5Pcreate(H5P_FILE_CREATE));
-        H5Pset_obj_track_times(file_creation.get(), false);
-        file_ = FileHandle(
-            H5Fcreate(temporary_.c_str(), H5F_ACC_EXCL, file_creation.get(), access.get()));
+        file_ = create_hdf5(temporary_);
         const std::array<hsize_t, 3> dims = shape(spec_.nodes.z);
         const SpaceHandle space(H5Screate_simple(3, dims.data(), nullptr));
         const PropertyHandle creation(H5Pcreate(H5P_DATASET_CREATE));

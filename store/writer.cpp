@@ -19,18 +19,6 @@
 #include "store/zstd_filter.h"
 
 namespace isonest {
-namespace {
-
-std::array<hsize_t, 4> dims_of(const Int3& n, int components) {
-    return {static_cast<hsize_t>(n.z), static_cast<hsize_t>(n.y), static_cast<hsize_t>(n.x),
-            static_cast<hsize_t>(components)};
-}
-
-int rank_of(const ArrayInfo& array) {
-    return array.field == Field::values ? 3 : 4;
-}
-
-}  // namespace
 
 struct StoreWriter::Impl {
     std::filesystem::path path;
@@ -80,17 +68,10 @@ struct StoreWriter::Impl {
 void StoreWriter::Impl::create() {
     const QuietHdf5 quiet;
     register_zstd_filter();
-    const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
-    H5Pset_libver_bounds(access.get(), H5F_LIBVER_V110, H5F_LIBVER_V110);
-    // Nobody else knows the name, and some network file systems refuse locks.
-    H5Pset_file_locking(access.get(), false, true);
+    const PropertyHandle access = written_file_access();
     // Chunks are then allocated one by one at the end of the file: see write_chunk().
     H5Pset_small_data_block_size(access.get(), 0);
-    const PropertyHandle creation(H5Pcreate(H5P_FILE_CREATE));
-    H5Pset_obj_track_times(creation.get(), false);
-    file =
-        made(FileHandle(H5Fcreate(temporary.c_str(), H5F_ACC_EXCL, creation.get(), access.get())),
-             "create the file");
+    file = made(create_hdf5(temporary, access), "create the file");
     datasets.resize(layout.arrays().size());
     create_group("/levels");
     for (int level = 0; level <= layout.lattice().top(); ++level) {

@@ -22,11 +22,16 @@ def run(*arguments, **options):
                           **options)
 
 
-class Concurrent(unittest.TestCase):
+class InFolder(unittest.TestCase):
     def setUp(self):
         temporary = tempfile.TemporaryDirectory(prefix="isonest-concurrent-")
         self.addCleanup(temporary.cleanup)
         self.here = pathlib.Path(temporary.name)
+
+
+class Concurrent(InFolder):
+    def setUp(self):
+        super().setUp()
         self.volume = self.here / "v.h5"
         self.store = self.here / "s.isonest"
         self.assertEqual(run("make-volume", "noise", "--size", "70", "--type", "uint8", "-o",
@@ -100,11 +105,9 @@ class Concurrent(unittest.TestCase):
 
 
 @unittest.skipUnless(os.geteuid() == 0, "mounting needs root")
-class OtherFileSystems(unittest.TestCase):
+class OtherFileSystems(InFolder):
     def setUp(self):
-        temporary = tempfile.TemporaryDirectory(prefix="isonest-mount-")
-        self.addCleanup(temporary.cleanup)
-        self.here = pathlib.Path(temporary.name)
+        super().setUp()
         self.small = self.here / "small"
         self.small.mkdir()
 
@@ -141,7 +144,6 @@ class OtherFileSystems(unittest.TestCase):
                 for p in left:
                     p.unlink()
         # What was done before the disk was full is used once there is space.
-        space = os.statvfs(self.small)
         filler.write_bytes(b"")
         space = os.statvfs(self.small)
         filler.write_bytes(b"x" * (space.f_bavail * space.f_frsize - full * 3 // 4))

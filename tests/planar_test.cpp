@@ -10,28 +10,6 @@ using namespace isonest::test;
 
 namespace {
 
-struct Lines {
-    std::vector<Double3> points;
-    std::vector<std::array<std::size_t, 2>> segments;
-};
-
-/// The v and l lines of an OBJ file.
-Lines read_lines(const std::filesystem::path& path) {
-    std::ifstream in(path);
-    Lines lines;
-    std::string line;
-    while (std::getline(in, line)) {
-        Double3 p{};
-        std::array<std::size_t, 2> s{};
-        if (std::sscanf(line.c_str(), "v %lf %lf %lf", &p[0], &p[1], &p[2]) == 3) {
-            lines.points.push_back(p);
-        } else if (std::sscanf(line.c_str(), "l %zu %zu", &s[0], &s[1]) == 2) {
-            lines.segments.push_back({s[0] - 1, s[1] - 1});
-        }
-    }
-    return lines;
-}
-
 template <class T>
 Lines isolines(MemoryVolume<T>& volume, double iso, double error,
                const std::optional<WorldBox>& box = {}, std::uint64_t memory = 1U << 30U) {

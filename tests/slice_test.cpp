@@ -1,7 +1,6 @@
 // Slices: whole, in their plane, and with the data's values within the error.
 #include <catch2/catch.hpp>
 #include <set>
-#include <sstream>
 
 #include "tests/test_support.h"
 
@@ -141,13 +140,8 @@ TEST_CASE("a plane outside of the volume gives an empty slice") {
 
 namespace {
 
-struct Contours {
-    std::vector<Double3> points;
-    std::vector<std::array<std::size_t, 2>> lines;
-};
-
-Contours contours(MemoryVolume<double>& volume, const WorldPlane& plane, double error,
-                  const std::vector<double>& values) {
+Lines contours(MemoryVolume<double>& volume, const WorldPlane& plane, double error,
+               const std::vector<double>& values) {
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
     ExtractOptions options;
@@ -156,19 +150,7 @@ Contours contours(MemoryVolume<double>& volume, const WorldPlane& plane, double 
     options.contours = values;
     options.memory = 64U << 20U;
     extract(StoreReader(folder / "s"), folder / "l.obj", options, silent_progress());
-    std::istringstream in(read_file(folder / "l.obj"));
-    Contours out;
-    std::string line;
-    while (std::getline(in, line)) {
-        Double3 p{};
-        std::array<std::size_t, 2> s{};
-        if (std::sscanf(line.c_str(), "v %lf %lf %lf", &p[0], &p[1], &p[2]) == 3) {
-            out.points.push_back(p);
-        } else if (std::sscanf(line.c_str(), "l %zu %zu", &s[0], &s[1]) == 2) {
-            out.lines.push_back({s[0] - 1, s[1] - 1});
-        }
-    }
-    return out;
+    return read_lines(folder / "l.obj");
 }
 
 }  // namespace
@@ -180,12 +162,12 @@ TEST_CASE("contour lines lie in the slice, hold their value within the error, an
     for (const WorldPlane& plane : planes) {
         for (const double error : {0.0, 0.2}) {
             CAPTURE(plane.normal[0], plane.normal[1], plane.normal[2], plane.offset, error);
-            const Contours c = contours(volume, plane, error, {0.25});
-            REQUIRE(!c.lines.empty());
+            const Lines c = contours(volume, plane, error, {0.25});
+            REQUIRE(!c.segments.empty());
             double worst = 0;
             double off = 0;
             std::vector<int> uses(c.points.size(), 0);
-            for (const auto& line : c.lines) {
+            for (const auto& line : c.segments) {
                 ++uses[line[0]];
                 ++uses[line[1]];
                 for (const double t : {0.0, 0.4, 1.0}) {
@@ -220,13 +202,13 @@ TEST_CASE("many contour lines are those of each value alone") {
         values.push_back(-1.5 + 0.0201 * i);
     }
     const WorldPlane plane{{0, 0.2, 1}, 9.5};
-    const Contours all = contours(volume, plane, 0, values);
+    const Lines all = contours(volume, plane, 0, values);
     CHECK(all.points.size() > 20000);  // more than one part
     std::size_t lines = 0;
     std::size_t points = 0;
     for (const double value : {values[3], values[70], values[149]}) {
-        const Contours one = contours(volume, plane, 0, {value});
-        lines += one.lines.size();
+        const Lines one = contours(volume, plane, 0, {value});
+        lines += one.segments.size();
         points += one.points.size();
         const std::set<Double3> there(all.points.begin(), all.points.end());
         for (const Double3& p : one.points) {
@@ -235,8 +217,8 @@ TEST_CASE("many contour lines are those of each value alone") {
     }
     std::size_t again = 0;
     std::size_t again_points = 0;
-    const Contours three = contours(volume, plane, 0, {values[3], values[70], values[149]});
-    again = three.lines.size();
+    const Lines three = contours(volume, plane, 0, {values[3], values[70], values[149]});
+    again = three.segments.size();
     again_points = three.points.size();
     CHECK(again == lines);
     CHECK(again_points == points);

@@ -162,6 +162,28 @@ inline Mesh read_mesh(const std::filesystem::path& path) {
     return mesh;
 }
 
+struct Lines {
+    std::vector<Double3> points;
+    std::vector<std::array<std::size_t, 2>> segments;
+};
+
+/// The v and l lines of an OBJ file.
+inline Lines read_lines(const std::filesystem::path& path) {
+    std::ifstream in(path);
+    Lines lines;
+    std::string line;
+    while (std::getline(in, line)) {
+        Double3 p{};
+        std::array<std::size_t, 2> s{};
+        if (std::sscanf(line.c_str(), "v %lf %lf %lf", &p[0], &p[1], &p[2]) == 3) {
+            lines.points.push_back(p);
+        } else if (std::sscanf(line.c_str(), "l %zu %zu", &s[0], &s[1]) == 2) {
+            lines.segments.push_back({s[0] - 1, s[1] - 1});
+        }
+    }
+    return lines;
+}
+
 struct MeshFaults {
     std::size_t unused_vertices = 0;
     std::size_t overused_edges = 0;  ///< more than two triangles

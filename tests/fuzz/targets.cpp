@@ -1,17 +1,14 @@
 #include "tests/fuzz/targets.h"
 
 #include <hdf5.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 
-#include "preprocess/preprocess.h"
 #include "query/check.h"
-#include "query/extract.h"
 #include "store/error.h"
+#include "tests/test_support.h"
 #include "tools/ply_reader.h"
 
 namespace isonest::fuzz {
@@ -20,22 +17,9 @@ namespace {
 namespace fs = std::filesystem;
 
 /// A folder of this process, removed at its end.
-const fs::path& folder() {
-    struct Folder {
-        Folder() {
-            std::string name = (fs::temp_directory_path() / "isonest-fuzz-XXXXXX").string();
-            path = ::mkdtemp(name.data());
-        }
-        Folder(const Folder&) = delete;
-        Folder& operator=(const Folder&) = delete;
-        ~Folder() {
-            std::error_code ignored;
-            fs::remove_all(path, ignored);
-        }
-        fs::path path;
-    };
-    static const Folder folder;
-    return folder.path;
+const test::TemporaryFolder& folder() {
+    static const test::TemporaryFolder folder;
+    return folder;
 }
 
 fs::path written(const char* name, Bytes bytes) {
@@ -48,35 +32,15 @@ fs::path written(const char* name, Bytes bytes) {
 
 constexpr std::uint64_t kMemory = std::uint64_t{64} << 20U;
 
-/// Numbers 0, 1, 2, ... in a small volume.
-class Ramp : public VolumeSource {
-  public:
-    [[nodiscard]] Int3 nodes() const override { return {9, 10, 11}; }
-    [[nodiscard]] ValueType type() const override { return ValueType::i16; }
-    [[nodiscard]] Double3 spacing() const override { return {1, 1, 1}; }
-    [[nodiscard]] Double3 origin() const override { return {0, 0, 0}; }
-    [[nodiscard]] std::string name() const override { return "ramp"; }
-    [[nodiscard]] Granularity granularity() const override { return {}; }
-    [[nodiscard]] bool sequential() const override { return false; }
-    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-              std::byte* dst) override {
-        for (std::int64_t z = z0; z < z0 + nz; ++z) {
-            for (std::int64_t i = y0 * 9; i < (y0 + ny) * 9; ++i, dst += 2) {
-                const auto v = static_cast<std::int16_t>(90 * z + i * 7 % 90);
-                std::memcpy(dst, &v, 2);
-            }
-        }
-    }
-};
-
 /// A whole small store under this name, made once and copied.
 fs::path fresh_store(const char* name) {
     static const fs::path whole = [] {
-        Ramp ramp;
-        PreprocessOptions options;
-        options.chunk = 8;
+        test::MemoryVolume<std::int16_t> volume({9, 10, 11}, [](const Int3& p) {
+            return static_cast<std::int16_t>(90 * p.z + (p.x + 9 * p.y) * 7 % 90);
+        });
+        PreprocessOptions options = test::with_chunk(8);
         options.threads = 1;
-        preprocess(ramp, folder() / "whole", options, silent_progress());
+        test::make_store(volume, folder() / "whole", options);
         return folder() / "whole";
     }();
     fs::copy_file(whole, folder() / name, fs::copy_options::overwrite_existing);
