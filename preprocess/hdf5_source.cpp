@@ -67,6 +67,8 @@ herr_t list_dataset(hid_t file, const char* name, const H5O_info_t* info, void* 
     }
     const DatasetHandle dataset(H5Dopen2(file, name, H5P_DEFAULT));
     if (!dataset.valid()) {
+        const std::string path = std::string("/") + name;
+        listing.found.push_back({path, path + ": HDF5 cannot open it", false});
         return 0;
     }
     const auto shape = shape_of(dataset.get());
@@ -186,8 +188,11 @@ class Hdf5Source : public VolumeSource {
         if (dataset.empty() ||
             !(dataset_ = DatasetHandle(H5Dopen2(file_.get(), dataset.c_str(), H5P_DEFAULT)))
                  .valid()) {
-            H5Ovisit2(file_.get(), H5_INDEX_NAME, H5_ITER_INC, &list_dataset, &listing,
-                      H5O_INFO_BASIC);
+            if (H5Ovisit2(file_.get(), H5_INDEX_NAME, H5_ITER_INC, &list_dataset, &listing,
+                          H5O_INFO_BASIC) < 0) {
+                throw Error(ErrorKind::corrupt, fmt::format("{}: HDF5 cannot list its datasets: {}",
+                                                            path.string(), hdf5_message()));
+            }
             if (!dataset.empty()) {
                 throw Error(ErrorKind::not_found,
                             fmt::format("{}: there is no dataset {}; the file has:{}",

@@ -1,6 +1,4 @@
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <array>
 #include <cstring>
@@ -39,19 +37,6 @@ class Placed : public VolumeSource {
     Double3 spacing_;
     Double3 origin_;
 };
-
-std::string first_bytes(const std::filesystem::path& path, std::size_t count) {
-    std::string text(count, '\0');
-    const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-    if (fd < 0) {
-        throw Error(ErrorKind::io,
-                    fmt::format("{}: cannot open: {}", path.string(), std::strerror(errno)));
-    }
-    const ssize_t n = ::pread(fd, text.data(), count, 0);
-    ::close(fd);
-    text.resize(n > 0 ? static_cast<std::size_t>(n) : 0);
-    return text;
-}
 
 std::unique_ptr<VolumeSource> open_nrrd(const std::filesystem::path& path) {
     constexpr std::size_t kLongestHeader = std::size_t{1} << 16U;

@@ -138,6 +138,7 @@ class GzipSource : public RawBase {
   private:
     [[noreturn]] void fail() {
         int code = 0;
+        const int error = errno;
         const char* const text = ::gzerror(file_, &code);
         if (code == Z_OK || code == Z_STREAM_END) {
             throw Error(ErrorKind::invalid_argument,
@@ -147,7 +148,11 @@ class GzipSource : public RawBase {
                                     name_of(layout_.type), layout_.offset,
                                     layout_.offset + data_bytes(layout_)));
         }
-        throw Error(code == Z_ERRNO ? ErrorKind::io : ErrorKind::corrupt,
+        if (code == Z_ERRNO) {
+            throw Error(ErrorKind::io,
+                        fmt::format("{}: cannot read: {}", name_, std::strerror(error)));
+        }
+        throw Error(ErrorKind::corrupt,
                     fmt::format("{}: damaged gzip stream near byte {}: {}", name_, at_, text));
     }
     void fetch(std::byte* dst, std::uint64_t bytes) {
@@ -207,16 +212,26 @@ std::uint64_t regular_file_size(const std::filesystem::path& path) {
     return static_cast<std::uint64_t>(status.st_size);
 }
 
-bool is_gzip(const std::filesystem::path& path) {
+std::string first_bytes(const std::filesystem::path& path, std::size_t count) {
+    std::string text(count, '\0');
     const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
     if (fd < 0) {
         throw Error(ErrorKind::io,
                     fmt::format("{}: cannot open: {}", path.string(), std::strerror(errno)));
     }
-    unsigned char magic[2] = {0, 0};
-    const ssize_t n = ::pread(fd, magic, 2, 0);
+    const ssize_t n = ::pread(fd, text.data(), count, 0);
+    const int error = errno;
     ::close(fd);
-    return n == 2 && magic[0] == 0x1F && magic[1] == 0x8B;
+    if (n < 0) {
+        throw Error(ErrorKind::io,
+                    fmt::format("{}: cannot read: {}", path.string(), std::strerror(error)));
+    }
+    text.resize(static_cast<std::size_t>(n));
+    return text;
+}
+
+bool is_gzip(const std::filesystem::path& path) {
+    return first_bytes(path, 2) == "\x1F\x8B";
 }
 
 namespace {

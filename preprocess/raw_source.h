@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 
 #include "preprocess/volume_source.h"
 
@@ -30,7 +31,9 @@ std::unique_ptr<VolumeSource> open_gzip_behind(const std::filesystem::path& path
                                                const std::string& name, std::uint64_t skip,
                                                const RawLayout& layout);
 
-/// True if the file starts with gzip's magic. Throws Error{not_found, io}.
+/// The first `count` bytes, or all where the file is shorter. Throws Error{io}.
+std::string first_bytes(const std::filesystem::path& path, std::size_t count);
+/// True if the file starts with gzip's magic. Throws Error{io}.
 bool is_gzip(const std::filesystem::path& path);
 
 /// Throws Error{not_found, invalid_argument, io} unless `path` is a readable regular file; gives

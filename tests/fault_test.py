@@ -1,0 +1,134 @@
+"""Every system call that can fail: reading the input, writing, reserving space, syncing, naming. A run that
+meets an error of the machine says so, leaves no half output and what it was to replace, or, where it can do
+without the call, makes the same bytes.
+
+strace gives the errors. Usage: fault_test.py ISONEST PLUGIN_FOLDER
+"""
+import os
+import pathlib
+import random
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+
+import h5py
+import numpy as np
+
+isonest = sys.argv[1]
+random.seed(3)
+tries = 0
+
+with tempfile.TemporaryDirectory(prefix="isonest-fault-") as name:
+    folder = pathlib.Path(name)
+    log = folder / "log"
+
+    if not shutil.which("strace"):
+        print("skipped: there is no strace")
+        sys.exit(77)
+    if subprocess.run(["strace", "--seccomp-bpf", "-f", "-o", log, "true"], capture_output=True).returncode != 0:
+        print("skipped: strace may not trace here")
+        sys.exit(77)
+
+    def traced(options, command):
+        return subprocess.run(["strace", "--seccomp-bpf", "-f", "-qq", "-o", log, *map(str, options), isonest,
+                               *map(str, command)], capture_output=True, timeout=300,
+                              env={**os.environ, "LC_ALL": "C"})
+
+    def calls(call, path, command):
+        """How often the command makes the call, so that each try hits one."""
+        only = ["-P", path] if path else []
+        traced([*only, "-e", f"trace={call}"], command)
+        return len(re.findall(rf"\b{call.lstrip('/^')}\w*\(", log.read_text()))
+
+    def try_all(command, output, call, error, path=None, most=3, skip=0):
+        """Fails the call at up to `most` places of the run (the first `skip` are the loader's); returns how
+        many runs were refused."""
+        global tries
+        whole = output.read_bytes()
+        force = ["--force"] if command[0] == "preprocess" else []  # the others always replace
+        count = calls(call, path, [*command, *force])
+        assert count > skip, f"{call}: the run makes no such call"
+        places = sorted({skip + 1, count, *random.sample(range(skip + 1, count + 1),
+                                                         min(most, count - skip))})
+        refused = 0
+        for at, replacing in ((at, replacing) for at in places for replacing in (False, True)):
+            if not replacing:
+                output.unlink()
+            only = ["-P", path] if path else []
+            done = traced([*only, "-e", f"trace={call}", "-e",
+                           f"inject={call}:error={error}:when={at}"],
+                          [*command, *(force if replacing else [])])
+            place = f"{command[0]}: {call} {at} of {count}: {error}: "
+            tries += 1
+            assert done.returncode in (0, 4, 6), place + f"{done.returncode} {done.stderr}"
+            if done.returncode == 0:
+                assert output.read_bytes() == whole, place + "other bytes"
+            else:
+                refused += 1
+                assert b"isonest" in done.stderr or b"cannot" in done.stderr, place + str(done.stderr)
+                if replacing:
+                    assert output.read_bytes() == whole, place + "what was to be replaced is gone"
+                elif output.exists():
+                    # After the name come the folder's own sync and the report.
+                    assert output.read_bytes() == whole, place + "half written"
+            left = sorted(p.name for p in folder.glob(".*"))
+            assert not left, place + f"left {left}"
+            output.write_bytes(whole)
+        return refused
+
+    # The same volume in the ways that are read differently.
+    u = np.random.default_rng(1).integers(0, 255, (30, 35, 40)).astype(np.uint16)
+    h5 = folder / "chunked.h5"
+    with h5py.File(h5, "w") as file:
+        file.create_dataset("v", data=u, chunks=(16, 16, 16), compression="gzip")
+    raw = folder / "v.raw.gz"
+    subprocess.run(["gzip", "-c"], input=u.astype(">u2").tobytes(), stdout=raw.open("wb"), check=True)
+    inputs = [[h5], [raw, "--dims", "40,35,30", "--type", "uint16", "--endian", "big"]]
+    store, mesh, picture = folder / "s.isonest", folder / "m.ply", folder / "p.png"
+    for source in inputs:
+        command = ["preprocess", *source, "-o", store, "--chunk", "8", "--memory", "64M"]
+        assert subprocess.run([isonest, *map(str, command), "--force"]).returncode == 0
+        call = "pread64" if source[0] == h5 else "read"
+        assert try_all(command, store, call, "EIO", source[0]) > 3
+        assert try_all(command, store, call, "ESTALE", source[0], most=1) > 0  # gone from its server
+
+    writing = ["preprocess", h5, "-o", store, "--chunk", "8", "--memory", "64M"]
+    for error in ("EIO", "ENOSPC"):
+        assert try_all(writing, store, "pwrite64", error) > 4
+    assert try_all(writing, store, "fsync", "EIO") > 0
+    assert try_all(writing, store, "fallocate", "ENOSPC") > 0
+    assert try_all(writing, store, "/^rename", "EACCES") > 0
+    try_all(writing, store, "flock", "ENOLCK")
+
+    for output, command in ((mesh, ["extract", store, "--iso", "128"]),
+                            (folder / "m.vtkhdf", ["extract", store, "--iso", "128"]),
+                            (picture, ["slice", store, "--plane", "0,0,1,20"])):
+        command = [*command, "-o", output]
+        done = subprocess.run([isonest, *map(str, command)], capture_output=True)
+        assert done.returncode == 0, done.stderr
+        for call, error in (("pwrite64", "ENOSPC"), ("fsync", "EIO"), ("/^rename", "EROFS")):
+            if output == picture and call == "pwrite64":
+                call = "write"
+            try_all(command, output, call, error)
+
+    # An input that is deleted while it is read: either the whole run saw it, or it is said.
+    command = [isonest, *map(str, writing), "--force", "-q"]
+    whole = store.read_bytes()
+    copy = h5.read_bytes()
+    start = time.monotonic()
+    assert subprocess.run(command).returncode == 0
+    seconds = time.monotonic() - start
+    for _ in range(10):
+        process = subprocess.Popen(command, stderr=subprocess.PIPE)
+        time.sleep(random.uniform(0, seconds))
+        h5.unlink()
+        error = process.communicate(timeout=300)[1]
+        assert process.returncode in (0, 3, 6), error
+        assert process.returncode == 0 or b"chunked.h5" in error, error
+        assert store.read_bytes() == whole
+        h5.write_bytes(copy)
+
+    print(f"{tries} runs with an error of the machine, 10 with an input that vanished; nothing lost")
