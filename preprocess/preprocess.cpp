@@ -1,7 +1,6 @@
 #include "preprocess/preprocess.h"
 
 #include <fmt/format.h>
-#include <oneapi/tbb/parallel_pipeline.h>
 #include <oneapi/tbb/task_group.h>
 
 #include <chrono>
@@ -10,6 +9,7 @@
 #include "preprocess/level_pass.h"
 #include "preprocess/resume.h"
 #include "store/error.h"
+#include "store/in_order.h"
 #include "store/workers.h"
 #include "store/writer.h"
 
@@ -45,39 +45,19 @@ struct Outputs {
 /// same bytes for any number of threads.
 void run_blocks(const Int3& grid, int tokens, const Block& compute, const Outputs& outputs,
                 Progress& progress, std::uint64_t bytes_per_block) {
-    // The results are ours and only their numbers are tokens: tokens under way when something fails
-    // are not destroyed. The last stage is in order, so at most the last `tokens` blocks are alive.
-    std::vector<std::vector<EncodedChunk>> results(static_cast<std::size_t>(tokens));
-    const auto result_of = [&](std::int64_t i) -> std::vector<EncodedChunk>& {
-        return results[static_cast<std::size_t>(i) % results.size()];
-    };
-    std::int64_t next = 0;
-    tbb::parallel_pipeline(
-        results.size(),
-        tbb::make_filter<void, std::int64_t>(tbb::filter_mode::serial_in_order,
-                                             [&](tbb::flow_control& control) -> std::int64_t {
-                                                 if (next == grid.product()) {
-                                                     control.stop();
-                                                     return 0;
-                                                 }
-                                                 progress.check();
-                                                 return next++;
-                                             }) &
-            tbb::make_filter<std::int64_t, std::int64_t>(tbb::filter_mode::parallel,
-                                                         [&](std::int64_t i) {
-                                                             result_of(i) =
-                                                                 compute(grid.unlinear(i));
-                                                             return i;
-                                                         }) &
-            tbb::make_filter<std::int64_t, void>(tbb::filter_mode::serial_in_order,
-                                                 [&](std::int64_t i) {
-                                                     for (EncodedChunk& chunk : result_of(i)) {
-                                                         outputs.write(chunk);
-                                                         chunk.bytes = {};
-                                                     }
-                                                     result_of(i) = {};
-                                                     progress.advance(bytes_per_block);
-                                                 }));
+    in_order(
+        grid.product(), tokens,
+        [&](std::int64_t i) {
+            progress.check();
+            return compute(grid.unlinear(i));
+        },
+        [&](std::int64_t /*block*/, std::vector<EncodedChunk>& chunks) {
+            for (EncodedChunk& chunk : chunks) {
+                outputs.write(chunk);
+                chunk.bytes = {};
+            }
+            progress.advance(bytes_per_block);
+        });
 }
 
 StoreHeader header_of(const VolumeSource& source, const PreprocessOptions& options) {

@@ -29,7 +29,18 @@ class ChunkGroup {
         }
         const Int3 local{p.x - which.x * c.x, p.y - which.y * c.y, p.z - which.z * c.z};
         return reinterpret_cast<const T*>(
-            chunks_[slot]->data())[c.linear(local) * array_->components + component];
+            chunks_[slot].get())[c.linear(local) * array_->components + component];
+    }
+
+    /// The element of node base + p if the chunk at the base, decoded, holds nodes p to p + size;
+    /// else null. Its neighbours follow by Int3::linear of the array's chunk.
+    template <class T>
+    [[nodiscard]] const T* within_first(const Int3& p, std::int64_t size) const {
+        const Int3& c = array_->chunk;
+        const bool inside = p.x + size < c.x && p.y + size < c.y && p.z + size < c.z;
+        return inside && chunks_[0] != nullptr
+                   ? reinterpret_cast<const T*>(chunks_[0].get()) + c.linear(p)
+                   : nullptr;
     }
 
   private:

@@ -226,14 +226,22 @@ void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
     nodes.sides = {~0U, ~0U};
     nodes.sharp = false;
     nodes.mirror = mirror_of(parent);
-    const Int3 last =
-        shared_.cache.source().layout().array(level_, Field::values).nodes - Int3{1, 1, 1} - base_;
+    const ArrayInfo& array = shared_.cache.source().layout().array(level_, Field::values);
+    const Int3 last = array.nodes - Int3{1, 1, 1} - base_;
+    const Int3 low = nodes.low - base_;
+    const T* const near = values_.template within_first<T>(low, 2);
+    const bool inside =
+        near != nullptr && low.x + 2 <= last.x && low.y + 2 <= last.y && low.z + 2 <= last.z;
     for (int position = 0; position < 27; ++position) {
+        const Int3 offset = node_offset(position, nodes.mirror);
+        double& value = nodes.value[static_cast<std::size_t>(position)];
+        if (inside) {
+            value = static_cast<double>(near[array.chunk.linear(offset)]);
+            continue;
+        }
         // Beyond the lattice of this level (only there for a parent that reaches outside the
         // volume) the nearest node's value holds.
-        const Int3 p = min(nodes.low - base_ + node_offset(position, nodes.mirror), last);
-        nodes.value[static_cast<std::size_t>(position)] =
-            static_cast<double>(values_.template at<T>(p));
+        value = static_cast<double>(values_.template at<T>(min(low + offset, last)));
     }
     nodes.target = &nodes.value;
     if (shared_.target.is_plane()) {

@@ -1,52 +1,75 @@
 #include "query/mesh_sections.h"
 
-#include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/task_arena.h>
 
 #include <cstring>
 
+#include "store/in_order.h"
+
 namespace isonest {
+
+namespace {
+
+/// The rows of one part, section after section.
+using Rows = std::vector<std::vector<std::byte>>;
+
+Rows rows_of(const MeshContent& mesh, const PartRecord& r,
+             const std::vector<VertexSection>& vertices,
+             const std::vector<TriangleSection>& triangles) {
+    std::vector<std::uint64_t> number;
+    std::vector<bool> owned;
+    mesh.weld.numbers(r, number, owned);
+    const auto positions = mesh.parts.vertices(r);
+    const auto attributes = mesh.parts.attributes(r);
+    const std::size_t width = mesh.parts.attributes_per_vertex();
+    Rows rows;
+    for (const VertexSection& section : vertices) {
+        std::byte* row = rows.emplace_back(r.owned * section.stride).data();
+        for (std::size_t v = 0; v < positions.size(); ++v) {
+            if (owned[v]) {
+                section.fill({positions[v], attributes.subspan(v * width, width)}, row);
+                row += section.stride;
+            }
+        }
+    }
+    for (const TriangleSection& section : triangles) {
+        std::byte* row = rows.emplace_back(r.triangles * section.stride).data();
+        std::uint64_t index = r.first_triangle;
+        for (const auto& t : mesh.parts.triangles(r)) {
+            section.fill({index++,
+                          {number[t[0]], number[t[1]], number[t[2]]},
+                          {positions[t[0]], positions[t[1]], positions[t[2]]}},
+                         row);
+            row += section.stride;
+        }
+    }
+    return rows;
+}
+
+}  // namespace
 
 void write_sections(const OutputFile& file, const MeshContent& mesh,
                     const std::vector<VertexSection>& vertices,
                     const std::vector<TriangleSection>& triangles, Progress& progress) {
     const auto records = mesh.parts.records();
     progress.begin("write mesh", mesh.weld.triangles(), "triangles");
-    tbb::parallel_for(std::size_t{0}, records.size(), [&](std::size_t i) {
-        progress.check();
-        const PartRecord& r = records[i];
-        std::vector<std::uint64_t> number;
-        std::vector<bool> owned;
-        mesh.weld.numbers(r, number, owned);
-        const auto positions = mesh.parts.vertices(r);
-        const auto attributes = mesh.parts.attributes(r);
-        const std::size_t width = mesh.parts.attributes_per_vertex();
-        std::vector<std::byte> buffer;
-        for (const VertexSection& section : vertices) {
-            buffer.resize(r.owned * section.stride);
-            std::byte* row = buffer.data();
-            for (std::size_t v = 0; v < positions.size(); ++v) {
-                if (owned[v]) {
-                    section.fill({positions[v], attributes.subspan(v * width, width)}, row);
-                    row += section.stride;
-                }
+    in_order(
+        static_cast<std::int64_t>(records.size()), tbb::this_task_arena::max_concurrency() + 1,
+        [&](std::int64_t i) {
+            progress.check();
+            return rows_of(mesh, records[static_cast<std::size_t>(i)], vertices, triangles);
+        },
+        [&](std::int64_t i, const Rows& rows) {
+            const PartRecord& r = records[static_cast<std::size_t>(i)];
+            auto next = rows.begin();
+            for (const VertexSection& section : vertices) {
+                file.write_at(section.offset + r.first_vertex * section.stride, *next++);
             }
-            file.write_at(section.offset + r.first_vertex * section.stride, buffer);
-        }
-        for (const TriangleSection& section : triangles) {
-            buffer.resize(r.triangles * section.stride);
-            std::byte* row = buffer.data();
-            std::uint64_t index = r.first_triangle;
-            for (const auto& t : mesh.parts.triangles(r)) {
-                section.fill({index++,
-                              {number[t[0]], number[t[1]], number[t[2]]},
-                              {positions[t[0]], positions[t[1]], positions[t[2]]}},
-                             row);
-                row += section.stride;
+            for (const TriangleSection& section : triangles) {
+                file.write_at(section.offset + r.first_triangle * section.stride, *next++);
             }
-            file.write_at(section.offset + r.first_triangle * section.stride, buffer);
-        }
-        progress.advance(r.triangles);
-    });
+            progress.advance(r.triangles);
+        });
 }
 
 VertexSection attribute_section(std::uint64_t offset, const AttributeChoice::Array& array) {

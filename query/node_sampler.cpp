@@ -19,7 +19,7 @@ const std::byte* NodeSampler::element(Recent& recent, int level, Field field, co
     }
     const std::int64_t at =
         array.chunk.linear(node - array.first_node(chunk)) * array.components + component;
-    return recent.data->data() + static_cast<std::size_t>(at) * array.codec.element_size;
+    return recent.data.get() + static_cast<std::size_t>(at) * array.codec.element_size;
 }
 
 double NodeSampler::value(const Int3& p, int level) {

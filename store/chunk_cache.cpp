@@ -39,10 +39,10 @@ DecodedChunk ChunkCache::get(const ArrayInfo& array, const Int3& chunk) {
     peak_ = std::max(peak_, bytes_);
     lock.unlock();
 
-    std::shared_ptr<std::vector<std::byte>> raw;
+    std::shared_ptr<std::byte[]> raw;
     try {
-        raw = std::make_shared<std::vector<std::byte>>(bytes);
-        source_.decode(array, chunk, *raw);
+        raw = std::make_unique_for_overwrite<std::byte[]>(bytes);
+        source_.decode(array, chunk, {raw.get(), bytes});
     } catch (...) {
         lock.lock();
         const auto failed = entries_.find(key);

@@ -7,14 +7,13 @@
 #include <memory>
 #include <mutex>
 #include <unordered_map>
-#include <vector>
 
 #include "store/chunk_source.h"
 
 namespace isonest {
 
 /// The decoded bytes of one chunk; stays valid while held, also after its eviction.
-using DecodedChunk = std::shared_ptr<const std::vector<std::byte>>;
+using DecodedChunk = std::shared_ptr<const std::byte[]>;
 
 /// Least-recently-used cache over a ChunkSource. A chunk is decoded outside the lock, by the first
 /// thread that asks; others wait for it. Chunks that are held count against the budget until they

@@ -27,7 +27,7 @@ void gather_values(ChunkCache& cache, const ArrayInfo& array, Box<T>& box) {
         for (std::int64_t cy = c0.y; cy <= c1.y; ++cy) {
             for (std::int64_t cx = c0.x; cx <= c1.x; ++cx) {
                 const DecodedChunk chunk = cache.get(array, {cx, cy, cz});
-                const T* const data = reinterpret_cast<const T*>(chunk->data());
+                const T* const data = reinterpret_cast<const T*>(chunk.get());
                 const Int3 base = array.first_node({cx, cy, cz});
                 const Int3 lo = max(base, from);
                 const Int3 hi = min(base + array.chunk - Int3{1, 1, 1}, to);
