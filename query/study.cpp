@@ -85,9 +85,15 @@ class WholeLattice {
                                     static_cast<std::uint64_t>(macros.product());
         std::vector<std::uint64_t> added(static_cast<std::size_t>(size_.z));
         std::vector<std::uint64_t> visited(static_cast<std::size_t>(size_.z));
-        for (int level = lattice_.top(); level >= std::min(lattice_.top(), 1); --level) {
+        // The corners first, by themselves: nodes in other planes are projected from them.
+        for (std::int64_t i = 0; i < 8; ++i) {
+            const Int3 o = Int3{2, 2, 2}.unlinear(i);
+            const Int3 corner{o.x * (size_.x - 1), o.y * (size_.y - 1), o.z * (size_.z - 1)};
+            projected_[at(corner)] = exact_[at(corner)];
+        }
+        for (int level = lattice_.top(); level >= 1; --level) {
             tbb::parallel_for(std::int64_t{0}, size_.z, [&](std::int64_t z) {
-                const std::int64_t stride = std::int64_t{1} << std::max(level - 1, 0);
+                const std::int64_t stride = std::int64_t{1} << (level - 1);
                 if (z % stride != 0) {
                     return;
                 }
@@ -96,9 +102,7 @@ class WholeLattice {
                     for (std::int64_t x = 0; x < size_.x; x += stride) {
                         const Int3 p{x, y, z};
                         const NodeInfo node = describe_node(p, lattice_.top());
-                        if (node.scale == 0 && level == lattice_.top()) {
-                            projected_[at(p)] = exact_[at(p)];
-                        } else if (node.scale == stride && level > 0) {
+                        if (node.scale == stride) {
                             refine(p, node, level, threshold, added[plane], visited[plane]);
                         }
                     }
