@@ -28,39 +28,38 @@ with tempfile.TemporaryDirectory(prefix="isonest-fault-") as name:
     if not shutil.which("strace"):
         print("skipped: there is no strace")
         sys.exit(77)
-    if subprocess.run(["strace", "--seccomp-bpf", "-f", "-o", log, "true"], capture_output=True).returncode != 0:
+    strace = ["strace", "--seccomp-bpf", "-f", "-qq", "-o", log]
+    if subprocess.run([*strace, "true"], capture_output=True).returncode != 0:
         print("skipped: strace may not trace here")
         sys.exit(77)
 
-    def traced(options, command):
-        return subprocess.run(["strace", "--seccomp-bpf", "-f", "-qq", "-o", log, *map(str, options), isonest,
+    def traced(call, path, command, fault=()):
+        """Runs the command; only calls that touch `path` count, if one is given."""
+        only = ["-P", path] if path else []
+        return subprocess.run([*strace, *only, "-e", f"trace={call}", *fault, isonest,
                                *map(str, command)], capture_output=True, timeout=300,
                               env={**os.environ, "LC_ALL": "C"})
 
     def calls(call, path, command):
         """How often the command makes the call, so that each try hits one."""
-        only = ["-P", path] if path else []
-        traced([*only, "-e", f"trace={call}"], command)
+        traced(call, path, command)
         return len(re.findall(rf"\b{call.lstrip('/^')}\w*\(", log.read_text()))
 
-    def try_all(command, output, call, error, path=None, most=3, skip=0):
-        """Fails the call at up to `most` places of the run (the first `skip` are the loader's); returns how
-        many runs were refused."""
+    def try_all(command, output, call, error, path=None, most=3):
+        """Fails the call first, last and at up to `most` places of the run; returns how many runs were
+        refused."""
         global tries
         whole = output.read_bytes()
         force = ["--force"] if command[0] == "preprocess" else []  # the others always replace
         count = calls(call, path, [*command, *force])
-        assert count > skip, f"{call}: the run makes no such call"
-        places = sorted({skip + 1, count, *random.sample(range(skip + 1, count + 1),
-                                                         min(most, count - skip))})
+        assert count > 0, f"{call}: the run makes no such call"
+        places = sorted({1, count, *random.sample(range(1, count + 1), min(most, count))})
         refused = 0
         for at, replacing in ((at, replacing) for at in places for replacing in (False, True)):
             if not replacing:
                 output.unlink()
-            only = ["-P", path] if path else []
-            done = traced([*only, "-e", f"trace={call}", "-e",
-                           f"inject={call}:error={error}:when={at}"],
-                          [*command, *(force if replacing else [])])
+            done = traced(call, path, [*command, *(force if replacing else [])],
+                          ["-e", f"inject={call}:error={error}:when={at}"])
             place = f"{command[0]}: {call} {at} of {count}: {error}: "
             tries += 1
             assert done.returncode in (0, 4, 6), place + f"{done.returncode} {done.stderr}"

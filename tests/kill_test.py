@@ -17,6 +17,16 @@ kills = int(os.environ.get("ISONEST_KILLS", "30"))
 random.seed(7)
 
 
+def shortest(command):
+    """Seconds of the shortest of three runs: a slow first one would put most kills after the end."""
+    times = []
+    for _ in range(3):
+        start = time.monotonic()
+        assert subprocess.run(command).returncode == 0
+        times.append(time.monotonic() - start)
+    return min(times)
+
+
 def run(*arguments, **options):
     return subprocess.run([isonest, *map(str, arguments)], capture_output=True, timeout=600, **options)
 
@@ -26,9 +36,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-kill-") as name:
     volume, store = folder / "v.h5", folder / "s.isonest"
     assert run("make-volume", "noise", "--size", "60,50,70", "-o", volume).returncode == 0
     command = [isonest, "preprocess", str(volume), "-o", str(store), "--chunk", "8", "-q"]
-    start = time.monotonic()
-    assert subprocess.run(command).returncode == 0
-    seconds = time.monotonic() - start
+    seconds = shortest([*command, "--force"])
     whole = store.read_bytes()
     killed = finished = warned = resumed = taken_over = 0
     for i in range(kills):
@@ -69,9 +77,9 @@ with tempfile.TemporaryDirectory(prefix="isonest-kill-") as name:
             assert store.read_bytes() == whole, f"kill {i}: resumed, but not to the same bytes"
             taken_over += json.loads(done.stdout)["resumed_chunks"] > 0
             resumed += 1
-    assert killed >= kills // 4, (killed, finished)
+    assert killed >= kills // 2, (killed, finished)
     assert warned > 0
-    assert taken_over > 0 or kills < 100, "no run went on with what another left"
+    assert taken_over > 0 or kills < 30, "no run went on with what another left"
     print(f"{killed} runs killed, {finished} finished first; no store was lost or half written; "
           f"{resumed} resumed to the same bytes, {taken_over} of them from work done before")
 
@@ -81,9 +89,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-kill-") as name:
     for end in ("ply", "vtkhdf"):
         mesh = folder / f"m.{end}"
         command = [isonest, "extract", str(store), "--iso", "0.5", "-o", str(mesh), "-q"]
-        start = time.monotonic()
-        assert subprocess.run(command).returncode == 0
-        seconds = time.monotonic() - start
+        seconds = shortest(command)
         expected = mesh.read_bytes()
         mesh.unlink()
         killed_meshes = 0
@@ -98,5 +104,5 @@ with tempfile.TemporaryDirectory(prefix="isonest-kill-") as name:
             for left in folder.glob(f".m.{end}*"):
                 assert left.name.startswith(f".m.{end}.partial-"), left
                 left.unlink()
-        assert killed_meshes > 0, "every extraction was over before it could be killed"
+        assert killed_meshes >= kills // 6, killed_meshes
         print(f"{killed_meshes} extractions to .{end} killed; no half mesh")
