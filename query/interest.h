@@ -38,9 +38,11 @@ struct Sides {
     std::uint32_t below = 0;
     std::uint32_t not_below = 0;
 
-    [[nodiscard]] bool both_in(const TopologyTetrahedron& t) const {
-        return (t.nodes & below) != 0 && (t.nodes & not_below) != 0;
+    /// `nodes`: bits of node positions.
+    [[nodiscard]] bool both_in(std::uint32_t nodes) const {
+        return (nodes & below) != 0 && (nodes & not_below) != 0;
     }
+    [[nodiscard]] bool both_in(const TopologyTetrahedron& t) const { return both_in(t.nodes); }
 };
 
 namespace interest {

@@ -68,6 +68,9 @@ Topology make() {
                         out.subcube[edge.children[k]][edge.child_orders[k]];
                     subcube = describe(t3[k]);
                     edge.nodes |= subcube.nodes;
+                    out.corners[edge.children[k]] |= subcube.nodes;
+                    out.below_face[out.cube[order].children[i]][edge.children[k]] |=
+                        static_cast<std::uint8_t>(1U << edge.child_orders[k]);
                 }
                 face.nodes |= edge.nodes;
             }

@@ -34,6 +34,10 @@ struct Topology {
     std::array<TopologyTetrahedron, 24> edge;  ///< kind 2
     /// Kind 0 of the eight subcubes (bits x, y, z), in the order of kAxisOrders; no children.
     std::array<std::array<TopologyTetrahedron, 6>, 8> subcube;
+    /// Bits of the tetrahedra of each subcube (second index) below each one of kind 1.
+    std::array<std::array<std::uint8_t, 8>, 12> below_face{};
+    /// Bits of the node positions that are corners of each subcube.
+    std::array<std::uint32_t, 8> corners{};
 };
 const Topology& topology();
 

@@ -8,6 +8,7 @@
 #include <memory>
 
 #include "query/brick_work.h"
+#include "query/clip.h"
 
 namespace isonest {
 namespace {
@@ -62,6 +63,57 @@ void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Mas
     group.wait();
 }
 
+/// Without a tolerance: the bricks of level 0 among the `size`^3 from `first` on, in Morton order.
+template <class T>
+void run_finest_bricks(Shared& shared, const Int3& first, std::int64_t size,
+                       std::uint64_t progress_share) {
+    shared.progress.check();
+    if (size == 1) {
+        if (const auto masks = surface_cubes<T>(shared.cache, first, shared.query.iso)) {
+            BrickWork<T>(shared, 0, first).refine_parents(*masks);
+        }
+        shared.progress.advance(progress_share);
+        return;
+    }
+    const ChunkSource& source = shared.cache.source();
+    const ArrayInfo& values = source.layout().array(0, Field::values);
+    const std::int64_t chunk = source.layout().header().chunk;
+    const std::int64_t half = size / 2;
+    std::array<Int3, 8> children;
+    std::size_t count = 0;
+    for (std::int64_t octant = 0; octant < 8; ++octant) {
+        const Int3 child = first + kOctants.unlinear(octant) * half;
+        const Int3 low = child * chunk;
+        if (max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
+            overlap_of(shared.query.box, low, low + Int3{chunk, chunk, chunk} * half) !=
+                Overlap::outside &&
+            (half > 1 || may_hold_surface(source, child, shared.query.iso))) {
+            children[count++] = child;
+        }
+    }
+    if (count == 0) {
+        shared.progress.advance(progress_share);
+        return;
+    }
+    for (std::size_t i = 0; i < count && half == 1; ++i) {
+        source.prefetch(values, children[i]);
+    }
+    const std::uint64_t share = progress_share / count;
+    shared.progress.advance(progress_share - share * count);
+    tbb::task_group group;
+    while (count-- > 0) {
+        group.run([&shared, child = children[count], half, share] {
+            run_finest_bricks<T>(shared, child, half, share);
+        });
+    }
+    group.wait();
+}
+
+/// Whether every node refines: then nothing of the coarser levels is needed.
+bool is_finest(const StoreLayout& layout, const TraversalQuery& query) {
+    return query.tolerance.is_zero() && !query.plane && layout.lattice().cells_at(0).product() > 0;
+}
+
 }  // namespace
 
 TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
@@ -82,8 +134,15 @@ TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::si
     const StoreLayout& layout = cache.source().layout();
     progress.begin("extract", kWholeProgress, "");
     dispatch(layout.header().type, [&](auto tag) {
-        run_brick<typename decltype(tag)::type>(shared, layout.lattice().top(), {0, 0, 0}, nullptr,
-                                                kWholeProgress);
+        using T = typename decltype(tag)::type;
+        if (is_finest(layout, query)) {
+            const Int3 grid = layout.array(0, Field::values).grid;
+            const auto size = static_cast<std::uint64_t>(std::max({grid.x, grid.y, grid.z}));
+            run_finest_bricks<T>(shared, {0, 0, 0}, static_cast<std::int64_t>(std::bit_ceil(size)),
+                                 kWholeProgress);
+        } else {
+            run_brick<T>(shared, layout.lattice().top(), {0, 0, 0}, nullptr, kWholeProgress);
+        }
     });
     TraversalCounts total;
     for (const TraversalCounts& c : shared.counts) {

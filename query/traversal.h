@@ -20,6 +20,12 @@
 
 namespace isonest {
 
+/// A tetrahedron that is marched.
+struct Leaf {
+    int level;  ///< of the values at its corners
+    std::array<Corner, 4> corners;
+};
+
 /// What to extract, in lattice terms.
 struct TraversalQuery {
     double iso = 0;
@@ -31,6 +37,8 @@ struct TraversalQuery {
     AttributeChoice attributes;
     ChunkCache* attribute_values = nullptr;  ///< another store of the same nodes; null: this one
     ClipBox box;                             ///< inside the volume
+    /// If set, called for every leaf, from many threads: for programs that measure.
+    std::function<void(const Leaf&)> on_leaf;
 };
 
 struct TraversalCounts {

@@ -1,0 +1,314 @@
+#include "query/brick_work.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "query/clip.h"
+#include "query/morton.h"
+
+namespace isonest {
+namespace {
+
+std::uint64_t order_of(int level, std::uint64_t morton) {
+    return (static_cast<std::uint64_t>(63 - level) << 57U) | morton;
+}
+
+}  // namespace
+
+template <class T>
+void BrickWork<T>::march(const Nodes& nodes, const TopologyTetrahedron& t, double eta, bool cut) {
+    std::array<Corner, 4> corners;
+    for (std::size_t i = 0; i < 4; ++i) {
+        const int position = t.vertices[i];
+        const auto at = static_cast<std::size_t>(position);
+        const double value = (*nodes.target)[at];
+        if (!std::isfinite(nodes.value[at]) || !std::isfinite(value)) {
+            return;
+        }
+        corners[i] = {(nodes.low + node_offset(position, nodes.mirror)) * stride_, value};
+    }
+    if (query_.culling && faces_away(nodes, t, 0)) {
+        return;
+    }
+    ++counts_.leaves;
+    counts_.error_bound = std::max(counts_.error_bound, eta);
+    if (query_.on_leaf) {
+        query_.on_leaf({level_, corners});
+    }
+    const bool mirrored = ((nodes.mirror ^ (nodes.mirror >> 1U) ^ (nodes.mirror >> 2U)) & 1U) != 0;
+    mesh_.march(corners, t.positive != mirrored, iso_, cut);
+}
+
+template <class T>
+void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
+    nodes.low = parent * 2;
+    nodes.sides = {~0U, ~0U};
+    nodes.sharp = false;
+    nodes.mirror = mirror_of(parent);
+    const ArrayInfo& array = shared_.cache.source().layout().array(level_, Field::values);
+    const Int3 last = array.nodes - Int3{1, 1, 1} - base_;
+    const Int3 low = nodes.low - base_;
+    const T* const near = values_.template within_first<T>(low, 2);
+    const bool inside =
+        near != nullptr && low.x + 2 <= last.x && low.y + 2 <= last.y && low.z + 2 <= last.z;
+    for (int position = 0; position < 27; ++position) {
+        const Int3 offset = node_offset(position, nodes.mirror);
+        double& value = nodes.value[static_cast<std::size_t>(position)];
+        if (inside) {
+            value = static_cast<double>(near[array.chunk.linear(offset)]);
+            continue;
+        }
+        // Beyond the lattice of this level (only there for a parent that reaches outside the
+        // volume) the nearest node's value holds.
+        value = static_cast<double>(values_.template at<T>(min(low + offset, last)));
+    }
+    nodes.target = &nodes.value;
+    if (shared_.target.is_plane()) {
+        nodes.distance = shared_.target.distances(nodes.low, nodes.mirror, stride_);
+        nodes.target = &nodes.distance;
+    }
+}
+
+/// Finds out on which sides of the isovalue the finest function can be. Above level 0 that takes
+/// the indicators of the subcubes, which only a query without a tolerance is sure to need.
+template <class T>
+void BrickWork<T>::sharpen(Nodes& nodes) {
+    std::array<double, 8> bound{};
+    if (level_ > 0 && !shared_.target.is_plane()) {
+        for (unsigned corner = 0; corner < 8; ++corner) {
+            const unsigned at = corner ^ nodes.mirror;
+            const Int3 cube = nodes.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
+            bound[corner] = beta(bound_.centre(cube), 0);
+        }
+    }
+    nodes.sides = sides_of(*nodes.target, bound, iso_);
+    nodes.sharp = true;
+}
+
+template <class T>
+bool BrickWork<T>::in_question(const Nodes& nodes, const TopologyTetrahedron& t, std::size_t kind,
+                               double& raw) {
+    ++counts_.visited;
+    if (!nodes.sides.both_in(t) || culled(nodes, t)) {
+        return false;
+    }
+    if (level_ == 0 || query_.tolerance.is_zero() || shared_.target.is_plane()) {
+        return true;
+    }
+    raw = bound_.at(nodes.value, nodes.low, nodes.mirror, t.ref_node);
+    return may_cross(*nodes.target, t, beta(raw, kind), iso_);
+}
+
+template <class T>
+bool BrickWork<T>::is_leaf(Nodes& nodes, const TopologyTetrahedron& t, double raw) {
+    if (query_.tolerance.is_zero()) {
+        return false;
+    }
+    const bool asked = level_ > 0 && !shared_.target.is_plane() && one_field_;
+    const double eta = asked ? raw : stop_at(nodes, t.ref_node);
+    if (!query_.tolerance.stops(eta, twice_position(nodes, t.ref_node), 2 * stride_)) {
+        return false;
+    }
+    march(nodes, t, eta, nodes.cut);
+    return true;
+}
+
+template <class T>
+void BrickWork<T>::edge(Nodes& nodes, int index) {
+    const TopologyTetrahedron& t = topology_.edge[static_cast<std::size_t>(index)];
+    double raw = 0;
+    if (!in_question(nodes, t, 2, raw) || is_leaf(nodes, t, raw)) {
+        return;
+    }
+    if (!nodes.sharp) {
+        sharpen(nodes);
+        if (!nodes.sides.both_in(t)) {
+            return;
+        }
+    }
+    for (std::size_t i = 0; i < 2; ++i) {
+        subcubes_[t.children[i]] |= static_cast<std::uint8_t>(1U << t.child_orders[i]);
+    }
+}
+
+/// Where nothing stops below it, the subcubes that the finest function can cross say all that the
+/// tetrahedra on the way would: two bisections at once.
+template <class T>
+void BrickWork<T>::face(Nodes& nodes, int index) {
+    const TopologyTetrahedron& t = topology_.face[static_cast<std::size_t>(index)];
+    double raw = 0;
+    // Until the subcubes' centres are known: they may lie in chunks that nothing else needs.
+    const bool asked = !nodes.sharp;
+    if (asked && !in_question(nodes, t, 1, raw)) {
+        return;
+    }
+    if (edges_refine(nodes, t)) {
+        skip_to_subcubes(nodes, index);
+        return;
+    }
+    if ((asked || in_question(nodes, t, 1, raw)) && !is_leaf(nodes, t, raw)) {
+        edge(nodes, t.children[0]);
+        edge(nodes, t.children[1]);
+    }
+}
+
+/// Saturation: if neither edge's node stops, the face's does not either.
+template <class T>
+bool BrickWork<T>::edges_refine(const Nodes& nodes, const TopologyTetrahedron& face) {
+    return query_.tolerance.is_zero() ||
+           std::none_of(face.children.begin(), face.children.end(), [&](std::uint8_t child) {
+               const int position = topology_.edge[child].ref_node;
+               return query_.tolerance.stops(stop_at(nodes, position),
+                                             twice_position(nodes, position), 2 * stride_);
+           });
+}
+
+template <class T>
+void BrickWork<T>::skip_to_subcubes(Nodes& nodes, int index) {
+    if (!nodes.sharp) {
+        sharpen(nodes);
+    }
+    for (std::size_t corner = 0; corner < 8; ++corner) {
+        if (nodes.sides.both_in(topology_.corners[corner])) {
+            subcubes_[corner] |= topology_.below_face[static_cast<std::size_t>(index)][corner];
+        }
+    }
+}
+
+template <class T>
+void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
+    const unsigned at = static_cast<unsigned>(corner) ^ nodes.mirror;
+    const Int3 cube = nodes.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
+    bool cut = nodes.cut;
+    if (cut) {
+        const Overlap overlap =
+            overlap_of(query_.box, cube * stride_, (cube + Int3{1, 1, 1}) * stride_);
+        if (overlap == Overlap::outside) {
+            return;
+        }
+        cut = overlap == Overlap::crossing;
+    }
+    double bound = 0;
+    double eta = 0;
+    bool leaf = level_ == 0;
+    if (level_ > 0) {
+        const bool exact = shared_.target.is_plane();
+        bound = exact ? 0 : bound_.centre(cube);
+        eta = one_field_ && !exact ? bound : stop_.centre(cube);
+        leaf = !query_.tolerance.is_zero() &&
+               query_.tolerance.stops(eta, (cube * 2 + Int3{1, 1, 1}) * stride_, stride_);
+    }
+    std::uint8_t refined = 0;
+    for (unsigned order = 0; order < 6; ++order) {
+        if ((mask >> order & 1U) == 0) {
+            continue;
+        }
+        const TopologyTetrahedron& t = topology_.subcube[static_cast<std::size_t>(corner)][order];
+        if (!interesting(nodes, t, beta(bound, 0))) {
+            continue;
+        }
+        if (query_.culling && level_ > 0 && faces_away(nodes, t, culling_.centre(cube))) {
+            continue;
+        }
+        if (leaf) {
+            march(nodes, t, eta, cut);
+        } else {
+            refined |= static_cast<std::uint8_t>(1U << order);
+        }
+    }
+    if (refined != 0) {
+        const Int3 local = cube - base_;
+        const Int3 octant = octant_of(local, half_);
+        auto& list = children_[static_cast<std::size_t>(kOctants.linear(octant))];
+        if (list == nullptr) {
+            list = std::make_unique<MaskList>(static_cast<std::size_t>(half_ * half_ * half_));
+        }
+        (*list)[morton_code(local - octant * half_)] |= refined;
+    }
+}
+
+template <class T>
+void BrickWork<T>::refine(const Int3& parent, std::uint8_t mask) {
+    const Overlap overlap =
+        overlap_of(query_.box, parent * (2 * stride_), (parent + Int3{1, 1, 1}) * (2 * stride_));
+    if (overlap == Overlap::outside) {
+        return;
+    }
+    Nodes nodes;
+    load(nodes, parent);
+    if (level_ == 0 || query_.tolerance.is_zero() || shared_.target.is_plane()) {
+        sharpen(nodes);
+    }
+    nodes.cut = overlap == Overlap::crossing;
+    subcubes_.fill(0);
+    for (std::size_t order = 0; order < 6; ++order) {
+        // The finer values say more than the bound by which the level above asked for this one.
+        if ((mask >> order & 1U) != 0 && nodes.sides.both_in(topology_.cube[order])) {
+            face(nodes, topology_.cube[order].children[0]);
+            face(nodes, topology_.cube[order].children[1]);
+        }
+    }
+    for (int corner = 0; corner < 8; ++corner) {
+        if (const std::uint8_t active = subcubes_[static_cast<std::size_t>(corner)]; active != 0) {
+            subcube(nodes, corner, active);
+        }
+    }
+}
+
+template <class T>
+void BrickWork<T>::flush() {
+    if (!mesh_.empty()) {
+        shared_.sink(order_, mesh_.finish(query_.box));
+    }
+}
+
+template <class T>
+void BrickWork<T>::refine_parents(const MaskList& parents) {
+    ++counts_.bricks;
+    const Int3 first{base_.x / 2, base_.y / 2, base_.z / 2};
+    for (std::size_t i = 0; i < parents.size(); ++i) {
+        if (parents[i] == 0) {
+            continue;
+        }
+        const Int3 parent = first + morton_point(i);
+        if (mesh_.empty()) {
+            order_ = order_of(level_, morton_code(parent));
+        }
+        refine(parent, parents[i]);
+        if (mesh_.size() >= shared_.part_vertices) {
+            flush();
+        }
+    }
+    flush();
+}
+
+template <class T>
+void BrickWork<T>::root() {
+    const Int3 cells = shared_.cache.source().layout().lattice().cells_at(level_);
+    if (cells.product() == 0) {
+        return;  // a volume without thickness holds no tetrahedra
+    }
+    ++counts_.bricks;
+    // The coarsest cube as subcube 0 of a parent that is never refined itself.
+    Nodes nodes;
+    load(nodes, {0, 0, 0});
+    if (level_ == 0) {
+        sharpen(nodes);
+    }
+    nodes.cut = true;
+    order_ = order_of(level_, 0);
+    subcube(nodes, 0, 0x3F);
+    flush();
+}
+
+template class BrickWork<std::uint8_t>;
+template class BrickWork<std::int8_t>;
+template class BrickWork<std::uint16_t>;
+template class BrickWork<std::int16_t>;
+template class BrickWork<std::uint32_t>;
+template class BrickWork<std::int32_t>;
+template class BrickWork<float>;
+template class BrickWork<double>;
+
+}  // namespace isonest

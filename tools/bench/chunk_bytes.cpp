@@ -1,0 +1,176 @@
+// Which stored bytes a surface needs and which extraction reads, chunk array by chunk array.
+//
+// usage: isonest_chunk_bytes STORE ISOVALUE ERROR_RELATIVE [MEMORY_MIB]
+//
+// Needed are the chunks in which a leaf tetrahedron's corners lie (values of its level) or its
+// refinement node (the stored deviation_bar; at level 1 all but the centres follow from values of
+// level 0). The leaves come from the traversal itself, what was read from the chunk source, each
+// time that a chunk was decoded.
+#include <fmt/format.h>
+
+#include <bit>
+#include <cstdlib>
+#include <map>
+#include <mutex>
+#include <set>
+
+#include "query/traversal.h"
+#include "store/error.h"
+#include "store/reader.h"
+
+using namespace isonest;
+
+namespace {
+
+using Chunks = std::map<const ArrayInfo*, std::set<std::uint64_t>>;
+
+/// Writes down what is decoded.
+class Recorder : public ChunkSource {
+  public:
+    explicit Recorder(const StoreReader& store) : store_(store) {}
+    [[nodiscard]] const StoreLayout& layout() const override { return store_.layout(); }
+    [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override {
+        return store_.row(array, chunk);
+    }
+    void decode(const ArrayInfo& array, const Int3& chunk,
+                std::span<std::byte> raw) const override {
+        store_.decode(array, chunk, raw);
+        const std::lock_guard lock(mutex_);
+        read_[&array].insert(array.row_of(chunk));
+    }
+    [[nodiscard]] const Chunks& read() const { return read_; }
+
+  private:
+    const StoreReader& store_;
+    mutable std::mutex mutex_;
+    mutable Chunks read_;
+};
+
+std::int64_t squared_length(const Int3& d) {
+    return d.x * d.x + d.y * d.y + d.z * d.z;
+}
+
+/// Twice the midpoint of the longest edge.
+Int3 refinement_node_twice(const Leaf& leaf) {
+    Int3 found;
+    std::int64_t longest = 0;
+    for (std::size_t i = 0; i < 4; ++i) {
+        for (std::size_t j = 0; j < i; ++j) {
+            const Int3& a = leaf.corners[i].node;
+            const Int3& b = leaf.corners[j].node;
+            if (squared_length(a - b) > longest) {
+                longest = squared_length(a - b);
+                found = a + b;
+            }
+        }
+    }
+    return found;
+}
+
+void need(const StoreLayout& layout, const Leaf& leaf, Chunks& needed) {
+    const auto add = [&](int level, Field field, const Int3& node) {
+        const ArrayInfo& array = layout.array(level, field);
+        needed[&array].insert(array.row_of(array.chunk_of(node)));
+    };
+    const auto at_level = [](const Int3& p, int level) {
+        const auto shift = static_cast<unsigned>(level);
+        return Int3{p.x >> shift, p.y >> shift, p.z >> shift};
+    };
+    for (const Corner& corner : leaf.corners) {
+        add(leaf.level, Field::values, at_level(corner.node, leaf.level));
+    }
+    const Int3 twice = refinement_node_twice(leaf);
+    if (((twice.x | twice.y | twice.z) & 1) != 0) {
+        return;  // of level 0: nothing refines it
+    }
+    const Int3 node = at_level(twice, 1);
+    const int level = std::countr_zero(static_cast<std::uint64_t>(node.x | node.y | node.z)) + 1;
+    const Int3 owner = at_level(node, level);
+    const Int3 offset = at_level(node, level - 1) - owner * 2;
+    const bool centre = offset.x == 1 && offset.y == 1 && offset.z == 1;
+    if (level == 1 && !centre) {
+        add(0, Field::values, node);
+    } else {
+        add(level, Field::deviation_bar, owner);
+    }
+}
+
+int run(int argc, char** argv) {
+    if (argc < 4) {
+        fmt::print(stderr,
+                   "usage: isonest_chunk_bytes STORE ISOVALUE ERROR_RELATIVE [MEMORY_MIB]\n");
+        return 2;
+    }
+    const StoreReader store(argv[1]);
+    const StoreLayout& layout = store.layout();
+    const Recorder recorder(store);
+    ChunkCache cache(recorder, (argc > 4 ? std::strtoull(argv[4], nullptr, 10) : 256U) << 20U);
+    TraversalQuery query;
+    query.iso = std::strtod(argv[2], nullptr);
+    query.tolerance =
+        Tolerance(std::strtod(argv[3], nullptr) * (store.max_value() - store.min_value()), {}, {},
+                  layout.header().spacing, layout.header().origin);
+    for (int axis = 0; axis < 3; ++axis) {
+        query.box.hi[static_cast<std::size_t>(axis)] =
+            static_cast<double>(layout.lattice().nodes()[axis] - 1);
+    }
+    std::mutex mutex;
+    Chunks needed;
+    query.on_leaf = [&](const Leaf& leaf) {
+        bool below = false;
+        bool not_below = false;
+        for (const Corner& corner : leaf.corners) {
+            below = below || corner.value < query.iso;
+            not_below = not_below || corner.value >= query.iso;
+        }
+        if (below && not_below) {
+            const std::lock_guard lock(mutex);
+            need(layout, leaf, needed);
+        }
+    };
+    Progress quiet;
+    const TraversalCounts counts = traverse(
+        cache, query, 65536, [](std::uint64_t, const MeshPart&) {}, quiet);
+
+    std::uint64_t needed_bytes = 0;
+    std::uint64_t read_bytes = 0;
+    fmt::print("{:>28} {:>8} {:>10} {:>8} {:>10}\n", "array", "needed", "bytes", "read", "bytes");
+    for (const ArrayInfo& array : layout.arrays()) {
+        std::uint64_t bytes_needed = 0;
+        std::uint64_t bytes_read = 0;
+        for (std::int64_t i = 0; i < array.grid.product(); ++i) {
+            const Int3 chunk = array.grid.unlinear(i);
+            const std::uint64_t bytes = store.row(array, chunk).bytes;
+            const std::uint64_t row = array.row_of(chunk);
+            bytes_needed += needed[&array].contains(row) ? bytes : 0;
+            const auto read = recorder.read().find(&array);
+            bytes_read += read != recorder.read().end() && read->second.contains(row) ? bytes : 0;
+        }
+        const auto read = recorder.read().find(&array);
+        const std::size_t chunks = read == recorder.read().end() ? 0 : read->second.size();
+        if (chunks != 0 || bytes_needed != 0) {
+            fmt::print("{:>28} {:>8} {:>10} {:>8} {:>10}\n",
+                       fmt::format("{}/{}", array.level, name_of(array.field)),
+                       needed[&array].size(), bytes_needed, chunks, bytes_read);
+        }
+        needed_bytes += bytes_needed;
+        read_bytes += bytes_read;
+    }
+    fmt::print("read {} bytes ({} with what was decoded again), needed {}: {:.2f} x\n", read_bytes,
+               store.bytes_read(), needed_bytes,
+               static_cast<double>(store.bytes_read()) / static_cast<double>(needed_bytes));
+    fmt::print("visited {} tetrahedra, {} leaves: {:.2f} x\n", counts.visited, counts.leaves,
+               static_cast<double>(counts.visited) / static_cast<double>(counts.leaves));
+    return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    try {
+        return run(argc, argv);
+    } catch (const std::exception& error) {
+        fmt::print(stderr, "isonest_chunk_bytes: {}\n", error.what());
+        return 1;
+    }
+}
