@@ -461,6 +461,16 @@ class Cli(unittest.TestCase):
                     numpy.array(file["d"][...])
         path.unlink()
 
+    def test_libraries_are_not_taken_from_the_current_folder(self):
+        wanted = subprocess.run(["readelf", "-d", ISONEST], capture_output=True, text=True).stdout
+        names = re.findall(r"\(NEEDED\).*\[(.*)\]", wanted)
+        self.assertTrue(names)
+        folder = self.here / "libraries"
+        folder.mkdir()
+        for name in names:
+            (folder / name).write_bytes(b"not a library")
+        self.assertEqual(run("--version", cwd=folder).returncode, 0)
+
 
 if __name__ == "__main__":
     unittest.main(argv=[sys.argv[0], *sys.argv[3:]], verbosity=1)
