@@ -264,14 +264,13 @@ void BrickWork<T>::flush() {
 }
 
 template <class T>
-void BrickWork<T>::refine_parents(const MaskList& parents) {
-    ++counts_.bricks;
+void BrickWork<T>::refine_parents(const MaskList& parents, std::size_t begin) {
     const Int3 first{base_.x / 2, base_.y / 2, base_.z / 2};
     for (std::size_t i = 0; i < parents.size(); ++i) {
         if (parents[i] == 0) {
             continue;
         }
-        const Int3 parent = first + morton_point(i);
+        const Int3 parent = first + morton_point(begin + i);
         if (mesh_.empty()) {
             order_ = order_of(level_, morton_code(parent));
         }

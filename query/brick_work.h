@@ -61,8 +61,8 @@ class BrickWork {
         }
     }
 
-    /// All cubes of the brick that `parents` (in Morton order) activates.
-    void refine_parents(const MaskList& parents);
+    /// All cubes of the brick that `parents` activates: masks in Morton order from cube `begin` on.
+    void refine_parents(const MaskList& parents, std::size_t begin);
     /// The coarsest cube itself.
     void root();
 

@@ -15,52 +15,100 @@ namespace {
 
 constexpr std::uint64_t kWholeProgress = std::uint64_t{1} << 40U;
 
+/// Cubes of a brick's parent level, or a part of them: those of a range in Morton order.
+struct Parents {
+    MaskList masks;
+    std::size_t begin = 0;
+};
+
+/// The coarsest levels have fewer bricks than there are threads to feed: there the eighths of a
+/// brick are worked on by themselves.
+bool is_split(const StoreLayout& layout, int level) {
+    constexpr std::int64_t kFewBricks = 64;
+    return layout.array(level, Field::values).grid.product() < kFewBricks;
+}
+
 template <class T>
-void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<MaskList> parents,
+void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Parents> parents,
+               std::uint64_t progress_share);
+
+/// Runs a task for each entry that is not null, the first one soonest.
+template <class Entry, class Run>
+void run_entries(Shared& shared, std::array<std::unique_ptr<Entry>, 8>& entries,
+                 std::uint64_t progress_share, const Run& run) {
+    const auto count = static_cast<std::uint64_t>(std::count_if(
+        entries.begin(), entries.end(), [](const auto& entry) { return entry != nullptr; }));
+    const std::uint64_t share = count == 0 ? 0 : progress_share / count;
+    shared.progress.advance(progress_share - share * count);
+    tbb::task_group group;
+    for (int i = 7; i >= 0; --i) {
+        if (auto& entry = entries[static_cast<std::size_t>(i)]; entry != nullptr) {
+            group.run([&run, i, share,
+                       held = std::make_shared<std::unique_ptr<Entry>>(std::move(entry))] {
+                run(i, std::move(*held), share);
+            });
+        }
+    }
+    group.wait();
+}
+
+template <class T>
+void run_eighths(Shared& shared, int level, const Int3& brick, std::unique_ptr<Parents> parents,
+                 std::uint64_t progress_share) {
+    std::array<std::unique_ptr<Parents>, 8> eighths;
+    const std::size_t size = parents->masks.size() / 8;
+    for (std::size_t i = 0; i < 8; ++i) {
+        const auto first = parents->masks.begin() + static_cast<std::ptrdiff_t>(i * size);
+        const auto last = first + static_cast<std::ptrdiff_t>(size);
+        if (std::any_of(first, last, [](std::uint8_t mask) { return mask != 0; })) {
+            eighths[i] = std::make_unique<Parents>(Parents{MaskList(first, last), i * size});
+        }
+    }
+    parents.reset();
+    run_entries(shared, eighths, progress_share,
+                [&](int, std::unique_ptr<Parents> part, std::uint64_t share) {
+                    run_brick<T>(shared, level, brick, std::move(part), share);
+                });
+}
+
+template <class T>
+void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Parents> parents,
                std::uint64_t progress_share) {
     shared.progress.check();
+    const StoreLayout& layout = shared.cache.source().layout();
+    const auto half = static_cast<std::size_t>(layout.header().chunk / 2);
+    if (parents != nullptr && parents->masks.size() == half * half * half) {
+        ++shared.counts.local().bricks;
+        if (is_split(layout, level)) {
+            run_eighths<T>(shared, level, brick, std::move(parents), progress_share);
+            return;
+        }
+    }
     std::array<std::unique_ptr<MaskList>, 8> children;
-    int count = 0;
     {
         BrickWork<T> work(shared, level, brick);
         if (parents != nullptr) {
-            work.refine_parents(*parents);
+            work.refine_parents(parents->masks, parents->begin);
         } else {
             work.root();
         }
         parents.reset();
         for (int octant = 0; octant < 8; ++octant) {
             children[static_cast<std::size_t>(octant)] = work.take_children(octant);
-            count += children[static_cast<std::size_t>(octant)] != nullptr ? 1 : 0;
         }
     }
-    if (count == 0) {
-        shared.progress.advance(progress_share);
-        return;
-    }
-    const ArrayInfo& values = shared.cache.source().layout().array(level - 1, Field::values);
+    const auto child_of = [&](int octant) { return brick * 2 + kOctants.unlinear(octant); };
     for (int octant = 0; octant < 8; ++octant) {
         if (children[static_cast<std::size_t>(octant)] != nullptr) {
-            shared.cache.source().prefetch(
-                values, brick * 2 + Int3{octant & 1, (octant >> 1) & 1, octant >> 2});
+            shared.cache.source().prefetch(layout.array(level - 1, Field::values),
+                                           child_of(octant));
         }
     }
-    tbb::task_group group;
-    const std::uint64_t share = progress_share / static_cast<std::uint64_t>(count);
-    shared.progress.advance(progress_share - share * static_cast<std::uint64_t>(count));
-    for (int octant = 7; octant >= 0; --octant) {
-        auto& list = children[static_cast<std::size_t>(octant)];
-        if (list == nullptr) {
-            continue;
-        }
-        const Int3 child = brick * 2 + Int3{octant & 1, (octant >> 1) & 1, octant >> 2};
-        group.run(
-            [&shared, level, child, share, masks = std::shared_ptr<MaskList>(std::move(list))] {
-                run_brick<T>(shared, level - 1, child,
-                             std::make_unique<MaskList>(std::move(*masks)), share);
-            });
-    }
-    group.wait();
+    run_entries(shared, children, progress_share,
+                [&](int octant, std::unique_ptr<MaskList> masks, std::uint64_t share) {
+                    run_brick<T>(shared, level - 1, child_of(octant),
+                                 std::make_unique<Parents>(Parents{std::move(*masks), 0}), share);
+                });
 }
 
 /// Without a tolerance: the bricks of level 0 among the `size`^3 from `first` on, in Morton order.
@@ -70,7 +118,8 @@ void run_finest_bricks(Shared& shared, const Int3& first, std::int64_t size,
     shared.progress.check();
     if (size == 1) {
         if (const auto masks = surface_cubes<T>(shared.cache, first, shared.query.iso)) {
-            BrickWork<T>(shared, 0, first).refine_parents(*masks);
+            ++shared.counts.local().bricks;
+            BrickWork<T>(shared, 0, first).refine_parents(*masks, 0);
         }
         shared.progress.advance(progress_share);
         return;
