@@ -1,7 +1,6 @@
 #include "query/brick_work.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 
 #include "query/clip.h"
@@ -71,15 +70,13 @@ void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
 }
 
 /// Finds out on which sides of the isovalue the finest function can be. Above level 0 that takes
-/// the indicators of the subcubes, which only a query without a tolerance is sure to need.
+/// the indicators of the subcubes, unless a plane is marched.
 template <class T>
 void BrickWork<T>::sharpen(Nodes& nodes) {
     std::array<double, 8> bound{};
     if (level_ > 0 && !shared_.target.is_plane()) {
         for (unsigned corner = 0; corner < 8; ++corner) {
-            const unsigned at = corner ^ nodes.mirror;
-            const Int3 cube = nodes.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
-            bound[corner] = beta(bound_.centre(cube), 0);
+            bound[corner] = beta(bound_.centre(cube_at(nodes, corner)), 0);
         }
     }
     nodes.sides = sides_of(*nodes.target, bound, iso_);
@@ -93,7 +90,7 @@ bool BrickWork<T>::in_question(const Nodes& nodes, const TopologyTetrahedron& t,
     if (!nodes.sides.both_in(t) || culled(nodes, t)) {
         return false;
     }
-    if (level_ == 0 || query_.tolerance.is_zero() || shared_.target.is_plane()) {
+    if (level_ == 0 || shared_.target.is_plane()) {
         return true;
     }
     raw = bound_.at(nodes.value, nodes.low, nodes.mirror, t.ref_node);
@@ -107,7 +104,7 @@ bool BrickWork<T>::is_leaf(Nodes& nodes, const TopologyTetrahedron& t, double ra
     }
     const bool asked = level_ > 0 && !shared_.target.is_plane() && one_field_;
     const double eta = asked ? raw : stop_at(nodes, t.ref_node);
-    if (!query_.tolerance.stops(eta, twice_position(nodes, t.ref_node), 2 * stride_)) {
+    if (!stops(nodes, t.ref_node, eta)) {
         return false;
     }
     march(nodes, t, eta, nodes.cut);
@@ -159,8 +156,7 @@ bool BrickWork<T>::edges_refine(const Nodes& nodes, const TopologyTetrahedron& f
     return query_.tolerance.is_zero() ||
            std::none_of(face.children.begin(), face.children.end(), [&](std::uint8_t child) {
                const int position = topology_.edge[child].ref_node;
-               return query_.tolerance.stops(stop_at(nodes, position),
-                                             twice_position(nodes, position), 2 * stride_);
+               return stops(nodes, position, stop_at(nodes, position));
            });
 }
 
@@ -178,8 +174,7 @@ void BrickWork<T>::skip_to_subcubes(Nodes& nodes, int index) {
 
 template <class T>
 void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
-    const unsigned at = static_cast<unsigned>(corner) ^ nodes.mirror;
-    const Int3 cube = nodes.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
+    const Int3 cube = cube_at(nodes, static_cast<unsigned>(corner));
     bool cut = nodes.cut;
     if (cut) {
         const Overlap overlap =
@@ -237,7 +232,7 @@ void BrickWork<T>::refine(const Int3& parent, std::uint8_t mask) {
     }
     Nodes nodes;
     load(nodes, parent);
-    if (level_ == 0 || query_.tolerance.is_zero() || shared_.target.is_plane()) {
+    if (level_ == 0 || shared_.target.is_plane()) {
         sharpen(nodes);
     }
     nodes.cut = overlap == Overlap::crossing;

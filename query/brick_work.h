@@ -118,9 +118,15 @@ class BrickWork {
     [[nodiscard]] bool is_leaf(Nodes& nodes, const TopologyTetrahedron& t, double raw);
     [[nodiscard]] bool edges_refine(const Nodes& nodes, const TopologyTetrahedron& face);
     void skip_to_subcubes(Nodes& nodes, int index);
-    /// Twice the finest coordinates of a node.
-    [[nodiscard]] Int3 twice_position(const Nodes& nodes, int position) const {
-        return (nodes.low + node_offset(position, nodes.mirror)) * (2 * stride_);
+    /// Whether the node at `position`, its stop field being eta, stops.
+    [[nodiscard]] bool stops(const Nodes& nodes, int position, double eta) const {
+        const Int3 twice = (nodes.low + node_offset(position, nodes.mirror)) * (2 * stride_);
+        return query_.tolerance.stops(eta, twice, 2 * stride_);
+    }
+    /// The subcube at a corner (bits x, y, z) of the tables' cube.
+    [[nodiscard]] static Int3 cube_at(const Nodes& nodes, unsigned corner) {
+        const unsigned at = corner ^ nodes.mirror;
+        return nodes.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
     }
     void march(const Nodes& nodes, const TopologyTetrahedron& t, double eta, bool cut);
     void flush();

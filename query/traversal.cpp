@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <bitset>
 #include <cmath>
 #include <memory>
 
@@ -32,21 +33,16 @@ template <class T>
 void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Parents> parents,
                std::uint64_t progress_share);
 
-/// Runs a task for each entry that is not null, the first one soonest.
-template <class Entry, class Run>
-void run_entries(Shared& shared, std::array<std::unique_ptr<Entry>, 8>& entries,
-                 std::uint64_t progress_share, const Run& run) {
-    const auto count = static_cast<std::uint64_t>(std::count_if(
-        entries.begin(), entries.end(), [](const auto& entry) { return entry != nullptr; }));
-    const std::uint64_t share = count == 0 ? 0 : progress_share / count;
-    shared.progress.advance(progress_share - share * count);
+/// Runs a task run(octant, share of the progress) for each octant of `active`, the first soonest.
+template <class Run>
+void run_octants(Shared& shared, const std::bitset<8>& active, std::uint64_t progress_share,
+                 const Run& run) {
+    const std::uint64_t share = active.none() ? 0 : progress_share / active.count();
+    shared.progress.advance(progress_share - share * active.count());
     tbb::task_group group;
-    for (int i = 7; i >= 0; --i) {
-        if (auto& entry = entries[static_cast<std::size_t>(i)]; entry != nullptr) {
-            group.run([&run, i, share,
-                       held = std::make_shared<std::unique_ptr<Entry>>(std::move(entry))] {
-                run(i, std::move(*held), share);
-            });
+    for (std::size_t octant = 8; octant-- > 0;) {
+        if (active[octant]) {
+            group.run([&run, octant, share] { run(octant, share); });
         }
     }
     group.wait();
@@ -56,19 +52,20 @@ template <class T>
 void run_eighths(Shared& shared, int level, const Int3& brick, std::unique_ptr<Parents> parents,
                  std::uint64_t progress_share) {
     std::array<std::unique_ptr<Parents>, 8> eighths;
+    std::bitset<8> active;
     const std::size_t size = parents->masks.size() / 8;
     for (std::size_t i = 0; i < 8; ++i) {
         const auto first = parents->masks.begin() + static_cast<std::ptrdiff_t>(i * size);
         const auto last = first + static_cast<std::ptrdiff_t>(size);
-        if (std::any_of(first, last, [](std::uint8_t mask) { return mask != 0; })) {
+        active[i] = std::any_of(first, last, [](std::uint8_t mask) { return mask != 0; });
+        if (active[i]) {
             eighths[i] = std::make_unique<Parents>(Parents{MaskList(first, last), i * size});
         }
     }
     parents.reset();
-    run_entries(shared, eighths, progress_share,
-                [&](int, std::unique_ptr<Parents> part, std::uint64_t share) {
-                    run_brick<T>(shared, level, brick, std::move(part), share);
-                });
+    run_octants(shared, active, progress_share, [&](std::size_t i, std::uint64_t share) {
+        run_brick<T>(shared, level, brick, std::move(eighths[i]), share);
+    });
 }
 
 template <class T>
@@ -85,6 +82,10 @@ void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Par
         }
     }
     std::array<std::unique_ptr<MaskList>, 8> children;
+    std::bitset<8> active;
+    const auto child_of = [&](std::size_t octant) {
+        return brick * 2 + kOctants.unlinear(static_cast<std::int64_t>(octant));
+    };
     {
         BrickWork<T> work(shared, level, brick);
         if (parents != nullptr) {
@@ -93,22 +94,21 @@ void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Par
             work.root();
         }
         parents.reset();
-        for (int octant = 0; octant < 8; ++octant) {
-            children[static_cast<std::size_t>(octant)] = work.take_children(octant);
+        for (std::size_t octant = 0; octant < 8; ++octant) {
+            children[octant] = work.take_children(static_cast<int>(octant));
+            active[octant] = children[octant] != nullptr;
         }
     }
-    const auto child_of = [&](int octant) { return brick * 2 + kOctants.unlinear(octant); };
-    for (int octant = 0; octant < 8; ++octant) {
-        if (children[static_cast<std::size_t>(octant)] != nullptr) {
+    for (std::size_t octant = 0; octant < 8; ++octant) {
+        if (active[octant]) {
             shared.cache.source().prefetch(layout.array(level - 1, Field::values),
                                            child_of(octant));
         }
     }
-    run_entries(shared, children, progress_share,
-                [&](int octant, std::unique_ptr<MaskList> masks, std::uint64_t share) {
-                    run_brick<T>(shared, level - 1, child_of(octant),
-                                 std::make_unique<Parents>(Parents{std::move(*masks), 0}), share);
-                });
+    run_octants(shared, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
+        auto masks = std::make_unique<Parents>(Parents{std::move(*children[octant]), 0});
+        run_brick<T>(shared, level - 1, child_of(octant), std::move(masks), share);
+    });
 }
 
 /// Without a tolerance: the bricks of level 0 among the `size`^3 from `first` on, in Morton order.
@@ -128,34 +128,24 @@ void run_finest_bricks(Shared& shared, const Int3& first, std::int64_t size,
     const ArrayInfo& values = source.layout().array(0, Field::values);
     const std::int64_t chunk = source.layout().header().chunk;
     const std::int64_t half = size / 2;
-    std::array<Int3, 8> children;
-    std::size_t count = 0;
-    for (std::int64_t octant = 0; octant < 8; ++octant) {
-        const Int3 child = first + kOctants.unlinear(octant) * half;
+    const auto child_of = [&](std::size_t octant) {
+        return first + kOctants.unlinear(static_cast<std::int64_t>(octant)) * half;
+    };
+    std::bitset<8> active;
+    for (std::size_t octant = 0; octant < 8; ++octant) {
+        const Int3 child = child_of(octant);
         const Int3 low = child * chunk;
-        if (max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
-            overlap_of(shared.query.box, low, low + Int3{chunk, chunk, chunk} * half) !=
-                Overlap::outside &&
-            (half > 1 || may_hold_surface(source, child, shared.query.iso))) {
-            children[count++] = child;
+        active[octant] = max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
+                         overlap_of(shared.query.box, low,
+                                    low + Int3{chunk, chunk, chunk} * half) != Overlap::outside &&
+                         (half > 1 || may_hold_surface(source, child, shared.query.iso));
+        if (active[octant] && half == 1) {
+            source.prefetch(values, child);
         }
     }
-    if (count == 0) {
-        shared.progress.advance(progress_share);
-        return;
-    }
-    for (std::size_t i = 0; i < count && half == 1; ++i) {
-        source.prefetch(values, children[i]);
-    }
-    const std::uint64_t share = progress_share / count;
-    shared.progress.advance(progress_share - share * count);
-    tbb::task_group group;
-    while (count-- > 0) {
-        group.run([&shared, child = children[count], half, share] {
-            run_finest_bricks<T>(shared, child, half, share);
-        });
-    }
-    group.wait();
+    run_octants(shared, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
+        run_finest_bricks<T>(shared, child_of(octant), half, share);
+    });
 }
 
 /// Whether every node refines: then nothing of the coarser levels is needed.

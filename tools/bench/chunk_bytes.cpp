@@ -10,41 +10,20 @@
 
 #include <bit>
 #include <cstdlib>
-#include <map>
 #include <mutex>
 #include <set>
 
 #include "query/traversal.h"
 #include "store/error.h"
 #include "store/reader.h"
+#include "store/recording_source.h"
 
 using namespace isonest;
 
 namespace {
 
-using Chunks = std::map<const ArrayInfo*, std::set<std::uint64_t>>;
-
-/// Writes down what is decoded.
-class Recorder : public ChunkSource {
-  public:
-    explicit Recorder(const StoreReader& store) : store_(store) {}
-    [[nodiscard]] const StoreLayout& layout() const override { return store_.layout(); }
-    [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override {
-        return store_.row(array, chunk);
-    }
-    void decode(const ArrayInfo& array, const Int3& chunk,
-                std::span<std::byte> raw) const override {
-        store_.decode(array, chunk, raw);
-        const std::lock_guard lock(mutex_);
-        read_[&array].insert(array.row_of(chunk));
-    }
-    [[nodiscard]] const Chunks& read() const { return read_; }
-
-  private:
-    const StoreReader& store_;
-    mutable std::mutex mutex_;
-    mutable Chunks read_;
-};
+/// Rows of the chunk table.
+using Chunks = std::set<std::uint64_t>;
 
 std::int64_t squared_length(const Int3& d) {
     return d.x * d.x + d.y * d.y + d.z * d.z;
@@ -70,7 +49,7 @@ Int3 refinement_node_twice(const Leaf& leaf) {
 void need(const StoreLayout& layout, const Leaf& leaf, Chunks& needed) {
     const auto add = [&](int level, Field field, const Int3& node) {
         const ArrayInfo& array = layout.array(level, field);
-        needed[&array].insert(array.row_of(array.chunk_of(node)));
+        needed.insert(array.row_of(array.chunk_of(node)));
     };
     const auto at_level = [](const Int3& p, int level) {
         const auto shift = static_cast<unsigned>(level);
@@ -103,7 +82,7 @@ int run(int argc, char** argv) {
     }
     const StoreReader store(argv[1]);
     const StoreLayout& layout = store.layout();
-    const Recorder recorder(store);
+    const RecordingSource recorder(store);
     ChunkCache cache(recorder, (argc > 4 ? std::strtoull(argv[4], nullptr, 10) : 256U) << 20U);
     TraversalQuery query;
     query.iso = std::strtod(argv[2], nullptr);
@@ -132,33 +111,44 @@ int run(int argc, char** argv) {
     const TraversalCounts counts = traverse(
         cache, query, 65536, [](std::uint64_t, const MeshPart&) {}, quiet);
 
-    std::uint64_t needed_bytes = 0;
-    std::uint64_t read_bytes = 0;
+    struct Sum {
+        std::uint64_t chunks = 0;
+        std::uint64_t bytes = 0;
+        void add(std::uint64_t more) {
+            ++chunks;
+            bytes += more;
+        }
+    };
+    Sum all_needed;
+    Sum all_read;
     fmt::print("{:>28} {:>8} {:>10} {:>8} {:>10}\n", "array", "needed", "bytes", "read", "bytes");
     for (const ArrayInfo& array : layout.arrays()) {
-        std::uint64_t bytes_needed = 0;
-        std::uint64_t bytes_read = 0;
+        if (array.alias) {
+            continue;
+        }
+        Sum array_needed;
+        Sum array_read;
         for (std::int64_t i = 0; i < array.grid.product(); ++i) {
             const Int3 chunk = array.grid.unlinear(i);
             const std::uint64_t bytes = store.row(array, chunk).bytes;
-            const std::uint64_t row = array.row_of(chunk);
-            bytes_needed += needed[&array].contains(row) ? bytes : 0;
-            const auto read = recorder.read().find(&array);
-            bytes_read += read != recorder.read().end() && read->second.contains(row) ? bytes : 0;
+            if (needed.contains(array.row_of(chunk))) {
+                array_needed.add(bytes);
+                all_needed.add(bytes);
+            }
+            if (recorder.decoded().contains(array.row_of(chunk))) {
+                array_read.add(bytes);
+                all_read.add(bytes);
+            }
         }
-        const auto read = recorder.read().find(&array);
-        const std::size_t chunks = read == recorder.read().end() ? 0 : read->second.size();
-        if (chunks != 0 || bytes_needed != 0) {
+        if (array_read.chunks != 0 || array_needed.chunks != 0) {
             fmt::print("{:>28} {:>8} {:>10} {:>8} {:>10}\n",
-                       fmt::format("{}/{}", array.level, name_of(array.field)),
-                       needed[&array].size(), bytes_needed, chunks, bytes_read);
+                       fmt::format("{}/{}", array.level, name_of(array.field)), array_needed.chunks,
+                       array_needed.bytes, array_read.chunks, array_read.bytes);
         }
-        needed_bytes += bytes_needed;
-        read_bytes += bytes_read;
     }
-    fmt::print("read {} bytes ({} with what was decoded again), needed {}: {:.2f} x\n", read_bytes,
-               store.bytes_read(), needed_bytes,
-               static_cast<double>(store.bytes_read()) / static_cast<double>(needed_bytes));
+    fmt::print("read {} bytes ({} with what was decoded again), needed {}: {:.2f} x\n",
+               all_read.bytes, store.bytes_read(), all_needed.bytes,
+               static_cast<double>(store.bytes_read()) / static_cast<double>(all_needed.bytes));
     fmt::print("visited {} tetrahedra, {} leaves: {:.2f} x\n", counts.visited, counts.leaves,
                static_cast<double>(counts.visited) / static_cast<double>(counts.leaves));
     return 0;
