@@ -12,9 +12,9 @@ namespace isonest {
 namespace {
 
 /// Codes near zero have fewer digits: the distance between two of them.
-constexpr double kSmallestCode = 0x1p-133;
-/// What rounds up to infinity.
-constexpr double kLargestCode = 0x1.FCp127;
+constexpr double kSmallestCode = decode_indicator(kCodeStep);
+/// Numbers above it round up to infinity.
+constexpr double kLargestCode = decode_indicator(IndicatorCode{kInfinityCode - kCodeStep});
 
 class LevelChecks {
   public:
@@ -152,8 +152,8 @@ class LevelChecks {
                 const double computed =
                     finest_indicator(cube_values(values, cube), position_of_slot(array.first_slot),
                                      saturation_of(array.field) == Saturation::plus);
-                const bool tight =
-                    stored <= computed * (1 + 0x1p-7) + kSmallestCode || computed > kLargestCode;
+                const bool tight = stored <= computed * (1 + kCodeExcess) + kSmallestCode ||
+                                   computed > kLargestCode;
                 if (!(stored >= computed) || !tight) {
                     findings_.add(
                         "indicator", array, chunk, cube * 2 + slot_offset(array.first_slot),

@@ -15,7 +15,7 @@
 namespace isonest {
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 0;
+inline constexpr std::uint32_t kFormatMinor = 1;
 inline constexpr const char* kFormatName = "isonest";
 inline constexpr unsigned kZstdFilter = 32015;
 inline constexpr int kMinChunk = 8;

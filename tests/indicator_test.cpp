@@ -106,7 +106,7 @@ void require_agreement(const Int3& n, int chunk, const std::function<T(const Int
     for (const bool exact : {true, false}) {
         MemoryVolume<T> volume(n, f);
         volume.spacing_ = spacing;
-        const Comparison c = compare(volume, chunk, exact, exact ? 1e-6 : 0x1p-7, fields);
+        const Comparison c = compare(volume, chunk, exact, exact ? 1e-6 : 0x1p-5, fields);
         CAPTURE(exact);
         CHECK((c.compared > 0) == (std::max({n.x, n.y, n.z}) > 2));
         for (const auto& [field, count] : c.wrong) {
@@ -293,7 +293,7 @@ TEST_CASE("indicators equal the recursion, and the deviation is tight, on crops 
         });
         for (const int chunk : {16, 32, 64}) {
             for (const bool exact : {true, false}) {
-                const Comparison c = compare(volume, chunk, exact, exact ? 1e-6 : 0x1p-7);
+                const Comparison c = compare(volume, chunk, exact, exact ? 1e-6 : 0x1p-5);
                 const double ratio = c.ratio_sum / static_cast<double>(c.ratios);
                 std::printf("%-28s chunk %2d %s  nodes %zu  mean deviation / exact %.4f\n",
                             entry.path().filename().c_str(), chunk, exact ? "exact " : "16 bit",

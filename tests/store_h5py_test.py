@@ -61,7 +61,7 @@ with tempfile.TemporaryDirectory() as folder:
         original = f["data"][...]
     with h5py.File(store) as f:
         assert f.attrs["format"] in (b"isonest", "isonest"), f.attrs["format"]
-        assert list(f.attrs["version"]) == [2, 0] and f.attrs["flags"] == 0
+        assert list(f.attrs["version"]) == [2, 1] and f.attrs["flags"] == 0
         assert f.attrs["complete"] == 1
         n = tuple(int(i) for i in f.attrs["nodes"])[::-1]
         assert n == original.shape
@@ -90,7 +90,7 @@ with tempfile.TemporaryDirectory() as folder:
             eta = max(abs(p[m] - (p[tuple(0 if i == 1 else i for i in m)]
                                   + p[tuple(2 if i == 1 else i for i in m)]) / 2)
                       for m in np.ndindex(3, 3, 3) if 1 in m)
-            assert eta * (1 - 1e-6) <= got[cube] <= eta * (1 + 2**-7) + 1e-7, (cube, eta, got[cube])
+            assert eta * (1 - 1e-6) <= got[cube] <= eta * (1 + 2**-5) + 1e-7, (cube, eta, got[cube])
         assert f["levels/1/linf_bar"] == f["levels/1/deviation_bar"]  # one array, linked
         # The centre's deviation bounds what brute force finds in the cube.
         rng = np.random.default_rng(1)
