@@ -28,13 +28,13 @@ IndicatorChunks::IndicatorChunks(const ArrayInfo& array, const Int3& first, cons
 template <class Stored, class Real>
 void IndicatorChunks::put_row(const Real* from, Part& part, std::int64_t at,
                               std::vector<Stored>& line) const {
-    line.resize(static_cast<std::size_t>(part.n.x));
-    round_up_row(from, line.data(), part.n.x);
-    const auto [low, high] = range_of_row(line.data(), part.n.x);
+    Stored* const to = reinterpret_cast<Stored*>(part.raw.data()) + at;
+    const bool in_place = array_.components == 1;
+    line.resize(static_cast<std::size_t>(in_place ? 0 : part.n.x));
+    const auto [low, high] = round_up_row(from, in_place ? to : line.data(), part.n.x);
     part.min = std::min(part.min, decode_indicator(low));
     part.max = std::max(part.max, decode_indicator(high));
-    Stored* const to = reinterpret_cast<Stored*>(part.raw.data()) + at;
-    for (std::int64_t i = 0; i < part.n.x; ++i) {
+    for (std::int64_t i = 0; i < part.n.x && !in_place; ++i) {
         to[i * array_.components] = line[static_cast<std::size_t>(i)];
     }
 }

@@ -16,6 +16,7 @@
 #include "preprocess/offset_norms.h"
 #include "preprocess/row_kernels.h"
 #include "preprocess/saturation.h"
+#include "preprocess/value_rows.h"
 #include "store/field.h"
 #include "store/value_type.h"
 
@@ -31,23 +32,14 @@ struct ValueBox {
     /// Looks for non-finite values. Call once the values are in.
     void find_missing() {
         if constexpr (std::is_floating_point_v<T>) {
-            for (const T v : values.data) {
-                has_missing = has_missing || !std::isfinite(v);
-            }
+            has_missing =
+                !all_finite(values.data.data(), static_cast<std::int64_t>(values.data.size()));
             if (has_missing) {
                 missing = MissingBox(values.lo, values.size);
                 for (std::size_t i = 0; i < values.data.size(); ++i) {
                     missing.data[i] = std::isfinite(values.data[i]) ? 0 : 1;
                 }
             }
-        }
-    }
-    template <class Real>
-    [[nodiscard]] Real number(T v) const {
-        if constexpr (std::is_floating_point_v<T>) {
-            return has_missing && !std::isfinite(v) ? Real{0} : static_cast<Real>(v);
-        } else {
-            return static_cast<Real>(v);
         }
     }
 };
@@ -89,14 +81,10 @@ template <class T, class Real>
 void fill_plane(const LevelTask<T>& task, std::int64_t z, SplitPlane<Real>& plane) {
     const ValueBox<T>& box = *task.values;
     const std::int64_t nx = task.range.count(0);
-    std::vector<Real> line(static_cast<std::size_t>(2 * nx));
     for (std::int64_t y = 0; y < plane.rows(); ++y) {
         const T* const row = box.values.row(task.step * (2 * task.range.lo.y + y), task.step * z) +
                              (2 * task.step * task.range.lo.x - box.values.lo.x);
-        for (std::int64_t i = 0; i < 2 * nx; ++i) {
-            line[static_cast<std::size_t>(i)] = box.template number<Real>(row[task.step * i]);
-        }
-        split_row(line.data(), plane.even(y), plane.odd(y), nx);
+        split_row(row, task.step, plane.even(y), plane.odd(y), nx);
     }
 }
 
@@ -260,9 +248,7 @@ class Measures {
                 [&](std::int64_t y, Real* out) {
                     const T* const row = task_.values->values.row(y, z) +
                                          (kernel_->low_x() - task_.values->values.lo.x);
-                    for (std::int64_t i = 0; i < n; ++i) {
-                        out[i] = task_.values->template number<Real>(row[i]);
-                    }
+                    widen_row(row, out, n);
                 },
                 [&](std::int64_t y, Real* out) {
                     const float* const row = task_.fine_deviation->row(y, z) +

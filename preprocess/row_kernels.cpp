@@ -1,6 +1,9 @@
 #include "preprocess/row_kernels.h"
 
+#include <bit>
 #include <cmath>
+#include <limits>
+#include <type_traits>
 
 #include "store/simd.h"
 
@@ -114,55 +117,53 @@ template <class Real>
     }
 }
 
+inline void round_up(float value, float& out) {
+    out = value;
+}
+inline void round_up(double value, float& out) {
+    out = round_up_to_float(value);
+}
 template <class Real>
-[[gnu::always_inline]] inline void split_row_of(const Real* in, Real* __restrict even,
-                                                Real* __restrict odd, std::int64_t n) {
-    for (std::int64_t i = 0; i < n; ++i) {
-        even[i] = in[2 * i];
-        odd[i] = in[2 * i + 1];
-    }
+inline void round_up(Real value, IndicatorCode& out) {
+    out = encode_indicator(round_up_to_float(value));
 }
 
-template <class T>
-[[gnu::always_inline]] inline std::pair<T, T> range_of(const T* in, std::int64_t n) {
-    T low = in[0];
-    T high = in[0];
-    for (std::int64_t i = 1; i < n; ++i) {
-        low = in[i] < low ? in[i] : low;
-        high = in[i] > high ? in[i] : high;
-    }
-    return {low, high};
-}
-
-template <class Real>
-[[gnu::always_inline]] inline void round_up_codes(const Real* in, IndicatorCode* __restrict out,
-                                                  std::int64_t n) {
+template <class Real, class Stored>
+[[gnu::always_inline]] inline std::pair<Stored, Stored> round_up_and_range(const Real* in,
+                                                                           Stored* __restrict out,
+                                                                           std::int64_t n) {
+    // Numbers >= 0 are in the order of their bits, and integers need no order of evaluation.
+    using Bits = std::conditional_t<sizeof(Stored) == 4, std::uint32_t, std::uint16_t>;
+    Bits low = std::numeric_limits<Bits>::max();
+    Bits high = 0;
     for (std::int64_t i = 0; i < n; ++i) {
-        out[i] = encode_indicator(round_up_to_float(in[i]));
+        Stored stored{};
+        round_up(in[i], stored);
+        out[i] = stored;
+        const Bits bits = std::bit_cast<Bits>(stored);
+        low = bits < low ? bits : low;
+        high = bits > high ? bits : high;
     }
-}
-
-template <class Real>
-[[gnu::always_inline]] inline void round_up_floats(const Real* in, float* __restrict out,
-                                                   std::int64_t n) {
-    for (std::int64_t i = 0; i < n; ++i) {
-        out[i] = round_up_to_float(in[i]);
-    }
+    return {std::bit_cast<Stored>(low), std::bit_cast<Stored>(high)};
 }
 
 }  // namespace
 
-ISONEST_SIMD void round_up_row(const float* in, IndicatorCode* out, std::int64_t n) {
-    round_up_codes(in, out, n);
+ISONEST_SIMD std::pair<IndicatorCode, IndicatorCode> round_up_row(const float* in,
+                                                                  IndicatorCode* out,
+                                                                  std::int64_t n) {
+    return round_up_and_range(in, out, n);
 }
-ISONEST_SIMD void round_up_row(const double* in, IndicatorCode* out, std::int64_t n) {
-    round_up_codes(in, out, n);
+ISONEST_SIMD std::pair<IndicatorCode, IndicatorCode> round_up_row(const double* in,
+                                                                  IndicatorCode* out,
+                                                                  std::int64_t n) {
+    return round_up_and_range(in, out, n);
 }
-ISONEST_SIMD void round_up_row(const float* in, float* out, std::int64_t n) {
-    round_up_floats(in, out, n);
+ISONEST_SIMD std::pair<float, float> round_up_row(const float* in, float* out, std::int64_t n) {
+    return round_up_and_range(in, out, n);
 }
-ISONEST_SIMD void round_up_row(const double* in, float* out, std::int64_t n) {
-    round_up_floats(in, out, n);
+ISONEST_SIMD std::pair<float, float> round_up_row(const double* in, float* out, std::int64_t n) {
+    return round_up_and_range(in, out, n);
 }
 ISONEST_SIMD void differences(const Interpolation<float>& d, float* out, std::int64_t n) {
     differences_of(d, out, n);
@@ -209,19 +210,6 @@ ISONEST_SIMD void diagonal_offsets(const float* mid, const float* a, const float
 ISONEST_SIMD void diagonal_offsets(const double* mid, const double* a, const double* b,
                                    std::int64_t first, double* out, std::int64_t n) {
     diagonal_offsets_of(mid, a, b, first, out, n);
-}
-ISONEST_SIMD void split_row(const float* in, float* even, float* odd, std::int64_t n) {
-    split_row_of(in, even, odd, n);
-}
-ISONEST_SIMD void split_row(const double* in, double* even, double* odd, std::int64_t n) {
-    split_row_of(in, even, odd, n);
-}
-ISONEST_SIMD std::pair<IndicatorCode, IndicatorCode> range_of_row(const IndicatorCode* in,
-                                                                  std::int64_t n) {
-    return range_of(in, n);
-}
-ISONEST_SIMD std::pair<float, float> range_of_row(const float* in, std::int64_t n) {
-    return range_of(in, n);
 }
 ISONEST_SIMD void raise(const float* value, float* best, std::int64_t n) {
     raise_of(value, best, n);

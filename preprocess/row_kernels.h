@@ -63,18 +63,13 @@ void diagonal_offsets(const float* mid, const float* a, const float* b, std::int
 void diagonal_offsets(const double* mid, const double* a, const double* b, std::int64_t first,
                       double* out, std::int64_t n);
 
-/// even[i] = in[2 i], odd[i] = in[2 i + 1].
-void split_row(const float* in, float* even, float* odd, std::int64_t n);
-void split_row(const double* in, double* even, double* odd, std::int64_t n);
-
-/// Smallest and largest. REQUIRES: n > 0; no NaN.
-std::pair<IndicatorCode, IndicatorCode> range_of_row(const IndicatorCode* in, std::int64_t n);
-std::pair<float, float> range_of_row(const float* in, std::int64_t n);
-
-/// out[i] = the smallest code, or binary32, whose value is >= in[i]. REQUIRES: in[i] >= 0 or +inf.
-void round_up_row(const float* in, IndicatorCode* out, std::int64_t n);
-void round_up_row(const double* in, IndicatorCode* out, std::int64_t n);
-void round_up_row(const float* in, float* out, std::int64_t n);
-void round_up_row(const double* in, float* out, std::int64_t n);
+/// out[i] = the smallest code, or binary32, whose value is >= in[i]; the smallest and the largest
+/// of them (of no meaning if n is 0). REQUIRES: in[i] >= 0 or +inf. No aliasing.
+std::pair<IndicatorCode, IndicatorCode> round_up_row(const float* in, IndicatorCode* out,
+                                                     std::int64_t n);
+std::pair<IndicatorCode, IndicatorCode> round_up_row(const double* in, IndicatorCode* out,
+                                                     std::int64_t n);
+std::pair<float, float> round_up_row(const float* in, float* out, std::int64_t n);
+std::pair<float, float> round_up_row(const double* in, float* out, std::int64_t n);
 
 }  // namespace isonest

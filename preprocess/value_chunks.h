@@ -6,6 +6,7 @@
 
 #include "preprocess/indicator_chunks.h"
 #include "preprocess/value_range.h"
+#include "preprocess/value_rows.h"
 #include "store/box.h"
 #include "store/codec.h"
 
@@ -27,9 +28,7 @@ EncodedChunk encode_values(const ArrayInfo& array, const Int3& chunk, const Box<
             const T* const from =
                 box.row((lo.y + y) * step, (lo.z + z) * step) + (lo.x * step - box.lo.x);
             T* const to = raw.data() + array.chunk.linear({0, y, z});
-            for (std::int64_t x = 0; x < n.x; ++x) {
-                to[x] = from[x * step];
-            }
+            take_row(from, step, to, n.x);
             range.include(to, n.x);
         }
     }
