@@ -204,18 +204,20 @@ std::uint64_t brick_heap(const StoreLayout& layout, const TraversalQuery& query)
     std::uint64_t heap = 8 * layout.array(0, Field::values).chunk_bytes();
     const auto k = static_cast<std::uint64_t>(layout.header().chunk);
     heap += 9 * k * k * k / 8;
-    if (layout.lattice().top() > 0) {
-        // Up to 2 x 2 x 2 chunks of the parents' and of the centres' array for each field.
-        std::vector<Field> fields{query.bound};
-        if (query.stop != query.bound) {
-            fields.push_back(query.stop);
+    std::vector<Field> fields{query.bound};
+    if (query.stop != query.bound) {
+        fields.push_back(query.stop);
+    }
+    if (query.culling) {
+        fields.push_back(query.culling->field());
+    }
+    for (const Field field : fields) {
+        // Up to 2 x 2 x 2 chunks of the parents' and of the centres' array.
+        std::uint64_t largest = 0;
+        for (const ArrayInfo& array : layout.arrays()) {
+            largest = std::max(largest, array.field == field ? array.chunk_bytes() : 0);
         }
-        if (query.culling) {
-            fields.push_back(query.culling->field());
-        }
-        for (const Field field : fields) {
-            heap += 16 * layout.array(1, field).chunk_bytes();
-        }
+        heap += 16 * largest;
     }
     return heap;
 }
