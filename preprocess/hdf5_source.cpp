@@ -283,8 +283,8 @@ class Hdf5Source : public VolumeSource {
 
 }  // namespace
 
-std::unique_ptr<VolumeSource> open_hdf5(const std::filesystem::path& path,
-                                        const SourceOptions& options) {
+std::unique_ptr<VolumeSource> open_hdf5_volume(const std::filesystem::path& path,
+                                               const SourceOptions& options) {
     return std::make_unique<Hdf5Source>(path, options);
 }
 

@@ -8,7 +8,7 @@
 namespace isonest {
 
 /// See open_volume().
-std::unique_ptr<VolumeSource> open_hdf5(const std::filesystem::path& path,
-                                        const SourceOptions& options);
+std::unique_ptr<VolumeSource> open_hdf5_volume(const std::filesystem::path& path,
+                                               const SourceOptions& options);
 
 }  // namespace isonest

@@ -71,7 +71,7 @@ std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
     constexpr std::array<char, 8> kHdf5{'\x89', 'H', 'D', 'F', '\r', '\n', '\x1a', '\n'};
     std::unique_ptr<VolumeSource> source;
     if (magic.size() == 8 && std::memcmp(magic.data(), kHdf5.data(), 8) == 0) {
-        source = open_hdf5(path, options);
+        source = open_hdf5_volume(path, options);
     } else if (magic.starts_with("NRRD000")) {
         source = open_nrrd(path);
     } else {
