@@ -7,6 +7,7 @@
 #include "store/error.h"
 #include "tools/command.h"
 #include "tools/extract_options.h"
+#include "tools/fields.h"
 #include "tools/leftovers.h"
 #include "tools/units.h"
 

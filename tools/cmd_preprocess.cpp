@@ -5,9 +5,9 @@
 #include <memory>
 
 #include "preprocess/preprocess.h"
-#include "store/error.h"
 #include "store/format.h"
 #include "tools/command.h"
+#include "tools/fields.h"
 #include "tools/leftovers.h"
 #include "tools/source_options.h"
 #include "tools/units.h"
@@ -26,20 +26,7 @@ std::vector<Field> parse_indicators(const std::string& text) {
     if (text == "all") {
         return all_indicators();
     }
-    std::vector<Field> fields;
-    std::size_t begin = 0;
-    while (begin <= text.size()) {
-        const std::size_t end = std::min(text.find(',', begin), text.size());
-        const std::string name = text.substr(begin, end - begin);
-        const std::optional<Field> field = field_from_name(name);
-        if (!field || *field == Field::values) {
-            throw Error(
-                ErrorKind::invalid_argument,
-                fmt::format("--indicators '{}': there are {}", name, list_names(all_indicators())));
-        }
-        fields.push_back(*field);
-        begin = end + 1;
-    }
+    std::vector<Field> fields = parse_fields("--indicators", text);
     std::sort(fields.begin(), fields.end());
     fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
     return fields;

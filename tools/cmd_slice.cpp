@@ -10,6 +10,7 @@
 #include "store/output_file.h"
 #include "tools/command.h"
 #include "tools/extract_options.h"
+#include "tools/fields.h"
 #include "tools/leftovers.h"
 #include "tools/ply_reader.h"
 #include "tools/slice_picture.h"

@@ -10,6 +10,7 @@
 #include "store/output_file.h"
 #include "tools/command.h"
 #include "tools/extract_options.h"
+#include "tools/fields.h"
 #include "tools/plot.h"
 #include "tools/units.h"
 
@@ -155,14 +156,7 @@ void add_study(CLI::App& app, Invocation& chosen) {
         ->type_name("FOLDER");
     StudyOptions& s = a->study;
     add_parsed(
-        c, "--fields",
-        [&s](const std::string& text) {
-            for (std::size_t begin = 0; begin <= text.size();) {
-                const std::size_t end = std::min(text.find(',', begin), text.size());
-                s.fields.push_back(parse_field("--fields", text.substr(begin, end - begin)));
-                begin = end + 1;
-            }
-        },
+        c, "--fields", [&s](const std::string& text) { s.fields = parse_fields("--fields", text); },
         "the fields to compare, with commas [all of the store]", "NAMES");
     add_parsed(
         c, "--iso", [&s](const std::string& text) { s.iso = parse_number("--iso", text); },

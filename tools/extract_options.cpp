@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "store/error.h"
+#include "tools/fields.h"
 #include "tools/units.h"
 
 namespace isonest::cli {
@@ -150,15 +151,6 @@ void add_place_options(CLI::App* c, ExtractArguments& a) {
 }
 
 }  // namespace
-
-Field parse_field(const std::string& option, const std::string& text) {
-    const std::optional<Field> field = field_from_name(text);
-    if (!field || *field == Field::values) {
-        throw Error(ErrorKind::invalid_argument, fmt::format("{} '{}': there are {}", option, text,
-                                                             list_names(all_indicators())));
-    }
-    return *field;
-}
 
 void add_extract_options(CLI::App* c, ExtractArguments& a) {
     c->add_option("STORE", a.store, "made by isonest preprocess")->required();

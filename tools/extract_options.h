@@ -28,7 +28,4 @@ bool is_guaranteed(const ExtractReport& r);
 /// What every such command reports.
 Json extract_json(const ExtractArguments& a, const ExtractReport& r);
 
-/// Throws Error{invalid_argument} listing the fields there are.
-Field parse_field(const std::string& option, const std::string& text);
-
 }  // namespace isonest::cli

@@ -1,0 +1,16 @@
+// Names of fields in options.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "store/field.h"
+
+namespace isonest::cli {
+
+/// An indicator's field. Throws Error{invalid_argument} listing those there are.
+Field parse_field(const std::string& option, const std::string& text);
+/// Several, with commas.
+std::vector<Field> parse_fields(const std::string& option, const std::string& text);
+
+}  // namespace isonest::cli
