@@ -28,6 +28,9 @@ with tempfile.TemporaryDirectory(prefix="isonest-fault-") as name:
     if not shutil.which("strace"):
         print("skipped: there is no strace")
         sys.exit(77)
+    # The leak sanitizer does not work under strace.
+    environment = {**os.environ, "LC_ALL": "C",
+                   "ASAN_OPTIONS": os.environ.get("ASAN_OPTIONS", "") + ":detect_leaks=0"}
     strace = ["strace", "--seccomp-bpf", "-f", "-qq", "-o", log]
     if subprocess.run([*strace, "true"], capture_output=True).returncode != 0:
         print("skipped: strace may not trace here")
@@ -38,7 +41,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-fault-") as name:
         only = ["-P", path] if path else []
         return subprocess.run([*strace, *only, "-e", f"trace={call}", *fault, isonest,
                                *map(str, command)], capture_output=True, timeout=300,
-                              env={**os.environ, "LC_ALL": "C"})
+                              env=environment)
 
     def calls(call, path, command):
         """How often the command makes the call, so that each try hits one."""
@@ -50,15 +53,17 @@ with tempfile.TemporaryDirectory(prefix="isonest-fault-") as name:
         refused."""
         global tries
         whole = output.read_bytes()
+        # strace counts the calls of each thread: only a single one meets every place for sure.
+        single = ["--threads", "1"]
         force = ["--force"] if command[0] == "preprocess" else []  # the others always replace
-        count = calls(call, path, [*command, *force])
+        count = calls(call, path, [*command, *force, *single])
         assert count > 0, f"{call}: the run makes no such call"
         places = sorted({1, count, *random.sample(range(1, count + 1), min(most, count))})
         refused = 0
         for at, replacing in ((at, replacing) for at in places for replacing in (False, True)):
             if not replacing:
                 output.unlink()
-            done = traced(call, path, [*command, *(force if replacing else [])],
+            done = traced(call, path, [*command, *(force if replacing else single)],
                           ["-e", f"inject={call}:error={error}:when={at}"])
             place = f"{command[0]}: {call} {at} of {count}: {error}: "
             tries += 1
