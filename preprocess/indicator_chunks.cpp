@@ -29,13 +29,15 @@ template <class Stored, class Real>
 void IndicatorChunks::put_row(const Real* from, Part& part, std::int64_t at,
                               std::vector<Stored>& line) const {
     Stored* const to = reinterpret_cast<Stored*>(part.raw.data()) + at;
-    const bool in_place = array_.components == 1;
-    line.resize(static_cast<std::size_t>(in_place ? 0 : part.n.x));
-    const auto [low, high] = round_up_row(from, in_place ? to : line.data(), part.n.x);
+    line.resize(static_cast<std::size_t>(part.n.x));
+    Stored* const rounded = array_.components == 1 ? to : line.data();
+    const auto [low, high] = round_up_row(from, rounded, part.n.x);
     part.min = std::min(part.min, decode_indicator(low));
     part.max = std::max(part.max, decode_indicator(high));
-    for (std::int64_t i = 0; i < part.n.x && !in_place; ++i) {
-        to[i * array_.components] = line[static_cast<std::size_t>(i)];
+    if (rounded != to) {
+        for (std::int64_t i = 0; i < part.n.x; ++i) {
+            to[i * array_.components] = rounded[i];
+        }
     }
 }
 

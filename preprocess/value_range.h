@@ -9,6 +9,8 @@
 #include <limits>
 #include <type_traits>
 
+#include "preprocess/value_rows.h"
+
 namespace isonest {
 
 /// Smallest and largest finite value so far, in lanes that compilers keep in vector registers.
@@ -22,11 +24,7 @@ class ValueRange {
     void include(const T* row, std::int64_t n) {
         std::int64_t i = 0;
         if constexpr (std::is_floating_point_v<T>) {
-            std::int64_t finite = 0;
-            for (std::int64_t j = 0; j < n; ++j) {
-                finite += std::fabs(row[j]) <= std::numeric_limits<T>::max() ? 1 : 0;
-            }
-            if (finite != n) {
+            if (!all_finite(row, n)) {
                 missing_ = true;
                 for (; i < n; ++i) {
                     if (std::isfinite(row[i])) {

@@ -53,10 +53,6 @@ template <class T>
                                         std::int64_t n) {
     if (step == 1) {
         std::memcpy(out, in, static_cast<std::size_t>(n) * sizeof(T));
-    } else if (step == 2) {
-        for (std::int64_t i = 0; i < n; ++i) {
-            out[i] = in[2 * i];
-        }
     } else {
         for (std::int64_t i = 0; i < n; ++i) {
             out[i] = in[step * i];

@@ -8,7 +8,7 @@
 namespace isonest {
 
 /// The upper half of an IEEE binary32 ("bfloat16"): 1 sign, 8 exponent, 7 fraction bits, the last
-/// of which are 0: they would be noise that no codec makes smaller.
+/// two of which are 0: they would be noise that no codec makes smaller.
 using IndicatorCode = std::uint16_t;
 inline constexpr int kCodeFractionBits = 5;
 /// Between two codes; the code of infinity.
@@ -27,8 +27,7 @@ inline float round_up_to_float(float value) {
     return value;
 }
 
-/// The smallest code whose value is >= value.
-/// REQUIRES: value >= 0 or +inf.
+/// The smallest code whose value is >= value. REQUIRES: value >= 0 or +inf.
 inline IndicatorCode encode_indicator(float value) {
     constexpr std::uint32_t kRest = (std::uint32_t{kCodeStep} << 16U) - 1;
     return static_cast<IndicatorCode>(((std::bit_cast<std::uint32_t>(value) + kRest) & ~kRest) >>

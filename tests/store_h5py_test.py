@@ -81,6 +81,8 @@ with tempfile.TemporaryDirectory() as folder:
             for name in fields:
                 array = f[f"levels/{level}/{name}"]
                 assert array.shape == (*shape, 7 if level > 1 else 1), array.shape
+                codes = array[...].astype("<f4").view("<u4") >> 16
+                assert np.all(codes % 4 == 0), "16-bit numbers end in two bits 0"
         # Level 1 keeps the cube's centre: the largest offset of its 19 refinement nodes, rounded up.
         bar = f["levels/1/linf_bar"]
         got = bar[..., 0].astype(np.float64)

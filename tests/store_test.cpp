@@ -59,6 +59,7 @@ TEST_CASE("codes are never below and at most 2^-5 above") {
         REQUIRE(up >= v);
         REQUIRE(up <= v * (1 + 0x1p-5F));
         REQUIRE(encode_indicator(up) == encode_indicator(v));
+        REQUIRE(encode_indicator(v) % 4 == 0);
     }
     CHECK(decode_indicator(encode_indicator(0.0F)) == 0.0F);
     CHECK(std::isinf(decode_indicator(encode_indicator(std::numeric_limits<float>::infinity()))));
