@@ -1,7 +1,9 @@
 #include "query/brick_work.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <limits>
 
 #include "query/clip.h"
 #include "query/morton.h"
@@ -25,7 +27,7 @@ void BrickWork<T>::march(const Nodes& nodes, const TopologyTetrahedron& t, doubl
         if (!std::isfinite(nodes.value[at]) || !std::isfinite(value)) {
             return;
         }
-        corners[i] = {(nodes.low + node_offset(position, nodes.mirror)) * stride_, value};
+        corners[i] = {nodes.low + node_offset(position, nodes.mirror), value};
     }
     if (query_.culling && faces_away(nodes, t, 0)) {
         return;
@@ -33,16 +35,35 @@ void BrickWork<T>::march(const Nodes& nodes, const TopologyTetrahedron& t, doubl
     ++counts_.leaves;
     counts_.error_bound = std::max(counts_.error_bound, eta);
     if (query_.on_leaf) {
-        query_.on_leaf({level_, corners});
+        Leaf leaf{level_, corners};
+        for (Corner& corner : leaf.corners) {
+            corner.node = corner.node * stride_;
+        }
+        query_.on_leaf(leaf);
     }
     const bool mirrored = ((nodes.mirror ^ (nodes.mirror >> 1U) ^ (nodes.mirror >> 2U)) & 1U) != 0;
     mesh_.march(corners, t.positive != mirrored, iso_, cut);
 }
 
+/// What march() does with the tetrahedra of subcube `corner`, all at once. REQUIRES: plain_; no
+/// value at its corners is the isovalue or missing.
+template <class T>
+void BrickWork<T>::march_subcube(const Nodes& nodes, unsigned corner, bool cut) {
+    Cube cube{cube_at(nodes, corner), nodes.mirror ^ corner, 0, {}};
+    for (unsigned i = 0; i < 8; ++i) {
+        // Seen from the subcube's all-even corner, which is the parent's.
+        const unsigned at = interest::kCorners[corner][i ^ corner];
+        cube.value[i] = nodes.value[at];
+        cube.below |= ((nodes.sides.below >> at) & 1U) << i;
+    }
+    counts_.leaves += mesh_.march_cube(cube, iso_, cut);
+}
+
 template <class T>
 void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
     nodes.low = parent * 2;
-    nodes.sides = {~0U, ~0U};
+    nodes.sides = plain_ ? Sides{} : Sides{~0U, ~0U};
+    nodes.special = 0;
     nodes.sharp = false;
     nodes.mirror = mirror_of(parent);
     const ArrayInfo& array = shared_.cache.source().layout().array(level_, Field::values);
@@ -79,7 +100,17 @@ void BrickWork<T>::sharpen(Nodes& nodes) {
             bound[corner] = beta(bound_.centre(cube_at(nodes, corner)), 0);
         }
     }
-    nodes.sides = sides_of(*nodes.target, bound, iso_);
+    if (plain_) {
+        for (std::size_t p = 0; p < nodes.value.size(); ++p) {
+            const double value = nodes.value[p];
+            const bool special = value == iso_ || !std::isfinite(value);
+            nodes.sides.below |= (value < iso_ ? 1U : 0U) << p;
+            nodes.sides.not_below |= (value >= iso_ ? 1U : 0U) << p;
+            nodes.special |= (special ? 1U : 0U) << p;
+        }
+    } else {
+        nodes.sides = sides_of(*nodes.target, bound, iso_);
+    }
     nodes.sharp = true;
 }
 
@@ -184,6 +215,10 @@ void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
         }
         cut = overlap == Overlap::crossing;
     }
+    if (plain_ && (nodes.special & topology_.corners[static_cast<std::size_t>(corner)]) == 0) {
+        counts_.visited += static_cast<std::uint64_t>(std::popcount(mask));
+        return march_subcube(nodes, static_cast<unsigned>(corner), cut);
+    }
     double bound = 0;
     double eta = 0;
     bool leaf = level_ == 0;
@@ -258,12 +293,32 @@ void BrickWork<T>::flush() {
     }
 }
 
+/// `low`: where the next block of parents begins, in nodes of level_.
+template <class T>
+void BrickWork<T>::place(const Int3& low) {
+    const StoreLayout& layout = shared_.cache.source().layout();
+    const std::int64_t size = table_cells(layout);
+    const Int3 cells = layout.lattice().cells_at(level_);
+    // Parents reach one cell beyond an odd number of cells.
+    const Int3 left = cells - low + Int3{1, 1, 1};
+    mesh_.place(low, level_, max(min(left, {size, size, size}), {1, 1, 1}));
+}
+
 template <class T>
 void BrickWork<T>::refine_parents(const MaskList& parents, std::size_t begin) {
     const Int3 first{base_.x / 2, base_.y / 2, base_.z / 2};
+    const auto half_block =
+        static_cast<std::size_t>(table_cells(shared_.cache.source().layout()) / 2);
+    const std::size_t block_size = half_block * half_block * half_block;
+    std::size_t block = std::numeric_limits<std::size_t>::max();
     for (std::size_t i = 0; i < parents.size(); ++i) {
         if (parents[i] == 0) {
             continue;
+        }
+        if (const std::size_t next = (begin + i) / block_size; next != block) {
+            flush();
+            block = next;
+            place(first * 2 + morton_point(block * block_size) * 2);
         }
         const Int3 parent = first + morton_point(begin + i);
         if (mesh_.empty()) {
@@ -291,6 +346,7 @@ void BrickWork<T>::root() {
         sharpen(nodes);
     }
     nodes.cut = true;
+    place({0, 0, 0});
     order_ = order_of(level_, 0);
     subcube(nodes, 0, 0x3F);
     flush();

@@ -6,6 +6,7 @@
 
 #include <oneapi/tbb/enumerable_thread_specific.h>
 
+#include <algorithm>
 #include <array>
 #include <memory>
 #include <vector>
@@ -18,6 +19,12 @@
 #include "query/traversal.h"
 
 namespace isonest {
+
+/// Cells per axis of the blocks of a brick whose vertices lie in one table (PointTable).
+inline std::int64_t table_cells(const StoreLayout& layout) {
+    constexpr std::int64_t kMostCells = 64;
+    return std::min<std::int64_t>(layout.header().chunk, kMostCells);
+}
 
 /// What the bricks of a traversal share.
 struct Shared {
@@ -48,6 +55,8 @@ class BrickWork {
           base_(brick * shared.cache.source().layout().header().chunk),
           bound_scale_(
               bound_scale(query_.bound, level, shared.cache.source().layout().header().spacing)),
+          plain_(level == 0 && query_.tolerance.is_zero() && !query_.plane && !query_.culling &&
+                 !query_.on_leaf),
           iso_(shared.target.level()) {
         const StoreLayout& layout = shared.cache.source().layout();
         values_ = ChunkGroup(shared.cache, layout.array(level, Field::values), base_);
@@ -79,6 +88,7 @@ class BrickWork {
         Int3 low;                  ///< of the parent cube, in nodes of level_
         unsigned mirror;           ///< axes along which the topology tables are mirrored
         Sides sides;               ///< anything, until sharpen()
+        std::uint32_t special;     ///< bit p: its value is the isovalue or missing; if plain_
         bool sharp;
         bool cut;
     };
@@ -129,6 +139,8 @@ class BrickWork {
         return nodes.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
     }
     void march(const Nodes& nodes, const TopologyTetrahedron& t, double eta, bool cut);
+    void place(const Int3& low);
+    void march_subcube(const Nodes& nodes, unsigned corner, bool cut);
     void flush();
 
     Shared& shared_;
@@ -145,6 +157,7 @@ class BrickWork {
     FieldView bound_;
     FieldView culling_;
     std::array<double, 3> bound_scale_;
+    bool plain_;  ///< whole cubes of the finest level are marched
     double iso_;
     const Topology& topology_ = topology();
     std::array<std::uint8_t, 8> subcubes_{};  ///< masks of the parent's subcubes, in table order

@@ -12,9 +12,15 @@
 #include <tuple>
 #include <vector>
 
-#include "query/local_mesh.h"
+#include "store/int3.h"
 
 namespace isonest {
+
+/// A box in coordinates of the finest lattice, to which the surface is cut.
+struct ClipBox {
+    Double3 lo{};
+    Double3 hi{};
+};
 
 class ClipContext {
   public:

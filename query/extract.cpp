@@ -298,7 +298,8 @@ Budget share(const StoreReader& store, const ExtractOptions& options, const Trav
                                 codec_heap(store.layout().array(0, Field::values).chunk_bytes(),
                                            store.layout().header().compression);
     constexpr std::uint64_t kLeastPart = 4096;
-    const std::uint64_t each = brick + 2 * kLeastPart * LocalMesh::kBytesPerVertex;
+    const std::uint64_t table = table_heap(store.layout());
+    const std::uint64_t each = brick + table + 2 * kLeastPart * LocalMesh::kBytesPerVertex;
     if (options.memory < kLibraryHeap + each) {
         throw Error(
             ErrorKind::limit,
@@ -316,9 +317,9 @@ Budget share(const StoreReader& store, const ExtractOptions& options, const Trav
     const std::uint64_t spare = usable - threads * each;
     budget.part_vertices = std::clamp<std::size_t>(
         spare / 4 / threads / (2 * LocalMesh::kBytesPerVertex), kLeastPart, 65536);
-    const std::uint64_t rest =
-        usable - threads * (2 * budget.part_vertices * LocalMesh::kBytesPerVertex + (4U << 20U));
-    budget.parts = spare / 4;
+    const std::uint64_t parts = 2 * budget.part_vertices * LocalMesh::kBytesPerVertex;
+    const std::uint64_t rest = usable - threads * (parts + table + (4U << 20U));
+    budget.parts = spare / 2;
     budget.cache = rest - budget.parts;
     return budget;
 }

@@ -8,123 +8,24 @@
 // a node stay separate, and the triangles that would have no area never arise.
 #include "query/local_mesh.h"
 
-#include <cmath>
-
-#include "query/clip.h"
+#include "query/crossing.h"
+#include "query/cube_cases.h"
 
 namespace isonest {
 namespace {
 
 constexpr std::uint32_t kNone = 0xFFFFFFFFU;
 
-Double3 as_point(const Int3& p) {
-    return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
-}
-
-bool precedes(const Int3& a, const Int3& b) {
-    return a.z != b.z ? a.z < b.z : a.y != b.y ? a.y < b.y : a.x < b.x;
-}
-
-/// A bijection on 64-bit numbers that leaves no pattern (the finaliser of MurmurHash3).
-std::uint64_t scrambled(std::uint64_t h) {
-    h = (h ^ (h >> 33U)) * 0xFF51AFD7ED558CCDULL;
-    h = (h ^ (h >> 33U)) * 0xC4CEB9FE1A85EC53ULL;
-    return h ^ (h >> 33U);
-}
-
 }  // namespace
-
-std::uint32_t LocalMesh::root(std::uint32_t e) {
-    while (elements_[e].parent != e) {
-        elements_[e].parent = elements_[elements_[e].parent].parent;
-        e = elements_[e].parent;
-    }
-    return e;
-}
-
-void LocalMesh::unite(std::uint32_t a, std::uint32_t b) {
-    a = root(a);
-    b = root(b);
-    elements_[std::max(a, b)].parent = std::min(a, b);
-}
-
-std::uint32_t LocalMesh::edge_vertex(const Corner& a, const Corner& b, double iso) {
-    const std::uint64_t key = half_lattice_key(a.node + b.node);
-    const auto next = static_cast<std::uint32_t>(elements_.size());
-    const auto [it, inserted] = edges_.try_emplace(key, next);
-    if (!inserted) {
-        return it->second;
-    }
-    // The ends in a fixed order: the same bits from whichever tetrahedron.
-    const bool in_order = precedes(a.node, b.node);
-    const Corner& p = in_order ? a : b;
-    const Corner& q = in_order ? b : a;
-    double t = (iso - p.value) / (q.value - p.value);
-    if (!std::isfinite(q.value - p.value)) {
-        t = (iso / 4 - p.value / 4) / (q.value / 4 - p.value / 4);
-    }
-    const Double3 from = as_point(p.node);
-    const Double3 to = as_point(q.node);
-    Element element;
-    element.key = {key, 0, VertexKind::edge};
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        element.position[axis] = from[axis] + t * (to[axis] - from[axis]);
-    }
-    element.attributes = attributes_of(p.node, q.node, t);
-    element.parent = next;
-    elements_.push_back(element);
-    return next;
-}
-
-template <class MakeAttributes>
-std::uint32_t LocalMesh::token(const VertexKey& key, const Double3& position,
-                               const MakeAttributes& attributes) {
-    const auto next = static_cast<std::uint32_t>(elements_.size());
-    const auto [it, inserted] = tokens_.try_emplace(key, next);
-    if (inserted) {
-        elements_.push_back({key, position, attributes(), next, 0});
-    }
-    ++elements_[it->second].uses;
-    return it->second;
-}
-
-std::uint32_t LocalMesh::fan_token(const Int3& node, const Int3& second) {
-    return token({half_lattice_key(node * 2), half_lattice_key(second), VertexKind::fan},
-                 as_point(node), [&] { return attributes_at(node); });
-}
-
-std::uint32_t LocalMesh::run_token(const Corner& a, const Corner& b, const Corner& below) {
-    const Double3 at = as_point(a.node + b.node);
-    return token(
-        {half_lattice_key(a.node + b.node), half_lattice_key(below.node * 2), VertexKind::run},
-        {at[0] / 2, at[1] / 2, at[2] / 2}, [&] {
-            return precedes(a.node, b.node) ? attributes_of(a.node, b.node, 0.5)
-                                            : attributes_of(b.node, a.node, 0.5);
-        });
-}
 
 /// The fan at `node` that enters this tetrahedron through the face (node, a0, b0) and leaves it
 /// through (node, a1, b1).
 std::uint32_t LocalMesh::fan(const Corner& node, const Corner& a0, const Corner& b0,
                              const Corner& a1, const Corner& b1) {
     if (single_sheet_) {
-        return node_vertex(node.node, as_point(node.node));
+        return vertices_.node(node.node);
     }
-    const std::uint32_t in = fan_token(node.node, a0.node + b0.node);
-    const std::uint32_t out = fan_token(node.node, a1.node + b1.node);
-    unite(in, out);
-    return in;
-}
-
-void LocalMesh::add(std::uint32_t a, std::uint32_t b, std::uint32_t c, bool cut) {
-    triangles_.push_back({{a, b, c}, cut});
-}
-
-std::uint32_t LocalMesh::private_vertex(const Double3& position,
-                                        const VertexAttributes& attributes) {
-    const auto next = static_cast<std::uint32_t>(elements_.size());
-    elements_.push_back({{0, 0, VertexKind::fan}, position, attributes, next, 2});
-    return next;
+    return vertices_.fan(node.node, a0.node + b0.node, a1.node + b1.node);
 }
 
 /// Adds a triangle whose edge i, from corner i to i + 1, passes through mid[i] where that is a
@@ -142,39 +43,27 @@ void LocalMesh::add_split(const std::array<std::uint32_t, 3>& v,
     }
     // The whole triangle is a face of the grid, and the surface may pass through it on both sides
     // with the same six vertices; a centre of its own keeps the two apart.
-    Double3 centre{};
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        centre[axis] = (elements_[v[0]].position[axis] + elements_[v[1]].position[axis] +
-                        elements_[v[2]].position[axis]) /
-                       3;
-    }
-    VertexAttributes mean{};
-    for (std::size_t i = 0; i < mean.size(); ++i) {
-        mean[i] = (elements_[v[0]].attributes[i] + elements_[v[1]].attributes[i] +
-                   elements_[v[2]].attributes[i]) /
-                  3;
-    }
-    const std::uint32_t c = private_vertex(centre, mean);
+    const std::uint32_t c = vertices_.centre(v);
     for (std::size_t i = 0; i < 3; ++i) {
         add(c, v[i], mid[i], cut);
         add(c, mid[i], v[(i + 1) % 3], cut);
     }
 }
 
-void LocalMesh::march_one_below(const Corner& q, const std::array<Corner, 3>& above, bool positive,
-                                double iso, bool cut) {
+void LocalMesh::march_one_below(const Corner& q, const std::array<const Corner*, 3>& above,
+                                bool positive, double iso, bool cut) {
     // (q, above) positive: the triangle above0, above1, above2 faces away from q.
     const std::array<std::size_t, 3> order =
         positive ? std::array<std::size_t, 3>{0, 2, 1} : std::array<std::size_t, 3>{0, 1, 2};
     std::array<std::uint32_t, 3> v{};
     std::array<std::uint32_t, 3> mid{kNone, kNone, kNone};
     for (std::size_t i = 0; i < 3; ++i) {
-        const Corner& a = above[order[i]];
-        const Corner& b = above[order[(i + 1) % 3]];
-        const Corner& c = above[order[(i + 2) % 3]];
+        const Corner& a = *above[order[i]];
+        const Corner& b = *above[order[(i + 1) % 3]];
+        const Corner& c = *above[order[(i + 2) % 3]];
         v[i] = a.value == iso ? fan(a, b, q, c, q) : edge_vertex(a, q, iso);
         if (a.value == iso && b.value == iso && !single_sheet_) {
-            mid[i] = run_token(a, b, q);
+            mid[i] = vertices_.run(a.node, b.node, q.node);
         }
     }
     add_split(v, mid, cut);
@@ -190,7 +79,7 @@ void LocalMesh::march_two_below(const Corner& a, const Corner& b, const Corner& 
         }
         fan(a, b, q1, b, q2);
         fan(b, a, q1, a, q2);
-        unite(run_token(a, b, q1), run_token(a, b, q2));
+        vertices_.run_between(a.node, b.node, q1.node, q2.node);
         return;
     }
     // (a, b, q1, q2) positive: the quadrilateral a q1, a q2, b q2, b q1 faces q.
@@ -215,54 +104,36 @@ void LocalMesh::march_two_below(const Corner& a, const Corner& b, const Corner& 
 }
 
 void LocalMesh::march(const std::array<Corner, 4>& corners, bool positive, double iso, bool cut) {
-    std::array<std::size_t, 4> below{};
-    std::array<std::size_t, 4> above{};
-    std::size_t nb = 0;
-    std::size_t na = 0;
-    for (std::size_t i = 0; i < 4; ++i) {
-        (corners[i].value < iso ? below[nb++] : above[na++]) = i;
+    unsigned mask = 0;
+    for (unsigned i = 0; i < 4; ++i) {
+        mask |= corners[i].value < iso ? 1U << i : 0U;
     }
-    if (nb == 0 || na == 0) {
-        return;
-    }
-    // Bringing the corners into the order (below, above) or (above, below) is a permutation; its
-    // parity says whether it turns the tetrahedron inside out.
-    const auto parity = [](const std::array<std::size_t, 4>& p) {
-        int inversions = 0;
-        for (std::size_t i = 0; i < 4; ++i) {
-            for (std::size_t j = i + 1; j < 4; ++j) {
-                inversions += p[i] > p[j] ? 1 : 0;
-            }
-        }
-        return (inversions & 1) != 0;
-    };
-    const auto at = [&](std::size_t i) -> const Corner& { return corners[i]; };
-    if (nb == 1) {
-        const bool flip = parity({below[0], above[0], above[1], above[2]});
-        march_one_below(at(below[0]), {at(above[0]), at(above[1]), at(above[2])}, positive != flip,
-                        iso, cut);
-    } else if (nb == 2) {
-        const bool flip = parity({above[0], above[1], below[0], below[1]});
-        march_two_below(at(above[0]), at(above[1]), at(below[0]), at(below[1]), positive != flip,
-                        iso, cut);
-    } else if (at(above[0]).value != iso) {
-        const bool flip = parity({above[0], below[0], below[1], below[2]});
-        const bool outward = positive != flip;
-        const Corner& a = at(above[0]);
-        const std::uint32_t v0 = edge_vertex(a, at(below[0]), iso);
-        const std::uint32_t v1 = edge_vertex(a, at(below[outward ? 1 : 2]), iso);
-        add(v0, v1, edge_vertex(a, at(below[outward ? 2 : 1]), iso), cut);
+    const Crossing& crossing = kCrossings[mask];
+    const auto at = [&](std::size_t i) -> const Corner& { return corners[crossing.order[i]]; };
+    const bool outward = positive != crossing.flip;
+    if (crossing.below == 1) {
+        march_one_below(at(0), {&at(1), &at(2), &at(3)}, outward, iso, cut);
+    } else if (crossing.below == 2) {
+        march_two_below(at(0), at(1), at(2), at(3), outward, iso, cut);
+    } else if (crossing.below == 3 && at(0).value != iso) {
+        const std::uint32_t v0 = edge_vertex(at(0), at(1), iso);
+        const std::uint32_t v1 = edge_vertex(at(0), at(outward ? 2 : 3), iso);
+        add(v0, v1, edge_vertex(at(0), at(outward ? 3 : 2), iso), cut);
     }
 }
 
-std::uint32_t LocalMesh::node_vertex(const Int3& node, const Double3& position) {
-    const std::uint64_t key = half_lattice_key(node * 2);
-    const auto next = static_cast<std::uint32_t>(elements_.size());
-    const auto [it, inserted] = edges_.try_emplace(key, next);
-    if (inserted) {
-        elements_.push_back({{key, 0, VertexKind::edge}, position, attributes_at(node), next, 0});
+unsigned LocalMesh::march_cube(const Cube& cube, double iso, bool cut) {
+    const bool mirrored = ((cube.mirror ^ (cube.mirror >> 1U) ^ (cube.mirror >> 2U)) & 1U) != 0;
+    const CubeCase& c = cube_cases(mirrored)[cube.below];
+    std::array<std::uint32_t, kCubeEdges> v{};
+    for (std::size_t i = 0; i < c.edges; ++i) {
+        v[c.edge[i]] = vertices_.edge_of_cube(cube, c.edge[i], iso);
     }
-    return it->second;
+    for (std::size_t i = 0; i < c.triangles; ++i) {
+        const auto& t = c.triangle[i];
+        add(v[t[0]], v[t[1]], v[t[2]], cut);
+    }
+    return c.leaves;
 }
 
 void LocalMesh::march_line(const std::array<Corner, 3>& corners, double iso, bool cut) {
@@ -274,8 +145,8 @@ void LocalMesh::march_line(const std::array<Corner, 3>& corners, double iso, boo
         const Corner& b = corners[(i + 1) % 3];
         if ((a.value < iso) != (b.value < iso)) {
             const Corner& above = a.value < iso ? b : a;
-            ends.at(count++) = above.value == iso ? node_vertex(above.node, as_point(above.node))
-                                                  : edge_vertex(a, b, iso);
+            ends.at(count++) =
+                above.value == iso ? vertices_.node(above.node) : edge_vertex(a, b, iso);
         }
     }
     if (count == 2 && ends[0] != ends[1]) {
@@ -290,114 +161,14 @@ void LocalMesh::add_graph(const std::array<Corner, 3>& corners, bool cut) {
     std::array<std::uint32_t, 3> v{};
     for (std::size_t i = 0; i < 3; ++i) {
         const Corner& c = corners[i];
-        Double3 position = as_point(c.node);
-        position[2] = c.value;
-        v[i] = node_vertex(c.node, position);
+        v[i] = vertices_.node(c.node, c.value);
     }
     add(v[0], v[up ? 1 : 2], v[up ? 2 : 1], cut);
 }
 
 MeshPart LocalMesh::finish(const ClipBox& box) {
-    // A vertex is complete if its triangles close up around it: then the neighbours that its
-    // triangles enter and leave by are the same, and their (mixed) numbers cancel. An incomplete
-    // one may continue in another part.
-    std::vector<std::uint64_t> open(elements_.size(), 0);
-    for (Triangle& t : triangles_) {
-        for (std::uint32_t& v : t.v) {
-            v = root(v);
-        }
-        for (std::size_t i = 0; i < 3; ++i) {
-            open[t.v[i]] += scrambled(t.v[(i + 1) % 3]) - scrambled(t.v[(i + 2) % 3]);
-        }
-    }
-    for (std::uint32_t e = 0; e < elements_.size(); ++e) {
-        if (elements_[e].key.kind != VertexKind::edge && elements_[e].uses < 2) {
-            open[root(e)] |= 1U;
-        }
-    }
-    if (lines_) {
-        std::fill(open.begin(), open.end(), 1);  // any end may go on in another part
-    }
-    MeshPart part;
-    // First by element: which of them are shared, with their names.
-    std::vector<std::uint32_t> shared(elements_.size(), kNone);
-    const auto shared_of = [&](std::uint32_t e) {
-        if (shared[e] == kNone) {
-            shared[e] = static_cast<std::uint32_t>(part.shared.size());
-            part.shared.emplace_back();
-        }
-        return shared[e];
-    };
-    std::vector<std::uint32_t> number(elements_.size(), kNone);
-    std::vector<std::uint32_t> order;
-    ClipContext clip(
-        box, [&](std::uint32_t e) -> const Double3& { return elements_[e].position; },
-        static_cast<std::uint32_t>(elements_.size()));
-    const std::size_t width = attributes_ != nullptr ? attributes_->width() : 0;
-    const std::function<VertexAttributes(std::uint32_t)> attributes = [&](std::uint32_t v) {
-        if (v < elements_.size()) {
-            return elements_[v].attributes;
-        }
-        const ClipContext::CutVertex& c = clip.vertex(v);
-        return mix(attributes(c.from), attributes(c.to), c.t);
-    };
-    const auto vertex_of = [&](std::uint32_t v) {
-        if (v >= number.size()) {
-            number.resize(v + 1, kNone);
-        }
-        if (number[v] == kNone) {
-            number[v] = static_cast<std::uint32_t>(part.positions.size());
-            part.positions.push_back(v < elements_.size() ? elements_[v].position
-                                                          : clip.position(v));
-            if (width > 0) {
-                const VertexAttributes a = attributes(v);
-                part.attributes.insert(part.attributes.end(), a.begin(),
-                                       a.begin() + static_cast<std::ptrdiff_t>(width));
-            }
-            order.push_back(v);
-        }
-        return number[v];
-    };
-    for (const Triangle& t : triangles_) {
-        if (!t.cut) {
-            part.triangles.push_back({vertex_of(t.v[0]), vertex_of(t.v[1]), vertex_of(t.v[2])});
-            continue;
-        }
-        for (const auto& piece : clip.cut(t.v)) {
-            if (lines_ && (piece[0] == piece[1] || piece[1] != piece[2])) {
-                continue;  // what a flat triangle leaves beside its line
-            }
-            part.triangles.push_back(
-                {vertex_of(piece[0]), vertex_of(piece[1]), vertex_of(piece[2])});
-        }
-    }
-    // Shared elements with a vertex come first, in the order of the vertices.
-    for (const std::uint32_t v : order) {
-        if (v < elements_.size() ? open[v] != 0 : clip.is_shared(v, open)) {
-            if (v >= shared.size()) {
-                shared.resize(v + 1, kNone);
-            }
-            shared[v] = static_cast<std::uint32_t>(part.shared.size());
-            part.shared.push_back({number[v]});
-        }
-    }
-    for (const std::uint32_t v : order) {
-        if (v >= elements_.size() && clip.is_shared(v, open)) {
-            const ClipContext::CutVertex& c = clip.vertex(v);
-            part.cuts.push_back({shared_of(c.end0), shared_of(c.end1), c.plane, shared[v]});
-        }
-    }
-    for (std::uint32_t e = 0; e < elements_.size(); ++e) {
-        const Element& element = elements_[e];
-        const std::uint32_t r = root(e);
-        const bool named = element.key.kind == VertexKind::edge ? open[e] != 0 : element.uses < 2;
-        if (named && (open[r] != 0)) {
-            part.names.push_back({element.key, shared_of(r)});
-        }
-    }
-    edges_.clear();
-    tokens_.clear();
-    elements_.clear();
+    MeshPart part = finish_part(vertices_, triangles_, lines_, box);
+    vertices_.clear();
     triangles_.clear();
     return part;
 }

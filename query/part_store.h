@@ -8,7 +8,7 @@
 #include <mutex>
 #include <vector>
 
-#include "query/local_mesh.h"
+#include "query/mesh_part.h"
 #include "store/scratch_file.h"
 
 namespace isonest {

@@ -46,15 +46,27 @@ constexpr unsigned mirror_of(const Int3& cube) {
     return static_cast<unsigned>((cube.x & 1) + 2 * (cube.y & 1) + 4 * (cube.z & 1));
 }
 
-/// Offset of node `position` in half edges, mirrored along the axes set in `mirror` (bits x, y, z).
-constexpr Int3 node_offset(int position, unsigned mirror) {
-    Int3 o{position % 3, position / 3 % 3, position / 9};
-    for (int axis = 0; axis < 3; ++axis) {
-        if (((mirror >> static_cast<unsigned>(axis)) & 1U) != 0) {
-            o[axis] = 2 - o[axis];
+/// Offsets of the 27 node positions in half edges, for each choice of mirrored axes.
+using NodeOffsets = std::array<std::array<Int3, 27>, 8>;
+constexpr NodeOffsets make_node_offsets() {
+    NodeOffsets offsets{};
+    for (unsigned mirror = 0; mirror < offsets.size(); ++mirror) {
+        for (std::int64_t position = 0; position < 27; ++position) {
+            Int3 o = Int3{3, 3, 3}.unlinear(position);
+            for (int axis = 0; axis < 3; ++axis) {
+                o[axis] =
+                    ((mirror >> static_cast<unsigned>(axis)) & 1U) != 0 ? 2 - o[axis] : o[axis];
+            }
+            offsets[mirror][static_cast<std::size_t>(position)] = o;
         }
     }
-    return o;
+    return offsets;
+}
+inline constexpr NodeOffsets kNodeOffsets = make_node_offsets();
+
+/// Offset of node `position` in half edges, mirrored along the axes set in `mirror` (bits x, y, z).
+constexpr const Int3& node_offset(int position, unsigned mirror) {
+    return kNodeOffsets[mirror][static_cast<std::size_t>(position)];
 }
 
 }  // namespace isonest

@@ -200,6 +200,10 @@ std::array<double, 3> bound_scale(Field bound, int level, const Double3& spacing
     return {edge, 2 * edge, 2 * edge};
 }
 
+std::uint64_t table_heap(const StoreLayout& layout) {
+    return PointTable::bytes(static_cast<std::uint64_t>(table_cells(layout)));
+}
+
 std::uint64_t brick_heap(const StoreLayout& layout, const TraversalQuery& query) {
     std::uint64_t heap = 8 * layout.array(0, Field::values).chunk_bytes();
     const auto k = static_cast<std::uint64_t>(layout.header().chunk);

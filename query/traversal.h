@@ -22,8 +22,8 @@ namespace isonest {
 
 /// A tetrahedron that is marched.
 struct Leaf {
-    int level;  ///< of the values at its corners
-    std::array<Corner, 4> corners;
+    int level;                      ///< of the values at its corners
+    std::array<Corner, 4> corners;  ///< nodes of the finest lattice
 };
 
 /// What to extract, in lattice terms.
@@ -68,6 +68,9 @@ TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::si
 /// `level`: an element of kind 0 is in a cube of edge 2^level, one of kind 1 or 2 of edge 2^(level
 /// + 1).
 std::array<double, 3> bound_scale(Field bound, int level, const Double3& spacing);
+
+/// Heap of the table in which a thread finds the vertices of a brick (PointTable).
+std::uint64_t table_heap(const StoreLayout& layout);
 
 /// Heap of chunks that one thread may hold at the same time while it works on a brick.
 std::uint64_t brick_heap(const StoreLayout& layout, const TraversalQuery& query);
