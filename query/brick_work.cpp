@@ -45,10 +45,11 @@ void BrickWork<T>::march(const Nodes& nodes, const TopologyTetrahedron& t, doubl
     mesh_.march(corners, t.positive != mirrored, iso_, cut);
 }
 
-/// What march() does with the tetrahedra of subcube `corner`, all at once. REQUIRES: plain_; no
-/// value at its corners is the isovalue or missing.
+/// What march() does with the tetrahedra of subcube `corner`, without asking for each node again.
+/// REQUIRES: plain_.
 template <class T>
-void BrickWork<T>::march_subcube(const Nodes& nodes, unsigned corner, bool cut) {
+void BrickWork<T>::march_subcube(const Nodes& nodes, unsigned corner, std::uint8_t mask, bool cut) {
+    counts_.visited += static_cast<std::uint64_t>(std::popcount(mask));
     Cube cube{cube_at(nodes, corner), nodes.mirror ^ corner, 0, {}};
     for (unsigned i = 0; i < 8; ++i) {
         // Seen from the subcube's all-even corner, which is the parent's.
@@ -56,7 +57,18 @@ void BrickWork<T>::march_subcube(const Nodes& nodes, unsigned corner, bool cut) 
         cube.value[i] = nodes.value[at];
         cube.below |= ((nodes.sides.below >> at) & 1U) << i;
     }
-    counts_.leaves += mesh_.march_cube(cube, iso_, cut);
+    if ((nodes.special & topology_.corners[corner]) == 0) {
+        counts_.leaves += mesh_.march_cube(cube, iso_, cut);
+        return;
+    }
+    for (std::size_t order = 0; order < 6; ++order) {
+        const TopologyTetrahedron& t = topology_.subcube[corner][order];
+        if ((nodes.special & t.nodes) == 0) {
+            counts_.leaves += mesh_.march_in_cube(cube, order, iso_, cut);
+        } else if ((mask >> order & 1U) != 0 && nodes.sides.both_in(t)) {
+            march(nodes, t, 0, cut);
+        }
+    }
 }
 
 template <class T>
@@ -172,7 +184,7 @@ void BrickWork<T>::face(Nodes& nodes, int index) {
         return;
     }
     if (edges_refine(nodes, t)) {
-        skip_to_subcubes(nodes, index);
+        skip_to_subcubes(nodes, topology_.below_face[static_cast<std::size_t>(index)]);
         return;
     }
     if ((asked || in_question(nodes, t, 1, raw)) && !is_leaf(nodes, t, raw)) {
@@ -192,13 +204,13 @@ bool BrickWork<T>::edges_refine(const Nodes& nodes, const TopologyTetrahedron& f
 }
 
 template <class T>
-void BrickWork<T>::skip_to_subcubes(Nodes& nodes, int index) {
+void BrickWork<T>::skip_to_subcubes(Nodes& nodes, const std::array<std::uint8_t, 8>& below) {
     if (!nodes.sharp) {
         sharpen(nodes);
     }
     for (std::size_t corner = 0; corner < 8; ++corner) {
         if (nodes.sides.both_in(topology_.corners[corner])) {
-            subcubes_[corner] |= topology_.below_face[static_cast<std::size_t>(index)][corner];
+            subcubes_[corner] |= below[corner];
         }
     }
 }
@@ -215,9 +227,8 @@ void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
         }
         cut = overlap == Overlap::crossing;
     }
-    if (plain_ && (nodes.special & topology_.corners[static_cast<std::size_t>(corner)]) == 0) {
-        counts_.visited += static_cast<std::uint64_t>(std::popcount(mask));
-        return march_subcube(nodes, static_cast<unsigned>(corner), cut);
+    if (plain_) {
+        return march_subcube(nodes, static_cast<unsigned>(corner), mask, cut);
     }
     double bound = 0;
     double eta = 0;
@@ -274,7 +285,12 @@ void BrickWork<T>::refine(const Int3& parent, std::uint8_t mask) {
     subcubes_.fill(0);
     for (std::size_t order = 0; order < 6; ++order) {
         // The finer values say more than the bound by which the level above asked for this one.
-        if ((mask >> order & 1U) != 0 && nodes.sides.both_in(topology_.cube[order])) {
+        if ((mask >> order & 1U) == 0 || !nodes.sides.both_in(topology_.cube[order])) {
+            continue;
+        }
+        if (plain_) {
+            skip_to_subcubes(nodes, topology_.below_cube[order]);
+        } else {
             face(nodes, topology_.cube[order].children[0]);
             face(nodes, topology_.cube[order].children[1]);
         }

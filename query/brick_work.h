@@ -22,7 +22,7 @@ namespace isonest {
 
 /// Cells per axis of the blocks of a brick whose vertices lie in one table (PointTable).
 inline std::int64_t table_cells(const StoreLayout& layout) {
-    constexpr std::int64_t kMostCells = 64;
+    constexpr std::int64_t kMostCells = 32;
     return std::min<std::int64_t>(layout.header().chunk, kMostCells);
 }
 
@@ -127,7 +127,7 @@ class BrickWork {
     /// and none is asked.
     [[nodiscard]] bool is_leaf(Nodes& nodes, const TopologyTetrahedron& t, double raw);
     [[nodiscard]] bool edges_refine(const Nodes& nodes, const TopologyTetrahedron& face);
-    void skip_to_subcubes(Nodes& nodes, int index);
+    void skip_to_subcubes(Nodes& nodes, const std::array<std::uint8_t, 8>& below);
     /// Whether the node at `position`, its stop field being eta, stops.
     [[nodiscard]] bool stops(const Nodes& nodes, int position, double eta) const {
         const Int3 twice = (nodes.low + node_offset(position, nodes.mirror)) * (2 * stride_);
@@ -140,7 +140,7 @@ class BrickWork {
     }
     void march(const Nodes& nodes, const TopologyTetrahedron& t, double eta, bool cut);
     void place(const Int3& low);
-    void march_subcube(const Nodes& nodes, unsigned corner, bool cut);
+    void march_subcube(const Nodes& nodes, unsigned corner, std::uint8_t mask, bool cut);
     void flush();
 
     Shared& shared_;

@@ -18,8 +18,8 @@ std::uint8_t edge_between(std::uint8_t a, std::uint8_t b) {
     return static_cast<std::uint8_t>(found - kCubeEdge.begin());
 }
 
-void add(CubeCase& c, const Ends& ends) {
-    auto& triangle = c.triangle[c.triangles++];
+void add(CubeCase& c, std::size_t order, const Ends& ends) {
+    auto& triangle = c.triangle[c.first[order + 1]++];
     for (std::size_t i = 0; i < 3; ++i) {
         triangle[i] = edge_between(ends[i][0], ends[i][1]);
         auto* const end = c.edge.begin() + c.edges;
@@ -30,8 +30,9 @@ void add(CubeCase& c, const Ends& ends) {
 }
 
 /// LocalMesh::march for corners none of which has the isovalue.
-void add_tetrahedron(CubeCase& c, const std::array<std::uint8_t, 4>& corners, bool positive,
-                     unsigned below) {
+void add_tetrahedron(CubeCase& c, std::size_t order, const std::array<std::uint8_t, 4>& corners,
+                     bool positive, unsigned below) {
+    c.first[order + 1] = c.first[order];
     unsigned mask = 0;
     for (unsigned i = 0; i < 4; ++i) {
         mask |= ((below >> corners[i]) & 1U) << i;
@@ -49,26 +50,26 @@ void add_tetrahedron(CubeCase& c, const std::array<std::uint8_t, 4>& corners, bo
     if (crossing.below == 2) {
         const std::uint8_t r1 = at[outward ? 2 : 3];
         const std::uint8_t r2 = at[outward ? 3 : 2];
-        add(c, {{{at[0], r1}, {at[0], r2}, {at[1], r2}}});
-        add(c, {{{at[0], r1}, {at[1], r2}, {at[1], r1}}});
+        add(c, order, {{{at[0], r1}, {at[0], r2}, {at[1], r2}}});
+        add(c, order, {{{at[0], r1}, {at[1], r2}, {at[1], r1}}});
         return;
     }
     // Away from the corner that is alone if that is below, else towards it.
     const bool forward = (crossing.below == 1) != outward;
-    add(c, {{{at[0], at[1]}, {at[0], at[forward ? 2 : 3]}, {at[0], at[forward ? 3 : 2]}}});
+    add(c, order, {{{at[0], at[1]}, {at[0], at[forward ? 2 : 3]}, {at[0], at[forward ? 3 : 2]}}});
 }
 
 CubeCases make(bool mirrored) {
     CubeCases cases{};
     for (unsigned below = 0; below < cases.size(); ++below) {
-        for (int order = 0; order < 6; ++order) {
-            const auto& axes = kAxisOrders[static_cast<std::size_t>(order)];
+        for (std::size_t order = 0; order < 6; ++order) {
+            const auto& axes = kAxisOrders[order];
             std::array<std::uint8_t, 4> corners{};
             for (std::size_t i = 0; i < 3; ++i) {
                 corners[i + 1] = static_cast<std::uint8_t>(corners[i] | 1U << axes[i]);
             }
             const bool even = (axes[1] + 3 - axes[0]) % 3 == 1;
-            add_tetrahedron(cases[below], corners, even != mirrored, below);
+            add_tetrahedron(cases[below], order, corners, even != mirrored, below);
         }
     }
     return cases;

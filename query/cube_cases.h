@@ -40,10 +40,11 @@ inline constexpr std::array<CubeEdge, kCubeEdges> kCubeEdge = make_cube_edges();
 struct CubeCase {
     std::uint8_t leaves = 0;  ///< tetrahedra that the surface crosses
     std::uint8_t edges = 0;
-    std::uint8_t triangles = 0;
     std::array<std::uint8_t, kCubeEdges> edge{};  ///< that the surface crosses
     /// Edges whose vertices are the corners; in the order of the tetrahedra (kAxisOrders).
     std::array<std::array<std::uint8_t, 3>, 12> triangle{};
+    /// Where each tetrahedron's triangles begin, and after the last one their number.
+    std::array<std::uint8_t, 7> first{};
 };
 
 /// By the corners below the isovalue (bits 0 to 7). `mirrored`: the cube is the mirror image, along

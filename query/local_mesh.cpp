@@ -123,17 +123,29 @@ void LocalMesh::march(const std::array<Corner, 4>& corners, bool positive, doubl
 }
 
 unsigned LocalMesh::march_cube(const Cube& cube, double iso, bool cut) {
-    const bool mirrored = ((cube.mirror ^ (cube.mirror >> 1U) ^ (cube.mirror >> 2U)) & 1U) != 0;
-    const CubeCase& c = cube_cases(mirrored)[cube.below];
+    const CubeCase& c = cube_cases(cube.mirrored())[cube.below];
     std::array<std::uint32_t, kCubeEdges> v{};
     for (std::size_t i = 0; i < c.edges; ++i) {
         v[c.edge[i]] = vertices_.edge_of_cube(cube, c.edge[i], iso);
     }
-    for (std::size_t i = 0; i < c.triangles; ++i) {
+    for (std::size_t i = 0; i < c.first[6]; ++i) {
         const auto& t = c.triangle[i];
         add(v[t[0]], v[t[1]], v[t[2]], cut);
     }
     return c.leaves;
+}
+
+unsigned LocalMesh::march_in_cube(const Cube& cube, std::size_t order, double iso, bool cut) {
+    const CubeCase& c = cube_cases(cube.mirrored())[cube.below];
+    for (std::size_t i = c.first[order]; i < c.first[order + 1]; ++i) {
+        const auto vertex = [&](std::size_t corner) {
+            return vertices_.edge_of_cube(cube, c.triangle[i][corner], iso);
+        };
+        const std::uint32_t v0 = vertex(0);
+        const std::uint32_t v1 = vertex(1);
+        add(v0, v1, vertex(2), cut);
+    }
+    return c.first[order] < c.first[order + 1] ? 1 : 0;
 }
 
 void LocalMesh::march_line(const std::array<Corner, 3>& corners, double iso, bool cut) {

@@ -41,6 +41,9 @@ class LocalMesh {
     /// Marches the six tetrahedra of a cube; how many of them the surface crosses. REQUIRES:
     /// place() was called; no corner has the isovalue.
     unsigned march_cube(const Cube& cube, double iso, bool cut);
+    /// One of them (kAxisOrders). REQUIRES: place() was called; none of its corners has the
+    /// isovalue.
+    unsigned march_in_cube(const Cube& cube, std::size_t order, double iso, bool cut);
 
     /// Adds the line {U = iso} in a leaf triangle of a plane, where there is one: a "triangle"
     /// whose last two corners are equal. One mesh holds lines or triangles, not both.

@@ -20,7 +20,11 @@ struct Cube {
     Int3 low;             ///< node
     unsigned mirror = 0;  ///< axes (bits x, y, z) along which its all-even corner is the high one
     unsigned below = 0;   ///< corners below the isovalue (bits 0 to 7)
-    std::array<double, 8> value{};  ///< REQUIRES: finite
+    std::array<double, 8> value{};  ///< REQUIRES: finite in what is marched
+
+    [[nodiscard]] bool mirrored() const {
+        return ((mirror ^ (mirror >> 1U) ^ (mirror >> 2U)) & 1U) != 0;
+    }
 };
 
 /// Nodes are those of a lattice of edge 2^level; positions and names are in the finest one's

@@ -69,8 +69,9 @@ Topology make() {
                     subcube = describe(t3[k]);
                     edge.nodes |= subcube.nodes;
                     out.corners[edge.children[k]] |= subcube.nodes;
-                    out.below_face[out.cube[order].children[i]][edge.children[k]] |=
-                        static_cast<std::uint8_t>(1U << edge.child_orders[k]);
+                    const auto bit = static_cast<std::uint8_t>(1U << edge.child_orders[k]);
+                    out.below_face[out.cube[order].children[i]][edge.children[k]] |= bit;
+                    out.below_cube[order][edge.children[k]] |= bit;
                 }
                 face.nodes |= edge.nodes;
             }

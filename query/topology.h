@@ -36,6 +36,8 @@ struct Topology {
     std::array<std::array<TopologyTetrahedron, 6>, 8> subcube;
     /// Bits of the tetrahedra of each subcube (second index) below each one of kind 1.
     std::array<std::array<std::uint8_t, 8>, 12> below_face{};
+    /// The same below each one of kind 0.
+    std::array<std::array<std::uint8_t, 8>, 6> below_cube{};
     /// Bits of the node positions that are corners of each subcube.
     std::array<std::uint32_t, 8> corners{};
 };
