@@ -74,8 +74,7 @@ void BrickWork<T>::march_subcube(const Nodes& nodes, unsigned corner, std::uint8
 template <class T>
 void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
     nodes.low = parent * 2;
-    nodes.sides = plain_ ? Sides{} : Sides{~0U, ~0U};
-    nodes.special = 0;
+    nodes.sides = {~0U, ~0U};
     nodes.sharp = false;
     nodes.mirror = mirror_of(parent);
     const ArrayInfo& array = shared_.cache.source().layout().array(level_, Field::values);
@@ -113,6 +112,8 @@ void BrickWork<T>::sharpen(Nodes& nodes) {
         }
     }
     if (plain_) {
+        nodes.sides = {};
+        nodes.special = 0;
         for (std::size_t p = 0; p < nodes.value.size(); ++p) {
             const double value = nodes.value[p];
             const bool special = value == iso_ || !std::isfinite(value);

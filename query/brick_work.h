@@ -88,7 +88,8 @@ class BrickWork {
         Int3 low;                  ///< of the parent cube, in nodes of level_
         unsigned mirror;           ///< axes along which the topology tables are mirrored
         Sides sides;               ///< anything, until sharpen()
-        std::uint32_t special;     ///< bit p: its value is the isovalue or missing; if plain_
+        std::uint32_t special;     ///< bit p: its value is the isovalue or missing; from
+                                   ///< sharpen() on, if plain_
         bool sharp;
         bool cut;
     };

@@ -1,6 +1,6 @@
 #include "query/finish_part.h"
 
-#include <functional>
+#include <algorithm>
 
 namespace isonest {
 namespace {

@@ -52,10 +52,9 @@ class LocalMesh {
     void add_graph(const std::array<Corner, 3>& corners, bool cut);
 
     [[nodiscard]] bool empty() const { return triangles_.empty() && vertices_.size() == 0; }
-    /// How many vertices are held; the owner bounds it by finishing the part.
-    [[nodiscard]] std::size_t size() const { return vertices_.size(); }
-    /// Bytes of heap per vertex held, at most, finishing included; the table of place() comes on
-    /// top.
+    /// What is held, in units of a vertex; the owner bounds it by finishing the part.
+    [[nodiscard]] std::size_t size() const { return vertices_.weight(); }
+    /// Bytes of heap per unit held, at most, finishing included; the table of place() comes on top.
     static constexpr std::size_t kBytesPerVertex = 460;
 
     /// Turns what was collected into a part, cut to the box, and starts anew.

@@ -64,6 +64,10 @@ class PartVertices {
     void flatten();
 
     [[nodiscard]] std::size_t size() const { return parents_.size(); }
+    /// What is held, in units of a vertex.
+    [[nodiscard]] std::size_t weight() const {
+        return parents_.size() + 2 * fans_.size() + runs_.size();
+    }
     /// The number that holds for the vertex. REQUIRES: flatten() was called.
     [[nodiscard]] std::uint32_t root(std::uint32_t v) const { return parents_[v]; }
     [[nodiscard]] const Double3& position(std::uint32_t v) const { return positions_[v]; }
