@@ -8,16 +8,15 @@ namespace {
 
 using Point = std::array<float, 3>;
 
+/// Whether the corners lie on a line, or some are equal.
 bool has_no_area(const Point& a, const Point& b, const Point& c) {
-    if (a == b || b == c || c == a) {
-        return true;
-    }
-    const auto d = [](const Point& p, const Point& q, std::size_t i) {
-        return static_cast<double>(q[i]) - static_cast<double>(p[i]);
+    const auto d = [&a](const Point& q, std::size_t i) {
+        return static_cast<double>(q[i]) - static_cast<double>(a[i]);
     };
-    return d(a, b, 1) * d(a, c, 2) == d(a, b, 2) * d(a, c, 1) &&
-           d(a, b, 2) * d(a, c, 0) == d(a, b, 0) * d(a, c, 2) &&
-           d(a, b, 0) * d(a, c, 1) == d(a, b, 1) * d(a, c, 0);
+    const auto parallel = [&](std::size_t i, std::size_t j) {
+        return d(b, i) * d(c, j) == d(b, j) * d(c, i);
+    };
+    return parallel(1, 2) && parallel(2, 0) && parallel(0, 1);
 }
 
 std::uint64_t aligned(std::uint64_t bytes) {

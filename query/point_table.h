@@ -36,14 +36,14 @@ class PointTable {
     /// call.
     [[nodiscard]] std::uint32_t& at(const Int3& p) {
         if (table_.empty()) {
-            return elsewhere_.try_emplace(half_lattice_key(p), kNone).first.value();
+            return hashed(p);
         }
         const Int3 q = p - low_;
         const std::size_t index =
             static_cast<std::size_t>(nodes_.linear({q.x >> 1, q.y >> 1, q.z >> 1})) * kPoints +
             static_cast<std::size_t>((q.x & 1) + 2 * (q.y & 1) + 4 * (q.z & 1));
         if (table_[index] == kNone) {
-            filled_.push_back(static_cast<std::uint32_t>(index));
+            fill(static_cast<std::uint32_t>(index));
         }
         return table_[index];
     }
@@ -60,6 +60,12 @@ class PointTable {
   private:
     /// A node and the midpoints of the seven kinds of edges from it.
     static constexpr std::size_t kPoints = 8;
+
+    // Seldom called, and kept out of at(), which is called for every corner of every triangle.
+    [[gnu::noinline]] std::uint32_t& hashed(const Int3& p) {
+        return elsewhere_.try_emplace(half_lattice_key(p), kNone).first.value();
+    }
+    [[gnu::noinline]] void fill(std::uint32_t index) { filled_.push_back(index); }
 
     Int3 low_;  ///< twice the box's first node
     Int3 nodes_;

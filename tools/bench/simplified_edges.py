@@ -61,6 +61,7 @@ def main():
     isonest, store, volume, iso, relative = sys.argv[1:6]
     iso = float(iso)
     folder = sys.argv[6] if len(sys.argv) > 6 else tempfile.mkdtemp()
+    pathlib.Path(folder).mkdir(parents=True, exist_ok=True)
     rounds = int(sys.argv[7]) if len(sys.argv) > 7 else 5
     mesh = pathlib.Path(folder, "tolerance.ply")
 
