@@ -21,6 +21,7 @@ namespace isonest {
 namespace {
 
 constexpr std::uint64_t kLibraryHeap = 24U << 20U;
+constexpr std::uint64_t kReserve = 4U << 20U;  ///< of a thread, for what is not counted
 
 double tolerance_of(const StoreReader& store, const ExtractOptions& options) {
     if (options.error && options.error_relative) {
@@ -317,10 +318,13 @@ Budget share(const StoreReader& store, const ExtractOptions& options, const Trav
     const std::uint64_t spare = usable - threads * each;
     budget.part_vertices = std::clamp<std::size_t>(
         spare / 4 / threads / (2 * LocalMesh::kBytesPerVertex), kLeastPart, 65536);
-    const std::uint64_t parts = 2 * budget.part_vertices * LocalMesh::kBytesPerVertex;
-    const std::uint64_t rest = usable - threads * (parts + table + (4U << 20U));
+    const std::uint64_t larger_parts =
+        threads * 2 * (budget.part_vertices - kLeastPart) * LocalMesh::kBytesPerVertex;
+    const std::uint64_t reserve = std::min(spare / 8, threads * kReserve);
     budget.parts = spare / 2;
-    budget.cache = rest - budget.parts;
+    // A brick's chunks lie in the cache.
+    budget.cache = threads * 8 * store.layout().array(0, Field::values).chunk_bytes() + spare -
+                   larger_parts - reserve - budget.parts;
     return budget;
 }
 

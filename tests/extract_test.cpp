@@ -180,6 +180,34 @@ TEST_CASE("the mesh has the same bytes for any threads, chunk and memory") {
     }
 }
 
+TEST_CASE(
+    "at the least memory that is accepted the cache stays within it, and the mesh is the same") {
+    // More bytes of values than the memory leaves beside the libraries.
+    MemoryVolume<float> volume({129, 129, 129}, smooth_f);
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(16));
+    const StoreReader store(folder / "s");
+    ExtractOptions options;
+    options.iso = 0.3;
+    extract(store, folder / "m.ply", options, silent_progress());
+    const std::string expected = read_file(folder / "m.ply");
+    options.force = true;
+    for (const int threads : {1, 2}) {
+        options.threads = threads;
+        std::optional<ExtractReport> report;
+        for (options.memory = 24U << 20U; !report; options.memory += 1U << 20U) {
+            try {
+                report = extract(store, folder / "m.ply", options, silent_progress());
+            } catch (const Error& e) {
+                REQUIRE(e.kind() == ErrorKind::limit);
+            }
+        }
+        CHECK(report->peak_cache_bytes < options.memory - (24U << 20U));
+        CHECK(report->peak_cache_bytes < 129 * 129 * 129 * sizeof(float) / 2);
+        CHECK(read_file(folder / "m.ply") == expected);
+    }
+}
+
 TEST_CASE("the store has the same bytes for any threads and memory") {
     MemoryVolume<float> volume({70, 41, 53}, smooth_f);
     const TemporaryFolder folder;
