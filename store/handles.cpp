@@ -1,5 +1,7 @@
 #include "store/handles.h"
 
+#include <string_view>
+
 namespace isonest {
 
 FileHandle open_hdf5(const std::filesystem::path& path) {
@@ -33,6 +35,14 @@ std::string hdf5_message() {
             return 0;
         },
         &text);
+    // "file write failed: time = ..., errno = 28, error message = 'No space left on device', ..."
+    constexpr std::string_view kMessage = "error message = '";
+    const std::size_t message = text.find(kMessage);
+    const std::size_t what = text.find(':');
+    if (message != std::string::npos && what < message) {
+        const std::size_t begin = message + kMessage.size();
+        return text.substr(0, what) + ": " + text.substr(begin, text.find('\'', begin) - begin);
+    }
     return text;
 }
 

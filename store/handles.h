@@ -9,6 +9,22 @@
 
 namespace isonest {
 
+/// Silences HDF5's printing on stderr for a scope of the calling thread.
+class QuietHdf5 {
+  public:
+    QuietHdf5() {
+        H5Eget_auto2(H5E_DEFAULT, &function_, &data_);
+        H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
+    }
+    QuietHdf5(const QuietHdf5&) = delete;
+    QuietHdf5& operator=(const QuietHdf5&) = delete;
+    ~QuietHdf5() { H5Eset_auto2(H5E_DEFAULT, function_, data_); }
+
+  private:
+    H5E_auto2_t function_ = nullptr;
+    void* data_ = nullptr;
+};
+
 /// Owns one HDF5 identifier; `Close` is the matching close function.
 template <herr_t (*Close)(hid_t)>
 class Handle {
@@ -28,9 +44,9 @@ class Handle {
     ~Handle() { reset(); }
     void reset() {
         if (id_ >= 0) {
-            Close(id_);
+            const QuietHdf5 quiet;
+            static_cast<void>(close());
         }
-        id_ = H5I_INVALID_HID;
     }
     /// Closes and reports whether that worked, where a failure means lost data.
     [[nodiscard]] bool close() { return Close(std::exchange(id_, H5I_INVALID_HID)) >= 0; }
@@ -49,22 +65,6 @@ using TypeHandle = Handle<H5Tclose>;
 using AttributeHandle = Handle<H5Aclose>;
 using PropertyHandle = Handle<H5Pclose>;
 
-/// Silences HDF5's printing on stderr for a scope of the calling thread.
-class QuietHdf5 {
-  public:
-    QuietHdf5() {
-        H5Eget_auto2(H5E_DEFAULT, &function_, &data_);
-        H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
-    }
-    QuietHdf5(const QuietHdf5&) = delete;
-    QuietHdf5& operator=(const QuietHdf5&) = delete;
-    ~QuietHdf5() { H5Eset_auto2(H5E_DEFAULT, function_, data_); }
-
-  private:
-    H5E_auto2_t function_ = nullptr;
-    void* data_ = nullptr;
-};
-
 /// Opens for reading, without a lock: what is read through a map needs none, and some network and
 /// read-only file systems refuse one. Invalid where HDF5 cannot open it.
 FileHandle open_hdf5(const std::filesystem::path& path);
@@ -77,7 +77,8 @@ PropertyHandle written_file_access();
 FileHandle create_hdf5(const std::filesystem::path& path,
                        const PropertyHandle& access = written_file_access());
 
-/// The innermost description on HDF5's error stack, or an empty text.
+/// The innermost description on HDF5's error stack, or an empty text. Of a failing system call,
+/// what failed and the system's message.
 std::string hdf5_message();
 
 }  // namespace isonest

@@ -61,6 +61,7 @@ class Hdf5File : public VolumeFile {
         next_ += count;
     }
     void finish() override {
+        const QuietHdf5 quiet;
         const bool closed = data_.close();
         if (!file_.close() || !closed) {
             fail("close it");

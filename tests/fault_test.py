@@ -68,6 +68,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-fault-") as name:
             place = f"{command[0]}: {call} {at} of {count}: {error}: "
             tries += 1
             assert done.returncode in (0, 4, 6), place + f"{done.returncode} {done.stderr}"
+            assert b"HDF5-DIAG" not in done.stderr, place + str(done.stderr)
             if done.returncode == 0:
                 assert output.read_bytes() == whole, place + "other bytes"
             else:
@@ -106,6 +107,22 @@ with tempfile.TemporaryDirectory(prefix="isonest-fault-") as name:
     assert try_all(writing, store, "fallocate", "ENOSPC") > 0
     assert try_all(writing, store, "/^rename", "EACCES") > 0
     try_all(writing, store, "flock", "ENOLCK")
+
+    # A server that is gone: what was written cannot be closed either.
+    whole = store.read_bytes()
+    loading = calls("close", None, ["--version"])
+    closing = f"inject=close:error=ENOTCONN:when={loading + 1}+"
+    for fault in (["-e", "trace=close", "-e", closing],
+                  ["-e", "trace=close,pwrite64", "-e", closing,
+                   "-e", "inject=pwrite64:error=ECONNABORTED:when=9+"]):
+        done = subprocess.run([*strace, *fault, isonest, *map(str, writing), "--force", "-q",
+                               "--threads", "1"], capture_output=True, timeout=300, env=environment)
+        assert done.returncode == 6, (done.returncode, done.stderr)
+        assert done.stderr.startswith(b"isonest: error: ") and done.stderr.count(b"\n") == 1, \
+            done.stderr
+        assert store.read_bytes() == whole
+        for left in folder.glob(".*"):
+            left.unlink()
 
     for output, command in ((mesh, ["extract", store, "--iso", "128"]),
                             (folder / "m.vtkhdf", ["extract", store, "--iso", "128"]),
