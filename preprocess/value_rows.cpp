@@ -71,6 +71,7 @@ template <class T>
 
 }  // namespace
 
+// NOLINTBEGIN(bugprone-macro-parentheses): T is a type
 #define ISONEST_DEFINE(T)                                                                          \
     ISONEST_SIMD void widen_row(const T* in, RealFor<T>* out, std::int64_t n) {                    \
         widen(in, out, n);                                                                         \
@@ -84,6 +85,7 @@ template <class T>
     }
 ISONEST_VALUE_TYPES(ISONEST_DEFINE)
 #undef ISONEST_DEFINE
+// NOLINTEND(bugprone-macro-parentheses)
 
 ISONEST_SIMD bool all_finite(const float* in, std::int64_t n) {
     return finite_row(in, n);

@@ -314,7 +314,7 @@ Budget share(const StoreReader& store, const ExtractOptions& options, const Trav
     Budget budget{};
     budget.threads = static_cast<int>(
         std::clamp<std::uint64_t>(usable / each, 1, static_cast<std::uint64_t>(wanted)));
-    const std::uint64_t threads = static_cast<std::uint64_t>(budget.threads);
+    const auto threads = static_cast<std::uint64_t>(budget.threads);
     const std::uint64_t spare = usable - threads * each;
     budget.part_vertices = std::clamp<std::size_t>(
         spare / 4 / threads / (2 * LocalMesh::kBytesPerVertex), kLeastPart, 65536);
