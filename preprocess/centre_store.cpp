@@ -1,13 +1,14 @@
 #include "preprocess/centre_store.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace isonest {
 
-CentreStore::CentreStore(const Lattice& lattice, const std::vector<Field>& fields,
+CentreStore::CentreStore(const Lattice& lattice, std::vector<Field> fields,
                          const std::filesystem::path& file)
     : lattice_(lattice),
-      fields_(fields),
+      fields_(std::move(fields)),
       file_(ScratchFile::named(file)),
       first_(static_cast<std::size_t>(std::max(lattice.top(), 2)) + 1, 0) {
     for (int level = 2; level < lattice.top(); ++level) {

@@ -20,7 +20,7 @@ class CentreStore {
   public:
     /// Has room for all `fields` of all levels that coarser ones are made from. `file` is made, and
     /// removed at the end unless keep() was called. Throws Error{io}, for example on a full disk.
-    CentreStore(const Lattice& lattice, const std::vector<Field>& fields,
+    CentreStore(const Lattice& lattice, std::vector<Field> fields,
                 const std::filesystem::path& file);
 
     /// Gives the level's space back.

@@ -148,7 +148,7 @@ class Hdf5Source : public VolumeSource {
         const std::array<hsize_t, 3> start{static_cast<hsize_t>(z0), static_cast<hsize_t>(y0), 0};
         const std::array<hsize_t, 3> count{static_cast<hsize_t>(nz), static_cast<hsize_t>(ny),
                                            static_cast<hsize_t>(nodes_.x)};
-        const std::size_t skip = static_cast<std::size_t>(3 - rank_);
+        const auto skip = static_cast<std::size_t>(3 - rank_);
         const SpaceHandle from(H5Dget_space(dataset_.get()));
         H5Sselect_hyperslab(from.get(), H5S_SELECT_SET, start.data() + skip, nullptr,
                             count.data() + skip, nullptr);

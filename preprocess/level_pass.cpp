@@ -190,12 +190,11 @@ Int3 base_grid(const StoreLayout& layout) {
     const auto half = [](const Int3& grid) { return ceil_div(grid, {2, 2, 2}); };
     Int3 grid = half(layout.array(0, Field::values).grid);
     for (const ArrayInfo& array : layout.arrays()) {
-        if (array.field == Field::values && array.level == 1) {
+        const bool values = array.field == Field::values;
+        if (array.level == (values ? 1 : 2)) {
             grid = max(grid, array.grid);
-        } else if (array.field != Field::values && array.level == 1) {
+        } else if (!values && array.level == 1) {
             grid = max(grid, half(array.grid));
-        } else if (array.field != Field::values && array.level == 2) {
-            grid = max(grid, array.grid);
         }
     }
     return grid;

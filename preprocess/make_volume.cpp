@@ -21,8 +21,8 @@ T convert(double value, double low, double high) {
     if constexpr (std::is_floating_point_v<T>) {
         return static_cast<T>(value);
     } else {
-        const double from = static_cast<double>(std::numeric_limits<T>::min());
-        const double to = static_cast<double>(std::numeric_limits<T>::max());
+        const auto from = static_cast<double>(std::numeric_limits<T>::min());
+        const auto to = static_cast<double>(std::numeric_limits<T>::max());
         const double scaled = from + (value - low) / (high - low) * (to - from);
         return static_cast<T>(std::round(std::clamp(scaled, from, to)));
     }

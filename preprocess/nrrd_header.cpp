@@ -114,37 +114,37 @@ class Parser {
 
     void read_type(NrrdHeader& header) const {
         const std::string type = lower(require("type"));
-        static const std::map<std::string, ValueType> kTypes{{"signed char", ValueType::i8},
-                                                             {"int8", ValueType::i8},
-                                                             {"int8_t", ValueType::i8},
-                                                             {"char", ValueType::i8},
-                                                             {"uchar", ValueType::u8},
-                                                             {"unsigned char", ValueType::u8},
-                                                             {"uint8", ValueType::u8},
-                                                             {"uint8_t", ValueType::u8},
-                                                             {"short", ValueType::i16},
-                                                             {"short int", ValueType::i16},
-                                                             {"signed short", ValueType::i16},
-                                                             {"signed short int", ValueType::i16},
-                                                             {"int16", ValueType::i16},
-                                                             {"int16_t", ValueType::i16},
-                                                             {"ushort", ValueType::u16},
-                                                             {"unsigned short", ValueType::u16},
-                                                             {"unsigned short int", ValueType::u16},
-                                                             {"uint16", ValueType::u16},
-                                                             {"uint16_t", ValueType::u16},
-                                                             {"int", ValueType::i32},
-                                                             {"signed int", ValueType::i32},
-                                                             {"int32", ValueType::i32},
-                                                             {"int32_t", ValueType::i32},
-                                                             {"uint", ValueType::u32},
-                                                             {"unsigned int", ValueType::u32},
-                                                             {"uint32", ValueType::u32},
-                                                             {"uint32_t", ValueType::u32},
-                                                             {"float", ValueType::f32},
-                                                             {"double", ValueType::f64}};
-        const auto it = kTypes.find(type);
-        if (it == kTypes.end()) {
+        static const std::map<std::string, ValueType> types{{"signed char", ValueType::i8},
+                                                            {"int8", ValueType::i8},
+                                                            {"int8_t", ValueType::i8},
+                                                            {"char", ValueType::i8},
+                                                            {"uchar", ValueType::u8},
+                                                            {"unsigned char", ValueType::u8},
+                                                            {"uint8", ValueType::u8},
+                                                            {"uint8_t", ValueType::u8},
+                                                            {"short", ValueType::i16},
+                                                            {"short int", ValueType::i16},
+                                                            {"signed short", ValueType::i16},
+                                                            {"signed short int", ValueType::i16},
+                                                            {"int16", ValueType::i16},
+                                                            {"int16_t", ValueType::i16},
+                                                            {"ushort", ValueType::u16},
+                                                            {"unsigned short", ValueType::u16},
+                                                            {"unsigned short int", ValueType::u16},
+                                                            {"uint16", ValueType::u16},
+                                                            {"uint16_t", ValueType::u16},
+                                                            {"int", ValueType::i32},
+                                                            {"signed int", ValueType::i32},
+                                                            {"int32", ValueType::i32},
+                                                            {"int32_t", ValueType::i32},
+                                                            {"uint", ValueType::u32},
+                                                            {"unsigned int", ValueType::u32},
+                                                            {"uint32", ValueType::u32},
+                                                            {"uint32_t", ValueType::u32},
+                                                            {"float", ValueType::f32},
+                                                            {"double", ValueType::f64}};
+        const auto it = types.find(type);
+        if (it == types.end()) {
             unsupported(fmt::format(
                 "type '{}': integers of 8 to 32 bits, float and double are read", type));
         }

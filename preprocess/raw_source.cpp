@@ -44,7 +44,7 @@ class RawBase : public VolumeSource {
               std::byte* dst) final {
         const std::uint64_t row =
             static_cast<std::uint64_t>(layout_.nodes.x) * size_of(layout_.type);
-        const std::uint64_t rows = static_cast<std::uint64_t>(ny);
+        const auto rows = static_cast<std::uint64_t>(ny);
         const bool whole = ny == layout_.nodes.y;
         const std::int64_t pieces = whole ? 1 : nz;
         const std::uint64_t bytes = row * rows * (whole ? static_cast<std::uint64_t>(nz) : 1);

@@ -24,7 +24,7 @@ struct RawLayout {
 /// Throws Error{not_found, io, invalid_argument} (the file's length does not fit: both byte
 /// counts).
 std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const std::string& name,
-                                       const RawLayout& layout);
+                                       const RawLayout& given);
 
 /// A gzip stream that starts `skip` bytes into the file (attached NRRD). Offsets as in open_raw().
 std::unique_ptr<VolumeSource> open_gzip_behind(const std::filesystem::path& path,

@@ -2,13 +2,13 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <signal.h>
 #include <sys/file.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
+#include <csignal>
 #include <cstring>
 #include <fstream>
 #include <sstream>
@@ -82,6 +82,7 @@ bool next_record(std::istream& in, JournalRecord& record) {
 std::uint64_t checksum(std::span<const std::byte> file,
                        const std::vector<CentreStore::Range>& ranges) {
     std::vector<std::uint64_t> sums;
+    sums.reserve(ranges.size());
     for (const CentreStore::Range& range : ranges) {
         sums.push_back(checksum_of(file.subspan(range.offset, range.bytes)));
     }

@@ -37,6 +37,8 @@ class LevelChecks {
             gather_values(cache_, fine, finer);
             for (std::int64_t i = 0; i < n.product(); ++i) {
                 const Int3 p = base + n.unlinear(i);
+                // Bit by bit: NaN is the same as itself.
+                // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
                 if (std::memcmp(&coarse.at(p), &finer.at(p * 2), sizeof(T)) != 0) {
                     findings_.add("injection", array, chunk, p * (std::int64_t{1} << array.level),
                                   "the value differs from the finer level's");

@@ -49,6 +49,8 @@ class SourceChecks {
                         continue;
                     }
                     for (std::size_t i = 0; i < ours.data.size(); ++i) {
+                        // Bit by bit: NaN is the same as itself.
+                        // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
                         if (std::memcmp(&ours.data[i], &original[i], sizeof(T)) != 0) {
                             const Int3 p =
                                 Int3{0, y, z} + ours.size.unlinear(static_cast<std::int64_t>(i));
