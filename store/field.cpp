@@ -103,6 +103,7 @@ const std::vector<Field>& all_indicators() {
 
 std::vector<std::string> names_of(const std::vector<Field>& fields) {
     std::vector<std::string> names;
+    names.reserve(fields.size());
     for (const Field field : fields) {
         names.emplace_back(name_of(field));
     }
