@@ -41,8 +41,7 @@ void BrickWork<T>::march(const Nodes& nodes, const TopologyTetrahedron& t, doubl
         }
         query_.on_leaf(leaf);
     }
-    const bool mirrored = ((nodes.mirror ^ (nodes.mirror >> 1U) ^ (nodes.mirror >> 2U)) & 1U) != 0;
-    mesh_.march(corners, t.positive != mirrored, iso_, cut);
+    mesh_.march(corners, t.positive != is_mirror_image(nodes.mirror), iso_, cut);
 }
 
 /// What march() does with the tetrahedra of subcube `corner`, without asking for each node again.
@@ -105,24 +104,17 @@ void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
 /// the indicators of the subcubes, unless a plane is marched.
 template <class T>
 void BrickWork<T>::sharpen(Nodes& nodes) {
-    std::array<double, 8> bound{};
     if (level_ > 0 && !shared_.target.is_plane()) {
+        std::array<double, 8> bound{};
         for (unsigned corner = 0; corner < 8; ++corner) {
             bound[corner] = beta(bound_.centre(cube_at(nodes, corner)), 0);
         }
+        nodes.sides = sides_of(*nodes.target, bound, iso_);
+    } else {
+        nodes.sides = sides_of(*nodes.target, iso_);
     }
     if (plain_) {
-        nodes.sides = {};
-        nodes.special = 0;
-        for (std::size_t p = 0; p < nodes.value.size(); ++p) {
-            const double value = nodes.value[p];
-            const bool special = value == iso_ || !std::isfinite(value);
-            nodes.sides.below |= (value < iso_ ? 1U : 0U) << p;
-            nodes.sides.not_below |= (value >= iso_ ? 1U : 0U) << p;
-            nodes.special |= (special ? 1U : 0U) << p;
-        }
-    } else {
-        nodes.sides = sides_of(*nodes.target, bound, iso_);
+        nodes.special = special_nodes(nodes.value, iso_);
     }
     nodes.sharp = true;
 }

@@ -136,8 +136,7 @@ class BrickWork {
     }
     /// The subcube at a corner (bits x, y, z) of the tables' cube.
     [[nodiscard]] static Int3 cube_at(const Nodes& nodes, unsigned corner) {
-        const unsigned at = corner ^ nodes.mirror;
-        return nodes.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
+        return nodes.low + corner_offset(corner ^ nodes.mirror);
     }
     void march(const Nodes& nodes, const TopologyTetrahedron& t, double eta, bool cut);
     void place(const Int3& low);

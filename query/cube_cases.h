@@ -17,7 +17,7 @@ inline constexpr std::size_t kCubeEdges = 19;
 struct CubeEdge {
     std::uint8_t low = 0;  ///< corner
     std::uint8_t high = 0;
-    Int3 midpoint;  ///< in half edges of the cube, seen from corner 0
+    std::uint8_t midpoint = 0;  ///< node position (x + 3 y + 9 z) in half edges, seen from corner 0
 };
 constexpr std::array<CubeEdge, kCubeEdges> make_cube_edges() {
     std::array<CubeEdge, kCubeEdges> edges{};
@@ -31,7 +31,8 @@ constexpr std::array<CubeEdge, kCubeEdges> make_cube_edges() {
             return static_cast<std::uint8_t>(x + 2 * y + 4 * z);
         };
         edges[next++] = {corner(p.x / 2, p.y / 2, p.z / 2),
-                         corner((p.x + 1) / 2, (p.y + 1) / 2, (p.z + 1) / 2), p};
+                         corner((p.x + 1) / 2, (p.y + 1) / 2, (p.z + 1) / 2),
+                         static_cast<std::uint8_t>(i)};
     }
     return edges;
 }

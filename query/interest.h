@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 
@@ -64,8 +65,27 @@ inline constexpr auto kCorners = make_corners();
 
 }  // namespace interest
 
-/// `bound` of the subcubes (bits x, y, z): 0 at the finest level. Missing values: where a bound is
-/// infinite nothing is excluded; with bounds of 0 they are on neither side.
+/// Without bounds, as at the finest level. Missing values are on neither side.
+inline Sides sides_of(const CubeValues& value, double iso) {
+    Sides sides;
+    for (std::size_t p = 0; p < value.size(); ++p) {
+        sides.below |= (value[p] < iso ? 1U : 0U) << p;
+        sides.not_below |= (value[p] >= iso ? 1U : 0U) << p;
+    }
+    return sides;
+}
+
+/// Bits of the node positions whose value is the isovalue or missing.
+inline std::uint32_t special_nodes(const CubeValues& value, double iso) {
+    std::uint32_t special = 0;
+    for (std::size_t p = 0; p < value.size(); ++p) {
+        special |= (value[p] == iso || !std::isfinite(value[p]) ? 1U : 0U) << p;
+    }
+    return special;
+}
+
+/// `bound` of the subcubes (bits x, y, z). Missing values: where a bound is infinite nothing is
+/// excluded; with bounds of 0 they are on neither side.
 inline Sides sides_of(const CubeValues& value, const std::array<double, 8>& bound, double iso) {
     std::array<double, 27> around{};
     for (std::size_t cube = 0; cube < 8; ++cube) {

@@ -10,6 +10,7 @@
 
 #include "query/crossing.h"
 #include "query/cube_cases.h"
+#include "query/topology.h"
 
 namespace isonest {
 namespace {
@@ -123,7 +124,7 @@ void LocalMesh::march(const std::array<Corner, 4>& corners, bool positive, doubl
 }
 
 unsigned LocalMesh::march_cube(const Cube& cube, double iso, bool cut) {
-    const CubeCase& c = cube_cases(cube.mirrored())[cube.below];
+    const CubeCase& c = cube_cases(is_mirror_image(cube.mirror))[cube.below];
     std::array<std::uint32_t, kCubeEdges> v{};
     for (std::size_t i = 0; i < c.edges; ++i) {
         v[c.edge[i]] = vertices_.edge_of_cube(cube, c.edge[i], iso);
@@ -136,7 +137,7 @@ unsigned LocalMesh::march_cube(const Cube& cube, double iso, bool cut) {
 }
 
 unsigned LocalMesh::march_in_cube(const Cube& cube, std::size_t order, double iso, bool cut) {
-    const CubeCase& c = cube_cases(cube.mirrored())[cube.below];
+    const CubeCase& c = cube_cases(is_mirror_image(cube.mirror))[cube.below];
     for (std::size_t i = c.first[order]; i < c.first[order + 1]; ++i) {
         const auto vertex = [&](std::size_t corner) {
             return vertices_.edge_of_cube(cube, c.triangle[i][corner], iso);

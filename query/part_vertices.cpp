@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "query/cube_cases.h"
+#include "query/topology.h"
 
 namespace isonest {
 namespace {
@@ -15,7 +16,6 @@ constexpr std::uint32_t kRunTag = 0xC0000000U;
 constexpr bool is_vertex(std::uint32_t slot) {
     return slot < kFanTag;
 }
-constexpr std::uint8_t kNoLinkEdge = 98;
 
 Double3 as_point(const Int3& p) {
     return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
@@ -35,7 +35,7 @@ constexpr std::array<std::uint8_t, 125> number_link_edges() {
     for (std::size_t i = 0; i < number.size(); ++i) {
         const Int3 p = kLinkBox.unlinear(static_cast<std::int64_t>(i));
         const bool between = ((p.x | p.y | p.z) & 1) != 0;
-        number[i] = between ? next++ : kNoLinkEdge;
+        number[i] = between ? next++ : kLinkEdges;
     }
     return number;
 }
@@ -94,17 +94,10 @@ std::uint32_t PartVertices::edge(const Int3& a, double a_value, const Int3& b, d
 
 std::uint32_t PartVertices::edge_of_cube(const Cube& cube, std::size_t edge, double iso) {
     const CubeEdge& e = kCubeEdge[edge];
-    Int3 midpoint = e.midpoint;
-    for (int axis = 0; axis < 3; ++axis) {
-        if (((cube.mirror >> static_cast<unsigned>(axis)) & 1U) != 0) {
-            midpoint[axis] = 2 - midpoint[axis];
-        }
-    }
-    std::uint32_t& slot = points_.at(cube.low * 2 + midpoint);
+    std::uint32_t& slot = points_.at(cube.low * 2 + node_offset(e.midpoint, cube.mirror));
     if (!is_vertex(slot)) {
         const auto node = [&](unsigned corner) {
-            const unsigned at = corner ^ cube.mirror;
-            return cube.low + Int3{at & 1U, (at >> 1U) & 1U, (at >> 2U) & 1U};
+            return cube.low + corner_offset(corner ^ cube.mirror);
         };
         slot = add_edge(node(e.low), cube.value[e.low], node(e.high), cube.value[e.high], iso);
     }
@@ -207,7 +200,7 @@ PartVertices::FanLink* PartVertices::fan_link(const Int3& twice) {
         link.twice = twice;
         link.uses.fill(kNone);
     }
-    return slot != kNone && (slot & kTag) == kFanTag ? &fans_[slot & ~kTag] : nullptr;
+    return (slot & kTag) == kFanTag ? &fans_[slot & ~kTag] : nullptr;
 }
 
 PartVertices::Use& PartVertices::fan_use(const Int3& twice, const Int3& sum) {
@@ -242,7 +235,7 @@ PartVertices::Use& PartVertices::run_use(const Int3& sum, const Int3& below) {
         slot = kRunTag | static_cast<std::uint32_t>(runs_.size());
         runs_.emplace_back().sum = sum;
     }
-    if (!is_vertex(slot) && (slot & kTag) == kRunTag) {
+    if ((slot & kTag) == kRunTag) {
         RunLink& link = runs_[slot & ~kTag];
         const auto* const found =
             std::find(link.below.begin(), link.below.begin() + link.count, second);

@@ -21,11 +21,11 @@ struct Cube {
     unsigned mirror = 0;  ///< axes (bits x, y, z) along which its all-even corner is the high one
     unsigned below = 0;   ///< corners below the isovalue (bits 0 to 7)
     std::array<double, 8> value{};  ///< REQUIRES: finite in what is marched
-
-    [[nodiscard]] bool mirrored() const {
-        return ((mirror ^ (mirror >> 1U) ^ (mirror >> 2U)) & 1U) != 0;
-    }
 };
+
+/// Edges that are opposite to a node in the faces of the eight cubes around it: there are fewer,
+/// but of different kinds at different nodes.
+inline constexpr std::uint8_t kLinkEdges = 98;
 
 /// Nodes are those of a lattice of edge 2^level; positions and names are in the finest one's
 /// coordinates. Vertices are numbered from 0 on. Several names can be one vertex: then the lowest
@@ -91,9 +91,6 @@ class PartVertices {
     using Use = std::uint32_t;
     static constexpr std::uint32_t kNone = PointTable::kNone;
     static constexpr Use kComplete = 0x80000000U;
-    /// Edges that are opposite to a node in the faces of the eight cubes around it: there are
-    /// fewer, but of different kinds at different nodes.
-    static constexpr std::size_t kLinkEdges = 98;
     /// The fans of a node, by the edges opposite to it; `twice` the node.
     struct FanLink {
         Int3 twice;

@@ -48,6 +48,16 @@ constexpr unsigned mirror_of(const Int3& cube) {
     return static_cast<unsigned>((cube.x & 1) + 2 * (cube.y & 1) + 4 * (cube.z & 1));
 }
 
+/// Whether such a cube, mirrored along the axes set in `mirror`, is turned inside out.
+constexpr bool is_mirror_image(unsigned mirror) {
+    return ((mirror ^ (mirror >> 1U) ^ (mirror >> 2U)) & 1U) != 0;
+}
+
+/// A corner of a cube of edge 1 from its number (bits x, y, z).
+constexpr Int3 corner_offset(unsigned corner) {
+    return {corner & 1U, (corner >> 1U) & 1U, (corner >> 2U) & 1U};
+}
+
 /// Offsets of the 27 node positions in half edges, for each choice of mirrored axes.
 using NodeOffsets = std::array<std::array<Int3, 27>, 8>;
 constexpr NodeOffsets make_node_offsets() {

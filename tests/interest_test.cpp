@@ -94,6 +94,30 @@ TEST_CASE("with bounds of 0 the interest test is exact") {
     }
 }
 
+TEST_CASE("without bounds the sides are those with bounds of 0, also of missing values") {
+    std::mt19937 random(5);
+    std::uniform_int_distribution<int> digit(0, 9);
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    for (int round = 0; round < 500; ++round) {
+        CubeValues value{};
+        std::uint32_t special = 0;
+        const double iso = digit(random);
+        for (std::size_t p = 0; p < 27; ++p) {
+            const int d = digit(random);
+            value[p] = d == 9   ? std::numeric_limits<double>::quiet_NaN()
+                       : d == 8 ? kInfinity
+                       : d == 7 ? -kInfinity
+                                : d;
+            special |= (d >= 7 || d == iso ? 1U : 0U) << p;
+        }
+        const Sides bounded = sides_of(value, {}, iso);
+        const Sides sides = sides_of(value, iso);
+        CHECK(sides.below == bounded.below);
+        CHECK(sides.not_below == bounded.not_below);
+        CHECK(special_nodes(value, iso) == special);
+    }
+}
+
 TEST_CASE("a tetrahedron's nodes are its vertices and, above the last kind, the node it refines") {
     const auto bit = [](int p) { return std::uint32_t{1} << static_cast<unsigned>(p); };
     for (const TopologyTetrahedron& edge : topology().edge) {
