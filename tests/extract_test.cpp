@@ -1,5 +1,6 @@
 // Surfaces: whole, welded, oriented, within the tolerance, and the same whatever made them.
 #include <catch2/catch.hpp>
+#include <functional>
 
 #include "store/error.h"
 #include "tests/test_support.h"
@@ -338,4 +339,38 @@ TEST_CASE("requests that make no sense are refused by name") {
     options.iso = 0;
     options.memory = 1000;
     CHECK(kind_of(options) == static_cast<int>(ErrorKind::limit));
+}
+
+TEST_CASE("coordinates and values beyond 32-bit floats are refused, not written as infinite") {
+    const TemporaryFolder folder;
+    const auto refused = [&](const Double3& spacing, double value,
+                             const std::function<void(ExtractOptions&)>& change) {
+        const Int3 n = {9, 9, 9};
+        MemoryVolume<double> volume(n, [&](const Int3& p) { return value * smooth(p); });
+        volume.spacing_ = spacing;
+        make_store(volume, folder / "s", with_chunk(8));
+        const StoreReader store(folder / "s");
+        ExtractOptions options;
+        change(options);
+        try {
+            extract(store, folder / "m.ply", options, silent_progress());
+        } catch (const Error& e) {
+            CHECK(e.kind() == ErrorKind::limit);
+            CHECK(!std::filesystem::exists(folder / "m.ply"));
+            return std::string(e.what());
+        }
+        for (const auto& v : read_mesh(folder / "m.ply").vertices) {
+            CHECK(std::isfinite(v[0] + v[1] + v[2]));
+        }
+        std::filesystem::remove(folder / "m.ply");
+        return std::string();
+    };
+    const auto surface = [](ExtractOptions&) {};
+    const auto slice = [](ExtractOptions& o) { o.plane = WorldPlane{{0, 0, 1}, 3.5}; };
+    using Catch::Matchers::Contains;
+    CHECK_THAT(refused({1, 1e38, 1}, 1, surface), Contains("y = 8e+38"));
+    CHECK(refused({1, 1e37, 1}, 1, surface).empty());
+    CHECK(refused({1, 1, 1}, 1e300, surface).empty());
+    CHECK_THAT(refused({1, 1, 1}, 1e300, slice), Contains("values reach"));
+    CHECK(refused({1, 1, 1}, 1e30, slice).empty());
 }

@@ -3,6 +3,7 @@
 #include <set>
 
 #include "preprocess/missing_source.h"
+#include "store/error.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
@@ -162,6 +163,14 @@ TEST_CASE("the graph covers the plane, is whole and within the error") {
             }
             CHECK(worst <= error + 1e-5);
         }
+    }
+}
+
+TEST_CASE("a graph beyond 32-bit floats is refused, and fits with another scale") {
+    MemoryVolume<double> volume({9, 9, 1}, [](const Int3& p) { return 1e300 * map(p); });
+    CHECK_THROWS_AS(graph(volume, 0), Error);
+    for (const auto& v : graph(volume, 0, 1e-299).vertices) {
+        CHECK(std::fabs(v[2]) < 100);
     }
 }
 
