@@ -78,6 +78,7 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
     ExtractReport report;
     report.dimension = store.layout().lattice().dimension();
     report.tolerance = asked.threshold;
+    report.coordinate_rounding = asked.coordinate_rounding;
     report.stop = query.stop;
     report.bound = query.bound;
     if (query.culling) {

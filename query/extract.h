@@ -75,6 +75,9 @@ struct ExtractReport {
     std::uint64_t visited_tetrahedra = 0;
     std::uint64_t leaf_tetrahedra = 0;      ///< visited, not refined further, and holding surface
     std::uint64_t zero_area_triangles = 0;  ///< left where coordinates round to the same place
+    /// Most by which a coordinate is rounded to float32, in distances of neighbouring nodes: on top
+    /// of the error.
+    double coordinate_rounding = 0;
     std::uint64_t chunks_read = 0;
     std::uint64_t chunks_total = 0;
     std::uint64_t bytes_read = 0;  ///< stored bytes of the chunks read

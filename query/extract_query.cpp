@@ -299,6 +299,23 @@ std::array<double, 2> value_range(const StoreReader& store) {
     return {store.min_value(), store.max_value()};
 }
 
+/// REQUIRES: world coordinates within float32.
+double coordinate_rounding(const StoreHeader& header) {
+    double most = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        const double end =
+            header.origin[a] + header.spacing[a] * static_cast<double>(header.nodes[axis] - 1);
+        const auto largest =
+            static_cast<float>(std::max(std::fabs(header.origin[a]), std::fabs(end)));
+        const double next = std::nextafter(largest, 0.0F);
+        if (header.nodes[axis] > 1) {
+            most = std::max(most, (largest - next) / 2 / header.spacing[a]);
+        }
+    }
+    return most;
+}
+
 void require_float32(const StoreReader& store, const ExtractOptions& options,
                      const ExtractQuery& query) {
     const Int3 nodes = store.layout().header().nodes;
@@ -361,6 +378,7 @@ ExtractQuery extract_query(const StoreReader& store, const std::filesystem::path
         query.attributes.graph_scale = options.graph_scale;
     }
     require_float32(store, options, asked);
+    asked.coordinate_rounding = coordinate_rounding(header);
     return asked;
 }
 

@@ -14,6 +14,7 @@ struct ExtractQuery {
     /// Of the mesh: world coordinates are origin + spacing * position.
     Double3 spacing{1, 1, 1};
     Double3 origin{};
+    double coordinate_rounding = 0;  ///< as in the report
 };
 
 /// Refuses what makes no sense for this store or cannot be written as `mesh`. Throws

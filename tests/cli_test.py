@@ -407,6 +407,17 @@ class Cli(unittest.TestCase):
             self.assertNotEqual((self.here / "p.png").read_bytes(), first, option)
         (self.here / "p.png").unlink()
 
+    def test_a_mesh_far_from_0_says_how_much_its_coordinates_are_rounded(self):
+        self.assertLess(self.json("extract", "b.isonest", "--iso", "0.5", "-o", "b.ply")
+                        ["coordinate_rounding"], 1e-5)
+        self.ok("preprocess", "b.h5", "-o", "far.isonest", "--spacing", "0.25,1,1", "--origin",
+                "5e6,0,0")
+        done = self.ok("extract", "far.isonest", "--iso", "0.5", "-o", "far.ply", "--json")
+        self.assertEqual(json.loads(done.stdout)["coordinate_rounding"], 1)  # half of 0.5, by 0.25
+        self.assertIn(b"isonest: warning: far.ply: its coordinates", done.stderr)
+        (self.here / "far.isonest").unlink()
+        (self.here / "far.ply").unlink()
+
     def test_shading_falls_back_to_flat_where_memory_is_short(self):
         self.assertEqual(self.json("picture", "b.ply", "-o", "p.png")["shading"], "smooth")
         self.assertEqual(self.json("picture", "b.ply", "-o", "p.png", "--memory", "1K")["shading"],

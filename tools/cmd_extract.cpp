@@ -8,7 +8,6 @@
 #include "tools/command.h"
 #include "tools/extract_options.h"
 #include "tools/fields.h"
-#include "tools/leftovers.h"
 #include "tools/units.h"
 
 namespace isonest::cli {
@@ -32,7 +31,7 @@ Result run(ExtractArguments& a, bool has_iso, Progress& progress) {
     }
     const ExtractReport r = extract(store, a.mesh, a.extract, progress);
     Result result;
-    result.warning = leftovers_of(a.mesh);
+    result.warning = extract_warning(a, r);
     result.json = extract_json(a, r);
     if (has_iso) {
         result.json["iso"] = a.extract.iso;

@@ -11,7 +11,6 @@
 #include "tools/command.h"
 #include "tools/extract_options.h"
 #include "tools/fields.h"
-#include "tools/leftovers.h"
 #include "tools/ply_reader.h"
 #include "tools/slice_picture.h"
 #include "tools/units.h"
@@ -71,7 +70,7 @@ Result run(Arguments& a, Progress& progress) {
         r = extract(store, a.extract.mesh, a.extract.extract, progress);
     }
     Result result;
-    result.warning = leftovers_of(a.extract.mesh);
+    result.warning = extract_warning(a.extract, r);
     result.json = extract_json(a.extract, r);
     result.text =
         fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.extract.mesh,

@@ -6,6 +6,7 @@
 
 #include "store/error.h"
 #include "tools/fields.h"
+#include "tools/leftovers.h"
 #include "tools/units.h"
 
 namespace isonest::cli {
@@ -188,6 +189,20 @@ std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
                        r.error_bound, what);
 }
 
+std::string extract_warning(const ExtractArguments& a, const ExtractReport& r) {
+    constexpr double kNoticeable = 0.01;
+    std::string warning = leftovers_of(a.mesh);
+    if (r.triangles > 0 && r.coordinate_rounding > kNoticeable) {
+        warning += warning.empty() ? "" : "\n";
+        warning += fmt::format(
+            "{}: its coordinates are so far from 0 that 32-bit floats round them by up to {:.2g} "
+            "of the distance between nodes, on top of the error; preprocess with an --origin near "
+            "0",
+            a.mesh, r.coordinate_rounding);
+    }
+    return warning;
+}
+
 Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
     Json json = {{"mesh", a.mesh},
                  {"vertices", r.vertices},
@@ -200,6 +215,7 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
                  {"visited_tetrahedra", r.visited_tetrahedra},
                  {"leaf_tetrahedra", r.leaf_tetrahedra},
                  {"zero_area_triangles", r.zero_area_triangles},
+                 {"coordinate_rounding", r.coordinate_rounding},
                  {"chunks_read", r.chunks_read},
                  {"chunks_total", r.chunks_total},
                  {"bytes_read", r.bytes_read},

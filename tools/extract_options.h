@@ -25,6 +25,8 @@ void add_extract_options(CLI::App* command, ExtractArguments& a);
 std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r);
 /// Whether the line above is a bound on |U - iso| (or on |value - U| in a slice).
 bool is_guaranteed(const ExtractReport& r);
+/// What was left behind by killed runs, and coordinates that float32 rounds too much; or empty.
+std::string extract_warning(const ExtractArguments& a, const ExtractReport& r);
 /// What every such command reports.
 Json extract_json(const ExtractArguments& a, const ExtractReport& r);
 
