@@ -34,7 +34,7 @@ struct VertexKey {
     std::uint64_t second = 0;
     VertexKind kind = VertexKind::edge;
     bool operator==(const VertexKey&) const = default;
-    auto operator<=>(const VertexKey&) const = default;
+    auto operator<=>(const VertexKey&) const = default;  // NOLINT(modernize-use-nullptr)
 };
 
 struct HalfLatticeHash {

@@ -145,7 +145,7 @@ std::span<std::byte> ScratchFile::map(std::uint64_t bytes) {
     return {map_, bytes};
 }
 
-void ScratchFile::release(std::uint64_t offset, std::uint64_t bytes) {
+void ScratchFile::release(std::uint64_t offset, std::uint64_t bytes) const {
     // Without this feature the space is in use until the end, nothing worse.
     ::fallocate(fd_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, static_cast<off_t>(offset),
                 static_cast<off_t>(bytes));

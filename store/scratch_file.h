@@ -36,7 +36,7 @@ class ScratchFile {
     /// needed. Earlier maps become invalid. Throws Error{io}.
     std::span<std::byte> map(std::uint64_t bytes);
     /// Gives the space of a range back where the file system can; it reads as zeros then.
-    void release(std::uint64_t offset, std::uint64_t bytes);
+    void release(std::uint64_t offset, std::uint64_t bytes) const;
     /// The current map as an array of T.
     template <class T>
     [[nodiscard]] std::span<T> as() const {

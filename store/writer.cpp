@@ -60,9 +60,9 @@ struct StoreWriter::Impl {
     void create();
     GroupHandle create_group(const std::string& name) const;
     void create_array(const ArrayInfo& array);
-    void write_header();
-    void write_vtk_group();
-    void write_table();
+    void write_header() const;
+    void write_vtk_group() const;
+    void write_table() const;
 };
 
 void StoreWriter::Impl::create() {
@@ -132,7 +132,7 @@ void StoreWriter::Impl::create_array(const ArrayInfo& array) {
     datasets[static_cast<std::size_t>(&array - layout.arrays().data())] = std::move(dataset);
 }
 
-void StoreWriter::Impl::write_header() {
+void StoreWriter::Impl::write_header() const {
     const StoreHeader& header = layout.header();
     const hid_t root = file.get();
     write_attribute(root, "format", std::string(kFormatName));
@@ -157,7 +157,7 @@ void StoreWriter::Impl::write_header() {
     write_attribute(root, "fields", fields);
 }
 
-void StoreWriter::Impl::write_vtk_group() {
+void StoreWriter::Impl::write_vtk_group() const {
     const StoreHeader& header = layout.header();
     const GroupHandle group = create_group("/VTKHDF");
     const GroupHandle points = create_group("/VTKHDF/PointData");
@@ -178,7 +178,7 @@ void StoreWriter::Impl::write_vtk_group() {
     }
 }
 
-void StoreWriter::Impl::write_table() {
+void StoreWriter::Impl::write_table() const {
     double low = std::numeric_limits<double>::infinity();
     double high = -low;
     std::uint32_t missing = 0;

@@ -152,9 +152,9 @@ double BisectionOracle::deviation(const Element& t) const {
     return worst;
 }
 
-BisectionOracle::BisectionOracle(const Int3& n, const std::function<double(const Int3&)>& value,
+BisectionOracle::BisectionOracle(const Int3& n, std::function<double(const Int3&)> value,
                                  const Double3& spacing)
-    : n_(n), value_(value), spacing_(spacing) {
+    : n_(n), value_(std::move(value)), spacing_(spacing) {
     for (int axis = 0; axis < 3; ++axis) {
         if (n[axis] > 1) {
             axes_.push_back(axis);

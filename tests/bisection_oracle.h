@@ -32,7 +32,7 @@ class BisectionOracle {
     using Key = std::array<std::int64_t, 3>;
     /// `value` gives U, clamped outside. A non-finite value is missing. Axes with one node are left
     /// out: the elements are triangles or edges then.
-    BisectionOracle(const Int3& n, const std::function<double(const Int3&)>& value,
+    BisectionOracle(const Int3& n, std::function<double(const Int3&)> value,
                     const Double3& spacing = {1, 1, 1});
     [[nodiscard]] const std::map<Key, OracleNode>& nodes() const { return nodes_; }
 

@@ -162,7 +162,7 @@ TEST_CASE("a plateau exactly at the isovalue keeps its two sides apart") {
     });
     const Result r = surface(volume, 1, 0);
     require_whole(volume, r);
-    CHECK(r.mesh.triangles.size() > 0);
+    CHECK(!r.mesh.triangles.empty());
 }
 
 TEST_CASE("the mesh has the same bytes for any threads, chunk and memory") {

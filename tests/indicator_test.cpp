@@ -284,7 +284,7 @@ TEST_CASE("indicators equal the recursion, and the deviation is tight, on crops 
     for (const auto& entry : std::filesystem::directory_iterator(folder)) {
         const std::string bytes = read_file(entry.path());
         const auto n = static_cast<std::int64_t>(
-            std::lround(std::cbrt(static_cast<double>(bytes.size() / 4))));
+            std::lround(std::cbrt(static_cast<double>(bytes.size()) / 4.0)));
         REQUIRE(bytes.size() == static_cast<std::size_t>(4 * n * n * n));
         MemoryVolume<float> volume({n, n, n}, [&](const Int3& p) {
             float v = 0;

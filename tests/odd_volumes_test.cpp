@@ -48,18 +48,18 @@ std::vector<Mesh> all_of(MemoryVolume<T>& volume, const std::vector<double>& iso
 /// A checkerboard of the two largest opposites of a type, with its middle on one side.
 template <class T>
 void opposites() {
-    constexpr T low = std::numeric_limits<T>::lowest();
-    constexpr T high = std::numeric_limits<T>::max();
+    constexpr T kLow = std::numeric_limits<T>::lowest();
+    constexpr T kHigh = std::numeric_limits<T>::max();
     MemoryVolume<T> volume({11, 10, 9}, [&](const Int3& p) {
-        return p.x > 6                      ? static_cast<T>(high / 2 + low / 2)
-               : (p.x + p.y + p.z) % 2 == 0 ? low
-                                            : high;
+        return p.x > 6                      ? static_cast<T>(kHigh / 2 + kLow / 2)
+               : (p.x + p.y + p.z) % 2 == 0 ? kLow
+                                            : kHigh;
     });
-    const double middle = static_cast<double>(low) / 2 + static_cast<double>(high) / 2;
+    const double middle = static_cast<double>(kLow) / 2 + static_cast<double>(kHigh) / 2;
     CAPTURE(name_of(value_type<T>()));
     for (const double error : {0.0, 0.3}) {
         const std::vector<Mesh> meshes = all_of(
-            volume, {middle + 0.25, static_cast<double>(low), static_cast<double>(high)}, error);
+            volume, {middle + 0.25, static_cast<double>(kLow), static_cast<double>(kHigh)}, error);
         CHECK(!meshes[0].triangles.empty());
         const MeshFaults faults = check_mesh(meshes[0], {0, 0, 0}, {10, 9, 8});
         CHECK(faults.open_edges_inside == 0);
@@ -146,8 +146,8 @@ TEST_CASE("errors and isovalues that are no numbers are refused") {
     MemoryVolume<float> ramp({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
     make_store(ramp, folder / "s", with_chunk(8));
     const StoreReader store(folder / "s");
-    const double kNaN = std::numeric_limits<double>::quiet_NaN();
-    const double kInfinity = std::numeric_limits<double>::infinity();
+    constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
     const auto kind = [&](double iso, double error, double relative) {
         ExtractOptions options;
         options.iso = iso;

@@ -22,17 +22,17 @@ std::string bytes_of(std::initializer_list<T> values) {
     return out;
 }
 
-const std::string kFormat = "ply\nformat binary_little_endian 1.0\n";
-const std::string kXyz = "property float x\nproperty float y\nproperty float z\n";
-const std::string kList = "property list uchar int vertex_indices\n";
-const std::string kHeader = kFormat + "comment a quad\nelement vertex 4\n" + kXyz +
-                            "element face 2\n" + kList + "end_header\n";
-const std::string kVertices = bytes_of<float>({0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0.5F});
+const std::string ply_line = "ply\nformat binary_little_endian 1.0\n";
+const std::string xyz_lines = "property float x\nproperty float y\nproperty float z\n";
+const std::string list_line = "property list uchar int vertex_indices\n";
+const std::string quad_header = ply_line + "comment a quad\nelement vertex 4\n" + xyz_lines +
+                                "element face 2\n" + list_line + "end_header\n";
+const std::string quad_vertices = bytes_of<float>({0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0.5F});
 
 std::string face(std::initializer_list<std::int32_t> corners) {
     return static_cast<char>(corners.size()) + bytes_of<std::int32_t>(corners);
 }
-const std::string kFaces = face({0, 1, 2}) + face({0, 2, 3});
+const std::string quad_faces = face({0, 1, 2}) + face({0, 2, 3});
 
 /// Reads all of the mesh; the kind of the failure, if any.
 std::optional<ErrorKind> failure_of(const std::string& bytes, std::string* message = nullptr) {
@@ -69,7 +69,8 @@ std::string replaced(std::string text, const std::string& from, const std::strin
 
 TEST_CASE("a mesh as isonest writes it comes back") {
     const TemporaryFolder folder;
-    std::ofstream(folder / "mesh.ply", std::ios::binary) << kHeader << kVertices << kFaces;
+    std::ofstream(folder / "mesh.ply", std::ios::binary)
+        << quad_header << quad_vertices << quad_faces;
     const PlyMesh mesh(folder / "mesh.ply");
     REQUIRE(mesh.vertices() == 4);
     REQUIRE(mesh.triangles() == 2);
@@ -98,12 +99,12 @@ TEST_CASE("doubles, other properties, uint indices, later elements and CRLF are 
 }
 
 TEST_CASE("a mesh without vertices and triangles is a mesh") {
-    CHECK_FALSE(failure_of(kFormat + "element vertex 0\n" + kXyz + "element face 0\n" + kList +
-                           "end_header\n"));
+    CHECK_FALSE(failure_of(ply_line + "element vertex 0\n" + xyz_lines + "element face 0\n" +
+                           list_line + "end_header\n"));
 }
 
 TEST_CASE("a file cut anywhere, or longer, is corrupt") {
-    const std::string whole = kHeader + kVertices + kFaces;
+    const std::string whole = quad_header + quad_vertices + quad_faces;
     REQUIRE_FALSE(failure_of(whole));
     for (std::size_t size = 0; size < whole.size(); ++size) {
         CAPTURE(size);
@@ -113,7 +114,7 @@ TEST_CASE("a file cut anywhere, or longer, is corrupt") {
 }
 
 TEST_CASE("counts that no file can hold are corrupt, not allocated") {
-    const std::string whole = kHeader + kVertices + kFaces;
+    const std::string whole = quad_header + quad_vertices + quad_faces;
     for (const char* count :
          {"5", "3", "4294967296", "1537228672809129302", "18446744073709551615",
           "18446744073709551616", "99999999999999999999999", "-1", "4.0", "x"}) {
@@ -129,33 +130,33 @@ TEST_CASE("counts that no file can hold are corrupt, not allocated") {
 
 TEST_CASE("indices outside the vertices name the face") {
     std::string message;
-    CHECK(failure_of(kHeader + kVertices + face({0, 1, 2}) + face({0, 4, 3}), &message) ==
+    CHECK(failure_of(quad_header + quad_vertices + face({0, 1, 2}) + face({0, 4, 3}), &message) ==
           ErrorKind::corrupt);
     CHECK(message.find("face 1 names vertex 4") != std::string::npos);
-    CHECK(failure_of(kHeader + kVertices + face({0, -1, 2}) + face({0, 2, 3}), &message) ==
+    CHECK(failure_of(quad_header + quad_vertices + face({0, -1, 2}) + face({0, 2, 3}), &message) ==
           ErrorKind::corrupt);
     CHECK(message.find("face 0 names vertex -1") != std::string::npos);
 }
 
 TEST_CASE("other corner counts of the same length are refused") {
-    std::string faces = kFaces;
+    std::string faces = quad_faces;
     faces[0] = 4;
-    CHECK(failure_of(kHeader + kVertices + faces) == ErrorKind::unsupported);
+    CHECK(failure_of(quad_header + quad_vertices + faces) == ErrorKind::unsupported);
     faces[0] = 0;
-    CHECK(failure_of(kHeader + kVertices + faces) == ErrorKind::unsupported);
+    CHECK(failure_of(quad_header + quad_vertices + faces) == ErrorKind::unsupported);
 }
 
 TEST_CASE("coordinates that are not finite name the vertex") {
-    std::string vertices = kVertices;
+    std::string vertices = quad_vertices;
     const float nan = std::numeric_limits<float>::quiet_NaN();
     vertices.replace(12, 4, bytes_of<float>({nan}));
     std::string message;
-    CHECK(failure_of(kHeader + vertices + kFaces, &message) == ErrorKind::corrupt);
+    CHECK(failure_of(quad_header + vertices + quad_faces, &message) == ErrorKind::corrupt);
     CHECK(message.find("vertex 1") != std::string::npos);
 }
 
 TEST_CASE("headers that are no isonest mesh are refused with the line") {
-    const std::string data = kVertices + kFaces;
+    const std::string data = quad_vertices + quad_faces;
     const std::vector<std::array<const char*, 2>> changes{
         {"binary_little_endian", "binary_big_endian"},
         {"binary_little_endian 1.0", "ascii 1.0"},
@@ -180,7 +181,7 @@ TEST_CASE("headers that are no isonest mesh are refused with the line") {
     };
     for (const auto& [from, to] : changes) {
         CAPTURE(from, to);
-        CHECK(failure_of(replaced(kHeader, from, to) + data).has_value());
+        CHECK(failure_of(replaced(quad_header, from, to) + data).has_value());
     }
     CHECK(failure_of("") == ErrorKind::corrupt);
     CHECK(failure_of("ply") == ErrorKind::corrupt);

@@ -198,6 +198,7 @@ TEST_CASE("contour lines lie in the slice, hold their value within the error, an
 TEST_CASE("many contour lines are those of each value alone") {
     MemoryVolume<double> volume({40, 40, 20}, smooth_value);
     std::vector<double> values;
+    values.reserve(150);
     for (int i = 0; i < 150; ++i) {
         values.push_back(-1.5 + 0.0201 * i);
     }

@@ -1,11 +1,11 @@
 #include "tools/leftovers.h"
 
 #include <fmt/format.h>
-#include <signal.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <charconv>
+#include <csignal>
 #include <system_error>
 
 #include "store/output_file.h"

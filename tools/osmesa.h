@@ -36,6 +36,7 @@ namespace isonest {
     F(glVertexPointer)
 
 struct OsMesa {
+// NOLINTNEXTLINE(bugprone-macro-parentheses): a name to declare
 #define ISONEST_OSMESA_MEMBER(name) decltype(&::name) name = nullptr;
     ISONEST_OSMESA_FUNCTIONS(ISONEST_OSMESA_MEMBER)
 #undef ISONEST_OSMESA_MEMBER

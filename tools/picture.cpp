@@ -204,7 +204,7 @@ void set_up(const Camera& camera, const PictureOptions& o) {
 /// Collects triangles and draws them when there are many.
 class Batch {
   public:
-    Batch(const PictureOptions& options) : wireframe_(options.wireframe) {
+    explicit Batch(const PictureOptions& options) : wireframe_(options.wireframe) {
         corners_.reserve(kBatchTriangles * 3 * kCorner);
         for (std::size_t i = 0; i < 3; ++i) {
             line_[i] = 0.3F * static_cast<float>(options.color[i]) / 255;

@@ -115,7 +115,9 @@ void draw(Drawing& d, const Plot& plot) {
     const auto py = [&](double v) { return kTop + h * (1 - y.at(v)); };
     const auto ticks = [&](const Axis& axis, auto&& draw_tick) {
         const double step = std::ceil((axis.high - axis.low) / 10);
-        for (double e = axis.low; e <= axis.high; e += step) {
+        const auto count = static_cast<int>((axis.high - axis.low) / step);
+        for (int i = 0; i <= count; ++i) {
+            const double e = axis.low + i * step;
             draw_tick(std::pow(10, e), e);
         }
     };

@@ -34,8 +34,8 @@ void put(const std::string& text) {
 
 std::string progress_line(const ProgressState& state, int columns) {
     std::string line = fmt::format("{:<16}", state.phase);
-    const double done = static_cast<double>(state.done);
-    const double total = static_cast<double>(state.total);
+    const auto done = static_cast<double>(state.done);
+    const auto total = static_cast<double>(state.total);
     if (state.total > 0) {
         line += fmt::format(" {:3.0f} %", std::min(100.0, 100 * done / total));
     }

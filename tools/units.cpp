@@ -81,7 +81,7 @@ std::uint64_t parse_bytes(std::string_view option, std::string_view text) {
                 }
             }
         }
-        if (rest != "" && rest != "B" && rest != "b") {
+        if (!rest.empty() && rest != "B" && rest != "b") {
             fail(option, text, kForm);
         }
     }
@@ -173,7 +173,7 @@ std::string human_seconds(double seconds) {
     if (seconds < 60) {
         return fmt::format("{:.0f} s", seconds);
     }
-    const auto whole = static_cast<std::int64_t>(seconds + 0.5);
+    const auto whole = static_cast<std::int64_t>(std::llround(seconds));
     if (whole < 3600) {
         return fmt::format("{}:{:02}", whole / 60, whole % 60);
     }

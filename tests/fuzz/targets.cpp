@@ -23,7 +23,7 @@ const test::TemporaryFolder& folder() {
 }
 
 fs::path written(const char* name, Bytes bytes) {
-    const fs::path path = folder() / name;
+    fs::path path = folder() / name;
     std::ofstream out(path, std::ios::binary | std::ios::trunc);
     out.write(reinterpret_cast<const char*>(bytes.data()),
               static_cast<std::streamsize>(bytes.size()));

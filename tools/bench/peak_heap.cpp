@@ -15,11 +15,13 @@ std::atomic<std::size_t> held{0};
 std::atomic<std::size_t> peak{0};
 
 // glibc's own entry points.
+// NOLINTBEGIN(bugprone-reserved-identifier,readability-identifier-naming)
 extern "C" void* __libc_malloc(std::size_t);
 extern "C" void* __libc_calloc(std::size_t, std::size_t);
 extern "C" void* __libc_realloc(void*, std::size_t);
 extern "C" void* __libc_memalign(std::size_t, std::size_t);
 extern "C" void __libc_free(void*);
+// NOLINTEND(bugprone-reserved-identifier,readability-identifier-naming)
 
 void* taken(void* p) {
     if (p != nullptr) {
@@ -44,6 +46,7 @@ void given_back(void* p) {
 
 }  // namespace
 
+// NOLINTBEGIN(readability-inconsistent-declaration-parameter-name)
 extern "C" {
 void* malloc(std::size_t n) {
     return taken(__libc_malloc(n));
@@ -74,3 +77,4 @@ void free(void* p) {
     __libc_free(p);
 }
 }
+// NOLINTEND(readability-inconsistent-declaration-parameter-name)
