@@ -129,6 +129,7 @@ void OutputFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes
         if (n <= 0) {
             fail("write", n == 0 ? ENOSPC : errno);
         }
+        early_.wrote(fd_, static_cast<std::uint64_t>(n));
         offset += static_cast<std::uint64_t>(n);
         bytes = bytes.subspan(static_cast<std::size_t>(n));
     }

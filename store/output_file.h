@@ -7,6 +7,8 @@
 #include <functional>
 #include <span>
 
+#include "store/early_write_back.h"
+
 namespace isonest {
 
 /// The temporary names for an output, in the same folder: ".NAME.partial-" and a process id.
@@ -45,6 +47,7 @@ class OutputFile {
     std::filesystem::path temporary_;
     bool force_;
     int fd_ = -1;
+    mutable EarlyWriteBack early_;
 };
 
 }  // namespace isonest

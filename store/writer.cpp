@@ -11,6 +11,7 @@
 #include <mutex>
 #include <vector>
 
+#include "store/early_write_back.h"
 #include "store/error.h"
 #include "store/handles.h"
 #include "store/hdf5_types.h"
@@ -32,6 +33,7 @@ struct StoreWriter::Impl {
     ScratchFile rows_file;
     std::span<ChunkRow> rows;
     int read_fd = -1;
+    EarlyWriteBack early;
     std::uint64_t written = 0;
     mutable std::mutex hdf5;
 
@@ -295,6 +297,7 @@ void StoreWriter::write_chunk(const ArrayInfo& array, const Int3& chunk,
         }
     }
     impl_->rows[array.row_of(chunk)] = row;
+    impl_->early.wrote(impl_->read_fd, encoded.size());
 }
 
 ChunkRow StoreWriter::row(const ArrayInfo& array, const Int3& chunk) const {
