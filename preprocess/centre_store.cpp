@@ -17,7 +17,51 @@ CentreStore::CentreStore(const Lattice& lattice, std::vector<Field> fields,
             first_[l] + fields_.size() * sizeof(float) *
                             static_cast<std::uint64_t>(lattice.elements_at(level).product());
     }
-    file_.map(first_.back());
+    std::uint64_t ranges = 0;
+    for (int level = kFirstRangeLevel; has_cube_ranges(lattice_, level); ++level) {
+        ranges +=
+            sizeof(CubeRange) * static_cast<std::uint64_t>(lattice_.cells_at(level).product());
+    }
+    file_.map(ranges_begin() + ranges);
+}
+
+std::uint64_t CentreStore::ranges_begin() const {
+    return (first_.back() + sizeof(CubeRange) - 1) / sizeof(CubeRange) * sizeof(CubeRange);
+}
+
+std::span<CubeRange> CentreStore::cube_ranges(int level) const {
+    std::size_t first = ranges_begin() / sizeof(CubeRange);
+    for (int l = kFirstRangeLevel; l < level; ++l) {
+        first += static_cast<std::size_t>(lattice_.cells_at(l).product());
+    }
+    return file_.as<CubeRange>().subspan(
+        first, static_cast<std::size_t>(lattice_.cells_at(level).product()));
+}
+
+void CentreStore::put(const Box<CubeRange>& ranges) {
+    const Int3 cells = lattice_.cells_at(kFirstRangeLevel);
+    const auto to = cube_ranges(kFirstRangeLevel);
+    for (std::int64_t z = ranges.lo.z; z < ranges.lo.z + ranges.size.z; ++z) {
+        for (std::int64_t y = ranges.lo.y; y < ranges.lo.y + ranges.size.y; ++y) {
+            std::copy_n(ranges.row(y, z), ranges.size.x,
+                        to.data() + cells.linear({ranges.lo.x, y, z}));
+        }
+    }
+}
+
+CentreStore::Range CentreStore::cube_ranges_of(int chunk, std::int64_t rows) const {
+    if (!has_cube_ranges(lattice_, kFirstRangeLevel)) {
+        return {};
+    }
+    const Int3 cells = lattice_.cells_at(kFirstRangeLevel);
+    const std::int64_t planes = cube_ranges_per_block(chunk);
+    const std::int64_t begin = std::min((rows - 1) * planes, cells.z);
+    const std::int64_t end = std::min(begin + planes, cells.z);
+    const auto part = cube_ranges(kFirstRangeLevel)
+                          .subspan(static_cast<std::size_t>(begin * cells.x * cells.y),
+                                   static_cast<std::size_t>((end - begin) * cells.x * cells.y));
+    return {static_cast<std::uint64_t>(std::as_bytes(part).data() - bytes().data()),
+            part.size_bytes()};
 }
 
 std::span<float> CentreStore::cubes(int level, Field what) const {

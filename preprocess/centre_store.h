@@ -7,14 +7,21 @@
 #include <vector>
 
 #include "preprocess/layer.h"
+#include "store/cube_range.h"
 #include "store/field.h"
 #include "store/lattice.h"
 #include "store/scratch_file.h"
 
 namespace isonest {
 
+/// Cubes of level kFirstRangeLevel along an axis of a base block: 2 `chunk` nodes.
+constexpr std::int64_t cube_ranges_per_block(std::int64_t chunk) {
+    return 2 * chunk >> kFirstRangeLevel;
+}
+
 /// Saturated values of cube centres per level, as binary32 in a temporary file: so that the 16-bit
-/// rounding of the stored indicators does not add up over the levels.
+/// rounding of the stored indicators does not add up over the levels. And the ranges of the cubes,
+/// until all are known.
 /// Thread-safety: put() and get() on disjoint boxes from any thread; the rest from one.
 class CentreStore {
   public:
@@ -35,6 +42,12 @@ class CentreStore {
         std::uint64_t offset = 0;
         std::uint64_t bytes = 0;
     };
+    /// Those of a level that has_cube_ranges(), [z][y][x].
+    [[nodiscard]] std::span<CubeRange> cube_ranges(int level) const;
+    /// Thread-safety: as above.
+    void put(const Box<CubeRange>& ranges);
+    /// What row `rows` - 1 of base blocks puts there.
+    [[nodiscard]] Range cube_ranges_of(int chunk, std::int64_t rows) const;
     /// What row `rows` - 1 of base blocks (level 2) or all of a level above puts into the file.
     /// `chunk`: of the store.
     [[nodiscard]] std::vector<Range> ranges_of(int chunk, int level, std::int64_t rows) const;
@@ -42,6 +55,7 @@ class CentreStore {
 
   private:
     [[nodiscard]] std::span<float> cubes(int level, Field what) const;
+    [[nodiscard]] std::uint64_t ranges_begin() const;
 
     Lattice lattice_;
     std::vector<Field> fields_;

@@ -4,6 +4,7 @@
 #include <cstring>
 #include <map>
 
+#include "preprocess/cube_ranges.h"
 #include "preprocess/row_kernels.h"
 #include "preprocess/value_chunks.h"
 #include "store/codec.h"
@@ -219,6 +220,14 @@ std::vector<EncodedChunk> base_block(const PassContext& context, const PlaneWind
     box.values = gather_base<T>(layout, window, block);
     box.find_missing();
 
+    if (has_cube_ranges(lattice, kFirstRangeLevel)) {
+        const Int3 first = block * cube_ranges_per_block(k);
+        const Int3 end = first + one * cube_ranges_per_block(k);
+        const Int3 count = min(end, lattice.cells_at(kFirstRangeLevel)) - first;
+        Box<CubeRange> ranges(first, max(count, {0, 0, 0}));
+        find_cube_ranges(box.values, lattice.nodes() - one, ranges);
+        context.centres.put(ranges);
+    }
     std::vector<EncodedChunk> out;
     encode_all_values(&layout.array(0, Field::values), block * 2, two, box.values, 1, out);
     encode_all_values(find(layout, 1, Field::values), block, one, box.values, 2, out);

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <functional>
 
+#include "preprocess/cube_ranges.h"
 #include "preprocess/level_pass.h"
 #include "preprocess/resume.h"
 #include "store/error.h"
@@ -37,7 +38,8 @@ struct Outputs {
     }
     void complete(int level, std::int64_t rows) const {
         const int chunk = writer.layout().header().chunk;
-        journal.checkpoint({level, rows, checkpoint_checksum(centres, chunk, level, rows)});
+        journal.checkpoint({level, rows, checkpoint_checksum(centres, chunk, level, rows),
+                            level == 2 ? ranges_checksum(centres, chunk, rows) : 0});
     }
 };
 
@@ -148,6 +150,17 @@ void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& d
     }
 }
 
+void write_cube_ranges(const Outputs& outputs) {
+    const Lattice& lattice = outputs.writer.layout().lattice();
+    for (int level = kFirstRangeLevel + 1; has_cube_ranges(lattice, level); ++level) {
+        merge_cube_ranges(outputs.centres.cube_ranges(level - 1), lattice.cells_at(level - 1),
+                          outputs.centres.cube_ranges(level), lattice.cells_at(level));
+    }
+    for (int level = kFirstRangeLevel; has_cube_ranges(lattice, level); ++level) {
+        outputs.writer.write_cube_ranges(level, outputs.centres.cube_ranges(level));
+    }
+}
+
 /// What must be the same for a run to go on with what another one has done.
 std::string identity_of(const StoreHeader& h, const std::string& source) {
     return fmt::format(
@@ -209,6 +222,7 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
             run_levels<typename decltype(tag)::type>(outputs, window, done, tokens, cache,
                                                      progress);
         });
+        write_cube_ranges(outputs);
         progress.check();
     };
     const auto describe = [&] {

@@ -109,6 +109,10 @@ std::uint64_t checkpoint_checksum(const CentreStore& centres, int chunk, int lev
     return checksum(centres.bytes(), centres.ranges_of(chunk, level, rows));
 }
 
+std::uint64_t ranges_checksum(const CentreStore& centres, int chunk, std::int64_t rows) {
+    return checksum(centres.bytes(), {centres.cube_ranges_of(chunk, rows)});
+}
+
 std::optional<InterruptedRun> InterruptedRun::find(const std::filesystem::path& store,
                                                    const std::string& identity) {
     const std::filesystem::path names = temporary_prefix(store);
@@ -146,7 +150,7 @@ std::optional<InterruptedRun> InterruptedRun::find(const std::filesystem::path& 
             mark.chunks += record.kind == JournalRecord::chunk_kind ? 1U : 0U;
             if (record.kind == JournalRecord::checkpoint_kind) {
                 mark.done = {static_cast<std::int32_t>(record.array), record.index,
-                             record.row.checksum};
+                             record.row.checksum, record.row.offset};
                 run.marks_.push_back(mark);
             }
         }
@@ -191,13 +195,19 @@ Checkpoint InterruptedRun::replay(StoreWriter& writer, CentreStore& centres, Run
             break;
         }
     }
+    const auto cube_ranges = [&](const Checkpoint& done) {
+        return centres.cube_ranges_of(layout.header().chunk, done.rows);
+    };
     // Going on at level L takes the centres of the two levels below it; older ones are released.
     const auto has_centres = [&](std::size_t last) {
-        return std::all_of(marks_.begin(), marks_.begin() + static_cast<std::ptrdiff_t>(last) + 1,
-                           [&](const Mark& m) {
-                               return m.done.level < marks_[last].done.level - 1 ||
-                                      checksum(old.bytes(), ranges(m.done)) == m.done.centres;
-                           });
+        return std::all_of(
+            marks_.begin(), marks_.begin() + static_cast<std::ptrdiff_t>(last) + 1,
+            [&](const Mark& m) {
+                return (m.done.level < marks_[last].done.level - 1 ||
+                        checksum(old.bytes(), ranges(m.done)) == m.done.centres) &&
+                       (m.done.level > 2 ||
+                        checksum(old.bytes(), {cube_ranges(m.done)}) == m.done.ranges);
+            });
     };
     while (intact > 0 && !has_centres(intact - 1)) {
         --intact;
@@ -214,11 +224,16 @@ Checkpoint InterruptedRun::replay(StoreWriter& writer, CentreStore& centres, Run
         progress.check();
         if (record.kind == JournalRecord::checkpoint_kind) {
             const Checkpoint& done = marks_[mark++].done;
-            for (const CentreStore::Range& range : ranges(done)) {
-                if (done.level >= last.done.level - 1) {
-                    std::memcpy(centres.bytes().data() + range.offset,
-                                old.bytes().data() + range.offset, range.bytes);
-                }
+            const auto copy = [&](const CentreStore::Range& range) {
+                std::memcpy(centres.bytes().data() + range.offset,
+                            old.bytes().data() + range.offset, range.bytes);
+            };
+            if (done.level >= last.done.level - 1) {
+                const auto pieces = ranges(done);
+                std::for_each(pieces.begin(), pieces.end(), copy);
+            }
+            if (done.level == 2) {
+                copy(cube_ranges(done));
             }
             journal.checkpoint(done);
             continue;

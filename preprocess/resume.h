@@ -18,6 +18,9 @@ namespace isonest {
 std::uint64_t checkpoint_checksum(const CentreStore& centres, int chunk, int level,
                                   std::int64_t rows);
 
+/// For Checkpoint::ranges.
+std::uint64_t ranges_checksum(const CentreStore& centres, int chunk, std::int64_t rows);
+
 /// What an interrupted run left: its unfinished store, its journal and its centres' file.
 class InterruptedRun {
   public:

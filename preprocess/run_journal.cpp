@@ -63,6 +63,7 @@ void RunJournal::checkpoint(const Checkpoint& done) {
     record.array = static_cast<std::uint32_t>(done.level);
     record.index = done.rows;
     record.row.checksum = done.centres;
+    record.row.offset = done.ranges;
     append(record);
     flush();
     ++checkpoints_;

@@ -17,6 +17,7 @@ struct Checkpoint {
     std::int32_t level = 0;     ///< 2: of the pass that makes levels 0 to 2; above: that level
     std::int64_t rows = 0;      ///< level 2: rows of base blocks (along z) that are complete
     std::uint64_t centres = 0;  ///< checksum of what this row or level added to the centres' file
+    std::uint64_t ranges = 0;   ///< level 2: of the ranges of the row's cubes, in that file too
     bool operator==(const Checkpoint&) const = default;
 };
 
@@ -26,7 +27,7 @@ struct JournalRecord {
     std::uint32_t kind = 0;
     std::uint32_t array = 0;  ///< chunk: position in StoreLayout::arrays(); checkpoint: level
     std::int64_t index = 0;   ///< chunk: its position in the array's grid; checkpoint: rows
-    ChunkRow row;             ///< checkpoint: `checksum` is that of the centres
+    ChunkRow row;  ///< checkpoint: `checksum` is that of the centres, `offset` of the ranges
     std::uint64_t check = 0;  ///< XXH64 of the bytes before
 
     [[nodiscard]] std::uint64_t expected_check() const;

@@ -61,6 +61,15 @@ template <class T>
 }
 
 template <class T>
+[[gnu::always_inline]] inline void range(const T* in, T* __restrict low, T* __restrict high,
+                                         std::int64_t n) {
+    for (std::int64_t i = 0; i < n; ++i) {
+        low[i] = in[i] < low[i] ? in[i] : low[i];
+        high[i] = in[i] > high[i] ? in[i] : high[i];
+    }
+}
+
+template <class T>
 [[gnu::always_inline]] inline bool finite_row(const T* in, std::int64_t n) {
     std::int64_t finite = 0;
     for (std::int64_t i = 0; i < n; ++i) {
@@ -82,6 +91,9 @@ template <class T>
     }                                                                                              \
     ISONEST_SIMD void take_row(const T* in, std::int64_t step, T* out, std::int64_t n) {           \
         take(in, step, out, n);                                                                    \
+    }                                                                                              \
+    ISONEST_SIMD void range_row(const T* in, T* low, T* high, std::int64_t n) {                    \
+        range(in, low, high, n);                                                                   \
     }
 ISONEST_VALUE_TYPES(ISONEST_DEFINE)
 #undef ISONEST_DEFINE

@@ -17,12 +17,14 @@ namespace isonest {
 //   widen_row: out[i] = in[i]; 0 where that is not finite.
 //   split_row: even[i] = in[2 step i], odd[i] = in[2 step i + step], likewise widened.
 //   take_row: out[i] = in[step i].
+//   range_row: low[i] and high[i] go down and up to in[i], unless that is NaN.
 // NOLINTBEGIN(bugprone-macro-parentheses): T is a type
 #define ISONEST_DECLARE(T)                                                            \
     void widen_row(const T* in, RealFor<T>* out, std::int64_t n);                     \
     void split_row(const T* in, std::int64_t step, RealFor<T>* even, RealFor<T>* odd, \
                    std::int64_t n);                                                   \
-    void take_row(const T* in, std::int64_t step, T* out, std::int64_t n);
+    void take_row(const T* in, std::int64_t step, T* out, std::int64_t n);            \
+    void range_row(const T* in, T* low, T* high, std::int64_t n);
 ISONEST_VALUE_TYPES(ISONEST_DECLARE)
 #undef ISONEST_DECLARE
 // NOLINTEND(bugprone-macro-parentheses)

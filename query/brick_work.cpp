@@ -220,6 +220,12 @@ void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
         }
         cut = overlap == Overlap::crossing;
     }
+    if (ranged_) {
+        const auto range = shared_.cache.source().cube_range(level_, cube);
+        if (range && !range->may_hold(iso_)) {
+            return;
+        }
+    }
     if (plain_) {
         return march_subcube(nodes, static_cast<unsigned>(corner), mask, cut);
     }

@@ -57,6 +57,7 @@ class BrickWork {
               bound_scale(query_.bound, level, shared.cache.source().layout().header().spacing)),
           plain_(level == 0 && query_.tolerance.is_zero() && !query_.plane && !query_.culling &&
                  !query_.on_leaf),
+          ranged_(shared.cache.source().layout().has_cube_ranges(level) && !query_.plane),
           iso_(shared.target.level()) {
         const StoreLayout& layout = shared.cache.source().layout();
         values_ = ChunkGroup(shared.cache, layout.array(level, Field::values), base_);
@@ -157,7 +158,8 @@ class BrickWork {
     FieldView bound_;
     FieldView culling_;
     std::array<double, 3> bound_scale_;
-    bool plain_;  ///< whole cubes of the finest level are marched
+    bool plain_;   ///< whole cubes of the finest level are marched
+    bool ranged_;  ///< cubes are excluded by what values there are in them
     double iso_;
     const Topology& topology_ = topology();
     std::array<std::uint8_t, 8> subcubes_{};  ///< masks of the parent's subcubes, in table order

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "query/check_cube_ranges.h"
 #include "query/check_levels.h"
 #include "query/check_source.h"
 #include "query/findings.h"
@@ -44,6 +45,7 @@ class Checker {
                 [&](const ArrayInfo& a, const Int3& c) { check_levels(cache_, findings_, a, c); },
                 true);
         }
+        check_cube_ranges(store_, cache_, quick, findings_, progress_);
         if (options_.depth == CheckDepth::deep) {
             hdf5_view();
         }

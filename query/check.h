@@ -12,8 +12,8 @@ namespace isonest {
 
 /// One thing that is wrong.
 struct Finding {
-    /// "table", "checksum", "decode", "range", "injection", "saturation", "indicator", "hdf5",
-    /// "source" or "bound".
+    /// "table", "checksum", "decode", "range", "injection", "saturation", "indicator", "cube
+    /// range", "hdf5", "source" or "bound".
     std::string test;
     std::string field;
     int level = 0;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <span>
 
 #include "store/format.h"
@@ -22,6 +23,12 @@ class ChunkSource {
     /// Throws Error{corrupt, io}.
     virtual void decode(const ArrayInfo& array, const Int3& chunk,
                         std::span<std::byte> raw) const = 0;
+    /// What the values within a cube of a level can be; nothing where that is not stored. Throws
+    /// Error{corrupt}.
+    [[nodiscard]] virtual std::optional<CubeRange> cube_range(int /*level*/,
+                                                              const Int3& /*cube*/) const {
+        return std::nullopt;
+    }
     /// A hint that the chunk is needed soon. Throws what decode() throws for a bad table.
     virtual void prefetch(const ArrayInfo& /*array*/, const Int3& /*chunk*/) const {}
 };

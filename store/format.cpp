@@ -124,6 +124,14 @@ const ArrayInfo& StoreLayout::array(int level, Field field) const {
                             name_of(field), list_names(header_.fields)));
 }
 
+std::string StoreLayout::cube_ranges_path(int level) {
+    return fmt::format("/levels/{}/cube_ranges", level);
+}
+
+std::string StoreLayout::cube_range_sums_path(int level) {
+    return fmt::format("/levels/{}/cube_range_sums", level);
+}
+
 std::string StoreLayout::path_of(const ArrayInfo& array) {
     return fmt::format("/levels/{}/{}", array.level, name_of(array.field));
 }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "store/codec.h"
+#include "store/cube_range.h"
 #include "store/field.h"
 #include "store/int3.h"
 #include "store/lattice.h"
@@ -15,7 +16,7 @@
 namespace isonest {
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 1;
+inline constexpr std::uint32_t kFormatMinor = 2;
 inline constexpr const char* kFormatName = "isonest";
 inline constexpr unsigned kZstdFilter = 32015;
 inline constexpr int kMinChunk = 8;
@@ -30,6 +31,7 @@ struct StoreHeader {
     int chunk = 64;  ///< nodes per axis of a chunk of values: a power of two in 8..256
     int compression = 1;
     bool exact = false;         ///< indicators as binary32 instead of 16-bit codes
+    bool cube_ranges = true;    ///< since version 2.2
     std::vector<Field> fields;  ///< the indicators, in the order of the enumeration
 };
 
@@ -88,12 +90,19 @@ class StoreLayout {
     [[nodiscard]] const std::vector<ArrayInfo>& arrays() const { return arrays_; }
     [[nodiscard]] std::uint64_t rows() const { return rows_; }
     [[nodiscard]] bool has(Field field) const;
+    /// Whether the cubes of this level have ranges in the store.
+    [[nodiscard]] bool has_cube_ranges(int level) const {
+        return header_.cube_ranges && isonest::has_cube_ranges(lattice_, level);
+    }
     /// The tightest field that is_bound(); none if the store has no such field.
     [[nodiscard]] std::optional<Field> tightest_bound() const;
     /// Throws Error{not_found} listing the fields there are.
     [[nodiscard]] const ArrayInfo& array(int level, Field field) const;
     /// The HDF5 path, "/levels/2/linf_bar".
     [[nodiscard]] static std::string path_of(const ArrayInfo& array);
+    /// "/levels/3/cube_ranges", and the checksums of its planes.
+    [[nodiscard]] static std::string cube_ranges_path(int level);
+    [[nodiscard]] static std::string cube_range_sums_path(int level);
 
   private:
     StoreHeader header_;

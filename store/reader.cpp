@@ -71,6 +71,7 @@ void StoreReader::read_header() {
         header.spacing[a] = (*spacing)[a];
         header.origin[a] = (*origin)[a];
     }
+    header.cube_ranges = (*version)[1] >= 2;
     header.type = *value_type_from_name(*type);
     header.chunk = static_cast<int>((*chunk)[0]);
     header.compression = static_cast<int>(std::min<std::uint64_t>((*compression)[0], 100));
@@ -106,6 +107,19 @@ void StoreReader::read_header() {
     if (checksum_of(file_.bytes().subspan(offset, layout_.rows() * sizeof(ChunkRow))) !=
         (*sum)[0]) {
         fail_corrupt("the chunk table is damaged; restore the store from a good copy");
+    }
+    try {
+        ranges_ = CubeRangeTable(root, layout_, file_.bytes());
+    } catch (const Error& error) {
+        fail_corrupt(error.what());
+    }
+}
+
+std::optional<CubeRange> StoreReader::cube_range(int level, const Int3& cube) const {
+    try {
+        return ranges_.at(level, cube);
+    } catch (const Error& error) {
+        fail_corrupt(error.what());
     }
 }
 

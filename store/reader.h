@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include "store/chunk_source.h"
+#include "store/cube_range_table.h"
 #include "store/mapped_file.h"
 
 namespace isonest {
@@ -32,6 +33,7 @@ class StoreReader : public ChunkSource {
                                                     const Int3& chunk) const;
     void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
     void prefetch(const ArrayInfo& array, const Int3& chunk) const override;
+    [[nodiscard]] std::optional<CubeRange> cube_range(int level, const Int3& cube) const override;
 
     /// Chunks and stored bytes decoded since opening.
     [[nodiscard]] std::uint64_t chunks_read() const { return chunks_read_; }
@@ -47,6 +49,7 @@ class StoreReader : public ChunkSource {
     std::array<double, 2> range_{};
     bool has_missing_ = false;
     std::uint64_t table_offset_ = 0;
+    CubeRangeTable ranges_;
     mutable std::atomic<std::uint64_t> chunks_read_ = 0;
     mutable std::atomic<std::uint64_t> bytes_read_ = 0;
 };

@@ -22,6 +22,9 @@ class RecordingSource : public ChunkSource {
         const std::lock_guard lock(mutex_);
         decoded_.insert(array.row_of(chunk));
     }
+    [[nodiscard]] std::optional<CubeRange> cube_range(int level, const Int3& cube) const override {
+        return source_.cube_range(level, cube);
+    }
     /// Rows of the chunk table. REQUIRES: no decode() at the same time.
     [[nodiscard]] const std::set<std::uint64_t>& decoded() const { return decoded_; }
 

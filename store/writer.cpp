@@ -65,6 +65,8 @@ struct StoreWriter::Impl {
     void write_header() const;
     void write_vtk_group() const;
     void write_table() const;
+    DatasetHandle write_whole(const std::string& name, hid_t type, std::span<const hsize_t> dims,
+                              const void* numbers) const;
 };
 
 void StoreWriter::Impl::create() {
@@ -197,21 +199,46 @@ void StoreWriter::Impl::write_table() const {
     }
     write_attribute(file.get(), "range", std::vector<double>{low, high});
     write_attribute(file.get(), "has_missing", missing);
-    const hsize_t count = rows.size();
-    const SpaceHandle space(H5Screate_simple(1, &count, nullptr));
-    const TypeHandle type = chunk_row_type();
-    const PropertyHandle creation(H5Pcreate(H5P_DATASET_CREATE));
-    H5Pset_obj_track_times(creation.get(), false);
-    const DatasetHandle table =
-        made(DatasetHandle(H5Dcreate2(file.get(), "chunks", type.get(), space.get(), H5P_DEFAULT,
-                                      creation.get(), H5P_DEFAULT)),
-             "create /chunks");
-    if (H5Dwrite(table.get(), type.get(), H5S_ALL, H5S_ALL, H5P_DEFAULT, rows.data()) < 0) {
-        fail("write /chunks");
-    }
+    const std::array<hsize_t, 1> count{rows.size()};
+    const DatasetHandle table = write_whole("/chunks", chunk_row_type().get(), count, rows.data());
     write_attribute(table.get(), "xxh64", checksum_of(std::as_bytes(rows)));
     write_attribute(file.get(), "complete", std::uint32_t{1});
 }
+
+DatasetHandle StoreWriter::Impl::write_whole(const std::string& name, const hid_t type,
+                                             std::span<const hsize_t> dims,
+                                             const void* numbers) const {
+    const SpaceHandle space(H5Screate_simple(static_cast<int>(dims.size()), dims.data(), nullptr));
+    const PropertyHandle creation(H5Pcreate(H5P_DATASET_CREATE));
+    H5Pset_obj_track_times(creation.get(), false);
+    DatasetHandle dataset =
+        made(DatasetHandle(H5Dcreate2(file.get(), name.c_str(), type, space.get(), H5P_DEFAULT,
+                                      creation.get(), H5P_DEFAULT)),
+             ("create " + name).c_str());
+    if (H5Dwrite(dataset.get(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT, numbers) < 0) {
+        fail("write " + name);
+    }
+    return dataset;
+}
+
+namespace {
+
+/// The ranges as they are stored, in the place where they were: they only get shorter.
+std::span<const std::byte> pack(std::span<CubeRange> ranges, ValueType type) {
+    std::byte* const begin = std::as_writable_bytes(ranges).data();
+    std::byte* out = begin;
+    dispatch(type, [&](auto tag) {
+        using T = typename decltype(tag)::type;
+        for (const CubeRange range : ranges) {
+            const std::array<T, 2> both{static_cast<T>(range.low), static_cast<T>(range.high)};
+            std::memcpy(out, both.data(), sizeof(both));
+            out += sizeof(both);
+        }
+    });
+    return {begin, out};
+}
+
+}  // namespace
 
 void leave_hdf5_alone_at_exit() {
     H5dont_atexit();
@@ -316,6 +343,26 @@ void StoreWriter::decode(const ArrayInfo& array, const Int3& chunk,
                                 array.place(chunk), std::strerror(errno)));
     }
     decode_chunk(stored, array.codec, raw, impl_->temporary.string() + ": " + array.place(chunk));
+}
+
+void StoreWriter::write_cube_ranges(int level, std::span<CubeRange> ranges) {
+    const QuietHdf5 quiet;
+    const std::lock_guard lock(impl_->hdf5);
+    const ValueType type = impl_->layout.header().type;
+    const Int3 cells = impl_->layout.lattice().cells_at(level);
+    const auto packed = pack(ranges, cube_range_type(type));
+    const std::size_t plane = packed.size() / static_cast<std::size_t>(cells.z);
+    std::vector<std::uint64_t> sums;
+    sums.reserve(static_cast<std::size_t>(cells.z));
+    for (std::size_t at = 0; at < packed.size(); at += plane) {
+        sums.push_back(checksum_of(packed.subspan(at, plane)));
+    }
+    impl_->write_whole(StoreLayout::cube_ranges_path(level), file_type(cube_range_type(type)).get(),
+                       dims_of(cells, 2), packed.data());
+    const std::array<hsize_t, 1> count{sums.size()};
+    const DatasetHandle dataset = impl_->write_whole(StoreLayout::cube_range_sums_path(level),
+                                                     H5T_STD_U64LE, count, sums.data());
+    write_attribute(dataset.get(), "xxh64", checksum_of(std::as_bytes(std::span(sums))));
 }
 
 const std::filesystem::path& StoreWriter::temporary() const {

@@ -61,7 +61,7 @@ with tempfile.TemporaryDirectory() as folder:
         original = f["data"][...]
     with h5py.File(store) as f:
         assert f.attrs["format"] in (b"isonest", "isonest"), f.attrs["format"]
-        assert list(f.attrs["version"]) == [2, 1] and f.attrs["flags"] == 0
+        assert list(f.attrs["version"]) == [2, 2] and f.attrs["flags"] == 0
         assert f.attrs["complete"] == 1
         n = tuple(int(i) for i in f.attrs["nodes"])[::-1]
         assert n == original.shape
@@ -102,6 +102,16 @@ with tempfile.TemporaryDirectory() as folder:
                 cube = [int(rng.integers(s - 1)) for s in deviation.shape]
                 worst = brute_force_deviation(u, cube, level)
                 assert deviation[tuple(cube)] >= worst * (1 - 1e-6), (level, cube, worst)
+        # The ranges of cubes, one checksum for each plane of them.
+        for level in range(3, top + 1):
+            cells = tuple(s - 1 for s in nodes_at(n, level))
+            ranges = f[f"levels/{level}/cube_ranges"]
+            assert ranges.shape == (*cells, 2) and ranges.dtype == u.dtype and not ranges.chunks
+            for cube in np.ndindex(*cells):
+                part = u[tuple(slice(c * 2**level, (c + 1) * 2**level + 1) for c in cube)]
+                assert tuple(ranges[cube]) == (part.min(), part.max()), (level, cube)
+            assert f[f"levels/{level}/cube_range_sums"].shape == cells[:1]
+        assert top >= 5 and "cube_ranges" not in f["levels/2"]
         # The chunk table: where each chunk lies, and what it holds.
         table = f["chunks"][...]
         raw = open(store, "rb").read()

@@ -1,0 +1,144 @@
+#include "query/check_cube_ranges.h"
+
+#include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include <cmath>
+
+#include "store/error.h"
+#include "store/gather.h"
+
+namespace isonest {
+namespace {
+
+/// Cubes per axis that are looked at together.
+constexpr std::int64_t kGroup = 8;
+constexpr Int3 kOne{1, 1, 1};
+
+class RangeChecks {
+  public:
+    RangeChecks(const StoreReader& store, ChunkCache& cache, Findings& findings, Progress& progress)
+        : store_(store),
+          layout_(store.layout()),
+          cache_(cache),
+          findings_(findings),
+          progress_(progress) {}
+
+    /// Whether all planes are whole.
+    bool planes(int level) {
+        bool whole = true;
+        for (std::int64_t z = 0; z < layout_.lattice().cells_at(level).z; ++z) {
+            try {
+                store_.cube_range(level, {0, 0, z});
+            } catch (const Error& error) {
+                if (error.kind() != ErrorKind::corrupt) {
+                    throw;
+                }
+                whole = false;
+                add(level, {0, 0, z}, error.what());
+            }
+        }
+        return whole;
+    }
+
+    void against_values() {
+        const Int3 cells = layout_.lattice().cells_at(kFirstRangeLevel);
+        const Int3 groups = ceil_div(cells, kOne * kGroup);
+        progress_.begin("cube ranges", static_cast<std::uint64_t>(groups.product()), "groups");
+        tbb::parallel_for(std::int64_t{0}, groups.product(), [&](std::int64_t i) {
+            progress_.check();
+            const Int3 first = groups.unlinear(i) * kGroup;
+            try {
+                dispatch(layout_.header().type, [&](auto tag) {
+                    group<typename decltype(tag)::type>(first,
+                                                        min(first + kOne * kGroup, cells) - first);
+                });
+            } catch (const Error& error) {
+                if (error.kind() != ErrorKind::corrupt) {
+                    throw;  // a damaged chunk of values is a finding already
+                }
+            }
+            progress_.advance(1);
+        });
+    }
+
+    void against_finer(int level) {
+        const Int3 cells = layout_.lattice().cells_at(level);
+        const Int3 finer = layout_.lattice().cells_at(level - 1);
+        for (std::int64_t i = 0; i < cells.product(); ++i) {
+            const Int3 cube = cells.unlinear(i);
+            const Int3 count = min(cube * 2 + kOne * 2, finer) - cube * 2;
+            CubeRange found;
+            for (std::int64_t c = 0; c < count.product(); ++c) {
+                found.include(*store_.cube_range(level - 1, cube * 2 + count.unlinear(c)));
+            }
+            compare(level, cube, found);
+        }
+    }
+
+  private:
+    template <class T>
+    void group(const Int3& first, const Int3& count) {
+        constexpr std::int64_t kEdge = std::int64_t{1} << kFirstRangeLevel;
+        const Int3 last = layout_.lattice().nodes() - kOne;
+        const Int3 end = min((first + count) * kEdge, last);
+        Box<T> box(first * kEdge, end - first * kEdge + kOne);
+        gather_values(cache_, layout_.array(0, Field::values), box);
+        for (std::int64_t c = 0; c < count.product(); ++c) {
+            const Int3 cube = first + count.unlinear(c);
+            const Int3 n = min((cube + kOne) * kEdge, last) - cube * kEdge + kOne;
+            double low = std::numeric_limits<double>::infinity();
+            double high = -low;
+            for (std::int64_t i = 0; i < n.product(); ++i) {
+                const auto value = static_cast<double>(box.at(cube * kEdge + n.unlinear(i)));
+                low = std::fmin(low, value);
+                high = std::fmax(high, value);
+            }
+            compare(kFirstRangeLevel, cube, cube_range_around(low, high));
+        }
+    }
+
+    void compare(int level, const Int3& cube, const CubeRange& found) {
+        const CubeRange stored = *store_.cube_range(level, cube);
+        if (stored != found) {
+            add(level, cube,
+                fmt::format("the store says {} to {}, the values in the cube are {} to {}",
+                            stored.low, stored.high, found.low, found.high));
+        }
+    }
+
+    void add(int level, const Int3& cube, const std::string& message) {
+        const ArrayInfo& array = layout_.array(level, Field::values);
+        findings_.add("cube range", array, array.chunk_of(cube), cube * (std::int64_t{1} << level),
+                      message);
+    }
+
+    const StoreReader& store_;
+    const StoreLayout& layout_;
+    ChunkCache& cache_;
+    Findings& findings_;
+    Progress& progress_;
+};
+
+}  // namespace
+
+void check_cube_ranges(const StoreReader& store, ChunkCache& cache, bool quick, Findings& findings,
+                       Progress& progress) {
+    RangeChecks checks(store, cache, findings, progress);
+    bool finer_whole = false;
+    for (int level = kFirstRangeLevel; store.layout().has_cube_ranges(level); ++level) {
+        const bool whole = checks.planes(level);
+        if (quick || !whole) {
+            finer_whole = false;
+            continue;
+        }
+        if (level == kFirstRangeLevel) {
+            checks.against_values();
+        } else if (finer_whole) {
+            checks.against_finer(level);
+        }
+        finer_whole = true;
+    }
+}
+
+}  // namespace isonest
