@@ -29,7 +29,7 @@ class RangeChecks {
         bool whole = true;
         for (std::int64_t z = 0; z < layout_.lattice().cells_at(level).z; ++z) {
             try {
-                store_.cube_range(level, {0, 0, z});
+                static_cast<void>(store_.cube_range(level, {0, 0, z}));
             } catch (const Error& error) {
                 if (error.kind() != ErrorKind::corrupt) {
                     throw;
