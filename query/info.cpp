@@ -30,4 +30,13 @@ std::vector<ArrayReport> describe_arrays(const StoreReader& store) {
     return reports;
 }
 
+std::uint64_t cube_range_bytes(const StoreReader& store) {
+    std::uint64_t bytes = 0;
+    for (int level = kFirstRangeLevel; store.layout().has_cube_ranges(level); ++level) {
+        bytes += static_cast<std::uint64_t>(store.layout().lattice().cells_at(level).product()) *
+                 cube_range_bytes(store.layout().header().type);
+    }
+    return bytes;
+}
+
 }  // namespace isonest

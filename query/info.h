@@ -24,4 +24,7 @@ struct ArrayReport {
 /// Sizes and ranges of all arrays, from the chunk table alone.
 std::vector<ArrayReport> describe_arrays(const StoreReader& store);
 
+/// Bytes of the ranges of all cubes.
+std::uint64_t cube_range_bytes(const StoreReader& store);
+
 }  // namespace isonest

@@ -71,7 +71,8 @@ void StoreReader::read_header() {
         header.spacing[a] = (*spacing)[a];
         header.origin[a] = (*origin)[a];
     }
-    header.cube_ranges = (*version)[1] >= 2;
+    format_minor_ = (*version)[1];
+    header.cube_ranges = format_minor_ >= 2;
     header.type = *value_type_from_name(*type);
     header.chunk = static_cast<int>((*chunk)[0]);
     header.compression = static_cast<int>(std::min<std::uint64_t>((*compression)[0], 100));

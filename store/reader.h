@@ -20,6 +20,8 @@ class StoreReader : public ChunkSource {
 
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
     [[nodiscard]] const StoreLayout& layout() const override { return layout_; }
+    /// Minor version of the format in which it was written.
+    [[nodiscard]] std::uint64_t format_minor() const { return format_minor_; }
     [[nodiscard]] std::uint64_t file_bytes() const { return file_.bytes().size(); }
     /// Smallest and largest finite value of level 0; min > max if there is none.
     [[nodiscard]] double min_value() const { return range_[0]; }
@@ -46,6 +48,7 @@ class StoreReader : public ChunkSource {
     std::filesystem::path path_;
     MappedFile file_;
     StoreLayout layout_;
+    std::uint64_t format_minor_ = 0;
     std::array<double, 2> range_{};
     bool has_missing_ = false;
     std::uint64_t table_offset_ = 0;

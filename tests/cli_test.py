@@ -251,6 +251,7 @@ class Cli(unittest.TestCase):
         info = self.json("info", "b.isonest")
         self.assertEqual(info["nodes"], [33, 33, 33])
         self.assertEqual(info["type"], "float32")
+        self.assertEqual(info["cube_range_bytes"], (4**3 + 2**3 + 1) * 2 * 4)
         self.assertEqual(sum(a["chunks"] for a in info["arrays"] if not a["alias"]), info["chunks"])
         report = self.json("extract", "b.isonest", "--iso", "0.5", "--error", "0.01", "-o", "e.ply")
         for key in ("vertices", "triangles", "error_bound", "visited_tetrahedra",

@@ -4,6 +4,7 @@ Usage: store_h5py_test.py ISONEST PLUGIN_FOLDER
 """
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -137,6 +138,21 @@ with tempfile.TemporaryDirectory() as folder:
                         assert row["min"] == block.min() and row["max"] == block.max()
         assert rows == len(table)
     print("h5py: header, values, indicators, chunk table agree with FORMAT.md")
+
+    # A store of 2.1 has no ranges; it gives the same meshes.
+    older = f"{folder}/older.isonest"
+    shutil.copyfile(store, older)
+    with h5py.File(older, "r+") as f:
+        f.attrs.modify("version", np.array([2, 1], "<u4"))
+        for level in range(3, top + 1):
+            del f[f"levels/{level}/cube_ranges"], f[f"levels/{level}/cube_range_sums"]
+    assert run("info", older)["format"] == "2.1" and run("info", store)["format"] == "2.2"
+    iso = float(np.quantile(original, 0.999))
+    reports = [run("extract", s, "--iso", iso, "--error-relative", 0.05, "-o", f"{s}.ply")
+               for s in (store, older)]
+    meshes = [open(f"{s}.ply", "rb").read() for s in (store, older)]
+    assert meshes[0] == meshes[1] and reports[0]["triangles"] > 0
+    assert reports[0]["visited_tetrahedra"] < reports[1]["visited_tetrahedra"]
 
     try:
         import vtk

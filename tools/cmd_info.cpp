@@ -36,7 +36,7 @@ Result run(const std::string& path) {
     }
     const bool any = store.min_value() <= store.max_value();
     result.json = {{"store", path},
-                   {"format", fmt::format("{}.{}", kFormatMajor, kFormatMinor)},
+                   {"format", fmt::format("{}.{}", kFormatMajor, store.format_minor())},
                    {"nodes", to_json(h.nodes)},
                    {"type", name_of(h.type)},
                    {"spacing", h.spacing},
@@ -50,13 +50,15 @@ Result run(const std::string& path) {
                    {"chunk", h.chunk},
                    {"compression", h.compression},
                    {"chunks", store.layout().rows()},
+                   {"cube_range_bytes", cube_range_bytes(store)},
                    {"file_bytes", store.file_bytes()},
                    {"arrays", Json::array()}};
     result.text = fmt::format(
         "{}: {} x {} x {} {}, {} levels, {}\n"
         "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}\n"
         "values {}{}\n"
-        "indicators {} ({}), chunks of {}^3 nodes, zstd level {}\n\n"
+        "indicators {} ({}), chunks of {}^3 nodes, zstd level {}\n"
+        "ranges of cubes: {}\n\n"
         "{:>5} {:<14} {:>18} {:>8} {:>10} {:>7}  {}\n",
         path, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type), store.layout().lattice().top() + 1,
         human_bytes(static_cast<double>(store.file_bytes())), h.spacing[0], h.spacing[1],
@@ -65,8 +67,9 @@ Result run(const std::string& path) {
             : std::string("none"),
         store.has_missing() ? ", some missing" : "",
         h.fields.empty() ? std::string("none") : list_names(h.fields),
-        h.exact ? "32-bit" : "16-bit, rounded up", h.chunk, h.compression, "level", "field",
-        "nodes", "chunks", "stored", "ratio", "range");
+        h.exact ? "32-bit" : "16-bit, rounded up", h.chunk, h.compression,
+        human_bytes(static_cast<double>(cube_range_bytes(store))), "level", "field", "nodes",
+        "chunks", "stored", "ratio", "range");
     for (const ArrayReport& r : arrays) {
         result.json["arrays"].push_back({{"level", r.level},
                                          {"field", name_of(r.field)},
