@@ -152,12 +152,13 @@ void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& d
 
 void write_cube_ranges(const Outputs& outputs) {
     const Lattice& lattice = outputs.writer.layout().lattice();
-    for (int level = kFirstRangeLevel + 1; has_cube_ranges(lattice, level); ++level) {
-        merge_cube_ranges(outputs.centres.cube_ranges(level - 1), lattice.cells_at(level - 1),
-                          outputs.centres.cube_ranges(level), lattice.cells_at(level));
-    }
     for (int level = kFirstRangeLevel; has_cube_ranges(lattice, level); ++level) {
-        outputs.writer.write_cube_ranges(level, outputs.centres.cube_ranges(level));
+        const auto ranges = outputs.centres.cube_ranges(level);
+        if (level > kFirstRangeLevel) {
+            merge_cube_ranges(outputs.centres.cube_ranges(level - 1), lattice.cells_at(level - 1),
+                              ranges, lattice.cells_at(level));
+        }
+        outputs.writer.write_cube_ranges(level, ranges);
     }
 }
 

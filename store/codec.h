@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -27,6 +28,20 @@ void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
 
 /// XXH64 with seed 0.
 std::uint64_t checksum_of(std::span<const std::byte> bytes);
+/// The same of bytes that come piece by piece.
+class Checksum {
+  public:
+    Checksum();
+    Checksum(const Checksum&) = delete;
+    Checksum& operator=(const Checksum&) = delete;
+    ~Checksum();
+    void add(std::span<const std::byte> bytes);
+    [[nodiscard]] std::uint64_t value() const;
+
+  private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
 
 /// Heap that one thread's contexts and buffers may take for chunks of `chunk_bytes`.
 std::size_t codec_heap(std::size_t chunk_bytes, int level);

@@ -35,6 +35,7 @@ struct StoreWriter::Impl {
     int read_fd = -1;
     EarlyWriteBack early;
     std::uint64_t written = 0;
+    int ranged = kFirstRangeLevel;  ///< the next level whose ranges are to be written
     mutable std::mutex hdf5;
 
     Impl(const std::filesystem::path& target, const StoreHeader& header)
@@ -65,6 +66,9 @@ struct StoreWriter::Impl {
     void write_header() const;
     void write_vtk_group() const;
     void write_table() const;
+    /// In one piece.
+    DatasetHandle create_whole(const std::string& name, hid_t type,
+                               std::span<const hsize_t> dims) const;
     DatasetHandle write_whole(const std::string& name, hid_t type, std::span<const hsize_t> dims,
                               const void* numbers) const;
 };
@@ -205,16 +209,20 @@ void StoreWriter::Impl::write_table() const {
     write_attribute(file.get(), "complete", std::uint32_t{1});
 }
 
-DatasetHandle StoreWriter::Impl::write_whole(const std::string& name, const hid_t type,
-                                             std::span<const hsize_t> dims,
-                                             const void* numbers) const {
+DatasetHandle StoreWriter::Impl::create_whole(const std::string& name, const hid_t type,
+                                              std::span<const hsize_t> dims) const {
     const SpaceHandle space(H5Screate_simple(static_cast<int>(dims.size()), dims.data(), nullptr));
     const PropertyHandle creation(H5Pcreate(H5P_DATASET_CREATE));
     H5Pset_obj_track_times(creation.get(), false);
-    DatasetHandle dataset =
-        made(DatasetHandle(H5Dcreate2(file.get(), name.c_str(), type, space.get(), H5P_DEFAULT,
-                                      creation.get(), H5P_DEFAULT)),
-             ("create " + name).c_str());
+    return made(DatasetHandle(H5Dcreate2(file.get(), name.c_str(), type, space.get(), H5P_DEFAULT,
+                                         creation.get(), H5P_DEFAULT)),
+                ("create " + name).c_str());
+}
+
+DatasetHandle StoreWriter::Impl::write_whole(const std::string& name, const hid_t type,
+                                             std::span<const hsize_t> dims,
+                                             const void* numbers) const {
+    DatasetHandle dataset = create_whole(name, type, dims);
     if (H5Dwrite(dataset.get(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT, numbers) < 0) {
         fail("write " + name);
     }
@@ -223,19 +231,21 @@ DatasetHandle StoreWriter::Impl::write_whole(const std::string& name, const hid_
 
 namespace {
 
-/// The ranges as they are stored, in the place where they were: they only get shorter.
-std::span<const std::byte> pack(std::span<CubeRange> ranges, ValueType type) {
-    std::byte* const begin = std::as_writable_bytes(ranges).data();
-    std::byte* out = begin;
+/// How many are packed and written together.
+constexpr std::int64_t kRangesAtOnce = 65536;
+
+/// The ranges as they are stored.
+void pack(std::span<const CubeRange> ranges, ValueType type, std::vector<std::byte>& out) {
     dispatch(type, [&](auto tag) {
         using T = typename decltype(tag)::type;
-        for (const CubeRange range : ranges) {
+        out.resize(ranges.size() * 2 * sizeof(T));
+        std::byte* to = out.data();
+        for (const CubeRange& range : ranges) {
             const std::array<T, 2> both{static_cast<T>(range.low), static_cast<T>(range.high)};
-            std::memcpy(out, both.data(), sizeof(both));
-            out += sizeof(both);
+            std::memcpy(to, both.data(), sizeof(both));
+            to += sizeof(both);
         }
     });
-    return {begin, out};
 }
 
 }  // namespace
@@ -345,24 +355,45 @@ void StoreWriter::decode(const ArrayInfo& array, const Int3& chunk,
     decode_chunk(stored, array.codec, raw, impl_->temporary.string() + ": " + array.place(chunk));
 }
 
-void StoreWriter::write_cube_ranges(int level, std::span<CubeRange> ranges) {
+void StoreWriter::write_cube_ranges(int level, std::span<const CubeRange> ranges) {
     const QuietHdf5 quiet;
     const std::lock_guard lock(impl_->hdf5);
-    const ValueType type = impl_->layout.header().type;
+    const ValueType type = cube_range_type(impl_->layout.header().type);
     const Int3 cells = impl_->layout.lattice().cells_at(level);
-    const auto packed = pack(ranges, cube_range_type(type));
-    const std::size_t plane = packed.size() / static_cast<std::size_t>(cells.z);
+    const std::string name = StoreLayout::cube_ranges_path(level);
+    const TypeHandle stored = file_type(type);
+    const auto dims = dims_of(cells, 2);
+    const DatasetHandle dataset = impl_->create_whole(name, stored.get(), dims);
+    const SpaceHandle space(H5Screate_simple(dims.size(), dims.data(), nullptr));
+    const std::int64_t most = std::max<std::int64_t>(1, kRangesAtOnce / cells.x);  // rows
+    std::vector<std::byte> packed;
     std::vector<std::uint64_t> sums;
     sums.reserve(static_cast<std::size_t>(cells.z));
-    for (std::size_t at = 0; at < packed.size(); at += plane) {
-        sums.push_back(checksum_of(packed.subspan(at, plane)));
+    for (std::int64_t z = 0; z < cells.z; ++z) {
+        Checksum sum;
+        for (std::int64_t y = 0; y < cells.y; y += most) {
+            const Int3 rows{cells.x, std::min(most, cells.y - y), 1};
+            pack(ranges.subspan(static_cast<std::size_t>(cells.linear({0, y, z})),
+                                static_cast<std::size_t>(rows.product())),
+                 type, packed);
+            sum.add(packed);
+            const auto at = dims_of({0, y, z}, 0);
+            const auto count = dims_of(rows, 2);
+            const SpaceHandle memory(H5Screate_simple(count.size(), count.data(), nullptr));
+            if (H5Sselect_hyperslab(space.get(), H5S_SELECT_SET, at.data(), nullptr, count.data(),
+                                    nullptr) < 0 ||
+                H5Dwrite(dataset.get(), stored.get(), memory.get(), space.get(), H5P_DEFAULT,
+                         packed.data()) < 0) {
+                impl_->fail("write " + name);
+            }
+        }
+        sums.push_back(sum.value());
     }
-    impl_->write_whole(StoreLayout::cube_ranges_path(level), file_type(cube_range_type(type)).get(),
-                       dims_of(cells, 2), packed.data());
     const std::array<hsize_t, 1> count{sums.size()};
-    const DatasetHandle dataset = impl_->write_whole(StoreLayout::cube_range_sums_path(level),
-                                                     H5T_STD_U64LE, count, sums.data());
-    write_attribute(dataset.get(), "xxh64", checksum_of(std::as_bytes(std::span(sums))));
+    const DatasetHandle checksums = impl_->write_whole(StoreLayout::cube_range_sums_path(level),
+                                                       H5T_STD_U64LE, count, sums.data());
+    write_attribute(checksums.get(), "xxh64", checksum_of(std::as_bytes(std::span(sums))));
+    impl_->ranged = level + 1;
 }
 
 const std::filesystem::path& StoreWriter::temporary() const {
@@ -380,6 +411,11 @@ void StoreWriter::finish() {
             throw Error(ErrorKind::io, fmt::format("{}: a chunk was never written; this is a bug",
                                                    impl_->path.string()));
         }
+    }
+    if (impl_->layout.has_cube_ranges(impl_->ranged)) {
+        throw Error(ErrorKind::io, fmt::format("{}: ranges of cubes were never written; this is a "
+                                               "bug",
+                                               impl_->path.string()));
     }
     impl_->write_table();
     bool closed = true;

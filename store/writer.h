@@ -23,9 +23,9 @@ class StoreWriter : public ChunkSource {
     /// Throws Error{io}.
     void write_chunk(const ArrayInfo& array, const Int3& chunk, std::span<const std::byte> encoded,
                      ChunkRow row);
-    /// The ranges of a level's cubes, [z][y][x]; their room is used. REQUIRES: once for each level
-    /// that has them, in ascending order, after all chunks. Throws Error{io}.
-    void write_cube_ranges(int level, std::span<CubeRange> ranges);
+    /// The ranges of a level's cubes, [z][y][x]. REQUIRES: once for each level that has them, in
+    /// ascending order, after all chunks. Throws Error{io}.
+    void write_cube_ranges(int level, std::span<const CubeRange> ranges);
     [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override;
     void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
     [[nodiscard]] std::uint64_t bytes_written() const;
