@@ -4,8 +4,8 @@
 #include <memory>
 
 #include "query/export.h"
-#include "store/error.h"
 #include "tools/command.h"
+#include "tools/fields.h"
 #include "tools/units.h"
 
 namespace isonest::cli {
@@ -16,15 +16,6 @@ struct Arguments {
     std::string output;
     ExportOptions options;
 };
-
-Field parse_field(const std::string& text) {
-    const std::optional<Field> field = field_from_name(text);
-    if (!field) {
-        throw Error(ErrorKind::invalid_argument, fmt::format("--field '{}': give values, {}", text,
-                                                             list_names(all_indicators())));
-    }
-    return *field;
-}
 
 Result run(const Arguments& a, Progress& progress) {
     const StoreReader store(a.store);
@@ -59,7 +50,8 @@ void add_export(CLI::App& app, Invocation& chosen) {
     ExportOptions& e = a->options;
     c->add_option("STORE", a->store, "made by isonest preprocess")->required();
     add_parsed(
-        c, "--field", [&e](const std::string& text) { e.field = parse_field(text); },
+        c, "--field",
+        [&e](const std::string& text) { e.field = parse_field_or_values("--field", text); },
         fmt::format("values, {}", list_names(all_indicators())), "NAME")
         ->required();
     add_parsed(

@@ -9,11 +9,27 @@
 
 namespace isonest::cli {
 
+namespace {
+
+[[noreturn]] void refuse(const std::string& option, const std::string& text, const char* first) {
+    throw Error(ErrorKind::invalid_argument, fmt::format("{} '{}': there are {}{}", option, text,
+                                                         first, list_names(all_indicators())));
+}
+
+}  // namespace
+
 Field parse_field(const std::string& option, const std::string& text) {
     const std::optional<Field> field = field_from_name(text);
     if (!field || *field == Field::values) {
-        throw Error(ErrorKind::invalid_argument, fmt::format("{} '{}': there are {}", option, text,
-                                                             list_names(all_indicators())));
+        refuse(option, text, "");
+    }
+    return *field;
+}
+
+Field parse_field_or_values(const std::string& option, const std::string& text) {
+    const std::optional<Field> field = field_from_name(text);
+    if (!field) {
+        refuse(option, text, "values, ");
     }
     return *field;
 }
