@@ -4,6 +4,19 @@
 #include <utility>
 
 namespace isonest {
+namespace {
+
+/// Into an array of all cubes of a level.
+template <class T>
+void copy_box(const Box<T>& from, const Int3& cells, std::span<T> to) {
+    for (std::int64_t z = from.lo.z; z < from.lo.z + from.size.z; ++z) {
+        for (std::int64_t y = from.lo.y; y < from.lo.y + from.size.y; ++y) {
+            std::copy_n(from.row(y, z), from.size.x, to.data() + cells.linear({from.lo.x, y, z}));
+        }
+    }
+}
+
+}  // namespace
 
 CentreStore::CentreStore(const Lattice& lattice, std::vector<Field> fields,
                          const std::filesystem::path& file)
@@ -17,36 +30,37 @@ CentreStore::CentreStore(const Lattice& lattice, std::vector<Field> fields,
             first_[l] + fields_.size() * sizeof(float) *
                             static_cast<std::uint64_t>(lattice.elements_at(level).product());
     }
-    std::uint64_t ranges = 0;
-    for (int level = kFirstRangeLevel; has_cube_ranges(lattice_, level); ++level) {
-        ranges +=
-            sizeof(CubeRange) * static_cast<std::uint64_t>(lattice_.cells_at(level).product());
-    }
-    file_.map(ranges_begin() + ranges);
+    file_.map(ranges_offset(lattice.top() + 1));
 }
 
-std::uint64_t CentreStore::ranges_begin() const {
-    return (first_.back() + sizeof(CubeRange) - 1) / sizeof(CubeRange) * sizeof(CubeRange);
+/// Where the ranges of a level begin, in bytes; past the coarsest level, where all of them end.
+std::uint64_t CentreStore::ranges_offset(int level) const {
+    std::uint64_t offset =
+        (first_.back() + sizeof(CubeRange) - 1) / sizeof(CubeRange) * sizeof(CubeRange);
+    for (int l = kFirstRangeLevel; l < level && has_cube_ranges(lattice_, l); ++l) {
+        offset += sizeof(CubeRange) * static_cast<std::uint64_t>(lattice_.cells_at(l).product());
+    }
+    return offset;
 }
 
 std::span<CubeRange> CentreStore::cube_ranges(int level) const {
-    std::size_t first = ranges_begin() / sizeof(CubeRange);
-    for (int l = kFirstRangeLevel; l < level; ++l) {
-        first += static_cast<std::size_t>(lattice_.cells_at(l).product());
-    }
     return file_.as<CubeRange>().subspan(
-        first, static_cast<std::size_t>(lattice_.cells_at(level).product()));
+        ranges_offset(level) / sizeof(CubeRange),
+        static_cast<std::size_t>(lattice_.cells_at(level).product()));
 }
 
 void CentreStore::put(const Box<CubeRange>& ranges) {
-    const Int3 cells = lattice_.cells_at(kFirstRangeLevel);
-    const auto to = cube_ranges(kFirstRangeLevel);
-    for (std::int64_t z = ranges.lo.z; z < ranges.lo.z + ranges.size.z; ++z) {
-        for (std::int64_t y = ranges.lo.y; y < ranges.lo.y + ranges.size.y; ++y) {
-            std::copy_n(ranges.row(y, z), ranges.size.x,
-                        to.data() + cells.linear({ranges.lo.x, y, z}));
-        }
-    }
+    copy_box(ranges, lattice_.cells_at(kFirstRangeLevel), cube_ranges(kFirstRangeLevel));
+}
+
+/// Planes `begin` to `end` - 1 of an array of all cubes of a level.
+template <class T>
+CentreStore::Range CentreStore::planes_of(std::span<const T> all, const Int3& cells,
+                                          std::int64_t begin, std::int64_t end) const {
+    const auto part = all.subspan(static_cast<std::size_t>(begin * cells.x * cells.y),
+                                  static_cast<std::size_t>((end - begin) * cells.x * cells.y));
+    return {static_cast<std::uint64_t>(std::as_bytes(part).data() - bytes().data()),
+            part.size_bytes()};
 }
 
 CentreStore::Range CentreStore::cube_ranges_of(int chunk, std::int64_t rows) const {
@@ -56,12 +70,8 @@ CentreStore::Range CentreStore::cube_ranges_of(int chunk, std::int64_t rows) con
     const Int3 cells = lattice_.cells_at(kFirstRangeLevel);
     const std::int64_t planes = cube_ranges_per_block(chunk);
     const std::int64_t begin = std::min((rows - 1) * planes, cells.z);
-    const std::int64_t end = std::min(begin + planes, cells.z);
-    const auto part = cube_ranges(kFirstRangeLevel)
-                          .subspan(static_cast<std::size_t>(begin * cells.x * cells.y),
-                                   static_cast<std::size_t>((end - begin) * cells.x * cells.y));
-    return {static_cast<std::uint64_t>(std::as_bytes(part).data() - bytes().data()),
-            part.size_bytes()};
+    return planes_of<CubeRange>(cube_ranges(kFirstRangeLevel), cells, begin,
+                                std::min(begin + planes, cells.z));
 }
 
 std::span<float> CentreStore::cubes(int level, Field what) const {
@@ -90,24 +100,13 @@ std::vector<CentreStore::Range> CentreStore::ranges_of(int chunk, int level,
     const std::int64_t begin = level == 2 ? std::min((rows - 1) * planes, cells.z) : 0;
     const std::int64_t end = std::min(begin + planes, cells.z);
     for (const Field field : fields_) {
-        const auto part = cubes(level, field)
-                              .subspan(static_cast<std::size_t>(begin * cells.x * cells.y),
-                                       static_cast<std::size_t>((end - begin) * cells.x * cells.y));
-        ranges.push_back({static_cast<std::uint64_t>(std::as_bytes(part).data() - bytes().data()),
-                          part.size_bytes()});
+        ranges.push_back(planes_of<float>(cubes(level, field), cells, begin, end));
     }
     return ranges;
 }
 
 void CentreStore::put(int level, Field what, const Box<float>& centres) {
-    const Int3 cells = lattice_.elements_at(level);
-    const auto to = cubes(level, what);
-    for (std::int64_t z = centres.lo.z; z < centres.lo.z + centres.size.z; ++z) {
-        for (std::int64_t y = centres.lo.y; y < centres.lo.y + centres.size.y; ++y) {
-            std::copy_n(centres.row(y, z), centres.size.x,
-                        to.data() + cells.linear({centres.lo.x, y, z}));
-        }
-    }
+    copy_box(centres, lattice_.elements_at(level), cubes(level, what));
 }
 
 void CentreStore::get(int level, Field what, float outside, Box<float>& centres) const {

@@ -16,7 +16,7 @@ namespace isonest {
 
 /// Cubes of level kFirstRangeLevel along an axis of a base block: 2 `chunk` nodes.
 constexpr std::int64_t cube_ranges_per_block(std::int64_t chunk) {
-    return 2 * chunk >> kFirstRangeLevel;
+    return 2 * chunk / kFirstRangeEdge;
 }
 
 /// Saturated values of cube centres per level, as binary32 in a temporary file: so that the 16-bit
@@ -55,7 +55,10 @@ class CentreStore {
 
   private:
     [[nodiscard]] std::span<float> cubes(int level, Field what) const;
-    [[nodiscard]] std::uint64_t ranges_begin() const;
+    [[nodiscard]] std::uint64_t ranges_offset(int level) const;
+    template <class T>
+    [[nodiscard]] Range planes_of(std::span<const T> all, const Int3& cells, std::int64_t begin,
+                                  std::int64_t end) const;
 
     Lattice lattice_;
     std::vector<Field> fields_;

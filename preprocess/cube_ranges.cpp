@@ -8,19 +8,14 @@
 #include "preprocess/value_rows.h"
 
 namespace isonest {
-namespace {
-
-constexpr std::int64_t kEdge = std::int64_t{1} << kFirstRangeLevel;
-
-}  // namespace
 
 template <class T>
 void find_cube_ranges(const Box<T>& values, const Int3& last, Box<CubeRange>& to) {
     if (to.size.product() == 0) {
         return;
     }
-    const Int3 first = to.lo * kEdge;
-    const Int3 end = min((to.lo + to.size) * kEdge, last);
+    const Int3 first = to.lo * kFirstRangeEdge;
+    const Int3 end = min((to.lo + to.size) * kFirstRangeEdge, last);
     const std::int64_t n = end.x - first.x + 1;
     // Nothing is below the one or above the other: what is left is no value.
     constexpr bool kReal = std::is_floating_point_v<T>;
@@ -33,8 +28,10 @@ void find_cube_ranges(const Box<T>& values, const Int3& last, Box<CubeRange>& to
         for (std::int64_t cy = to.lo.y; cy < to.lo.y + to.size.y; ++cy) {
             low.assign(low.size(), kMost);
             high.assign(high.size(), kLeast);
-            for (std::int64_t z = cz * kEdge; z <= std::min((cz + 1) * kEdge, last.z); ++z) {
-                for (std::int64_t y = cy * kEdge; y <= std::min((cy + 1) * kEdge, last.y); ++y) {
+            for (std::int64_t z = cz * kFirstRangeEdge;
+                 z <= std::min((cz + 1) * kFirstRangeEdge, last.z); ++z) {
+                for (std::int64_t y = cy * kFirstRangeEdge;
+                     y <= std::min((cy + 1) * kFirstRangeEdge, last.y); ++y) {
                     range_row(values.row(y, z) + (first.x - values.lo.x), low.data(), high.data(),
                               n);
                 }
@@ -42,8 +39,8 @@ void find_cube_ranges(const Box<T>& values, const Int3& last, Box<CubeRange>& to
             for (std::int64_t cx = to.lo.x; cx < to.lo.x + to.size.x; ++cx) {
                 T least = kMost;
                 T most = kLeast;
-                const std::int64_t stop = std::min((cx + 1) * kEdge, last.x);
-                for (std::int64_t x = cx * kEdge; x <= stop; ++x) {
+                const std::int64_t stop = std::min((cx + 1) * kFirstRangeEdge, last.x);
+                for (std::int64_t x = cx * kFirstRangeEdge; x <= stop; ++x) {
                     const auto i = static_cast<std::size_t>(x - first.x);
                     least = std::min(least, low[i]);
                     most = std::max(most, high[i]);

@@ -4,6 +4,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <cmath>
+#include <limits>
 
 #include "store/error.h"
 #include "store/gather.h"
@@ -79,18 +80,19 @@ class RangeChecks {
   private:
     template <class T>
     void group(const Int3& first, const Int3& count) {
-        constexpr std::int64_t kEdge = std::int64_t{1} << kFirstRangeLevel;
         const Int3 last = layout_.lattice().nodes() - kOne;
-        const Int3 end = min((first + count) * kEdge, last);
-        Box<T> box(first * kEdge, end - first * kEdge + kOne);
+        const Int3 end = min((first + count) * kFirstRangeEdge, last);
+        Box<T> box(first * kFirstRangeEdge, end - first * kFirstRangeEdge + kOne);
         gather_values(cache_, layout_.array(0, Field::values), box);
         for (std::int64_t c = 0; c < count.product(); ++c) {
             const Int3 cube = first + count.unlinear(c);
-            const Int3 n = min((cube + kOne) * kEdge, last) - cube * kEdge + kOne;
+            const Int3 n =
+                min((cube + kOne) * kFirstRangeEdge, last) - cube * kFirstRangeEdge + kOne;
             double low = std::numeric_limits<double>::infinity();
             double high = -low;
             for (std::int64_t i = 0; i < n.product(); ++i) {
-                const auto value = static_cast<double>(box.at(cube * kEdge + n.unlinear(i)));
+                const auto value =
+                    static_cast<double>(box.at(cube * kFirstRangeEdge + n.unlinear(i)));
                 low = std::fmin(low, value);
                 high = std::fmax(high, value);
             }

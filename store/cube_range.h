@@ -7,6 +7,7 @@
 
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 
 #include "store/lattice.h"
@@ -16,6 +17,7 @@ namespace isonest {
 
 /// The finest of the levels whose cubes have one: cubes of 8^3 finest cells.
 inline constexpr int kFirstRangeLevel = 3;
+inline constexpr std::int64_t kFirstRangeEdge = std::int64_t{1} << kFirstRangeLevel;
 
 /// The smallest and the largest value at the nodes of a closed cube, NaN left out; (+inf, -inf)
 /// without any.

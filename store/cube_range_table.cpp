@@ -11,21 +11,6 @@
 #include "store/hdf5_types.h"
 
 namespace isonest {
-namespace {
-
-/// The bytes of a dataset that lies in one piece; none if it does not, or has another size.
-std::span<const std::byte> contiguous(hid_t dataset, std::uint64_t size,
-                                      std::span<const std::byte> file) {
-    const haddr_t offset = H5Dget_offset(dataset);
-    if (offset == HADDR_UNDEF || H5Dget_storage_size(dataset) != size || offset > file.size() ||
-        size > file.size() - offset) {
-        return {};
-    }
-    return file.subspan(offset, size);
-}
-
-}  // namespace
-
 CubeRangeTable::CubeRangeTable(std::int64_t file, const StoreLayout& layout,
                                std::span<const std::byte> bytes)
     : type_(cube_range_type(layout.header().type)) {

@@ -98,6 +98,16 @@ int rank_of(const ArrayInfo& array) {
     return array.field == Field::values ? 3 : 4;
 }
 
+std::span<const std::byte> contiguous(hid_t dataset, std::uint64_t size,
+                                      std::span<const std::byte> file) {
+    const haddr_t offset = H5Dget_offset(dataset);
+    if (offset == HADDR_UNDEF || H5Dget_storage_size(dataset) != size || offset > file.size() ||
+        size > file.size() - offset) {
+        return {};
+    }
+    return file.subspan(offset, size);
+}
+
 void write_attribute(hid_t object, const char* name, std::uint32_t value) {
     write_array(object, name, H5T_STD_U32LE, H5T_NATIVE_UINT32, &value, 1, true);
 }

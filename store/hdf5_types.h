@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -32,6 +33,11 @@ void write_attribute(hid_t object, const char* name, const std::vector<std::uint
 void write_attribute(hid_t object, const char* name, const std::vector<std::uint64_t>& values);
 void write_attribute(hid_t object, const char* name, const std::vector<std::int64_t>& values);
 void write_attribute(hid_t object, const char* name, const std::vector<double>& values);
+
+/// The bytes of a dataset that lies in the file in one piece; none if it does not, or has another
+/// size than `size` bytes.
+std::span<const std::byte> contiguous(hid_t dataset, std::uint64_t size,
+                                      std::span<const std::byte> file);
 
 /// Empty if the attribute is missing or not `count` numbers; never allocates more than that.
 std::optional<std::vector<std::uint64_t>> read_integers(hid_t object, const char* name,

@@ -98,15 +98,13 @@ void StoreReader::read_header() {
 
     const DatasetHandle table(H5Dopen2(root, "chunks", H5P_DEFAULT));
     const auto sum = table.valid() ? read_integers(table.get(), "xxh64", 1) : std::nullopt;
-    const haddr_t offset = table.valid() ? H5Dget_offset(table.get()) : HADDR_UNDEF;
-    const std::uint64_t size = file_.bytes().size();
-    if (!sum || offset == HADDR_UNDEF || offset > size ||
-        layout_.rows() > (size - offset) / sizeof(ChunkRow)) {
+    if (table.valid()) {
+        table_ = contiguous(table.get(), layout_.rows() * sizeof(ChunkRow), file_.bytes());
+    }
+    if (!sum || table_.empty()) {
         fail_corrupt("the chunk table is missing or cut off; restore the store from a good copy");
     }
-    table_offset_ = offset;
-    if (checksum_of(file_.bytes().subspan(offset, layout_.rows() * sizeof(ChunkRow))) !=
-        (*sum)[0]) {
+    if (checksum_of(table_) != (*sum)[0]) {
         fail_corrupt("the chunk table is damaged; restore the store from a good copy");
     }
     try {
@@ -126,8 +124,7 @@ std::optional<CubeRange> StoreReader::cube_range(int level, const Int3& cube) co
 
 ChunkRow StoreReader::row(const ArrayInfo& array, const Int3& chunk) const {
     ChunkRow row;
-    std::memcpy(&row, file_.bytes().data() + table_offset_ + array.row_of(chunk) * sizeof(ChunkRow),
-                sizeof(ChunkRow));
+    std::memcpy(&row, table_.data() + array.row_of(chunk) * sizeof(ChunkRow), sizeof(ChunkRow));
     if (row.offset > file_bytes() || row.bytes > file_bytes() - row.offset) {
         fail_corrupt(array.place(chunk) + " lies outside the file; it was cut off");
     }

@@ -51,7 +51,7 @@ class StoreReader : public ChunkSource {
     std::uint64_t format_minor_ = 0;
     std::array<double, 2> range_{};
     bool has_missing_ = false;
-    std::uint64_t table_offset_ = 0;
+    std::span<const std::byte> table_;  ///< the chunk table
     CubeRangeTable ranges_;
     mutable std::atomic<std::uint64_t> chunks_read_ = 0;
     mutable std::atomic<std::uint64_t> bytes_read_ = 0;

@@ -6,6 +6,7 @@
 #include "query/check.h"
 #include "query/traversal.h"
 #include "store/error.h"
+#include "store/recording_source.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
@@ -60,20 +61,13 @@ void require_ranges(MemoryVolume<T>& volume, int chunk) {
 }
 
 /// The store as it was before there were ranges.
-class WithoutRanges : public ChunkSource {
+class WithoutRanges : public RecordingSource {
   public:
-    explicit WithoutRanges(const StoreReader& store) : store_(store) {}
-    [[nodiscard]] const StoreLayout& layout() const override { return store_.layout(); }
-    [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override {
-        return store_.row(array, chunk);
+    using RecordingSource::RecordingSource;
+    [[nodiscard]] std::optional<CubeRange> cube_range(int /*level*/,
+                                                      const Int3& /*cube*/) const override {
+        return std::nullopt;
     }
-    void decode(const ArrayInfo& array, const Int3& chunk,
-                std::span<std::byte> raw) const override {
-        store_.decode(array, chunk, raw);
-    }
-
-  private:
-    const StoreReader& store_;
 };
 
 using Triangle = std::array<Double3, 3>;
