@@ -28,7 +28,8 @@ class Checker {
           layout_(store.layout()),
           options_(options),
           progress_(progress),
-          cache_(store, options.memory / 2) {}
+          cache_(store, options.memory / 2),
+          findings_(layout_.rows()) {}
 
     CheckReport run() {
         const bool quick = options_.depth == CheckDepth::quick;

@@ -28,7 +28,7 @@ using SourceReader =
     std::function<void(std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out)>;
 
 enum class CheckDepth {
-    quick,     ///< the table, and the checksums of at most some thousand chunks: seconds
+    quick,     ///< the table, and a sample of the checksums of chunks and ranges: seconds
     standard,  ///< all that follows from the store's own bytes
     deep       ///< and that HDF5 finds the same chunks by its own index
 };

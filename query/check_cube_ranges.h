@@ -8,9 +8,9 @@
 
 namespace isonest {
 
-/// Compares all planes of ranges with their checksums and, unless `quick`, the ranges with the
-/// values of level 0 and with those of the finer level. Adds what it finds to `findings`, as test
-/// "cube range". Throws Error{cancelled}.
+/// Compares the planes of ranges with their checksums (if `quick`: a sample of at most 256 MiB)
+/// and, unless `quick`, the ranges with the values of level 0 and with those of the finer level.
+/// Adds what it finds to `findings`, as test "cube range". Throws Error{cancelled}.
 void check_cube_ranges(const StoreReader& store, ChunkCache& cache, bool quick, Findings& findings,
                        Progress& progress);
 

@@ -1,8 +1,10 @@
 // What a check has found so far, from all threads.
 #pragma once
 
+#include <cstdint>
 #include <mutex>
-#include <set>
+#include <string>
+#include <vector>
 
 #include "query/check.h"
 
@@ -10,49 +12,35 @@ namespace isonest {
 
 inline constexpr Int3 kWholeChunk{-1, -1, -1};
 
-/// Thread-safety: all methods from any thread, take() from one.
+/// Keeps the first findings in the order of the tests, arrays, chunks and nodes, whichever thread
+/// comes first. Thread-safety: all methods from any thread, take() from one.
 class Findings {
   public:
+    /// `chunks`: rows of the store's chunk table.
+    explicit Findings(std::uint64_t chunks) : damaged_(chunks) {}
+
+    /// `test`: one of those that Finding names.
     void add(const char* test, const ArrayInfo& array, const Int3& chunk, const Int3& node,
-             const std::string& message) {
-        const std::lock_guard lock(mutex_);
-        ++report_.failures;
-        if (report_.findings.size() < kMostFindings) {
-            report_.findings.push_back(
-                {test, std::string(name_of(array.field)), array.level, chunk, node, message});
-        }
-    }
+             const std::string& message);
     /// The same, but only the first time for this chunk, which counts as damaged from then on.
     void add_damaged(const char* test, const ArrayInfo& array, const Int3& chunk,
-                     const std::string& message) {
-        {
-            const std::lock_guard lock(mutex_);
-            if (!damaged_.insert(array.row_of(chunk)).second) {
-                return;
-            }
-        }
-        add(test, array, chunk, kWholeChunk, message);
-    }
-    [[nodiscard]] bool is_damaged(const ArrayInfo& array, const Int3& chunk) {
-        const std::lock_guard lock(mutex_);
-        return damaged_.contains(array.row_of(chunk));
-    }
-    [[nodiscard]] bool any_damaged() {
-        const std::lock_guard lock(mutex_);
-        return !damaged_.empty();
-    }
-    void count(std::int64_t nodes, std::uint64_t chunks = 0, std::uint64_t cubes = 0) {
-        const std::lock_guard lock(mutex_);
-        report_.nodes += static_cast<std::uint64_t>(nodes);
-        report_.chunks += chunks;
-        report_.cubes += cubes;
-    }
-    [[nodiscard]] CheckReport take() { return std::move(report_); }
+                     const std::string& message);
+    [[nodiscard]] bool is_damaged(const ArrayInfo& array, const Int3& chunk);
+    [[nodiscard]] bool any_damaged();
+    void count(std::int64_t nodes, std::uint64_t chunks = 0, std::uint64_t cubes = 0);
+    [[nodiscard]] CheckReport take();
 
   private:
-    static constexpr std::size_t kMostFindings = 100;
+    struct Entry {
+        std::size_t test = 0;
+        std::uint64_t row = 0;
+        Finding finding;
+        [[nodiscard]] bool operator<(const Entry& other) const;
+    };
     std::mutex mutex_;
-    std::set<std::uint64_t> damaged_;
+    std::vector<bool> damaged_;  ///< one bit for each 40 bytes of the table
+    bool any_damaged_ = false;
+    std::vector<Entry> first_;  ///< sorted
     CheckReport report_;
 };
 
