@@ -8,8 +8,9 @@ and 10 % of the range). For each surface: edges with one triangle that do not li
 boundary (so an edge with two vertices shows as a crack), edges with more than two triangles or two of
 the same orientation, unused vertices, flat triangles, and the largest |U - iso| over the vertices and
 three random points of each triangle, where U is the finest piecewise linear function, from the values
-as h5py reads them. Prints a line per surface; exit code 1 if a promise is broken. Needs memory for the
-volume and the meshes.
+as h5py reads them. Prints a line per surface, with the visited tetrahedra for each leaf and, where
+isonest_chunk_bytes lies beside ISONEST, the bytes read for each byte of the chunks in which leaves or their
+refinement nodes lie; exit code 1 if a promise is broken. Needs memory for the volume and the meshes.
 """
 import json
 import os
@@ -95,9 +96,18 @@ def faults(v, t, high):
     return {name: c for name, c in found.items() if c}
 
 
+def read_ratio(program, store, iso, tolerance):
+    if not program.exists():
+        return ""
+    done = subprocess.run([program, store, repr(iso), str(tolerance)], check=True, capture_output=True,
+                          text=True)
+    return f"read {float(done.stdout.splitlines()[-2].split()[-2]):5.2f} x  "
+
+
 def main():
     isonest, plugin, volume, *options = sys.argv[1:]
     os.environ["HDF5_PLUGIN_PATH"] = plugin
+    chunk_bytes = pathlib.Path(isonest).with_name("isonest_chunk_bytes")
     import h5py
     broken = 0
     with tempfile.TemporaryDirectory() as folder:
@@ -133,7 +143,9 @@ def main():
                 print(f"iso {iso:10.5g}  eps {epsilon:10.5g}  residual {worst:10.5g}  bound "
                       f"{report['error_bound']:10.5g}  triangles {len(t):9d}  visited "
                       f"{report['visited_tetrahedra'] / max(1, report['leaf_tetrahedra']):5.2f} x "
-                      f"leaves  {'ok' if ok else 'BROKEN ' + str(found)}", flush=True)
+                      f"leaves  "
+                      f"{read_ratio(chunk_bytes, store, float(iso), tolerance) if len(t) else ''}"
+                      f"{'ok' if ok else 'BROKEN ' + str(found)}", flush=True)
     return 1 if broken else 0
 
 

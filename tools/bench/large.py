@@ -1,0 +1,82 @@
+"""Volumes far larger than --memory: time and peak heap of preprocess and extract, and the first coarse
+surface from a store that is out of the page cache.
+
+usage: large.py BUILD FOLDER [TYPE:SIZE:MEMORY...]    (uint8:2049:512M float32:1025:256M)
+
+BUILD has isonest and, of tools/bench, libisonest_peak_heap.so, which counts the heap; file mappings are not
+heap. FOLDER takes the volumes (which stay), the stores and the meshes (which do not). Every step ends in an
+error if it held more than --memory. The coarse surface, within 5 % of the range, is extracted three times,
+each time after posix_fadvise(DONTNEED) on the store, program start included.
+"""
+import json
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import time
+
+build, folder, *volumes = sys.argv[1:]
+build, folder = pathlib.Path(build).resolve(), pathlib.Path(folder)
+isonest = build / "bin/isonest"
+counted = dict(os.environ, LD_PRELOAD=str(build / "tools/bench/libisonest_peak_heap.so"))
+UNITS = {"K": 1 << 10, "M": 1 << 20, "G": 1 << 30}
+
+
+def run(*command):
+    """(seconds, bytes of heap, report)"""
+    start = time.perf_counter()
+    done = subprocess.run([isonest, *command, "--json"], env=counted, capture_output=True, text=True)
+    if done.returncode != 0:
+        sys.exit(done.stderr)
+    seconds = time.perf_counter() - start
+    return seconds, int(re.search(r"peak heap (\d+) bytes", done.stderr)[1]), json.loads(done.stdout)
+
+
+def forget(path):
+    file = os.open(path, os.O_RDONLY)
+    os.fsync(file)
+    os.posix_fadvise(file, 0, 0, os.POSIX_FADV_DONTNEED)
+    os.close(file)
+
+
+def within(heap, budget, what):
+    if heap > budget:
+        sys.exit(f"{what} held {heap:,} bytes of heap, which is more than --memory")
+    return f"{heap / (1 << 20):.0f} MiB of heap"
+
+
+for kind, size, memory in (v.split(":") for v in volumes or ["uint8:2049:512M", "float32:1025:256M"]):
+    budget = int(memory[:-1]) * UNITS[memory[-1]]
+    volume, store, mesh = (folder / f"bucky-{kind}-{size}.h5", folder / "large.isonest",
+                           folder / "large.ply")
+    iso = "121" if kind == "uint8" else "0.5"
+    if not volume.exists():
+        subprocess.run([isonest, "make-volume", "bucky", "--size", size, "--type", kind, "-o", volume,
+                        "-q"], check=True)
+    store.unlink(missing_ok=True)
+    seconds, heap, _ = run("preprocess", volume, "-o", store, "--memory", memory)
+    bytes_in = os.path.getsize(volume)
+    print(f"{kind} {size}^3, {bytes_in / 1e9:.2f} GB, {bytes_in / budget:.1f} x --memory {memory}:")
+    print(f"  preprocess {seconds:.1f} s ({bytes_in / 1e6 / seconds:.0f} MB/s), "
+          f"{within(heap, budget, 'preprocess')}, store of {os.path.getsize(store) / 1e9:.2f} GB",
+          flush=True)
+    mesh.unlink(missing_ok=True)
+    seconds, heap, report = run("extract", store, "--iso", iso, "-o", mesh, "--memory", memory)
+    print(f"  full surface {seconds:.1f} s, {within(heap, budget, 'extract')}, "
+          f"{report['triangles']:,} triangles, {os.path.getsize(mesh) / 1e9:.2f} GB", flush=True)
+    cold, heaps = [], []
+    for _ in range(3):
+        mesh.unlink(missing_ok=True)
+        forget(store)
+        seconds, heap, report = run("extract", store, "--iso", iso, "--error-relative", "0.05", "-o", mesh)
+        cold.append(seconds)
+        heaps.append(heap)
+    print(f"  at 5 % of the range, store not in memory: {min(cold):.2f} to {max(cold):.2f} s, "
+          f"{within(max(heaps), budget, 'extract')}, {report['triangles']:,} triangles, "
+          f"{report['chunks_read']} of {report['chunks_total']:,} chunks")
+    start = time.perf_counter()
+    subprocess.run([isonest, "check", store, "--quick", "-q"], check=True)
+    print(f"  check --quick {time.perf_counter() - start:.1f} s", flush=True)
+    store.unlink()
+    mesh.unlink()
