@@ -92,7 +92,7 @@ std::string text_of(const Listing& listing) {
 
 class Hdf5Source : public VolumeSource {
   public:
-    Hdf5Source(const std::filesystem::path& path, const SourceOptions& options) {
+    Hdf5Source(const std::filesystem::path& path, const SourceOptions& options) : path_(path) {
         const QuietHdf5 quiet;
         register_zstd_filter();
         file_ = open_hdf5(path);
@@ -137,6 +137,7 @@ class Hdf5Source : public VolumeSource {
     [[nodiscard]] Double3 spacing() const override { return spacing_; }
     [[nodiscard]] Double3 origin() const override { return origin_; }
     [[nodiscard]] std::string name() const override { return name_; }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return {path_}; }
     [[nodiscard]] Granularity granularity() const override { return granularity_; }
     [[nodiscard]] bool sequential() const override { return false; }
     [[nodiscard]] std::uint64_t heap() const override { return heap_; }
@@ -265,6 +266,7 @@ class Hdf5Source : public VolumeSource {
         mapped_ = map_->bytes().subspan(offset, bytes);
     }
 
+    std::filesystem::path path_;
     FileHandle file_;
     DatasetHandle dataset_;
     std::string dataset_name_;

@@ -42,6 +42,9 @@ class MissingSource : public VolumeSource {
     [[nodiscard]] Double3 spacing() const override { return inner_->spacing(); }
     [[nodiscard]] Double3 origin() const override { return inner_->origin(); }
     [[nodiscard]] std::string name() const override { return inner_->name(); }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
+        return inner_->files();
+    }
     [[nodiscard]] Granularity granularity() const override { return inner_->granularity(); }
     [[nodiscard]] bool sequential() const override { return inner_->sequential(); }
     [[nodiscard]] std::uint64_t heap() const override { return inner_->heap(); }

@@ -23,6 +23,9 @@ class Placed : public VolumeSource {
     [[nodiscard]] Double3 spacing() const override { return spacing_; }
     [[nodiscard]] Double3 origin() const override { return origin_; }
     [[nodiscard]] std::string name() const override { return inner_->name(); }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
+        return inner_->files();
+    }
     [[nodiscard]] Granularity granularity() const override { return inner_->granularity(); }
     [[nodiscard]] bool sequential() const override { return inner_->sequential(); }
     [[nodiscard]] std::uint64_t heap() const override { return inner_->heap(); }

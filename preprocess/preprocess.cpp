@@ -11,6 +11,7 @@
 #include "preprocess/resume.h"
 #include "store/error.h"
 #include "store/in_order.h"
+#include "store/output_file.h"
 #include "store/workers.h"
 #include "store/writer.h"
 
@@ -194,6 +195,9 @@ Checkpoint take_over(const std::filesystem::path& store, const std::string& iden
 PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& store,
                             const PreprocessOptions& options, Progress& progress) {
     const auto start = std::chrono::steady_clock::now();
+    for (const std::filesystem::path& file : source.files()) {
+        require_other_file(store, file);
+    }
     Workers workers(options.threads);
     const StoreHeader header = header_of(source, options);
     const int tokens = token_count(StoreLayout(header), options, workers.count(), source);

@@ -32,12 +32,14 @@ std::uint64_t data_bytes(const RawLayout& layout) {
 /// What both kinds of raw source share.
 class RawBase : public VolumeSource {
   public:
-    RawBase(std::string name, const RawLayout& layout) : name_(std::move(name)), layout_(layout) {}
+    RawBase(std::filesystem::path path, std::string name, const RawLayout& layout)
+        : path_(std::move(path)), name_(std::move(name)), layout_(layout) {}
     [[nodiscard]] Int3 nodes() const override { return layout_.nodes; }
     [[nodiscard]] ValueType type() const override { return layout_.type; }
     [[nodiscard]] Double3 spacing() const override { return layout_.spacing; }
     [[nodiscard]] Double3 origin() const override { return layout_.origin; }
     [[nodiscard]] std::string name() const override { return name_; }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return {path_}; }
     [[nodiscard]] Granularity granularity() const override { return {}; }
 
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
@@ -61,6 +63,7 @@ class RawBase : public VolumeSource {
 
   protected:
     virtual void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) = 0;
+    std::filesystem::path path_;
     std::string name_;
     RawLayout layout_;
 };
@@ -68,7 +71,7 @@ class RawBase : public VolumeSource {
 class PlainSource : public RawBase {
   public:
     PlainSource(const std::filesystem::path& path, std::string name, const RawLayout& layout)
-        : RawBase(std::move(name), layout), fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
+        : RawBase(path, std::move(name), layout), fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
         if (fd_ < 0) {
             throw Error(ErrorKind::io,
                         fmt::format("{}: cannot open: {}", name_, std::strerror(errno)));
@@ -116,7 +119,7 @@ class GzipSource : public RawBase {
     /// The stream starts `skip` bytes into the file.
     GzipSource(const std::filesystem::path& path, std::string name, const RawLayout& layout,
                std::uint64_t skip)
-        : RawBase(std::move(name), layout) {
+        : RawBase(path, std::move(name), layout) {
         const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
         if (fd >= 0 && ::lseek(fd, static_cast<off_t>(skip), SEEK_SET) >= 0) {
             file_ = ::gzdopen(fd, "rb");

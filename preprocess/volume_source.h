@@ -8,6 +8,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "store/int3.h"
 #include "store/value_type.h"
@@ -32,6 +33,9 @@ class VolumeSource {
     [[nodiscard]] virtual Double3 origin() const = 0;
     /// "file:dataset" or the like, for messages.
     [[nodiscard]] virtual std::string name() const = 0;
+
+    /// The files that hold the numbers, none of which may be the output.
+    [[nodiscard]] virtual std::vector<std::filesystem::path> files() const { return {}; }
 
     /// Reading in multiples of this many planes (z) and rows (y), starting at multiples of it, is
     /// cheap; other reads may decode the same input chunk again. {1, 1} where it does not matter.

@@ -9,6 +9,7 @@
 #include "query/topology.h"
 #include "store/error.h"
 #include "store/gather.h"
+#include "store/output_file.h"
 #include "store/volume_file.h"
 
 namespace isonest {
@@ -111,6 +112,7 @@ void indicator_plane(const StoreReader& store, ChunkCache& cache, const ExportOp
 
 void export_field(const StoreReader& store, const std::filesystem::path& path,
                   const ExportOptions& options, Progress& progress) {
+    require_other_file(path, store.path());
     const StoreLayout& layout = store.layout();
     const StoreHeader& header = layout.header();
     VolumeFileSpec spec;

@@ -70,6 +70,10 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
                       const ExtractOptions& options, Progress& progress) {
     const auto start = std::chrono::steady_clock::now();
     check_output(mesh, options.force);
+    require_other_file(mesh, store.path());
+    if (options.values != nullptr) {
+        require_other_file(mesh, options.values->path());
+    }
     ExtractQuery asked = extract_query(store, mesh, options);
     TraversalQuery& query = asked.traversal;
     const bool planar = store.layout().lattice().dimension() == 2;

@@ -69,6 +69,16 @@ void check_output(const std::filesystem::path& path, bool force) {
     }
 }
 
+void require_other_file(const std::filesystem::path& output, const std::filesystem::path& input) {
+    std::error_code ignored;
+    if (std::filesystem::equivalent(output, input, ignored)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} is read, and would be lost if it were also the output; give "
+                                "another name",
+                                output.string()));
+    }
+}
+
 void publish(const std::filesystem::path& temporary, const std::filesystem::path& path,
              bool force) {
     sync(temporary, O_RDONLY);

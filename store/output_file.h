@@ -20,6 +20,9 @@ std::filesystem::path temporary_name(const std::filesystem::path& path);
 /// Error{not_found} if its folder does not exist.
 void check_output(const std::filesystem::path& path, bool force);
 
+/// Throws Error{invalid_argument} if `output` is the file `input`, which would be lost.
+void require_other_file(const std::filesystem::path& output, const std::filesystem::path& input);
+
 /// Syncs `temporary` to disk and gives it the name `path`; without `force` an existing file of that
 /// name is never replaced. Throws Error{io, invalid_argument}; then `temporary` still exists.
 void publish(const std::filesystem::path& temporary, const std::filesystem::path& path, bool force);

@@ -8,6 +8,7 @@ import pathlib
 import pty
 import re
 import shlex
+import shutil
 import signal
 import struct
 import subprocess
@@ -170,6 +171,36 @@ class Cli(unittest.TestCase):
                 ["picture", "b.ply", "-o", "x.png", "--color", "0,0,256"]):
             with self.subTest(arguments=arguments):
                 self.fails(2, *arguments)
+
+    def test_an_output_that_is_an_input_is_refused_and_the_input_stays(self):
+        with tempfile.TemporaryDirectory(dir=self.here) as folder:
+            here = pathlib.Path(folder)
+            (here / "v.raw").write_bytes(bytes(range(27)))
+            (here / "v.nhdr").write_text("NRRD0004\ntype: uint8\ndimension: 3\nsizes: 3 3 3\n"
+                                         "encoding: raw\ndata file: v.raw\n\n")
+            shutil.copy(self.here / "b.h5", here / "v.h5")
+            shutil.copy(self.here / "b.isonest", here / "s.ply")
+            shutil.copy(self.here / "b.isonest", here / "s.h5")
+            shutil.copy(self.here / "b.ply", here / "m.ply")
+            (here / "link.isonest").symlink_to("v.h5")
+            for arguments in (
+                    ["preprocess", "v.h5", "-o", "v.h5"], ["preprocess", "v.h5", "-o", "./v.h5"],
+                    ["preprocess", "v.h5", "-o", "link.isonest"],
+                    ["preprocess", "link.isonest", "-o", "v.h5", "--resume"],
+                    ["preprocess", "v.nhdr", "-o", "v.raw"], ["preprocess", "v.nhdr", "-o", "v.nhdr"],
+                    ["preprocess", "v.nhdr", "--spacing", "1,1,2", "--missing", "3", "-o", "v.raw"],
+                    ["preprocess", "v.raw", "--dims", "3,3,3", "--type", "uint8", "-o", "v.raw"],
+                    ["extract", "s.ply", "--iso", "0.5", "-o", "s.ply"],
+                    ["extract", "b.isonest", "--iso", "0.5", "--vertex-values", "s.ply", "-o", "s.ply"],
+                    ["export", "s.h5", "--field", "values", "-o", "s.h5"],
+                    ["picture", "m.ply", "-o", "m.ply"]):
+                arguments = [here / a if (here / a).exists() else a for a in arguments]
+                if arguments[0] in ("preprocess", "export"):
+                    arguments.append("--force")
+                before = {path: path.read_bytes() for path in here.iterdir()}
+                with self.subTest(arguments=arguments):
+                    self.fails(2, *arguments)
+                    self.assertEqual(before, {path: path.read_bytes() for path in here.iterdir()})
 
     def test_what_is_missing_exits_with_3(self):
         for arguments in (["info", "none"], ["check", "none"], ["picture", "none", "-o", "x.png"],
@@ -336,33 +367,50 @@ class Cli(unittest.TestCase):
                 self.assertTrue(err.startswith(b"isonest: error: "), err)
                 self.assertEqual([p.name for p in folder.iterdir()], ["n.raw"])
 
+    def interrupted(self, folder, *arguments):
+        """A run of preprocess on noise that is stopped after its first row of chunks: its command."""
+        self.ok("make-volume", "noise", "--size", "129", "--type", "uint16", "-o", folder / "n.raw")
+        command = [ISONEST, "preprocess", *arguments, "--compression", "19", "--chunk", "16",
+                   "--threads", "1", "-o", "n.isonest", "--resume", "--json"]
+        process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE,
+                                   stderr=subprocess.PIPE)
+
+        def a_row_is_done():
+            return any(p.stat().st_size > 4096 for p in folder.glob(".n.isonest.*.journal"))
+        while process.poll() is None and not a_row_is_done():
+            time.sleep(0.01)
+        self.assertIsNone(process.poll(), "it was over before it could be interrupted")
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+        self.assertEqual(process.returncode, 130, err)
+        self.assertIn("run again with --resume", json.loads(out)["error"]["message"])
+        return command
+
     def test_an_interrupted_run_with_resume_says_how_to_go_on(self):
         with tempfile.TemporaryDirectory(prefix="isonest-test-") as name:
             folder = pathlib.Path(name)
-            self.ok("make-volume", "noise", "--size", "129", "--type", "uint16", "-o",
-                    folder / "n.raw")
-            command = [ISONEST, "preprocess", "n.raw", "--dims", "129,129,129", "--type", "uint16",
-                       "--compression", "19", "--chunk", "16", "--threads", "1", "-o", "n.isonest",
-                       "--resume", "--json"]
-            process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE,
-                                       stderr=subprocess.PIPE)
-
-            def a_row_is_done():
-                return any(p.stat().st_size > 4096 for p in folder.glob(".n.isonest.*.journal"))
-            while process.poll() is None and not a_row_is_done():
-                time.sleep(0.01)
-            self.assertIsNone(process.poll(), "it was over before it could be interrupted")
-            process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=120)
-            self.assertEqual(process.returncode, 130, err)
-            self.assertIn("run again with --resume", json.loads(out)["error"]["message"])
+            command = self.interrupted(folder, "n.raw", "--dims", "129,129,129", "--type", "uint16")
             self.assertEqual(len(list(folder.iterdir())), 4)
-            other = subprocess.run([*command, "--exact"], cwd=folder, capture_output=True)
-            self.assertEqual(other.returncode, 2)
-            self.assertIn(b"'exact false', this one has 'exact true'", other.stderr)
+            for option, difference in ((["--exact"], b"'exact false', this one has 'exact true'"),
+                                       (["--endian", "big"], b"this one has 'big endian true'")):
+                other = subprocess.run([*command, *option], cwd=folder, capture_output=True)
+                self.assertEqual(other.returncode, 2)
+                self.assertIn(difference, other.stderr)
             done = subprocess.run(command, cwd=folder, capture_output=True, check=True)
             self.assertGreater(json.loads(done.stdout)["resumed_chunks"], 0)
             self.assertEqual(sorted(p.name for p in folder.iterdir()), ["n.isonest", "n.raw"])
+
+    def test_a_run_is_not_resumed_when_the_data_behind_its_header_have_changed(self):
+        with tempfile.TemporaryDirectory(prefix="isonest-test-") as name:
+            folder = pathlib.Path(name)
+            (folder / "n.nhdr").write_text("NRRD0004\ntype: uint16\ndimension: 3\n"
+                                           "sizes: 129 129 129\nencoding: raw\nendian: little\n"
+                                           "data file: n.raw\n\n")
+            command = self.interrupted(folder, "n.nhdr")
+            os.utime(folder / "n.raw", (1, 1))
+            other = subprocess.run(command, cwd=folder, capture_output=True)
+            self.assertEqual(other.returncode, 2)
+            self.assertIn(b"'data bytes", other.stderr)
 
     def test_an_input_truncated_while_it_is_read_is_an_error(self):
         with tempfile.TemporaryDirectory(prefix="isonest-test-") as name:

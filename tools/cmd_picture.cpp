@@ -5,9 +5,11 @@
 #include <memory>
 
 #include "store/error.h"
+#include "store/output_file.h"
 #include "tools/command.h"
 #include "tools/picture.h"
 #include "tools/ply_reader.h"
+#include "tools/png_writer.h"
 #include "tools/units.h"
 
 namespace isonest::cli {
@@ -20,6 +22,11 @@ struct Arguments {
 };
 
 Result run(const Arguments& a, Progress& progress) {
+    if (!is_png(a.png)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{}: a picture's name must end with .png", a.png));
+    }
+    require_other_file(a.png, a.mesh);
     const PlyMesh mesh(a.mesh);
     const PictureReport r = draw_picture(mesh, a.png, a.options, progress);
     Result result;

@@ -12,6 +12,7 @@
 #include "tools/extract_options.h"
 #include "tools/fields.h"
 #include "tools/ply_reader.h"
+#include "tools/png_writer.h"
 #include "tools/slice_picture.h"
 #include "tools/units.h"
 
@@ -36,10 +37,6 @@ struct Temporary {
     std::filesystem::path path;
 };
 
-bool is_png(const std::string& name) {
-    return name.size() >= 4 && name.substr(name.size() - 4) == ".png";
-}
-
 Result run(Arguments& a, Progress& progress) {
     const StoreReader store(a.extract.store);
     if (a.extract.extract.focus) {
@@ -62,6 +59,7 @@ Result run(Arguments& a, Progress& progress) {
     ExtractReport r;
     if (picture) {
         check_output(a.extract.mesh, true);
+        require_other_file(a.extract.mesh, store.path());
         const Temporary mesh(temporary_name(a.extract.mesh) += ".ply");
         r = extract(store, mesh.path, a.extract.extract, progress);
         a.picture.normal = a.extract.extract.plane->normal;

@@ -1,6 +1,7 @@
 #include "tools/png_writer.h"
 
 #include <fmt/format.h>
+#include <strings.h>
 
 #include <cerrno>
 #include <cstdio>
@@ -36,6 +37,11 @@ void append(void* context, void* data, int size) {
 }
 
 }  // namespace
+
+bool is_png(const std::filesystem::path& path) {
+    const std::string end = path.extension().string();
+    return ::strcasecmp(end.c_str(), ".png") == 0;
+}
 
 void write_png(const std::filesystem::path& path, int width, int height,
                std::span<const std::uint8_t> rgb) {
