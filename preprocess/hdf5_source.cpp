@@ -1,12 +1,12 @@
 #include "preprocess/hdf5_source.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
-#include <array>
-#include <set>
 #include <vector>
 
+#include "preprocess/hdf5_datasets.h"
 #include "store/error.h"
 #include "store/handles.h"
 #include "store/hdf5_types.h"
@@ -16,79 +16,6 @@
 
 namespace isonest {
 namespace {
-
-std::optional<ValueType> type_of(hid_t dataset) {
-    const TypeHandle type(H5Dget_type(dataset));
-    const std::size_t size = H5Tget_size(type.get());
-    if (H5Tget_class(type.get()) == H5T_FLOAT) {
-        return size == 4   ? std::optional(ValueType::f32)
-               : size == 8 ? std::optional(ValueType::f64)
-                           : std::nullopt;
-    }
-    if (H5Tget_class(type.get()) != H5T_INTEGER || size > 4 || size == 3) {
-        return std::nullopt;
-    }
-    const bool is_signed = H5Tget_sign(type.get()) == H5T_SGN_2;
-    if (size == 1) {
-        return is_signed ? ValueType::i8 : ValueType::u8;
-    }
-    if (size == 2) {
-        return is_signed ? ValueType::i16 : ValueType::u16;
-    }
-    return is_signed ? ValueType::i32 : ValueType::u32;
-}
-
-std::vector<hsize_t> shape_of(hid_t dataset) {
-    const SpaceHandle space(H5Dget_space(dataset));
-    const int rank = H5Sget_simple_extent_ndims(space.get());
-    std::vector<hsize_t> dims(static_cast<std::size_t>(std::max(rank, 0)));
-    if (rank > 0) {
-        H5Sget_simple_extent_dims(space.get(), dims.data(), nullptr);
-    }
-    return dims;
-}
-
-struct Candidate {
-    std::string path;
-    std::string description;
-    bool usable = false;
-};
-
-struct Listing {
-    std::vector<Candidate> found;
-    std::set<haddr_t> seen;
-};
-
-herr_t list_dataset(hid_t file, const char* name, const H5O_info_t* info, void* data) {
-    auto& listing = *static_cast<Listing*>(data);
-    if (info->type != H5O_TYPE_DATASET || listing.found.size() >= 1000 ||
-        !listing.seen.insert(info->addr).second) {
-        return 0;
-    }
-    const DatasetHandle dataset(H5Dopen2(file, name, H5P_DEFAULT));
-    if (!dataset.valid()) {
-        const std::string path = std::string("/") + name;
-        listing.found.push_back({path, path + ": HDF5 cannot open it", false});
-        return 0;
-    }
-    const auto shape = shape_of(dataset.get());
-    const auto type = type_of(dataset.get());
-    Candidate c;
-    c.path = std::string("/") + name;
-    c.usable = type.has_value() && !shape.empty() && shape.size() <= 3;
-    c.description = fmt::format("{} [{}] {}", c.path, fmt::join(shape, ", "),
-                                type ? name_of(*type) : "not a number type that is read");
-    listing.found.push_back(std::move(c));
-    return 0;
-}
-
-std::string text_of(const Listing& listing) {
-    std::string text;
-    for (const Candidate& c : listing.found) {
-        text += "\n  " + c.description;
-    }
-    return text.empty() ? " none" : text;
-}
 
 class Hdf5Source : public VolumeSource {
   public:
@@ -100,27 +27,28 @@ class Hdf5Source : public VolumeSource {
             throw Error(ErrorKind::corrupt,
                         fmt::format("{}: HDF5 cannot open it: {}", path.string(), hdf5_message()));
         }
-        choose(path, options);
-        const auto shape = shape_of(dataset_.get());
-        const auto type = type_of(dataset_.get());
-        if (!type || shape.empty() || shape.size() > 3) {
-            throw Error(ErrorKind::unsupported,
-                        fmt::format("{}: volumes of one scalar (integers of 8 to 32 bits, float, "
-                                    "double) on 1 to 3 axes are read, this is [{}] {}",
-                                    name_, fmt::join(shape, ", "),
-                                    type ? name_of(*type) : "of another type"));
+        dataset_name_ = choose_dataset(file_.get(), path, options.dataset);
+        dataset_ = DatasetHandle(H5Dopen2(file_.get(), dataset_name_.c_str(), H5P_DEFAULT));
+        name_ = path.string() + ":" + dataset_name_;
+        shape_ = shape_of(dataset_.get());
+        const auto type = value_type_of(dataset_.get());
+        if (!type || shape_.axes.empty()) {
+            throw Error(
+                ErrorKind::unsupported,
+                fmt::format("{}: volumes of one scalar (integers and floating point "
+                            "numbers of up to 64 bits) on 1 to 3 axes are read, this is [{}] {}",
+                            name_, shape_.text(), type ? name_of(*type) : "of another type"));
         }
         type_ = *type;
-        for (std::size_t i = 0; i < shape.size(); ++i) {
-            const hsize_t n = shape[shape.size() - 1 - i];
-            if (n < 1 || n > static_cast<hsize_t>(kMaxNodesPerAxis)) {
-                throw Error(ErrorKind::unsupported,
-                            fmt::format("{}: [{}] nodes: each axis must have 1 to {}", name_,
-                                        fmt::join(shape, ", "), kMaxNodesPerAxis));
-            }
-            nodes_[static_cast<int>(i)] = static_cast<std::int64_t>(n);
+        if (std::any_of(shape_.dims.begin(), shape_.dims.end(), [](hsize_t n) {
+                return n < 1 || n > static_cast<hsize_t>(kMaxNodesPerAxis);
+            })) {
+            throw Error(ErrorKind::unsupported,
+                        fmt::format("{}: [{}] nodes: each axis must have 1 to {}", name_,
+                                    shape_.text(), kMaxNodesPerAxis));
         }
-        rank_ = static_cast<int>(shape.size());
+        nodes_ = along_axes(shape_.dims);
+        require_virtual_sources(dataset_.get(), path, name_);
         set_chunks(path, options);
         if (const auto s = read_numbers(dataset_.get(), "spacing", 3)) {
             spacing_ = {(*s)[0], (*s)[1], (*s)[2]};
@@ -146,21 +74,46 @@ class Hdf5Source : public VolumeSource {
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         const QuietHdf5 quiet;
-        const std::array<hsize_t, 3> start{static_cast<hsize_t>(z0), static_cast<hsize_t>(y0), 0};
-        const std::array<hsize_t, 3> count{static_cast<hsize_t>(nz), static_cast<hsize_t>(ny),
-                                           static_cast<hsize_t>(nodes_.x)};
-        const auto skip = static_cast<std::size_t>(3 - rank_);
+        std::vector<hsize_t> start(shape_.dims.size(), 0);
+        std::vector<hsize_t> count(shape_.dims.size(), 1);
+        const Int3 first{0, y0, z0};
+        const Int3 size{nodes_.x, ny, nz};
+        for (std::size_t i = 0; i < shape_.axes.size(); ++i) {
+            const std::size_t axis = shape_.axes[shape_.axes.size() - 1 - i];
+            start[axis] = static_cast<hsize_t>(first[static_cast<int>(i)]);
+            count[axis] = static_cast<hsize_t>(size[static_cast<int>(i)]);
+        }
         const SpaceHandle from(H5Dget_space(dataset_.get()));
-        H5Sselect_hyperslab(from.get(), H5S_SELECT_SET, start.data() + skip, nullptr,
-                            count.data() + skip, nullptr);
-        const SpaceHandle to(H5Screate_simple(rank_, count.data() + skip, nullptr));
-        if (H5Dread(dataset_.get(), memory_type_, to.get(), from.get(), H5P_DEFAULT, dst) < 0) {
+        H5Sselect_hyperslab(from.get(), H5S_SELECT_SET, start.data(), nullptr, count.data(),
+                            nullptr);
+        const SpaceHandle to(
+            H5Screate_simple(static_cast<int>(count.size()), count.data(), nullptr));
+        const PropertyHandle transfer(H5Pcreate(H5P_DATASET_XFER));
+        bool lossy = false;
+        H5Pset_type_conv_cb(transfer.get(), &stop_if_lossy, &lossy);
+        if (H5Dread(dataset_.get(), memory_type_, to.get(), from.get(), transfer.get(), dst) < 0) {
+            if (lossy) {
+                throw Error(ErrorKind::unsupported,
+                            fmt::format("{}: planes {} to {} have 64-bit integers that float64 "
+                                        "cannot hold (beyond 2^53)",
+                                        name_, z0, z0 + nz - 1));
+            }
             throw Error(ErrorKind::io, fmt::format("{}: cannot read planes {} to {}: {}", name_, z0,
                                                    z0 + nz - 1, hdf5_message()));
         }
     }
 
   private:
+    static H5T_conv_ret_t stop_if_lossy(H5T_conv_except_t kind, hid_t /*from*/, hid_t /*to*/,
+                                        void* /*in*/, void* /*out*/, void* lossy) {
+        if (kind != H5T_CONV_EXCEPT_PRECISION && kind != H5T_CONV_EXCEPT_RANGE_HI &&
+            kind != H5T_CONV_EXCEPT_RANGE_LOW && kind != H5T_CONV_EXCEPT_TRUNCATE) {
+            return H5T_CONV_UNHANDLED;
+        }
+        *static_cast<bool*>(lossy) = true;
+        return H5T_CONV_ABORT;
+    }
+
     static hid_t native(ValueType type) {
         switch (type) {
             case ValueType::u8:
@@ -183,39 +136,14 @@ class Hdf5Source : public VolumeSource {
         return H5T_NATIVE_DOUBLE;
     }
 
-    void choose(const std::filesystem::path& path, const SourceOptions& options) {
-        std::string dataset = options.dataset;
-        Listing listing;
-        if (dataset.empty() ||
-            !(dataset_ = DatasetHandle(H5Dopen2(file_.get(), dataset.c_str(), H5P_DEFAULT)))
-                 .valid()) {
-            if (H5Ovisit2(file_.get(), H5_INDEX_NAME, H5_ITER_INC, &list_dataset, &listing,
-                          H5O_INFO_BASIC) < 0) {
-                throw Error(ErrorKind::corrupt, fmt::format("{}: HDF5 cannot list its datasets: {}",
-                                                            path.string(), hdf5_message()));
-            }
-            if (!dataset.empty()) {
-                throw Error(ErrorKind::not_found,
-                            fmt::format("{}: there is no dataset {}; the file has:{}",
-                                        path.string(), dataset, text_of(listing)));
-            }
-            const auto usable = std::count_if(listing.found.begin(), listing.found.end(),
-                                              [](const Candidate& c) { return c.usable; });
-            if (usable != 1) {
-                throw Error(usable == 0 ? ErrorKind::not_found : ErrorKind::invalid_argument,
-                            fmt::format("{}: {}; the file has:{}", path.string(),
-                                        usable == 0 ? "no dataset that is a volume"
-                                                    : "several volumes, choose one with --dataset",
-                                        text_of(listing)));
-            }
-            dataset =
-                std::find_if(listing.found.begin(), listing.found.end(), [](const Candidate& c) {
-                    return c.usable;
-                })->path;
-            dataset_ = DatasetHandle(H5Dopen2(file_.get(), dataset.c_str(), H5P_DEFAULT));
+    /// Of numbers along the dataset's axes, those along the volume's; 1 along missing ones.
+    [[nodiscard]] Int3 along_axes(const std::vector<hsize_t>& numbers) const {
+        Int3 out{1, 1, 1};
+        for (std::size_t i = 0; i < shape_.axes.size(); ++i) {
+            out[static_cast<int>(i)] =
+                static_cast<std::int64_t>(numbers[shape_.axes[shape_.axes.size() - 1 - i]]);
         }
-        dataset_name_ = dataset;
-        name_ = path.string() + ":" + dataset;
+        return out;
     }
 
     /// Whole rows of chunks are read at a time, so HDF5's chunk cache only has to hold one chunk.
@@ -224,17 +152,20 @@ class Hdf5Source : public VolumeSource {
         if (H5Pget_layout(creation.get()) != H5D_CHUNKED) {
             return;
         }
-        std::array<hsize_t, 3> chunk{1, 1, 1};
-        H5Pget_chunk(creation.get(), rank_, chunk.data() + (3 - rank_));
-        const std::uint64_t bytes = chunk[0] * chunk[1] * chunk[2] * size_of(type_);
-        if (bytes > options.max_heap) {
-            throw Error(ErrorKind::limit,
-                        fmt::format("{}: one chunk of {} x {} x {} values takes {} MiB; give more "
-                                    "--memory or store the input in smaller chunks",
-                                    name_, chunk[2], chunk[1], chunk[0], bytes >> 20U));
+        std::vector<hsize_t> dims(shape_.dims.size(), 1);
+        H5Pget_chunk(creation.get(), static_cast<int>(dims.size()), dims.data());
+        std::uint64_t bytes = size_of(type_);
+        for (const hsize_t n : dims) {
+            bytes *= n;
+            if (bytes > options.max_heap) {
+                throw Error(ErrorKind::limit,
+                            fmt::format("{}: one chunk of [{}] values takes more than {} MiB; give "
+                                        "more --memory or store the input in smaller chunks",
+                                        name_, fmt::join(dims, ", "), options.max_heap >> 20U));
+            }
         }
-        granularity_ = {std::min(nodes_.z, static_cast<std::int64_t>(chunk[0])),
-                        std::min(nodes_.y, static_cast<std::int64_t>(chunk[1]))};
+        const Int3 chunk = along_axes(dims);
+        granularity_ = {std::min(nodes_.z, chunk.z), std::min(nodes_.y, chunk.y)};
         // The cached chunk, and the filters' input and output.
         heap_ += 3 * bytes;
         const PropertyHandle access(H5Pcreate(H5P_DATASET_ACCESS));
@@ -271,12 +202,12 @@ class Hdf5Source : public VolumeSource {
     DatasetHandle dataset_;
     std::string dataset_name_;
     std::string name_;
+    DatasetShape shape_;
     Int3 nodes_{1, 1, 1};
     ValueType type_ = ValueType::f32;
     Double3 spacing_{1, 1, 1};
     Double3 origin_{0, 0, 0};
     Granularity granularity_;
-    int rank_ = 3;
     std::optional<MappedFile> map_;
     std::span<const std::byte> mapped_;
     std::uint64_t heap_ = 2U << 20U;

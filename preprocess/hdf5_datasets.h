@@ -1,0 +1,39 @@
+// The datasets of an HDF5 file that are volumes. Private to preprocess.
+#pragma once
+
+#include <hdf5.h>
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "store/value_type.h"
+
+namespace isonest {
+
+/// The value type that holds the dataset's numbers: integers, also under names (an enumeration,
+/// h5py's bool), and floating point numbers of up to 64 bits; else none. Integers of more than 32
+/// bits are float64, which cannot hold all of them.
+std::optional<ValueType> value_type_of(hid_t dataset);
+
+struct DatasetShape {
+    std::vector<hsize_t> dims;      ///< as in the file, slowest first
+    std::vector<std::size_t> axes;  ///< those of `dims` that are the volume's: 1 to 3; none if the
+                                    ///< dataset has more than 3 longer than 1, or no axis
+    [[nodiscard]] std::string text() const;
+};
+DatasetShape shape_of(hid_t dataset);
+
+/// The path of the dataset to read: `wanted`, or else the only one of those with the most axes.
+/// Throws Error{not_found, invalid_argument, corrupt}, listing what the file has.
+std::string choose_dataset(hid_t file, const std::filesystem::path& path,
+                           const std::string& wanted);
+
+/// HDF5 reads what a virtual dataset takes from a file or dataset that is not there as the fill
+/// value. Throws Error{not_found} naming the first such source; those whose names are patterns
+/// ("part-%b.h5") are not looked at.
+void require_virtual_sources(hid_t dataset, const std::filesystem::path& path,
+                             const std::string& name);
+
+}  // namespace isonest
