@@ -176,36 +176,74 @@ class Parser {
         for (std::size_t a = 0; a < axes.size(); ++a) {
             header.layout.nodes[static_cast<int>(a)] = static_cast<std::int64_t>(sizes[axes[a]]);
         }
-        if (axes.size() != sizes.size()) {
-            return;  // spacings would have to be matched to the axes that are left
-        }
+        read_geometry(header, axes, sizes.size());
+    }
+
+    /// `axes`: which of the file's `count` axes are the volume's.
+    void read_geometry(NrrdHeader& header, const std::vector<std::size_t>& axes,
+                       std::size_t count) const {
+        RawLayout& layout = header.layout;
+        std::array<double, 3> steps{1, 1, 1};
         if (const std::string* const text = find("spacings")) {
             const std::vector<double> spacing = numbers(*text);
-            for (std::size_t a = 0; a < std::min(spacing.size(), axes.size()); ++a) {
-                if (spacing.size() == axes.size() && std::isfinite(spacing[a]) && spacing[a] != 0) {
-                    header.layout.spacing[a] = std::fabs(spacing[a]);
-                }
+            for (std::size_t a = 0; a < axes.size() && spacing.size() == count; ++a) {
+                const double s = spacing[axes[a]];
+                steps.at(a) = std::isfinite(s) && s != 0 ? s : 1;  // NaN: not known
             }
         } else if (const std::string* const directions = find("spacedirections")) {
-            const std::vector<double> d = numbers(*directions);
-            if (axes.size() == 3 && d.size() == 9) {
-                for (std::size_t a = 0; a < 3; ++a) {
-                    const double length = std::hypot(d[3 * a], d[3 * a + 1], d[3 * a + 2]);
-                    if (!(length > 0) || std::fabs(d[4 * a]) < length * (1 - 1e-6)) {
-                        unsupported(
-                            "'space directions' that are not along the axes; resample the "
-                            "volume, or give --spacing to ignore them");
-                    }
-                    header.layout.spacing[a] = length;
+            const auto vectors = read_vectors(*directions);
+            if (vectors.size() != count) {
+                corrupt("'space directions' and 'sizes' do not agree");
+            }
+            for (std::size_t a = 0; a < axes.size(); ++a) {
+                const std::vector<double>& v = vectors[axes[a]];
+                if (v.empty()) {
+                    continue;  // none
                 }
+                double squares = 0;
+                for (const double component : v) {
+                    squares += component * component;
+                }
+                const double length = std::sqrt(squares);
+                if (a >= v.size() || !(length > 0) || !std::isfinite(length) ||
+                    std::fabs(v[a]) < length * (1 - 1e-6)) {
+                    header.oblique = true;
+                    return;
+                }
+                steps.at(a) = std::copysign(length, v[a]);
             }
         }
         if (const std::string* const text = find("spaceorigin")) {
             const std::vector<double> origin = numbers(*text);
-            if (origin.size() == 3 && std::isfinite(origin[0] + origin[1] + origin[2])) {
-                header.layout.origin = {origin[0], origin[1], origin[2]};
+            for (std::size_t a = 0; a < std::min<std::size_t>(origin.size(), 3); ++a) {
+                layout.origin[a] = std::isfinite(origin[a]) ? origin[a] : 0;
             }
         }
+        for (std::size_t a = 0; a < 3; ++a) {
+            layout.spacing[a] = std::fabs(steps.at(a));
+            header.backward.at(a) = steps.at(a) < 0;
+            if (header.backward.at(a)) {
+                const std::int64_t last = layout.nodes[static_cast<int>(a)] - 1;
+                layout.origin[a] += steps.at(a) * static_cast<double>(last);
+            }
+        }
+    }
+
+    /// "none (1,0,0) (0,1,0)": the numbers of each, of none no number.
+    static std::vector<std::vector<double>> read_vectors(std::string_view text) {
+        std::vector<std::vector<double>> vectors;
+        for (std::size_t i = 0; i < text.size() && vectors.size() <= 64;) {
+            const std::size_t open = text.find_first_of("(nN", i);
+            if (open == std::string_view::npos) {
+                break;
+            }
+            const std::size_t end = text.find_first_of(text[open] == '(' ? ")" : " \t", open);
+            const std::size_t length = end == std::string_view::npos ? end : end - open;
+            vectors.push_back(text[open] == '(' ? numbers(text.substr(open, length))
+                                                : std::vector<double>{});
+            i = end == std::string_view::npos ? text.size() : end + 1;
+        }
+        return vectors;
     }
 
     void read_encoding(NrrdHeader& header) const {

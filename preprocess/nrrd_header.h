@@ -1,6 +1,7 @@
 // The text header of NRRD files.
 #pragma once
 
+#include <array>
 #include <string>
 #include <string_view>
 
@@ -14,6 +15,10 @@ struct NrrdHeader {
     std::int64_t byte_skip = 0;  ///< -1: the data are the last bytes
     std::string data_file;       ///< empty: the data follow the header
     std::uint64_t header_bytes = 0;
+    /// Axes that run toward smaller world coordinates; the layout's origin is their low end's.
+    std::array<bool, 3> backward{};
+    bool oblique =
+        false;  ///< axes that are not along the world's: spacing and origin are not known
 };
 
 /// Parses the start of an NRRD file. Source: http://teem.sourceforge.net/nrrd/format.html

@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "preprocess/hdf5_source.h"
+#include "preprocess/mirrored_source.h"
 #include "preprocess/missing_source.h"
 #include "preprocess/nrrd_header.h"
 #include "store/error.h"
@@ -41,11 +42,10 @@ class Placed : public VolumeSource {
     Double3 origin_;
 };
 
-std::unique_ptr<VolumeSource> open_nrrd(const std::filesystem::path& path) {
-    constexpr std::size_t kLongestHeader = std::size_t{1} << 16U;
+std::unique_ptr<VolumeSource> open_nrrd_data(const std::filesystem::path& path,
+                                             const NrrdHeader& header) {
     const std::string name = path.string();
-    NrrdHeader header = parse_nrrd_header(first_bytes(path, kLongestHeader), name);
-    RawLayout& layout = header.layout;
+    RawLayout layout = header.layout;
     layout.offset_from_end = header.byte_skip < 0;
     layout.offset = header.byte_skip > 0 ? static_cast<std::uint64_t>(header.byte_skip) : 0;
     layout.exact_length = false;
@@ -65,6 +65,22 @@ std::unique_ptr<VolumeSource> open_nrrd(const std::filesystem::path& path) {
     return open_raw(path, name, layout);
 }
 
+std::unique_ptr<VolumeSource> open_nrrd(const std::filesystem::path& path,
+                                        const SourceOptions& options) {
+    constexpr std::size_t kLongestHeader = std::size_t{1} << 16U;
+    const std::string name = path.string();
+    const NrrdHeader header = parse_nrrd_header(first_bytes(path, kLongestHeader), name);
+    if (header.oblique && !options.spacing) {
+        throw Error(ErrorKind::unsupported,
+                    fmt::format("{}: 'space directions' that are not along the axes; resample the "
+                                "volume, or give --spacing to ignore them",
+                                name));
+    }
+    auto source = open_nrrd_data(path, header);
+    const auto& back = header.backward;
+    return back[0] || back[1] || back[2] ? mirrored(std::move(source), back) : std::move(source);
+}
+
 }  // namespace
 
 std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
@@ -76,7 +92,7 @@ std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
     if (magic.size() == 8 && std::memcmp(magic.data(), kHdf5.data(), 8) == 0) {
         source = open_hdf5_volume(path, options);
     } else if (magic.starts_with("NRRD000")) {
-        source = open_nrrd(path);
+        source = open_nrrd(path, options);
     } else {
         if (!options.dims || !options.type) {
             throw Error(ErrorKind::invalid_argument,

@@ -1,8 +1,11 @@
 #!/usr/bin/env python3
-"""Volumes in HDF5 as other programs write them: what is read are the numbers that h5py reads.
+"""Volumes in HDF5 and NRRD as other programs write them: the numbers, and where they lie in the world.
 
-usage: hdf5_input_test.py ISONEST PLUGIN_FOLDER
+usage: volume_input_test.py ISONEST PLUGIN_FOLDER
 """
+import gzip
+import itertools
+import json
 import pathlib
 import subprocess
 import sys
@@ -20,12 +23,13 @@ ISONEST = sys.argv[1]
 RANDOM = np.random.default_rng(3)
 
 
-class Hdf5Input(unittest.TestCase):
+class Input(unittest.TestCase):
+    path = None
+
     def setUp(self):
         self.folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
         self.addCleanup(self.folder.cleanup)
         self.here = pathlib.Path(self.folder.name)
-        self.path = self.here / "v.h5"
 
     def preprocess(self, *options):
         return subprocess.run([ISONEST, "preprocess", self.path, "-o", self.here / "s.isonest",
@@ -39,12 +43,20 @@ class Hdf5Input(unittest.TestCase):
                         self.here / "s.raw", "--force"], check=True, capture_output=True)
         found = np.fromfile(self.here / "s.raw", data.dtype)
         np.testing.assert_array_equal(found, data.ravel())
+        return done
 
     def refuses(self, code, *words):
         done = self.preprocess()
         self.assertEqual(done.returncode, code, done.stderr)
         for word in words:
             self.assertIn(word, done.stderr)
+
+
+
+class Hdf5Input(Input):
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.h5"
 
     def write(self, **datasets):
         with h5py.File(self.path, "w") as file:
@@ -134,6 +146,93 @@ class Hdf5Input(unittest.TestCase):
         self.refuses(3, "part1.h5:part", "fill value")
         (self.here / "part1.h5").unlink()
         self.refuses(3, "part1.h5:part", "fill value")
+
+
+class NrrdInput(Input):
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.nrrd"
+        self.data = RANDOM.integers(0, 30000, (6, 7, 9)).astype(np.int16)
+
+    def write(self, *lines, data=None, encoding="raw", sizes=None):
+        data = self.data if data is None else data
+        sizes = sizes or data.shape[::-1]
+        header = ["NRRD0005", "type: int16", f"dimension: {len(sizes)}",
+                  "sizes: " + " ".join(map(str, sizes)), f"encoding: {encoding}", "endian: little",
+                  *lines]
+        numbers = data.astype("<i2").tobytes()
+        self.path.write_bytes(("\n".join(header) + "\n\n").encode() +
+                              (gzip.compress(numbers) if encoding == "gzip" else numbers))
+
+    def lies(self, origin, spacing):
+        info = json.loads(subprocess.run([ISONEST, "info", self.here / "s.isonest", "--json"],
+                                         check=True, capture_output=True).stdout)
+        np.testing.assert_allclose(info["origin"], origin)
+        np.testing.assert_allclose(info["spacing"], spacing)
+
+    def test_an_axis_that_runs_backward_is_turned_around(self):
+        """What has a place in the world keeps it: node i of an axis with step d lies at o + i d."""
+        for signs in itertools.product((1, -1), repeat=3):
+            step = np.array([2, 0.5, 3]) * signs
+            origin = np.array([10, 20, 30])
+            vectors = " ".join(f"({','.join(map(str, row))})" for row in np.diag(step))
+            turned = self.data[tuple(slice(None, None, s) for s in signs[::-1])]
+            low = [o + min(0, d * (n - 1)) for o, d, n in zip(origin, step, (9, 7, 6))]
+            for lines in ((f"space directions: {vectors}", "space origin: (10,20,30)"),
+                          (f"spacings: {' '.join(map(str, step))}", "space origin: (10,20,30)")):
+                for encoding in ("raw", "gzip"):
+                    with self.subTest(lines=lines, encoding=encoding):
+                        self.write(*lines, encoding=encoding)
+                        if encoding == "gzip" and signs[2] < 0:
+                            self.refuses(5, "z runs from high to low", "encoding: raw")
+                            continue
+                        self.reads(turned)
+                        self.lies(low, abs(step))
+
+    def test_a_backward_axis_is_turned_in_space_on_disk_too(self):
+        data = RANDOM.integers(0, 30000, (30, 500, 500)).astype(np.int16)
+        for encoding, z in (("raw", -1), ("gzip", 1)):
+            with self.subTest(encoding=encoding):
+                self.write(f"spacings: -1 -1 {z}", data=data, encoding=encoding)
+                turned = data[::z, ::-1, ::-1]
+                done = self.reads(turned, "--memory", "18M", "--threads", "1", "--json")
+                self.assertTrue(json.loads(done.stdout)["input_on_disk"])
+
+    def test_missing_values_and_check_see_the_turned_volume(self):
+        self.data[2, 3, 4] = -5
+        self.write("spacings: 1 -1 -1")
+        turned = self.data[::-1, ::-1].astype(np.float32)
+        turned[turned == -5] = np.nan
+        self.reads(turned, "--missing", "-5")
+        done = subprocess.run([ISONEST, "check", self.here / "s.isonest", "--source", self.path,
+                               "--missing", "-5"], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+
+    def test_axes_without_a_direction_are_not_the_volumes(self):
+        vectors = "none (2,0,0) (0,-0.5,0) (0,0,3)"
+        self.write(f"space directions: {vectors}", "space origin: (10,20,30)", sizes=(1, 9, 7, 6))
+        self.reads(self.data[:, ::-1])
+        self.lies([10, 17, 30], [2, 0.5, 3])
+        self.write("spacings: nan 2 0.5 3", sizes=(1, 9, 7, 6))
+        self.reads(self.data)
+        self.lies([0, 0, 0], [2, 0.5, 3])
+
+    def test_a_picture_in_space_has_the_spacing_of_its_two_axes(self):
+        self.write("space directions: (2,0,0) (0,3,0)", "space origin: (10,20,30)",
+                   data=self.data[0])
+        self.reads(self.data[:1])
+        self.lies([10, 20, 30], [2, 3, 1])
+
+    def test_oblique_axes_are_refused_and_the_way_out_works(self):
+        for vectors in ("(0,1,0) (1,0,0) (0,0,1)", "(0.7,0.7,0) (-0.7,0.7,0) (0,0,1)",
+                        "(1,0,0) (0,0,0) (0,0,1)", "(1,0,0) (0,nan,0) (0,0,1)"):
+            with self.subTest(vectors=vectors):
+                self.write(f"space directions: {vectors}")
+                self.refuses(5, "space directions", "--spacing")
+                self.reads(self.data, "--spacing", "1,2,3")
+                self.lies([0, 0, 0], [1, 2, 3])
+        self.write("space directions: (1,0,0) (0,1,0)")
+        self.refuses(4, "'space directions' and 'sizes' do not agree")
 
 
 if __name__ == "__main__":
