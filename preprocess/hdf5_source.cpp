@@ -50,12 +50,8 @@ class Hdf5Source : public VolumeSource {
         nodes_ = along_axes(shape_.dims);
         require_virtual_sources(dataset_.get(), path, name_);
         set_chunks(path, options);
-        if (const auto s = read_numbers(dataset_.get(), "spacing", 3)) {
-            spacing_ = {(*s)[0], (*s)[1], (*s)[2]};
-        }
-        if (const auto o = read_numbers(dataset_.get(), "origin", 3)) {
-            origin_ = {(*o)[0], (*o)[1], (*o)[2]};
-        }
+        read_place("spacing", spacing_);
+        read_place("origin", origin_);
         memory_type_ = native(type_);
         map_contiguous(path);
     }
@@ -134,6 +130,16 @@ class Hdf5Source : public VolumeSource {
                 break;
         }
         return H5T_NATIVE_DOUBLE;
+    }
+
+    /// An attribute of three numbers, x first, or of one for each axis of the volume.
+    void read_place(const char* name, Double3& place) const {
+        for (const std::size_t count : {std::size_t{3}, shape_.axes.size()}) {
+            if (const auto numbers = read_numbers(dataset_.get(), name, count)) {
+                std::copy(numbers->begin(), numbers->end(), place.begin());
+                return;
+            }
+        }
     }
 
     /// Of numbers along the dataset's axes, those along the volume's; 1 along missing ones.

@@ -4,6 +4,7 @@
 #include <oneapi/tbb/task_group.h>
 
 #include <chrono>
+#include <cmath>
 #include <functional>
 
 #include "preprocess/cube_ranges.h"
@@ -63,7 +64,22 @@ void run_blocks(const Int3& grid, int tokens, const Block& compute, const Output
         });
 }
 
+/// Throws Error{invalid_argument}.
+void require_place(const VolumeSource& source) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double step = source.spacing()[axis];
+        const double first = source.origin()[axis];
+        if (!(step > 0) || !std::isfinite(step) || !std::isfinite(first)) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("{}: spacing {} and origin {} along {}: a spacing must be "
+                                    "positive, and both finite; give --spacing and --origin",
+                                    source.name(), step, first, "xyz"[axis]));
+        }
+    }
+}
+
 StoreHeader header_of(const VolumeSource& source, const PreprocessOptions& options) {
+    require_place(source);
     StoreHeader header;
     header.nodes = source.nodes();
     header.type = source.type();

@@ -45,6 +45,12 @@ class Input(unittest.TestCase):
         np.testing.assert_array_equal(found, data.ravel())
         return done
 
+    def lies(self, origin, spacing):
+        info = json.loads(subprocess.run([ISONEST, "info", self.here / "s.isonest", "--json"],
+                                         check=True, capture_output=True).stdout)
+        np.testing.assert_allclose(info["origin"], origin)
+        np.testing.assert_allclose(info["spacing"], spacing)
+
     def refuses(self, code, *words):
         done = self.preprocess()
         self.assertEqual(done.returncode, code, done.stderr)
@@ -131,6 +137,23 @@ class Hdf5Input(Input):
             file["entry/flat"] = data[:1]
         self.refuses(2, "several volumes", "/entry/x [7] float64", "/entry/flat [1, 5, 7] uint8")
 
+    def test_attributes_place_the_volume_and_what_cannot_be_is_refused(self):
+        for data, spacing, origin in ((RANDOM.random((4, 5, 6)), (1, 2, 3), (-7, 8, 9)),
+                                      (RANDOM.random((5, 6)), (1, 2), (-7, 8)),
+                                      (RANDOM.random((1, 5, 6)), (1, 2, 3), (-7, 8, 9))):
+            self.write(v=data)
+            with h5py.File(self.path, "a") as file:
+                file["v"].attrs.update({"spacing": spacing, "origin": origin})
+            self.reads(data.reshape((-1, *data.shape[-2:])))
+            self.lies([*origin, 0][:3], [*spacing, 1][:3])
+        for name, value in (("spacing", (1, -2, 3)), ("spacing", (1, 2, 0)),
+                            ("spacing", (np.nan, 2, 3)), ("origin", (0, np.inf, 0))):
+            with self.subTest(name=name, value=value):
+                self.write(v=RANDOM.random((4, 5, 6)))
+                with h5py.File(self.path, "a") as file:
+                    file["v"].attrs[name] = value
+                self.refuses(2, "v.h5:/v: spacing", "--spacing")
+
     def test_a_virtual_dataset_is_read_where_all_of_its_sources_are(self):
         data = RANDOM.integers(0, 99, (8, 5, 7)).astype(np.uint8)
         layout = h5py.VirtualLayout((8, 5, 7), np.uint8)
@@ -163,12 +186,6 @@ class NrrdInput(Input):
         numbers = data.astype("<i2").tobytes()
         self.path.write_bytes(("\n".join(header) + "\n\n").encode() +
                               (gzip.compress(numbers) if encoding == "gzip" else numbers))
-
-    def lies(self, origin, spacing):
-        info = json.loads(subprocess.run([ISONEST, "info", self.here / "s.isonest", "--json"],
-                                         check=True, capture_output=True).stdout)
-        np.testing.assert_allclose(info["origin"], origin)
-        np.testing.assert_allclose(info["spacing"], spacing)
 
     def test_an_axis_that_runs_backward_is_turned_around(self):
         """What has a place in the world keeps it: node i of an axis with step d lies at o + i d."""
