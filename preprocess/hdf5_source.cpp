@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "preprocess/hdf5_chunks.h"
 #include "preprocess/hdf5_datasets.h"
 #include "store/error.h"
 #include "store/handles.h"
@@ -40,6 +41,7 @@ class Hdf5Source : public VolumeSource {
                             name_, shape_.text(), type ? name_of(*type) : "of another type"));
         }
         type_ = *type;
+        memory_type_ = native(type_);
         if (std::any_of(shape_.dims.begin(), shape_.dims.end(), [](hsize_t n) {
                 return n < 1 || n > static_cast<hsize_t>(kMaxNodesPerAxis);
             })) {
@@ -52,7 +54,6 @@ class Hdf5Source : public VolumeSource {
         set_chunks(path, options);
         read_place("spacing", spacing_);
         read_place("origin", origin_);
-        memory_type_ = native(type_);
         map_contiguous(path);
     }
 
@@ -69,6 +70,10 @@ class Hdf5Source : public VolumeSource {
 
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
+        if (chunks_) {
+            chunks_->read(z0, nz, y0, ny, dst);
+            return;
+        }
         const QuietHdf5 quiet;
         std::vector<hsize_t> start(shape_.dims.size(), 0);
         std::vector<hsize_t> count(shape_.dims.size(), 1);
@@ -172,6 +177,13 @@ class Hdf5Source : public VolumeSource {
         }
         const Int3 chunk = along_axes(dims);
         granularity_ = {std::min(nodes_.z, chunk.z), std::min(nodes_.y, chunk.y)};
+        // A sixteenth of all memory.
+        chunks_ = Hdf5Chunks::open(dataset_.get(), name_, shape_, dims, memory_type_,
+                                   options.max_heap / 4);
+        if (chunks_) {
+            heap_ += chunks_->heap();
+            return;
+        }
         // The cached chunk, and the filters' input and output.
         heap_ += 3 * bytes;
         const PropertyHandle access(H5Pcreate(H5P_DATASET_ACCESS));
@@ -214,6 +226,7 @@ class Hdf5Source : public VolumeSource {
     Double3 spacing_{1, 1, 1};
     Double3 origin_{0, 0, 0};
     Granularity granularity_;
+    std::optional<Hdf5Chunks> chunks_;
     std::optional<MappedFile> map_;
     std::span<const std::byte> mapped_;
     std::uint64_t heap_ = 2U << 20U;

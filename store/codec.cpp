@@ -10,6 +10,7 @@
 #include <bit>
 #include <cstdint>
 #include <memory>
+#include <utility>
 
 #include "store/error.h"
 #include "store/simd.h"
@@ -63,18 +64,23 @@ ISONEST_SIMD void shuffle8(const std::byte* from, std::byte* to, std::size_t cou
     shuffle_words<std::uint64_t>(from, to, count);
 }
 
-template <class Word>
+/// As one expression: a loop over the bytes of a word is not vectorised.
+template <class Word, std::size_t... Byte>
 [[gnu::always_inline]] inline void unshuffle_words(const std::byte* from, std::byte* to,
-                                                   std::size_t count) {
+                                                   std::size_t count,
+                                                   std::index_sequence<Byte...> /*bytes*/) {
     const auto* const bytes = reinterpret_cast<const std::uint8_t*>(from);
     Word* const words = reinterpret_cast<Word*>(to);
     for (std::size_t i = 0; i < count; ++i) {
-        Word word = 0;
-        for (std::size_t b = 0; b < sizeof(Word); ++b) {
-            word = static_cast<Word>(word | static_cast<Word>(bytes[b * count + i]) << (8 * b));
-        }
-        words[i] = word;
+        words[i] = static_cast<Word>(
+            (static_cast<Word>(static_cast<Word>(bytes[Byte * count + i]) << (8 * Byte)) | ...));
     }
+}
+
+template <class Word>
+[[gnu::always_inline]] inline void unshuffle_words(const std::byte* from, std::byte* to,
+                                                   std::size_t count) {
+    unshuffle_words<Word>(from, to, count, std::make_index_sequence<sizeof(Word)>());
 }
 
 ISONEST_SIMD void unshuffle2(const std::byte* from, std::byte* to, std::size_t count) {
@@ -99,6 +105,8 @@ void shuffle(std::span<const std::byte> from, std::byte* to, std::size_t size) {
     }
 }
 
+}  // namespace
+
 void unshuffle(std::span<const std::byte> from, std::byte* to, std::size_t size) {
     const std::size_t count = from.size() / size;
     switch (size) {
@@ -110,8 +118,6 @@ void unshuffle(std::span<const std::byte> from, std::byte* to, std::size_t size)
             return unshuffle8(from.data(), to, count);
     }
 }
-
-}  // namespace
 
 void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
                   std::vector<std::byte>& out) {
@@ -169,6 +175,15 @@ void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
     if (spec.shuffle) {
         unshuffle({state.shuffled.data(), raw.size()}, raw.data(), spec.element_size);
     }
+}
+
+bool decompress(std::span<const std::byte> packed, std::span<std::byte> raw) {
+    ThreadState& state = thread_state();
+    if (!state.decompress) {
+        throw std::bad_alloc();
+    }
+    return ZSTD_decompressDCtx(state.decompress.get(), raw.data(), raw.size(), packed.data(),
+                               packed.size()) == raw.size();
 }
 
 std::uint64_t checksum_of(std::span<const std::byte> bytes) {

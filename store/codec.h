@@ -26,6 +26,12 @@ void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
 void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
                   std::span<std::byte> raw, const std::string& place);
 
+/// Whether the zstd frames of `packed` fill `raw`; then that is done. Thread-safe.
+[[nodiscard]] bool decompress(std::span<const std::byte> packed, std::span<std::byte> raw);
+/// Undoes HDF5's shuffle of elements of `size` bytes (2, 4 or 8). REQUIRES: from.size() is a
+/// multiple of it, and `to` has as many bytes.
+void unshuffle(std::span<const std::byte> from, std::byte* to, std::size_t size);
+
 /// XXH64 with seed 0.
 std::uint64_t checksum_of(std::span<const std::byte> bytes);
 /// The same of bytes that come piece by piece.

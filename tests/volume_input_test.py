@@ -6,12 +6,14 @@ usage: volume_input_test.py ISONEST PLUGIN_FOLDER
 import gzip
 import itertools
 import json
+import os
 import pathlib
 import subprocess
 import sys
 import tempfile
 import unittest
 
+os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
 try:
     import h5py
     import numpy as np
@@ -126,6 +128,58 @@ class Hdf5Input(Input):
             file.create_dataset("v", data=data[None], chunks=(4, 16, 16, 16),
                                 maxshape=(None, None, None, None))
         self.reads(data)
+
+    def test_chunks_are_decoded_as_h5py_decodes_them(self):
+        filters = ({}, {"compression": "gzip"}, {"compression": "gzip", "shuffle": True},
+                   {"compression": 32015, "shuffle": True}, {"compression": 32015},
+                   {"shuffle": True}, {"compression": "gzip", "fletcher32": True},
+                   {"scaleoffset": 0})
+        for kind in (np.uint8, np.int16, np.float32, np.float64, ">i4"):
+            data = RANDOM.integers(0, 99, (21, 18, 35)).astype(kind)
+            for options in filters:
+                if "scaleoffset" in options and data.dtype.kind == "f":
+                    continue
+                for chunks in ((64, 64, 64), (4, 5, 6), (1, 18, 35)):
+                    with self.subTest(kind=kind, options=options, chunks=chunks):
+                        with h5py.File(self.path, "w") as file:
+                            file.create_dataset("v", data=data, maxshape=(None, None, None),
+                                                chunks=chunks, **options)
+                        self.reads(data.astype(data.dtype.newbyteorder("=")))
+
+    def test_chunks_that_were_never_written_hold_the_fill_value(self):
+        data = np.full((20, 30, 40), -3, np.int32)
+        data[5:9, 8:17, 3:31] = 11
+        for options in ({"compression": "gzip", "shuffle": True}, {}):
+            with h5py.File(self.path, "w") as file:
+                v = file.create_dataset("v", data.shape, np.int32, chunks=(8, 8, 8), fillvalue=-3,
+                                        **options)
+                v[5:9, 8:17, 3:31] = 11
+            self.reads(data)
+
+    def test_a_chunk_may_have_skipped_a_filter(self):
+        data = RANDOM.integers(0, 30000, (8, 8, 16)).astype(np.int16)
+        with h5py.File(self.path, "w") as file:
+            v = file.create_dataset("v", data=data, chunks=(8, 8, 8), shuffle=True,
+                                    compression="gzip")
+            v.id.write_direct_chunk((0, 0, 8), data[:, :, 8:].tobytes(), filter_mask=3)
+        self.reads(data)
+
+    def test_a_damaged_chunk_is_named(self):
+        data = RANDOM.integers(0, 30000, (16, 16, 16)).astype(np.int16)
+        for options, damage in (({"compression": "gzip", "shuffle": True}, lambda b: b[:-9]),
+                                ({"compression": "gzip"}, lambda b: bytes(len(b))),
+                                ({"compression": 32015}, lambda b: b[:40] + b"x" + b[41:-1]),
+                                ({"shuffle": True}, lambda b: b + b),
+                                ({"shuffle": True}, lambda b: b[:100]),
+                                ({"compression": "gzip"}, lambda b: gzip.zlib.compress(bytes(99999))),
+                                ({"compression": "gzip"}, lambda b: gzip.zlib.compress(bytes(99)))):
+            with self.subTest(options=options):
+                with h5py.File(self.path, "w") as file:
+                    v = file.create_dataset("v", data=data, chunks=(8, 8, 8), **options)
+                    _, whole = v.id.read_direct_chunk((8, 0, 8))
+                    v.id.write_direct_chunk((8, 0, 8), damage(bytes(whole)))
+                self.refuses(4, "/v: the chunk from node 8 0 8 on")
+                self.assertFalse((self.here / "s.isonest").exists())
 
     def test_the_only_dataset_with_the_most_axes_is_the_volume(self):
         data = RANDOM.integers(0, 99, (6, 5, 7)).astype(np.uint8)
