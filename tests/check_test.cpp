@@ -122,7 +122,7 @@ class Forger {
     std::vector<ChunkRow> rows_;
 };
 
-CheckReport checked(const std::filesystem::path& path, CheckOptions options = {}) {
+CheckReport checked(const std::filesystem::path& path, const CheckOptions& options = {}) {
     return check(StoreReader(path), options, silent_progress());
 }
 
