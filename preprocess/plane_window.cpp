@@ -27,6 +27,9 @@ PlaneWindow::PlaneWindow(VolumeSource& source, std::int64_t planes, std::uint64_
     const std::int64_t needed = std::min(nz, planes + 2 * (step - 1));
     if (affordable >= needed) {
         capacity_ = std::min({affordable, nz, needed + std::max(planes, step)});
+        if (capacity_ < nz && capacity_ / step * step >= needed) {
+            capacity_ = capacity_ / step * step;  // no step is cut where the ring wraps around
+        }
         ring_.resize(static_cast<std::size_t>(capacity_ * plane_bytes_));
         base_ = ring_.data();
     } else {

@@ -76,6 +76,29 @@ TEST_CASE("each plane of the input is read once") {
     }
 }
 
+TEST_CASE("the planes that are cheap to read together are read together") {
+    class Stepped : public MemoryVolume<float> {
+      public:
+        using MemoryVolume<float>::MemoryVolume;
+        void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+                  std::byte* dst) override {
+            const std::int64_t step = granularity_.planes;
+            if (z0 % step != 0 || ((z0 + nz) % step != 0 && z0 + nz != nodes().z)) {
+                ++cut;
+            }
+            MemoryVolume<float>::read(z0, nz, y0, ny, dst);
+        }
+        int cut = 0;
+    };
+    for (const std::int64_t step : {7, 16, 64}) {
+        Stepped volume({20, 20, 999}, smooth_f);
+        volume.granularity_ = {step, 1};
+        const TemporaryFolder folder;
+        make_store(volume, folder / "s", with_chunk(16));
+        CHECK(volume.cut == 0);
+    }
+}
+
 TEST_CASE("an interrupted or failed run leaves nothing, and an old store alone") {
     MemoryVolume<float> volume({60, 60, 90}, smooth_f);
     const TemporaryFolder folder;
