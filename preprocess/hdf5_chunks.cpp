@@ -17,9 +17,9 @@
 namespace isonest {
 namespace {
 
-/// What a buffer can hold at most: filters that do not gain may add a little.
+/// What is read of a chunk at most: filters that do not gain add a little.
 std::size_t most_stored(std::size_t chunk_bytes) {
-    return 2 * chunk_bytes + 4096;
+    return chunk_bytes + chunk_bytes / 8 + 4096;
 }
 
 /// In the order of writing; none if one is not ours to undo.
@@ -139,7 +139,7 @@ std::span<const std::byte> Hdf5Chunks::decode(const Int3& chunk, Buffers& buffer
         return buffers.stored;
     }
     if (size > most_stored(chunk_bytes_)) {
-        throw Error(ErrorKind::corrupt, fmt::format("{} takes {} bytes, of numbers that take {}",
+        throw Error(ErrorKind::corrupt, fmt::format("{} takes {} bytes, its numbers only {}",
                                                     place(chunk), size, chunk_bytes_));
     }
     buffers.stored.resize(size);

@@ -177,9 +177,8 @@ class Hdf5Source : public VolumeSource {
         }
         const Int3 chunk = along_axes(dims);
         granularity_ = {std::min(nodes_.z, chunk.z), std::min(nodes_.y, chunk.y)};
-        // A sixteenth of all memory.
         chunks_ = Hdf5Chunks::open(dataset_.get(), name_, shape_, dims, memory_type_,
-                                   options.max_heap / 4);
+                                   options.max_heap / 3);
         if (chunks_) {
             heap_ += chunks_->heap();
             return;

@@ -186,7 +186,10 @@ class Parser {
         std::array<double, 3> steps{1, 1, 1};
         if (const std::string* const text = find("spacings")) {
             const std::vector<double> spacing = numbers(*text);
-            for (std::size_t a = 0; a < axes.size() && spacing.size() == count; ++a) {
+            if (spacing.size() != count) {
+                corrupt("'spacings' and 'sizes' do not agree");
+            }
+            for (std::size_t a = 0; a < axes.size(); ++a) {
                 const double s = spacing[axes[a]];
                 steps.at(a) = std::isfinite(s) && s != 0 ? s : 1;  // NaN: not known
             }

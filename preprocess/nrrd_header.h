@@ -17,8 +17,8 @@ struct NrrdHeader {
     std::uint64_t header_bytes = 0;
     /// Axes that run toward smaller world coordinates; the layout's origin is their low end's.
     std::array<bool, 3> backward{};
-    bool oblique =
-        false;  ///< axes that are not along the world's: spacing and origin are not known
+    /// Axes that are not along the world's: spacing and origin are not known.
+    bool oblique = false;
 };
 
 /// Parses the start of an NRRD file. Source: http://teem.sourceforge.net/nrrd/format.html

@@ -305,6 +305,8 @@ class NrrdInput(Input):
                 self.lies([0, 0, 0], [1, 2, 3])
         self.write("space directions: (1,0,0) (0,1,0)")
         self.refuses(4, "'space directions' and 'sizes' do not agree")
+        self.write("spacings: 1 2")
+        self.refuses(4, "'spacings' and 'sizes' do not agree")
 
 
 if __name__ == "__main__":
