@@ -11,6 +11,7 @@
 #include "query/contour_lines.h"
 #include "query/mesh_writer.h"
 #include "store/error.h"
+#include "store/extent.h"
 
 namespace isonest {
 namespace {
@@ -302,12 +303,11 @@ std::array<double, 2> value_range(const StoreReader& store) {
 /// REQUIRES: world coordinates within float32.
 double coordinate_rounding(const StoreHeader& header) {
     double most = 0;
+    const Double3 last = last_position(header);
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
-        const double end =
-            header.origin[a] + header.spacing[a] * static_cast<double>(header.nodes[axis] - 1);
         const auto largest =
-            static_cast<float>(std::max(std::fabs(header.origin[a]), std::fabs(end)));
+            static_cast<float>(std::max(std::fabs(header.origin[a]), std::fabs(last[a])));
         const double next = std::nextafter(largest, 0.0F);
         if (header.nodes[axis] > 1) {
             most = std::max(most, (largest - next) / 2 / header.spacing[a]);

@@ -7,6 +7,7 @@
 
 #include "query/extract.h"
 #include "store/error.h"
+#include "store/extent.h"
 #include "store/output_file.h"
 #include "tools/command.h"
 #include "tools/extract_options.h"
@@ -77,15 +78,13 @@ Result run(Arguments& a, Progress& progress) {
                     r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
     if (r.triangles == 0) {
         const StoreHeader& h = store.layout().header();
+        const Double3 last = last_position(h);
         result.text += fmt::format(
             "{}, which lies between {:.6g},{:.6g},{:.6g} and {:.6g},{:.6g},{:.6g}.\n",
             a.extract.extract.contours.empty()
                 ? "The slice is empty: the plane misses the volume"
                 : "There is no line: the values do not occur in the plane, or it misses the volume",
-            h.origin[0], h.origin[1], h.origin[2],
-            h.origin[0] + h.spacing[0] * static_cast<double>(h.nodes.x - 1),
-            h.origin[1] + h.spacing[1] * static_cast<double>(h.nodes.y - 1),
-            h.origin[2] + h.spacing[2] * static_cast<double>(h.nodes.z - 1));
+            h.origin[0], h.origin[1], h.origin[2], last[0], last[1], last[2]);
     }
     return result;
 }
