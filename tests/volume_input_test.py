@@ -147,6 +147,18 @@ class Hdf5Input(Input):
                                             chunks=chunks, **options)
                     self.reads(data.astype(data.dtype.newbyteorder("=")))
 
+    def test_the_store_does_not_depend_on_how_the_input_is_stored(self):
+        data = RANDOM.integers(0, 99, (61, 58, 55)).astype(np.float32)
+        stores = set()
+        for options in ({}, {"chunks": (16, 16, 16), "compression": "gzip", "shuffle": True},
+                        {"chunks": (7, 58, 9), "compression": 32015}, {"chunks": (5, 6, 7)}):
+            for more in ((), ("--threads", "1", "--memory", "20M")):
+                with h5py.File(self.path, "w") as file:
+                    file.create_dataset("v", data=data, **options)
+                self.reads(data, *more)
+                stores.add((self.here / "s.isonest").read_bytes())
+        self.assertEqual(len(stores), 1)
+
     def test_chunks_that_were_never_written_hold_the_fill_value(self):
         data = np.full((20, 30, 40), -3, np.int32)
         data[5:9, 8:17, 3:31] = 11
