@@ -57,22 +57,18 @@ std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
     Hdf5Chunks c;
     c.dataset_ = dataset;
     c.name_ = std::move(name);
-    c.rank_ = shape.dims.size();
-    c.axes_ = shape.axes;
+    c.shape_ = shape;
     c.element_ = H5Tget_size(memory_type);
     c.filters_ = std::move(*filters);
+    std::vector<hsize_t> strides(chunk.size());
     hsize_t elements = 1;
-    for (std::size_t i = c.rank_; i-- > 0;) {
-        for (std::size_t a = 0; a < c.axes_.size(); ++a) {
-            if (c.axes_[a] == i) {
-                const int axis = static_cast<int>(c.axes_.size() - 1 - a);
-                c.nodes_[axis] = static_cast<std::int64_t>(shape.dims[i]);
-                c.chunk_[axis] = static_cast<std::int64_t>(chunk[i]);
-                c.stride_[axis] = static_cast<std::int64_t>(elements);
-            }
-        }
+    for (std::size_t i = chunk.size(); i-- > 0;) {
+        strides[i] = elements;
         elements *= chunk[i];
     }
+    c.nodes_ = shape.along_axes(shape.dims);
+    c.chunk_ = shape.along_axes(chunk);
+    c.stride_ = shape.along_axes(strides);
     if (c.stride_.x != 1) {
         return std::nullopt;
     }
@@ -94,15 +90,16 @@ std::string Hdf5Chunks::place(const Int3& chunk) const {
 }
 
 void Hdf5Chunks::undo(H5Z_filter_t filter, const Int3& chunk, Buffers& buffers) const {
+    if (filter == H5Z_FILTER_SHUFFLE && element_ == 1) {
+        return;
+    }
     auto& [in, out] = buffers;
     out.resize(chunk_bytes_);
     bool whole = false;
     if (filter == H5Z_FILTER_SHUFFLE) {
         whole = in.size() == chunk_bytes_;
-        if (whole && element_ > 1) {
+        if (whole) {
             unshuffle(in, out.data(), element_);
-        } else {
-            std::swap(in, out);
         }
     } else if (filter == H5Z_FILTER_DEFLATE) {
         uLongf size = out.size();
@@ -120,11 +117,8 @@ void Hdf5Chunks::undo(H5Z_filter_t filter, const Int3& chunk, Buffers& buffers) 
 }
 
 std::span<const std::byte> Hdf5Chunks::decode(const Int3& chunk, Buffers& buffers) const {
-    std::vector<hsize_t> at(rank_, 0);
-    for (std::size_t a = 0; a < axes_.size(); ++a) {
-        const int axis = static_cast<int>(axes_.size() - 1 - a);
-        at[axes_[a]] = static_cast<hsize_t>(chunk[axis] * chunk_[axis]);
-    }
+    const std::vector<hsize_t> at =
+        shape_.along_dims({chunk.x * chunk_.x, chunk.y * chunk_.y, chunk.z * chunk_.z}, 0);
     haddr_t address = HADDR_UNDEF;
     hsize_t size = 0;
     std::uint32_t skipped = 0;

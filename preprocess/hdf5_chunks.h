@@ -44,8 +44,7 @@ class Hdf5Chunks {
 
     hid_t dataset_ = H5I_INVALID_HID;  ///< not owned
     std::string name_;
-    std::size_t rank_ = 0;
-    std::vector<std::size_t> axes_;  ///< of the file, slowest first
+    DatasetShape shape_;
     Int3 nodes_{1, 1, 1};
     Int3 chunk_{1, 1, 1};
     Int3 stride_{1, 1, 1};  ///< from node to node within a chunk, in elements

@@ -120,6 +120,24 @@ std::string DatasetShape::text() const {
     return fmt::format("{}", fmt::join(dims, ", "));
 }
 
+Int3 DatasetShape::along_axes(const std::vector<hsize_t>& numbers) const {
+    Int3 out{1, 1, 1};
+    int axis = 0;
+    for (auto dim = axes.rbegin(); dim != axes.rend(); ++dim) {
+        out[axis++] = static_cast<std::int64_t>(numbers[*dim]);
+    }
+    return out;
+}
+
+std::vector<hsize_t> DatasetShape::along_dims(const Int3& numbers, hsize_t otherwise) const {
+    std::vector<hsize_t> out(dims.size(), otherwise);
+    int axis = 0;
+    for (auto dim = axes.rbegin(); dim != axes.rend(); ++dim) {
+        out[*dim] = static_cast<hsize_t>(numbers[axis++]);
+    }
+    return out;
+}
+
 DatasetShape shape_of(hid_t dataset) {
     DatasetShape shape;
     const SpaceHandle space(H5Dget_space(dataset));

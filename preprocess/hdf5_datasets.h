@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "store/int3.h"
 #include "store/value_type.h"
 
 namespace isonest {
@@ -22,6 +23,10 @@ struct DatasetShape {
     std::vector<std::size_t> axes;  ///< those of `dims` that are the volume's: 1 to 3; none if the
                                     ///< dataset has more than 3 longer than 1, or no axis
     [[nodiscard]] std::string text() const;
+    /// Of numbers along `dims`, those along x, y and z; 1 along axes that are not there.
+    [[nodiscard]] Int3 along_axes(const std::vector<hsize_t>& numbers) const;
+    /// And back: `otherwise` along the dims that are no axis.
+    [[nodiscard]] std::vector<hsize_t> along_dims(const Int3& numbers, hsize_t otherwise) const;
 };
 DatasetShape shape_of(hid_t dataset);
 

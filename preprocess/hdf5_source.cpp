@@ -49,7 +49,7 @@ class Hdf5Source : public VolumeSource {
                         fmt::format("{}: [{}] nodes: each axis must have 1 to {}", name_,
                                     shape_.text(), kMaxNodesPerAxis));
         }
-        nodes_ = along_axes(shape_.dims);
+        nodes_ = shape_.along_axes(shape_.dims);
         require_virtual_sources(dataset_.get(), path, name_);
         set_chunks(path, options);
         read_place("spacing", spacing_);
@@ -75,15 +75,8 @@ class Hdf5Source : public VolumeSource {
             return;
         }
         const QuietHdf5 quiet;
-        std::vector<hsize_t> start(shape_.dims.size(), 0);
-        std::vector<hsize_t> count(shape_.dims.size(), 1);
-        const Int3 first{0, y0, z0};
-        const Int3 size{nodes_.x, ny, nz};
-        for (std::size_t i = 0; i < shape_.axes.size(); ++i) {
-            const std::size_t axis = shape_.axes[shape_.axes.size() - 1 - i];
-            start[axis] = static_cast<hsize_t>(first[static_cast<int>(i)]);
-            count[axis] = static_cast<hsize_t>(size[static_cast<int>(i)]);
-        }
+        const std::vector<hsize_t> start = shape_.along_dims({0, y0, z0}, 0);
+        const std::vector<hsize_t> count = shape_.along_dims({nodes_.x, ny, nz}, 1);
         const SpaceHandle from(H5Dget_space(dataset_.get()));
         H5Sselect_hyperslab(from.get(), H5S_SELECT_SET, start.data(), nullptr, count.data(),
                             nullptr);
@@ -147,16 +140,6 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-    /// Of numbers along the dataset's axes, those along the volume's; 1 along missing ones.
-    [[nodiscard]] Int3 along_axes(const std::vector<hsize_t>& numbers) const {
-        Int3 out{1, 1, 1};
-        for (std::size_t i = 0; i < shape_.axes.size(); ++i) {
-            out[static_cast<int>(i)] =
-                static_cast<std::int64_t>(numbers[shape_.axes[shape_.axes.size() - 1 - i]]);
-        }
-        return out;
-    }
-
     /// Whole rows of chunks are read at a time, so HDF5's chunk cache only has to hold one chunk.
     void set_chunks(const std::filesystem::path& path, const SourceOptions& options) {
         const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
@@ -175,7 +158,7 @@ class Hdf5Source : public VolumeSource {
                                         name_, fmt::join(dims, ", "), options.max_heap >> 20U));
             }
         }
-        const Int3 chunk = along_axes(dims);
+        const Int3 chunk = shape_.along_axes(dims);
         granularity_ = {std::min(nodes_.z, chunk.z), std::min(nodes_.y, chunk.y)};
         chunks_ = Hdf5Chunks::open(dataset_.get(), name_, shape_, dims, memory_type_,
                                    options.max_heap / 3);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "preprocess/wrapped_source.h"
 #include "store/error.h"
 
 namespace isonest {
@@ -16,37 +17,28 @@ void reverse_pieces(std::byte* bytes, std::int64_t count, std::int64_t size) {
     }
 }
 
-class MirroredSource : public VolumeSource {
+class MirroredSource : public WrappedSource {
   public:
     MirroredSource(std::unique_ptr<VolumeSource> inner, const std::array<bool, 3>& backward)
-        : inner_(std::move(inner)), backward_(backward) {
-        if (backward_[2] && inner_->sequential() && inner_->nodes().z > 1) {
+        : WrappedSource(std::move(inner)), backward_(backward) {
+        if (backward_[2] && inner_source().sequential() && inner_source().nodes().z > 1) {
             throw Error(ErrorKind::unsupported,
                         fmt::format("{}: z runs from high to low in a compressed stream; store it "
                                     "without compression (encoding: raw)",
-                                    inner_->name()));
+                                    inner_source().name()));
         }
-    }
-    [[nodiscard]] Int3 nodes() const override { return inner_->nodes(); }
-    [[nodiscard]] ValueType type() const override { return inner_->type(); }
-    [[nodiscard]] Double3 spacing() const override { return inner_->spacing(); }
-    [[nodiscard]] Double3 origin() const override { return inner_->origin(); }
-    [[nodiscard]] std::string name() const override { return inner_->name(); }
-    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
-        return inner_->files();
     }
     [[nodiscard]] Granularity granularity() const override {
         // Of a stream's planes, what comes first may be needed last.
-        return sequential() && backward_[1] ? Granularity{1, nodes().y} : inner_->granularity();
+        return sequential() && backward_[1] ? Granularity{1, nodes().y}
+                                            : inner_source().granularity();
     }
-    [[nodiscard]] bool sequential() const override { return inner_->sequential(); }
-    [[nodiscard]] std::uint64_t heap() const override { return inner_->heap(); }
 
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         const Int3 n = nodes();
-        inner_->read(backward_[2] ? n.z - z0 - nz : z0, nz, backward_[1] ? n.y - y0 - ny : y0, ny,
-                     dst);
+        inner_source().read(backward_[2] ? n.z - z0 - nz : z0, nz,
+                            backward_[1] ? n.y - y0 - ny : y0, ny, dst);
         const auto value = static_cast<std::int64_t>(size_of(type()));
         const std::int64_t row = n.x * value;
         for (std::int64_t i = 0; i < nz * ny && backward_[0]; ++i) {
@@ -61,7 +53,6 @@ class MirroredSource : public VolumeSource {
     }
 
   private:
-    std::unique_ptr<VolumeSource> inner_;
     std::array<bool, 3> backward_;
 };
 

@@ -8,16 +8,17 @@
 #include <limits>
 #include <vector>
 
+#include "preprocess/wrapped_source.h"
 #include "store/error.h"
 
 namespace isonest {
 namespace {
 
-class MissingSource : public VolumeSource {
+class MissingSource : public WrappedSource {
   public:
     MissingSource(std::unique_ptr<VolumeSource> inner, double missing)
-        : inner_(std::move(inner)), missing_(missing) {
-        const ValueType type = inner_->type();
+        : WrappedSource(std::move(inner)), missing_(missing) {
+        const ValueType type = inner_source().type();
         single_ = size_of(type) <= 2 || type == ValueType::f32;
         const bool holds = dispatch(type, [&](auto tag) {
             using T = typename decltype(tag)::type;
@@ -31,31 +32,21 @@ class MissingSource : public VolumeSource {
         });
         if (!holds) {
             throw Error(ErrorKind::invalid_argument,
-                        fmt::format("{}: --missing {}: no value of type {} is that", inner_->name(),
-                                    missing, name_of(type)));
+                        fmt::format("{}: --missing {}: no value of type {} is that",
+                                    inner_source().name(), missing, name_of(type)));
         }
     }
-    [[nodiscard]] Int3 nodes() const override { return inner_->nodes(); }
     [[nodiscard]] ValueType type() const override {
         return single_ ? ValueType::f32 : ValueType::f64;
     }
-    [[nodiscard]] Double3 spacing() const override { return inner_->spacing(); }
-    [[nodiscard]] Double3 origin() const override { return inner_->origin(); }
-    [[nodiscard]] std::string name() const override { return inner_->name(); }
-    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
-        return inner_->files();
-    }
-    [[nodiscard]] Granularity granularity() const override { return inner_->granularity(); }
-    [[nodiscard]] bool sequential() const override { return inner_->sequential(); }
-    [[nodiscard]] std::uint64_t heap() const override { return inner_->heap(); }
     /// The inner values are read into the end of `dst` and widened from its start on.
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         const auto count = static_cast<std::size_t>(nz * ny * nodes().x);
-        const std::size_t narrow = size_of(inner_->type());
+        const std::size_t narrow = size_of(inner_source().type());
         std::byte* const from = dst + count * (size_of(type()) - narrow);
-        inner_->read(z0, nz, y0, ny, from);
-        dispatch(inner_->type(), [&](auto tag) {
+        inner_source().read(z0, nz, y0, ny, from);
+        dispatch(inner_source().type(), [&](auto tag) {
             using T = typename decltype(tag)::type;
             if (single_) {
                 widen<T, float>(from, count, dst);
@@ -78,7 +69,6 @@ class MissingSource : public VolumeSource {
         }
     }
 
-    std::unique_ptr<VolumeSource> inner_;
     double missing_;
     bool single_ = true;
 };

@@ -7,37 +7,30 @@
 #include "preprocess/mirrored_source.h"
 #include "preprocess/missing_source.h"
 #include "preprocess/nrrd_header.h"
+#include "preprocess/wrapped_source.h"
 #include "store/error.h"
 
 namespace isonest {
 namespace {
 
 /// A source with another spacing or origin than the file says.
-class Placed : public VolumeSource {
+class Placed : public WrappedSource {
   public:
     Placed(std::unique_ptr<VolumeSource> inner, const SourceOptions& options)
-        : inner_(std::move(inner)),
-          spacing_(options.spacing.value_or(inner_->spacing())),
-          origin_(options.origin.value_or(inner_->origin())) {}
-    [[nodiscard]] Int3 nodes() const override { return inner_->nodes(); }
-    [[nodiscard]] ValueType type() const override { return inner_->type(); }
+        : WrappedSource(std::move(inner)),
+          spacing_(options.spacing.value_or(inner_source().spacing())),
+          origin_(options.origin.value_or(inner_source().origin())) {}
     [[nodiscard]] Double3 spacing() const override { return spacing_; }
     [[nodiscard]] Double3 origin() const override { return origin_; }
-    [[nodiscard]] std::string name() const override { return inner_->name(); }
-    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
-        return inner_->files();
+    [[nodiscard]] std::span<const std::byte> mapped() const override {
+        return inner_source().mapped();
     }
-    [[nodiscard]] Granularity granularity() const override { return inner_->granularity(); }
-    [[nodiscard]] bool sequential() const override { return inner_->sequential(); }
-    [[nodiscard]] std::uint64_t heap() const override { return inner_->heap(); }
-    [[nodiscard]] std::span<const std::byte> mapped() const override { return inner_->mapped(); }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
-        inner_->read(z0, nz, y0, ny, dst);
+        inner_source().read(z0, nz, y0, ny, dst);
     }
 
   private:
-    std::unique_ptr<VolumeSource> inner_;
     Double3 spacing_;
     Double3 origin_;
 };
@@ -51,6 +44,7 @@ std::unique_ptr<VolumeSource> open_nrrd_data(const std::filesystem::path& path,
     layout.exact_length = false;
     if (!header.data_file.empty()) {
         const std::filesystem::path data = path.parent_path() / header.data_file;
+        layout.header = path;
         if (header.gzip != is_gzip((regular_file_size(data), data))) {
             throw Error(ErrorKind::corrupt,
                         fmt::format("{}: says encoding {}, but {} is not so", name,

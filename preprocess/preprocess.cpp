@@ -4,13 +4,13 @@
 #include <oneapi/tbb/task_group.h>
 
 #include <chrono>
-#include <cmath>
 #include <functional>
 
 #include "preprocess/cube_ranges.h"
 #include "preprocess/level_pass.h"
 #include "preprocess/resume.h"
 #include "store/error.h"
+#include "store/extent.h"
 #include "store/in_order.h"
 #include "store/output_file.h"
 #include "store/workers.h"
@@ -64,17 +64,16 @@ void run_blocks(const Int3& grid, int tokens, const Block& compute, const Output
         });
 }
 
-/// Throws Error{invalid_argument}.
+/// Throws Error{invalid_argument}, naming the input and the options that place it elsewhere.
 void require_place(const VolumeSource& source) {
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        const double step = source.spacing()[axis];
-        const double first = source.origin()[axis];
-        if (!(step > 0) || !std::isfinite(step) || !std::isfinite(first)) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("{}: spacing {} and origin {} along {}: a spacing must be "
-                                    "positive, and both finite; give --spacing and --origin",
-                                    source.name(), step, first, "xyz"[axis]));
-        }
+    const Double3 spacing = source.spacing();
+    const Double3 origin = source.origin();
+    if (!is_place(spacing, origin)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{}: spacing {} {} {} and origin {} {} {}: the spacing must be "
+                                "positive, and all must be finite; give --spacing and --origin",
+                                source.name(), spacing[0], spacing[1], spacing[2], origin[0],
+                                origin[1], origin[2]));
     }
 }
 

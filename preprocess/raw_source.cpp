@@ -39,7 +39,9 @@ class RawBase : public VolumeSource {
     [[nodiscard]] Double3 spacing() const override { return layout_.spacing; }
     [[nodiscard]] Double3 origin() const override { return layout_.origin; }
     [[nodiscard]] std::string name() const override { return name_; }
-    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return {path_}; }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
+        return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};
+    }
     [[nodiscard]] Granularity granularity() const override { return {}; }
 
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,

@@ -1,6 +1,7 @@
 // Raw numbers in a file, plain or gzip; also the data part of NRRD.
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <string>
 
@@ -18,6 +19,7 @@ struct RawLayout {
     bool exact_length = true;      ///< bytes behind the data are an error
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
+    std::filesystem::path header;  ///< what describes them, if it is another file
 };
 
 /// Opens the numbers in `path`; gzip is recognised by its magic. `name` is used in messages.

@@ -34,7 +34,7 @@ class VolumeSource {
     /// "file:dataset" or the like, for messages.
     [[nodiscard]] virtual std::string name() const = 0;
 
-    /// The files that hold the numbers, none of which may be the output.
+    /// The files that it reads, none of which may be the output.
     [[nodiscard]] virtual std::vector<std::filesystem::path> files() const { return {}; }
 
     /// Reading in multiples of this many planes (z) and rows (y), starting at multiples of it, is

@@ -4,9 +4,9 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
 
 #include "store/error.h"
+#include "store/extent.h"
 #include "store/indicator_code.h"
 
 namespace isonest {
@@ -14,21 +14,19 @@ namespace {
 
 void validate(const StoreHeader& header) {
     for (int axis = 0; axis < 3; ++axis) {
-        const auto a = static_cast<std::size_t>(axis);
         if (header.nodes[axis] < 1 || header.nodes[axis] > kMaxNodesPerAxis) {
             throw Error(
                 ErrorKind::unsupported,
                 fmt::format("a volume of {} x {} x {} nodes: each axis must have 1 to {}",
                             header.nodes.x, header.nodes.y, header.nodes.z, kMaxNodesPerAxis));
         }
-        if (!(header.spacing[a] > 0) || !std::isfinite(header.spacing[a]) ||
-            !std::isfinite(header.origin[a])) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("spacing {} {} {} and origin {} {} {}: the spacing must be "
-                                    "positive, and all must be finite",
-                                    header.spacing[0], header.spacing[1], header.spacing[2],
-                                    header.origin[0], header.origin[1], header.origin[2]));
-        }
+    }
+    if (!is_place(header.spacing, header.origin)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("spacing {} {} {} and origin {} {} {}: the spacing must be "
+                                "positive, and all must be finite",
+                                header.spacing[0], header.spacing[1], header.spacing[2],
+                                header.origin[0], header.origin[1], header.origin[2]));
     }
     if (header.chunk < kMinChunk || header.chunk > kMaxChunk ||
         !std::has_single_bit(static_cast<unsigned>(header.chunk))) {

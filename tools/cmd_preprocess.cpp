@@ -6,7 +6,6 @@
 
 #include "preprocess/preprocess.h"
 #include "store/format.h"
-#include "store/output_file.h"
 #include "tools/command.h"
 #include "tools/fields.h"
 #include "tools/leftovers.h"
@@ -49,7 +48,6 @@ std::string identity_of(const std::filesystem::path& input, const SourceOptions&
 Result run(Arguments& a, Progress& progress) {
     // A quarter of the budget is enough for the chunks of the input, and the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
-    require_other_file(a.store, a.input);
     a.preprocess.source_identity = identity_of(a.input, a.source);
     const std::unique_ptr<VolumeSource> source = open_volume(a.input, a.source);
     for (const std::filesystem::path& file : source->files()) {
