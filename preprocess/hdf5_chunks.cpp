@@ -22,17 +22,19 @@ std::size_t most_stored(std::size_t chunk_bytes) {
     return chunk_bytes + chunk_bytes / 8 + 4096;
 }
 
-/// In the order of writing; none if one is not ours to undo.
-std::optional<std::vector<H5Z_filter_t>> filters_of(hid_t creation) {
+/// In the order of writing; none if one is not ours to undo, as a shuffle of other elements.
+std::optional<std::vector<H5Z_filter_t>> filters_of(hid_t creation, std::size_t element) {
     std::vector<H5Z_filter_t> filters;
     const int count = H5Pget_nfilters(creation);
     for (int i = 0; i < count; ++i) {
         unsigned flags = 0;
         unsigned configuration = 0;
-        std::size_t numbers = 0;
+        unsigned number = 0;
+        std::size_t numbers = 1;
         const H5Z_filter_t filter = H5Pget_filter2(creation, static_cast<unsigned>(i), &flags,
-                                                   &numbers, nullptr, 0, nullptr, &configuration);
-        if (filter != H5Z_FILTER_SHUFFLE && filter != H5Z_FILTER_DEFLATE &&
+                                                   &numbers, &number, 0, nullptr, &configuration);
+        const bool shuffle = filter == H5Z_FILTER_SHUFFLE && number == element;
+        if (!shuffle && filter != H5Z_FILTER_DEFLATE &&
             filter != static_cast<H5Z_filter_t>(kZstdFilter)) {
             return std::nullopt;
         }
@@ -50,7 +52,8 @@ std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
     const QuietHdf5 quiet;
     const PropertyHandle creation(H5Dget_create_plist(dataset));
     const TypeHandle stored(H5Dget_type(dataset));
-    auto filters = filters_of(creation.get());
+    const std::size_t element = H5Tget_size(memory_type);
+    auto filters = filters_of(creation.get(), element);
     if (!filters || H5Tequal(stored.get(), memory_type) <= 0) {
         return std::nullopt;
     }
@@ -58,7 +61,7 @@ std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
     c.dataset_ = dataset;
     c.name_ = std::move(name);
     c.shape_ = shape;
-    c.element_ = H5Tget_size(memory_type);
+    c.element_ = element;
     c.filters_ = std::move(*filters);
     std::vector<hsize_t> strides(chunk.size());
     hsize_t elements = 1;
