@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <ranges>
 #include <set>
 
 #include "store/error.h"
@@ -123,8 +124,8 @@ std::string DatasetShape::text() const {
 Int3 DatasetShape::along_axes(const std::vector<hsize_t>& numbers) const {
     Int3 out{1, 1, 1};
     int axis = 0;
-    for (auto dim = axes.rbegin(); dim != axes.rend(); ++dim) {
-        out[axis++] = static_cast<std::int64_t>(numbers[*dim]);
+    for (const std::size_t dim : axes | std::views::reverse) {
+        out[axis++] = static_cast<std::int64_t>(numbers[dim]);
     }
     return out;
 }
@@ -132,8 +133,8 @@ Int3 DatasetShape::along_axes(const std::vector<hsize_t>& numbers) const {
 std::vector<hsize_t> DatasetShape::along_dims(const Int3& numbers, hsize_t otherwise) const {
     std::vector<hsize_t> out(dims.size(), otherwise);
     int axis = 0;
-    for (auto dim = axes.rbegin(); dim != axes.rend(); ++dim) {
-        out[*dim] = static_cast<hsize_t>(numbers[axis++]);
+    for (const std::size_t dim : axes | std::views::reverse) {
+        out[dim] = static_cast<hsize_t>(numbers[axis++]);
     }
     return out;
 }

@@ -32,8 +32,8 @@ std::uint64_t data_bytes(const RawLayout& layout) {
 /// What both kinds of raw source share.
 class RawBase : public VolumeSource {
   public:
-    RawBase(std::filesystem::path path, std::string name, const RawLayout& layout)
-        : path_(std::move(path)), name_(std::move(name)), layout_(layout) {}
+    RawBase(std::filesystem::path path, std::string name, RawLayout layout)
+        : path_(std::move(path)), name_(std::move(name)), layout_(std::move(layout)) {}
     [[nodiscard]] Int3 nodes() const override { return layout_.nodes; }
     [[nodiscard]] ValueType type() const override { return layout_.type; }
     [[nodiscard]] Double3 spacing() const override { return layout_.spacing; }

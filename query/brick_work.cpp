@@ -18,7 +18,8 @@ std::uint64_t order_of(int level, std::uint64_t morton) {
 }  // namespace
 
 template <class T>
-void BrickWork<T>::march(const Nodes& nodes, const TopologyTetrahedron& t, double eta, bool cut) {
+void BrickWork<T>::march(const CubeNodes& nodes, const TopologyTetrahedron& t, double eta,
+                         bool cut) {
     std::array<Corner, 4> corners;
     for (std::size_t i = 0; i < 4; ++i) {
         const int position = t.vertices[i];
@@ -47,9 +48,10 @@ void BrickWork<T>::march(const Nodes& nodes, const TopologyTetrahedron& t, doubl
 /// What march() does with the tetrahedra of subcube `corner`, without asking for each node again.
 /// REQUIRES: plain_.
 template <class T>
-void BrickWork<T>::march_subcube(const Nodes& nodes, unsigned corner, std::uint8_t mask, bool cut) {
+void BrickWork<T>::march_subcube(const CubeNodes& nodes, unsigned corner, std::uint8_t mask,
+                                 bool cut) {
     counts_.visited += static_cast<std::uint64_t>(std::popcount(mask));
-    Cube cube{cube_at(nodes, corner), nodes.mirror ^ corner, 0, {}};
+    Cube cube{nodes.subcube(corner), nodes.mirror ^ corner, 0, {}};
     for (unsigned i = 0; i < 8; ++i) {
         // Seen from the subcube's all-even corner, which is the parent's.
         const unsigned at = interest::kCorners[corner][i ^ corner];
@@ -70,44 +72,14 @@ void BrickWork<T>::march_subcube(const Nodes& nodes, unsigned corner, std::uint8
     }
 }
 
-template <class T>
-void BrickWork<T>::load(Nodes& nodes, const Int3& parent) {
-    nodes.low = parent * 2;
-    nodes.sides = {~0U, ~0U};
-    nodes.sharp = false;
-    nodes.mirror = mirror_of(parent);
-    const ArrayInfo& array = shared_.cache.source().layout().array(level_, Field::values);
-    const Int3 last = array.nodes - Int3{1, 1, 1} - base_;
-    const Int3 low = nodes.low - base_;
-    const T* const near = values_.template within_first<T>(low, 2);
-    const bool inside =
-        near != nullptr && low.x + 2 <= last.x && low.y + 2 <= last.y && low.z + 2 <= last.z;
-    for (int position = 0; position < 27; ++position) {
-        const Int3 offset = node_offset(position, nodes.mirror);
-        double& value = nodes.value[static_cast<std::size_t>(position)];
-        if (inside) {
-            value = static_cast<double>(near[array.chunk.linear(offset)]);
-            continue;
-        }
-        // Beyond the lattice of this level (only there for a parent that reaches outside the
-        // volume) the nearest node's value holds.
-        value = static_cast<double>(values_.template at<T>(min(low + offset, last)));
-    }
-    nodes.target = &nodes.value;
-    if (shared_.target.is_plane()) {
-        nodes.distance = shared_.target.distances(nodes.low, nodes.mirror, stride_);
-        nodes.target = &nodes.distance;
-    }
-}
-
 /// Finds out on which sides of the isovalue the finest function can be. Above level 0 that takes
 /// the indicators of the subcubes, unless a plane is marched.
 template <class T>
-void BrickWork<T>::sharpen(Nodes& nodes) {
+void BrickWork<T>::sharpen(CubeNodes& nodes) {
     if (level_ > 0 && !shared_.target.is_plane()) {
         std::array<double, 8> bound{};
         for (unsigned corner = 0; corner < 8; ++corner) {
-            bound[corner] = beta(bound_.centre(cube_at(nodes, corner)), 0);
+            bound[corner] = beta(bound_.centre(nodes.subcube(corner)));
         }
         nodes.sides = sides_of(*nodes.target, bound, iso_);
     } else {
@@ -120,8 +92,7 @@ void BrickWork<T>::sharpen(Nodes& nodes) {
 }
 
 template <class T>
-bool BrickWork<T>::in_question(const Nodes& nodes, const TopologyTetrahedron& t, std::size_t kind,
-                               double& raw) {
+bool BrickWork<T>::in_question(const CubeNodes& nodes, const TopologyTetrahedron& t, double& raw) {
     ++counts_.visited;
     if (!nodes.sides.both_in(t) || culled(nodes, t)) {
         return false;
@@ -130,11 +101,11 @@ bool BrickWork<T>::in_question(const Nodes& nodes, const TopologyTetrahedron& t,
         return true;
     }
     raw = bound_.at(nodes.value, nodes.low, nodes.mirror, t.ref_node);
-    return may_cross(*nodes.target, t, beta(raw, kind), iso_);
+    return may_cross(*nodes.target, t.vertices, raw * parents_bound_scale_, iso_);
 }
 
 template <class T>
-bool BrickWork<T>::is_leaf(Nodes& nodes, const TopologyTetrahedron& t, double raw) {
+bool BrickWork<T>::is_leaf(CubeNodes& nodes, const TopologyTetrahedron& t, double raw) {
     if (query_.tolerance.is_zero()) {
         return false;
     }
@@ -148,10 +119,10 @@ bool BrickWork<T>::is_leaf(Nodes& nodes, const TopologyTetrahedron& t, double ra
 }
 
 template <class T>
-void BrickWork<T>::edge(Nodes& nodes, int index) {
+void BrickWork<T>::edge(CubeNodes& nodes, int index) {
     const TopologyTetrahedron& t = topology_.edge[static_cast<std::size_t>(index)];
     double raw = 0;
-    if (!in_question(nodes, t, 2, raw) || is_leaf(nodes, t, raw)) {
+    if (!in_question(nodes, t, raw) || is_leaf(nodes, t, raw)) {
         return;
     }
     if (!nodes.sharp) {
@@ -168,19 +139,19 @@ void BrickWork<T>::edge(Nodes& nodes, int index) {
 /// Where nothing stops below it, the subcubes that the finest function can cross say all that the
 /// tetrahedra on the way would: two bisections at once.
 template <class T>
-void BrickWork<T>::face(Nodes& nodes, int index) {
+void BrickWork<T>::face(CubeNodes& nodes, int index) {
     const TopologyTetrahedron& t = topology_.face[static_cast<std::size_t>(index)];
     double raw = 0;
     // Until the subcubes' centres are known: they may lie in chunks that nothing else needs.
     const bool asked = !nodes.sharp;
-    if (asked && !in_question(nodes, t, 1, raw)) {
+    if (asked && !in_question(nodes, t, raw)) {
         return;
     }
     if (edges_refine(nodes, t)) {
         skip_to_subcubes(nodes, topology_.below_face[static_cast<std::size_t>(index)]);
         return;
     }
-    if ((asked || in_question(nodes, t, 1, raw)) && !is_leaf(nodes, t, raw)) {
+    if ((asked || in_question(nodes, t, raw)) && !is_leaf(nodes, t, raw)) {
         edge(nodes, t.children[0]);
         edge(nodes, t.children[1]);
     }
@@ -188,16 +159,53 @@ void BrickWork<T>::face(Nodes& nodes, int index) {
 
 /// Saturation: if neither edge's node stops, the face's does not either.
 template <class T>
-bool BrickWork<T>::edges_refine(const Nodes& nodes, const TopologyTetrahedron& face) {
+bool BrickWork<T>::edges_refine(CubeNodes& nodes, const TopologyTetrahedron& face) {
     return query_.tolerance.is_zero() ||
            std::none_of(face.children.begin(), face.children.end(), [&](std::uint8_t child) {
                const int position = topology_.edge[child].ref_node;
-               return stops(nodes, position, stop_at(nodes, position));
+               const std::uint32_t bit = 1U << static_cast<unsigned>(position);
+               if ((nodes.asked & bit) == 0) {
+                   nodes.asked |= bit;
+                   nodes.stopping |= stops(nodes, position, stop_at(nodes, position)) ? bit : 0;
+               }
+               return (nodes.stopping & bit) != 0;
            });
 }
 
+/// The tetrahedra in `mask` that may hold the surface.
 template <class T>
-void BrickWork<T>::skip_to_subcubes(Nodes& nodes, const std::array<std::uint8_t, 8>& below) {
+std::uint8_t BrickWork<T>::those_in_question(const CubeNodes& nodes, std::uint8_t mask) {
+    if (!nodes.sides.both_in(nodes_of(topology_.cube, mask))) {
+        return 0;
+    }
+    std::uint8_t in = 0;
+    for (unsigned order = 0; order < 6; ++order) {
+        const TopologyTetrahedron& t = topology_.cube[order];
+        double raw = 0;
+        if ((mask >> order & 1U) != 0 &&
+            (finest_ ? nodes.sides.both_in(t) : in_question(nodes, t, raw))) {
+            in |= static_cast<std::uint8_t>(1U << order);
+        }
+    }
+    return in;
+}
+
+/// Those in `mask` below which nothing stops before the subcubes.
+template <class T>
+std::uint8_t BrickWork<T>::refined_to_subcubes(CubeNodes& nodes, std::uint8_t mask) {
+    std::uint8_t refined = 0;
+    for (unsigned order = 0; order < 6; ++order) {
+        const auto& faces = topology_.cube[order].children;
+        if ((mask >> order & 1U) != 0 && edges_refine(nodes, topology_.face[faces[0]]) &&
+            edges_refine(nodes, topology_.face[faces[1]])) {
+            refined |= static_cast<std::uint8_t>(1U << order);
+        }
+    }
+    return refined;
+}
+
+template <class T>
+void BrickWork<T>::skip_to_subcubes(CubeNodes& nodes, const std::array<std::uint8_t, 8>& below) {
     if (!nodes.sharp) {
         sharpen(nodes);
     }
@@ -209,8 +217,8 @@ void BrickWork<T>::skip_to_subcubes(Nodes& nodes, const std::array<std::uint8_t,
 }
 
 template <class T>
-void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
-    const Int3 cube = cube_at(nodes, static_cast<unsigned>(corner));
+void BrickWork<T>::subcube(const CubeNodes& nodes, int corner, std::uint8_t mask) {
+    const Int3 cube = nodes.subcube(static_cast<unsigned>(corner));
     bool cut = nodes.cut;
     if (cut) {
         const Overlap overlap =
@@ -239,33 +247,52 @@ void BrickWork<T>::subcube(const Nodes& nodes, int corner, std::uint8_t mask) {
         leaf = !query_.tolerance.is_zero() &&
                query_.tolerance.stops(eta, (cube * 2 + Int3{1, 1, 1}) * stride_, stride_);
     }
+    const auto& tetrahedra = topology_.subcube[static_cast<std::size_t>(corner)];
+    const std::uint32_t vertices = nodes_of(tetrahedra, mask);
+    if (level_ == 0 ? !nodes.sides.both_in(vertices)
+                    : !may_cross_any(*nodes.target, vertices, beta(bound), iso_)) {
+        return;
+    }
+    // Which of those that are refined are in question, the next finer values say better.
     std::uint8_t refined = 0;
     for (unsigned order = 0; order < 6; ++order) {
         if ((mask >> order & 1U) == 0) {
             continue;
         }
-        const TopologyTetrahedron& t = topology_.subcube[static_cast<std::size_t>(corner)][order];
-        if (!interesting(nodes, t, beta(bound, 0))) {
-            continue;
-        }
-        if (query_.culling && level_ > 0 && faces_away(nodes, t, culling_.centre(cube))) {
-            continue;
-        }
+        const TopologyTetrahedron& t = tetrahedra[order];
         if (leaf) {
-            march(nodes, t, eta, cut);
+            march_stopped(nodes, t, beta(bound), eta, cut);
+        } else if (query_.culling && faces_away(nodes, t, culling_.centre(cube))) {
+            ++counts_.visited;
         } else {
             refined |= static_cast<std::uint8_t>(1U << order);
         }
     }
     if (refined != 0) {
-        const Int3 local = cube - base_;
-        const Int3 octant = octant_of(local, half_);
-        auto& list = children_[static_cast<std::size_t>(kOctants.linear(octant))];
-        if (list == nullptr) {
-            list = std::make_unique<MaskList>(static_cast<std::size_t>(half_ * half_ * half_));
-        }
-        (*list)[morton_code(local - octant * half_)] |= refined;
+        hand_down(cube, refined);
     }
+}
+
+/// A tetrahedron of a subcube whose centre stops.
+template <class T>
+void BrickWork<T>::march_stopped(const CubeNodes& nodes, const TopologyTetrahedron& t, double bound,
+                                 double eta, bool cut) {
+    ++counts_.visited;
+    if (level_ == 0 ? nodes.sides.both_in(t) : may_cross(*nodes.target, t.vertices, bound, iso_)) {
+        march(nodes, t, eta, cut);
+    }
+}
+
+/// These tetrahedra of a subcube are to be refined.
+template <class T>
+void BrickWork<T>::hand_down(const Int3& cube, std::uint8_t mask) {
+    const Int3 local = cube - base_;
+    const Int3 octant = octant_of(local, half_);
+    auto& list = children_[static_cast<std::size_t>(kOctants.linear(octant))];
+    if (list == nullptr) {
+        list = std::make_unique<MaskList>(static_cast<std::size_t>(half_ * half_ * half_));
+    }
+    (*list)[morton_code(local - octant * half_)] |= mask;
 }
 
 template <class T>
@@ -275,23 +302,34 @@ void BrickWork<T>::refine(const Int3& parent, std::uint8_t mask) {
     if (overlap == Overlap::outside) {
         return;
     }
-    Nodes nodes;
+    CubeNodes nodes;
     load(nodes, parent);
-    if (level_ == 0 || shared_.target.is_plane()) {
-        sharpen(nodes);
-    }
     nodes.cut = overlap == Overlap::crossing;
     subcubes_.fill(0);
-    for (std::size_t order = 0; order < 6; ++order) {
-        // The finer values say more than the bound by which the level above asked for this one.
-        if ((mask >> order & 1U) == 0 || !nodes.sides.both_in(topology_.cube[order])) {
-            continue;
+    // The finer values say more than the bound by which the level above asked for this cube. But
+    // the subcubes' centres may lie in chunks that nothing else needs: where all stops above them.
+    std::uint8_t refined = 0;
+    if (level_ == 0 || shared_.target.is_plane()) {
+        sharpen(nodes);
+        mask = those_in_question(nodes, mask);
+        refined = query_.tolerance.is_zero() ? mask : 0;
+    } else {
+        refined = refined_to_subcubes(nodes, mask);
+        if (refined != 0) {
+            sharpen(nodes);
         }
-        if (plain_) {
+        // Where nothing stops before them, the subcubes as wholes say nearly as much.
+        if (refined != mask) {
+            mask = those_in_question(nodes, mask);
+        }
+    }
+    for (std::size_t order = 0; order < 6; ++order) {
+        const TopologyTetrahedron& t = topology_.cube[order];
+        if ((mask & refined & (1U << order)) != 0) {
             skip_to_subcubes(nodes, topology_.below_cube[order]);
-        } else {
-            face(nodes, topology_.cube[order].children[0]);
-            face(nodes, topology_.cube[order].children[1]);
+        } else if ((mask & (1U << order)) != 0) {
+            face(nodes, t.children[0]);
+            face(nodes, t.children[1]);
         }
     }
     for (int corner = 0; corner < 8; ++corner) {
@@ -355,7 +393,7 @@ void BrickWork<T>::root() {
     }
     ++counts_.bricks;
     // The coarsest cube as subcube 0 of a parent that is never refined itself.
-    Nodes nodes;
+    CubeNodes nodes;
     load(nodes, {0, 0, 0});
     if (level_ == 0) {
         sharpen(nodes);

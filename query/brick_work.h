@@ -11,6 +11,7 @@
 #include <memory>
 #include <vector>
 
+#include "query/cube_nodes.h"
 #include "query/field_view.h"
 #include "query/interest.h"
 #include "query/surface_cubes.h"
@@ -55,8 +56,10 @@ class BrickWork {
           base_(brick * shared.cache.source().layout().header().chunk),
           bound_scale_(
               bound_scale(query_.bound, level, shared.cache.source().layout().header().spacing)),
-          plain_(level == 0 && query_.tolerance.is_zero() && !query_.plane && !query_.culling &&
-                 !query_.on_leaf),
+          parents_bound_scale_(bound_scale(query_.bound, level + 1,
+                                           shared.cache.source().layout().header().spacing)),
+          finest_(level == 0 && query_.tolerance.is_zero() && !query_.plane),
+          plain_(finest_ && !query_.culling && !query_.on_leaf),
           ranged_(shared.cache.source().layout().has_cube_ranges(level) && !query_.plane),
           iso_(shared.target.level()) {
         const StoreLayout& layout = shared.cache.source().layout();
@@ -82,66 +85,55 @@ class BrickWork {
     }
 
   private:
-    struct Nodes {
-        CubeValues value;          ///< the data
-        CubeValues distance;       ///< of a plane, if one is marched
-        const CubeValues* target;  ///< what is marched: one of the two
-        Int3 low;                  ///< of the parent cube, in nodes of level_
-        unsigned mirror;           ///< axes along which the topology tables are mirrored
-        Sides sides;               ///< anything, until sharpen()
-        std::uint32_t special;     ///< bit p: its value is the isovalue or missing; from
-                                   ///< sharpen() on, if plain_
-        bool sharp;
-        bool cut;
-    };
-    void load(Nodes& nodes, const Int3& parent);
-    void refine(const Int3& parent, std::uint8_t mask);
-    void face(Nodes& nodes, int index);
-    void edge(Nodes& nodes, int index);
-    void subcube(const Nodes& nodes, int corner, std::uint8_t mask);
-    /// How far the finest function can be from an element's, by the bound field at its refinement
-    /// node. `kind`: bisections since the last whole cube.
-    [[nodiscard]] double beta(double indicator, std::size_t kind) const {
-        return shared_.target.is_plane() ? 0 : indicator * bound_scale_[kind];
+    void load(CubeNodes& nodes, const Int3& parent) {
+        isonest::load<T>(nodes, parent, values_,
+                         shared_.cache.source().layout().array(level_, Field::values), base_,
+                         shared_.target, stride_);
     }
-    [[nodiscard]] double stop_at(const Nodes& nodes, int position) {
+    void refine(const Int3& parent, std::uint8_t mask);
+    void face(CubeNodes& nodes, int index);
+    void edge(CubeNodes& nodes, int index);
+    void subcube(const CubeNodes& nodes, int corner, std::uint8_t mask);
+    /// How far the finest function can be from a subcube's elements, by the bound field at its
+    /// centre.
+    [[nodiscard]] double beta(double indicator) const {
+        return shared_.target.is_plane() ? 0 : indicator * bound_scale_;
+    }
+    [[nodiscard]] double stop_at(const CubeNodes& nodes, int position) {
         return stop_.at(nodes.value, nodes.low, nodes.mirror, position);
     }
     /// Whether the surface in the element and below it faces away from the viewer.
-    [[nodiscard]] bool culled(const Nodes& nodes, const TopologyTetrahedron& t) {
+    [[nodiscard]] bool culled(const CubeNodes& nodes, const TopologyTetrahedron& t) {
         return query_.culling &&
                faces_away(nodes, t, culling_.at(nodes.value, nodes.low, nodes.mirror, t.ref_node));
     }
-    [[nodiscard]] bool faces_away(const Nodes& nodes, const TopologyTetrahedron& t,
+    [[nodiscard]] bool faces_away(const CubeNodes& nodes, const TopologyTetrahedron& t,
                                   double beta) const {
         return query_.culling->faces_away(nodes.value, t, nodes.mirror, stride_, beta);
     }
-    void sharpen(Nodes& nodes);
-    [[nodiscard]] bool interesting(const Nodes& nodes, const TopologyTetrahedron& t, double beta) {
-        ++counts_.visited;
-        return level_ == 0 ? nodes.sides.both_in(t) : may_cross(*nodes.target, t, beta, iso_);
-    }
-    /// The interest test of a face's or edge's tetrahedron. `raw`: its bound field, if that was
-    /// asked.
-    [[nodiscard]] bool in_question(const Nodes& nodes, const TopologyTetrahedron& t,
-                                   std::size_t kind, double& raw);
+    void sharpen(CubeNodes& nodes);
+    /// The interest test of a tetrahedron of a parent cube, of any kind. `raw`: its bound field, if
+    /// that was asked.
+    [[nodiscard]] bool in_question(const CubeNodes& nodes, const TopologyTetrahedron& t,
+                                   double& raw);
     /// The stop test; marches the tetrahedron if it is a leaf. Without a tolerance no node stops,
     /// and none is asked.
-    [[nodiscard]] bool is_leaf(Nodes& nodes, const TopologyTetrahedron& t, double raw);
-    [[nodiscard]] bool edges_refine(const Nodes& nodes, const TopologyTetrahedron& face);
-    void skip_to_subcubes(Nodes& nodes, const std::array<std::uint8_t, 8>& below);
+    [[nodiscard]] bool is_leaf(CubeNodes& nodes, const TopologyTetrahedron& t, double raw);
+    [[nodiscard]] bool edges_refine(CubeNodes& nodes, const TopologyTetrahedron& face);
+    [[nodiscard]] std::uint8_t those_in_question(const CubeNodes& nodes, std::uint8_t mask);
+    [[nodiscard]] std::uint8_t refined_to_subcubes(CubeNodes& nodes, std::uint8_t mask);
+    void skip_to_subcubes(CubeNodes& nodes, const std::array<std::uint8_t, 8>& below);
     /// Whether the node at `position`, its stop field being eta, stops.
-    [[nodiscard]] bool stops(const Nodes& nodes, int position, double eta) const {
+    [[nodiscard]] bool stops(const CubeNodes& nodes, int position, double eta) const {
         const Int3 twice = (nodes.low + node_offset(position, nodes.mirror)) * (2 * stride_);
         return query_.tolerance.stops(eta, twice, 2 * stride_);
     }
-    /// The subcube at a corner (bits x, y, z) of the tables' cube.
-    [[nodiscard]] static Int3 cube_at(const Nodes& nodes, unsigned corner) {
-        return nodes.low + corner_offset(corner ^ nodes.mirror);
-    }
-    void march(const Nodes& nodes, const TopologyTetrahedron& t, double eta, bool cut);
+    void march(const CubeNodes& nodes, const TopologyTetrahedron& t, double eta, bool cut);
+    void march_stopped(const CubeNodes& nodes, const TopologyTetrahedron& t, double bound,
+                       double eta, bool cut);
+    void hand_down(const Int3& cube, std::uint8_t mask);
     void place(const Int3& low);
-    void march_subcube(const Nodes& nodes, unsigned corner, std::uint8_t mask, bool cut);
+    void march_subcube(const CubeNodes& nodes, unsigned corner, std::uint8_t mask, bool cut);
     void flush();
 
     Shared& shared_;
@@ -157,7 +149,9 @@ class BrickWork {
     FieldView stop_;
     FieldView bound_;
     FieldView culling_;
-    std::array<double, 3> bound_scale_;
+    double bound_scale_;
+    double parents_bound_scale_;
+    bool finest_;  ///< no coarser level was asked, every cube that the surface passes comes in
     bool plain_;   ///< whole cubes of the finest level are marched
     bool ranged_;  ///< cubes are excluded by what values there are in them
     double iso_;

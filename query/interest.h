@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -16,15 +17,29 @@
 
 namespace isonest {
 
-/// By the tetrahedron's own vertices and bound. Missing values, where beta is infinite, never
+/// By the values at the vertices and the bound. Missing values, where beta is infinite, never
 /// exclude anything.
-inline bool may_cross(const CubeValues& value, const TopologyTetrahedron& t, double beta,
-                      double iso) {
-    double low = value[t.vertices[0]];
+template <class Vertices>
+bool may_cross(const CubeValues& value, const Vertices& vertices, double beta, double iso) {
+    double low = value[vertices[0]];
     double high = low;
-    for (std::size_t i = 1; i < 4; ++i) {
-        low = std::min(low, value[t.vertices[i]]);
-        high = std::max(high, value[t.vertices[i]]);
+    for (const std::uint8_t vertex : vertices) {
+        low = std::min(low, value[vertex]);
+        high = std::max(high, value[vertex]);
+    }
+    return !(low - beta > iso) && !(high + beta < iso);
+}
+
+/// The same of several tetrahedra with one bound and a diagonal in common, `nodes` being the bits
+/// of all their vertices. One of them may cross if and only if all together may: where none does,
+/// each is wholly on one side, and the diagonal says that it is the same.
+inline bool may_cross_any(const CubeValues& value, std::uint32_t nodes, double beta, double iso) {
+    double low = std::numeric_limits<double>::infinity();
+    double high = -low;
+    for (; nodes != 0; nodes &= nodes - 1) {
+        const double v = value[static_cast<std::size_t>(std::countr_zero(nodes))];
+        low = std::min(low, v);
+        high = std::max(high, v);
     }
     return !(low - beta > iso) && !(high + beta < iso);
 }

@@ -126,7 +126,7 @@ class PlanarTraversal {
         const std::size_t end = t.kind == 0 ? 2 : 1;
         const Int3 sum = t.v[0] + t.v[end];
         const Int3 x{sum.x / 2, sum.y / 2, sum.z / 2};
-        const double scale = bound_scale(query_.bound, t.level - 1, layout_.header().spacing)[1];
+        const double scale = bound_scale(query_.bound, t.level, layout_.header().spacing);
         const double bound = kind_ == PlanarKind::graph ? 0 : sampler_.indicator(x, query_.bound);
         if (!interesting(t, bound * scale)) {
             return done(t);

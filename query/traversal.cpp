@@ -190,14 +190,13 @@ TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::si
     return total;
 }
 
-std::array<double, 3> bound_scale(Field bound, int level, const Double3& spacing) {
+double bound_scale(Field bound, int level, const Double3& spacing) {
     if (indicator_of(bound) != Indicator::grad_linf) {
-        return {1, 1, 1};
+        return 1;
     }
     // U - U^l is 0 in an element's vertices, and changes by at most the gradient's bound along the
     // way to any other point; none is further than the longest edge of the element's box.
-    const double edge = std::ldexp(std::hypot(spacing[0], spacing[1], spacing[2]), level);
-    return {edge, 2 * edge, 2 * edge};
+    return std::ldexp(std::hypot(spacing[0], spacing[1], spacing[2]), level);
 }
 
 std::uint64_t table_heap(const StoreLayout& layout) {

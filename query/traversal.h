@@ -63,11 +63,10 @@ using PartSink = std::function<void(std::uint64_t order, const MeshPart& part)>;
 TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
                          const PartSink& sink, Progress& progress);
 
-/// By what the bound field at the refinement node of an element of kind 0, 1 or 2 has to be
-/// multiplied to bound |U - U^l| there: 1, and h(T) for the gradient type (section 4 of the paper).
-/// `level`: an element of kind 0 is in a cube of edge 2^level, one of kind 1 or 2 of edge 2^(level
-/// + 1).
-std::array<double, 3> bound_scale(Field bound, int level, const Double3& spacing);
+/// By what the bound field at the refinement node of an element has to be multiplied to bound
+/// |U - U^l| there: 1, and h(T) for the gradient type (section 4 of the paper). The element is in a
+/// cube of edge 2^level.
+double bound_scale(Field bound, int level, const Double3& spacing);
 
 /// Heap of the table in which a thread finds the vertices of a brick (PointTable).
 std::uint64_t table_heap(const StoreLayout& layout);
