@@ -88,6 +88,41 @@ std::string text_from(const Get& get) {
     return text;
 }
 
+/// Where HDF5 looks for the external storage of a dataset of `file`.
+std::filesystem::path place_of_external(const std::filesystem::path& name,
+                                        const std::filesystem::path& file) {
+    const char* const prefix = std::getenv("HDF5_EXTFILE_PREFIX");
+    if (prefix == nullptr) {
+        return name;
+    }
+    constexpr std::string_view kOrigin = "${ORIGIN}";
+    const std::string_view folder = prefix;
+    return folder.starts_with(kOrigin) ? std::filesystem::absolute(file).parent_path().concat(
+                                             folder.substr(kOrigin.size())) /
+                                             name
+                                       : std::filesystem::path(folder) / name;
+}
+
+std::vector<std::filesystem::path> external_files(hid_t creation, const std::filesystem::path& file,
+                                                  const std::string& dataset) {
+    std::vector<std::filesystem::path> files;
+    for (int i = 0; i < H5Pget_external_count(creation); ++i) {
+        constexpr std::size_t kLongest = 4096;
+        std::string name(kLongest, '\0');
+        off_t offset = 0;
+        hsize_t size = 0;
+        H5Pget_external(creation, static_cast<unsigned>(i), kLongest - 1, name.data(), &offset,
+                        &size);
+        files.push_back(place_of_external(name.c_str(), file));
+        if (!std::filesystem::exists(files.back())) {
+            throw Error(ErrorKind::not_found,
+                        fmt::format("{}: its values are in another file, {}, which is not there",
+                                    dataset, files.back().string()));
+        }
+    }
+    return files;
+}
+
 }  // namespace
 
 std::optional<ValueType> value_type_of(hid_t dataset) {
@@ -191,13 +226,14 @@ std::string choose_dataset(hid_t file, const std::filesystem::path& path,
     return std::find_if(listing.found.begin(), listing.found.end(), fits)->path;
 }
 
-void require_virtual_sources(hid_t dataset, const std::filesystem::path& path,
-                             const std::string& name) {
+std::vector<std::filesystem::path> other_files_of(hid_t dataset, const std::filesystem::path& path,
+                                                  const std::string& name) {
     const PropertyHandle creation(H5Dget_create_plist(dataset));
+    std::vector<std::filesystem::path> files = external_files(creation.get(), path, name);
     std::size_t count = 0;
     if (H5Pget_layout(creation.get()) != H5D_VIRTUAL ||
         H5Pget_virtual_count(creation.get(), &count) < 0) {
-        return;
+        return files;
     }
     std::set<std::pair<std::string, std::string>> seen;
     for (std::size_t i = 0; i < count; ++i) {
@@ -214,18 +250,20 @@ void require_virtual_sources(hid_t dataset, const std::filesystem::path& path,
         }
         const auto places =
             file == "." ? std::vector<std::filesystem::path>{path} : places_of(file, path);
-        const bool found = std::any_of(places.begin(), places.end(), [&](const auto& place) {
+        const auto found = std::find_if(places.begin(), places.end(), [&](const auto& place) {
             const FileHandle opened = open_hdf5(place);
             return opened.valid() &&
                    DatasetHandle(H5Dopen2(opened.get(), source.c_str(), H5P_DEFAULT)).valid();
         });
-        if (!found) {
+        if (found == places.end()) {
             throw Error(ErrorKind::not_found,
                         fmt::format("{} is a virtual dataset, and of its sources {}:{} cannot be "
                                     "read; HDF5 would give the fill value in its place",
                                     name, file, source));
         }
+        files.push_back(*found);
     }
+    return files;
 }
 
 }  // namespace isonest

@@ -35,10 +35,11 @@ DatasetShape shape_of(hid_t dataset);
 std::string choose_dataset(hid_t file, const std::filesystem::path& path,
                            const std::string& wanted);
 
-/// HDF5 reads what a virtual dataset takes from a file or dataset that is not there as the fill
-/// value. Throws Error{not_found} naming the first such source; those whose names are patterns
+/// The other files that hold a dataset's values: sources of a virtual one, external storage. HDF5
+/// reads what a virtual dataset takes from a file or dataset that is not there as the fill value:
+/// throws Error{not_found} naming the first such source, or storage. Those whose names are patterns
 /// ("part-%b.h5") are not looked at.
-void require_virtual_sources(hid_t dataset, const std::filesystem::path& path,
-                             const std::string& name);
+std::vector<std::filesystem::path> other_files_of(hid_t dataset, const std::filesystem::path& path,
+                                                  const std::string& name);
 
 }  // namespace isonest

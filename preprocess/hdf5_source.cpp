@@ -20,7 +20,7 @@ namespace {
 
 class Hdf5Source : public VolumeSource {
   public:
-    Hdf5Source(const std::filesystem::path& path, const SourceOptions& options) : path_(path) {
+    Hdf5Source(const std::filesystem::path& path, const SourceOptions& options) {
         const QuietHdf5 quiet;
         register_zstd_filter();
         file_ = open_hdf5(path);
@@ -50,7 +50,8 @@ class Hdf5Source : public VolumeSource {
                                     shape_.text(), kMaxNodesPerAxis));
         }
         nodes_ = shape_.along_axes(shape_.dims);
-        require_virtual_sources(dataset_.get(), path, name_);
+        files_ = other_files_of(dataset_.get(), path, name_);
+        files_.insert(files_.begin(), path);
         set_chunks(path, options);
         read_place("spacing", spacing_);
         read_place("origin", origin_);
@@ -62,7 +63,7 @@ class Hdf5Source : public VolumeSource {
     [[nodiscard]] Double3 spacing() const override { return spacing_; }
     [[nodiscard]] Double3 origin() const override { return origin_; }
     [[nodiscard]] std::string name() const override { return name_; }
-    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return {path_}; }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
     [[nodiscard]] Granularity granularity() const override { return granularity_; }
     [[nodiscard]] bool sequential() const override { return false; }
     [[nodiscard]] std::uint64_t heap() const override { return heap_; }
@@ -197,7 +198,7 @@ class Hdf5Source : public VolumeSource {
         mapped_ = map_->bytes().subspan(offset, bytes);
     }
 
-    std::filesystem::path path_;
+    std::vector<std::filesystem::path> files_;
     FileHandle file_;
     DatasetHandle dataset_;
     std::string dataset_name_;

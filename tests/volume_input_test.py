@@ -33,8 +33,8 @@ class Input(unittest.TestCase):
         self.addCleanup(self.folder.cleanup)
         self.here = pathlib.Path(self.folder.name)
 
-    def preprocess(self, *options):
-        return subprocess.run([ISONEST, "preprocess", self.path, "-o", self.here / "s.isonest",
+    def preprocess(self, *options, store=None):
+        return subprocess.run([ISONEST, "preprocess", self.path, "-o", store or self.here / "s.isonest",
                                "--chunk", "8", "--force", *options], capture_output=True, text=True)
 
     def reads(self, data, *options):
@@ -236,6 +236,28 @@ class Hdf5Input(Input):
         self.refuses(3, "part1.h5:part", "fill value")
         (self.here / "part1.h5").unlink()
         self.refuses(3, "part1.h5:part", "fill value")
+
+    def test_the_other_files_of_a_dataset_are_inputs_too(self):
+        data = RANDOM.integers(0, 99, (8, 5, 7)).astype(np.uint8)
+        part, raw = self.here / "part.h5", self.here / "part.raw"
+        with h5py.File(part, "w") as file:
+            file["part"] = data
+        layout = h5py.VirtualLayout(data.shape, np.uint8)
+        layout[:] = h5py.VirtualSource(str(part), "part", data.shape)
+        for other in (part, raw):
+            with h5py.File(self.path, "w") as file:
+                if other == part:
+                    file.create_virtual_dataset("v", layout)
+                else:
+                    file.create_dataset("v", data=data, external=[(str(raw), 0, data.nbytes)])
+            self.reads(data)
+            before = other.read_bytes()
+            done = self.preprocess(store=other)
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(other.name, done.stderr)
+            self.assertEqual(other.read_bytes(), before)
+            other.unlink()
+            self.refuses(3, other.name)
 
 
 class NrrdInput(Input):
