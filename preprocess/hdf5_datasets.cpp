@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <ranges>
 #include <set>
 
 #include "store/error.h"
@@ -159,8 +158,8 @@ std::string DatasetShape::text() const {
 Int3 DatasetShape::along_axes(const std::vector<hsize_t>& numbers) const {
     Int3 out{1, 1, 1};
     int axis = 0;
-    for (const std::size_t dim : axes | std::views::reverse) {
-        out[axis++] = static_cast<std::int64_t>(numbers[dim]);
+    for (std::size_t i = axes.size(); i-- > 0;) {
+        out[axis++] = static_cast<std::int64_t>(numbers[axes[i]]);
     }
     return out;
 }
@@ -168,8 +167,8 @@ Int3 DatasetShape::along_axes(const std::vector<hsize_t>& numbers) const {
 std::vector<hsize_t> DatasetShape::along_dims(const Int3& numbers, hsize_t otherwise) const {
     std::vector<hsize_t> out(dims.size(), otherwise);
     int axis = 0;
-    for (const std::size_t dim : axes | std::views::reverse) {
-        out[dim] = static_cast<hsize_t>(numbers[axis++]);
+    for (std::size_t i = axes.size(); i-- > 0;) {
+        out[axes[i]] = static_cast<hsize_t>(numbers[axis++]);
     }
     return out;
 }
