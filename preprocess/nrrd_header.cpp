@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <iterator>
 #include <map>
+#include <sstream>
 #include <vector>
 
 #include "store/error.h"
@@ -184,11 +186,8 @@ class Parser {
                        std::size_t count) const {
         RawLayout& layout = header.layout;
         std::array<double, 3> steps{1, 1, 1};
-        if (const std::string* const text = find("spacings")) {
-            const std::vector<double> spacing = numbers(*text);
-            if (spacing.size() != count) {
-                corrupt("'spacings' and 'sizes' do not agree");
-            }
+        if (find("spacings") != nullptr) {
+            const std::vector<double> spacing = per_axis("spacings", count);
             for (std::size_t a = 0; a < axes.size(); ++a) {
                 const double s = spacing[axes[a]];
                 steps.at(a) = std::isfinite(s) && s != 0 ? s : 1;  // NaN: not known
@@ -216,6 +215,9 @@ class Parser {
                 steps.at(a) = std::copysign(length, v[a]);
             }
         }
+        if (find("spacedirections") == nullptr) {
+            read_axis_ends(layout, axes, count, steps);
+        }
         if (const std::string* const text = find("spaceorigin")) {
             const std::vector<double> origin = numbers(*text);
             for (std::size_t a = 0; a < std::min<std::size_t>(origin.size(), 3); ++a) {
@@ -230,6 +232,53 @@ class Parser {
                 layout.origin[a] += steps.at(a) * static_cast<double>(last);
             }
         }
+    }
+
+    /// A number of the field for each of the file's axes; none if there is no such field.
+    [[nodiscard]] std::vector<double> per_axis(const std::string& field, std::size_t count) const {
+        std::string key = field;
+        std::erase(key, ' ');
+        const std::string* const text = find(key.c_str());
+        std::vector<double> out = text == nullptr ? std::vector<double>{} : numbers(*text);
+        if (text != nullptr && out.size() != count) {
+            corrupt(fmt::format("'{}' and 'sizes' do not agree", field));
+        }
+        return out;
+    }
+
+    /// The first sample lies at an axis' minimum or, where samples are the middles of cells, half a
+    /// step from it. An axis that does not say so is taken for one of cells, as ITK and VTK do.
+    void read_axis_ends(RawLayout& layout, const std::vector<std::size_t>& axes, std::size_t count,
+                        std::array<double, 3>& steps) const {
+        const std::vector<double> mins = per_axis("axis mins", count);
+        const std::vector<double> maxs = per_axis("axis maxs", count);
+        const std::vector<double> spacings = per_axis("spacings", count);
+        const std::string* const text = find(find("centers") != nullptr ? "centers" : "centerings");
+        const std::vector<std::string> centers =
+            text == nullptr ? std::vector<std::string>(count) : words(lower(*text));
+        if (centers.size() != count) {
+            corrupt("'centers' and 'sizes' do not agree");
+        }
+        for (std::size_t a = 0; a < axes.size() && !mins.empty(); ++a) {
+            const std::size_t axis = axes[a];
+            if (!std::isfinite(mins[axis])) {
+                continue;
+            }
+            const bool nodes = centers[axis] == "node";
+            const auto cells =
+                static_cast<double>(layout.nodes[static_cast<int>(a)] - (nodes ? 1 : 0));
+            const bool known = !spacings.empty() && std::isfinite(spacings[axis]);
+            const double step = maxs.empty() || cells < 1 ? 0 : (maxs[axis] - mins[axis]) / cells;
+            if (!known && std::isfinite(step) && step != 0) {
+                steps.at(a) = step;
+            }
+            layout.origin[a] = mins[axis] + (nodes ? 0 : steps.at(a) / 2);
+        }
+    }
+
+    static std::vector<std::string> words(const std::string& text) {
+        std::istringstream in(text);
+        return {std::istream_iterator<std::string>(in), {}};
     }
 
     /// "none (1,0,0) (0,1,0)": the numbers of each, of none no number.

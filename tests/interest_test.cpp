@@ -2,11 +2,14 @@
 // tetrahedra.
 #include "query/interest.h"
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <limits>
 #include <random>
 #include <vector>
+
+#include "query/cube_nodes.h"
 
 namespace isonest {
 namespace {
@@ -69,6 +72,35 @@ TEST_CASE("a face's tetrahedron is dropped only if no tetrahedron below it can h
     }
     CHECK(kept > 1000);
     CHECK(dropped > 1000);
+}
+
+TEST_CASE("of a cube's tetrahedra one may cross exactly if all of them together may") {
+    std::mt19937 random(6);
+    std::uniform_int_distribution<int> digit(0, 9);
+    std::array<int, 2> found{};
+    for (int round = 0; round < 2000; ++round) {
+        const bool missing = round % 5 == 0;
+        CubeValues value{};
+        for (double& v : value) {
+            v = missing && digit(random) == 0 ? std::numeric_limits<double>::quiet_NaN()
+                                              : digit(random);
+        }
+        const double bound =
+            missing ? std::numeric_limits<double>::infinity() : digit(random) / 4.0;
+        const double iso = 2 * digit(random) - 5;
+        const auto& tetrahedra = topology().subcube[static_cast<std::size_t>(round % 8)];
+        for (unsigned mask = 1; mask < 64; ++mask) {
+            bool one = false;
+            for (unsigned order = 0; order < 6; ++order) {
+                one = one || ((mask >> order & 1U) != 0 &&
+                              may_cross(value, tetrahedra[order].vertices, bound, iso));
+            }
+            const std::uint32_t nodes = nodes_of(tetrahedra, static_cast<std::uint8_t>(mask));
+            CHECK(may_cross_any(value, nodes, bound, iso) == one);
+            ++found[one ? 1 : 0];
+        }
+    }
+    CHECK(std::min(found[0], found[1]) > 1000);
 }
 
 TEST_CASE("with bounds of 0 the interest test is exact") {

@@ -323,6 +323,26 @@ class NrrdInput(Input):
         self.reads(self.data)
         self.lies([0, 0, 0], [2, 0.5, 3])
 
+    def test_samples_lie_between_the_ends_of_their_axes(self):
+        ends = ("axis mins: 10 20 30", "axis maxs: 28 16.5 48")
+        for centers, low, step in ((None, (11, 16.75, 31.5), (2, 0.5, 3)),
+                                   ("cell cell ???", (11, 16.75, 31.5), (2, 0.5, 3)),
+                                   ("node node node", (10, 16.5, 30), (18 / 8, 3.5 / 6, 18 / 5)),
+                                   ("cell node cell", (11, 16.5, 31.5), (2, 3.5 / 6, 3))):
+            with self.subTest(centers=centers):
+                self.write(*ends, *([] if centers is None else [f"centers: {centers}"]))
+                self.reads(self.data[:, ::-1])
+                self.lies(low, step)
+        self.write("axis mins: 10 nan 30", "spacings: 2 0.5 nan", "centerings: node node node")
+        self.reads(self.data)
+        self.lies([10, 0, 30], [2, 0.5, 1])
+        self.write("axis mins: 10 20 30", "space origin: (1,2,3)", "spacings: 2 0.5 3")
+        self.reads(self.data)
+        self.lies([1, 2, 3], [2, 0.5, 3])
+        for line in ("axis mins: 1 2", "axis maxs: 1 2 3 4"):
+            self.write("axis mins: 1 2 3" if "maxs" in line else "spacings: 1 1 1", line)
+            self.refuses(4, line.split(":")[0])
+
     def test_a_picture_in_space_has_the_spacing_of_its_two_axes(self):
         self.write("space directions: (2,0,0) (0,3,0)", "space origin: (10,20,30)",
                    data=self.data[0])

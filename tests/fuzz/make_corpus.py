@@ -51,6 +51,8 @@ seed("nrrd", "backward", b"NRRD0005\ntype: uint8\ndimension: 4\nsizes: 1 3 2 4\n
      b"space directions: none (-1,0,0) (0,-2,0) (0,0,-3)\nencoding: raw\n\n" + bytes(range(24)))
 seed("nrrd", "spacings", b"NRRD0005\ntype: uint8\ndimension: 3\nsizes: 3 2 4\nspacings: -1 nan -2\n"
      b"encoding: gzip\n\n" + gzip.compress(bytes(range(24)), mtime=0))
+seed("nrrd", "ends", b"NRRD0005\ntype: uint8\ndimension: 3\nsizes: 3 2 4\naxis mins: 1 nan 3\n"
+     b"axis maxs: -4 2 1e308\ncenters: cell ??? node\nencoding: raw\n\n" + bytes(range(24)))
 seed("raw", "plain", bytes([3, 2, 1, 2, 0, 0, 0, 0]) + values)
 seed("raw", "gzip", bytes([3, 2, 1, 2, 3, 2, 0, 0]) + gzip.compress(b"ab" + values, mtime=0))
 seed("raw", "missing", bytes([3, 2, 1, 2, 5, 0, 9, 0]) + values)
