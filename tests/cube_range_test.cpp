@@ -153,6 +153,7 @@ TEST_CASE("what the ranges exclude holds no surface, and it is much where peaks 
             CHECK(with.counts.visited <= without.counts.visited);
             if (error > 0 && iso == 1200.0) {
                 CHECK(with.counts.visited * 20 < without.counts.visited);
+                CHECK(with.counts.visited < with.counts.leaves * 4);
             }
         }
     }
