@@ -33,8 +33,8 @@ struct CubeNodes {
     }
 };
 
-/// Cube `parent`, the nodes of the brick's level being those of `array`; the brick's values begin
-/// at node `base`, its edge is `stride` in the finest lattice.
+/// Cube `parent` of the level above that of `array`. `values`: the brick's, from node `base` on;
+/// `stride`: of the brick's nodes in the finest lattice.
 template <class T>
 void load(CubeNodes& nodes, const Int3& parent, ChunkGroup& values, const ArrayInfo& array,
           const Int3& base, const Target& target, std::int64_t stride) {
