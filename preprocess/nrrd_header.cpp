@@ -6,6 +6,7 @@
 #include <charconv>
 #include <cmath>
 #include <iterator>
+#include <limits>
 #include <map>
 #include <sstream>
 #include <vector>
@@ -185,12 +186,12 @@ class Parser {
     void read_geometry(NrrdHeader& header, const std::vector<std::size_t>& axes,
                        std::size_t count) const {
         RawLayout& layout = header.layout;
-        std::array<double, 3> steps{1, 1, 1};
-        if (find("spacings") != nullptr) {
-            const std::vector<double> spacing = per_axis("spacings", count);
+        constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+        std::array<double, 3> steps{kUnknown, kUnknown, kUnknown};
+        if (const auto spacing = per_axis("spacings", count); !spacing.empty()) {
             for (std::size_t a = 0; a < axes.size(); ++a) {
                 const double s = spacing[axes[a]];
-                steps.at(a) = std::isfinite(s) && s != 0 ? s : 1;  // NaN: not known
+                steps.at(a) = !std::isfinite(s) ? kUnknown : s != 0 ? s : 1;
             }
         } else if (const std::string* const directions = find("spacedirections")) {
             const auto vectors = read_vectors(*directions);
@@ -225,11 +226,12 @@ class Parser {
             }
         }
         for (std::size_t a = 0; a < 3; ++a) {
-            layout.spacing[a] = std::fabs(steps.at(a));
-            header.backward.at(a) = steps.at(a) < 0;
+            const double step = std::isfinite(steps.at(a)) ? steps.at(a) : 1;
+            layout.spacing[a] = std::fabs(step);
+            header.backward.at(a) = step < 0;
             if (header.backward.at(a)) {
                 const std::int64_t last = layout.nodes[static_cast<int>(a)] - 1;
-                layout.origin[a] += steps.at(a) * static_cast<double>(last);
+                layout.origin[a] += step * static_cast<double>(last);
             }
         }
     }
@@ -252,7 +254,6 @@ class Parser {
                         std::array<double, 3>& steps) const {
         const std::vector<double> mins = per_axis("axis mins", count);
         const std::vector<double> maxs = per_axis("axis maxs", count);
-        const std::vector<double> spacings = per_axis("spacings", count);
         const std::string* const text = find(find("centers") != nullptr ? "centers" : "centerings");
         const std::vector<std::string> centers =
             text == nullptr ? std::vector<std::string>(count) : words(lower(*text));
@@ -267,10 +268,10 @@ class Parser {
             const bool nodes = centers[axis] == "node";
             const auto cells =
                 static_cast<double>(layout.nodes[static_cast<int>(a)] - (nodes ? 1 : 0));
-            const bool known = !spacings.empty() && std::isfinite(spacings[axis]);
-            const double step = maxs.empty() || cells < 1 ? 0 : (maxs[axis] - mins[axis]) / cells;
-            if (!known && std::isfinite(step) && step != 0) {
-                steps.at(a) = step;
+            if (!std::isfinite(steps.at(a))) {
+                const double step =
+                    maxs.empty() || cells < 1 ? 0 : (maxs[axis] - mins[axis]) / cells;
+                steps.at(a) = std::isfinite(step) && step != 0 ? step : 1;
             }
             layout.origin[a] = mins[axis] + (nodes ? 0 : steps.at(a) / 2);
         }

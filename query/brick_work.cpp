@@ -101,7 +101,7 @@ bool BrickWork<T>::in_question(const CubeNodes& nodes, const TopologyTetrahedron
         return true;
     }
     raw = bound_.at(nodes.value, nodes.low, nodes.mirror, t.ref_node);
-    return may_cross(*nodes.target, t.vertices, raw * parents_bound_scale_, iso_);
+    return may_cross(*nodes.target, t, raw * parents_bound_scale_, iso_);
 }
 
 template <class T>
@@ -278,7 +278,7 @@ template <class T>
 void BrickWork<T>::march_stopped(const CubeNodes& nodes, const TopologyTetrahedron& t, double bound,
                                  double eta, bool cut) {
     ++counts_.visited;
-    if (level_ == 0 ? nodes.sides.both_in(t) : may_cross(*nodes.target, t.vertices, bound, iso_)) {
+    if (level_ == 0 ? nodes.sides.both_in(t) : may_cross(*nodes.target, t, bound, iso_)) {
         march(nodes, t, eta, cut);
     }
 }

@@ -17,17 +17,22 @@
 
 namespace isonest {
 
-/// By the values at the vertices and the bound. Missing values, where beta is infinite, never
-/// exclude anything.
-template <class Vertices>
-bool may_cross(const CubeValues& value, const Vertices& vertices, double beta, double iso) {
-    double low = value[vertices[0]];
-    double high = low;
-    for (const std::uint8_t vertex : vertices) {
-        low = std::min(low, value[vertex]);
-        high = std::max(high, value[vertex]);
-    }
+/// Whether what is between `low` and `high`, or up to beta beyond, can be the isovalue. Missing
+/// values, where beta is infinite, never exclude anything.
+inline bool may_reach(double low, double high, double beta, double iso) {
     return !(low - beta > iso) && !(high + beta < iso);
+}
+
+/// By the tetrahedron's own vertices and bound.
+inline bool may_cross(const CubeValues& value, const TopologyTetrahedron& t, double beta,
+                      double iso) {
+    double low = value[t.vertices[0]];
+    double high = low;
+    for (std::size_t i = 1; i < 4; ++i) {
+        low = std::min(low, value[t.vertices[i]]);
+        high = std::max(high, value[t.vertices[i]]);
+    }
+    return may_reach(low, high, beta, iso);
 }
 
 /// The same of several tetrahedra with one bound and a diagonal in common, `nodes` being the bits
@@ -41,7 +46,7 @@ inline bool may_cross_any(const CubeValues& value, std::uint32_t nodes, double b
         low = std::min(low, v);
         high = std::max(high, v);
     }
-    return !(low - beta > iso) && !(high + beta < iso);
+    return may_reach(low, high, beta, iso);
 }
 
 /// What the 27 values of a cube and the bounds of its eight subcubes say about the finest function:

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "query/clip.h"
+#include "query/interest.h"
 #include "query/node_sampler.h"
 
 namespace isonest {
@@ -93,9 +94,7 @@ class PlanarTraversal {
     }
     [[nodiscard]] bool interesting(const Triangle& t, double beta) const {
         const auto [low, high] = std::minmax({t.value[0], t.value[1], t.value[2]});
-        // Missing values never exclude anything: their beta is infinite.
-        return kind_ == PlanarKind::graph ||
-               (!(low - beta > query_.iso) && !(high + beta < query_.iso));
+        return kind_ == PlanarKind::graph || may_reach(low, high, beta, query_.iso);
     }
     [[nodiscard]] Overlap overlap(const Triangle& t) const {
         Int3 low = t.v[0];

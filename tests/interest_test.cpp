@@ -93,7 +93,7 @@ TEST_CASE("of a cube's tetrahedra one may cross exactly if all of them together 
             bool one = false;
             for (unsigned order = 0; order < 6; ++order) {
                 one = one || ((mask >> order & 1U) != 0 &&
-                              may_cross(value, tetrahedra[order].vertices, bound, iso));
+                              may_cross(value, tetrahedra[order], bound, iso));
             }
             const std::uint32_t nodes = nodes_of(tetrahedra, static_cast<std::uint8_t>(mask));
             CHECK(may_cross_any(value, nodes, bound, iso) == one);
