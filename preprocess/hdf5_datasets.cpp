@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <set>
+#include <tuple>
 
 #include "store/error.h"
 #include "store/handles.h"
@@ -122,6 +123,56 @@ std::vector<std::filesystem::path> external_files(hid_t creation, const std::fil
     return files;
 }
 
+/// What a virtual dataset takes from where: its file, the source's file as it says, the dataset.
+using Mappings = std::set<std::tuple<std::filesystem::path, std::string, std::string>>;
+
+/// Sources may be virtual themselves. `seen`: those that were followed.
+void add_other_files(hid_t dataset, const std::filesystem::path& path, const std::string& name,
+                     Mappings& seen, std::vector<std::filesystem::path>& files) {
+    const PropertyHandle creation(H5Dget_create_plist(dataset));
+    for (std::filesystem::path& file : external_files(creation.get(), path, name)) {
+        files.push_back(std::move(file));
+    }
+    std::size_t count = 0;
+    if (H5Pget_layout(creation.get()) != H5D_VIRTUAL ||
+        H5Pget_virtual_count(creation.get(), &count) < 0) {
+        return;
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+        const std::string file = text_from([&](char* out, std::size_t size) {
+            return H5Pget_virtual_filename(creation.get(), i, out, size);
+        });
+        const std::string source = text_from([&](char* out, std::size_t size) {
+            return H5Pget_virtual_dsetname(creation.get(), i, out, size);
+        });
+        const bool pattern =
+            file.find('%') != std::string::npos || source.find('%') != std::string::npos;
+        if (pattern || !seen.emplace(path, file, source).second) {
+            continue;
+        }
+        FileHandle opened;
+        DatasetHandle found;
+        for (const std::filesystem::path& place :
+             file == "." ? std::vector<std::filesystem::path>{path} : places_of(file, path)) {
+            opened = open_hdf5(place);
+            found = DatasetHandle(
+                opened.valid() ? H5Dopen2(opened.get(), source.c_str(), H5P_DEFAULT) : -1);
+            if (found.valid()) {
+                files.push_back(std::filesystem::canonical(place));
+                break;
+            }
+        }
+        if (!found.valid()) {
+            throw Error(ErrorKind::not_found,
+                        fmt::format("{} is a virtual dataset, and of its sources {}:{} cannot be "
+                                    "read; HDF5 would give the fill value in its place",
+                                    name, file, source));
+        }
+        const std::filesystem::path place = files.back();
+        add_other_files(found.get(), place, place.string() + ":" + source, seen, files);
+    }
+}
+
 }  // namespace
 
 std::optional<ValueType> value_type_of(hid_t dataset) {
@@ -227,41 +278,9 @@ std::string choose_dataset(hid_t file, const std::filesystem::path& path,
 
 std::vector<std::filesystem::path> other_files_of(hid_t dataset, const std::filesystem::path& path,
                                                   const std::string& name) {
-    const PropertyHandle creation(H5Dget_create_plist(dataset));
-    std::vector<std::filesystem::path> files = external_files(creation.get(), path, name);
-    std::size_t count = 0;
-    if (H5Pget_layout(creation.get()) != H5D_VIRTUAL ||
-        H5Pget_virtual_count(creation.get(), &count) < 0) {
-        return files;
-    }
-    std::set<std::pair<std::string, std::string>> seen;
-    for (std::size_t i = 0; i < count; ++i) {
-        const std::string file = text_from([&](char* out, std::size_t size) {
-            return H5Pget_virtual_filename(creation.get(), i, out, size);
-        });
-        const std::string source = text_from([&](char* out, std::size_t size) {
-            return H5Pget_virtual_dsetname(creation.get(), i, out, size);
-        });
-        const bool pattern =
-            file.find('%') != std::string::npos || source.find('%') != std::string::npos;
-        if (pattern || !seen.emplace(file, source).second) {
-            continue;
-        }
-        const auto places =
-            file == "." ? std::vector<std::filesystem::path>{path} : places_of(file, path);
-        const auto found = std::find_if(places.begin(), places.end(), [&](const auto& place) {
-            const FileHandle opened = open_hdf5(place);
-            return opened.valid() &&
-                   DatasetHandle(H5Dopen2(opened.get(), source.c_str(), H5P_DEFAULT)).valid();
-        });
-        if (found == places.end()) {
-            throw Error(ErrorKind::not_found,
-                        fmt::format("{} is a virtual dataset, and of its sources {}:{} cannot be "
-                                    "read; HDF5 would give the fill value in its place",
-                                    name, file, source));
-        }
-        files.push_back(*found);
-    }
+    Mappings seen;
+    std::vector<std::filesystem::path> files;
+    add_other_files(dataset, path, name, seen, files);
     return files;
 }
 

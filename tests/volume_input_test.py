@@ -237,6 +237,20 @@ class Hdf5Input(Input):
         (self.here / "part1.h5").unlink()
         self.refuses(3, "part1.h5:part", "fill value")
 
+    def test_a_virtual_dataset_of_virtual_datasets_is_followed_to_the_last(self):
+        data = RANDOM.integers(0, 99, (8, 5, 7)).astype(np.uint8)
+        (self.here / "parts").mkdir()
+        with h5py.File(self.here / "parts/0.h5", "w") as file:
+            file["v"] = data
+        for i, place in ((1, self.here / "parts/1.h5"), (2, self.path)):
+            layout = h5py.VirtualLayout(data.shape, np.uint8)
+            layout[:] = h5py.VirtualSource("0.h5" if i == 1 else "parts/1.h5", "v", data.shape)
+            with h5py.File(place, "w") as file:
+                file.create_virtual_dataset("v", layout, fillvalue=7)
+        self.reads(data)
+        (self.here / "parts/0.h5").unlink()
+        self.refuses(3, "parts/1.h5:v is a virtual dataset", "0.h5:v", "fill value")
+
     def test_the_other_files_of_a_dataset_are_inputs_too(self):
         data = RANDOM.integers(0, 99, (8, 5, 7)).astype(np.uint8)
         part, raw = self.here / "part.h5", self.here / "part.raw"
