@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cmath>
 
 #include "store/chunk_cache.h"
@@ -9,8 +10,8 @@
 
 namespace isonest {
 
-/// The up to 2 x 2 x 2 neighbouring chunks of one array that hold the nodes from `base` on; each is
-/// decoded when first touched. Not thread-safe.
+/// The nodes of one chunk, from `base` on, and the first ones of the chunks after it along each
+/// axis: up to 2 x 2 x 2, each decoded when first touched. Not thread-safe.
 class ChunkGroup {
   public:
     ChunkGroup() = default;
@@ -18,18 +19,28 @@ class ChunkGroup {
     ChunkGroup(ChunkCache& cache, const ArrayInfo& array, const Int3& base)
         : cache_(&cache), array_(&array), first_(array.chunk_of(base)) {}
 
-    /// The element of node base + p. REQUIRES: 0 <= p < 2 chunk, inside the lattice.
+    /// The element of node base + p. REQUIRES: 0 <= p <= chunk, inside the lattice.
     template <class T>
     [[nodiscard]] T at(const Int3& p, int component = 0) {
         const Int3& c = array_->chunk;
-        const Int3 which{p.x >= c.x ? 1 : 0, p.y >= c.y ? 1 : 0, p.z >= c.z ? 1 : 0};
-        const auto slot = static_cast<std::size_t>(which.x + 2 * which.y + 4 * which.z);
-        if (chunks_[slot] == nullptr) {
-            chunks_[slot] = cache_->get(*array_, first_ + which);
+        if (p.x < c.x && p.y < c.y && p.z < c.z) {
+            if (first_chunk_ == nullptr) {
+                first_chunk_ = cache_->get(*array_, first_);
+            }
+            return reinterpret_cast<const T*>(
+                first_chunk_.get())[c.linear(p) * array_->components + component];
         }
-        const Int3 local{p.x - which.x * c.x, p.y - which.y * c.y, p.z - which.z * c.z};
+        const Int3 which{p.x >= c.x ? 1 : 0, p.y >= c.y ? 1 : 0, p.z >= c.z ? 1 : 0};
+        const auto slot = static_cast<unsigned>(which.x + 2 * which.y + 4 * which.z);
+        ChunkNodes& nodes = next_[slot - 1];
+        if (nodes.data == nullptr) {
+            nodes = cache_->get_low_side(*array_, first_ + which, std::countr_zero(slot));
+        }
+        const std::int64_t element = (p.x - which.x * c.x) * nodes.stride.x +
+                                     (p.y - which.y * c.y) * nodes.stride.y +
+                                     (p.z - which.z * c.z) * nodes.stride.z;
         return reinterpret_cast<const T*>(
-            chunks_[slot].get())[c.linear(local) * array_->components + component];
+            nodes.data.get())[element * array_->components + component];
     }
 
     /// The element of node base + p if the chunk at the base, decoded, holds nodes p to p + size;
@@ -38,8 +49,8 @@ class ChunkGroup {
     [[nodiscard]] const T* within_first(const Int3& p, std::int64_t size) const {
         const Int3& c = array_->chunk;
         const bool inside = p.x + size < c.x && p.y + size < c.y && p.z + size < c.z;
-        return inside && chunks_[0] != nullptr
-                   ? reinterpret_cast<const T*>(chunks_[0].get()) + c.linear(p)
+        return inside && first_chunk_ != nullptr
+                   ? reinterpret_cast<const T*>(first_chunk_.get()) + c.linear(p)
                    : nullptr;
     }
 
@@ -47,7 +58,8 @@ class ChunkGroup {
     ChunkCache* cache_ = nullptr;
     const ArrayInfo* array_ = nullptr;
     Int3 first_;
-    std::array<DecodedChunk, 8> chunks_;
+    DecodedChunk first_chunk_;
+    std::array<ChunkNodes, 7> next_;
 };
 
 /// An indicator field around one brick.

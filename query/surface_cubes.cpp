@@ -1,5 +1,6 @@
 #include "query/surface_cubes.h"
 
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -88,7 +89,9 @@ class NodeSides {
                 piece.size = min(array_.chunk, array_.nodes - array_.first_node(chunk));
             }
             if (piece.sides == kBoth) {
-                piece.values = cache.get(array_, chunk);
+                const Int3& c = array_.chunk;
+                piece.values = i == 0 ? ChunkNodes{cache.get(array_, chunk), {1, c.x, c.x * c.y}}
+                                      : cache.get_low_side(array_, chunk, std::countr_zero(i));
             }
         }
     }
@@ -109,12 +112,12 @@ class NodeSides {
             for (std::int64_t y = 0; y < rows; ++y) {
                 std::uint8_t* const to =
                     out.data() + (next_y ? chunk_ : y) * row_size() + (next_x ? chunk_ : 0);
-                if (piece.values == nullptr) {
+                if (piece.values.data == nullptr) {
                     std::fill_n(to, n, piece.sides);
                     continue;
                 }
-                const T* const from = reinterpret_cast<const T*>(piece.values.get()) +
-                                      array_.chunk.linear({0, y, at_z});
+                const T* const from = reinterpret_cast<const T*>(piece.values.data.get()) +
+                                      y * piece.values.stride.y + at_z * piece.values.stride.z;
                 sides_of(from, limit_, to, n);
             }
         }
@@ -124,7 +127,7 @@ class NodeSides {
     struct Piece {
         std::uint8_t sides = 0;
         Int3 size;
-        DecodedChunk values;  ///< null if all are on one side
+        ChunkNodes values;  ///< no data if all are on one side
     };
     const ArrayInfo& array_;
     std::int64_t chunk_;

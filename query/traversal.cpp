@@ -33,14 +33,36 @@ template <class T>
 void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Parents> parents,
                std::uint64_t progress_share);
 
-/// Runs a task run(octant, share of the progress) for each octant of `active`, the first soonest.
+/// The brick is done. Those before it along each axis, which come later, need no more of its values
+/// and of its parents' indicators than the first ones. Vertex attributes are sampled anywhere.
+void leave(Shared& shared, int level, const Int3& brick) {
+    const TraversalQuery& query = shared.query;
+    if (query.attributes.width() > 0) {
+        return;
+    }
+    const StoreLayout& layout = shared.cache.source().layout();
+    const auto keep = [&](int of_level, Field field) {
+        shared.cache.keep_low_sides(layout.array(of_level, field), brick);
+    };
+    keep(level, Field::values);
+    if (level < layout.lattice().top()) {
+        keep(level + 1, query.stop);
+        keep(level + 1, query.bound);
+        if (query.culling) {
+            keep(level + 1, query.culling->field());
+        }
+    }
+}
+
+/// Runs a task run(octant, share of the progress) for each octant of `active`, the last soonest: so
+/// most bricks come after those whose values they reach into.
 template <class Run>
 void run_octants(Shared& shared, const std::bitset<8>& active, std::uint64_t progress_share,
                  const Run& run) {
     const std::uint64_t share = active.none() ? 0 : progress_share / active.count();
     shared.progress.advance(progress_share - share * active.count());
     tbb::task_group group;
-    for (std::size_t octant = 8; octant-- > 0;) {
+    for (std::size_t octant = 0; octant < 8; ++octant) {
         if (active[octant]) {
             group.run([&run, octant, share] { run(octant, share); });
         }
@@ -99,6 +121,9 @@ void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Par
             active[octant] = children[octant] != nullptr;
         }
     }
+    if (!is_split(layout, level)) {
+        leave(shared, level, brick);
+    }
     for (std::size_t octant = 0; octant < 8; ++octant) {
         if (active[octant]) {
             shared.cache.source().prefetch(layout.array(level - 1, Field::values),
@@ -121,6 +146,7 @@ void run_finest_bricks(Shared& shared, const Int3& first, std::int64_t size,
             ++shared.counts.local().bricks;
             BrickWork<T>(shared, 0, first).refine_parents(*masks, 0);
         }
+        leave(shared, 0, first);
         shared.progress.advance(progress_share);
         return;
     }

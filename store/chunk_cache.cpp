@@ -1,23 +1,81 @@
 #include "store/chunk_cache.h"
 
+#include <array>
+#include <cstring>
+
 namespace isonest {
+namespace {
+
+std::uint64_t key_of(const ArrayInfo& array, const Int3& chunk) {
+    return 2 * array.row_of(chunk);
+}
+
+/// Where a side lies among the three low sides of a chunk, x = 0 first, then y = 0 and z = 0; each
+/// is a plane, the smaller axis fastest.
+struct Side {
+    std::int64_t first = 0;
+    Int3 stride;
+};
+
+std::array<Side, 3> sides_of(const Int3& chunk) {
+    const std::int64_t x_size = chunk.y * chunk.z;
+    const std::int64_t y_size = chunk.x * chunk.z;
+    return {Side{0, {0, 1, chunk.y}}, Side{x_size, {1, 0, chunk.x}},
+            Side{x_size + y_size, {1, chunk.x, 0}}};
+}
+
+std::int64_t element_of(const Int3& p, const Int3& stride) {
+    return p.x * stride.x + p.y * stride.y + p.z * stride.z;
+}
+
+std::shared_ptr<std::byte[]> copy_low_sides(const Int3& chunk, std::size_t element,
+                                            const std::byte* from, std::size_t bytes) {
+    std::shared_ptr<std::byte[]> low = std::make_unique_for_overwrite<std::byte[]>(bytes);
+    const std::array<Side, 3> sides = sides_of(chunk);
+    for (int axis = 0; axis < 3; ++axis) {
+        Int3 size = chunk;
+        size[axis] = 1;
+        const Side& side = sides[static_cast<std::size_t>(axis)];
+        for (std::int64_t i = 0; i < size.product(); ++i) {
+            const Int3 p = size.unlinear(i);
+            const auto to = static_cast<std::size_t>(side.first + element_of(p, side.stride));
+            std::memcpy(low.get() + to * element,
+                        from + static_cast<std::size_t>(chunk.linear(p)) * element, element);
+        }
+    }
+    return low;
+}
+
+}  // namespace
 
 void ChunkCache::evict(std::uint64_t incoming) {
     for (auto it = order_.begin(); it != order_.end() && bytes_ + incoming > budget_;) {
-        const auto found = entries_.find(*it);
+        const auto found = entries_.find(*it++);
         // A chunk that somebody holds would stay in memory anyway.
-        if (found->second.chunk == nullptr || found->second.chunk.use_count() > 1) {
-            ++it;
-            continue;
+        if (found->second.chunk != nullptr && found->second.chunk.use_count() == 1) {
+            erase(found);
         }
-        bytes_ -= found->second.bytes;
-        entries_.erase(found);
-        it = order_.erase(it);
     }
 }
 
+ChunkCache::Entry& ChunkCache::insert(std::uint64_t key, std::uint64_t bytes) {
+    evict(bytes);
+    Entry& entry = entries_[key];
+    entry.use = order_.insert(order_.end(), key);
+    entry.bytes = bytes;
+    bytes_ += bytes;
+    peak_ = std::max(peak_, bytes_);
+    return entry;
+}
+
+void ChunkCache::erase(Entries::iterator entry) {
+    bytes_ -= entry->second.bytes;
+    order_.erase(entry->second.use);
+    entries_.erase(entry);
+}
+
 DecodedChunk ChunkCache::get(const ArrayInfo& array, const Int3& chunk) {
-    const std::uint64_t key = array.row_of(chunk);
+    const std::uint64_t key = key_of(array, chunk);
     std::unique_lock lock(mutex_);
     while (true) {
         const auto found = entries_.find(key);
@@ -31,12 +89,7 @@ DecodedChunk ChunkCache::get(const ArrayInfo& array, const Int3& chunk) {
         decoded_.wait(lock);
     }
     const std::uint64_t bytes = array.chunk_bytes();
-    evict(bytes);
-    Entry& entry = entries_[key];
-    entry.use = order_.insert(order_.end(), key);
-    entry.bytes = bytes;
-    bytes_ += bytes;
-    peak_ = std::max(peak_, bytes_);
+    insert(key, bytes);
     lock.unlock();
 
     std::shared_ptr<std::byte[]> raw;
@@ -45,10 +98,7 @@ DecodedChunk ChunkCache::get(const ArrayInfo& array, const Int3& chunk) {
         source_.decode(array, chunk, {raw.get(), bytes});
     } catch (...) {
         lock.lock();
-        const auto failed = entries_.find(key);
-        bytes_ -= failed->second.bytes;
-        order_.erase(failed->second.use);
-        entries_.erase(failed);
+        erase(entries_.find(key));
         decoded_.notify_all();
         throw;
     }
@@ -56,6 +106,55 @@ DecodedChunk ChunkCache::get(const ArrayInfo& array, const Int3& chunk) {
     entries_.find(key)->second.chunk = raw;
     decoded_.notify_all();
     return raw;
+}
+
+ChunkNodes ChunkCache::get_low_side(const ArrayInfo& array, const Int3& chunk, int axis) {
+    const std::uint64_t key = key_of(array, chunk);
+    {
+        const std::lock_guard lock(mutex_);
+        const auto low = entries_.find(key + 1);
+        if (low != entries_.end() && !entries_.contains(key)) {
+            order_.splice(order_.end(), order_, low->second.use);
+            const DecodedChunk& sides = low->second.chunk;
+            const Side side = sides_of(array.chunk)[static_cast<std::size_t>(axis)];
+            const std::size_t element =
+                array.codec.element_size * static_cast<std::size_t>(array.components);
+            return {{sides, sides.get() + static_cast<std::size_t>(side.first) * element},
+                    side.stride};
+        }
+    }
+    return {get(array, chunk), {1, array.chunk.x, array.chunk.x * array.chunk.y}};
+}
+
+void ChunkCache::keep_low_sides(const ArrayInfo& array, const Int3& chunk) {
+    const std::uint64_t key = key_of(array, chunk);
+    DecodedChunk whole;
+    {
+        const std::lock_guard lock(mutex_);
+        const auto found = entries_.find(key);
+        if (found == entries_.end() || found->second.chunk == nullptr) {
+            return;
+        }
+        whole = found->second.chunk;
+    }
+    const Int3& c = array.chunk;
+    const std::size_t element =
+        array.codec.element_size * static_cast<std::size_t>(array.components);
+    const std::size_t bytes = static_cast<std::size_t>(c.y * c.z + c.x * c.z + c.x * c.y) * element;
+    const DecodedChunk low = copy_low_sides(c, element, whole.get(), bytes);
+
+    // `whole` goes last, after the lock: freeing takes a while.
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key);
+    constexpr long kOursAndItsOwn = 2;
+    if (found == entries_.end() || found->second.chunk != whole ||
+        whole.use_count() > kOursAndItsOwn) {
+        return;
+    }
+    erase(found);
+    if (!entries_.contains(key + 1)) {
+        insert(key + 1, bytes).chunk = low;
+    }
 }
 
 std::uint64_t ChunkCache::peak_bytes() const {
