@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <vector>
 
 #include "store/error.h"
 
@@ -23,15 +24,15 @@ PlaneWindow::PlaneWindow(VolumeSource& source, std::int64_t planes, std::uint64_
     }
     const std::int64_t step = source.granularity().planes;
     const std::int64_t affordable = static_cast<std::int64_t>(budget) / plane_bytes_;
-    // Reads are whole steps, so the window may have to hold the rest of a step on either side.
-    const std::int64_t needed = std::min(nz, planes + 2 * (step - 1));
+    // Reads end at whole steps, and none is cut where the ring wraps around.
+    const std::int64_t needed = std::min(nz, ceil_div(planes + step - 1, step) * step);
     if (affordable >= needed) {
-        capacity_ = std::min({affordable, nz, needed + std::max(planes, step)});
-        if (capacity_ < nz && capacity_ / step * step >= needed) {
-            capacity_ = capacity_ / step * step;  // no step is cut where the ring wraps around
-        }
-        ring_.resize(static_cast<std::size_t>(capacity_ * plane_bytes_));
-        base_ = ring_.data();
+        // Reading ahead: as far as the next planes that are needed at a time.
+        const std::int64_t ahead = (2 * planes + step - 1) / step * step;
+        capacity_ = std::min(nz, std::max(needed, std::min(ahead, affordable / step * step)));
+        ring_bytes_ = static_cast<std::uint64_t>(capacity_ * plane_bytes_);
+        ring_ = std::make_unique_for_overwrite<std::byte[]>(ring_bytes_);
+        base_ = ring_.get();
     } else {
         spool(budget, scratch_folder);
     }
@@ -94,7 +95,7 @@ void PlaneWindow::read_until(std::int64_t z_end) {
         }
         const std::int64_t slot = end_ % capacity_;
         const std::int64_t first = std::min(to - end_, capacity_ - slot);
-        source_.read(end_, first, 0, source_.nodes().y, ring_.data() + slot * plane_bytes_);
+        source_.read(end_, first, 0, source_.nodes().y, ring_.get() + slot * plane_bytes_);
         end_ += first;
         progress_.check();
     }

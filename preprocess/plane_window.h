@@ -1,9 +1,10 @@
 // The planes of the input that the current blocks need: each input byte is read once.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
-#include <vector>
 
 #include "preprocess/volume_source.h"
 #include "store/progress.h"
@@ -33,7 +34,7 @@ class PlaneWindow {
         return base_ + static_cast<std::size_t>((z % capacity_) * plane_bytes_ + y * row_bytes_);
     }
     [[nodiscard]] bool on_disk() const { return spool_.has_value(); }
-    [[nodiscard]] std::uint64_t heap() const { return ring_.size(); }
+    [[nodiscard]] std::uint64_t heap() const { return ring_bytes_; }
 
   private:
     void spool(std::uint64_t budget, const std::filesystem::path& folder);
@@ -46,7 +47,8 @@ class PlaneWindow {
     std::int64_t capacity_ = 1;
     std::int64_t begin_ = 0;
     std::int64_t end_ = 0;
-    std::vector<std::byte> ring_;
+    std::unique_ptr<std::byte[]> ring_;
+    std::uint64_t ring_bytes_ = 0;
     std::optional<ScratchFile> spool_;
     bool whole_ = false;  ///< all planes are there: mapped or spooled
     const std::byte* base_ = nullptr;
