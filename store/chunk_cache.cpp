@@ -10,6 +10,10 @@ std::uint64_t key_of(const ArrayInfo& array, const Int3& chunk) {
     return 2 * array.row_of(chunk);
 }
 
+std::size_t element_bytes(const ArrayInfo& array) {
+    return array.codec.element_size * static_cast<std::size_t>(array.components);
+}
+
 /// Where a side lies among the three low sides of a chunk, x = 0 first, then y = 0 and z = 0; each
 /// is a plane, the smaller axis fastest.
 struct Side {
@@ -75,18 +79,36 @@ void ChunkCache::erase(Entries::iterator entry) {
 }
 
 DecodedChunk ChunkCache::get(const ArrayInfo& array, const Int3& chunk) {
+    return nodes_of(array, chunk, std::nullopt).data;
+}
+
+ChunkNodes ChunkCache::get_low_side(const ArrayInfo& array, const Int3& chunk, int axis) {
+    return nodes_of(array, chunk, axis);
+}
+
+ChunkNodes ChunkCache::nodes_of(const ArrayInfo& array, const Int3& chunk,
+                                std::optional<int> low_axis) {
     const std::uint64_t key = key_of(array, chunk);
+    const Int3 whole{1, array.chunk.x, array.chunk.x * array.chunk.y};
     std::unique_lock lock(mutex_);
     while (true) {
-        const auto found = entries_.find(key);
-        if (found == entries_.end()) {
+        if (const auto found = entries_.find(key); found != entries_.end()) {
+            if (found->second.chunk != nullptr) {
+                order_.splice(order_.end(), order_, found->second.use);
+                return {found->second.chunk, whole};
+            }
+            decoded_.wait(lock);
+            continue;
+        }
+        const auto low = entries_.find(key + 1);
+        if (!low_axis || low == entries_.end()) {
             break;
         }
-        if (found->second.chunk != nullptr) {
-            order_.splice(order_.end(), order_, found->second.use);
-            return found->second.chunk;
-        }
-        decoded_.wait(lock);
+        order_.splice(order_.end(), order_, low->second.use);
+        const DecodedChunk& sides = low->second.chunk;
+        const Side side = sides_of(array.chunk)[static_cast<std::size_t>(*low_axis)];
+        return {{sides, sides.get() + static_cast<std::size_t>(side.first) * element_bytes(array)},
+                side.stride};
     }
     const std::uint64_t bytes = array.chunk_bytes();
     insert(key, bytes);
@@ -105,25 +127,7 @@ DecodedChunk ChunkCache::get(const ArrayInfo& array, const Int3& chunk) {
     lock.lock();
     entries_.find(key)->second.chunk = raw;
     decoded_.notify_all();
-    return raw;
-}
-
-ChunkNodes ChunkCache::get_low_side(const ArrayInfo& array, const Int3& chunk, int axis) {
-    const std::uint64_t key = key_of(array, chunk);
-    {
-        const std::lock_guard lock(mutex_);
-        const auto low = entries_.find(key + 1);
-        if (low != entries_.end() && !entries_.contains(key)) {
-            order_.splice(order_.end(), order_, low->second.use);
-            const DecodedChunk& sides = low->second.chunk;
-            const Side side = sides_of(array.chunk)[static_cast<std::size_t>(axis)];
-            const std::size_t element =
-                array.codec.element_size * static_cast<std::size_t>(array.components);
-            return {{sides, sides.get() + static_cast<std::size_t>(side.first) * element},
-                    side.stride};
-        }
-    }
-    return {get(array, chunk), {1, array.chunk.x, array.chunk.x * array.chunk.y}};
+    return {raw, whole};
 }
 
 void ChunkCache::keep_low_sides(const ArrayInfo& array, const Int3& chunk) {

@@ -6,6 +6,7 @@
 #include <list>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <unordered_map>
 
 #include "store/chunk_source.h"
@@ -52,6 +53,8 @@ class ChunkCache {
         std::uint64_t bytes = 0;
     };
     using Entries = std::unordered_map<std::uint64_t, Entry>;
+    /// All nodes; or, if those of the low side along an axis will do, what there is.
+    ChunkNodes nodes_of(const ArrayInfo& array, const Int3& chunk, std::optional<int> low_axis);
     void evict(std::uint64_t incoming);
     Entry& insert(std::uint64_t key, std::uint64_t bytes);
     void erase(Entries::iterator entry);

@@ -1,10 +1,12 @@
 // What the cache keeps of a chunk, and how often a traversal decodes one.
 #include "store/chunk_cache.h"
 
+#include <atomic>
 #include <catch2/catch.hpp>
 #include <cstring>
 #include <map>
 #include <mutex>
+#include <thread>
 
 #include "query/traversal.h"
 #include "store/workers.h"
@@ -103,6 +105,44 @@ TEST_CASE("a chunk that somebody holds, or that is not there, is not reduced to 
     cache.keep_low_sides(array, {0, 0, 0});
     CHECK(cache.get(array, {0, 0, 0}).get() == held.get());
     CHECK(counted.times().at(array.row_of({0, 0, 0})) == 1);
+}
+
+TEST_CASE(
+    "low sides that are asked for while their chunk is reduced to them are not decoded again") {
+    const TemporaryFolder folder;
+    MemoryVolume<std::uint8_t> volume(
+        {64, 64, 64}, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });
+    make_store(volume, folder / "s", with_chunk(8));
+    const StoreReader store(folder / "s");
+    const CountingSource counted(store);
+    const ArrayInfo& array = store.layout().array(0, Field::values);
+    ChunkCache cache(counted, 1U << 24U);
+    const std::int64_t chunks = array.grid.product();
+    std::atomic<std::int64_t> at = 0;
+    std::vector<std::thread> readers;
+    for (int i = 0; i < 3; ++i) {
+        readers.emplace_back([&, axis = i] {
+            while (at < chunks) {
+                cache.get_low_side(array, array.grid.unlinear(std::min(at.load(), chunks - 1)),
+                                   axis);
+            }
+        });
+    }
+    for (std::int64_t i = 0; i < chunks; ++i) {
+        at = i;
+        const Int3 chunk = array.grid.unlinear(i);
+        cache.get(array, chunk);
+        cache.keep_low_sides(array, chunk);
+    }
+    at = chunks;
+    for (std::thread& reader : readers) {
+        reader.join();
+    }
+    std::int64_t decoded = 0;
+    for (const auto& [row, times] : counted.times()) {
+        decoded += times;
+    }
+    CHECK(decoded == chunks);
 }
 
 TEST_CASE("a full surface decodes each chunk once with the memory of a few and the sides of all") {
