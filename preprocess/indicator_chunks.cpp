@@ -18,7 +18,10 @@ IndicatorChunks::IndicatorChunks(const ArrayInfo& array, const Int3& first, cons
                 part.chunk = {x, y, z};
                 part.lo = array.first_node(part.chunk);
                 part.n = min(array.chunk, array.nodes - part.lo);
-                part.raw.resize(array.chunk_bytes());
+                part.raw = std::make_unique_for_overwrite<std::byte[]>(array.chunk_bytes());
+                if (part.n != array.chunk) {
+                    std::fill_n(part.raw.get(), array.chunk_bytes(), std::byte{0});
+                }
                 parts_.push_back(std::move(part));
             }
         }
@@ -28,7 +31,7 @@ IndicatorChunks::IndicatorChunks(const ArrayInfo& array, const Int3& first, cons
 template <class Stored, class Real>
 void IndicatorChunks::put_row(const Real* from, Part& part, std::int64_t at,
                               std::vector<Stored>& line) const {
-    Stored* const to = reinterpret_cast<Stored*>(part.raw.data()) + at;
+    Stored* const to = reinterpret_cast<Stored*>(part.raw.get()) + at;
     line.resize(static_cast<std::size_t>(part.n.x));
     Stored* const rounded = array_.components == 1 ? to : line.data();
     const auto [low, high] = round_up_row(from, rounded, part.n.x);
@@ -73,7 +76,7 @@ void IndicatorChunks::encode(std::vector<EncodedChunk>& out) const {
         chunk.chunk = part.chunk;
         chunk.row.min = part.min;
         chunk.row.max = part.max;
-        encode_chunk(part.raw, array_.codec, chunk.bytes);
+        encode_chunk({part.raw.get(), array_.chunk_bytes()}, array_.codec, chunk.bytes);
         out.push_back(std::move(chunk));
     }
 }

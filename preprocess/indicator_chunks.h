@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <vector>
 
 #include "preprocess/layer.h"
@@ -36,7 +37,7 @@ class IndicatorChunks {
         Int3 chunk;
         Int3 lo;  ///< first lattice node
         Int3 n;   ///< nodes inside the array
-        std::vector<std::byte> raw;
+        std::unique_ptr<std::byte[]> raw;
         float min = std::numeric_limits<float>::infinity();
         float max = 0;
     };

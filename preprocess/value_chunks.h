@@ -1,6 +1,8 @@
 // Chunks of values: a level is the finer one at every second node (injection).
 #pragma once
 
+#include <algorithm>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -16,9 +18,13 @@ namespace isonest {
 template <class T>
 EncodedChunk encode_values(const ArrayInfo& array, const Int3& chunk, const Box<T>& box,
                            std::int64_t step) {
-    std::vector<T> raw(static_cast<std::size_t>(array.chunk.product()));
     const Int3 lo = array.first_node(chunk);
     const Int3 n = min(array.chunk, array.nodes - lo);
+    const auto size = static_cast<std::size_t>(array.chunk.product());
+    const auto raw = std::make_unique_for_overwrite<T[]>(size);
+    if (n != array.chunk) {
+        std::fill_n(raw.get(), size, T{0});  // beyond the array's edge
+    }
     EncodedChunk out;
     out.array = &array;
     out.chunk = chunk;
@@ -27,7 +33,7 @@ EncodedChunk encode_values(const ArrayInfo& array, const Int3& chunk, const Box<
         for (std::int64_t y = 0; y < n.y; ++y) {
             const T* const from =
                 box.row((lo.y + y) * step, (lo.z + z) * step) + (lo.x * step - box.lo.x);
-            T* const to = raw.data() + array.chunk.linear({0, y, z});
+            T* const to = raw.get() + array.chunk.linear({0, y, z});
             take_row(from, step, to, n.x);
             range.include(to, n.x);
         }
@@ -35,7 +41,7 @@ EncodedChunk encode_values(const ArrayInfo& array, const Int3& chunk, const Box<
     out.row.min = range.min();
     out.row.max = range.max();
     out.row.flags = range.missing() ? kChunkHasMissing : 0;
-    encode_chunk(std::as_bytes(std::span(raw)), array.codec, out.bytes);
+    encode_chunk(std::as_bytes(std::span(raw.get(), size)), array.codec, out.bytes);
     return out;
 }
 
