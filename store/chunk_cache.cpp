@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstring>
+#include <utility>
 
 namespace isonest {
 namespace {
@@ -28,26 +29,22 @@ std::array<Side, 3> sides_of(const Int3& chunk) {
             Side{x_size + y_size, {1, chunk.x, 0}}};
 }
 
-std::int64_t element_of(const Int3& p, const Int3& stride) {
-    return p.x * stride.x + p.y * stride.y + p.z * stride.z;
-}
+/// What an entry takes beside its nodes.
+constexpr std::uint64_t kEntryOverhead = 192;
 
-std::shared_ptr<std::byte[]> copy_low_sides(const Int3& chunk, std::size_t element,
-                                            const std::byte* from, std::size_t bytes) {
-    std::shared_ptr<std::byte[]> low = std::make_unique_for_overwrite<std::byte[]>(bytes);
-    const std::array<Side, 3> sides = sides_of(chunk);
-    for (int axis = 0; axis < 3; ++axis) {
-        Int3 size = chunk;
-        size[axis] = 1;
-        const Side& side = sides[static_cast<std::size_t>(axis)];
-        for (std::int64_t i = 0; i < size.product(); ++i) {
-            const Int3 p = size.unlinear(i);
-            const auto to = static_cast<std::size_t>(side.first + element_of(p, side.stride));
-            std::memcpy(low.get() + to * element,
-                        from + static_cast<std::size_t>(chunk.linear(p)) * element, element);
-        }
+void copy_low_sides(const Int3& chunk, std::size_t element, const std::byte* from, std::byte* to) {
+    const auto x = static_cast<std::size_t>(chunk.x);
+    const auto y = static_cast<std::size_t>(chunk.y);
+    const auto z = static_cast<std::size_t>(chunk.z);
+    const std::size_t row = x * element;
+    for (std::size_t i = 0; i < y * z; ++i) {
+        std::memcpy(to + i * element, from + i * row, element);
     }
-    return low;
+    to += y * z * element;
+    for (std::size_t i = 0; i < z; ++i) {
+        std::memcpy(to + i * row, from + i * y * row, row);
+    }
+    std::memcpy(to + z * row, from, y * row);
 }
 
 }  // namespace
@@ -63,6 +60,7 @@ void ChunkCache::evict(std::uint64_t incoming) {
 }
 
 ChunkCache::Entry& ChunkCache::insert(std::uint64_t key, std::uint64_t bytes) {
+    bytes += kEntryOverhead;
     evict(bytes);
     Entry& entry = entries_[key];
     entry.use = order_.insert(order_.end(), key);
@@ -142,10 +140,10 @@ void ChunkCache::keep_low_sides(const ArrayInfo& array, const Int3& chunk) {
         whole = found->second.chunk;
     }
     const Int3& c = array.chunk;
-    const std::size_t element =
-        array.codec.element_size * static_cast<std::size_t>(array.components);
+    const std::size_t element = element_bytes(array);
     const std::size_t bytes = static_cast<std::size_t>(c.y * c.z + c.x * c.z + c.x * c.y) * element;
-    const DecodedChunk low = copy_low_sides(c, element, whole.get(), bytes);
+    std::shared_ptr<std::byte[]> low = std::make_unique_for_overwrite<std::byte[]>(bytes);
+    copy_low_sides(c, element, whole.get(), low.get());
 
     // `whole` goes last, after the lock: freeing takes a while.
     const std::lock_guard lock(mutex_);
@@ -157,7 +155,7 @@ void ChunkCache::keep_low_sides(const ArrayInfo& array, const Int3& chunk) {
     }
     erase(found);
     if (!entries_.contains(key + 1)) {
-        insert(key + 1, bytes).chunk = low;
+        insert(key + 1, bytes).chunk = std::move(low);
     }
 }
 
