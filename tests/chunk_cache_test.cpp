@@ -120,6 +120,7 @@ TEST_CASE(
     const std::int64_t chunks = array.grid.product();
     std::atomic<std::int64_t> at = 0;
     std::vector<std::thread> readers;
+    readers.reserve(3);
     for (int i = 0; i < 3; ++i) {
         readers.emplace_back([&, axis = i] {
             while (at < chunks) {
