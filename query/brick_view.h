@@ -2,7 +2,6 @@
 #pragma once
 
 #include <array>
-#include <bit>
 #include <cmath>
 
 #include "store/chunk_cache.h"
@@ -34,7 +33,7 @@ class ChunkGroup {
         const auto slot = static_cast<unsigned>(which.x + 2 * which.y + 4 * which.z);
         ChunkNodes& nodes = next_[slot - 1];
         if (nodes.data == nullptr) {
-            nodes = cache_->get_low_side(*array_, first_ + which, std::countr_zero(slot));
+            nodes = cache_->nodes(*array_, first_ + which, slot);
         }
         const std::int64_t element = (p.x - which.x * c.x) * nodes.stride.x +
                                      (p.y - which.y * c.y) * nodes.stride.y +

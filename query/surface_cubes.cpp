@@ -1,6 +1,5 @@
 #include "query/surface_cubes.h"
 
-#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -89,9 +88,7 @@ class NodeSides {
                 piece.size = min(array_.chunk, array_.nodes - array_.first_node(chunk));
             }
             if (piece.sides == kBoth) {
-                const Int3& c = array_.chunk;
-                piece.values = i == 0 ? ChunkNodes{cache.get(array_, chunk), {1, c.x, c.x * c.y}}
-                                      : cache.get_low_side(array_, chunk, std::countr_zero(i));
+                piece.values = cache.nodes(array_, chunk, static_cast<unsigned>(i));
             }
         }
     }

@@ -1,6 +1,7 @@
 #include "store/chunk_cache.h"
 
 #include <array>
+#include <bit>
 #include <cstring>
 #include <utility>
 
@@ -77,15 +78,10 @@ void ChunkCache::erase(Entries::iterator entry) {
 }
 
 DecodedChunk ChunkCache::get(const ArrayInfo& array, const Int3& chunk) {
-    return nodes_of(array, chunk, std::nullopt).data;
+    return nodes(array, chunk, 0).data;
 }
 
-ChunkNodes ChunkCache::get_low_side(const ArrayInfo& array, const Int3& chunk, int axis) {
-    return nodes_of(array, chunk, axis);
-}
-
-ChunkNodes ChunkCache::nodes_of(const ArrayInfo& array, const Int3& chunk,
-                                std::optional<int> low_axis) {
+ChunkNodes ChunkCache::nodes(const ArrayInfo& array, const Int3& chunk, unsigned low) {
     const std::uint64_t key = key_of(array, chunk);
     const Int3 whole{1, array.chunk.x, array.chunk.x * array.chunk.y};
     std::unique_lock lock(mutex_);
@@ -98,13 +94,13 @@ ChunkNodes ChunkCache::nodes_of(const ArrayInfo& array, const Int3& chunk,
             decoded_.wait(lock);
             continue;
         }
-        const auto low = entries_.find(key + 1);
-        if (!low_axis || low == entries_.end()) {
+        const auto kept = entries_.find(key + 1);
+        if (low == 0 || kept == entries_.end()) {
             break;
         }
-        order_.splice(order_.end(), order_, low->second.use);
-        const DecodedChunk& sides = low->second.chunk;
-        const Side side = sides_of(array.chunk)[static_cast<std::size_t>(*low_axis)];
+        order_.splice(order_.end(), order_, kept->second.use);
+        const DecodedChunk& sides = kept->second.chunk;
+        const Side side = sides_of(array.chunk)[static_cast<std::size_t>(std::countr_zero(low))];
         return {{sides, sides.get() + static_cast<std::size_t>(side.first) * element_bytes(array)},
                 side.stride};
     }

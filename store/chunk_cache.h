@@ -6,7 +6,6 @@
 #include <list>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <unordered_map>
 
 #include "store/chunk_source.h"
@@ -37,9 +36,9 @@ class ChunkCache {
     [[nodiscard]] const ChunkSource& source() const { return source_; }
     /// Throws what ChunkSource::decode throws.
     DecodedChunk get(const ArrayInfo& array, const Int3& chunk);
-    /// The nodes of a chunk whose coordinate along `axis` is the chunk's first; more may be there.
-    /// Throws what ChunkSource::decode throws.
-    ChunkNodes get_low_side(const ArrayInfo& array, const Int3& chunk, int axis);
+    /// The nodes whose coordinates along the axes in `low` (bits x, y, z) are the chunk's first,
+    /// all if there are none; more may be there. Throws what ChunkSource::decode throws.
+    ChunkNodes nodes(const ArrayInfo& array, const Int3& chunk, unsigned low);
     /// Of this chunk only its three low sides are needed from now on: the others are dropped,
     /// unless somebody holds them. get() decodes it again.
     void keep_low_sides(const ArrayInfo& array, const Int3& chunk);
@@ -53,8 +52,6 @@ class ChunkCache {
         std::uint64_t bytes = 0;
     };
     using Entries = std::unordered_map<std::uint64_t, Entry>;
-    /// All nodes; or, if those of the low side along an axis will do, what there is.
-    ChunkNodes nodes_of(const ArrayInfo& array, const Int3& chunk, std::optional<int> low_axis);
     void evict(std::uint64_t incoming);
     Entry& insert(std::uint64_t key, std::uint64_t bytes);
     void erase(Entries::iterator entry);

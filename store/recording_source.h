@@ -1,8 +1,8 @@
 // A chunk source that writes down which chunks are decoded: for tests and programs that measure.
 #pragma once
 
+#include <map>
 #include <mutex>
-#include <set>
 
 #include "store/chunk_source.h"
 
@@ -20,18 +20,19 @@ class RecordingSource : public ChunkSource {
                 std::span<std::byte> raw) const override {
         source_.decode(array, chunk, raw);
         const std::lock_guard lock(mutex_);
-        decoded_.insert(array.row_of(chunk));
+        ++decoded_[array.row_of(chunk)];
     }
     [[nodiscard]] std::optional<CubeRange> cube_range(int level, const Int3& cube) const override {
         return source_.cube_range(level, cube);
     }
-    /// Rows of the chunk table. REQUIRES: no decode() at the same time.
-    [[nodiscard]] const std::set<std::uint64_t>& decoded() const { return decoded_; }
+    /// How often each was decoded, by row of the chunk table. REQUIRES: no decode() at the same
+    /// time.
+    [[nodiscard]] const std::map<std::uint64_t, int>& decoded() const { return decoded_; }
 
   private:
     const ChunkSource& source_;
     mutable std::mutex mutex_;
-    mutable std::set<std::uint64_t> decoded_;
+    mutable std::map<std::uint64_t, int> decoded_;
 };
 
 }  // namespace isonest

@@ -4,11 +4,10 @@
 #include <atomic>
 #include <catch2/catch.hpp>
 #include <cstring>
-#include <map>
-#include <mutex>
 #include <thread>
 
 #include "query/traversal.h"
+#include "store/recording_source.h"
 #include "store/workers.h"
 #include "tests/test_support.h"
 
@@ -16,27 +15,6 @@ using namespace isonest;
 using namespace isonest::test;
 
 namespace {
-
-class CountingSource : public ChunkSource {
-  public:
-    explicit CountingSource(const ChunkSource& source) : source_(source) {}
-    [[nodiscard]] const StoreLayout& layout() const override { return source_.layout(); }
-    [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override {
-        return source_.row(array, chunk);
-    }
-    void decode(const ArrayInfo& array, const Int3& chunk,
-                std::span<std::byte> raw) const override {
-        source_.decode(array, chunk, raw);
-        const std::lock_guard lock(mutex_);
-        ++times_[array.row_of(chunk)];
-    }
-    [[nodiscard]] const std::map<std::uint64_t, int>& times() const { return times_; }
-
-  private:
-    const ChunkSource& source_;
-    mutable std::mutex mutex_;
-    mutable std::map<std::uint64_t, int> times_;
-};
 
 const std::byte* element(const ChunkNodes& nodes, const Int3& p, std::size_t bytes) {
     const std::int64_t at = p.x * nodes.stride.x + p.y * nodes.stride.y + p.z * nodes.stride.z;
@@ -51,7 +29,7 @@ void require_low_sides(ChunkCache& cache, const ArrayInfo& array, const Int3& ch
     for (int axis = 0; axis < 3; ++axis) {
         Int3 size = array.chunk;
         size[axis] = 1;
-        const ChunkNodes side = cache.get_low_side(array, chunk, axis);
+        const ChunkNodes side = cache.nodes(array, chunk, 1U << static_cast<unsigned>(axis));
         for (std::int64_t i = 0; i < size.product(); ++i) {
             const Int3 p = size.unlinear(i);
             const auto at = static_cast<std::size_t>(array.chunk.linear(p)) * bytes;
@@ -69,17 +47,17 @@ TEST_CASE("the low sides of a chunk are its nodes, for any array and size") {
             n, [](const Int3& p) { return static_cast<std::int16_t>(30000 * noise(p)); });
         make_store(volume, folder / "s", with_chunk(16));
         const StoreReader store(folder / "s");
-        const CountingSource counted(store);
+        const RecordingSource counted(store);
         for (const ArrayInfo& array : store.layout().arrays()) {
             ChunkCache cache(counted, 1U << 24U);
             for (std::int64_t i = 0; i < array.grid.product(); ++i) {
                 const Int3 chunk = array.grid.unlinear(i);
                 require_low_sides(cache, array, chunk);  // of the whole chunk
                 cache.keep_low_sides(array, chunk);
-                const auto before = counted.times().at(array.row_of(chunk));
+                const auto before = counted.decoded().at(array.row_of(chunk));
                 require_low_sides(cache, array, chunk);
                 // Once by the comparison itself: the sides alone were still there.
-                CHECK(counted.times().at(array.row_of(chunk)) == before + 1);
+                CHECK(counted.decoded().at(array.row_of(chunk)) == before + 1);
                 // All of it is back on demand.
                 std::vector<std::byte> whole(array.chunk_bytes());
                 store.decode(array, chunk, whole);
@@ -96,7 +74,7 @@ TEST_CASE("a chunk that somebody holds, or that is not there, is not reduced to 
     MemoryVolume<float> volume({20, 20, 20}, [](const Int3& p) { return float(smooth(p)); });
     make_store(volume, folder / "s", with_chunk(16));
     const StoreReader store(folder / "s");
-    const CountingSource counted(store);
+    const RecordingSource counted(store);
     const ArrayInfo& array = store.layout().array(0, Field::values);
     ChunkCache cache(counted, 1U << 24U);
     cache.keep_low_sides(array, {1, 1, 1});
@@ -104,7 +82,7 @@ TEST_CASE("a chunk that somebody holds, or that is not there, is not reduced to 
     const DecodedChunk held = cache.get(array, {0, 0, 0});
     cache.keep_low_sides(array, {0, 0, 0});
     CHECK(cache.get(array, {0, 0, 0}).get() == held.get());
-    CHECK(counted.times().at(array.row_of({0, 0, 0})) == 1);
+    CHECK(counted.decoded().at(array.row_of({0, 0, 0})) == 1);
 }
 
 TEST_CASE(
@@ -114,18 +92,18 @@ TEST_CASE(
         {64, 64, 64}, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });
     make_store(volume, folder / "s", with_chunk(8));
     const StoreReader store(folder / "s");
-    const CountingSource counted(store);
+    const RecordingSource counted(store);
     const ArrayInfo& array = store.layout().array(0, Field::values);
     ChunkCache cache(counted, 1U << 24U);
     const std::int64_t chunks = array.grid.product();
     std::atomic<std::int64_t> at = 0;
     std::vector<std::thread> readers;
     readers.reserve(3);
-    for (int i = 0; i < 3; ++i) {
+    for (unsigned i = 0; i < 3; ++i) {
         readers.emplace_back([&, axis = i] {
             while (at < chunks) {
-                cache.get_low_side(array, array.grid.unlinear(std::min(at.load(), chunks - 1)),
-                                   axis);
+                cache.nodes(array, array.grid.unlinear(std::min(at.load(), chunks - 1)),
+                            1U << axis);
             }
         });
     }
@@ -140,7 +118,7 @@ TEST_CASE(
         reader.join();
     }
     std::int64_t decoded = 0;
-    for (const auto& [row, times] : counted.times()) {
+    for (const auto& [row, times] : counted.decoded()) {
         decoded += times;
     }
     CHECK(decoded == chunks);
@@ -152,7 +130,7 @@ TEST_CASE("a full surface decodes each chunk once with the memory of a few and t
         {97, 90, 99}, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });
     make_store(volume, folder / "s", with_chunk(16));
     const StoreReader store(folder / "s");
-    const CountingSource counted(store);
+    const RecordingSource counted(store);
     const ArrayInfo& array = store.layout().array(0, Field::values);
     const auto chunks = static_cast<std::uint64_t>(array.grid.product());
     constexpr std::uint64_t kSides = 3 * 16 * 16;
@@ -172,8 +150,8 @@ TEST_CASE("a full surface decodes each chunk once with the memory of a few and t
             silent_progress());
     });
     CHECK(triangles > 1000000);
-    CHECK(counted.times().size() == chunks);
-    for (const auto& [row, times] : counted.times()) {
+    CHECK(counted.decoded().size() == chunks);
+    for (const auto& [row, times] : counted.decoded()) {
         CHECK(times == 1);
     }
     CHECK(cache.peak_bytes() <= budget);

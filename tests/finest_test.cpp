@@ -73,7 +73,7 @@ void require_finest(MemoryVolume<T>& volume, double iso, int chunk, std::uint64_
     CHECK(leaves == expected);
     CHECK(counts.leaves == expected.size());
     const std::uint64_t first = array.row_of({0, 0, 0});
-    for (const std::uint64_t row : watched.decoded()) {
+    for (const auto& [row, times] : watched.decoded()) {
         CHECK((row >= first && row < first + static_cast<std::uint64_t>(array.grid.product())));
     }
     for (const std::uint64_t row : touched) {
