@@ -10,6 +10,7 @@
 #include "preprocess/synthetic.h"
 #include "store/error.h"
 #include "store/lattice.h"
+#include "store/output_file.h"
 #include "store/volume_file.h"
 #include "store/workers.h"
 
@@ -64,6 +65,7 @@ void make_volume(const std::filesystem::path& path, const MakeVolumeOptions& opt
                             options.nodes.y, options.nodes.z, kMaxNodesPerAxis));
         }
     }
+    check_output(path, options.force, {});
     Workers workers(options.threads);
     const auto volume =
         workers.execute([&] { return make_synthetic(options.name, options.nodes, options.seed); });

@@ -210,9 +210,7 @@ Checkpoint take_over(const std::filesystem::path& store, const std::string& iden
 PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& store,
                             const PreprocessOptions& options, Progress& progress) {
     const auto start = std::chrono::steady_clock::now();
-    for (const std::filesystem::path& file : source.files()) {
-        require_other_file(store, file);
-    }
+    check_output(store, options.force, source.files());
     Workers workers(options.threads);
     const StoreHeader header = header_of(source, options);
     const int tokens = token_count(StoreLayout(header), options, workers.count(), source);

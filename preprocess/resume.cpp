@@ -136,6 +136,10 @@ std::optional<InterruptedRun> InterruptedRun::find(const std::filesystem::path& 
             continue;
         }
         if (*theirs != identity) {
+            std::error_code ignored;
+            if (!std::filesystem::exists(names.string() + process, ignored)) {
+                continue;  // killed when its store had got its name: nothing to go on with
+            }
             other = fmt::format(
                 "{}: the interrupted run was of another input or had other options: {}; give "
                 "those, or delete it, or leave out --resume",

@@ -112,7 +112,7 @@ void indicator_plane(const StoreReader& store, ChunkCache& cache, const ExportOp
 
 void export_field(const StoreReader& store, const std::filesystem::path& path,
                   const ExportOptions& options, Progress& progress) {
-    require_other_file(path, store.path());
+    check_output(path, options.force, {store.path()});
     const StoreLayout& layout = store.layout();
     const StoreHeader& header = layout.header();
     VolumeFileSpec spec;

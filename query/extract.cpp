@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <vector>
 
 #include "query/contour_lines.h"
 #include "query/extract_query.h"
@@ -69,11 +70,11 @@ Budget share(const StoreReader& store, const ExtractOptions& options, const Trav
 ExtractReport extract(const StoreReader& store, const std::filesystem::path& mesh,
                       const ExtractOptions& options, Progress& progress) {
     const auto start = std::chrono::steady_clock::now();
-    check_output(mesh, options.force);
-    require_other_file(mesh, store.path());
+    std::vector<std::filesystem::path> inputs{store.path()};
     if (options.values != nullptr) {
-        require_other_file(mesh, options.values->path());
+        inputs.push_back(options.values->path());
     }
+    check_output(mesh, options.force, inputs);
     ExtractQuery asked = extract_query(store, mesh, options);
     TraversalQuery& query = asked.traversal;
     const bool planar = store.layout().lattice().dimension() == 2;

@@ -98,10 +98,12 @@ void write_glb(const std::filesystem::path& path, bool force, const MeshContent&
             "\"byteLength\":{}}}],\"bufferViews\":[{}],\"accessors\":[{}]}}",
             names, arrays.count - 1, arrays.end, arrays.views, arrays.accessors);
     } else {
-        json += "}]}";
+        // glTF has no empty mesh. VTK refuses a scene without nodes and a file without binary data.
+        arrays.end = 4;
+        json += R"("nodes":[0]}],"nodes":[{"name":"empty"}],"buffers":[{"byteLength":4}]})";
     }
     json.resize(padded(json.size()), ' ');
-    const std::uint64_t head = 12 + 8 + json.size() + (nt > 0 ? 8 : 0);
+    const std::uint64_t head = 12 + 8 + json.size() + 8;
     const std::uint64_t total = head + arrays.end;
     require_32_bits(path, total, "bytes of mesh", "glTF binary");
     OutputFile file(path, force);
@@ -109,10 +111,11 @@ void write_glb(const std::filesystem::path& path, bool force, const MeshContent&
                                      static_cast<std::uint32_t>(json.size()), 0x4E4F534A};
     file.write_at(0, std::as_bytes(std::span(words)));
     file.write_at(20, std::as_bytes(std::span(json)));
-    if (nt > 0) {
-        words = {static_cast<std::uint32_t>(arrays.end), 0x004E4942};
-        file.write_at(20 + json.size(), std::as_bytes(std::span(words)));
+    words = {static_cast<std::uint32_t>(arrays.end), 0x004E4942};
+    if (nt == 0) {
+        words.push_back(0);
     }
+    file.write_at(20 + json.size(), std::as_bytes(std::span(words)));
     shift(head, vertices, triangles);
     write_sections(file, mesh, vertices, triangles, progress);
     file.publish_as_named();

@@ -2,11 +2,14 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <optional>
+#include <string_view>
 
 #include "store/error.h"
 
@@ -18,18 +21,48 @@ std::filesystem::path folder_of(const std::filesystem::path& path) {
     return folder.empty() ? std::filesystem::path(".") : folder;
 }
 
-void sync(const std::filesystem::path& path, int flags) {
-    const int fd = ::open(path.c_str(), flags | O_CLOEXEC);
-    if (fd < 0 || ::fsync(fd) != 0) {
-        const int error = errno;
-        if (fd >= 0) {
-            ::close(fd);
-        }
-        throw Error(ErrorKind::io, fmt::format("{}: cannot write to disk: {}", path.string(),
-                                               std::strerror(error)));
-    }
-    ::close(fd);
+[[noreturn]] void fail_on(const std::filesystem::path& path, const char* what, int error) {
+    throw Error(ErrorKind::io,
+                fmt::format("{}: cannot {}: {}", path.string(), what, std::strerror(error)));
 }
+
+class Descriptor {
+  public:
+    Descriptor(const std::filesystem::path& path, int flags)
+        : path_(path), fd_(::open(path.c_str(), flags | O_CLOEXEC)) {
+        if (fd_ < 0) {
+            fail_on(path_, "write to disk", errno);
+        }
+    }
+    Descriptor(const Descriptor&) = delete;
+    Descriptor& operator=(const Descriptor&) = delete;
+    ~Descriptor() { ::close(fd_); }
+    [[nodiscard]] int get() const { return fd_; }
+    void sync() const {
+        if (::fsync(fd_) != 0) {
+            fail_on(path_, "write to disk", errno);
+        }
+    }
+
+  private:
+    const std::filesystem::path& path_;
+    int fd_;
+};
+
+/// What lies under a name itself, not where it leads; nothing if it is free.
+std::optional<struct stat> status_of(const std::filesystem::path& path) {
+    struct stat status {};
+    if (::lstat(path.c_str(), &status) == 0) {
+        return status;
+    }
+    if (errno != ENOENT) {
+        fail_on(path, "look at it", errno);
+    }
+    return std::nullopt;
+}
+
+constexpr std::string_view kMark = ".partial-";
+constexpr mode_t kPermissions = S_IRWXU | S_IRWXG | S_IRWXO;
 
 [[noreturn]] void exists_already(const std::filesystem::path& path) {
     throw Error(
@@ -37,10 +70,56 @@ void sync(const std::filesystem::path& path, int flags) {
         fmt::format("{} exists; give --force to replace it, or another name", path.string()));
 }
 
+[[noreturn]] void never_replaced(const std::filesystem::path& path, const std::string& what) {
+    throw Error(ErrorKind::invalid_argument,
+                fmt::format("{} is {}, and only regular files are replaced; give another name",
+                            path.string(), what));
+}
+
+void require_regular(const std::filesystem::path& path, mode_t mode) {
+    std::error_code ignored;
+    if (S_ISREG(mode)) {
+        return;
+    }
+    if (S_ISDIR(mode)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} is a folder; give a file name", path.string()));
+    }
+    if (S_ISLNK(mode)) {
+        const std::string to = std::filesystem::read_symlink(path, ignored).string();
+        never_replaced(path, std::filesystem::exists(path, ignored)
+                                 ? fmt::format("a link to {}", to)
+                                 : fmt::format("a link to {}, where there is nothing", to));
+    }
+    never_replaced(path, S_ISFIFO(mode) ? "a FIFO" : S_ISSOCK(mode) ? "a socket" : "a device");
+}
+
+/// The permissions of `old`, and its owner and group where that is allowed.
+void keep_permissions(int fd, const std::filesystem::path& path, const struct stat& old) {
+    struct stat mine {};
+    if (::fstat(fd, &mine) != 0) {
+        fail_on(path, "inspect it", errno);
+    }
+    mode_t mode = old.st_mode & kPermissions;
+    if (mine.st_gid != old.st_gid && ::fchown(fd, static_cast<uid_t>(-1), old.st_gid) != 0) {
+        // What the old group could do is not for another one.
+        mode &= ~static_cast<mode_t>(S_IRWXG) | ((mode & S_IRWXO) << 3U);
+    }
+    if ((mine.st_mode & kPermissions) != mode && ::fchmod(fd, mode) != 0 && errno != EPERM &&
+        errno != ENOTSUP && errno != ENOSYS) {  // file systems without permissions
+        fail_on(path, "keep the permissions", errno);
+    }
+    if (mine.st_uid != old.st_uid) {
+        [[maybe_unused]] const int allowed = ::fchown(fd, old.st_uid, static_cast<gid_t>(-1));
+    }
+}
+
 }  // namespace
 
 std::filesystem::path temporary_prefix(const std::filesystem::path& path) {
-    return folder_of(path) / fmt::format(".{}.partial-", path.filename().string());
+    const std::string name = path.filename().string();
+    const bool is_temporary = name.starts_with('.') && name.find(kMark) != std::string::npos;
+    return folder_of(path) / fmt::format("{}{}{}", is_temporary ? "" : ".", name, kMark);
 }
 
 std::filesystem::path temporary_name(const std::filesystem::path& path) {
@@ -54,9 +133,10 @@ std::filesystem::path temporary_name(const std::filesystem::path& path) {
     return name;
 }
 
-void check_output(const std::filesystem::path& path, bool force) {
+void check_output(const std::filesystem::path& path, bool force,
+                  const std::vector<std::filesystem::path>& inputs) {
     std::error_code ignored;
-    if (path.filename().empty() || std::filesystem::is_directory(path, ignored)) {
+    if (path.filename().empty()) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("{} is a folder; give a file name", path.string()));
     }
@@ -64,69 +144,92 @@ void check_output(const std::filesystem::path& path, bool force) {
         throw Error(ErrorKind::not_found, fmt::format("{}: there is no folder {}", path.string(),
                                                       folder_of(path).string()));
     }
-    if (!force && std::filesystem::exists(path, ignored)) {
+    const std::optional<struct stat> there = status_of(path);
+    if (!there) {
+        return;
+    }
+    for (const std::filesystem::path& input : inputs) {
+        if (std::filesystem::equivalent(path, input, ignored)) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("{} is read, and would be lost if it were also the output; "
+                                    "give another name",
+                                    path.string()));
+        }
+    }
+    require_regular(path, there->st_mode);
+    if (!force) {
         exists_already(path);
     }
 }
 
-void require_other_file(const std::filesystem::path& output, const std::filesystem::path& input) {
-    std::error_code ignored;
-    if (std::filesystem::equivalent(output, input, ignored)) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} is read, and would be lost if it were also the output; give "
-                                "another name",
-                                output.string()));
+UnfinishedFile::UnfinishedFile(std::filesystem::path output, bool force)
+    : output_(std::move(output)), name_(temporary_name(output_)), force_(force) {
+    check_output(output_, force_, {});
+}
+
+UnfinishedFile::~UnfinishedFile() {
+    if (at_end_ == AtEnd::remove) {
+        ::unlink(name_.c_str());
     }
 }
 
-void publish(const std::filesystem::path& temporary, const std::filesystem::path& path,
-             bool force) {
-    sync(temporary, O_RDONLY);
-    const unsigned flags = force ? 0U : static_cast<unsigned>(RENAME_NOREPLACE);
-    int result = ::renameat2(AT_FDCWD, temporary.c_str(), AT_FDCWD, path.c_str(), flags);
-    if (result != 0 && errno == EINVAL && !force) {
+void UnfinishedFile::created() const {
+    const std::optional<struct stat> old = status_of(output_);
+    const std::optional<struct stat> mine = status_of(name_);
+    if (old && mine && S_ISREG(old->st_mode)) {
+        const mode_t mode = (mine->st_mode & old->st_mode & kPermissions) | S_IRUSR | S_IWUSR;
+        // Where there are no permissions, there is nothing to restrict.
+        [[maybe_unused]] const int restricted = ::chmod(name_.c_str(), mode);
+    }
+}
+
+void UnfinishedFile::publish() {
+    {
+        const Descriptor file(name_, O_RDONLY);
+        const std::optional<struct stat> old = force_ ? status_of(output_) : std::nullopt;
+        if (old) {
+            require_regular(output_, old->st_mode);
+            keep_permissions(file.get(), output_, *old);
+        }
+        file.sync();
+    }
+    const unsigned flags = force_ ? 0U : static_cast<unsigned>(RENAME_NOREPLACE);
+    int result = ::renameat2(AT_FDCWD, name_.c_str(), AT_FDCWD, output_.c_str(), flags);
+    if (result != 0 && errno == EINVAL && !force_) {
         // The file system has no exclusive rename: a hard link is exclusive as well.
-        result = ::link(temporary.c_str(), path.c_str());
+        result = ::link(name_.c_str(), output_.c_str());
         if (result == 0) {
-            ::unlink(temporary.c_str());
+            ::unlink(name_.c_str());
         }
     }
     if (result != 0) {
         if (errno == EEXIST) {
-            exists_already(path);
+            exists_already(output_);
         }
-        throw Error(ErrorKind::io, fmt::format("{}: cannot give the finished file its name: {}",
-                                               path.string(), std::strerror(errno)));
+        fail_on(output_, "give the finished file its name", errno);
     }
-    sync(folder_of(path), O_RDONLY | O_DIRECTORY);
+    at_end_ = AtEnd::nothing;
+    const std::filesystem::path folder = folder_of(output_);
+    Descriptor(folder, O_RDONLY | O_DIRECTORY).sync();
 }
 
 OutputFile::OutputFile(std::filesystem::path path, bool force,
                        const std::function<void(const std::filesystem::path& temporary)>& prepare)
-    : path_(std::move(path)), temporary_(temporary_name(path_)), force_(force) {
-    check_output(path_, force_);
-    int flags = O_CREAT | O_EXCL;
+    : path_(std::move(path)), unfinished_(path_, force) {
     if (prepare) {
-        try {
-            prepare(temporary_);
-        } catch (...) {
-            ::unlink(temporary_.c_str());
-            throw;
-        }
-        flags = 0;
+        prepare(unfinished_.name());
     }
-    fd_ = ::open(temporary_.c_str(), flags | O_WRONLY | O_CLOEXEC, 0666);
+    const int flags = prepare ? O_NOFOLLOW : O_CREAT | O_EXCL;
+    fd_ = ::open(unfinished_.name().c_str(), flags | O_WRONLY | O_CLOEXEC, 0666);
     if (fd_ < 0) {
-        const int error = errno;
-        ::unlink(temporary_.c_str());
-        fail("create", error);
+        fail_on(path_, "create", errno);
     }
+    unfinished_.created();
 }
 
 OutputFile::~OutputFile() {
     if (fd_ >= 0) {
         ::close(fd_);
-        ::unlink(temporary_.c_str());
     }
 }
 
@@ -137,7 +240,7 @@ void OutputFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes
             continue;
         }
         if (n <= 0) {
-            fail("write", n == 0 ? ENOSPC : errno);
+            fail_on(path_, "write", n == 0 ? ENOSPC : errno);
         }
         early_.wrote(fd_, static_cast<std::uint64_t>(n));
         offset += static_cast<std::uint64_t>(n);
@@ -146,14 +249,9 @@ void OutputFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes
 }
 
 void OutputFile::publish_as_named() {
-    publish(temporary_, path_, force_);
+    unfinished_.publish();
     ::close(fd_);
     fd_ = -1;
-}
-
-void OutputFile::fail(const char* what, int error) const {
-    throw Error(ErrorKind::io,
-                fmt::format("{}: cannot {}: {}", path_.string(), what, std::strerror(error)));
 }
 
 }  // namespace isonest

@@ -6,33 +6,59 @@
 #include <filesystem>
 #include <functional>
 #include <span>
+#include <vector>
 
 #include "store/early_write_back.h"
 
 namespace isonest {
 
-/// The temporary names for an output, in the same folder: ".NAME.partial-" and a process id.
+/// The temporary names for an output, in the same folder: ".NAME.partial-" and a process id; for a
+/// temporary file's own, its name in place of ".NAME".
 std::filesystem::path temporary_prefix(const std::filesystem::path& path);
 /// One for this process that no file has: with the process id, or that and "-2", "-3", ...
 std::filesystem::path temporary_name(const std::filesystem::path& path);
 
-/// Throws Error{invalid_argument} if `path` exists and `force` is false, or if it is a folder;
-/// Error{not_found} if its folder does not exist.
-void check_output(const std::filesystem::path& path, bool force);
+/// Decides what an output may replace, before any work: nothing, or with `force` a regular file
+/// that is none of `inputs`, all the files that are read. Folders, links (also those that lead
+/// nowhere), devices, FIFOs and sockets are never replaced, and no link is followed. Throws
+/// Error{invalid_argument}, Error{not_found} if there is no such folder, Error{io}.
+void check_output(const std::filesystem::path& path, bool force,
+                  const std::vector<std::filesystem::path>& inputs);
 
-/// Throws Error{invalid_argument} if `output` is the file `input`, which would be lost.
-void require_other_file(const std::filesystem::path& output, const std::filesystem::path& input);
+/// An output under its temporary name: whatever lies there is removed at the end unless it was
+/// published or kept. Thread-safety: one thread.
+class UnfinishedFile {
+  public:
+    /// Chooses the name; creates nothing. Throws what check_output() throws.
+    UnfinishedFile(std::filesystem::path output, bool force);
+    UnfinishedFile(const UnfinishedFile&) = delete;
+    UnfinishedFile& operator=(const UnfinishedFile&) = delete;
+    ~UnfinishedFile();
+    [[nodiscard]] const std::filesystem::path& name() const { return name_; }
+    /// To be called once the file is there: who may not read the file that it is to replace may not
+    /// read it either.
+    void created() const;
+    /// Syncs it to disk and gives it the output's name. A replaced file's permissions stay, and its
+    /// owner and group where the process may set them. The rule of check_output() holds for what
+    /// is there at this moment. Throws Error{io, invalid_argument}.
+    void publish();
+    /// It stays.
+    void keep() { at_end_ = AtEnd::nothing; }
 
-/// Syncs `temporary` to disk and gives it the name `path`; without `force` an existing file of that
-/// name is never replaced. Throws Error{io, invalid_argument}; then `temporary` still exists.
-void publish(const std::filesystem::path& temporary, const std::filesystem::path& path, bool force);
+  private:
+    enum class AtEnd { remove, nothing };
+    std::filesystem::path output_;
+    std::filesystem::path name_;
+    bool force_;
+    AtEnd at_end_ = AtEnd::remove;
+};
 
 /// A file under its temporary name, written at any place; removed unless published. Thread-safety:
 /// write_at() from any thread.
 class OutputFile {
   public:
-    /// `prepare` may create the file under the temporary name and put something into it.
-    /// Throws what check_output() throws, and Error{io}.
+    /// `prepare` may create the file under the temporary name (never through a link) and put
+    /// something into it. Throws what check_output() throws, and Error{io}.
     OutputFile(std::filesystem::path path, bool force,
                const std::function<void(const std::filesystem::path& temporary)>& prepare = {});
     OutputFile(const OutputFile&) = delete;
@@ -40,15 +66,12 @@ class OutputFile {
     ~OutputFile();
     /// Throws Error{io}.
     void write_at(std::uint64_t offset, std::span<const std::byte> bytes) const;
-    /// Throws as publish() does.
+    /// Throws as UnfinishedFile::publish() does.
     void publish_as_named();
 
   private:
-    [[noreturn]] void fail(const char* what, int error) const;
-
     std::filesystem::path path_;
-    std::filesystem::path temporary_;
-    bool force_;
+    UnfinishedFile unfinished_;
     int fd_ = -1;
     mutable EarlyWriteBack early_;
 };

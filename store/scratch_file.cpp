@@ -30,7 +30,7 @@ ScratchFile::ScratchFile(const std::filesystem::path& folder)
     : folder_(folder.empty() ? std::filesystem::path(".") : folder) {
     fd_ = ::open(folder_.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
     if (fd_ < 0) {
-        std::string name = (folder_ / ".isonest-scratch-XXXXXX").string();
+        std::string name = (folder_ / fmt::format("{}{}-XXXXXX", kPrefix, ::getpid())).string();
         fd_ = ::mkostemp(name.data(), O_CLOEXEC);
         if (fd_ < 0) {
             fail(folder_, "cannot create a file", errno);

@@ -14,6 +14,9 @@ namespace isonest {
 /// Thread-safety: write_at() and read_at() on disjoint ranges from any thread; the rest from one.
 class ScratchFile {
   public:
+    /// How names begin where a file system has no unnamed files, until the name is removed; the
+    /// process id follows.
+    static constexpr const char* kPrefix = ".isonest-scratch-";
     /// Creates the file in `folder`. Throws Error{io}.
     explicit ScratchFile(const std::filesystem::path& folder);
     /// Creates `file`, readable by its owner alone and removed at the end unless keep() was called.

@@ -3,9 +3,7 @@
 #include <fmt/format.h>
 
 #include <array>
-#include <cerrno>
-#include <cstdio>
-#include <cstring>
+#include <span>
 
 #include "store/error.h"
 #include "store/handles.h"
@@ -18,9 +16,9 @@ namespace {
 class Hdf5File : public VolumeFile {
   public:
     Hdf5File(std::filesystem::path path, const VolumeFileSpec& spec)
-        : path_(std::move(path)), temporary_(temporary_name(path_)), spec_(spec) {
+        : path_(std::move(path)), unfinished_(path_, spec.force), spec_(spec) {
         const QuietHdf5 quiet;
-        file_ = create_hdf5(temporary_);
+        file_ = create_hdf5(unfinished_.name());
         const std::array<hsize_t, 3> dims = shape(spec_.nodes.z);
         const SpaceHandle space(H5Screate_simple(3, dims.data(), nullptr));
         const PropertyHandle creation(H5Pcreate(H5P_DATASET_CREATE));
@@ -28,6 +26,7 @@ class Hdf5File : public VolumeFile {
         H5Pset_fill_time(creation.get(), H5D_FILL_TIME_NEVER);
         const TypeHandle type = file_type(spec_.type);
         if (file_.valid()) {
+            unfinished_.created();
             data_ = DatasetHandle(H5Dcreate2(file_.get(), "data", type.get(), space.get(),
                                              H5P_DEFAULT, creation.get(), H5P_DEFAULT));
         }
@@ -40,12 +39,9 @@ class Hdf5File : public VolumeFile {
                         std::vector<double>(spec_.origin.begin(), spec_.origin.end()));
     }
     ~Hdf5File() override {
-        if (!finished_) {
-            data_.reset();
-            file_.reset();
-            std::error_code ignored;
-            std::filesystem::remove(temporary_, ignored);
-        }
+        const QuietHdf5 quiet;
+        data_.reset();
+        file_.reset();
     }
     void write(const std::byte* planes, std::int64_t count) override {
         const QuietHdf5 quiet;
@@ -66,8 +62,7 @@ class Hdf5File : public VolumeFile {
         if (!file_.close() || !closed) {
             fail("close it");
         }
-        publish(temporary_, path_, spec_.force);
-        finished_ = true;
+        unfinished_.publish();
     }
 
   private:
@@ -79,63 +74,37 @@ class Hdf5File : public VolumeFile {
         const std::string detail = hdf5_message();
         data_.reset();
         file_.reset();
-        std::error_code ignored;
-        std::filesystem::remove(temporary_, ignored);
         throw Error(ErrorKind::io, fmt::format("{}: cannot {}: {}", path_.string(), what, detail));
     }
     std::filesystem::path path_;
-    std::filesystem::path temporary_;
+    UnfinishedFile unfinished_;
     VolumeFileSpec spec_;
     FileHandle file_;
     DatasetHandle data_;
     std::int64_t next_ = 0;
-    bool finished_ = false;
 };
 
 class FlatFile : public VolumeFile {
   public:
-    FlatFile(std::filesystem::path path, const VolumeFileSpec& spec, const std::string& header)
-        : path_(std::move(path)), temporary_(temporary_name(path_)), spec_(spec) {
-        file_ = std::fopen(temporary_.c_str(), "wb");
-        if (file_ == nullptr) {
-            fail();
-        }
-        put(header.data(), header.size());
-    }
-    ~FlatFile() override {
-        if (file_ != nullptr) {
-            std::fclose(file_);
-            std::error_code ignored;
-            std::filesystem::remove(temporary_, ignored);
-        }
+    FlatFile(const std::filesystem::path& path, const VolumeFileSpec& spec,
+             const std::string& header)
+        : file_(path, spec.force),
+          plane_(static_cast<std::size_t>(spec.nodes.x * spec.nodes.y) * size_of(spec.type)) {
+        put(std::as_bytes(std::span(header)));
     }
     void write(const std::byte* planes, std::int64_t count) override {
-        put(planes,
-            static_cast<std::size_t>(count * spec_.nodes.x * spec_.nodes.y) * size_of(spec_.type));
+        put({planes, static_cast<std::size_t>(count) * plane_});
     }
-    void finish() override {
-        if (std::fflush(file_) != 0) {
-            fail();
-        }
-        publish(temporary_, path_, spec_.force);
-        std::fclose(file_);
-        file_ = nullptr;
-    }
+    void finish() override { file_.publish_as_named(); }
 
   private:
-    void put(const void* data, std::size_t bytes) {
-        if (std::fwrite(data, 1, bytes, file_) != bytes) {
-            fail();
-        }
+    void put(std::span<const std::byte> bytes) {
+        file_.write_at(end_, bytes);
+        end_ += bytes.size();
     }
-    [[noreturn]] void fail() const {
-        throw Error(ErrorKind::io,
-                    fmt::format("{}: cannot write: {}", path_.string(), std::strerror(errno)));
-    }
-    std::filesystem::path path_;
-    std::filesystem::path temporary_;
-    VolumeFileSpec spec_;
-    std::FILE* file_ = nullptr;
+    OutputFile file_;
+    std::size_t plane_;  ///< bytes
+    std::uint64_t end_ = 0;
 };
 
 std::string nrrd_header(const VolumeFileSpec& spec) {
@@ -154,7 +123,6 @@ std::string nrrd_header(const VolumeFileSpec& spec) {
 
 std::unique_ptr<VolumeFile> create_volume_file(const std::filesystem::path& path,
                                                const VolumeFileSpec& spec) {
-    check_output(path, spec.force);
     const std::string ending = path.extension().string();
     if (ending == ".h5" || ending == ".hdf5") {
         return std::make_unique<Hdf5File>(path, spec);

@@ -9,10 +9,16 @@
 
 namespace isonest {
 
+/// Throws Error{limit} if the system does not let this process start `count` - 1 more threads.
+/// oneTBB would find out in the middle of the work, where it can only end the program.
+void require_threads(int count);
+
 /// `threads` workers, also where that is more than the machine has; 0 = as many as it has.
+/// Throws Error{limit} if the system refuses them.
 class Workers {
   public:
     explicit Workers(int threads) : count_(count_of(threads)) {
+        require_threads(count_);
         if (count_ > tbb::info::default_concurrency()) {
             allowed_.emplace(tbb::global_control::max_allowed_parallelism,
                              static_cast<std::size_t>(count_));

@@ -23,10 +23,7 @@ namespace isonest {
 
 struct StoreWriter::Impl {
     std::filesystem::path path;
-    std::filesystem::path temporary;
-    bool force = false;
-    bool finished = false;
-    bool keep = false;
+    UnfinishedFile unfinished;
     StoreLayout layout;
     FileHandle file;
     std::vector<DatasetHandle> datasets;  // one per array; invalid for aliases
@@ -38,11 +35,8 @@ struct StoreWriter::Impl {
     int ranged = kFirstRangeLevel;  ///< the next level whose ranges are to be written
     mutable std::mutex hdf5;
 
-    Impl(const std::filesystem::path& target, const StoreHeader& header)
-        : path(target),
-          temporary(temporary_name(target)),
-          layout(header),
-          rows_file(target.parent_path()) {
+    Impl(const std::filesystem::path& target, const StoreHeader& header, bool force)
+        : path(target), unfinished(target, force), layout(header), rows_file(target.parent_path()) {
         rows_file.map(layout.rows() * sizeof(ChunkRow));
         rows = rows_file.as<ChunkRow>();
     }
@@ -79,7 +73,8 @@ void StoreWriter::Impl::create() {
     const PropertyHandle access = written_file_access();
     // Chunks are then allocated one by one at the end of the file: see write_chunk().
     H5Pset_small_data_block_size(access.get(), 0);
-    file = made(create_hdf5(temporary, access), "create the file");
+    file = made(create_hdf5(unfinished.name(), access), "create the file");
+    unfinished.created();
     datasets.resize(layout.arrays().size());
     create_group("/levels");
     for (int level = 0; level <= layout.lattice().top(); ++level) {
@@ -90,10 +85,10 @@ void StoreWriter::Impl::create() {
     }
     write_header();
     write_vtk_group();
-    read_fd = ::open(temporary.c_str(), O_RDONLY | O_CLOEXEC);
+    read_fd = ::open(unfinished.name().c_str(), O_RDONLY | O_CLOEXEC);
     if (read_fd < 0) {
-        throw Error(ErrorKind::io, fmt::format("{}: cannot read back: {}", temporary.string(),
-                                               std::strerror(errno)));
+        throw Error(ErrorKind::io, fmt::format("{}: cannot read back: {}",
+                                               unfinished.name().string(), std::strerror(errno)));
     }
 }
 
@@ -255,16 +250,12 @@ void leave_hdf5_alone_at_exit() {
 }
 
 StoreWriter::StoreWriter(const std::filesystem::path& path, const StoreHeader& header, bool force) {
-    check_output(path, force);
-    impl_ = std::make_unique<Impl>(path, header);
-    impl_->force = force;
+    impl_ = std::make_unique<Impl>(path, header, force);
     try {
         impl_->create();
     } catch (...) {
         impl_->datasets.clear();
         impl_->file.reset();
-        std::error_code ignored;
-        std::filesystem::remove(impl_->temporary, ignored);
         throw;
     }
 }
@@ -276,10 +267,6 @@ StoreWriter::~StoreWriter() {
     const QuietHdf5 quiet;
     impl_->datasets.clear();
     impl_->file.reset();
-    if (!impl_->finished && !impl_->keep) {
-        std::error_code ignored;
-        std::filesystem::remove(impl_->temporary, ignored);
-    }
 }
 
 const StoreLayout& StoreWriter::layout() const {
@@ -349,10 +336,11 @@ void StoreWriter::decode(const ArrayInfo& array, const Int3& chunk,
     if (::pread(impl_->read_fd, stored.data(), stored.size(), static_cast<off_t>(row.offset)) !=
         static_cast<ssize_t>(stored.size())) {
         throw Error(ErrorKind::io,
-                    fmt::format("{}: cannot read back {}: {}", impl_->temporary.string(),
+                    fmt::format("{}: cannot read back {}: {}", impl_->unfinished.name().string(),
                                 array.place(chunk), std::strerror(errno)));
     }
-    decode_chunk(stored, array.codec, raw, impl_->temporary.string() + ": " + array.place(chunk));
+    decode_chunk(stored, array.codec, raw,
+                 impl_->unfinished.name().string() + ": " + array.place(chunk));
 }
 
 void StoreWriter::write_cube_ranges(int level, std::span<const CubeRange> ranges) {
@@ -397,11 +385,11 @@ void StoreWriter::write_cube_ranges(int level, std::span<const CubeRange> ranges
 }
 
 const std::filesystem::path& StoreWriter::temporary() const {
-    return impl_->temporary;
+    return impl_->unfinished.name();
 }
 
 void StoreWriter::keep() {
-    impl_->keep = true;
+    impl_->unfinished.keep();
 }
 
 void StoreWriter::finish() {
@@ -426,8 +414,7 @@ void StoreWriter::finish() {
     if (!closed) {
         impl_->fail("close the file");
     }
-    publish(impl_->temporary, impl_->path, impl_->force);
-    impl_->finished = true;
+    impl_->unfinished.publish();
 }
 
 }  // namespace isonest

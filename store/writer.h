@@ -12,7 +12,7 @@ namespace isonest {
 /// Thread-safety: write_chunk(), row() and decode() from any thread; finish() from one.
 class StoreWriter : public ChunkSource {
   public:
-    /// Throws Error{invalid_argument} if `path` exists and `force` is false; Error{io}.
+    /// Throws what check_output() throws, and Error{io}.
     StoreWriter(const std::filesystem::path& path, const StoreHeader& header, bool force);
     /// Removes the temporary file unless finish() succeeded or keep() was called.
     ~StoreWriter() override;

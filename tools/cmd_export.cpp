@@ -6,6 +6,7 @@
 #include "query/export.h"
 #include "tools/command.h"
 #include "tools/fields.h"
+#include "tools/leftovers.h"
 #include "tools/units.h"
 
 namespace isonest::cli {
@@ -25,6 +26,7 @@ Result run(const Arguments& a, Progress& progress) {
                               : store.layout().header().nodes;
     const std::string_view type = name_of(values ? store.layout().header().type : ValueType::f32);
     Result result;
+    result.warning = leftovers_of(a.output);
     result.json = {{"output", a.output},
                    {"field", name_of(a.options.field)},
                    {"level", a.options.level},

@@ -10,6 +10,7 @@
 #include "store/error.h"
 #include "store/lattice.h"
 #include "tools/command.h"
+#include "tools/leftovers.h"
 #include "tools/source_options.h"
 #include "tools/units.h"
 
@@ -34,6 +35,7 @@ Result run(const Arguments& a, Progress& progress) {
     make_volume(a.output, a.options, progress);
     const MakeVolumeOptions& o = a.options;
     Result result;
+    result.warning = leftovers_of(a.output);
     result.json = {{"output", a.output},
                    {"name", o.name},
                    {"nodes", {o.nodes.x, o.nodes.y, o.nodes.z}},

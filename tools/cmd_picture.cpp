@@ -7,6 +7,7 @@
 #include "store/error.h"
 #include "store/output_file.h"
 #include "tools/command.h"
+#include "tools/leftovers.h"
 #include "tools/picture.h"
 #include "tools/ply_reader.h"
 #include "tools/png_writer.h"
@@ -26,7 +27,7 @@ Result run(const Arguments& a, Progress& progress) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("{}: a picture's name must end with .png", a.png));
     }
-    require_other_file(a.png, a.mesh);
+    check_output(a.png, true, {a.mesh});
     const PlyMesh mesh(a.mesh);
     const PictureReport r = draw_picture(mesh, a.png, a.options, progress);
     Result result;
@@ -40,8 +41,10 @@ Result run(const Arguments& a, Progress& progress) {
                    {"hi", r.hi}};
     result.text = fmt::format("{}: {} x {} pixels, {} triangles\n", a.png, a.options.width,
                               a.options.height, mesh.triangles());
+    result.warning = leftovers_of(a.png);
     if (mesh.triangles() == 0) {
-        result.warning = fmt::format("{} has no triangles: the picture is empty", a.mesh);
+        result.warning += result.warning.empty() ? "" : "\n";
+        result.warning += fmt::format("{} has no triangles: the picture is empty", a.mesh);
     }
     return result;
 }

@@ -59,8 +59,7 @@ Result run(Arguments& a, Progress& progress) {
     }
     ExtractReport r;
     if (picture) {
-        check_output(a.extract.mesh, true);
-        require_other_file(a.extract.mesh, store.path());
+        check_output(a.extract.mesh, true, {store.path()});
         const Temporary mesh(temporary_name(a.extract.mesh) += ".ply");
         r = extract(store, mesh.path, a.extract.extract, progress);
         a.picture.normal = a.extract.extract.plane->normal;

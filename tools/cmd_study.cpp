@@ -1,9 +1,11 @@
 // isonest study: the indicators compared on one store, as a table and plots.
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <memory>
+#include <vector>
 
 #include "query/study.h"
 #include "store/error.h"
@@ -11,6 +13,7 @@
 #include "tools/command.h"
 #include "tools/extract_options.h"
 #include "tools/fields.h"
+#include "tools/leftovers.h"
 #include "tools/plot.h"
 #include "tools/units.h"
 
@@ -66,23 +69,84 @@ void write_csv(const std::filesystem::path& path, const Study& study, bool iso) 
     file.publish_as_named();
 }
 
-/// Two plots of a column, over the threshold and (quality) over the number of elements.
-void plot(const std::filesystem::path& folder, const Study& study, const Column& column,
-          const char* suffix, const char* x_axis, Value x) {
+/// A plot that the folder gets, as .svg and .png.
+struct PlotFile {
+    const Column* column;
+    bool by_leaves;  ///< over the number of elements (quality) in place of the threshold
+};
+
+std::vector<PlotFile> plots_of(bool iso) {
+    std::vector<PlotFile> plots;
+    for (const Column& column : kColumns) {
+        plots.push_back({&column, false});
+    }
+    for (std::size_t i = 2; i < 5; ++i) {
+        plots.push_back({&kColumns.at(i), true});
+    }
+    for (const Column& column : kIsoColumns) {
+        if (iso) {
+            plots.push_back({&column, false});
+        }
+    }
+    return plots;
+}
+
+constexpr const char* kTable = "study.csv";
+
+std::array<std::string, 2> names_of(const PlotFile& plot) {
+    const std::string name =
+        fmt::format("{}{}", plot.column->name, plot.by_leaves ? "_by_leaves" : "");
+    return {name + ".svg", name + ".png"};
+}
+
+void draw(const std::filesystem::path& folder, const Study& study, const PlotFile& file) {
+    const auto x = [&](const StudyRow& r) {
+        return file.by_leaves ? static_cast<double>(r.leaves) : r.threshold;
+    };
     Plot plot;
-    plot.title = fmt::format("{} by {}", column.name, x_axis);
-    plot.x = x_axis;
-    plot.y = column.axis;
+    plot.x = file.by_leaves ? "elements k" : "threshold, of the largest";
+    plot.title = fmt::format("{} by {}", file.column->name, plot.x);
+    plot.y = file.column->axis;
     for (const StudyRow& row : study.rows) {
         if (plot.series.empty() || plot.series.back().name != name_of(row.field)) {
             plot.series.push_back({std::string(name_of(row.field)), {}});
         }
-        plot.series.back().points.emplace_back(x(row), column.of(row));
+        plot.series.back().points.emplace_back(x(row), file.column->of(row));
     }
-    for (const char* const end : {".svg", ".png"}) {
-        draw_plot(folder / fmt::format("{}{}{}", column.name, suffix, end), plot);
+    for (const std::string& name : names_of(file)) {
+        draw_plot(folder / name, plot);
     }
 }
+
+/// The folder, made with those above it where they are missing; what was made and has stayed empty
+/// is removed at the end.
+class Folder {
+  public:
+    explicit Folder(const std::filesystem::path& path) {
+        std::error_code error;
+        for (std::filesystem::path p = path; !p.empty() && !std::filesystem::exists(p, error);
+             p = p.parent_path()) {
+            made_.push_back(p);
+        }
+        std::filesystem::create_directories(path, error);
+        if (error) {
+            remove_empty();
+            throw Error(ErrorKind::io, fmt::format("{}: cannot make this folder: {}", path.string(),
+                                                   error.message()));
+        }
+    }
+    Folder(const Folder&) = delete;
+    Folder& operator=(const Folder&) = delete;
+    ~Folder() { remove_empty(); }
+
+  private:
+    void remove_empty() {
+        for (const std::filesystem::path& p : made_) {
+            ::rmdir(p.c_str());
+        }
+    }
+    std::vector<std::filesystem::path> made_;  ///< innermost first
+};
 
 Result run(Arguments& a, Progress& progress) {
     const StoreReader store(a.store);
@@ -90,29 +154,25 @@ Result run(Arguments& a, Progress& progress) {
         a.study.fields = store.layout().header().fields;
     }
     const std::filesystem::path folder = a.folder;
-    std::error_code error;
-    std::filesystem::create_directories(folder, error);
-    if (error) {
-        throw Error(ErrorKind::io,
-                    fmt::format("{}: cannot make this folder: {}", a.folder, error.message()));
-    }
-    const Study s = study(store, a.study, progress);
+    const Folder made(folder);
     const bool iso = a.study.iso.has_value();
-    write_csv(folder / "study.csv", s, iso);
-    const auto threshold = [](const StudyRow& r) { return r.threshold; };
-    for (const Column& column : kColumns) {
-        plot(folder, s, column, "", "threshold, of the largest", threshold);
-    }
-    for (std::size_t i = 2; i < 5; ++i) {
-        plot(folder, s, kColumns.at(i), "_by_leaves", "elements k",
-             [](const StudyRow& r) { return static_cast<double>(r.leaves); });
-    }
-    for (const Column& column : kIsoColumns) {
-        if (iso) {
-            plot(folder, s, column, "", "threshold, of the largest", threshold);
+    const std::vector<PlotFile> plots = plots_of(iso);
+    std::vector<std::filesystem::path> outputs{folder / kTable};
+    for (const PlotFile& plot : plots) {
+        for (const std::string& name : names_of(plot)) {
+            outputs.push_back(folder / name);
         }
     }
+    for (const std::filesystem::path& output : outputs) {
+        check_output(output, true, {store.path()});
+    }
+    const Study s = study(store, a.study, progress);
+    write_csv(folder / kTable, s, iso);
+    for (const PlotFile& plot : plots) {
+        draw(folder, s, plot);
+    }
     Result result;
+    result.warning = leftovers_of(outputs);
     Json rows = Json::array();
     for (const StudyRow& r : s.rows) {
         rows.push_back({{"field", name_of(r.field)},

@@ -13,8 +13,9 @@ namespace {
 std::atomic<int> signals{0};
 static_assert(std::atomic<int>::is_always_lock_free);
 
-extern "C" void on_signal(int /*signal*/) {
-    if (signals.fetch_add(1) > 0) {
+extern "C" void on_signal(int signal) {
+    // A terminal that is closed hangs up twice, once itself and once through its shell.
+    if (signals.fetch_add(1) > 0 && signal != SIGHUP) {
         ::_exit(static_cast<int>(ErrorKind::cancelled));
     }
 }
@@ -37,10 +38,21 @@ void watch_signals() {
     sigemptyset(&action.sa_mask);
     ::sigaction(SIGINT, &action, nullptr);
     ::sigaction(SIGTERM, &action, nullptr);
+    ::sigaction(SIGXCPU, &action, nullptr);
+    struct sigaction before {};
+    ::sigaction(SIGHUP, nullptr, &before);
+    if (before.sa_handler != SIG_IGN) {  // else nohup asked for that
+        ::sigaction(SIGHUP, &action, nullptr);
+    }
     action.sa_handler = SIG_IGN;
     ::sigaction(SIGXFSZ, &action, nullptr);
+    ::sigaction(SIGPIPE, &action, nullptr);
     action.sa_handler = &on_bus_error;
     ::sigaction(SIGBUS, &action, nullptr);
+}
+
+void let_a_closed_pipe_end_the_program() {
+    ::signal(SIGPIPE, SIG_DFL);
 }
 
 bool interrupted() {

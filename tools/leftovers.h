@@ -3,11 +3,14 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 namespace isonest::cli {
 
 /// Names the temporary files of `output` whose run is over, and how to remove them; empty if there
 /// are none. Deletes nothing.
 std::string leftovers_of(const std::filesystem::path& output);
+/// The same for several outputs.
+std::string leftovers_of(const std::vector<std::filesystem::path>& outputs);
 
 }  // namespace isonest::cli

@@ -105,7 +105,9 @@ void declare(CLI::App& app, Invocation& chosen) {
         "`isonest COMMAND --help` explains a command and ends with examples.\n\n"
         "Exit codes: 0 done, 1 internal error, 2 the request makes no sense, 3 not found,\n"
         "4 corrupt data, 5 unsupported, 6 input/output failed, 7 a limit or the memory is too\n"
-        "small, 130 interrupted. No output file is left behind unless it is whole.");
+        "small, 130 interrupted. No output file is left behind unless it is whole.\n"
+        "What an output may replace: a regular file that the command does not read (--force where\n"
+        "there is one); its permissions stay. Links, devices, FIFOs and sockets are refused.");
     add_preprocess(app, chosen);
     add_extract(app, chosen);
     add_slice(app, chosen);
@@ -122,6 +124,7 @@ int run(const Invocation& chosen) {
         TerminalProgress progress(can_draw() && !chosen.quiet && !chosen.json);
         return chosen.run(progress);
     }();
+    let_a_closed_pipe_end_the_program();
     if (!result.warning.empty()) {
         std::fputs(fmt::format("isonest: warning: {}\n", result.warning).c_str(), stderr);
         result.json["warning"] = result.warning;

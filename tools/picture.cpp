@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "store/error.h"
-#include "store/output_file.h"
 #include "tools/osmesa.h"
 #include "tools/png_writer.h"
 
@@ -296,7 +295,6 @@ PictureReport draw_picture(const PlyMesh& mesh, const std::filesystem::path& png
         throw Error(ErrorKind::invalid_argument,
                     "view: give the direction from the mesh toward the eye, not zero");
     }
-    check_output(png, true);
 
     Camera camera(o.view);
     PictureReport report;

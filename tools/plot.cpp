@@ -160,6 +160,12 @@ void draw(Drawing& d, const Plot& plot) {
     }
 }
 
+/// Cairo's output, into a std::string.
+cairo_status_t append(void* bytes, const unsigned char* data, unsigned length) {
+    static_cast<std::string*>(bytes)->append(reinterpret_cast<const char*>(data), length);
+    return CAIRO_STATUS_SUCCESS;
+}
+
 }  // namespace
 
 void draw_plot(const std::filesystem::path& path, const Plot& plot) {
@@ -168,24 +174,25 @@ void draw_plot(const std::filesystem::path& path, const Plot& plot) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("{}: a plot's name must end with .svg or .png", path.string()));
     }
-    OutputFile file(path, true, [&](const std::filesystem::path& temporary) {
-        bool good = false;
-        if (end == ".svg") {
-            Drawing d(cairo_svg_surface_create(temporary.c_str(), kWidth, kHeight));
-            draw(d, plot);
-            cairo_surface_finish(d.surface());
-            good = d.good() && cairo_surface_status(d.surface()) == CAIRO_STATUS_SUCCESS;
-        } else {
-            Drawing d(cairo_image_surface_create(CAIRO_FORMAT_RGB24, static_cast<int>(kWidth),
-                                                 static_cast<int>(kHeight)));
-            draw(d, plot);
-            good = d.good() && cairo_surface_write_to_png(d.surface(), temporary.c_str()) ==
-                                   CAIRO_STATUS_SUCCESS;
-        }
-        if (!good) {
-            throw Error(ErrorKind::io, fmt::format("{}: cannot draw the plot", path.string()));
-        }
-    });
+    std::string bytes;
+    bool good = false;
+    if (end == ".svg") {
+        Drawing d(cairo_svg_surface_create_for_stream(&append, &bytes, kWidth, kHeight));
+        draw(d, plot);
+        cairo_surface_finish(d.surface());
+        good = d.good() && cairo_surface_status(d.surface()) == CAIRO_STATUS_SUCCESS;
+    } else {
+        Drawing d(cairo_image_surface_create(CAIRO_FORMAT_RGB24, static_cast<int>(kWidth),
+                                             static_cast<int>(kHeight)));
+        draw(d, plot);
+        good = d.good() && cairo_surface_write_to_png_stream(d.surface(), &append, &bytes) ==
+                               CAIRO_STATUS_SUCCESS;
+    }
+    if (!good) {
+        throw Error(ErrorKind::io, fmt::format("{}: cannot draw the plot", path.string()));
+    }
+    OutputFile file(path, true);
+    file.write_at(0, std::as_bytes(std::span(bytes)));
     file.publish_as_named();
 }
 

@@ -3,9 +3,6 @@
 #include <fmt/format.h>
 #include <strings.h>
 
-#include <cerrno>
-#include <cstdio>
-#include <cstring>
 #include <memory>
 #include <vector>
 
@@ -45,28 +42,14 @@ bool is_png(const std::filesystem::path& path) {
 
 void write_png(const std::filesystem::path& path, int width, int height,
                std::span<const std::uint8_t> rgb) {
-    check_output(path, true);
     std::vector<std::uint8_t> bytes;
     if (stbi_write_png_to_func(&append, &bytes, width, height, 3, rgb.data(), 3 * width) == 0) {
         throw Error(ErrorKind::limit,
                     fmt::format("{}: cannot encode {} x {} pixels", path.string(), width, height));
     }
-    const std::filesystem::path temporary = temporary_name(path);
-    try {
-        std::FILE* const file = std::fopen(temporary.c_str(), "wb");
-        const bool written =
-            file != nullptr && std::fwrite(bytes.data(), 1, bytes.size(), file) == bytes.size();
-        const bool closed = file != nullptr && std::fclose(file) == 0;
-        if (!written || !closed) {
-            throw Error(ErrorKind::io,
-                        fmt::format("{}: cannot write: {}", path.string(), std::strerror(errno)));
-        }
-        publish(temporary, path, true);
-    } catch (...) {
-        std::error_code ignored;
-        std::filesystem::remove(temporary, ignored);
-        throw;
-    }
+    OutputFile file(path, true);
+    file.write_at(0, std::as_bytes(std::span(bytes)));
+    file.publish_as_named();
 }
 
 }  // namespace isonest::cli
