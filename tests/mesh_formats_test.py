@@ -12,7 +12,7 @@ import tempfile
 import h5py
 import numpy as np
 from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkIOGeometry import vtkOBJReader, vtkSTLReader
+from vtkmodules.vtkIOGeometry import vtkGLTFReader, vtkOBJReader, vtkSTLReader
 from vtkmodules.vtkIOPLY import vtkPLYReader
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
@@ -130,6 +130,15 @@ with tempfile.TemporaryDirectory() as name:
         assert r["triangles"] == 0 and (folder / f"e.{end}").stat().st_size > 0
     assert vtk_mesh(vtkXMLPolyDataReader(), folder / "e.vtp")[2].GetNumberOfPolys() == 0
     assert glb(folder / "e.glb") is None
+    refusals = []
+    for end, whole in (("e.glb", False), ("m.glb", True)):
+        reader = vtkGLTFReader()
+        for what in ("ErrorEvent", "WarningEvent"):
+            reader.AddObserver(what, lambda *_: refusals.append(end))
+        reader.SetFileName(str(folder / end))
+        reader.Update()
+        assert (reader.GetOutput().GetNumberOfPoints() > 0) == whole, end
+    assert refusals == [], refusals
     assert (folder / "e.stl").stat().st_size == 84
 
     # A slice's values, and lines.

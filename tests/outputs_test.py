@@ -231,9 +231,9 @@ class Outputs(unittest.TestCase):
         volume = self.folder / "n.h5"
         command = [ISONEST, "make-volume", "noise", "--size", "150", "-o", volume, "--force"]
         for name in ("n.h5", "n.raw"):
-            command[5] = self.folder / name
-            command[5].write_text("old")
-            command[5].chmod(0o600)
+            command[6] = self.folder / name
+            command[6].write_text("old")
+            command[6].chmod(0o600)
             process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
             modes = set()
             while process.poll() is None:
@@ -296,7 +296,7 @@ class Stopped(unittest.TestCase):
                 whole = output.read_bytes()
                 codes = []
                 for _ in range(max(2, STOPS // 10)):
-                    shutil.rmtree(folder)
+                    shutil.rmtree(folder, ignore_errors=True)
                     if not case.folder:
                         folder.mkdir()
                     process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
@@ -455,4 +455,4 @@ class Stopped(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])

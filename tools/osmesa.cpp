@@ -3,7 +3,10 @@
 #include <dlfcn.h>
 #include <fmt/format.h>
 
+#include <cstdlib>
+
 #include "store/error.h"
+#include "store/workers.h"
 
 namespace isonest {
 namespace {
@@ -17,7 +20,18 @@ void find(void* library, const char* name, Function& function) {
     }
 }
 
+/// Mesa waits for ever for drawing threads that the system did not let it start.
+void draw_without_threads_where_they_are_refused() {
+    constexpr int kBesideThem = 4;
+    try {
+        require_threads(Workers::count_of(0) + kBesideThem);
+    } catch (const Error&) {
+        ::setenv("LP_NUM_THREADS", "0", 1);
+    }
+}
+
 OsMesa load() {
+    draw_without_threads_where_they_are_refused();
     void* const library = ::dlopen("libOSMesa.so.8", RTLD_NOW | RTLD_LOCAL);
     if (library == nullptr) {
         throw Error(ErrorKind::unsupported,
