@@ -4,9 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <set>
-#include <tuple>
 
 #include "store/error.h"
 #include "store/handles.h"
@@ -14,7 +12,10 @@
 namespace isonest {
 namespace {
 
-constexpr std::size_t kMostListed = 1000;
+/// How many datasets are looked at: some seconds of work.
+constexpr std::size_t kMostSeen = 200000;
+/// How many a message names.
+constexpr std::size_t kMostListed = 40;
 
 struct Candidate {
     std::string path;
@@ -22,24 +23,64 @@ struct Candidate {
     std::size_t axes = 0;  ///< 0: not a volume
 };
 
+/// What a file has: those with the most axes, and the first of the others.
 struct Listing {
-    std::vector<Candidate> found;
+    std::vector<Candidate> best;
+    std::vector<Candidate> others;
+    std::size_t count = 0;
+    std::size_t count_best = 0;  ///< some of them may not be in `best`
+    bool whole = true;
     std::set<haddr_t> seen;
+
+    [[nodiscard]] std::size_t axes() const { return best.empty() ? 0 : best.front().axes; }
+
+    void add(Candidate c) {
+        ++count;
+        if (c.axes > axes()) {
+            for (Candidate& old : best) {
+                keep(others, std::move(old));
+            }
+            best.clear();
+            count_best = 0;
+        }
+        const bool is_best = c.axes > 0 && (best.empty() || c.axes == axes());
+        count_best += is_best ? 1 : 0;
+        keep(is_best ? best : others, std::move(c));
+    }
 
     [[nodiscard]] std::string text() const {
         std::string text;
-        for (const Candidate& c : found) {
-            text += "\n  " + c.description;
+        std::size_t left = kMostListed;
+        for (const std::vector<Candidate>* list : {&best, &others}) {
+            for (const Candidate& c : *list) {
+                if (left > 0) {
+                    text += "\n  " + c.description;
+                    --left;
+                }
+            }
+        }
+        if (count > kMostListed) {
+            text += fmt::format("\n  and {} more", count - kMostListed);
         }
         return text.empty() ? " none" : text;
+    }
+
+  private:
+    static void keep(std::vector<Candidate>& list, Candidate c) {
+        if (list.size() < kMostListed) {
+            list.push_back(std::move(c));
+        }
     }
 };
 
 herr_t list_dataset(hid_t file, const char* name, const H5O_info_t* info, void* data) {
     auto& listing = *static_cast<Listing*>(data);
-    if (info->type != H5O_TYPE_DATASET || listing.found.size() >= kMostListed ||
-        !listing.seen.insert(info->addr).second) {
+    if (info->type != H5O_TYPE_DATASET || !listing.seen.insert(info->addr).second) {
         return 0;
+    }
+    if (listing.count >= kMostSeen) {
+        listing.whole = false;
+        return 1;
     }
     Candidate c;
     c.path = std::string("/") + name;
@@ -53,7 +94,7 @@ herr_t list_dataset(hid_t file, const char* name, const H5O_info_t* info, void* 
     } else {
         c.description = c.path + ": HDF5 cannot open it";
     }
-    listing.found.push_back(std::move(c));
+    listing.add(std::move(c));
     return 0;
 }
 
@@ -64,113 +105,6 @@ Listing list_datasets(hid_t file, const std::filesystem::path& path) {
                                                     path.string(), hdf5_message()));
     }
     return listing;
-}
-
-/// Where HDF5 looks for the file of a virtual dataset's source.
-std::vector<std::filesystem::path> places_of(const std::filesystem::path& source,
-                                             const std::filesystem::path& file) {
-    std::vector<std::filesystem::path> places{source, file.parent_path() / source};
-    if (source.is_absolute()) {
-        places.push_back(file.parent_path() / source.filename());
-    }
-    if (const char* const prefix = std::getenv("HDF5_VDS_PREFIX")) {
-        places.push_back(std::filesystem::path(prefix) / source);
-    }
-    return places;
-}
-
-/// What HDF5 gives in a buffer of the caller's: get(null, 0) is its length.
-template <class Get>
-std::string text_from(const Get& get) {
-    const ssize_t length = get(nullptr, 0);
-    std::string text(static_cast<std::size_t>(std::max<ssize_t>(length, 0)), '\0');
-    get(text.data(), text.size() + 1);
-    return text;
-}
-
-/// Where HDF5 looks for the external storage of a dataset of `file`.
-std::filesystem::path place_of_external(const std::filesystem::path& name,
-                                        const std::filesystem::path& file) {
-    const char* const prefix = std::getenv("HDF5_EXTFILE_PREFIX");
-    if (prefix == nullptr) {
-        return name;
-    }
-    constexpr std::string_view kOrigin = "${ORIGIN}";
-    const std::string_view folder = prefix;
-    return folder.starts_with(kOrigin) ? std::filesystem::absolute(file).parent_path().concat(
-                                             folder.substr(kOrigin.size())) /
-                                             name
-                                       : std::filesystem::path(folder) / name;
-}
-
-std::vector<std::filesystem::path> external_files(hid_t creation, const std::filesystem::path& file,
-                                                  const std::string& dataset) {
-    std::vector<std::filesystem::path> files;
-    for (int i = 0; i < H5Pget_external_count(creation); ++i) {
-        constexpr std::size_t kLongest = 4096;
-        std::string name(kLongest, '\0');
-        off_t offset = 0;
-        hsize_t size = 0;
-        H5Pget_external(creation, static_cast<unsigned>(i), kLongest - 1, name.data(), &offset,
-                        &size);
-        files.push_back(place_of_external(name.c_str(), file));
-        if (!std::filesystem::exists(files.back())) {
-            throw Error(ErrorKind::not_found,
-                        fmt::format("{}: its values are in another file, {}, which is not there",
-                                    dataset, files.back().string()));
-        }
-    }
-    return files;
-}
-
-/// What a virtual dataset takes from where: its file, the source's file as it says, the dataset.
-using Mappings = std::set<std::tuple<std::filesystem::path, std::string, std::string>>;
-
-/// Sources may be virtual themselves. `seen`: those that were followed.
-void add_other_files(hid_t dataset, const std::filesystem::path& path, const std::string& name,
-                     Mappings& seen, std::vector<std::filesystem::path>& files) {
-    const PropertyHandle creation(H5Dget_create_plist(dataset));
-    for (std::filesystem::path& file : external_files(creation.get(), path, name)) {
-        files.push_back(std::move(file));
-    }
-    std::size_t count = 0;
-    if (H5Pget_layout(creation.get()) != H5D_VIRTUAL ||
-        H5Pget_virtual_count(creation.get(), &count) < 0) {
-        return;
-    }
-    for (std::size_t i = 0; i < count; ++i) {
-        const std::string file = text_from([&](char* out, std::size_t size) {
-            return H5Pget_virtual_filename(creation.get(), i, out, size);
-        });
-        const std::string source = text_from([&](char* out, std::size_t size) {
-            return H5Pget_virtual_dsetname(creation.get(), i, out, size);
-        });
-        const bool pattern =
-            file.find('%') != std::string::npos || source.find('%') != std::string::npos;
-        if (pattern || !seen.emplace(path, file, source).second) {
-            continue;
-        }
-        FileHandle opened;
-        DatasetHandle found;
-        for (const std::filesystem::path& place :
-             file == "." ? std::vector<std::filesystem::path>{path} : places_of(file, path)) {
-            opened = open_hdf5(place);
-            found = DatasetHandle(
-                opened.valid() ? H5Dopen2(opened.get(), source.c_str(), H5P_DEFAULT) : -1);
-            if (found.valid()) {
-                files.push_back(std::filesystem::canonical(place));
-                break;
-            }
-        }
-        if (!found.valid()) {
-            throw Error(ErrorKind::not_found,
-                        fmt::format("{} is a virtual dataset, and of its sources {}:{} cannot be "
-                                    "read; HDF5 would give the fill value in its place",
-                                    name, file, source));
-        }
-        const std::filesystem::path place = files.back();
-        add_other_files(found.get(), place, place.string() + ":" + source, seen, files);
-    }
 }
 
 }  // namespace
@@ -248,40 +182,27 @@ DatasetShape shape_of(hid_t dataset) {
     return shape;
 }
 
-std::string choose_dataset(hid_t file, const std::filesystem::path& path,
-                           const std::string& wanted) {
-    if (!wanted.empty()) {
-        const DatasetHandle dataset(H5Dopen2(file, wanted.c_str(), H5P_DEFAULT));
-        if (!dataset.valid()) {
-            throw Error(ErrorKind::not_found,
-                        fmt::format("{}: there is no dataset {}; the file has:{}", path.string(),
-                                    wanted, list_datasets(file, path).text()));
-        }
-        return wanted;
-    }
+std::string choose_dataset(hid_t file, const std::filesystem::path& path) {
     const Listing listing = list_datasets(file, path);
-    std::size_t most = 0;
-    for (const Candidate& c : listing.found) {
-        most = std::max(most, c.axes);
+    if (!listing.whole) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{}: has more than {} datasets, choose one with --dataset; among "
+                                "them are:{}",
+                                path.string(), kMostSeen, listing.text()));
     }
-    const auto fits = [&](const Candidate& c) { return most > 0 && c.axes == most; };
-    const auto count = std::count_if(listing.found.begin(), listing.found.end(), fits);
-    if (count != 1) {
-        throw Error(count == 0 ? ErrorKind::not_found : ErrorKind::invalid_argument,
-                    fmt::format("{}: {}; the file has:{}", path.string(),
-                                count == 0 ? "no dataset that is a volume"
-                                           : "several volumes, choose one with --dataset",
-                                listing.text()));
+    if (listing.count_best != 1) {
+        throw Error(
+            listing.count_best == 0 ? ErrorKind::not_found : ErrorKind::invalid_argument,
+            fmt::format("{}: {}; the file has:{}", path.string(),
+                        listing.count_best == 0 ? "no dataset that is a volume"
+                                                : "several volumes, choose one with --dataset",
+                        listing.text()));
     }
-    return std::find_if(listing.found.begin(), listing.found.end(), fits)->path;
+    return listing.best.front().path;
 }
 
-std::vector<std::filesystem::path> other_files_of(hid_t dataset, const std::filesystem::path& path,
-                                                  const std::string& name) {
-    Mappings seen;
-    std::vector<std::filesystem::path> files;
-    add_other_files(dataset, path, name, seen, files);
-    return files;
+std::string list_of_datasets(hid_t file, const std::filesystem::path& path) {
+    return list_datasets(file, path).text();
 }
 
 }  // namespace isonest

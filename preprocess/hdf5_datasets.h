@@ -30,16 +30,11 @@ struct DatasetShape {
 };
 DatasetShape shape_of(hid_t dataset);
 
-/// The path of the dataset to read: `wanted`, or else the only one of those with the most axes.
+/// The path of the dataset to read where none is named: the only one of those with the most axes.
 /// Throws Error{not_found, invalid_argument, corrupt}, listing what the file has.
-std::string choose_dataset(hid_t file, const std::filesystem::path& path,
-                           const std::string& wanted);
+std::string choose_dataset(hid_t file, const std::filesystem::path& path);
 
-/// The other files that hold a dataset's values: sources of a virtual one, external storage. HDF5
-/// reads what a virtual dataset takes from a file or dataset that is not there as the fill value:
-/// throws Error{not_found} naming the first such source, or storage. Those whose names are patterns
-/// ("part-%b.h5") are not looked at.
-std::vector<std::filesystem::path> other_files_of(hid_t dataset, const std::filesystem::path& path,
-                                                  const std::string& name);
+/// What the file has, a line each, for messages. Throws Error{corrupt}.
+std::string list_of_datasets(hid_t file, const std::filesystem::path& path);
 
 }  // namespace isonest

@@ -4,10 +4,14 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
+#include <cstring>
+#include <fstream>
 #include <vector>
 
 #include "preprocess/hdf5_chunks.h"
 #include "preprocess/hdf5_datasets.h"
+#include "preprocess/hdf5_files.h"
 #include "store/error.h"
 #include "store/handles.h"
 #include "store/hdf5_types.h"
@@ -18,19 +22,64 @@
 namespace isonest {
 namespace {
 
+constexpr std::array<char, 8> kSignature{'\x89', 'H', 'D', 'F', '\r', '\n', '\x1a', '\n'};
+
+/// Where HDF5 begins in a file, behind a user block of 0 or 512 2^k bytes.
+std::optional<std::uint64_t> start_of_hdf5(const std::filesystem::path& path) {
+    std::ifstream in(path, std::ios::binary);
+    constexpr std::uint64_t kLeast = 512;
+    std::array<char, kSignature.size()> found{};
+    for (std::uint64_t at = 0; in.seekg(static_cast<std::streamoff>(at)) &&
+                               in.read(found.data(), static_cast<std::streamsize>(found.size()));
+         at = at == 0 ? kLeast : 2 * at) {
+        if (found == kSignature) {
+            return at;
+        }
+    }
+    return std::nullopt;
+}
+
+/// Whether the file says that a program has it open for writing, or died having it.
+bool is_being_written(const std::filesystem::path& path) {
+    constexpr std::uint64_t kVersion = 8;
+    constexpr std::uint64_t kFlags = 11;
+    constexpr int kWriting = 1 | 4;
+    const auto start = start_of_hdf5(path);
+    std::ifstream in(path, std::ios::binary);
+    std::array<char, kFlags + 1> bytes{};
+    return start && in.seekg(static_cast<std::streamoff>(*start)) &&
+           in.read(bytes.data(), static_cast<std::streamsize>(bytes.size())) &&
+           bytes[kVersion] == 3 && (bytes[kFlags] & kWriting) != 0;
+}
+
 class Hdf5Source : public VolumeSource {
   public:
     Hdf5Source(const std::filesystem::path& path, const SourceOptions& options) {
         const QuietHdf5 quiet;
         register_zstd_filter();
         file_ = open_hdf5(path);
+        if (!file_.valid() && is_being_written(path)) {
+            throw Error(ErrorKind::io,
+                        path.string() +
+                            ": another program writes it, or died before it closed it; wait until "
+                            "it is closed, or if nothing writes it, run h5clear -s");
+        }
         if (!file_.valid()) {
             throw Error(ErrorKind::corrupt,
                         fmt::format("{}: HDF5 cannot open it: {}", path.string(), hdf5_message()));
         }
-        dataset_name_ = choose_dataset(file_.get(), path, options.dataset);
-        dataset_ = DatasetHandle(H5Dopen2(file_.get(), dataset_name_.c_str(), H5P_DEFAULT));
+        files_ = {path};
+        dataset_name_ =
+            options.dataset.empty() ? choose_dataset(file_.get(), path) : options.dataset;
         name_ = path.string() + ":" + dataset_name_;
+        std::string reason;
+        dataset_ = open_dataset(file_.get(), dataset_name_, access_.get(), files_, &reason);
+        if (!dataset_.valid()) {
+            throw Error(
+                ErrorKind::not_found,
+                fmt::format("{}: there is no dataset {} ({}); the file has:{}", path.string(),
+                            dataset_name_, reason, list_of_datasets(file_.get(), path)));
+        }
         shape_ = shape_of(dataset_.get());
         const auto type = value_type_of(dataset_.get());
         if (!type || shape_.axes.empty()) {
@@ -50,12 +99,12 @@ class Hdf5Source : public VolumeSource {
                                     shape_.text(), kMaxNodesPerAxis));
         }
         nodes_ = shape_.along_axes(shape_.dims);
-        files_ = other_files_of(dataset_.get(), path, name_);
-        files_.insert(files_.begin(), path);
-        set_chunks(path, options);
+        add_files_of(dataset_.get(), name_, files_);
+        unwritten_is_undefined_ = is_unwritten_undefined();
+        set_chunks(options);
         read_place("spacing", spacing_);
         read_place("origin", origin_);
-        map_contiguous(path);
+        map_contiguous();
     }
 
     [[nodiscard]] Int3 nodes() const override { return nodes_; }
@@ -75,7 +124,16 @@ class Hdf5Source : public VolumeSource {
             chunks_->read(z0, nz, y0, ny, dst);
             return;
         }
+        read_by_hdf5(z0, nz, y0, ny, dst);
+    }
+
+  private:
+    void read_by_hdf5(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+                      std::byte* dst) {
         const QuietHdf5 quiet;
+        if (unwritten_is_undefined_) {
+            std::memset(dst, 0, static_cast<std::size_t>(nz * ny * nodes_.x) * size_of(type_));
+        }
         const std::vector<hsize_t> start = shape_.along_dims({0, y0, z0}, 0);
         const std::vector<hsize_t> count = shape_.along_dims({nodes_.x, ny, nz}, 1);
         const SpaceHandle from(H5Dget_space(dataset_.get()));
@@ -98,7 +156,6 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-  private:
     static H5T_conv_ret_t stop_if_lossy(H5T_conv_except_t kind, hid_t /*from*/, hid_t /*to*/,
                                         void* /*in*/, void* /*out*/, void* lossy) {
         if (kind != H5T_CONV_EXCEPT_PRECISION && kind != H5T_CONV_EXCEPT_RANGE_HI &&
@@ -141,8 +198,18 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
+    /// Whether HDF5 leaves memory as it is where nothing was written.
+    [[nodiscard]] bool is_unwritten_undefined() const {
+        const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
+        H5D_fill_value_t fill = H5D_FILL_VALUE_UNDEFINED;
+        H5D_fill_time_t time = H5D_FILL_TIME_NEVER;
+        return H5Pfill_value_defined(creation.get(), &fill) < 0 ||
+               H5Pget_fill_time(creation.get(), &time) < 0 || fill == H5D_FILL_VALUE_UNDEFINED ||
+               time == H5D_FILL_TIME_NEVER;
+    }
+
     /// Whole rows of chunks are read at a time, so HDF5's chunk cache only has to hold one chunk.
-    void set_chunks(const std::filesystem::path& path, const SourceOptions& options) {
+    void set_chunks(const SourceOptions& options) {
         const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
         if (H5Pget_layout(creation.get()) != H5D_CHUNKED) {
             return;
@@ -167,20 +234,40 @@ class Hdf5Source : public VolumeSource {
             heap_ += chunks_->heap();
             return;
         }
+        require_filters(creation.get());
         // The cached chunk, and the filters' input and output.
         heap_ += 3 * bytes;
-        const PropertyHandle access(H5Pcreate(H5P_DATASET_ACCESS));
-        H5Pset_chunk_cache(access.get(), 521, std::max<std::uint64_t>(bytes, 1U << 20U), 1.0);
+        H5Pset_chunk_cache(access_.get(), 521, std::max<std::uint64_t>(bytes, 1U << 20U), 1.0);
         dataset_.reset();
-        dataset_ = DatasetHandle(H5Dopen2(file_.get(), dataset_name_.c_str(), access.get()));
+        dataset_ = open_dataset(file_.get(), dataset_name_, access_.get(), files_);
         if (!dataset_.valid()) {
-            throw Error(ErrorKind::io,
-                        fmt::format("{}: cannot open: {}", path.string(), hdf5_message()));
+            throw Error(ErrorKind::io, fmt::format("{}: cannot open: {}", name_, hdf5_message()));
         }
     }
 
-    /// A dataset that lies in the file as read() would give it needs no copy.
-    void map_contiguous(const std::filesystem::path& path) {
+    void require_filters(hid_t creation) const {
+        for (int i = 0; i < H5Pget_nfilters(creation); ++i) {
+            unsigned flags = 0;
+            unsigned configuration = 0;
+            std::size_t numbers = 0;
+            std::array<char, 64> name{};
+            const H5Z_filter_t filter =
+                H5Pget_filter2(creation, static_cast<unsigned>(i), &flags, &numbers, nullptr,
+                               name.size() - 1, name.data(), &configuration);
+            if (H5Zfilter_avail(filter) <= 0) {
+                throw Error(
+                    ErrorKind::unsupported,
+                    fmt::format("{}: its chunks went through HDF5 filter {} ({}), which is not "
+                                "here; store it with another one (h5repack -f GZIP=1), or let "
+                                "HDF5_PLUGIN_PATH name the folder of that filter's plugin",
+                                name_, filter, name[0] == 0 ? "without a name" : name.data()));
+            }
+        }
+    }
+
+    /// A dataset that lies in its file as read() would give it needs no copy. The map is of the
+    /// very file that HDF5 reads, and used only if both show the same first and last row.
+    void map_contiguous() {
         const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
         const TypeHandle stored(H5Dget_type(dataset_.get()));
         const haddr_t offset = H5Dget_offset(dataset_.get());
@@ -189,17 +276,37 @@ class Hdf5Source : public VolumeSource {
             H5Tequal(stored.get(), memory_type_) <= 0 || offset % size_of(type_) != 0) {
             return;
         }
+        const FileHandle file(H5Iget_file_id(dataset_.get()));
+        const PropertyHandle access(H5Fget_access_plist(file.get()));
+        void* descriptor = nullptr;
+        if (H5Pget_driver(access.get()) != H5FD_SEC2 ||
+            H5Fget_vfd_handle(file.get(), H5P_DEFAULT, &descriptor) < 0) {
+            return;
+        }
         const auto bytes = static_cast<std::uint64_t>(nodes_.product()) * size_of(type_);
-        map_.emplace(path);
+        map_.emplace(*static_cast<const int*>(descriptor), file_of(dataset_.get()));
         if (map_->bytes().size() < bytes || map_->bytes().size() - bytes < offset) {
             throw Error(ErrorKind::corrupt,
                         fmt::format("{}: the file ends before the dataset does", name_));
         }
         mapped_ = map_->bytes().subspan(offset, bytes);
+        if (!shows_row(0, 0) || !shows_row(nodes_.z - 1, nodes_.y - 1)) {
+            mapped_ = {};
+            map_.reset();
+        }
+    }
+
+    bool shows_row(std::int64_t z, std::int64_t y) {
+        std::vector<std::byte> row(static_cast<std::size_t>(nodes_.x) * size_of(type_));
+        read_by_hdf5(z, 1, y, 1, row.data());
+        const auto at = static_cast<std::size_t>(z * nodes_.y + y) * row.size();
+        return std::equal(row.begin(), row.end(),
+                          mapped_.begin() + static_cast<std::ptrdiff_t>(at));
     }
 
     std::vector<std::filesystem::path> files_;
     FileHandle file_;
+    PropertyHandle access_{H5Pcreate(H5P_DATASET_ACCESS)};
     DatasetHandle dataset_;
     std::string dataset_name_;
     std::string name_;
@@ -209,6 +316,7 @@ class Hdf5Source : public VolumeSource {
     Double3 spacing_{1, 1, 1};
     Double3 origin_{0, 0, 0};
     Granularity granularity_;
+    bool unwritten_is_undefined_ = false;
     std::optional<Hdf5Chunks> chunks_;
     std::optional<MappedFile> map_;
     std::span<const std::byte> mapped_;
@@ -217,6 +325,10 @@ class Hdf5Source : public VolumeSource {
 };
 
 }  // namespace
+
+bool is_hdf5(const std::filesystem::path& path) {
+    return start_of_hdf5(path).has_value();
+}
 
 std::unique_ptr<VolumeSource> open_hdf5_volume(const std::filesystem::path& path,
                                                const SourceOptions& options) {

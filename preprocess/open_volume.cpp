@@ -1,8 +1,5 @@
 #include <fmt/format.h>
 
-#include <array>
-#include <cstring>
-
 #include "preprocess/hdf5_source.h"
 #include "preprocess/mirrored_source.h"
 #include "preprocess/missing_source.h"
@@ -81,12 +78,11 @@ std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
                                           const SourceOptions& options) {
     regular_file_size(path);
     const std::string magic = first_bytes(path, 8);
-    constexpr std::array<char, 8> kHdf5{'\x89', 'H', 'D', 'F', '\r', '\n', '\x1a', '\n'};
     std::unique_ptr<VolumeSource> source;
-    if (magic.size() == 8 && std::memcmp(magic.data(), kHdf5.data(), 8) == 0) {
-        source = open_hdf5_volume(path, options);
-    } else if (magic.starts_with("NRRD000")) {
+    if (magic.starts_with("NRRD000")) {
         source = open_nrrd(path, options);
+    } else if (is_hdf5(path)) {
+        source = open_hdf5_volume(path, options);
     } else {
         if (!options.dims || !options.type) {
             throw Error(ErrorKind::invalid_argument,

@@ -19,20 +19,33 @@ MappedFile::MappedFile(const std::filesystem::path& path) {
         throw Error(errno == ENOENT ? ErrorKind::not_found : ErrorKind::io,
                     fmt::format("{}: cannot open: {}", path.string(), std::strerror(errno)));
     }
+    try {
+        map(fd, path);
+    } catch (...) {
+        ::close(fd);
+        throw;
+    }
+    ::close(fd);
+}
+
+MappedFile::MappedFile(int file, const std::filesystem::path& path) {
+    map(file, path);
+}
+
+void MappedFile::map(int file, const std::filesystem::path& path) {
     struct stat status {};
     void* p = nullptr;
     int error = 0;
-    if (::fstat(fd, &status) != 0) {
+    if (::fstat(file, &status) != 0) {
         error = errno;
     } else if (!S_ISREG(status.st_mode)) {
-        ::close(fd);
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("{}: not a regular file", path.string()));
     } else if (status.st_size > 0) {
-        p = ::mmap(nullptr, static_cast<std::size_t>(status.st_size), PROT_READ, MAP_SHARED, fd, 0);
+        p = ::mmap(nullptr, static_cast<std::size_t>(status.st_size), PROT_READ, MAP_SHARED, file,
+                   0);
         error = p == MAP_FAILED ? errno : 0;
     }
-    ::close(fd);
     if (error != 0) {
         throw Error(ErrorKind::io,
                     fmt::format("{}: cannot map: {}", path.string(), std::strerror(error)));

@@ -13,6 +13,8 @@ class MappedFile {
   public:
     /// Throws Error{not_found, io}. An empty file maps to an empty span.
     explicit MappedFile(const std::filesystem::path& path);
+    /// A file that is open already, which stays open; `path` is for messages.
+    MappedFile(int file, const std::filesystem::path& path);
     MappedFile(const MappedFile&) = delete;
     MappedFile& operator=(const MappedFile&) = delete;
     ~MappedFile();
@@ -22,6 +24,8 @@ class MappedFile {
     void prefetch(std::uint64_t offset, std::uint64_t size) const;
 
   private:
+    void map(int file, const std::filesystem::path& path);
+
     std::span<const std::byte> bytes_;
 };
 
