@@ -192,8 +192,11 @@ std::span<const std::byte> Hdf5Chunks::decode(const Int3& chunk, Buffers& buffer
         shape_.along_dims({chunk.x * chunk_.x, chunk.y * chunk_.y, chunk.z * chunk_.z}, 0);
     hsize_t size = 0;
     std::uint32_t skipped = 0;
-    // H5Dget_chunk_info_by_coord() would walk over all chunks at each call.
-    if (H5Dget_chunk_storage_size(dataset_, at.data(), &size) < 0) {
+    // Walks over all chunks at each call: only where the quick question fails, as it does for
+    // chunks that were never written.
+    haddr_t address = HADDR_UNDEF;
+    if (H5Dget_chunk_storage_size(dataset_, at.data(), &size) < 0 &&
+        H5Dget_chunk_info_by_coord(dataset_, at.data(), &skipped, &address, &size) < 0) {
         throw Error(ErrorKind::io, place(chunk) + " cannot be found: " + hdf5_message());
     }
     if (size == 0) {

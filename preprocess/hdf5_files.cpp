@@ -167,10 +167,30 @@ class FileSearch {
         if (has_block(file) || has_block(source)) {
             const SpaceHandle to(H5Pget_virtual_vspace(creation, i));
             blocks = blocks_of(to.get(), dataset);
+            require_end(file, blocks, home, name);
         }
         for (hsize_t block = 0; block < blocks; ++block) {
             add_source(with_block(file, block), with_block(source, block), taken.get(), dataset,
                        home, name);
+        }
+    }
+
+    /// HDF5 leaves out what is behind the first file of a pattern that is not there.
+    static void require_end(const std::string& pattern, hsize_t end, const fs::path& home,
+                            const std::string& name) {
+        constexpr hsize_t kLookedAt = 16;
+        for (hsize_t block = end + 1; has_block(pattern) && block < end + kLookedAt; ++block) {
+            const std::string later = with_block(pattern, block);
+            for (const fs::path& place : places_of(later, home, "HDF5_VDS_PREFIX")) {
+                std::error_code ignored;
+                if (fs::exists(place, ignored)) {
+                    throw Error(
+                        ErrorKind::not_found,
+                        fmt::format("{} is a virtual dataset, and of its sources {} cannot be "
+                                    "read; HDF5 would leave out all behind it, though {} is there",
+                                    name, with_block(pattern, end), place.string()));
+                }
+            }
         }
     }
 
