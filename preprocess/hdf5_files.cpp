@@ -234,9 +234,9 @@ class FileSearch {
                 }
             }
         }
-        const DatasetHandle found = opened.valid()
-                                        ? open_dataset(opened.get(), path, H5P_DEFAULT, files_)
-                                        : DatasetHandle();
+        const PropertyHandle access(H5Pcreate(H5P_DATASET_ACCESS));
+        const DatasetHandle found =
+            opened.valid() ? open_dataset(opened.get(), path, access, files_) : DatasetHandle();
         if (!found.valid()) {
             throw Error(ErrorKind::not_found,
                         fmt::format(kVirtual, name, file, path,
@@ -328,7 +328,7 @@ std::vector<fs::path> places_of(const fs::path& name, const fs::path& file, cons
     return places;
 }
 
-DatasetHandle open_dataset(hid_t file, const std::string& path, hid_t access,
+DatasetHandle open_dataset(hid_t file, const std::string& path, const PropertyHandle& access,
                            std::vector<fs::path>& files, std::string* reason) {
     // HDF5 keeps copies of a dataset's access properties, and the sources of a virtual dataset are
     // opened with them when they are read: links are noted by an opening of their own.
@@ -337,18 +337,20 @@ DatasetHandle open_dataset(hid_t file, const std::string& path, hid_t access,
     const PropertyHandle file_access(H5Pcreate(H5P_FILE_ACCESS));
     H5Pset_file_locking(file_access.get(), false, true);
     H5Pset_elink_fapl(noting.get(), file_access.get());
+    H5Pset_elink_fapl(access.get(), file_access.get());
     H5Pset_elink_cb(noting.get(), &note_link, &links);
     const ObjectHandle object(H5Oopen(file, path.c_str(), noting.get()));
     if (links.fault) {
         throw Error(*links.fault);
     }
     DatasetHandle dataset;
-    if (object.valid()) {
-        dataset = DatasetHandle(H5Dopen2(file, path.c_str(), access));
+    std::string message = object.valid() ? "it is not a dataset" : hdf5_message();
+    if (object.valid() && H5Iget_type(object.get()) == H5I_DATASET) {
+        dataset = DatasetHandle(H5Dopen2(file, path.c_str(), access.get()));
+        message = hdf5_message();
     }
-    if (!dataset.valid() && reason != nullptr) {
-        *reason = object.valid() && H5Iget_type(object.get()) != H5I_DATASET ? "it is not a dataset"
-                                                                             : hdf5_message();
+    if (reason != nullptr) {
+        *reason = message;
     }
     return dataset;
 }

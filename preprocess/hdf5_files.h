@@ -20,7 +20,7 @@ std::vector<std::filesystem::path> places_of(const std::filesystem::path& name,
 /// Opens a dataset by its path, through links of all kinds, and adds the files whose external links
 /// were followed to `files`. Invalid if there is none; then `reason` says why. Throws
 /// Error{invalid_argument} if a link leads to what is not a regular file, which could hang.
-DatasetHandle open_dataset(hid_t file, const std::string& path, hid_t access,
+DatasetHandle open_dataset(hid_t file, const std::string& path, const PropertyHandle& access,
                            std::vector<std::filesystem::path>& files,
                            std::string* reason = nullptr);
 

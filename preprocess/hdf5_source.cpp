@@ -73,7 +73,7 @@ class Hdf5Source : public VolumeSource {
             options.dataset.empty() ? choose_dataset(file_.get(), path) : options.dataset;
         name_ = path.string() + ":" + dataset_name_;
         std::string reason;
-        dataset_ = open_dataset(file_.get(), dataset_name_, access_.get(), files_, &reason);
+        dataset_ = open_dataset(file_.get(), dataset_name_, access_, files_, &reason);
         if (!dataset_.valid()) {
             throw Error(
                 ErrorKind::not_found,
@@ -113,6 +113,9 @@ class Hdf5Source : public VolumeSource {
     [[nodiscard]] Double3 origin() const override { return origin_; }
     [[nodiscard]] std::string name() const override { return name_; }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
+    [[nodiscard]] std::string identity() const override {
+        return fmt::format("{}dataset {}\n", VolumeSource::identity(), dataset_name_);
+    }
     [[nodiscard]] Granularity granularity() const override { return granularity_; }
     [[nodiscard]] bool sequential() const override { return false; }
     [[nodiscard]] std::uint64_t heap() const override { return heap_; }
@@ -265,7 +268,7 @@ class Hdf5Source : public VolumeSource {
         heap_ += 3 * bytes;
         H5Pset_chunk_cache(access_.get(), 521, std::max<std::uint64_t>(bytes, 1U << 20U), 1.0);
         dataset_.reset();
-        dataset_ = open_dataset(file_.get(), dataset_name_, access_.get(), files_);
+        dataset_ = open_dataset(file_.get(), dataset_name_, access_, files_);
         if (!dataset_.valid()) {
             throw Error(ErrorKind::io, fmt::format("{}: cannot open: {}", name_, hdf5_message()));
         }

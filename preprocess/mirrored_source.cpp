@@ -28,6 +28,10 @@ class MirroredSource : public WrappedSource {
                                     inner_source().name()));
         }
     }
+    [[nodiscard]] std::string identity() const override {
+        return fmt::format("{}backward {} {} {}\n", inner_source().identity(), backward_[0],
+                           backward_[1], backward_[2]);
+    }
     [[nodiscard]] Granularity granularity() const override {
         // Of a stream's planes, what comes first may be needed last.
         return sequential() && backward_[1] ? Granularity{1, nodes().y}

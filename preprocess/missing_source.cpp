@@ -39,6 +39,9 @@ class MissingSource : public WrappedSource {
     [[nodiscard]] ValueType type() const override {
         return single_ ? ValueType::f32 : ValueType::f64;
     }
+    [[nodiscard]] std::string identity() const override {
+        return fmt::format("{}missing {}\n", inner_source().identity(), missing_);
+    }
     /// The inner values are read into the end of `dst` and widened from its start on.
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include "preprocess/file_identity.h"
 #include "preprocess/hdf5_source.h"
 #include "preprocess/mirrored_source.h"
 #include "preprocess/missing_source.h"
@@ -73,6 +74,10 @@ std::unique_ptr<VolumeSource> open_nrrd(const std::filesystem::path& path,
 }
 
 }  // namespace
+
+std::string VolumeSource::identity() const {
+    return identity_of(files());
+}
 
 std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
                                           const SourceOptions& options) {

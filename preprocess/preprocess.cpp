@@ -9,6 +9,7 @@
 #include "preprocess/cube_ranges.h"
 #include "preprocess/level_pass.h"
 #include "preprocess/resume.h"
+#include "preprocess/resumed_input.h"
 #include "store/error.h"
 #include "store/extent.h"
 #include "store/in_order.h"
@@ -191,14 +192,15 @@ std::string identity_of(const StoreHeader& h, const std::string& source) {
 /// Takes over what an interrupted run has done, if there is one. Then that run's files are gone,
 /// and `worth_keeping` says so.
 Checkpoint take_over(const std::filesystem::path& store, const std::string& identity,
-                     const Outputs& outputs, PreprocessReport& report, bool& worth_keeping,
-                     Progress& progress) {
+                     VolumeSource& source, const Outputs& outputs, PreprocessReport& report,
+                     bool& worth_keeping, Progress& progress) {
     worth_keeping = false;
     std::optional<InterruptedRun> before = InterruptedRun::find(store, identity);
     Checkpoint done;
     if (before) {
         done = before->replay(outputs.writer, outputs.centres, outputs.journal, progress);
         report.resumed_chunks = before->chunks();
+        require_same_values(source, outputs.writer, done);
         before->remove();
     }
     worth_keeping = true;
@@ -216,7 +218,7 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
     const int tokens = token_count(StoreLayout(header), options, workers.count(), source);
     StoreWriter writer(store, header, options.force);
     const StoreLayout& layout = writer.layout();
-    const std::string identity = identity_of(header, options.source_identity);
+    const std::string identity = identity_of(header, source.identity());
     RunJournal journal(writer.temporary(), identity);
     CentreStore centres(layout.lattice(), header.fields, centres_name(writer.temporary()));
     const Outputs outputs{writer, journal, centres};
@@ -229,7 +231,7 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
     const auto run = [&] {
         Checkpoint done;
         if (options.resume) {
-            done = take_over(store, identity, outputs, report, worth_keeping, progress);
+            done = take_over(store, identity, source, outputs, report, worth_keeping, progress);
         }
         const std::int64_t planes = 2 * layout.header().chunk + 8;
         PlaneWindow window(source, planes, rest, store.parent_path(), progress);

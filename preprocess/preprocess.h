@@ -18,11 +18,10 @@ struct PreprocessOptions {
     int compression = 1;  ///< zstd level, 1 to 19
     bool exact = false;   ///< indicators as binary32 instead of 16-bit codes rounded up
     bool force = false;   ///< replace an existing store
-    /// Go on from where an interrupted run for the same store stopped, if there is one; and if this
-    /// one is cancelled or fails, leave what it has done for the next.
+    /// Go on from where an interrupted run for the same store stopped, if there is one, which must
+    /// have had the same options and VolumeSource::identity(); and if this one is cancelled or
+    /// fails, leave what it has done for the next.
     bool resume = false;
-    /// What tells this input from another one, line by line; an interrupted run must have the same.
-    std::string source_identity;
     std::vector<Field> fields = default_indicators();
 };
 

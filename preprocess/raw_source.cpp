@@ -42,6 +42,10 @@ class RawBase : public VolumeSource {
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};
     }
+    [[nodiscard]] std::string identity() const override {
+        return fmt::format("{}offset {}\nbig endian {}\n", VolumeSource::identity(), layout_.offset,
+                           layout_.big_endian);
+    }
     [[nodiscard]] Granularity granularity() const override { return {}; }
 
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,

@@ -34,8 +34,13 @@ class VolumeSource {
     /// "file:dataset" or the like, for messages.
     [[nodiscard]] virtual std::string name() const = 0;
 
-    /// The files that it reads, none of which may be the output.
+    /// All files that it reads, also those that only say where others are, none of which may be the
+    /// output. The one that was opened comes first.
     [[nodiscard]] virtual std::vector<std::filesystem::path> files() const { return {}; }
+    /// What tells this input from another one, line by line, without reading it: the state of its
+    /// files, and how they are read. A run that goes on with what another one left needs the same.
+    /// Beside it come nodes(), type(), spacing() and origin().
+    [[nodiscard]] virtual std::string identity() const;
 
     /// Reading in multiples of this many planes (z) and rows (y), starting at multiples of it, is
     /// cheap; other reads may decode the same input chunk again. {1, 1} where it does not matter.

@@ -19,6 +19,7 @@ class WrappedSource : public VolumeSource {
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return inner_->files();
     }
+    [[nodiscard]] std::string identity() const override { return inner_->identity(); }
     [[nodiscard]] Granularity granularity() const override { return inner_->granularity(); }
     [[nodiscard]] bool sequential() const override { return inner_->sequential(); }
     [[nodiscard]] std::uint64_t heap() const override { return inner_->heap(); }

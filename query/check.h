@@ -22,10 +22,18 @@ struct Finding {
     std::string message;
 };
 
-/// Reads rows [y0, y0 + ny) of plane z of the original volume into `out`, in the store's value
-/// type.
-using SourceReader =
-    std::function<void(std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out)>;
+/// Reads rows [y0, y0 + ny) of planes [z0, z0 + nz) of the original volume into `out`, tightly
+/// packed, in the store's value type.
+using SourceReader = std::function<void(std::int64_t z0, std::int64_t nz, std::int64_t y0,
+                                        std::int64_t ny, std::byte* out)>;
+
+/// How the original volume is best read: in multiples of so many planes and rows, as other reads
+/// may decode a chunk again; and whether only in ascending order, without gaps.
+struct SourceOrder {
+    std::int64_t planes = 1;
+    std::int64_t rows = 1;
+    bool sequential = false;
+};
 
 enum class CheckDepth {
     quick,     ///< the table, and a sample of the checksums of chunks and ranges: seconds
@@ -36,6 +44,7 @@ enum class CheckDepth {
 struct CheckOptions {
     CheckDepth depth = CheckDepth::standard;
     SourceReader source;  ///< empty: no comparison with the original
+    SourceOrder source_order;
     std::uint64_t memory = std::uint64_t{512} << 20U;
     int threads = 0;
     std::uint64_t sampled_cubes = 2000;  ///< cubes whose bounds are checked by brute force

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
+#include <vector>
 
 #include "query/brick_view.h"
 #include "query/brute_force.h"
@@ -29,38 +31,17 @@ class SourceChecks {
         progress_.begin("compare with source", static_cast<std::uint64_t>(n.z), "planes");
         dispatch(layout_.header().type, [&](auto tag) {
             using T = typename decltype(tag)::type;
-            const std::int64_t rows =
-                std::clamp<std::int64_t>(static_cast<std::int64_t>(options_.memory / 8) /
-                                             (n.x * static_cast<std::int64_t>(sizeof(T))),
-                                         1, n.y);
-            std::vector<T> original(static_cast<std::size_t>(n.x * rows));
-            for (std::int64_t z = 0; z < n.z; ++z) {
-                progress_.check();
+            const auto [planes, rows] = piece(n, array.chunk, sizeof(T));
+            std::vector<T> original(static_cast<std::size_t>(n.x * rows * planes));
+            for (std::int64_t z = 0; z < n.z; z += planes) {
+                const std::int64_t nz = std::min(planes, n.z - z);
                 for (std::int64_t y = 0; y < n.y; y += rows) {
+                    progress_.check();
                     const std::int64_t ny = std::min(rows, n.y - y);
-                    options_.source(z, y, ny, reinterpret_cast<std::byte*>(original.data()));
-                    Box<T> ours({0, y, z}, {n.x, ny, 1});
-                    try {
-                        gather_values(cache_, array, ours);
-                    } catch (const Error& error) {
-                        if (error.kind() != ErrorKind::corrupt) {
-                            throw;
-                        }
-                        continue;
-                    }
-                    for (std::size_t i = 0; i < ours.data.size(); ++i) {
-                        // Bit by bit: NaN is the same as itself.
-                        // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
-                        if (std::memcmp(&ours.data[i], &original[i], sizeof(T)) != 0) {
-                            const Int3 p =
-                                Int3{0, y, z} + ours.size.unlinear(static_cast<std::int64_t>(i));
-                            findings_.add("source", array, array.chunk_of(p), p,
-                                          "the value differs from the source's");
-                        }
-                    }
-                    findings_.count(n.x * ny);
+                    options_.source(z, nz, y, ny, reinterpret_cast<std::byte*>(original.data()));
+                    compare<T>({{0, y, z}, {n.x, ny, nz}}, original);
                 }
-                progress_.advance(1);
+                progress_.advance(static_cast<std::uint64_t>(nz));
             }
         });
     }
@@ -99,6 +80,88 @@ class SourceChecks {
     }
 
   private:
+    struct Part {
+        Int3 low;
+        Int3 size;
+    };
+
+    /// The planes and rows that are read at a time: as the source likes it, then so many that a
+    /// chunk of the store is decoded once, then whole planes, as far as an eighth of the memory
+    /// goes. Where that is less than a layer of the source's chunks, they are decoded again for
+    /// each piece.
+    [[nodiscard]] std::pair<std::int64_t, std::int64_t> piece(const Int3& n, const Int3& chunk,
+                                                              std::size_t value) const {
+        const SourceOrder& order = options_.source_order;
+        const std::int64_t most =
+            std::max<std::int64_t>(1, static_cast<std::int64_t>(options_.memory / 8) /
+                                          (n.x * static_cast<std::int64_t>(value)));
+        const auto multiple = [](std::int64_t number, std::int64_t step, std::int64_t end) {
+            return std::min(end, std::max<std::int64_t>(1, number / step) * step);
+        };
+        if (order.sequential) {
+            return most >= n.y ? std::pair(std::min(most / n.y, std::min(chunk.z, n.z)), n.y)
+                               : std::pair(std::int64_t{1}, multiple(most, order.rows, n.y));
+        }
+        std::int64_t planes = std::min(multiple(chunk.z, order.planes, n.z), most);
+        const std::int64_t least = std::min(order.rows, n.y);
+        if (planes * least > most) {
+            planes = std::min(multiple(most / least, order.planes, n.z), most);
+        }
+        const std::int64_t rows = most / planes;
+        return {planes, rows < least ? rows : multiple(rows, order.rows, n.y)};
+    }
+
+    template <class T>
+    void compare(const Part& part, const std::vector<T>& original) {
+        const ArrayInfo& array = layout_.array(0, Field::values);
+        Box<T> ours(part.low, part.size);
+        try {
+            gather_values(cache_, array, ours);
+        } catch (const Error& error) {
+            if (error.kind() != ErrorKind::corrupt) {
+                throw;
+            }
+            compare_chunks(part, original);
+            return;
+        }
+        for (std::size_t i = 0; i < ours.data.size(); ++i) {
+            // Bit by bit: NaN is the same as itself.
+            // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
+            if (std::memcmp(&ours.data[i], &original[i], sizeof(T)) != 0) {
+                const Int3 p = part.low + part.size.unlinear(static_cast<std::int64_t>(i));
+                findings_.add("source", array, array.chunk_of(p), p,
+                              "the value differs from the source's");
+            }
+        }
+        findings_.count(part.size.product());
+    }
+
+    /// What lies outside of the store's damaged chunks is compared chunk by chunk.
+    template <class T>
+    void compare_chunks(const Part& part, const std::vector<T>& original) {
+        const ArrayInfo& array = layout_.array(0, Field::values);
+        const Int3 end = part.low + part.size;
+        const Int3 first = array.chunk_of(part.low);
+        const Int3 count = array.chunk_of(end - Int3{1, 1, 1}) - first + Int3{1, 1, 1};
+        if (count.product() == 1) {
+            return;
+        }
+        for (std::int64_t i = 0; i < count.product(); ++i) {
+            const Int3 base = array.first_node(first + count.unlinear(i));
+            const Int3 lo = max(base, part.low);
+            const Int3 hi = min(base + array.chunk, end);
+            std::vector<T> piece;
+            for (std::int64_t z = lo.z; z < hi.z; ++z) {
+                for (std::int64_t y = lo.y; y < hi.y; ++y) {
+                    const auto from =
+                        original.begin() + part.size.linear(Int3{lo.x, y, z} - part.low);
+                    piece.insert(piece.end(), from, from + (hi.x - lo.x));
+                }
+            }
+            compare<T>({lo, hi - lo}, piece);
+        }
+    }
+
     template <class T>
     void brute_force(int level, const Int3& cube) {
         const std::int64_t edge = std::int64_t{1} << level;

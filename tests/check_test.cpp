@@ -127,9 +127,8 @@ CheckReport checked(const std::filesystem::path& path, const CheckOptions& optio
 }
 
 SourceReader reader_of(MemoryVolume<float>& volume) {
-    return [&volume](std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out) {
-        volume.read(z, 1, y0, ny, out);
-    };
+    return [&volume](std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+                     std::byte* out) { volume.read(z0, nz, y0, ny, out); };
 }
 
 /// A whole store of noise, exact, in chunks of 8.

@@ -23,9 +23,8 @@ std::vector<Mesh> all_of(MemoryVolume<T>& volume, const std::vector<double>& iso
     CheckOptions deep;
     deep.depth = CheckDepth::deep;
     deep.sampled_cubes = 100;
-    deep.source = [&](std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out) {
-        volume.read(z, 1, y0, ny, out);
-    };
+    deep.source = [&](std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+                      std::byte* out) { volume.read(z0, nz, y0, ny, out); };
     const CheckReport report = check(store, deep, silent_progress());
     for (const Finding& f : report.findings) {
         UNSCOPED_INFO(f.test << " " << f.field << " " << f.message);

@@ -1,6 +1,8 @@
 // An interrupted run, continued, gives the bytes of one that was not interrupted.
 #include "preprocess/resume.h"
 
+#include <hdf5.h>
+
 #include <catch2/catch.hpp>
 
 #include "store/error.h"
@@ -43,7 +45,6 @@ float uneven(const Int3& p) {
 PreprocessOptions resuming(int chunk = 8) {
     PreprocessOptions options = with_chunk(chunk);
     options.resume = true;
-    options.source_identity = "input 1\n";
     options.threads = 1;
     return options;
 }
@@ -182,7 +183,7 @@ TEST_CASE("what was left of another input or other options is not used, and is n
     CHECK(message(resuming(16)).find("it had 'chunk 8', this one has 'chunk 16'") !=
           std::string::npos);
     PreprocessOptions other = resuming();
-    other.source_identity = "input 2\n";
+    volume.identity_ = "input 2\n";
     CHECK(message(other).find("'input 1', this one has 'input 2'") != std::string::npos);
     // Without --resume it is left alone.
     other.resume = false;
@@ -191,6 +192,80 @@ TEST_CASE("what was left of another input or other options is not used, and is n
     for (const std::string& name : names) {
         CHECK(std::filesystem::exists(folder / name.c_str()));
     }
+}
+
+TEST_CASE("a run is not resumed with other values that say they are the same input") {
+    for (const bool first : {true, false}) {
+        MemoryVolume<float> volume({50, 41, 120}, uneven);
+        const TemporaryFolder folder;
+        REQUIRE(interrupted(volume, folder / "s", 120, resuming()));
+        const auto names = folder.names();
+        MemoryVolume<float> other({50, 41, 120}, [&](const Int3& p) {
+            return uneven(p) + (p.x == 49 && p.y == 40 && (p.z == 0) == first ? 1.0F : 0.0F);
+        });
+        try {
+            preprocess(other, folder / "s", resuming(), silent_progress());
+            FAIL("not noticed");
+        } catch (const Error& error) {
+            CHECK(error.kind() == ErrorKind::invalid_argument);
+            const std::string what = error.what();
+            CHECK(what.find("read other values in plane") != std::string::npos);
+            CHECK((what.find("in plane 0:") != std::string::npos) == first);
+        }
+        CHECK(folder.names() == names);
+        preprocess(volume, folder / "s", resuming(), silent_progress());
+        make_store(volume, folder / "whole", with_chunk(8));
+        CHECK(read_file(folder / "s") == read_file(folder / "whole"));
+    }
+}
+
+TEST_CASE("the identity of a source tells each of its files, same size and time or not") {
+    const TemporaryFolder folder;
+    const auto write = [&](const char* name, const auto& fill) {
+        const hid_t file =
+            H5Fcreate((folder / name).c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+        fill(file);
+        H5Fclose(file);
+    };
+    const auto write_data = [&](const char* name, int first) {
+        write(name, [&](hid_t file) {
+            const std::array<hsize_t, 3> dims{4, 5, 6};
+            std::vector<int> values(120, first);
+            const hid_t space = H5Screate_simple(3, dims.data(), nullptr);
+            const hid_t data =
+                H5Dcreate2(file, "v", H5T_STD_I32LE, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+            H5Dwrite(data, H5T_NATIVE_INT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data());
+            H5Dclose(data);
+            H5Sclose(space);
+        });
+    };
+    write_data("target.h5", 3);
+    const auto link = [&](const char* to) {
+        return [&folder, to](hid_t file) {
+            H5Lcreate_external((folder / to).c_str(), "/v", file, "v", H5P_DEFAULT, H5P_DEFAULT);
+        };
+    };
+    write("middle.h5", link("target.h5"));
+    write("main.h5", link("middle.h5"));
+    SourceOptions options;
+    options.dataset = "v";
+    const auto identity = [&] { return open_volume(folder / "main.h5", options)->identity(); };
+    CHECK(open_volume(folder / "main.h5", options)->files().size() == 3);
+    const std::string before = identity();
+    CHECK(identity() == before);
+    for (const char* const name : {"target.h5", "middle.h5", "main.h5"}) {
+        const auto time = std::filesystem::last_write_time(folder / name);
+        std::filesystem::last_write_time(folder / name, time + std::chrono::nanoseconds(1));
+        CHECK(identity() != before);
+        std::filesystem::last_write_time(folder / name, time);
+        CHECK(identity() == before);
+    }
+    const auto time = std::filesystem::last_write_time(folder / "target.h5");
+    write_data("target.h5", 4);
+    std::filesystem::last_write_time(folder / "target.h5", time);
+    CHECK(identity() != before);
+    options.missing = 3;
+    CHECK(identity().find("missing 3") != std::string::npos);
 }
 
 TEST_CASE("without --resume an interrupted run leaves nothing") {

@@ -78,6 +78,7 @@ class MemoryVolume : public VolumeSource {
     [[nodiscard]] Double3 spacing() const override { return spacing_; }
     [[nodiscard]] Double3 origin() const override { return {0, 0, 0}; }
     [[nodiscard]] std::string name() const override { return "memory"; }
+    [[nodiscard]] std::string identity() const override { return identity_; }
     [[nodiscard]] Granularity granularity() const override { return granularity_; }
     [[nodiscard]] bool sequential() const override { return false; }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
@@ -95,6 +96,7 @@ class MemoryVolume : public VolumeSource {
         return static_cast<double>(data_[static_cast<std::size_t>(n_.linear(q))]);
     }
     Granularity granularity_;
+    std::string identity_ = "input 1\n";
     Double3 spacing_{1, 1, 1};
     std::int64_t planes_read_ = 0;
 

@@ -1,9 +1,7 @@
 // isonest check: the consistency tests of a store.
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <memory>
-#include <vector>
 
 #include "preprocess/volume_source.h"
 #include "query/check.h"
@@ -22,45 +20,7 @@ struct Arguments {
     CheckOptions check;
 };
 
-/// Hands out rows of a source, reading as many planes at a time as the source likes.
-class SlabReader {
-  public:
-    SlabReader(std::shared_ptr<VolumeSource> source, std::uint64_t budget)
-        : source_(std::move(source)), nodes_(source_->nodes()) {
-        row_bytes_ = nodes_.x * static_cast<std::int64_t>(size_of(source_->type()));
-        const std::int64_t planes = std::min(source_->granularity().planes, nodes_.z);
-        const auto slab =
-            static_cast<std::uint64_t>(row_bytes_ * nodes_.y) * static_cast<std::uint64_t>(planes);
-        if (planes > 1 && slab <= budget) {
-            planes_ = planes;
-            slab_.resize(slab);
-        }
-    }
-    void read(std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out) {
-        if (planes_ == 0) {
-            source_->read(z, 1, y0, ny, out);
-            return;
-        }
-        if (z / planes_ != loaded_) {
-            loaded_ = z / planes_;
-            const std::int64_t first = loaded_ * planes_;
-            source_->read(first, std::min(planes_, nodes_.z - first), 0, nodes_.y, slab_.data());
-        }
-        const std::byte* const from =
-            slab_.data() + ((z - loaded_ * planes_) * nodes_.y + y0) * row_bytes_;
-        std::copy(from, from + ny * row_bytes_, out);
-    }
-
-  private:
-    std::shared_ptr<VolumeSource> source_;
-    Int3 nodes_;
-    std::int64_t row_bytes_ = 0;
-    std::int64_t planes_ = 0;  ///< 0 = read directly
-    std::int64_t loaded_ = -1;
-    std::vector<std::byte> slab_;
-};
-
-SourceReader open_source(const Arguments& a, const StoreReader& store) {
+void open_source(Arguments& a, const StoreReader& store) {
     const std::shared_ptr<VolumeSource> source = open_volume(a.source, a.source_options);
     const StoreHeader& h = store.layout().header();
     const Int3 n = source->nodes();
@@ -71,10 +31,10 @@ SourceReader open_source(const Arguments& a, const StoreReader& store) {
                                 source->name(), n.x, n.y, n.z, name_of(source->type()), a.store,
                                 h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type)));
     }
-    const auto reader = std::make_shared<SlabReader>(source, a.check.memory / 4);
-    return [reader](std::int64_t z, std::int64_t y0, std::int64_t ny, std::byte* out) {
-        reader->read(z, y0, ny, out);
-    };
+    const auto [planes, rows] = source->granularity();
+    a.check.source_order = {planes, rows, source->sequential()};
+    a.check.source = [source](std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+                              std::byte* out) { source->read(z0, nz, y0, ny, out); };
 }
 
 std::uint64_t stored_chunks(const StoreLayout& layout) {
@@ -89,7 +49,7 @@ Result run(Arguments& a, Progress& progress) {
     const StoreReader store(a.store);
     if (!a.source.empty()) {
         a.source_options.max_heap = a.check.memory / 4;
-        a.check.source = open_source(a, store);
+        open_source(a, store);
     }
     const CheckReport r = check(store, a.check, progress);
     Result result;

@@ -32,29 +32,10 @@ std::vector<Field> parse_indicators(const std::string& text) {
     return fields;
 }
 
-std::string state_of(const std::filesystem::path& file) {
-    std::error_code ignored;
-    return fmt::format("bytes {}, time {}\n", std::filesystem::file_size(file, ignored),
-                       std::filesystem::last_write_time(file, ignored).time_since_epoch().count());
-}
-
-/// What tells one input from another without reading it.
-std::string identity_of(const std::filesystem::path& input, const SourceOptions& source) {
-    return fmt::format("input {}dataset {}\noffset {}\nbig endian {}\nmissing {}\n",
-                       state_of(input), source.dataset, source.offset, source.big_endian,
-                       source.missing ? fmt::format("{}", *source.missing) : "none");
-}
-
 Result run(Arguments& a, Progress& progress) {
     // A quarter of the budget is enough for the chunks of the input, and the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
-    a.preprocess.source_identity = identity_of(a.input, a.source);
     const std::unique_ptr<VolumeSource> source = open_volume(a.input, a.source);
-    for (const std::filesystem::path& file : source->files()) {
-        if (file != a.input) {
-            a.preprocess.source_identity += "data " + state_of(file);
-        }
-    }
     const PreprocessReport r = preprocess(*source, a.store, a.preprocess, progress);
     const double rate = r.seconds > 0 ? static_cast<double>(r.input_bytes) / r.seconds : 0;
     Result result;
