@@ -239,15 +239,16 @@ class Case:
         odd = "100%%" if self.chance(0.2) else ""
         folder = self.pick("", "", "parts/")
         (path.parent / folder).mkdir(exist_ok=True)
-        stem = f"{folder}{path.stem.replace('%', '%%')}-{odd}"
+        stem = f"{folder}{path.stem.replace('%', '%%')}-{len(self.words)}-{odd}"
         same_file = self.chance(0.2)
+        prefix = f"p{len(self.words)}-"
         numbered_dataset = pattern and self.chance(0.3)
         lost = int(self.random.integers(count)) if self.chance(0.1) else -1
         layout = h5py.VirtualLayout(data.shape, data.dtype,
                                     **({"maxshape": (None, *tail)} if pattern else {}))
         for i in range(count):
             part = data[edges[i]:edges[i + 1]]
-            own = "p%d" % i if numbered_dataset or same_file else "p"
+            own = f"{prefix}{i}" if numbered_dataset or same_file else "p"
             file_name = "." if same_file else f"{stem}{0 if numbered_dataset else i}.h5"
             source = path.parent / file_name.replace("%%", "%")
             if i != lost:
@@ -271,7 +272,7 @@ class Case:
                 layout[edges[i]:edges[i + 1]] = at
         if pattern:
             if same_file or numbered_dataset:
-                name_of_file, name_of_set = file_name, "p%b"
+                name_of_file, name_of_set = file_name, prefix + "%b"
             else:
                 name_of_file, name_of_set = f"{stem}%b.h5", "p"
             each = n // count

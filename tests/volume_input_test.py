@@ -273,6 +273,90 @@ class Hdf5Input(Input):
             other.unlink()
             self.refuses(3, other.name)
 
+    def test_external_links_lead_to_the_file_that_holds_the_values(self):
+        data = RANDOM.integers(0, 30000, (8, 9, 10)).astype(np.int16)
+        last, middle = self.here / "last.h5", self.here / "middle.h5"
+        with h5py.File(last, "w") as file:
+            file["g/v"] = data
+        with h5py.File(middle, "w") as file:
+            file["g"] = h5py.ExternalLink("last.h5", "/g")
+        with h5py.File(self.path, "w") as file:
+            file["pad"] = np.arange(100000, dtype="i2")
+            file["v"] = h5py.ExternalLink("middle.h5", "/g/v")
+            file["s"] = h5py.SoftLink("/v")
+        for name in ("v", "s", "/v"):
+            self.reads(data, "--dataset", name)
+        for other in (last, middle):
+            before = other.read_bytes()
+            done = self.preprocess("--dataset", "s", store=other)
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertEqual(other.read_bytes(), before)
+        last.unlink()
+        os.mkfifo(last)
+        done = self.preprocess("--dataset", "s")
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertIn("not a regular file", done.stderr)
+        last.unlink()
+        done = self.preprocess("--dataset", "s")
+        self.assertEqual(done.returncode, 3, done.stderr)
+        self.assertIn("last.h5", done.stderr)
+
+    def test_external_storage_that_is_too_short_is_refused(self):
+        data = RANDOM.integers(0, 30000, (8, 9, 10)).astype(np.int16)
+        raw = self.here / "part.raw"
+        with h5py.File(self.path, "w") as file:
+            file.create_dataset("v", data=data, external=[(str(raw), 4, data.nbytes)])
+        self.reads(data)
+        raw.write_bytes(raw.read_bytes()[:-1])
+        self.refuses(4, "part.raw", "zeros")
+
+    def test_a_virtual_dataset_that_is_its_own_source_is_refused(self):
+        layout = h5py.VirtualLayout((4, 5, 6), "u1")
+        layout[:] = h5py.VirtualSource(".", "v", (4, 5, 6))
+        with h5py.File(self.path, "w") as file:
+            file.create_virtual_dataset("v", layout)
+        self.refuses(4, "its own source")
+
+    def test_all_datasets_are_looked_at(self):
+        data = RANDOM.integers(0, 99, (6, 5, 7)).astype(np.uint8)
+        with h5py.File(self.path, "w") as file:
+            file["a"] = data[0]
+            for i in range(1100):
+                file[f"b/{i:04}"] = 1.0
+            file["c"] = data
+        self.reads(data)
+        with h5py.File(self.path, "a") as file:
+            file["d"] = data
+        self.refuses(2, "several volumes", "/c [6, 5, 7] uint8", "/d [6, 5, 7] uint8", "more")
+
+    def test_a_file_behind_a_user_block_is_read(self):
+        data = RANDOM.integers(0, 30000, (6, 5, 7)).astype(np.int16)
+        for options in ({}, {"chunks": (4, 4, 4), "compression": "gzip"}):
+            with h5py.File(self.path, "w", userblock_size=512) as file:
+                file.create_dataset("v", data=data, **options)
+            with open(self.path, "r+b") as file:
+                file.write(b"MATLAB 7.3 MAT-file")
+            self.reads(data)
+
+    def test_what_cannot_be_read_is_refused_with_the_reason(self):
+        data = RANDOM.integers(0, 99, (6, 5, 7)).astype(np.uint8)
+        with h5py.File(self.path, "w") as file:
+            file.create_dataset("v", data=data, chunks=(6, 5, 7), compression="lzf")
+        self.refuses(5, "filter 32000 (lzf)", "h5repack")
+        with h5py.File(self.path, "w", libver="latest") as file:
+            file["v"] = data
+            file.swmr_mode = True
+            file.flush()
+            self.refuses(6, "another program writes it", "h5clear")
+
+    def test_a_wrong_checksum_of_a_chunk_is_found(self):
+        data = RANDOM.integers(0, 99, (6, 5, 7)).astype(np.uint8)
+        with h5py.File(self.path, "w") as file:
+            v = file.create_dataset("v", data=data, chunks=(6, 5, 7), fletcher32=True)
+            _, whole = v.id.read_direct_chunk((0, 0, 0))
+            v.id.write_direct_chunk((0, 0, 0), bytes([whole[0] ^ 1]) + whole[1:])
+        self.refuses(4, "checksum")
+
 
 class NrrdInput(Input):
     def setUp(self):
