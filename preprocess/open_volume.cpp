@@ -1,5 +1,8 @@
 #include <fmt/format.h>
 
+#include <initializer_list>
+#include <utility>
+
 #include "preprocess/file_identity.h"
 #include "preprocess/hdf5_source.h"
 #include "preprocess/mirrored_source.h"
@@ -33,42 +36,64 @@ class Placed : public WrappedSource {
     Double3 origin_;
 };
 
-std::unique_ptr<VolumeSource> open_nrrd_data(const std::filesystem::path& path,
-                                             const NrrdHeader& header) {
-    const std::string name = path.string();
-    RawLayout layout = header.layout;
-    layout.offset_from_end = header.byte_skip < 0;
-    layout.offset = header.byte_skip > 0 ? static_cast<std::uint64_t>(header.byte_skip) : 0;
-    layout.exact_length = false;
-    if (!header.data_file.empty()) {
-        const std::filesystem::path data = path.parent_path() / header.data_file;
-        layout.header = path;
-        if (header.gzip != is_gzip((regular_file_size(data), data))) {
-            throw Error(ErrorKind::corrupt,
-                        fmt::format("{}: says encoding {}, but {} is not so", name,
-                                    header.gzip ? "gzip" : "raw", data.string()));
+/// Some of its options were given for a file of a format that has no use for them.
+void refuse_options(const std::filesystem::path& path, const char* format,
+                    std::initializer_list<std::pair<const char*, bool>> given) {
+    for (const auto& [option, there] : given) {
+        if (there) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("{}: {} does not go with {}; leave "
+                                    "it out",
+                                    path.string(), option, format));
         }
-        return open_raw(data, data.string(), layout);
     }
-    if (header.gzip) {
-        return open_gzip_behind(path, name, header.header_bytes, layout);
+}
+
+void refuse_raw_options(const std::filesystem::path& path, const char* format,
+                        const SourceOptions& o) {
+    refuse_options(path, format,
+                   {{"--dims", o.dims.has_value()},
+                    {"--type", o.type.has_value()},
+                    {"--endian", o.big_endian.has_value()},
+                    {"--offset", o.offset.has_value()}});
+}
+
+/// The file's start, with at least the whole header.
+std::string read_nrrd_header(const std::filesystem::path& path) {
+    constexpr std::size_t kUsual = std::size_t{1} << 16U;
+    constexpr std::size_t kLongest = std::size_t{1} << 22U;
+    for (const std::size_t most : {kUsual, kLongest}) {
+        std::string text = first_bytes(path, most);
+        if (text.size() < most || nrrd_header_ends(text)) {
+            return text;
+        }
     }
-    layout.offset += header.header_bytes;
-    return open_raw(path, name, layout);
+    throw Error(ErrorKind::unsupported,
+                fmt::format("{}: no empty line ends the NRRD header within its first {} bytes",
+                            path.string(), kLongest));
 }
 
 std::unique_ptr<VolumeSource> open_nrrd(const std::filesystem::path& path,
                                         const SourceOptions& options) {
-    constexpr std::size_t kLongestHeader = std::size_t{1} << 16U;
+    refuse_options(path, "NRRD", {{"--dataset", !options.dataset.empty()}});
+    refuse_raw_options(path, "NRRD, which says it itself", options);
     const std::string name = path.string();
-    const NrrdHeader header = parse_nrrd_header(first_bytes(path, kLongestHeader), name);
+    NrrdHeader header = parse_nrrd_header(read_nrrd_header(path), name, options.spacing);
     if (header.oblique && !options.spacing) {
         throw Error(ErrorKind::unsupported,
-                    fmt::format("{}: 'space directions' that are not along the axes; resample the "
-                                "volume, or give --spacing to ignore them",
+                    fmt::format("{}: 'space directions' that are not along the axes (they lead "
+                                "astray by a tenth of a voxel or more); resample the volume, or "
+                                "give --spacing to ignore them",
                                 name));
     }
-    auto source = open_nrrd_data(path, header);
+    std::filesystem::path data = path;
+    if (!header.data_file.empty()) {
+        data = path.parent_path() / header.data_file;
+        header.layout.header = path;
+    } else {
+        header.layout.start = header.header_bytes;
+    }
+    auto source = open_raw(data, data.string(), header.layout);
     const auto& back = header.backward;
     return back[0] || back[1] || back[2] ? mirrored(std::move(source), back) : std::move(source);
 }
@@ -87,8 +112,10 @@ std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
     if (magic.starts_with("NRRD000")) {
         source = open_nrrd(path, options);
     } else if (is_hdf5(path)) {
+        refuse_raw_options(path, "HDF5, which says it itself", options);
         source = open_hdf5_volume(path, options);
     } else {
+        refuse_options(path, "raw numbers", {{"--dataset", !options.dataset.empty()}});
         if (!options.dims || !options.type) {
             throw Error(ErrorKind::invalid_argument,
                         fmt::format("{}: neither HDF5 nor NRRD; to read it as raw numbers give "
@@ -98,8 +125,8 @@ std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
         RawLayout layout;
         layout.nodes = *options.dims;
         layout.type = *options.type;
-        layout.big_endian = options.big_endian;
-        layout.offset = options.offset;
+        layout.big_endian = options.big_endian.value_or(false);
+        layout.offset = options.offset.value_or(0);
         source = open_raw(path, path.string(), layout);
     }
     if (options.spacing || options.origin) {

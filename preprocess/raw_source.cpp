@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -12,6 +11,7 @@
 #include <optional>
 #include <vector>
 
+#include "preprocess/gzip_stream.h"
 #include "store/error.h"
 #include "store/lattice.h"
 #include "store/mapped_file.h"
@@ -120,36 +120,16 @@ class PlainSource : public RawBase {
 
 class GzipSource : public RawBase {
   public:
+    /// The stream starts at layout.start.
     GzipSource(const std::filesystem::path& path, std::string name, const RawLayout& layout)
-        : GzipSource(path, std::move(name), layout, 0) {}
-    /// The stream starts `skip` bytes into the file.
-    GzipSource(const std::filesystem::path& path, std::string name, const RawLayout& layout,
-               std::uint64_t skip)
-        : RawBase(path, std::move(name), layout) {
-        const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-        if (fd >= 0 && ::lseek(fd, static_cast<off_t>(skip), SEEK_SET) >= 0) {
-            file_ = ::gzdopen(fd, "rb");
-        }
-        if (file_ == nullptr) {
-            if (fd >= 0) {
-                ::close(fd);
-            }
-            throw Error(ErrorKind::io,
-                        fmt::format("{}: cannot open: {}", name_, std::strerror(errno)));
-        }
-        ::gzbuffer(file_, 1U << 18U);
-    }
-    GzipSource(const GzipSource&) = delete;
-    GzipSource& operator=(const GzipSource&) = delete;
-    ~GzipSource() override { ::gzclose(file_); }
+        : RawBase(path, std::move(name), layout), stream_(path, name_, layout.start) {}
     [[nodiscard]] bool sequential() const override { return true; }
 
   private:
-    [[noreturn]] void fail() {
-        int code = 0;
-        const int error = errno;
-        const char* const text = ::gzerror(file_, &code);
-        if (code == Z_OK || code == Z_STREAM_END) {
+    void fetch(std::byte* dst, std::uint64_t bytes) {
+        const std::uint64_t n = stream_.read(dst, bytes);
+        at_ += n;
+        if (n < bytes) {
             throw Error(ErrorKind::invalid_argument,
                         fmt::format("{}: its decompressed data end at byte {}, but {} x {} x {} "
                                     "nodes of {} after {} bytes need {}",
@@ -157,23 +137,28 @@ class GzipSource : public RawBase {
                                     name_of(layout_.type), layout_.offset,
                                     layout_.offset + data_bytes(layout_)));
         }
-        if (code == Z_ERRNO) {
-            throw Error(ErrorKind::io,
-                        fmt::format("{}: cannot read: {}", name_, std::strerror(error)));
-        }
-        throw Error(ErrorKind::corrupt,
-                    fmt::format("{}: damaged gzip stream near byte {}: {}", name_, at_, text));
     }
-    void fetch(std::byte* dst, std::uint64_t bytes) {
-        while (bytes > 0) {
-            const auto part = static_cast<unsigned>(std::min<std::uint64_t>(bytes, 1U << 26U));
-            const int n = ::gzread(file_, dst, part);
-            if (n <= 0) {
-                fail();
+    /// Only the end brings the checksum.
+    void require_right_end() {
+        std::vector<std::byte> skipped(1U << 16U);
+        constexpr std::uint64_t kMostBehind = std::uint64_t{1} << 30U;
+        const std::uint64_t most = std::max(kMostBehind, 16 * at_);
+        std::uint64_t behind = 0;
+        while (const std::uint64_t n = stream_.read(skipped.data(), skipped.size())) {
+            if (layout_.exact_length) {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("{}: there are more than the {} bytes that {} x {} x {} "
+                                        "nodes of {} need; check --dims and --type",
+                                        name_, at_, layout_.nodes.x, layout_.nodes.y,
+                                        layout_.nodes.z, name_of(layout_.type)));
             }
-            dst += n;
-            at_ += static_cast<std::uint64_t>(n);
-            bytes -= static_cast<std::uint64_t>(n);
+            behind += n;
+            if (behind > most) {
+                throw Error(ErrorKind::unsupported,
+                            fmt::format("{}: more than {} bytes follow the {} that are data; "
+                                        "decompress it and use encoding: raw",
+                                        name_, most, at_));
+            }
         }
     }
     void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
@@ -183,22 +168,10 @@ class GzipSource : public RawBase {
         }
         fetch(dst, bytes);
         if (at_ == layout_.offset + data_bytes(layout_)) {
-            // The end brings the checksum; anything more is not what the dimensions say.
-            std::byte more{};
-            const int n = ::gzread(file_, &more, 1);
-            if (n < 0) {
-                fail();
-            }
-            if (n > 0 && layout_.exact_length) {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("{}: there are more than the {} bytes that {} x {} x {} "
-                                        "nodes of {} need; check --dims and --type",
-                                        name_, at_, layout_.nodes.x, layout_.nodes.y,
-                                        layout_.nodes.z, name_of(layout_.type)));
-            }
+            require_right_end();
         }
     }
-    gzFile file_ = nullptr;
+    GzipStream stream_;
     std::uint64_t at_ = 0;
 };
 
@@ -221,14 +194,14 @@ std::uint64_t regular_file_size(const std::filesystem::path& path) {
     return static_cast<std::uint64_t>(status.st_size);
 }
 
-std::string first_bytes(const std::filesystem::path& path, std::size_t count) {
+std::string first_bytes(const std::filesystem::path& path, std::size_t count, std::uint64_t at) {
     std::string text(count, '\0');
     const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
     if (fd < 0) {
         throw Error(ErrorKind::io,
                     fmt::format("{}: cannot open: {}", path.string(), std::strerror(errno)));
     }
-    const ssize_t n = ::pread(fd, text.data(), count, 0);
+    const ssize_t n = ::pread(fd, text.data(), count, static_cast<off_t>(at));
     const int error = errno;
     ::close(fd);
     if (n < 0) {
@@ -237,10 +210,6 @@ std::string first_bytes(const std::filesystem::path& path, std::size_t count) {
     }
     text.resize(static_cast<std::size_t>(n));
     return text;
-}
-
-bool is_gzip(const std::filesystem::path& path) {
-    return first_bytes(path, 2) == "\x1F\x8B";
 }
 
 namespace {
@@ -254,39 +223,80 @@ void check_nodes(const std::string& name, const RawLayout& layout) {
         }
     }
 }
-}  // namespace
-
-std::unique_ptr<VolumeSource> open_gzip_behind(const std::filesystem::path& path,
-                                               const std::string& name, std::uint64_t skip,
-                                               const RawLayout& layout) {
-    check_nodes(name, layout);
-    return std::make_unique<GzipSource>(path, name, layout, skip);
+/// The place behind `lines` lines from byte `at` on.
+std::uint64_t behind_lines(const std::filesystem::path& path, const std::string& name,
+                           std::uint64_t at, std::uint64_t lines) {
+    constexpr std::size_t kPart = std::size_t{1} << 16U;
+    std::uint64_t found = 0;
+    while (found < lines) {
+        const std::string part = first_bytes(path, kPart, at);
+        if (part.empty()) {
+            throw Error(ErrorKind::corrupt,
+                        fmt::format("{}: 'line skip: {}', but the file has only "
+                                    "{} lines there",
+                                    name, lines, found));
+        }
+        std::size_t used = 0;
+        for (; found < lines && used != part.size(); ++found) {
+            const std::size_t end = part.find('\n', used);
+            if (end == std::string::npos) {
+                used = part.size();
+                break;
+            }
+            used = end + 1;
+        }
+        at += used;
+    }
+    return at;
 }
+
+/// The numbers are not compressed. The layout's `offset` becomes that of the file.
+void place_plain(const std::string& name, std::uint64_t size, RawLayout& layout) {
+    const std::uint64_t need = data_bytes(layout);
+    const std::uint64_t skipped = layout.offset;
+    const bool fits = size >= layout.start && size - layout.start >= need &&
+                      size - layout.start - need >= skipped;
+    layout.offset = layout.offset_from_end && fits ? size - need : layout.start + skipped;
+    if (!fits || (layout.exact_length && size - need != layout.offset)) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("{}: {} x {} x {} nodes of {} after {} bytes need {} bytes, but the "
+                        "file has {}; check {}",
+                        name, layout.nodes.x, layout.nodes.y, layout.nodes.z, name_of(layout.type),
+                        layout.start + skipped, need + layout.start + skipped, size,
+                        layout.packing == Packing::recognised ? "--dims, --type and --offset"
+                                                              : "'sizes', 'type' and 'byte skip'"));
+    }
+}
+
+}  // namespace
 
 std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const std::string& name,
                                        const RawLayout& given) {
     RawLayout layout = given;
     check_nodes(name, layout);
     const std::uint64_t size = regular_file_size(path);
-    if (is_gzip(path)) {
+    layout.start = behind_lines(path, name, layout.start, layout.lines);
+    const bool gzip = is_gzip(path, layout.start);
+    if (layout.packing == Packing::gzip || (layout.packing == Packing::recognised && gzip)) {
+        if (!gzip) {
+            throw Error(ErrorKind::corrupt,
+                        fmt::format("{}: the header says encoding gzip, but at byte {} no gzip "
+                                    "stream starts",
+                                    name, layout.start));
+        }
         if (layout.offset_from_end) {
             throw Error(ErrorKind::unsupported,
                         name + ": 'byte skip: -1' does not go with gzip encoding");
         }
         return std::make_unique<GzipSource>(path, name, layout);
     }
-    const std::uint64_t need = data_bytes(layout);
-    if (layout.offset_from_end && size >= need) {
-        layout.offset = size - need;
-    }
-    if (size < need || size - need < layout.offset ||
-        (layout.exact_length && size - need != layout.offset)) {
-        throw Error(
-            ErrorKind::invalid_argument,
-            fmt::format("{}: {} x {} x {} nodes of {} after {} bytes need {} bytes, but the "
-                        "file has {}; check --dims, --type and --offset",
-                        name, layout.nodes.x, layout.nodes.y, layout.nodes.z, name_of(layout.type),
-                        layout.offset, need + layout.offset, size));
+    place_plain(name, size, layout);
+    if (gzip && size - layout.start != given.offset + data_bytes(layout)) {
+        throw Error(ErrorKind::corrupt,
+                    fmt::format("{}: the header says encoding raw, but at byte {} a gzip stream "
+                                "starts",
+                                name, layout.start));
     }
     return std::make_unique<PlainSource>(path, name, layout);
 }

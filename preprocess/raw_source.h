@@ -9,12 +9,20 @@
 
 namespace isonest {
 
-/// Where and how the numbers lie.
+/// Whether the numbers are compressed: as their first bytes say (of a file that nothing describes),
+/// or as a header says, which these must then agree with.
+enum class Packing { recognised, plain, gzip };
+
+/// Where and how the numbers lie: behind `start` bytes and `lines` lines of the file as it is
+/// stored, and `offset` bytes of what is decompressed from there.
 struct RawLayout {
     Int3 nodes{1, 1, 1};
     ValueType type = ValueType::u8;
     bool big_endian = false;
-    std::uint64_t offset = 0;      ///< bytes before the data, of the decompressed stream
+    Packing packing = Packing::recognised;
+    std::uint64_t start = 0;
+    std::uint64_t lines = 0;
+    std::uint64_t offset = 0;
     bool offset_from_end = false;  ///< the data are the last bytes of the file (not with gzip)
     bool exact_length = true;      ///< bytes behind the data are an error
     Double3 spacing{1, 1, 1};
@@ -22,21 +30,15 @@ struct RawLayout {
     std::filesystem::path header;  ///< what describes them, if it is another file
 };
 
-/// Opens the numbers in `path`; gzip is recognised by its magic. `name` is used in messages.
+/// Opens the numbers in `path`: the one place that decides where in a file they are. `name` is used
+/// in messages.
 /// Throws Error{not_found, io, invalid_argument} (the file's length does not fit: both byte
-/// counts).
+/// counts), Error{corrupt} (not packed as the layout says, fewer lines), Error{unsupported}.
 std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const std::string& name,
                                        const RawLayout& given);
 
-/// A gzip stream that starts `skip` bytes into the file (attached NRRD). Offsets as in open_raw().
-std::unique_ptr<VolumeSource> open_gzip_behind(const std::filesystem::path& path,
-                                               const std::string& name, std::uint64_t skip,
-                                               const RawLayout& layout);
-
-/// The first `count` bytes, or all where the file is shorter. Throws Error{io}.
-std::string first_bytes(const std::filesystem::path& path, std::size_t count);
-/// True if the file starts with gzip's magic. Throws Error{io}.
-bool is_gzip(const std::filesystem::path& path);
+/// `count` bytes from byte `at` on, or all where the file ends before. Throws Error{io}.
+std::string first_bytes(const std::filesystem::path& path, std::size_t count, std::uint64_t at = 0);
 
 /// Throws Error{not_found, invalid_argument, io} unless `path` is a readable regular file; gives
 /// its size.

@@ -190,7 +190,7 @@ void raw(Bytes bytes) {
     options.dims = Int3{1 + bytes[0], 1 + bytes[1], 1 + bytes[2] % 8};
     options.type = static_cast<ValueType>(bytes[3] % 8);
     options.big_endian = (bytes[4] & 1U) != 0;
-    options.offset = (bytes[4] & 2U) != 0 ? bytes[5] : 0;
+    options.offset = (bytes[4] & 2U) != 0 ? std::optional<std::uint64_t>(bytes[5]) : std::nullopt;
     if ((bytes[4] & 4U) != 0) {
         options.missing = bytes[6];
     }
