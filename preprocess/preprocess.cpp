@@ -67,14 +67,10 @@ void run_blocks(const Int3& grid, int tokens, const Block& compute, const Output
 
 /// Throws Error{invalid_argument}, naming the input and the options that place it elsewhere.
 void require_place(const VolumeSource& source) {
-    const Double3 spacing = source.spacing();
-    const Double3 origin = source.origin();
-    if (!is_place(spacing, origin)) {
+    const std::string why = why_no_place(source.nodes(), source.spacing(), source.origin());
+    if (!why.empty()) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: spacing {} {} {} and origin {} {} {}: the spacing must be "
-                                "positive, and all must be finite; give --spacing and --origin",
-                                source.name(), spacing[0], spacing[1], spacing[2], origin[0],
-                                origin[1], origin[2]));
+                    fmt::format("{}: {}; give --spacing and --origin", source.name(), why));
     }
 }
 

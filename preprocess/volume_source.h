@@ -27,7 +27,8 @@ class VolumeSource {
     /// Number of nodes per axis (x, y, z), each >= 1.
     [[nodiscard]] virtual Int3 nodes() const = 0;
     [[nodiscard]] virtual ValueType type() const = 0;
-    /// Node distance per axis in world units, each > 0 and finite.
+    /// Node distance per axis in world units, as the file or the options say: what cannot be is
+    /// refused by preprocess() (why_no_place()).
     [[nodiscard]] virtual Double3 spacing() const = 0;
     /// World position of node (0, 0, 0).
     [[nodiscard]] virtual Double3 origin() const = 0;

@@ -21,12 +21,9 @@ void validate(const StoreHeader& header) {
                             header.nodes.x, header.nodes.y, header.nodes.z, kMaxNodesPerAxis));
         }
     }
-    if (!is_place(header.spacing, header.origin)) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("spacing {} {} {} and origin {} {} {}: the spacing must be "
-                                "positive, and all must be finite",
-                                header.spacing[0], header.spacing[1], header.spacing[2],
-                                header.origin[0], header.origin[1], header.origin[2]));
+    if (const std::string why = why_no_place(header.nodes, header.spacing, header.origin);
+        !why.empty()) {
+        throw Error(ErrorKind::invalid_argument, why);
     }
     if (header.chunk < kMinChunk || header.chunk > kMaxChunk ||
         !std::has_single_bit(static_cast<unsigned>(header.chunk))) {

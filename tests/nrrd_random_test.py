@@ -185,7 +185,8 @@ class Case:
         first = [f"dimension: {dim}", *[f for f in geometry if f.startswith(("space:", "space dim"))]]
         behind = [f for f in geometry if f.startswith(("space directions", "space origin"))]
         order = first + fields + behind
-        if self.chance(0.1):
+        change = self.chance(0.25)
+        if self.chance(0.1) and not change:
             self.random.shuffle(order)
         if detached:
             order.insert(int(self.random.integers(len(order) + 1)) if self.chance(0.5) else len(order),
@@ -203,7 +204,7 @@ class Case:
             stored = front + (self.damaged(self.compressed(body)) if zipped else body)
             if self.chance(0.1) and skip >= 0 and not zipped:
                 stored += self.noise(50)
-        if self.chance(0.25):
+        if change:
             header = self.changed(header)
         if detached:
             (self.folder / "v.data").write_bytes(stored)

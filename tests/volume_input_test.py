@@ -617,6 +617,58 @@ class NrrdInput(Input):
                      options=("--dims", "9,7,6", "--type", "int16", "--dataset", "v"))
 
 
+class PlaceOfInput(Input):
+    def test_spacings_and_origins_that_cannot_be_are_refused_with_what_can(self):
+        """For every format, and whether the file or an option says so."""
+        data = RANDOM.random((6, 7, 9)).astype(np.float32)
+
+        def raw(spacing, origin):
+            self.path = self.here / "v.raw"
+            data.tofile(self.path)
+            return ("--dims", "9,7,6", "--type", "float32", "--spacing", f"{spacing},1,1",
+                    "--origin", f"{origin},0,0")
+
+        def hdf5(spacing, origin):
+            self.path = self.here / "v.h5"
+            with h5py.File(self.path, "w") as file:
+                file["v"] = data
+                file["v"].attrs.update({"spacing": (float(spacing), 1, 1),
+                                        "origin": (float(origin), 0, 0)})
+            return ()
+
+        def nrrd(spacing, origin):
+            self.path = self.here / "v.nrrd"
+            self.path.write_bytes((f"NRRD0005\ntype: float\ndimension: 3\nsizes: 9 7 6\n"
+                                   f"endian: little\nencoding: raw\nspacings: {spacing} 1 1\n"
+                                   f"space origin: ({origin},0,0)\n\n").encode() + data.tobytes())
+            return ()
+
+        for form in (raw, hdf5, nrrd):
+            for spacing, origin, words in (
+                    ("1e-300", "0", "spacings from 1e-30 to 1e+100"),
+                    ("1e300", "0", "spacings from 1e-30 to 1e+100"),
+                    ("1e-47", "0", "spacings from 1e-30 to 1e+100"),
+                    ("1", "1e111", "coordinates from -1e+110 to 1e+110"),
+                    ("1", "-1e300", "coordinates from -1e+110 to 1e+110"),
+                    ("0.001", "1e9", "all 9 coordinates of x are the same"),
+                    ("1e-9", "-1", "all 9 coordinates of x are the same")):
+                with self.subTest(form=form.__name__, spacing=spacing, origin=origin):
+                    options = form(spacing, origin)
+                    self.refuses(2, self.path.name, words, "--spacing", options=options)
+                    self.assertFalse((self.here / "s.isonest").exists())
+            for spacing in ("1e-30", "1e100", "0.25"):
+                with self.subTest(form=form.__name__, spacing=spacing):
+                    self.reads(data, *form(spacing, "0"), "--indicators", "all")
+                    self.lies([0, 0, 0], [float(spacing), 1, 1])
+                    subprocess.run([ISONEST, "check", self.here / "s.isonest"], check=True,
+                                   capture_output=True)
+                    (self.here / "s.isonest").unlink()
+        nrrd("0", "0")
+        self.refuses(2, "spacing 0 1 1")
+        nrrd("inf", "0")
+        self.refuses(2, "spacing inf 1 1")
+
+
 class GzipInput(Input):
     """As gzip(1) takes them, but that what it warns of is refused."""
 
