@@ -163,15 +163,18 @@ class FileSearch {
             return H5Pget_virtual_dsetname(creation, i, out, size);
         });
         const SpaceHandle taken(H5Pget_virtual_srcspace(creation, i));
-        hsize_t blocks = 1;
+        const SpaceHandle to(H5Pget_virtual_vspace(creation, i));
+        Blocks blocks;
+        blocks.nodes = static_cast<hsize_t>(std::max<hssize_t>(H5Sget_select_npoints(to.get()), 0));
         if (has_block(file) || has_block(source)) {
-            const SpaceHandle to(H5Pget_virtual_vspace(creation, i));
             blocks = blocks_of(to.get(), dataset);
-            require_end(file, blocks, home, name);
+            require_end(file, blocks.count, home, name);
+        } else if (static_cast<hsize_t>(H5Sget_select_npoints(to.get())) == H5S_UNLIMITED) {
+            blocks.nodes = 0;
         }
-        for (hsize_t block = 0; block < blocks; ++block) {
-            add_source(with_block(file, block), with_block(source, block), taken.get(), dataset,
-                       home, name);
+        for (hsize_t block = 0; block < blocks.count; ++block) {
+            add_source(with_block(file, block), with_block(source, block),
+                       {taken.get(), blocks.nodes}, dataset, home, name);
         }
     }
 
@@ -194,8 +197,18 @@ class FileSearch {
         }
     }
 
+    struct Blocks {
+        hsize_t count = 1;
+        hsize_t nodes = 0;  ///< of each
+    };
+    /// What is selected of a source, and how many nodes that must be at least.
+    struct Taken {
+        hid_t selection;
+        hsize_t nodes;
+    };
+
     /// How many blocks lie in the dataset along the axis without end.
-    static hsize_t blocks_of(hid_t selection, hid_t dataset) {
+    static Blocks blocks_of(hid_t selection, hid_t dataset) {
         const SpaceHandle space(H5Dget_space(dataset));
         const auto rank =
             static_cast<std::size_t>(std::max(H5Sget_simple_extent_ndims(space.get()), 0));
@@ -208,18 +221,22 @@ class FileSearch {
         if (H5Sis_regular_hyperslab(selection) <= 0 ||
             H5Sget_regular_hyperslab(selection, start.data(), stride.data(), count.data(),
                                      size.data()) < 0) {
-            return 1;
+            return {};
         }
+        Blocks blocks;
+        blocks.nodes = 1;
         for (std::size_t d = 0; d < rank; ++d) {
-            if (count[d] == H5S_UNLIMITED && stride[d] > 0) {
-                return dims[d] <= start[d] ? 0 : (dims[d] - start[d] - 1) / stride[d] + 1;
+            const bool endless = count[d] == H5S_UNLIMITED;
+            blocks.nodes *= endless ? size[d] : count[d] * size[d];
+            if (endless && stride[d] > 0) {
+                blocks.count = dims[d] <= start[d] ? 0 : (dims[d] - start[d] - 1) / stride[d] + 1;
             }
         }
-        return 1;
+        return blocks;
     }
 
-    void add_source(const std::string& file, const std::string& path, hid_t taken, hid_t dataset,
-                    const fs::path& home, const std::string& name) {
+    void add_source(const std::string& file, const std::string& path, const Taken& taken,
+                    hid_t dataset, const fs::path& home, const std::string& name) {
         const std::string where = fmt::format("{}:{}", file, path);
         FileHandle opened;
         if (file == ".") {
@@ -270,11 +287,12 @@ class FileSearch {
     }
 
     /// Whether all that is selected lies in the source as it is now.
-    static bool holds(hid_t source, hid_t taken) {
+    static bool holds(hid_t source, const Taken& part) {
+        const hid_t taken = part.selection;
         const int rank = H5Sget_simple_extent_ndims(source);
         const int taken_rank = H5Sget_simple_extent_ndims(taken);
         if (H5Sget_select_type(taken) == H5S_SEL_ALL) {
-            return true;  // the whole source, whose size HDF5 compares
+            return static_cast<hsize_t>(H5Sget_simple_extent_npoints(source)) >= part.nodes;
         }
         if (rank != taken_rank || rank < 1) {
             return rank == taken_rank;

@@ -317,6 +317,20 @@ class Hdf5Input(Input):
             file.create_virtual_dataset("v", layout)
         self.refuses(4, "its own source")
 
+    def test_a_virtual_datasets_source_that_has_become_smaller_is_refused(self):
+        data = RANDOM.integers(1, 99, (4, 5, 6)).astype(np.uint8)
+        layout = h5py.VirtualLayout((4, 5, 6), "u1")
+        layout[:] = h5py.VirtualSource("part.h5", "v", (4, 5, 6))
+        with h5py.File(self.path, "w") as file:
+            file.create_virtual_dataset("v", layout)
+        for n in (4, 3):
+            with h5py.File(self.here / "part.h5", "w") as file:
+                file["v"] = data[:n]
+            if n == 4:
+                self.reads(data)
+            else:
+                self.refuses(4, "part.h5:v has less")
+
     def test_all_datasets_are_looked_at(self):
         data = RANDOM.integers(0, 99, (6, 5, 7)).astype(np.uint8)
         with h5py.File(self.path, "w") as file:
