@@ -277,6 +277,8 @@ def run(seed):
         if as_written and (teem is None or case.damage != "header"):
             return (f"{kind}, equal to what was written" + (
                 "" if case.options else "; teem refuses it" if teem is None else "; teem differs")), "", ""
+        if teem is None and case.damage == "header":
+            return "changed header, other numbers than before; teem refuses it", "", ""
         return f"{kind}, wrong", "other numbers than " + (
             "were written, and teem refuses it" if teem is None else "teem's"), ""
 
