@@ -13,6 +13,7 @@
 #include "store/error.h"
 #include "store/extent.h"
 #include "store/in_order.h"
+#include "store/memory_budget.h"
 #include "store/output_file.h"
 #include "store/workers.h"
 #include "store/writer.h"
@@ -20,8 +21,6 @@
 namespace isonest {
 namespace {
 
-/// HDF5, TBB and the tables.
-constexpr std::uint64_t kLibraryHeap = 10U << 20U;
 /// The smallest window or cache.
 constexpr std::uint64_t kLeastWindow = 6U << 20U;
 
@@ -94,13 +93,8 @@ int token_count(const StoreLayout& layout, const PreprocessOptions& options, int
     const std::uint64_t block = block_heap(layout);
     const std::uint64_t fixed = kLibraryHeap + source.heap();
     const std::uint64_t least = fixed + block + kLeastWindow;
-    if (options.memory < least) {
-        throw Error(
-            ErrorKind::limit,
-            fmt::format("{}: a memory of {} MiB is too little for chunks of {}: give at "
-                        "least --memory {}M, or a smaller --chunk",
-                        source.name(), options.memory >> 20U, options.chunk, (least >> 20U) + 1));
-    }
+    require_memory(source.name(), options.memory, least,
+                   fmt::format("chunks of {}", options.chunk), ", or a smaller --chunk");
     const std::uint64_t share = (options.memory - fixed) * 3 / 5 / block;
     return static_cast<int>(
         std::clamp<std::uint64_t>(share, 1, static_cast<std::uint64_t>(threads) + 1));

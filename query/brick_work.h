@@ -72,6 +72,17 @@ class BrickWork {
                 culling_ = FieldView(shared.cache, query_.culling->field(), level, brick, half_);
             }
         }
+        if (query_.attributes.width() > 0) {
+            attributes_ = &shared.attributes.local();
+            attributes_->enter(level, base_ * stride_);
+        }
+    }
+    BrickWork(const BrickWork&) = delete;
+    BrickWork& operator=(const BrickWork&) = delete;
+    ~BrickWork() {
+        if (attributes_ != nullptr) {
+            attributes_->leave();
+        }
     }
 
     /// All cubes of the brick that `parents` activates: masks in Morton order from cube `begin` on.
@@ -149,6 +160,7 @@ class BrickWork {
     FieldView stop_;
     FieldView bound_;
     FieldView culling_;
+    AttributeSampler* attributes_ = nullptr;
     double bound_scale_;
     double parents_bound_scale_;
     bool finest_;  ///< no coarser level was asked, every cube that the surface passes comes in

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -13,6 +14,7 @@
 #include "store/error.h"
 #include "store/hdf5_view.h"
 #include "store/indicator_code.h"
+#include "store/memory_budget.h"
 #include "store/workers.h"
 
 namespace isonest {
@@ -21,14 +23,44 @@ namespace {
 /// How many chunks a quick check reads.
 constexpr std::int64_t kQuickChunks = 4096;
 
+/// Boxes that one thread gathers.
+constexpr std::uint64_t kBoxes = 1U << 20U;
+
+/// How the memory of a check is shared; fewer threads run where there is little.
+struct Shares {
+    int threads;
+    std::uint64_t cache;
+};
+
+Shares share(const StoreReader& store, const CheckOptions& options) {
+    const StoreLayout& layout = store.layout();
+    const std::uint64_t largest = largest_chunk_bytes(layout);
+    // One chunk is decoded by itself or held, two are in the cache besides.
+    const std::uint64_t each = decode_heap(largest) + 3 * largest + kBoxes;
+    // What HDF5 knows of a chunk, a chunk's stored bytes, and a bit of the findings.
+    constexpr std::uint64_t kIndexEntry = 32;
+    const std::uint64_t deep =
+        options.depth == CheckDepth::deep ? 2 * largest + layout.rows() * kIndexEntry : 0;
+    const std::uint64_t fixed = kLibraryHeap + layout.rows() / 8 + deep;
+    // The source and the rows that are compared with it take the other three quarters.
+    const std::uint64_t part = options.source ? 4 : 1;
+    require_memory(store.path().string(), options.memory, fixed + part * each,
+                   "this store's chunks");
+    const std::uint64_t usable = (options.memory - fixed) / part;
+    const auto threads = std::clamp<std::uint64_t>(
+        usable / each, 1, static_cast<std::uint64_t>(Workers::count_of(options.threads)));
+    return {static_cast<int>(threads), usable - threads * (each - 3 * largest)};
+}
+
 class Checker {
   public:
-    Checker(const StoreReader& store, const CheckOptions& options, Progress& progress)
+    Checker(const StoreReader& store, const CheckOptions& options, std::uint64_t cache,
+            Progress& progress)
         : store_(store),
           layout_(store.layout()),
           options_(options),
           progress_(progress),
-          cache_(store, options.memory / 2),
+          cache_(store, cache),
           findings_(layout_.rows()) {}
 
     CheckReport run() {
@@ -190,8 +222,9 @@ class Checker {
 }  // namespace
 
 CheckReport check(const StoreReader& store, const CheckOptions& options, Progress& progress) {
-    return Workers(options.threads).execute([&] {
-        return Checker(store, options, progress).run();
+    const Shares shares = share(store, options);
+    return Workers(shares.threads).execute([&] {
+        return Checker(store, options, shares.cache, progress).run();
     });
 }
 

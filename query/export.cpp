@@ -1,111 +1,82 @@
 #include "query/export.h"
 
-#include <bit>
-#include <cmath>
-#include <vector>
+#include <algorithm>
 
-#include "query/brick_view.h"
-#include "query/finest_indicators.h"
-#include "query/topology.h"
-#include "store/error.h"
+#include "query/indicator_box.h"
 #include "store/gather.h"
+#include "store/indicator_code.h"
+#include "store/memory_budget.h"
 #include "store/output_file.h"
 #include "store/volume_file.h"
 
 namespace isonest {
 namespace {
 
-template <class T>
-void export_values(const ArrayInfo& array, ChunkCache& cache, VolumeFile& file,
-                   Progress& progress) {
-    Box<T> plane({0, 0, 0}, {array.nodes.x, array.nodes.y, 1});
-    for (std::int64_t z = 0; z < array.nodes.z; ++z) {
+/// The memory of an export: boxes of a chunk's nodes along y and z, as long along x as it allows.
+struct Shares {
+    Int3 box;             ///< nodes
+    std::uint64_t cache;  ///< bytes
+};
+
+/// `beside`: bytes beside the box and the cache.
+Shares share(const StoreReader& store, std::uint64_t memory, const ArrayInfo& array,
+             std::size_t element, std::uint64_t beside) {
+    const std::uint64_t column = static_cast<std::uint64_t>(array.chunk.product()) * element;
+    const std::uint64_t largest = largest_chunk_bytes(store.layout());
+    // One chunk of values and one of an indicator are held.
+    const std::uint64_t fixed = kLibraryHeap + beside + decode_heap(largest) + 2 * largest;
+    require_memory(store.path().string(), memory, fixed + column, "this store's chunks");
+    const std::uint64_t spare = memory - fixed;
+    const std::uint64_t columns =
+        std::clamp<std::uint64_t>(spare / 2 / column, 1, static_cast<std::uint64_t>(array.grid.x));
+    Shares shares{array.chunk, 2 * largest + spare - columns * column};
+    shares.box.x = std::min(array.chunk.x * static_cast<std::int64_t>(columns), array.nodes.x);
+    return shares;
+}
+
+/// Calls f(lo, size) for all boxes of the lattice, of at most `box` nodes.
+template <class F>
+void for_each_box(const Int3& nodes, const Int3& box, Progress& progress, const F& f) {
+    const Int3 grid = ceil_div(nodes, box);
+    progress.begin("export", static_cast<std::uint64_t>(grid.product()), "boxes");
+    for (std::int64_t i = 0; i < grid.product(); ++i) {
         progress.check();
-        plane.lo.z = z;
-        gather_values(cache, array, plane);
-        file.write(reinterpret_cast<const std::byte*>(plane.data.data()), 1);
+        const Int3 g = grid.unlinear(i);
+        const Int3 lo{g.x * box.x, g.y * box.y, g.z * box.z};
+        f(lo, min(box, nodes - lo));
         progress.advance(1);
     }
 }
 
-/// Level 1: the cubes' centres are stored, faces and edges follow from the values.
 template <class T>
-void finest_plane(const StoreReader& store, ChunkCache& cache, Field field, std::int64_t z,
-                  std::vector<float>& plane) {
-    const StoreLayout& layout = store.layout();
-    const Int3 n = layout.lattice().nodes();
-    const Int3 cells = layout.lattice().elements_at(1);
-    const std::int64_t cz = std::min(z / 2, cells.z - 1);
-    const ArrayInfo& array = layout.array(1, field);
-    const bool plus = saturation_of(field) == Saturation::plus;
-    Box<T> values({0, 0, 2 * cz}, {2 * cells.x + 1, 2 * cells.y + 1, 3});
-    gather_values(cache, layout.array(0, Field::values), values);
-    for (std::int64_t cy = 0; cy < cells.y; ++cy) {
-        for (std::int64_t gx = 0; gx < array.grid.x; ++gx) {
-            const Int3 base = array.first_node(array.chunk_of({gx * array.chunk.x, cy, cz}));
-            IndicatorView centres(cache, array, base);
-            const std::int64_t end = std::min(base.x + array.chunk.x, cells.x);
-            for (std::int64_t cx = base.x; cx < end; ++cx) {
-                const Int3 cube{cx, cy, cz};
-                // finest_indicator() wants the all-even corner first: mirror the odd cubes.
-                const unsigned mirror = mirror_of(cube);
-                const CubeValues u = cube_values(values, cube);
-                for (int p = 0; p < 27; ++p) {
-                    const Int3 at = cube * 2 + node_offset(p, mirror);
-                    const bool refines = ((at.x | at.y | at.z) & 1) != 0;
-                    if (at.z != z || at.x >= n.x || at.y >= n.y || !refines) {
-                        continue;
-                    }
-                    const bool centre = slot_of(at) == array.first_slot;
-                    plane[static_cast<std::size_t>(at.y * n.x + at.x)] =
-                        centre ? static_cast<float>(centres.at(cube - base, array.first_slot))
-                               : round_up_to_float(finest_indicator(u, p, plus));
-                }
-            }
-        }
-    }
+void export_values(const StoreReader& store, const ArrayInfo& array, std::uint64_t memory,
+                   VolumeFile& file, Progress& progress) {
+    const Shares shares = share(store, memory, array, sizeof(T), 0);
+    ChunkCache cache(store, shares.cache);
+    for_each_box(array.nodes, shares.box, progress, [&](const Int3& lo, const Int3& size) {
+        Box<T> box(lo, size);
+        gather_values(cache, array, box);
+        file.write_box(lo, size, reinterpret_cast<const std::byte*>(box.data.data()));
+    });
 }
 
-/// One plane of the nodal array: the node's level and slot follow from its coordinates.
-void indicator_plane(const StoreReader& store, ChunkCache& cache, const ExportOptions& options,
-                     std::int64_t z, std::vector<float>& plane) {
-    const StoreLayout& layout = store.layout();
-    const Lattice& lattice = layout.lattice();
-    const Int3 n = lattice.nodes();
-    std::fill(plane.begin(), plane.end(), 0.0F);
-    const bool derived = centre_suffices_at_level_1(options.field);
-    if (derived && options.level <= 1 && lattice.top() >= 1) {
-        dispatch(layout.header().type, [&](auto tag) {
-            finest_plane<typename decltype(tag)::type>(store, cache, options.field, z, plane);
-        });
-    }
-    for (int level = std::max(options.level, derived ? 2 : 1); level <= lattice.top(); ++level) {
-        const std::int64_t scale = std::int64_t{1} << (level - 1);
-        if (z % scale != 0) {
-            break;  // no node of this plane is on a coarser lattice
-        }
-        const ArrayInfo& array = layout.array(level, options.field);
-        const std::int64_t pz = z / scale;
-        for (std::int64_t cy = 0; cy < array.grid.y; ++cy) {
-            for (std::int64_t cx = 0; cx < array.grid.x; ++cx) {
-                const Int3 chunk{cx, cy, pz / 2 / array.chunk.z};
-                const Int3 base = array.first_node(chunk);
-                IndicatorView view(cache, array, base);
-                const Int3 end = min(base + array.chunk, array.nodes);
-                for (std::int64_t py = 2 * base.y; py < 2 * end.y && py * scale < n.y; ++py) {
-                    for (std::int64_t px = 2 * base.x; px < 2 * end.x && px * scale < n.x; ++px) {
-                        const Int3 p{px, py, pz};
-                        if (((px | py | pz) & 1) == 0 || slot_of(p) >= array.components) {
-                            continue;
-                        }
-                        plane[static_cast<std::size_t>(py * scale * n.x + px * scale)] =
-                            static_cast<float>(
-                                view.at(Int3{px / 2, py / 2, pz / 2} - base, slot_of(p)));
-                    }
-                }
+void export_indicator(const StoreReader& store, const ExportOptions& options, VolumeFile& file,
+                      Progress& progress) {
+    const ArrayInfo& values = store.layout().array(0, Field::values);
+    const Shares shares = share(store, options.memory, values, sizeof(float), kIndicatorBoxHeap);
+    ChunkCache cache(store, shares.cache);
+    for_each_box(values.nodes, shares.box, progress, [&](const Int3& lo, const Int3& size) {
+        Box<float> box(lo, size);
+        for_each_block(lo, size, values.chunk, [&](const Int3& from, const Int3& count) {
+            Box<double> block(from, count);
+            fill_indicators(cache, options.field, options.level, block);
+            for (std::int64_t i = 0; i < count.product(); ++i) {
+                box.at(from + count.unlinear(i)) =
+                    round_up_to_float(block.data[static_cast<std::size_t>(i)]);
             }
-        }
-    }
+        });
+        file.write_box(lo, size, reinterpret_cast<const std::byte*>(box.data.data()));
+    });
 }
 
 }  // namespace
@@ -119,7 +90,6 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
     spec.origin = header.origin;
     spec.spacing = header.spacing;
     spec.force = options.force;
-    ChunkCache cache(store, options.memory);
     if (options.field == Field::values) {
         const ArrayInfo& array = layout.array(options.level, Field::values);
         spec.nodes = array.nodes;
@@ -128,9 +98,9 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
             s *= static_cast<double>(std::int64_t{1} << options.level);
         }
         const auto file = create_volume_file(path, spec);
-        progress.begin("export", static_cast<std::uint64_t>(array.nodes.z), "planes");
         dispatch(header.type, [&](auto tag) {
-            export_values<typename decltype(tag)::type>(array, cache, *file, progress);
+            export_values<typename decltype(tag)::type>(store, array, options.memory, *file,
+                                                        progress);
         });
         return file->finish();
     }
@@ -141,14 +111,7 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
     spec.nodes = header.nodes;
     spec.type = ValueType::f32;
     const auto file = create_volume_file(path, spec);
-    progress.begin("export", static_cast<std::uint64_t>(spec.nodes.z), "planes");
-    std::vector<float> plane(static_cast<std::size_t>(spec.nodes.x * spec.nodes.y));
-    for (std::int64_t z = 0; z < spec.nodes.z; ++z) {
-        progress.check();
-        indicator_plane(store, cache, options, z, plane);
-        file->write(reinterpret_cast<const std::byte*>(plane.data()), 1);
-        progress.advance(1);
-    }
+    export_indicator(store, options, *file, progress);
     file->finish();
 }
 

@@ -11,61 +11,13 @@
 #include "query/mesh_writer.h"
 #include "query/part_store.h"
 #include "query/planar.h"
-#include "query/traversal.h"
+#include "query/traversal_budget.h"
 #include "query/weld.h"
 #include "store/error.h"
 #include "store/output_file.h"
 #include "store/workers.h"
 
 namespace isonest {
-namespace {
-
-constexpr std::uint64_t kLibraryHeap = 24U << 20U;
-constexpr std::uint64_t kReserve = 4U << 20U;  ///< of a thread, for what is not counted
-
-struct Budget {
-    int threads;
-    std::size_t part_vertices;
-    std::uint64_t parts;
-    std::uint64_t cache;
-};
-
-/// Shares the memory among threads; fewer threads run where there is little.
-Budget share(const StoreReader& store, const ExtractOptions& options, const TraversalQuery& query) {
-    const std::uint64_t brick = brick_heap(store.layout(), query) +
-                                codec_heap(store.layout().array(0, Field::values).chunk_bytes(),
-                                           store.layout().header().compression);
-    constexpr std::uint64_t kLeastPart = 4096;
-    const std::uint64_t table = table_heap(store.layout());
-    const std::uint64_t each = brick + table + 2 * kLeastPart * LocalMesh::kBytesPerVertex;
-    if (options.memory < kLibraryHeap + each) {
-        throw Error(
-            ErrorKind::limit,
-            fmt::format("{}: a memory of {} MiB is too little for this store's chunks: give "
-                        "at least --memory {}M",
-                        store.path().string(), options.memory >> 20U,
-                        ((kLibraryHeap + each) >> 20U) + 1));
-    }
-    const int wanted = Workers::count_of(options.threads);
-    const std::uint64_t usable = options.memory - kLibraryHeap;
-    Budget budget{};
-    budget.threads = static_cast<int>(
-        std::clamp<std::uint64_t>(usable / each, 1, static_cast<std::uint64_t>(wanted)));
-    const auto threads = static_cast<std::uint64_t>(budget.threads);
-    const std::uint64_t spare = usable - threads * each;
-    budget.part_vertices = std::clamp<std::size_t>(
-        spare / 4 / threads / (2 * LocalMesh::kBytesPerVertex), kLeastPart, 65536);
-    const std::uint64_t larger_parts =
-        threads * 2 * (budget.part_vertices - kLeastPart) * LocalMesh::kBytesPerVertex;
-    const std::uint64_t reserve = std::min(spare / 8, threads * kReserve);
-    budget.parts = spare / 2;
-    // A brick's chunks lie in the cache.
-    budget.cache = threads * 8 * store.layout().array(0, Field::values).chunk_bytes() + spare -
-                   larger_parts - reserve - budget.parts;
-    return budget;
-}
-
-}  // namespace
 
 ExtractReport extract(const StoreReader& store, const std::filesystem::path& mesh,
                       const ExtractOptions& options, Progress& progress) {
@@ -78,7 +30,8 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
     ExtractQuery asked = extract_query(store, mesh, options);
     TraversalQuery& query = asked.traversal;
     const bool planar = store.layout().lattice().dimension() == 2;
-    const Budget budget = share(store, options, query);
+    const TraversalBudget budget =
+        share_memory(store, query, options.values, options.memory, 0, options.threads, true);
 
     ExtractReport report;
     report.dimension = store.layout().lattice().dimension();
@@ -97,10 +50,11 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
         {
             std::optional<ChunkCache> values;
             if (options.values != nullptr) {
-                values.emplace(*options.values, budget.cache / 4);
+                values.emplace(*options.values, budget.values_cache);
                 query.attribute_values = &*values;
             }
-            ChunkCache cache(store, budget.cache - (values ? budget.cache / 4 : 0));
+            ChunkCache cache(store, budget.cache,
+                             query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
             const PartSink sink = [&](std::uint64_t order, const MeshPart& part) {
                 parts.append(order, part);
             };

@@ -6,20 +6,43 @@
 
 namespace isonest {
 
+void NodeSampler::enter(int level, const Int3& node) {
+    home_level_ = level;
+    const std::int64_t stride = std::int64_t{1} << level;
+    home_chunk_ = layout_->array(level, Field::values)
+                      .chunk_of({node.x / stride, node.y / stride, node.z / stride});
+}
+
+void NodeSampler::leave() {
+    home_level_.reset();
+    home_ = {};
+    values_ = {};
+    indicators_ = {};
+}
+
+bool NodeSampler::is_home(const ArrayInfo& array, const Int3& chunk) const {
+    return array.field == Field::values && home_level_ == array.level && chunk == home_chunk_;
+}
+
 const std::byte* NodeSampler::element(Recent& recent, int level, Field field, const Int3& node,
                                       int component) {
     if (recent.array == nullptr || recent.array->field != field) {
-        recent = {&layout_->array(level, field), {-1, -1, -1}, nullptr};
+        recent = {&layout_->array(level, field), {-1, -1, -1}, {}};
     }
     const ArrayInfo& array = *recent.array;
     const Int3 chunk = array.chunk_of(node);
-    if (chunk != recent.chunk) {
-        recent.data = cache_->get(array, chunk);
-        recent.chunk = chunk;
+    const Int3 p = node - array.first_node(chunk);
+    const bool home = is_home(array, chunk);
+    Recent& from = home ? home_ : recent;
+    const std::byte* at = chunk == from.chunk ? cache_->find(array, from.part, p) : nullptr;
+    if (at == nullptr) {
+        from.part = {};
+        const bool whole = home || !home_level_;
+        from = {&array, chunk,
+                whole ? ChunkPart{cache_->get(array, chunk), true} : cache_->part(array, chunk, p)};
+        at = cache_->find(array, from.part, p);
     }
-    const std::int64_t at =
-        array.chunk.linear(node - array.first_node(chunk)) * array.components + component;
-    return recent.data.get() + static_cast<std::size_t>(at) * array.codec.element_size;
+    return at + static_cast<std::size_t>(component) * array.codec.element_size;
 }
 
 double NodeSampler::value(const Int3& p, int level) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 
 #include "query/brick_view.h"
 #include "store/lattice.h"
@@ -13,7 +14,22 @@ namespace isonest {
 /// level. Not thread-safe; one per thread.
 class NodeSampler {
   public:
+    /// What a chunk's neighbours need of its values for gradients and for the indicators of level
+    /// 1: see ChunkCache.
+    static constexpr ChunkSides kSides{3, 1};
+
     explicit NodeSampler(ChunkCache& cache) : cache_(&cache), layout_(&cache.source().layout()) {}
+
+    /// Until leave(), most nodes are near the chunk of `level` that holds this node of the finest
+    /// lattice. That chunk is decoded as a whole and remembered beside the last other one, of which
+    /// its sides may do.
+    void enter(int level, const Int3& node);
+    /// Lets go of all chunks.
+    void leave();
+    /// How many chunks of values and of an indicator at most are held between enter() and leave()
+    /// by one that is asked for the levels of a brick: its own, the next coarser, the finest.
+    static constexpr std::uint64_t kMostValueChunks = 4;
+    static constexpr std::uint64_t kMostIndicatorChunks = 2;
 
     /// U at node p of the finest lattice, from the coarsest level up to `level` that has it.
     /// REQUIRES: p is a multiple of 2^level. Nodes outside the volume take the nearest one's value.
@@ -29,15 +45,19 @@ class NodeSampler {
     struct Recent {
         const ArrayInfo* array = nullptr;
         Int3 chunk{-1, -1, -1};
-        DecodedChunk data;
+        ChunkPart part;
     };
     const std::byte* element(Recent& recent, int level, Field field, const Int3& node,
                              int component);
+    [[nodiscard]] bool is_home(const ArrayInfo& array, const Int3& chunk) const;
 
     ChunkCache* cache_;
     const StoreLayout* layout_;
     std::array<Recent, kLevels> values_;
     std::array<Recent, kLevels> indicators_;
+    std::optional<int> home_level_;
+    Int3 home_chunk_;
+    Recent home_;
 };
 
 }  // namespace isonest

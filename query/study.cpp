@@ -1,18 +1,21 @@
 #include "query/study.h"
 
 #include <fmt/format.h>
-#include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
+#include "query/blocks.h"
+#include "query/indicator_box.h"
 #include "query/node_sampler.h"
 #include "query/planar.h"
-#include "query/traversal.h"
+#include "query/traversal_budget.h"
 #include "store/error.h"
 #include "store/gather.h"
+#include "store/memory_budget.h"
 #include "store/workers.h"
 
 namespace isonest {
@@ -20,58 +23,121 @@ namespace {
 
 constexpr std::uint64_t kBytesPerNode = 2 * sizeof(double) + sizeof(float);
 
-/// All nodes of the lattice, those beyond the volume too: elements reach there.
+/// The nodes that elements reach, those beyond the volume too. Level L's cubes tile the volume, so
+/// what they reach grows with L: there are few nodes beyond what level 1's reach, on coarse levels
+/// alone.
+class NodeNumbers {
+  public:
+    explicit NodeNumbers(const Lattice& lattice) {
+        for (int level = std::min(1, lattice.top()); level <= lattice.top(); ++level) {
+            const Int3 last = lattice.cells_at(level) * (std::int64_t{1} << level);
+            if (regions_.empty() || last != regions_.back().last) {
+                const std::int64_t scale = level > 0 ? std::int64_t{1} << (level - 1) : 1;
+                const Int3 size =
+                    Int3{last.x / scale, last.y / scale, last.z / scale} + Int3{1, 1, 1};
+                regions_.push_back({last, size, scale, count_});
+                count_ += static_cast<std::size_t>(size.product());
+            }
+        }
+    }
+    [[nodiscard]] std::size_t count() const { return count_; }
+    /// REQUIRES: an element reaches the node.
+    [[nodiscard]] std::size_t of(const Int3& p) const {
+        const Region* region = regions_.data();
+        while (max(p, region->last) != region->last) {
+            ++region;
+        }
+        return region->first +
+               static_cast<std::size_t>(region->size.linear(
+                   {p.x / region->scale, p.y / region->scale, p.z / region->scale}));
+    }
+    /// The size of the dense lattice of all nodes that level 1's cubes reach.
+    [[nodiscard]] const Int3& dense() const { return regions_.front().size; }
+    /// Calls f(p) for all nodes beyond.
+    template <class F>
+    void for_others(const F& f) const {
+        for (std::size_t r = 1; r < regions_.size(); ++r) {
+            const Int3& nearer = regions_[r - 1].last;
+            for (std::int64_t i = 0; i < regions_[r].size.product(); ++i) {
+                const Int3 p = regions_[r].size.unlinear(i) * regions_[r].scale;
+                if (max(p, nearer) != nearer) {
+                    f(p);
+                }
+            }
+        }
+    }
+
+  private:
+    /// Multiples of `scale` up to `last`.
+    struct Region {
+        Int3 last;
+        Int3 size;
+        std::int64_t scale;
+        std::size_t first;
+    };
+    std::vector<Region> regions_;
+    std::size_t count_ = 0;
+};
+
+/// U, P U and an indicator in all those nodes.
 class WholeLattice {
   public:
-    WholeLattice(const StoreReader& store, const StudyOptions& options)
-        : layout_(store.layout()), lattice_(layout_.lattice()) {
-        const std::int64_t edge = std::int64_t{1} << lattice_.top();
-        size_ = lattice_.cells_at(lattice_.top()) * edge + Int3{1, 1, 1};
-        const auto need = static_cast<std::uint64_t>(size_.product()) * kBytesPerNode;
-        if (need > options.memory / 4 * 3) {
-            throw Error(ErrorKind::limit,
-                        fmt::format("{}: a study of {} x {} x {} nodes needs a memory of {} MiB: "
-                                    "give --memory, or study a crop of the volume",
-                                    store.path().string(), size_.x, size_.y, size_.z,
-                                    (need * 4 / 3 >> 20U) + 1));
-        }
-        const auto count = static_cast<std::size_t>(size_.product());
-        exact_.resize(count);
-        projected_.resize(count);
-        eta_.resize(count);
+    explicit WholeLattice(const StoreLayout& layout)
+        : layout_(layout),
+          lattice_(layout.lattice()),
+          number_(lattice_),
+          exact_(number_.count()),
+          projected_(number_.count()),
+          eta_(number_.count()) {}
+
+    static std::uint64_t heap(const StoreLayout& layout) {
+        return NodeNumbers(layout.lattice()).count() * kBytesPerNode;
     }
 
     void load_values(ChunkCache& cache) {
+        const ArrayInfo& array = layout_.array(0, Field::values);
         dispatch(layout_.header().type, [&](auto tag) {
             using T = typename decltype(tag)::type;
-            Box<T> plane({0, 0, 0}, {size_.x, size_.y, 1});
-            for (std::int64_t z = 0; z < size_.z; ++z) {
-                plane.lo.z = z;
-                gather_values(cache, layout_.array(0, Field::values), plane);
-                std::copy(plane.data.begin(), plane.data.end(),
-                          exact_.begin() + static_cast<std::ptrdiff_t>(z * size_.x * size_.y));
-            }
+            const auto block = [&](const Int3& lo, const Int3& size) {
+                Box<T> box(lo, size);
+                gather_values(cache, array, box);
+                for (std::int64_t i = 0; i < size.product(); ++i) {
+                    exact_[at(lo + size.unlinear(i))] =
+                        static_cast<double>(box.data[static_cast<std::size_t>(i)]);
+                }
+            };
+            for_each_block({0, 0, 0}, number_.dense(), array.chunk, block);
         });
+        const Int3 last = lattice_.nodes() - Int3{1, 1, 1};
+        number_.for_others([&](const Int3& p) { exact_[at(p)] = exact_[at(min(p, last))]; });
     }
 
     /// Returns the largest finite value.
     double load_indicator(ChunkCache& cache, Field field, Progress& progress) {
-        std::vector<double> largest(static_cast<std::size_t>(size_.z), 0);
-        tbb::parallel_for(tbb::blocked_range<std::int64_t>(0, size_.z), [&](const auto& planes) {
-            NodeSampler sampler(cache);
-            for (std::int64_t z = planes.begin(); z < planes.end(); ++z) {
-                progress.check();
-                for (std::int64_t i = 0; i < size_.x * size_.y; ++i) {
-                    const Int3 p{i % size_.x, i / size_.x, z};
-                    const double eta = exists(p) ? sampler.indicator(p, field) : 0;
-                    eta_[at(p)] = static_cast<float>(eta);
-                    if (std::isfinite(eta)) {
-                        double& most = largest[static_cast<std::size_t>(z)];
-                        most = std::max(most, eta);
-                    }
+        const Int3 chunk = layout_.array(0, Field::values).chunk;
+        const Int3 grid = ceil_div(number_.dense(), chunk);
+        std::vector<double> largest(static_cast<std::size_t>(grid.product()), 0);
+        const auto set = [&](const Int3& p, double eta, double& most) {
+            eta_[at(p)] = static_cast<float>(eta);
+            most = std::isfinite(eta) ? std::max(most, eta) : most;
+        };
+        tbb::parallel_for(std::int64_t{0}, grid.product(), [&](std::int64_t c) {
+            progress.check();
+            const Int3 i = grid.unlinear(c);
+            const Int3 first{i.x * chunk.x, i.y * chunk.y, i.z * chunk.z};
+            const auto block = [&](const Int3& lo, const Int3& size) {
+                Box<double> box(lo, size);
+                fill_indicators(cache, field, 1, box);
+                for (std::int64_t k = 0; k < size.product(); ++k) {
+                    set(lo + size.unlinear(k), box.data[static_cast<std::size_t>(k)],
+                        largest[static_cast<std::size_t>(c)]);
                 }
-            }
+            };
+            for_each_block(first, min(chunk, number_.dense() - first), chunk, block);
         });
+        NodeSampler sampler(cache);
+        number_.for_others(
+            [&](const Int3& p) { set(p, sampler.indicator(p, field), largest.front()); });
         return *std::max_element(largest.begin(), largest.end());
     }
 
@@ -83,37 +149,32 @@ class WholeLattice {
         const Int3 macros = lattice_.elements_at(lattice_.top());
         const std::uint64_t first = kInCube.at(static_cast<std::size_t>(dimension)) *
                                     static_cast<std::uint64_t>(macros.product());
-        std::vector<std::uint64_t> added(static_cast<std::size_t>(size_.z));
-        std::vector<std::uint64_t> visited(static_cast<std::size_t>(size_.z));
+        row.leaves = first;
+        row.visited = first;
         // The corners first, by themselves: nodes in other planes are projected from them.
+        const Int3 far = lattice_.cells_at(lattice_.top()) * (std::int64_t{1} << lattice_.top());
         for (std::int64_t i = 0; i < 8; ++i) {
             const Int3 o = Int3{2, 2, 2}.unlinear(i);
-            const Int3 corner{o.x * (size_.x - 1), o.y * (size_.y - 1), o.z * (size_.z - 1)};
+            const Int3 corner{o.x * far.x, o.y * far.y, o.z * far.z};
             projected_[at(corner)] = exact_[at(corner)];
         }
         for (int level = lattice_.top(); level >= 1; --level) {
-            tbb::parallel_for(std::int64_t{0}, size_.z, [&](std::int64_t z) {
-                const std::int64_t stride = std::int64_t{1} << (level - 1);
-                if (z % stride != 0) {
-                    return;
-                }
+            const std::int64_t scale = std::int64_t{1} << (level - 1);
+            const Int3 size = lattice_.cells_at(level) * 2 + Int3{1, 1, 1};
+            std::vector<std::uint64_t> added(static_cast<std::size_t>(size.z));
+            std::vector<std::uint64_t> visited(static_cast<std::size_t>(size.z));
+            tbb::parallel_for(std::int64_t{0}, size.z, [&](std::int64_t z) {
                 const auto plane = static_cast<std::size_t>(z);
-                for (std::int64_t y = 0; y < size_.y; y += stride) {
-                    for (std::int64_t x = 0; x < size_.x; x += stride) {
-                        const Int3 p{x, y, z};
-                        const NodeInfo node = describe_node(p, lattice_.top());
-                        if (node.scale == stride) {
-                            refine(p, node, level, threshold, added[plane], visited[plane]);
-                        }
+                for (std::int64_t i = 0; i < size.x * size.y; ++i) {
+                    const Int3 p = Int3{i % size.x, i / size.x, z} * scale;
+                    const NodeInfo node = describe_node(p, lattice_.top());
+                    if (node.scale == scale) {
+                        refine(p, node, level, threshold, added[plane], visited[plane]);
                     }
                 }
             });
-        }
-        row.leaves = first;
-        row.visited = first;
-        for (std::size_t z = 0; z < added.size(); ++z) {
-            row.leaves += added[z];
-            row.visited += visited[z];
+            row.leaves = std::accumulate(added.begin(), added.end(), row.leaves);
+            row.visited = std::accumulate(visited.begin(), visited.end(), row.visited);
         }
     }
 
@@ -148,21 +209,10 @@ class WholeLattice {
     }
 
   private:
-    [[nodiscard]] std::size_t at(const Int3& p) const {
-        return static_cast<std::size_t>(size_.linear(p));
-    }
-    /// Whether an element refines at the node: whether it is one of the lattice of its level.
-    [[nodiscard]] bool exists(const Int3& p) const {
-        const NodeInfo node = describe_node(p, lattice_.top());
-        if (node.scale == 0) {
-            return false;
-        }
-        const Int3 last = lattice_.cells_at(node.level()) * (2 * node.scale);
-        return max(p, last) == last;
-    }
+    [[nodiscard]] std::size_t at(const Int3& p) const { return number_.of(p); }
     void refine(const Int3& p, const NodeInfo& node, int level, double threshold,
                 std::uint64_t& added, std::uint64_t& visited) {
-        if (!(static_cast<double>(eta_[at(p)]) >= threshold) || !exists(p)) {
+        if (!(static_cast<double>(eta_[at(p)]) >= threshold)) {
             projected_[at(p)] = (projected_[at(node.end0)] + projected_[at(node.end1)]) / 2;
             return;
         }
@@ -206,19 +256,18 @@ class WholeLattice {
 
     const StoreLayout& layout_;
     const Lattice& lattice_;
-    Int3 size_;
+    NodeNumbers number_;
     std::vector<double> exact_;
     std::vector<double> projected_;
     std::vector<float> eta_;
 };
 
-/// What the extraction of an isosurface (isolines) visits with this stop test.
-void count_surface(const StoreReader& store, ChunkCache& cache, double iso, double threshold,
-                   StudyRow& row) {
+/// The extraction of an isosurface (isolines) with this stop test.
+TraversalQuery surface_query(const StoreReader& store, double iso, Field stop, double threshold) {
     const StoreHeader& header = store.layout().header();
     TraversalQuery query;
     query.iso = iso;
-    query.stop = row.field;
+    query.stop = stop;
     query.tolerance = Tolerance(threshold, {}, {}, header.spacing, header.origin);
     for (const Field field :
          {Field::grad_linf_plus, Field::linf_plus, Field::deviation_plus, Field::deviation_bar}) {
@@ -231,15 +280,52 @@ void count_surface(const StoreReader& store, ChunkCache& cache, double iso, doub
         query.box.hi[static_cast<std::size_t>(axis)] =
             flat ? kInfinity : static_cast<double>(header.nodes[axis] - 1);
     }
-    constexpr std::size_t kPart = 65536;
+    return query;
+}
+
+/// What that visits.
+void count_surface(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
+                   StudyRow& row) {
     const PartSink nowhere = [](std::uint64_t, const MeshPart&) {};
-    const bool planar = store.layout().lattice().dimension() == 2;
+    const bool planar = cache.source().layout().lattice().dimension() == 2;
     const TraversalCounts counts =
-        planar
-            ? traverse_planar(cache, query, PlanarKind::isolines, kPart, nowhere, silent_progress())
-            : traverse(cache, query, kPart, nowhere, silent_progress());
+        planar ? traverse_planar(cache, query, PlanarKind::isolines, part_vertices, nowhere,
+                                 silent_progress())
+               : traverse(cache, query, part_vertices, nowhere, silent_progress());
     row.iso_visited = counts.visited;
     row.iso_leaves = counts.leaves;
+}
+
+/// How the memory is shared; fewer threads run where there is little.
+struct Shares {
+    int threads = 1;
+    std::uint64_t cache = 0;
+    std::size_t part_vertices = 0;
+};
+
+Shares share(const StoreReader& store, const StudyOptions& options) {
+    const StoreLayout& layout = store.layout();
+    const std::uint64_t nodes = WholeLattice::heap(layout);
+    const std::uint64_t largest = largest_chunk_bytes(layout);
+    // One chunk is held, one is in the cache besides.
+    const std::uint64_t each = decode_heap(largest) + 2 * largest + kIndicatorBoxHeap;
+    Shares shares;
+    require_memory(store.path().string(), options.memory, kLibraryHeap + nodes + each,
+                   "a study of this volume", ", or study a crop of it");
+    const std::uint64_t usable = options.memory - kLibraryHeap - nodes;
+    const auto threads = std::clamp<std::uint64_t>(
+        usable / each, 1, static_cast<std::uint64_t>(Workers::count_of(options.threads)));
+    shares.threads = static_cast<int>(threads);
+    shares.cache = usable - threads * (each - 2 * largest);
+    if (options.iso) {
+        for (const Field field : options.fields) {
+            const TraversalBudget budget =
+                share_memory(store, surface_query(store, *options.iso, field, 0), nullptr,
+                             options.memory, nodes, shares.threads, false);
+            shares = {budget.threads, std::min(shares.cache, budget.cache), budget.part_vertices};
+        }
+    }
+    return shares;
 }
 
 }  // namespace
@@ -253,10 +339,11 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
         throw Error(ErrorKind::invalid_argument,
                     "a study needs at least 2 thresholds, and the least one between 0 and 1");
     }
+    const Shares shares = share(store, options);
     Study result;
-    Workers(options.threads).execute([&] {
-        WholeLattice whole(store, options);
-        ChunkCache cache(store, options.memory / 4);
+    Workers(shares.threads).execute([&] {
+        WholeLattice whole(layout);
+        ChunkCache cache(store, shares.cache);
         whole.load_values(cache);
         const double range = store.max_value() - store.min_value();
         StudyRow finest;
@@ -276,7 +363,8 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
                 whole.project(threshold, row);
                 whole.measure(range > 0 ? range : 1, row);
                 if (options.iso) {
-                    count_surface(store, cache, *options.iso, threshold, row);
+                    count_surface(cache, surface_query(store, *options.iso, field, threshold),
+                                  shares.part_vertices, row);
                 }
                 result.rows.push_back(row);
                 progress.advance(1);

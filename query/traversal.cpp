@@ -34,15 +34,27 @@ void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Par
                std::uint64_t progress_share);
 
 /// The brick is done. Those before it along each axis, which come later, need no more of its values
-/// and of its parents' indicators than the first ones. Vertex attributes are sampled anywhere.
+/// and of its parents' indicators than the first ones. Vertex attributes also need the last ones,
+/// and are sampled anywhere in the coarser levels.
 void leave(Shared& shared, int level, const Int3& brick) {
     const TraversalQuery& query = shared.query;
+    const StoreLayout& layout = shared.cache.source().layout();
     if (query.attributes.width() > 0) {
+        if (level > 0) {
+            return;
+        }
+        shared.cache.keep_sides(layout.array(0, Field::values), brick);
+        if (query.attribute_values != nullptr) {
+            const ArrayInfo& other =
+                query.attribute_values->source().layout().array(0, Field::values);
+            if (other.grid == layout.array(0, Field::values).grid) {
+                query.attribute_values->keep_sides(other, brick);
+            }
+        }
         return;
     }
-    const StoreLayout& layout = shared.cache.source().layout();
     const auto keep = [&](int of_level, Field field) {
-        shared.cache.keep_low_sides(layout.array(of_level, field), brick);
+        shared.cache.keep_sides(layout.array(of_level, field), brick);
     };
     keep(level, Field::values);
     if (level < layout.lattice().top()) {
@@ -229,10 +241,28 @@ std::uint64_t table_heap(const StoreLayout& layout) {
     return PointTable::bytes(static_cast<std::uint64_t>(table_cells(layout)));
 }
 
-std::uint64_t brick_heap(const StoreLayout& layout, const TraversalQuery& query) {
-    std::uint64_t heap = 8 * layout.array(0, Field::values).chunk_bytes();
+namespace {
+
+std::uint64_t largest_chunk(const StoreLayout& layout, Field field) {
+    std::uint64_t largest = 0;
+    for (const ArrayInfo& array : layout.arrays()) {
+        largest = std::max(largest, array.field == field ? array.chunk_bytes() : 0);
+    }
+    return largest;
+}
+
+}  // namespace
+
+std::uint64_t list_heap(const StoreLayout& layout) {
     const auto k = static_cast<std::uint64_t>(layout.header().chunk);
-    heap += 9 * k * k * k / 8;
+    return 9 * k * k * k / 8;
+}
+
+std::uint64_t chunk_heap(const StoreLayout& layout, const TraversalQuery& query,
+                         bool values_elsewhere) {
+    const std::uint64_t values = largest_chunk(layout, Field::values);
+    // One is decoded for its sides.
+    std::uint64_t heap = 9 * values;
     std::vector<Field> fields{query.bound};
     if (query.stop != query.bound) {
         fields.push_back(query.stop);
@@ -242,13 +272,20 @@ std::uint64_t brick_heap(const StoreLayout& layout, const TraversalQuery& query)
     }
     for (const Field field : fields) {
         // Up to 2 x 2 x 2 chunks of the parents' and of the centres' array.
-        std::uint64_t largest = 0;
-        for (const ArrayInfo& array : layout.arrays()) {
-            largest = std::max(largest, array.field == field ? array.chunk_bytes() : 0);
-        }
-        heap += 16 * largest;
+        heap += 16 * largest_chunk(layout, field);
+    }
+    if (query.attributes.width() > 0) {
+        const bool values_too = query.attributes.value && !values_elsewhere;
+        heap += NodeSampler::kMostValueChunks * values * (values_too ? 2 : 1);
+    }
+    if (query.attributes.error) {
+        heap += NodeSampler::kMostIndicatorChunks * largest_chunk(layout, *query.attributes.error);
     }
     return heap;
+}
+
+std::uint64_t attribute_heap(const StoreLayout& layout) {
+    return (NodeSampler::kMostValueChunks + 1) * largest_chunk(layout, Field::values);
 }
 
 }  // namespace isonest

@@ -71,7 +71,15 @@ double bound_scale(Field bound, int level, const Double3& spacing);
 /// Heap of the table in which a thread finds the vertices of a brick (PointTable).
 std::uint64_t table_heap(const StoreLayout& layout);
 
+/// Heap of the lists of cubes that one thread hands down.
+std::uint64_t list_heap(const StoreLayout& layout);
+
 /// Heap of chunks that one thread may hold at the same time while it works on a brick.
-std::uint64_t brick_heap(const StoreLayout& layout, const TraversalQuery& query);
+/// `values_elsewhere`: whether vertex values are taken from another store.
+std::uint64_t chunk_heap(const StoreLayout& layout, const TraversalQuery& query,
+                         bool values_elsewhere);
+
+/// The same in a store from which it takes TraversalQuery::attribute_values.
+std::uint64_t attribute_heap(const StoreLayout& layout);
 
 }  // namespace isonest

@@ -29,7 +29,21 @@ AttributeSampler::AttributeSampler(const AttributeChoice& choice, ChunkCache& ow
       values_(values != nullptr ? *values : own),
       spacing_(own.source().layout().header().spacing) {}
 
+void AttributeSampler::enter(int level, const Int3& node) {
+    own_.enter(level, node);
+    values_.enter(level, node);
+}
+
+void AttributeSampler::leave() {
+    own_.leave();
+    values_.leave();
+}
+
 VertexAttributes AttributeSampler::edge(const Int3& a, const Int3& b, double t) {
+    return sample(a, b, t, true);
+}
+
+VertexAttributes AttributeSampler::sample(const Int3& a, const Int3& b, double t, bool with_error) {
     VertexAttributes out{};
     if (width_ == 0) {
         return out;
@@ -59,7 +73,7 @@ VertexAttributes AttributeSampler::edge(const Int3& a, const Int3& b, double t) 
         const double vb = values_.value(b, level);
         out[at++] = static_cast<float>(va + t * (vb - va));
     }
-    if (choice_.error) {
+    if (choice_.error && with_error) {
         const Int3 sum = a + b;
         const bool has_midpoint = ((sum.x | sum.y | sum.z) & 1) == 0;
         out[at++] = has_midpoint ? static_cast<float>(own_.indicator(
@@ -70,11 +84,7 @@ VertexAttributes AttributeSampler::edge(const Int3& a, const Int3& b, double t) 
 }
 
 VertexAttributes AttributeSampler::node(const Int3& p) {
-    VertexAttributes out = edge(p, p, 0);
-    if (choice_.error) {
-        out[width_ - 1] = 0;  // the function itself holds in its nodes
-    }
-    return out;
+    return sample(p, p, 0, false);  // no error: the function itself holds in its nodes
 }
 
 VertexAttributes mix(const VertexAttributes& a, const VertexAttributes& b, double t) {

@@ -50,7 +50,13 @@ class AttributeSampler {
     [[nodiscard]] VertexAttributes edge(const Int3& a, const Int3& b, double t);
     [[nodiscard]] VertexAttributes node(const Int3& p);
 
+    /// See NodeSampler.
+    void enter(int level, const Int3& node);
+    void leave();
+
   private:
+    [[nodiscard]] VertexAttributes sample(const Int3& a, const Int3& b, double t, bool with_error);
+
     AttributeChoice choice_;
     std::size_t width_;
     NodeSampler own_;

@@ -214,4 +214,11 @@ std::size_t codec_heap(std::size_t chunk_bytes, int level) {
            ZSTD_estimateDCtxSize();
 }
 
+/// A ZSTD_CCtx that has compressed nothing.
+constexpr std::size_t kUnusedContext = 16384;
+
+std::size_t decode_heap(std::size_t chunk_bytes) {
+    return chunk_bytes + ZSTD_estimateDCtxSize() + kUnusedContext;
+}
+
 }  // namespace isonest

@@ -51,5 +51,7 @@ class Checksum {
 
 /// Heap that one thread's contexts and buffers may take for chunks of `chunk_bytes`.
 std::size_t codec_heap(std::size_t chunk_bytes, int level);
+/// The same of a thread that only decodes.
+std::size_t decode_heap(std::size_t chunk_bytes);
 
 }  // namespace isonest

@@ -131,4 +131,12 @@ std::string StoreLayout::path_of(const ArrayInfo& array) {
     return fmt::format("/levels/{}/{}", array.level, name_of(array.field));
 }
 
+std::size_t largest_chunk_bytes(const StoreLayout& layout) {
+    std::size_t largest = 0;
+    for (const ArrayInfo& array : layout.arrays()) {
+        largest = std::max(largest, array.chunk_bytes());
+    }
+    return largest;
+}
+
 }  // namespace isonest

@@ -111,4 +111,7 @@ class StoreLayout {
     std::uint64_t rows_ = 0;
 };
 
+/// Bytes of the largest decoded chunk of all arrays.
+std::size_t largest_chunk_bytes(const StoreLayout& layout);
+
 }  // namespace isonest

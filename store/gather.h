@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <vector>
 
 #include "store/box.h"
 #include "store/chunk_cache.h"
@@ -62,6 +63,30 @@ void gather_values(ChunkCache& cache, const ArrayInfo& array, Box<T>& box) {
                         box.row(box.lo.y, z));
         }
     }
+}
+
+/// `count` components from `first` on of the `size` nodes from `lo` on, [z][y][x][component].
+/// REQUIRES: the nodes lie in the array's lattice; its elements are of type T.
+template <class T>
+std::vector<T> gather_components(ChunkCache& cache, const ArrayInfo& array, const Int3& lo,
+                                 const Int3& size, int first, int count) {
+    std::vector<T> out(static_cast<std::size_t>(size.product() * count));
+    const Int3 c0 = array.chunk_of(lo);
+    const Int3 chunks = array.chunk_of(lo + size - Int3{1, 1, 1}) - c0 + Int3{1, 1, 1};
+    for (std::int64_t c = 0; c < chunks.product(); ++c) {
+        const Int3 which = c0 + chunks.unlinear(c);
+        const DecodedChunk chunk = cache.get(array, which);
+        const T* const data = reinterpret_cast<const T*>(chunk.get());
+        const Int3 base = array.first_node(which);
+        const Int3 from = max(base, lo);
+        const Int3 n = min(base + array.chunk, lo + size) - from;
+        for (std::int64_t i = 0; i < n.product(); ++i) {
+            const Int3 p = from + n.unlinear(i);
+            std::copy_n(data + array.chunk.linear(p - base) * array.components + first, count,
+                        out.begin() + size.linear(p - lo) * count);
+        }
+    }
+    return out;
 }
 
 }  // namespace isonest

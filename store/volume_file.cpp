@@ -19,7 +19,7 @@ class Hdf5File : public VolumeFile {
         : path_(std::move(path)), unfinished_(path_, spec.force), spec_(spec) {
         const QuietHdf5 quiet;
         file_ = create_hdf5(unfinished_.name());
-        const std::array<hsize_t, 3> dims = shape(spec_.nodes.z);
+        const std::array<hsize_t, 3> dims = shape(spec_.nodes);
         const SpaceHandle space(H5Screate_simple(3, dims.data(), nullptr));
         const PropertyHandle creation(H5Pcreate(H5P_DATASET_CREATE));
         H5Pset_obj_track_times(creation.get(), false);
@@ -44,17 +44,20 @@ class Hdf5File : public VolumeFile {
         file_.reset();
     }
     void write(const std::byte* planes, std::int64_t count) override {
+        write_box({0, 0, next_}, {spec_.nodes.x, spec_.nodes.y, count}, planes);
+        next_ += count;
+    }
+    void write_box(const Int3& lo, const Int3& size, const std::byte* data) override {
         const QuietHdf5 quiet;
-        const std::array<hsize_t, 3> start{static_cast<hsize_t>(next_), 0, 0};
-        const std::array<hsize_t, 3> size = shape(count);
+        const std::array<hsize_t, 3> start = shape(lo);
+        const std::array<hsize_t, 3> count = shape(size);
         const SpaceHandle to(H5Dget_space(data_.get()));
-        H5Sselect_hyperslab(to.get(), H5S_SELECT_SET, start.data(), nullptr, size.data(), nullptr);
-        const SpaceHandle from(H5Screate_simple(3, size.data(), nullptr));
+        H5Sselect_hyperslab(to.get(), H5S_SELECT_SET, start.data(), nullptr, count.data(), nullptr);
+        const SpaceHandle from(H5Screate_simple(3, count.data(), nullptr));
         const TypeHandle type = file_type(spec_.type);
-        if (H5Dwrite(data_.get(), type.get(), from.get(), to.get(), H5P_DEFAULT, planes) < 0) {
+        if (H5Dwrite(data_.get(), type.get(), from.get(), to.get(), H5P_DEFAULT, data) < 0) {
             fail("write it");
         }
-        next_ += count;
     }
     void finish() override {
         const QuietHdf5 quiet;
@@ -66,9 +69,8 @@ class Hdf5File : public VolumeFile {
     }
 
   private:
-    [[nodiscard]] std::array<hsize_t, 3> shape(std::int64_t planes) const {
-        return {static_cast<hsize_t>(planes), static_cast<hsize_t>(spec_.nodes.y),
-                static_cast<hsize_t>(spec_.nodes.x)};
+    [[nodiscard]] static std::array<hsize_t, 3> shape(const Int3& n) {
+        return {static_cast<hsize_t>(n.z), static_cast<hsize_t>(n.y), static_cast<hsize_t>(n.x)};
     }
     [[noreturn]] void fail(const char* what) {
         const std::string detail = hdf5_message();
@@ -88,23 +90,36 @@ class FlatFile : public VolumeFile {
   public:
     FlatFile(const std::filesystem::path& path, const VolumeFileSpec& spec,
              const std::string& header)
-        : file_(path, spec.force),
-          plane_(static_cast<std::size_t>(spec.nodes.x * spec.nodes.y) * size_of(spec.type)) {
-        put(std::as_bytes(std::span(header)));
+        : file_(path, spec.force), spec_(spec), header_bytes_(header.size()) {
+        file_.write_at(0, std::as_bytes(std::span(header)));
     }
     void write(const std::byte* planes, std::int64_t count) override {
-        put({planes, static_cast<std::size_t>(count) * plane_});
+        write_box({0, 0, next_}, {spec_.nodes.x, spec_.nodes.y, count}, planes);
+        next_ += count;
+    }
+    void write_box(const Int3& lo, const Int3& size, const std::byte* data) override {
+        const Int3& n = spec_.nodes;
+        const std::size_t element = size_of(spec_.type);
+        const bool whole_rows = size.x == n.x;
+        const bool whole_planes = whole_rows && size.y == n.y;
+        // What follows each other in the file is written at once.
+        const Int3 step{size.x, whole_rows ? size.y : 1, whole_planes ? size.z : 1};
+        const std::size_t bytes = static_cast<std::size_t>(step.product()) * element;
+        for (std::int64_t z = 0; z < size.z; z += step.z) {
+            for (std::int64_t y = 0; y < size.y; y += step.y) {
+                const auto first = static_cast<std::uint64_t>(n.linear(lo + Int3{0, y, z}));
+                file_.write_at(header_bytes_ + first * element, {data, bytes});
+                data += bytes;
+            }
+        }
     }
     void finish() override { file_.publish_as_named(); }
 
   private:
-    void put(std::span<const std::byte> bytes) {
-        file_.write_at(end_, bytes);
-        end_ += bytes.size();
-    }
     OutputFile file_;
-    std::size_t plane_;  ///< bytes
-    std::uint64_t end_ = 0;
+    VolumeFileSpec spec_;
+    std::uint64_t header_bytes_;
+    std::int64_t next_ = 0;
 };
 
 std::string nrrd_header(const VolumeFileSpec& spec) {

@@ -1,4 +1,4 @@
-// Plain volume files that are written slab by slab: HDF5, NRRD, raw.
+// Plain volume files that are written slab by slab or box by box: HDF5, NRRD, raw.
 #pragma once
 
 #include <filesystem>
@@ -9,7 +9,7 @@
 
 namespace isonest {
 
-/// A file that takes a volume in ascending planes. It appears whole under its name or not at all.
+/// A file that takes a volume in ascending planes, or in boxes in any order. It appears whole under its name or not at all.
 /// Thread-safety: one thread.
 class VolumeFile {
   public:
@@ -19,7 +19,10 @@ class VolumeFile {
     virtual ~VolumeFile() = default;
     /// The next `count` planes, x fastest. Throws Error{io}.
     virtual void write(const std::byte* planes, std::int64_t count) = 0;
-    /// REQUIRES: all planes were written. Throws Error{io, invalid_argument}.
+    /// `size` nodes from `lo` on, x fastest. REQUIRES: the box lies in the volume; write() is not
+    /// called for the same file. Throws Error{io}.
+    virtual void write_box(const Int3& lo, const Int3& size, const std::byte* data) = 0;
+    /// REQUIRES: all nodes were written. Throws Error{io, invalid_argument}.
     virtual void finish() = 0;
 };
 

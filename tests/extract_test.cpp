@@ -3,6 +3,7 @@
 #include <functional>
 
 #include "store/error.h"
+#include "store/memory_budget.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
@@ -196,14 +197,14 @@ TEST_CASE(
     for (const int threads : {1, 2}) {
         options.threads = threads;
         std::optional<ExtractReport> report;
-        for (options.memory = 24U << 20U; !report; options.memory += 1U << 20U) {
+        for (options.memory = 1U << 20U; !report; options.memory += 1U << 20U) {
             try {
                 report = extract(store, folder / "m.ply", options, silent_progress());
             } catch (const Error& e) {
                 REQUIRE(e.kind() == ErrorKind::limit);
             }
         }
-        CHECK(report->peak_cache_bytes < options.memory - (24U << 20U));
+        CHECK(report->peak_cache_bytes < options.memory - kLibraryHeap);
         CHECK(report->peak_cache_bytes < 129 * 129 * 129 * sizeof(float) / 2);
         CHECK(read_file(folder / "m.ply") == expected);
     }

@@ -63,6 +63,8 @@ Result run(Arguments& a, Progress& progress) {
         const Temporary mesh(temporary_name(a.extract.mesh) += ".ply");
         r = extract(store, mesh.path, a.extract.extract, progress);
         a.picture.normal = a.extract.extract.plane->normal;
+        // What the extraction leaves behind is within the rest.
+        a.picture.memory = a.extract.extract.memory / 4;
         draw_slice(PlyMesh(mesh.path), a.extract.mesh, a.picture, progress);
     } else {
         r = extract(store, a.extract.mesh, a.extract.extract, progress);

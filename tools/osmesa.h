@@ -33,7 +33,8 @@ namespace isonest {
     F(glOrtho)                      \
     F(glPolygonMode)                \
     F(glPolygonOffset)              \
-    F(glVertexPointer)
+    F(glVertexPointer)              \
+    F(glViewport)
 
 struct OsMesa {
 // NOLINTNEXTLINE(bugprone-macro-parentheses): a name to declare

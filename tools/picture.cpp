@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "store/error.h"
+#include "store/memory_budget.h"
 #include "tools/osmesa.h"
 #include "tools/png_writer.h"
 
@@ -19,6 +20,11 @@ constexpr int kSupersampling = 2;  // per axis
 constexpr double kMargin = 0.05;   // of the picture, on each side
 constexpr std::size_t kBatchTriangles = 32768;
 constexpr std::size_t kCorner = 6;  // floats: position, normal
+
+/// Heap of OSMesa, its compiler and one batch of triangles, and of OSMesa's buffers and ours per
+/// pixel of the picture: measured by tools/bench/peak_heap.cpp, rounded up.
+constexpr std::uint64_t kOsMesaHeap = std::uint64_t{84} << 20U;
+constexpr std::uint64_t kHeapPerPixel = 68;
 
 using Float3 = std::array<float, 3>;
 
@@ -94,7 +100,7 @@ class Camera {
     double scale_ = 1;
 };
 
-/// An off-screen OpenGL context that draws into its own pixels.
+/// An off-screen OpenGL context that draws into its own pixels: some rows of the picture.
 class Canvas {
   public:
     Canvas(int width, int height) : width_(width), height_(height) {
@@ -119,11 +125,13 @@ class Canvas {
         }
         osmesa().OSMesaPixelStore(OSMESA_Y_UP, 0);  // rows from the top
     }
-    /// Averages squares of `step` pixels; RGB, rows from the top.
-    [[nodiscard]] std::vector<std::uint8_t> reduced(int step) const {
+    /// What is drawn next is the rows from `row` on of a picture of this width and `all` rows.
+    void show(int row, int all) const { osmesa().glViewport(0, row + height_ - all, width_, all); }
+    /// Averages squares of `step` pixels; RGB, the first `rows` rows from the top.
+    [[nodiscard]] std::vector<std::uint8_t> reduced(int step, int rows) const {
         osmesa().glFinish();
         const int width = width_ / step;
-        const int height = height_ / step;
+        const int height = rows / step;
         std::vector<std::uint8_t> rgb;
         rgb.reserve(std::size_t{3} * static_cast<std::size_t>(width) *
                     static_cast<std::size_t>(height));
@@ -281,6 +289,31 @@ std::vector<Float3> vertex_normals(const PlyMesh& mesh, const Camera& camera, Pr
     return normals;
 }
 
+/// Without `normals` each triangle has its own.
+void draw_triangles(const PlyMesh& mesh, const Camera& camera, const std::vector<Float3>& normals,
+                    Batch& batch, Progress& progress) {
+    in_steps(progress, "draw", "triangles", mesh.triangles(), [&](std::uint64_t i) {
+        const std::array<std::uint32_t, 3> t = mesh.triangle(i);
+        std::array<Double3, 3> p{};
+        for (std::size_t c = 0; c < 3; ++c) {
+            p[c] = camera.place(mesh.vertex(t[c]));
+        }
+        const Double3 flat = unit_or_front(cross(minus(p[1], p[0]), minus(p[2], p[0])));
+        for (std::size_t c = 0; c < 3; ++c) {
+            if (normals.empty()) {
+                batch.add(p[c], flat);
+            } else {
+                const Float3& n = normals[t[c]];
+                batch.add(p[c], unit_or_front({n[0], n[1], n[2]}));
+            }
+        }
+        if (batch.full()) {
+            batch.draw();
+        }
+    });
+    batch.draw();
+}
+
 }  // namespace
 
 PictureReport draw_picture(const PlyMesh& mesh, const std::filesystem::path& png,
@@ -312,34 +345,32 @@ PictureReport draw_picture(const PlyMesh& mesh, const std::filesystem::path& png
         report.lo = world.lo;
         report.hi = world.hi;
     }
-    report.smooth = !o.flat && mesh.vertices() <= o.memory / sizeof(Float3);
+    // Whole strips of tiles, as many as fit beside the normals.
+    constexpr int kTile = 32;
+    const auto row_heap = static_cast<std::uint64_t>(o.width) * kHeapPerPixel;
+    const std::uint64_t fixed = kLibraryHeap + kOsMesaHeap;
+    const std::uint64_t least = fixed + row_heap * kTile;
+    require_memory(png.string(), o.memory, least, fmt::format("a picture {} pixels wide", o.width),
+                   ", or a smaller --size");
+    const std::uint64_t normal_heap = mesh.vertices() * sizeof(Float3);
+    report.smooth = !o.flat && normal_heap <= o.memory - least;
     const std::vector<Float3> normals =
         report.smooth ? vertex_normals(mesh, camera, progress) : std::vector<Float3>();
+    const std::uint64_t fit =
+        (o.memory - fixed - (report.smooth ? normal_heap : 0)) / row_heap / kTile * kTile;
+    const int rows =
+        static_cast<int>(std::min<std::uint64_t>(fit, static_cast<std::uint64_t>(o.height)));
 
-    const Canvas canvas(o.width * kSupersampling, o.height * kSupersampling);
-    set_up(camera, o);
+    const Canvas canvas(o.width * kSupersampling, rows * kSupersampling);
+    PngFile file(png, o.width, o.height);
     Batch batch(o);
-    in_steps(progress, "draw", "triangles", mesh.triangles(), [&](std::uint64_t i) {
-        const std::array<std::uint32_t, 3> t = mesh.triangle(i);
-        std::array<Double3, 3> p{};
-        for (std::size_t c = 0; c < 3; ++c) {
-            p[c] = camera.place(mesh.vertex(t[c]));
-        }
-        const Double3 flat = unit_or_front(cross(minus(p[1], p[0]), minus(p[2], p[0])));
-        for (std::size_t c = 0; c < 3; ++c) {
-            if (report.smooth) {
-                const Float3& n = normals[t[c]];
-                batch.add(p[c], unit_or_front({n[0], n[1], n[2]}));
-            } else {
-                batch.add(p[c], flat);
-            }
-        }
-        if (batch.full()) {
-            batch.draw();
-        }
-    });
-    batch.draw();
-    write_png(png, o.width, o.height, canvas.reduced(kSupersampling));
+    for (int row = 0; row < o.height; row += rows) {
+        canvas.show(row * kSupersampling, o.height * kSupersampling);
+        set_up(camera, o);
+        draw_triangles(mesh, camera, normals, batch, progress);
+        file.write(canvas.reduced(kSupersampling, std::min(rows, o.height - row) * kSupersampling));
+    }
+    file.finish();
     return report;
 }
 

@@ -20,7 +20,8 @@ struct PictureOptions {
     bool wireframe = false;        ///< draw the triangles' edges too
     bool flat = false;             ///< one shade per triangle
     std::array<int, 3> color{86, 140, 196};  ///< of the surface, 0 to 255
-    /// Smooth shading holds one normal per vertex; beyond this many bytes it becomes flat.
+    /// Bytes of heap, at most. Where the picture does not fit, it is drawn in strips, going through
+    /// the mesh once for each; where one normal per vertex does not fit, shading becomes flat.
     std::uint64_t memory = std::uint64_t{1} << 30U;
 };
 

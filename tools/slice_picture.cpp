@@ -86,20 +86,25 @@ class Plane {
     Double3 up_{};
 };
 
-/// The picture at `kStep` times its size per axis.
+/// Some rows of the picture, from `first_row` on, at `kStep` times its size per axis.
 class Raster {
   public:
     static constexpr int kStep = 2;
-    Raster(const SlicePictureOptions& o, const ColorMap& map)
+    Raster(const SlicePictureOptions& o, const ColorMap& map, int first_row, int rows)
         : options_(o),
           map_(map),
           width_(o.width * kStep),
-          height_(o.height * kStep),
-          pixels_(
-              std::size_t{3} * static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_),
-              std::uint8_t{255}) {}
+          begin_(first_row * kStep),
+          end_((first_row + rows) * kStep),
+          pixels_(std::size_t{3} * static_cast<std::size_t>(width_) *
+                      static_cast<std::size_t>(end_ - begin_),
+                  std::uint8_t{255}) {}
+    /// Bytes of a row, reduced() included.
+    static std::uint64_t row_heap(int width) {
+        return std::uint64_t{3} * static_cast<std::uint64_t>(width) * (kStep * kStep + 1);
+    }
 
-    /// Corners in this raster's pixels, y down.
+    /// Corners in pixels of the whole picture at that size, y down.
     void draw(const std::array<Flat, 3>& t) {
         const double area =
             (t[1].x - t[0].x) * (t[2].y - t[0].y) - (t[1].y - t[0].y) * (t[2].x - t[0].x);
@@ -108,6 +113,9 @@ class Raster {
         }
         const auto [x0, x1] = std::minmax({t[0].x, t[1].x, t[2].x});
         const auto [y0, y1] = std::minmax({t[0].y, t[1].y, t[2].y});
+        if (!(y0 - 1 <= end_ && y1 + 1 >= begin_)) {
+            return;
+        }
         std::array<double, 3> edge_length{};
         for (std::size_t i = 0; i < 3; ++i) {
             const Flat& a = t[(i + 1) % 3];
@@ -121,7 +129,7 @@ class Raster {
                                 (t[1].value - t[0].value) * (t[2].x - t[0].x)) /
                                area;
         const double slope = std::hypot(slope_x, slope_y);
-        for (int y = first(y0); y <= last(y1, height_); ++y) {
+        for (int y = std::max(first(y0), begin_); y <= last(y1, end_); ++y) {
             for (int x = first(x0); x <= last(x1, width_); ++x) {
                 std::array<double, 3> w{};
                 double to_edge = std::numeric_limits<double>::infinity();
@@ -143,7 +151,7 @@ class Raster {
     [[nodiscard]] std::vector<std::uint8_t> reduced() const {
         std::vector<std::uint8_t> rgb;
         rgb.reserve(pixels_.size() / (kStep * kStep));
-        for (int y = 0; y < height_; y += kStep) {
+        for (int y = begin_; y < end_; y += kStep) {
             for (int x = 0; x < width_; x += kStep) {
                 for (std::size_t c = 0; c < 3; ++c) {
                     int sum = kStep * kStep / 2;
@@ -163,7 +171,7 @@ class Raster {
         return static_cast<int>(std::clamp(at + 1, -1.0, static_cast<double>(size - 1)));
     }
     [[nodiscard]] std::size_t place(int x, int y) const {
-        return 3 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) +
+        return 3 * (static_cast<std::size_t>(y - begin_) * static_cast<std::size_t>(width_) +
                     static_cast<std::size_t>(x));
     }
     [[nodiscard]] Rgb shade(double value, double to_edge, double slope) const {
@@ -190,7 +198,8 @@ class Raster {
     const SlicePictureOptions& options_;
     const ColorMap& map_;
     int width_;
-    int height_;
+    int begin_;  ///< rows of pixels
+    int end_;
     std::vector<std::uint8_t> pixels_;
 };
 
@@ -226,28 +235,36 @@ void draw_slice(const PlyMesh& mesh, const std::filesystem::path& png,
         high.x = std::max(high.x, p.x);
         high.y = std::max(high.y, p.y);
     }
-    Raster raster(options, *map);
     constexpr double kFilled = 0.98;
     const double w = options.width * Raster::kStep;
     const double h = options.height * Raster::kStep;
     const double scale = kFilled * std::min(w / std::max(high.x - low.x, 1e-300),
                                             h / std::max(high.y - low.y, 1e-300));
-    progress.begin("picture", mesh.triangles(), "triangles");
-    for (std::uint64_t i = 0; i < mesh.triangles(); ++i) {
-        if ((i & 0xFFFU) == 0) {
-            progress.check();
-            progress.advance(std::min<std::uint64_t>(0x1000, mesh.triangles() - i));
+    const auto corner = [&](std::uint32_t v) {
+        const Flat p = plane.of(mesh.vertex(v), mesh.value(v));
+        return Flat{w / 2 + (p.x - (low.x + high.x) / 2) * scale,
+                    h / 2 - (p.y - (low.y + high.y) / 2) * scale, p.value};
+    };
+    // Rows that fit into the memory at a time; the mesh is gone through once for each such strip.
+    const std::uint64_t fit = options.memory / Raster::row_heap(options.width);
+    const int rows = static_cast<int>(
+        std::clamp<std::uint64_t>(fit, 1, static_cast<std::uint64_t>(options.height)));
+    const int strips = (options.height + rows - 1) / rows;
+    PngFile file(png, options.width, options.height);
+    progress.begin("picture", mesh.triangles() * static_cast<std::uint64_t>(strips), "triangles");
+    for (int row = 0; row < options.height; row += rows) {
+        Raster raster(options, *map, row, std::min(rows, options.height - row));
+        for (std::uint64_t i = 0; i < mesh.triangles(); ++i) {
+            if ((i & 0xFFFU) == 0) {
+                progress.check();
+                progress.advance(std::min<std::uint64_t>(0x1000, mesh.triangles() - i));
+            }
+            const auto t = mesh.triangle(i);
+            raster.draw({corner(t[0]), corner(t[1]), corner(t[2])});
         }
-        std::array<Flat, 3> corners{};
-        const auto t = mesh.triangle(i);
-        for (std::size_t c = 0; c < 3; ++c) {
-            const Flat p = plane.of(mesh.vertex(t[c]), mesh.value(t[c]));
-            corners[c] = {w / 2 + (p.x - (low.x + high.x) / 2) * scale,
-                          h / 2 - (p.y - (low.y + high.y) / 2) * scale, p.value};
-        }
-        raster.draw(corners);
+        file.write(raster.reduced());
     }
-    write_png(png, options.width, options.height, raster.reduced());
+    file.finish();
 }
 
 }  // namespace isonest::cli

@@ -22,6 +22,8 @@ struct SlicePictureOptions {
     std::string colors = "viridis";
     bool grid = false;             ///< draw the triangles' edges
     std::vector<double> contours;  ///< values at which lines are drawn
+    std::uint64_t memory = std::uint64_t{256}
+                           << 20U;  ///< bytes of pixels held; at least one row is
 };
 
 /// The names for SlicePictureOptions::colors.

@@ -1,0 +1,119 @@
+"""The heap of every command stays within --memory, or the command says how much it needs at least.
+
+Usage: memory_test.py ISONEST PLUGIN_FOLDER
+
+For chunk sizes and budgets: either the peak of malloc'ed bytes (tools/bench/peak_heap.cpp) is at most
+--memory, or the exit code is 7 with a message that names the least memory; with that one it works,
+and stays within it.
+"""
+import itertools
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+
+ISONEST = pathlib.Path(sys.argv[1]).resolve()
+HEAP = ISONEST.parent.parent / "tools" / "bench" / "libisonest_peak_heap.so"
+MIB = 1 << 20
+LIMIT = 7
+CHUNKS = [16, 64, 128, 256]
+BUDGETS = ["1", "16M", "48M"]
+LARGEST = "4096x4096"
+failures = []
+
+
+def run(*arguments):
+    """(exit code, stderr, peak heap or None)"""
+    done = subprocess.run([ISONEST, *map(str, arguments), "-q"], capture_output=True, text=True,
+                          timeout=600, env={**os.environ, "LD_PRELOAD": str(HEAP)})
+    peak = re.search(r"peak heap (\d+) bytes", done.stderr)
+    return done.returncode, done.stderr, int(peak[1]) if peak else None
+
+
+def bytes_of(memory):
+    return int(memory[:-1]) * MIB if memory.endswith("M") else int(memory)
+
+
+def require(good, what):
+    if not good:
+        failures.append(what)
+        print("FAILED:", what, flush=True)
+
+
+def must_stay_within(command, memory):
+    """Returns the least memory that the command names, or None if it worked."""
+    code, text, peak = run(*command, "--memory", memory)
+    what = f"{' '.join(map(str, command))} --memory {memory}: exit {code}, heap {peak}, {text}"
+    if code == LIMIT:
+        least = re.search(r"give at least --memory (\d+M)", text)
+        require(least is not None, "no least memory is named: " + what)
+        return least[1] if least else None
+    require(code == 0, what)
+    require(peak <= bytes_of(memory), "more heap than --memory: " + what)
+    return None
+
+
+def check(command, budgets):
+    # Nothing works in one byte, and what is named works.
+    least = must_stay_within(command, "1")
+    require(least is not None, f"--memory 1 is accepted: {command}")
+    for memory in [*budgets, *([least] if least else [])]:
+        named = must_stay_within(command, memory)
+        if named is not None:
+            require(memory != least, f"the least memory, {least}, is not enough: {command}")
+            require(named == least, f"two least memories, {least} and {named}: {command}")
+
+
+if not HEAP.exists() or run("info", "--help")[2] is None:
+    print(f"{HEAP} is not there or cannot be preloaded (sanitizers?)")
+    sys.exit(77)
+
+with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
+    folder = pathlib.Path(name)
+    volume, mesh = folder / "v.h5", folder / "m.ply"
+    assert run("make-volume", "noise", "--size", "150,131,140", "-o", volume)[0] == 0
+    thin = folder / "thin.h5"
+    assert run("make-volume", "noise", "--size", "1000,3,3", "-o", thin)[0] == 0
+
+    for chunk in CHUNKS:
+        store = folder / f"{chunk}.isonest"
+        check(["preprocess", volume, "-o", store, "--chunk", chunk, "--force"], ["48M"])
+        assert run("preprocess", volume, "-o", store, "--chunk", chunk, "--force")[0] == 0
+        full = ["extract", store, "--iso", 0.5, "-o", mesh]
+        for command in [
+                full,
+                [*full, "--error-relative", 0.1, "--normals", "--vertex-error", "deviation_bar"],
+                [*full, "--normals", "--vertex-values", store],
+                ["slice", store, "--plane", "1,2,3,300", "-o", mesh, "--error-relative", 0.1],
+                ["slice", store, "--plane", "1,2,3,300", "-o", folder / "s.png", "--size",
+                 "1500x1500"],
+                ["export", store, "--field", "values", "-o", folder / "e.nrrd", "--force"],
+                ["export", store, "--field", "deviation_bar", "-o", folder / "e.h5", "--force"],
+                ["check", store],
+                ["check", store, "--deep", "--source", volume],
+                ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar",
+                 "--iso", 0.5]]:
+            check(command, BUDGETS[1:])
+        # Smaller than that the code only sees more threads: as many as there are, and few.
+        for threads, command in itertools.product([1, 8], [full, ["check", store]]):
+            must_stay_within([*command, "--threads", threads], "200M")
+
+    # Pictures in strips; the default memory draws the largest.
+    store = folder / "64.isonest"
+    ball = folder / "ball.isonest"
+    assert run("make-volume", "sphere", "--size", 33, "-o", folder / "ball.h5")[0] == 0
+    assert run("preprocess", folder / "ball.h5", "-o", ball)[0] == 0
+    assert run("extract", ball, "--iso", 0.5, "-o", mesh)[0] == 0
+    check(["picture", mesh, "-o", folder / "p.png", "--size", LARGEST, "--flat"], ["256M"])
+    check(["picture", mesh, "-o", folder / "p.png", "--size", "300x200"], BUDGETS[1:])
+    for command in [["picture", mesh], ["slice", store, "--plane", "0,0,1,30"]]:
+        code, text, peak = run(*command, "-o", folder / "p.png", "--size", LARGEST)
+        require(code == 0 and peak <= 1024 * MIB, f"{command} {LARGEST}: {code}, {peak}, {text}")
+
+    # A study needs what there is, not the cube around it.
+    assert run("preprocess", thin, "-o", folder / "thin.isonest")[0] == 0
+    check(["study", folder / "thin.isonest", "-o", folder / "study", "--steps", 2], BUDGETS[1:])
+
+sys.exit(1 if failures else 0)
