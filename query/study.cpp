@@ -309,8 +309,15 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
     const std::uint64_t largest = largest_chunk_bytes(layout);
     // One chunk is held, one is in the cache besides.
     const std::uint64_t each = decode_heap(largest) + 2 * largest + kIndicatorBoxHeap;
+    std::uint64_t least = each;
+    for (const Field field : options.fields) {
+        if (options.iso) {
+            const TraversalQuery query = surface_query(store, *options.iso, field, 0);
+            least = std::max(least, least_heap(store, query, nullptr));
+        }
+    }
     Shares shares;
-    require_memory(store.path().string(), options.memory, kLibraryHeap + nodes + each,
+    require_memory(store.path().string(), options.memory, kLibraryHeap + nodes + least,
                    "a study of this volume", ", or study a crop of it");
     const std::uint64_t usable = options.memory - kLibraryHeap - nodes;
     const auto threads = std::clamp<std::uint64_t>(

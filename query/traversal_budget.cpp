@@ -16,19 +16,36 @@ std::uint64_t decode_heap_of(const StoreReader& store) {
     return decode_heap(largest_chunk_bytes(store.layout()));
 }
 
+/// What one thread needs.
+struct Needs {
+    std::uint64_t chunks;        ///< of the store, held
+    std::uint64_t value_chunks;  ///< of the store of vertex values, held
+    std::uint64_t all;
+};
+
+Needs needs_of(const StoreReader& store, const TraversalQuery& query, const StoreReader* values) {
+    const StoreLayout& layout = store.layout();
+    Needs needs{chunk_heap(layout, query, values != nullptr),
+                values != nullptr ? attribute_heap(values->layout()) : 0, 0};
+    const std::uint64_t decode =
+        std::max(decode_heap_of(store), values != nullptr ? decode_heap_of(*values) : 0);
+    // While a part is finished, it is there twice.
+    needs.all = needs.chunks + needs.value_chunks + list_heap(layout) + decode +
+                table_heap(layout) + 2 * kLeastPart * LocalMesh::kBytesPerVertex;
+    return needs;
+}
+
 }  // namespace
+
+std::uint64_t least_heap(const StoreReader& store, const TraversalQuery& query,
+                         const StoreReader* values) {
+    return needs_of(store, query, values).all;
+}
 
 TraversalBudget share_memory(const StoreReader& store, const TraversalQuery& query,
                              const StoreReader* values, std::uint64_t memory,
                              std::uint64_t elsewhere, int threads, bool keep_parts) {
-    const StoreLayout& layout = store.layout();
-    const std::uint64_t chunks = chunk_heap(layout, query, values != nullptr);
-    const std::uint64_t value_chunks = values != nullptr ? attribute_heap(values->layout()) : 0;
-    const std::uint64_t codec =
-        std::max(decode_heap_of(store), values != nullptr ? decode_heap_of(*values) : 0);
-    // While a part is finished, it is there twice.
-    const std::uint64_t each = chunks + value_chunks + list_heap(layout) + codec +
-                               table_heap(layout) + 2 * kLeastPart * LocalMesh::kBytesPerVertex;
+    const auto [chunks, value_chunks, each] = needs_of(store, query, values);
     require_memory(store.path().string(), memory, kLibraryHeap + elsewhere + each,
                    "this store's chunks");
     const std::uint64_t usable = memory - kLibraryHeap - elsewhere;
@@ -51,7 +68,7 @@ TraversalBudget share_memory(const StoreReader& store, const TraversalQuery& que
     budget.values_cache = count * value_chunks + values_share;
     budget.cache = count * chunks + spare - values_share;
     // Chunks that are decoded for their sides come on top of a cache's budget.
-    budget.cache -= count * layout.array(0, Field::values).chunk_bytes();
+    budget.cache -= count * store.layout().array(0, Field::values).chunk_bytes();
     if (values != nullptr) {
         budget.values_cache -= count * values->layout().array(0, Field::values).chunk_bytes();
     }

@@ -14,6 +14,10 @@ struct TraversalBudget {
     std::uint64_t parts = 0;         ///< bytes for finished parts; 0 unless asked for
 };
 
+/// Heap that one thread needs beside kLibraryHeap. `values`: as below.
+std::uint64_t least_heap(const StoreReader& store, const TraversalQuery& query,
+                         const StoreReader* values);
+
 /// Shares `memory` bytes of heap; fewer threads than `threads` (0 = all cores) run where there is
 /// little. `values`: another store from which vertex values are taken, or null. `keep_parts`:
 /// whether finished parts are kept. Throws Error{limit}, naming the least memory, in which
