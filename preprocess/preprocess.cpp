@@ -93,8 +93,8 @@ int token_count(const StoreLayout& layout, const PreprocessOptions& options, int
     const std::uint64_t block = block_heap(layout);
     const std::uint64_t fixed = kLibraryHeap + source.heap();
     const std::uint64_t least = fixed + block + kLeastWindow;
-    require_memory(source.name(), options.memory, least,
-                   fmt::format("chunks of {}", options.chunk), ", or a smaller --chunk");
+    require_memory(source.name(), options.memory, least, fmt::format("chunks of {}", options.chunk),
+                   ", or a smaller --chunk");
     const std::uint64_t share = (options.memory - fixed) * 3 / 5 / block;
     return static_cast<int>(
         std::clamp<std::uint64_t>(share, 1, static_cast<std::uint64_t>(threads) + 1));

@@ -9,8 +9,8 @@
 
 namespace isonest {
 
-/// A file that takes a volume in ascending planes, or in boxes in any order. It appears whole under its name or not at all.
-/// Thread-safety: one thread.
+/// A file that takes a volume in ascending planes, or in boxes in any order. It appears whole under
+/// its name or not at all. Thread-safety: one thread.
 class VolumeFile {
   public:
     VolumeFile() = default;
