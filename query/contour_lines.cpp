@@ -3,6 +3,7 @@
 #include <tsl/robin_map.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "store/error.h"
 
@@ -20,6 +21,8 @@ struct MeshVertex {
 
 class LinePart {
   public:
+    explicit LinePart(const AttributeChoice& attributes) : attributes_(attributes) {}
+
     void march(const std::array<MeshVertex, 3>& t, double value, std::size_t index) {
         std::array<std::uint32_t, 2> ends{};
         std::size_t count = 0;
@@ -62,12 +65,16 @@ class LinePart {
             at[axis] = from + t * (static_cast<double>(q.position[axis]) - from);
         }
         part_.positions.push_back(at);
-        part_.attributes.push_back(static_cast<float>(value));
+        VertexAttributes words{};
+        attributes_.put_value(value, words);
+        part_.attributes.insert(part_.attributes.end(), words.begin(),
+                                words.begin() + static_cast<std::ptrdiff_t>(attributes_.width()));
         part_.shared.push_back({next});
         part_.names.push_back({key, next});
         return next;
     }
 
+    AttributeChoice attributes_;
     MeshPart part_;
     tsl::robin_map<VertexKey, std::uint32_t, VertexKeyHash> numbers_;
 };
@@ -75,13 +82,13 @@ class LinePart {
 }  // namespace
 
 void contour_lines(const PartStore& parts, const Weld& weld, std::span<const double> values,
-                   std::size_t attribute, std::size_t part_vertices, const PartSink& sink,
-                   Progress& progress) {
+                   const AttributeChoice& attributes, std::size_t part_vertices,
+                   const PartSink& sink, Progress& progress) {
     if (weld.vertices() >> kVertexBits != 0) {
         throw Error(ErrorKind::limit, "contour lines: the slice has more than 2^48 vertices");
     }
     progress.begin("contours", weld.triangles(), "triangles");
-    LinePart part;
+    LinePart part(attributes);
     std::uint64_t order = 0;
     std::vector<std::uint64_t> number;
     std::vector<bool> owned;
@@ -89,12 +96,12 @@ void contour_lines(const PartStore& parts, const Weld& weld, std::span<const dou
     for (const PartRecord& record : parts.records()) {
         weld.numbers(record, number, owned);
         const auto positions = parts.vertices(record);
-        const auto attributes = parts.attributes(record);
+        const auto words = parts.attributes(record);
         for (const auto& t : parts.triangles(record)) {
             std::array<MeshVertex, 3> corners{};
             for (std::size_t i = 0; i < 3; ++i) {
                 corners[i] = {number[t[i]], positions[t[i]],
-                              static_cast<double>(attributes[t[i] * width + attribute])};
+                              attributes.value_of(words.subspan(t[i] * width, width))};
             }
             for (std::size_t index = 0; index < values.size(); ++index) {
                 part.march(corners, values[index], index);
@@ -109,6 +116,15 @@ void contour_lines(const PartStore& parts, const Weld& weld, std::span<const dou
     if (part.size() > 0) {
         sink(order, part.take());
     }
+}
+
+double contour_rounding(std::span<const double> values, const AttributeChoice& attributes) {
+    double most = 0;
+    for (const double value : values) {
+        VertexAttributes words{};
+        most = std::max(most, std::fabs(attributes.put_value(value, words) - value));
+    }
+    return most;
 }
 
 }  // namespace isonest

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <vector>
 
 #include "query/contour_lines.h"
@@ -42,16 +43,18 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
     if (query.culling) {
         report.culled_by = query.culling->field();
     }
+    const StoreReader& values = options.values != nullptr ? *options.values : store;
+    report.value_range = std::max(values.max_value() - values.min_value(), 0.0);
     const std::uint64_t chunks_before = store.chunks_read();
     const std::uint64_t bytes_before = store.bytes_read();
     Workers(budget.threads).execute([&] {
         PartStore parts(mesh.parent_path(), asked.spacing, asked.origin, budget.parts,
                         query.attributes.width());
         {
-            std::optional<ChunkCache> values;
+            std::optional<ChunkCache> others;
             if (options.values != nullptr) {
-                values.emplace(*options.values, budget.values_cache);
-                query.attribute_values = &*values;
+                others.emplace(values, budget.values_cache);
+                query.attribute_values = &*others;
             }
             ChunkCache cache(store, budget.cache,
                              query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
@@ -68,6 +71,10 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
             report.leaf_tetrahedra = counts.leaves;
             report.bricks = counts.bricks;
             report.error_bound = counts.error_bound;
+            report.value_rounding = counts.value_rounding;
+            if (options.graph_scale && counts.height_rounding > 0) {
+                report.value_rounding = counts.height_rounding / std::fabs(*options.graph_scale);
+            }
             report.peak_cache_bytes = cache.peak_bytes();
         }
         parts.seal();
@@ -81,9 +88,10 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
             report.zero_area_triangles = lines ? 0 : parts.zero_area_triangles();
             return;
         }
-        PartStore line_parts(mesh.parent_path(), {1, 1, 1}, {0, 0, 0}, budget.cache / 2, 1);
+        PartStore line_parts(mesh.parent_path(), {1, 1, 1}, {0, 0, 0}, budget.cache / 2,
+                             query.attributes.width());
         contour_lines(
-            parts, weld, options.contours, 0, budget.part_vertices,
+            parts, weld, options.contours, query.attributes, budget.part_vertices,
             [&](std::uint64_t order, const MeshPart& part) { line_parts.append(order, part); },
             progress);
         line_parts.seal();
@@ -91,7 +99,11 @@ ExtractReport extract(const StoreReader& store, const std::filesystem::path& mes
         write_mesh(mesh, options.force, line_parts, line_weld, query.attributes, true, progress);
         report.vertices = line_weld.vertices();
         report.triangles = line_weld.triangles();
+        report.value_rounding += contour_rounding(options.contours, query.attributes);
     });
+    if (options.plane || options.graph_scale) {
+        report.error_bound += report.value_rounding;
+    }
     report.chunks_total = store.layout().rows();
     report.chunks_read = store.chunks_read() - chunks_before;
     report.bytes_read = store.bytes_read() - bytes_before;

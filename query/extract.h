@@ -67,8 +67,14 @@ struct ExtractReport {
     int dimension = 3;  ///< of the lattice; 2: triangles and lines in place of tetrahedra
     std::uint64_t vertices = 0;
     std::uint64_t triangles = 0;
-    double tolerance = 0;    ///< the error asked for, in units of the data
-    double error_bound = 0;  ///< largest indicator at which a visited leaf stopped
+    double tolerance = 0;  ///< the error asked for, in units of the data
+    /// Largest indicator at which a visited leaf stopped; of a slice, its contours and a graph with
+    /// value_rounding on top.
+    double error_bound = 0;
+    /// Most by which a value of a vertex, or a graph's height, is off because it was rounded, in
+    /// units of the data.
+    double value_rounding = 0;
+    double value_range = 0;  ///< of the store that values and heights are taken from
     Field stop = Field::deviation_bar;
     Field bound = Field::deviation_bar;
     std::optional<Field> culled_by;
@@ -88,12 +94,14 @@ struct ExtractReport {
 
 /// Writes the isosurface {U = iso}, or a slice, in the format that the name of `mesh` ends with
 /// (see mesh_writer.h), coordinates float32 in world units, triangles facing smaller values (a
-/// slice: against its normal). Of a store with one flat axis, {U = iso} are lines, and the graph is
-/// a surface facing up. A slice's vertices, and those of its contour lines, have the value. The
-/// bytes depend on the volume and on what is asked for, not on memory and threads. An empty surface
-/// is a mesh without triangles. Throws Error{invalid_argument} (non-finite iso, negative error),
-/// Error{not_found} (the store lacks the field that the guarantee needs), Error{limit} (memory, or
-/// more than 2^32 - 1 vertices), Error{corrupt, io, cancelled}. Thread-safe for different outputs.
+/// slice: against its normal). Values at vertices are float32 where that holds the store's values,
+/// else float64; .glb has float32 alone, and value_rounding says what that costs. Of a store with
+/// one flat axis, {U = iso} are lines, and the graph is a surface facing up. A slice's vertices,
+/// and those of its contour lines, have the value. The bytes depend on the volume and on what is
+/// asked for, not on memory and threads. An empty surface is a mesh without triangles. Throws
+/// Error{invalid_argument} (non-finite iso, negative error), Error{not_found} (the store lacks the
+/// field that the guarantee needs), Error{limit} (memory, or more than 2^32 - 1 vertices),
+/// Error{corrupt, io, cancelled}. Thread-safe for different outputs.
 ExtractReport extract(const StoreReader& store, const std::filesystem::path& mesh,
                       const ExtractOptions& options, Progress& progress);
 

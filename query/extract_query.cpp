@@ -169,10 +169,15 @@ void choose_culling(const StoreReader& store, const ExtractOptions& options,
     query.culling.emplace(v, field, store.layout().header().spacing);
 }
 
-void choose_attributes(const StoreReader& store, const ExtractOptions& options,
-                       TraversalQuery& query) {
+void choose_attributes(const StoreReader& store, const std::filesystem::path& mesh,
+                       const ExtractOptions& options, TraversalQuery& query) {
     query.attributes.normal = options.normals;
     query.attributes.value = options.values != nullptr || options.plane.has_value();
+    // Contours are found among the values, whatever the lines' format holds.
+    const bool room = holds_float64(mesh_format_of(mesh)) || !options.contours.empty();
+    query.attributes.wide_value =
+        query.attributes.value && room &&
+        !held_by_float32(options.values != nullptr ? *options.values : store);
     query.attributes.error = options.vertex_error;
     if (options.vertex_error) {
         require(store, *options.vertex_error, "--vertex-error");
@@ -331,7 +336,7 @@ void require_float32(const StoreReader& store, const ExtractOptions& options,
                                   : "preprocess it again with another --spacing or --origin");
         }
     }
-    if (query.traversal.attributes.value) {
+    if (query.traversal.attributes.value && !query.traversal.attributes.wide_value) {
         const StoreReader& values = options.values != nullptr ? *options.values : store;
         for (const double end : value_range(values)) {
             require_float32(values, end, "values reach", "scale the data before preprocessing");
@@ -362,7 +367,7 @@ ExtractQuery extract_query(const StoreReader& store, const std::filesystem::path
     query.tolerance =
         Tolerance(asked.threshold, options.focus, options.camera, header.spacing, header.origin);
     choose_culling(store, options, query);
-    choose_attributes(store, options, query);
+    choose_attributes(store, mesh, options, query);
     query.box = clip_box(store, options.box);
     keep_on_border(query);
     for (std::size_t axis = 0; axis < 3; ++axis) {

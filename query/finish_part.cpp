@@ -119,7 +119,7 @@ class Finisher {
             return vertices_.attributes(v);
         }
         const ClipContext::CutVertex& c = clip_.vertex(v);
-        return mix(attributes(c.from), attributes(c.to), c.t);
+        return vertices_.mix(attributes(c.from), attributes(c.to), c.t);
     }
     std::uint32_t shared_of(std::uint32_t v) {
         if (shared_[v] == kNone) {

@@ -83,7 +83,7 @@ void write_glb(const std::filesystem::path& path, bool force, const MeshContent&
         for (const AttributeChoice::Array& array : mesh.attributes.arrays()) {
             names += fmt::format(",\"{}\":{}", semantic_of(array.name), arrays.count);
             vertices.push_back(
-                attribute_section(arrays.add(nv * 4 * array.components, nv, kFloat,
+                attribute_section(arrays.add(nv * array.bytes(), nv, kFloat,
                                              array.components == 3 ? "VEC3" : "SCALAR", kVertices),
                                   array));
         }

@@ -1,6 +1,7 @@
 // Wavefront OBJ: text, so the lines have no fixed places and are written in order.
 #include <fmt/format.h>
 
+#include <bit>
 #include <iterator>
 #include <vector>
 
@@ -43,7 +44,8 @@ void write_obj(const std::filesystem::path& path, bool force, const MeshContent&
             fmt::format_to(out, "v {:.9g} {:.9g} {:.9g}\n", p[0], p[1], p[2]);
             if (mesh.attributes.normal) {
                 const auto n = attributes.subspan(v * width, 3);
-                fmt::format_to(out, "vn {:.6g} {:.6g} {:.6g}\n", n[0], n[1], n[2]);
+                fmt::format_to(out, "vn {:.6g} {:.6g} {:.6g}\n", std::bit_cast<float>(n[0]),
+                               std::bit_cast<float>(n[1]), std::bit_cast<float>(n[2]));
             }
         }
     });

@@ -18,10 +18,13 @@ void write_ply(const std::filesystem::path& path, bool force, const MeshContent&
         "property float x\nproperty float y\nproperty float z\n{}{}{}element face {}\n"
         "property list uchar {} vertex_indices\nend_header\n",
         vertices, a.normal ? "property float nx\nproperty float ny\nproperty float nz\n" : "",
-        a.value ? "property float value\n" : "", a.error ? "property float error\n" : "",
-        mesh.weld.triangles(), vertices > 0x7FFFFFFFULL ? "uint" : "int");
+        !a.value       ? ""
+        : a.wide_value ? "property double value\n"
+                       : "property float value\n",
+        a.error ? "property float error\n" : "", mesh.weld.triangles(),
+        vertices > 0x7FFFFFFFULL ? "uint" : "int");
     file.write_at(0, std::as_bytes(std::span(header)));
-    const std::size_t stride = (3 + a.width()) * sizeof(float);
+    const std::size_t stride = 3 * sizeof(float) + a.width() * sizeof(AttributeWord);
     const std::uint64_t faces = header.size() + vertices * stride;
     write_sections(file, mesh,
                    {{header.size(), stride,

@@ -73,7 +73,7 @@ void write_sections(const OutputFile& file, const MeshContent& mesh,
 }
 
 VertexSection attribute_section(std::uint64_t offset, const AttributeChoice::Array& array) {
-    const std::size_t bytes = array.components * sizeof(float);
+    const std::size_t bytes = array.bytes();
     return {offset, bytes, [first = array.first, bytes](const VertexRow& v, std::byte* out) {
                 std::memcpy(out, v.attributes.data() + first, bytes);
             }};

@@ -15,7 +15,7 @@ namespace isonest {
 /// A vertex of a part, and a triangle whose corners are numbered in the whole mesh.
 struct VertexRow {
     std::array<float, 3> position;
-    std::span<const float> attributes;
+    std::span<const AttributeWord> attributes;
 };
 struct TriangleRow {
     std::uint64_t index;  ///< in the whole mesh

@@ -11,7 +11,7 @@ void write_vtkhdf(const std::filesystem::path& path, bool force, const MeshConte
     shape.points = mesh.weld.vertices();
     shape.triangles = mesh.weld.triangles();
     for (const AttributeChoice::Array& array : arrays) {
-        shape.attributes.push_back({array.name, static_cast<int>(array.components)});
+        shape.attributes.push_back({array.name, static_cast<int>(array.components), array.wide});
     }
     PolyDataOffsets offsets;
     OutputFile file(path, force, [&](const std::filesystem::path& temporary) {

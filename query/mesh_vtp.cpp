@@ -50,9 +50,10 @@ void write_vtp(const std::filesystem::path& path, bool force, const MeshContent&
                             : a.error ? " Scalars=\"error\""
                                       : "");
     for (const AttributeChoice::Array& array : a.arrays()) {
-        vertices.push_back(attribute_section(data.add("Float32", array.name, array.components,
-                                                      nv * array.components * sizeof(float)),
-                                             array));
+        vertices.push_back(
+            attribute_section(data.add(array.wide ? "Float64" : "Float32", array.name,
+                                       array.components, nv * array.bytes()),
+                              array));
     }
     data.xml += "</PointData>\n<Points>\n";
     vertices.push_back(position_section(data.add("Float32", "points", 3, nv * 3 * sizeof(float))));

@@ -40,6 +40,10 @@ MeshFormat mesh_format_of(const std::filesystem::path& path) {
                             path.string()));
 }
 
+bool holds_float64(MeshFormat format) {
+    return format == MeshFormat::ply || format == MeshFormat::vtp || format == MeshFormat::vtkhdf;
+}
+
 void write_mesh(const std::filesystem::path& path, bool force, const PartStore& parts,
                 const Weld& weld, const AttributeChoice& attributes, bool lines,
                 Progress& progress) {

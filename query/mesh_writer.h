@@ -17,6 +17,9 @@ enum class MeshFormat : std::uint8_t { ply, stl, obj, vtp, vtkhdf, glb };
 /// Throws Error{invalid_argument} naming them.
 MeshFormat mesh_format_of(const std::filesystem::path& path);
 
+/// Whether the format has a place for values as float64.
+bool holds_float64(MeshFormat format);
+
 /// What the vertices of the parts carry, in order: "normal" (3 floats), "value", "error".
 struct MeshContent {
     const PartStore& parts;

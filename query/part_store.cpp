@@ -37,7 +37,7 @@ struct Pieces {
           shared(cuts + aligned(r.cuts * sizeof(MeshPart::Cut))),
           vertices(shared + aligned(r.shared * sizeof(MeshPart::Shared))),
           attributes(vertices + aligned(r.vertices * sizeof(Point))),
-          triangles(attributes + aligned(r.vertices * width * sizeof(float))),
+          triangles(attributes + aligned(r.vertices * width * sizeof(std::uint32_t))),
           end(triangles + aligned(r.triangles * sizeof(std::array<std::uint32_t, 3>))) {}
 };
 
@@ -127,9 +127,9 @@ std::span<const MeshPart::Shared> PartStore::shared(const PartRecord& r) const {
 std::span<const std::array<float, 3>> PartStore::vertices(const PartRecord& r) const {
     return slice<Point>(r, Pieces(r, attributes_).vertices, r.vertices);
 }
-std::span<const float> PartStore::attributes(const PartRecord& r) const {
-    return slice<float>(r, Pieces(r, attributes_).attributes,
-                        r.vertices * static_cast<std::uint32_t>(attributes_));
+std::span<const std::uint32_t> PartStore::attributes(const PartRecord& r) const {
+    return slice<std::uint32_t>(r, Pieces(r, attributes_).attributes,
+                                r.vertices * static_cast<std::uint32_t>(attributes_));
 }
 std::span<const std::array<std::uint32_t, 3>> PartStore::triangles(const PartRecord& r) const {
     return slice<std::array<std::uint32_t, 3>>(r, Pieces(r, attributes_).triangles, r.triangles);

@@ -34,7 +34,7 @@ class PartStore {
   public:
     /// World coordinates are origin + spacing * position, as float32. Parts of up to `memory` bytes
     /// in all stay in memory, the others go to a temporary file in `folder`. `attributes`: how
-    /// many each vertex has.
+    /// many words each vertex has.
     PartStore(const std::filesystem::path& folder, const Double3& spacing, const Double3& origin,
               std::uint64_t memory, std::size_t attributes = 0);
 
@@ -45,8 +45,8 @@ class PartStore {
 
     [[nodiscard]] std::span<PartRecord> records() const { return records_; }
     [[nodiscard]] std::span<const std::array<float, 3>> vertices(const PartRecord& r) const;
-    /// attributes_per_vertex() numbers for each vertex.
-    [[nodiscard]] std::span<const float> attributes(const PartRecord& r) const;
+    /// attributes_per_vertex() words for each vertex.
+    [[nodiscard]] std::span<const std::uint32_t> attributes(const PartRecord& r) const;
     [[nodiscard]] std::size_t attributes_per_vertex() const { return attributes_; }
     [[nodiscard]] std::span<const std::array<std::uint32_t, 3>> triangles(
         const PartRecord& r) const;

@@ -273,11 +273,7 @@ std::uint32_t PartVertices::centre(const std::array<std::uint32_t, 3>& v) {
     }
     const std::uint32_t vertex = add(kNoKey, position);
     if (attributes_ != nullptr) {
-        VertexAttributes mean{};
-        for (std::size_t i = 0; i < mean.size(); ++i) {
-            mean[i] = (values_[v[0]][i] + values_[v[1]][i] + values_[v[2]][i]) / 3;
-        }
-        values_.push_back(mean);
+        values_.push_back(attributes_->mean(values_[v[0]], values_[v[1]], values_[v[2]]));
     }
     return vertex;
 }

@@ -77,6 +77,11 @@ class PartVertices {
     [[nodiscard]] std::size_t width() const {
         return attributes_ != nullptr ? attributes_->width() : 0;
     }
+    /// Of a vertex at a + t (b - a). REQUIRES: width() > 0.
+    [[nodiscard]] VertexAttributes mix(const VertexAttributes& a, const VertexAttributes& b,
+                                       double t) const {
+        return attributes_->mix(a, b, t);
+    }
     static constexpr std::uint64_t kNoKey = 0xFFFFFFFFFFFFFFFFU;
     /// VertexKey::first of a vertex of kind edge, kNoKey of another.
     [[nodiscard]] std::uint64_t key(std::uint32_t v) const { return keys_[v]; }

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "query/clip.h"
 #include "query/interest.h"
@@ -21,6 +22,24 @@ struct Triangle {
     int kind = 0;
     int level = 0;  ///< the square's edge is 2^level
 };
+
+/// Most by which the heights scale * value are rounded as float32; where the box cuts, of what lies
+/// between them as well.
+double height_rounding(const std::array<double, 3>& values, double scale, bool cut) {
+    double most = 0;
+    for (const double value : values) {
+        const double height = scale * value;
+        const auto stored = static_cast<float>(height);
+        most = std::max(most, std::fabs(static_cast<double>(stored) - height) +
+                                  std::fabs(std::fma(scale, value, -height)));
+        if (cut) {
+            const float size = std::fabs(stored);
+            const float next = std::nextafter(size, std::numeric_limits<float>::infinity());
+            most = std::max(most, static_cast<double>(next) - static_cast<double>(size));
+        }
+    }
+    return most;
+}
 
 /// What the threads share.
 struct PlanarWork {
@@ -85,7 +104,11 @@ class PlanarTraversal {
         visit(t);
         flush();
     }
-    [[nodiscard]] const TraversalCounts& counts() const { return counts_; }
+    [[nodiscard]] TraversalCounts counts() const {
+        TraversalCounts counts = counts_;
+        counts.value_rounding = std::max(counts.value_rounding, attributes_.value_rounding());
+        return counts;
+    }
 
   private:
     [[nodiscard]] static std::uint64_t doubled_area(const Triangle& t) {
@@ -173,6 +196,9 @@ class PlanarTraversal {
             mesh_.march_line(corners, query_.iso, cut);
         } else {
             mesh_.add_graph(corners, cut);
+            counts_.height_rounding =
+                std::max(counts_.height_rounding,
+                         height_rounding(t.value, *query_.attributes.graph_scale, cut));
         }
         if (mesh_.size() >= part_vertices_) {
             flush();

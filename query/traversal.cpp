@@ -225,6 +225,9 @@ TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::si
     for (const TraversalCounts& c : shared.counts) {
         total.add(c);
     }
+    for (const AttributeSampler& sampler : shared.attributes) {
+        total.value_rounding = std::max(total.value_rounding, sampler.value_rounding());
+    }
     return total;
 }
 

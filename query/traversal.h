@@ -46,12 +46,16 @@ struct TraversalCounts {
     std::uint64_t leaves = 0;
     std::uint64_t bricks = 0;
     double error_bound = 0;
+    double value_rounding = 0;   ///< as in ExtractReport
+    double height_rounding = 0;  ///< of a graph, in its units
 
     void add(const TraversalCounts& other) {
         visited += other.visited;
         leaves += other.leaves;
         bricks += other.bricks;
         error_bound = std::max(error_bound, other.error_bound);
+        value_rounding = std::max(value_rounding, other.value_rounding);
+        height_rounding = std::max(height_rounding, other.height_rounding);
     }
 };
 

@@ -110,7 +110,8 @@ PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDat
         if (a.components > 1) {
             dims.push_back(static_cast<hsize_t>(a.components));
         }
-        offsets.attributes.push_back(frame.array(data.get(), a.name.c_str(), H5T_IEEE_F32LE, dims));
+        offsets.attributes.push_back(frame.array(data.get(), a.name.c_str(),
+                                                 a.wide ? H5T_IEEE_F64LE : H5T_IEEE_F32LE, dims));
     }
     frame.close();
     return offsets;

@@ -12,16 +12,17 @@ struct PolyDataShape {
     struct Attribute {
         std::string name;
         int components = 1;
+        bool wide = false;  ///< float64 in place of float32
     };
     std::uint64_t points = 0;
     std::uint64_t triangles = 0;
-    std::vector<Attribute> attributes;  ///< float32 per point
+    std::vector<Attribute> attributes;  ///< per point
 };
 
 /// Where the arrays' bytes begin in the file, row by row.
 struct PolyDataOffsets {
     std::uint64_t points = 0;               ///< float32 x 3
-    std::vector<std::uint64_t> attributes;  ///< float32 x components
+    std::vector<std::uint64_t> attributes;  ///< float32 or float64 x components
     std::uint64_t connectivity = 0;         ///< int64 x 3 for each triangle
     std::uint64_t ends = 0;                 ///< int64: three times the triangles so far
 };

@@ -157,6 +157,40 @@ with tempfile.TemporaryDirectory() as name:
     lines = reader.GetOutput()
     radius = np.linalg.norm(vtk_to_numpy(lines.GetPoints().GetData()), axis=1)
     assert lines.GetNumberOfLines() > 20 and np.abs(radius - np.sqrt(200)).max() < 0.02
+    # Values that float32 does not hold are float64, where the format has that.
+    far = 1e9 + (np.indices((9, 11, 13)).sum(0) % 4)
+    with h5py.File(folder / "far.h5", "w") as f:
+        f["v"] = far
+    run("preprocess", folder / "far.h5", "-o", folder / "far")
+    for end in ("ply", "vtp", "vtkhdf", "glb"):
+        r = run("slice", folder / "far", "--plane", "0,0,1,4", "--normals", "--vertex-error",
+                "deviation_bar", "-o", folder / f"far.{end}", "--json")
+        if end == "vtkhdf":
+            with h5py.File(folder / "far.vtkhdf") as f:
+                at, value = f["VTKHDF/Points"][:], f["VTKHDF/PointData/value"][:]
+                error = f["VTKHDF/PointData/error"][:]
+        elif end == "glb":
+            g = glb(folder / "far.glb")
+            at, value, error = g["POSITION"], g["_VALUE"][:, 0], g["_ERROR"][:, 0]
+        else:
+            at, _, mesh = vtk_mesh({"ply": vtkPLYReader, "vtp": vtkXMLPolyDataReader}[end](),
+                                   folder / f"far.{end}")
+            if end == "ply":  # VTK's reader takes no other properties than its own
+                head, body = (folder / "far.ply").read_bytes().split(b"end_header\n", 1)
+                kinds = [("p", "<f4", 3), ("n", "<f4", 3), ("value", "<f8"), ("error", "<f4")]
+                assert b"property double value\nproperty float error" in head
+                rows = np.frombuffer(body, kinds, r["vertices"])
+                assert np.array_equal(rows["p"], at)
+                value, error = rows["value"], rows["error"]
+            else:
+                value = vtk_to_numpy(mesh.GetPointData().GetArray("value"))
+                error = vtk_to_numpy(mesh.GetPointData().GetArray("error"))
+        i, j, k = np.round(at).astype(int).T
+        off = np.abs(value.astype("f8") - far[k, j, i]).max()
+        assert value.dtype == ("f4" if end == "glb" else "f8") and (error >= 0).all()
+        assert off == r["value_rounding"] == r["error_bound"] and (off > 0) == (end == "glb"), end
+    run("slice", folder / "far", "--plane", "0,0,1,4", "-o", folder / "far.png")
+
     message = run("extract", folder / "f", "--iso", 200, "-o", folder / "l.ply", expect=2)
     assert ".vtp or .obj" in message, message
     message = run("extract", store, "--iso", 0.5, "-o", folder / "m.xyz", expect=2)

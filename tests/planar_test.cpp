@@ -199,3 +199,35 @@ TEST_CASE("a value that the type cannot hold is no missing value") {
         Int3{2, 2, 2}, [](const Int3&) { return std::uint8_t{0}; });
     CHECK_THROWS(with_missing(std::move(inner), -1));
 }
+
+TEST_CASE("a graph's bound covers the rounding of its heights to float32") {
+    MemoryVolume<double> volume({20, 17, 1}, [](const Int3& p) {
+        return 1e9 + static_cast<double>((3 * p.x + 5 * p.y) % 4);
+    });
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(8));
+    const StoreReader store(folder / "s");
+    for (const bool boxed : {false, true}) {
+        for (const double scale : {1.0, 0.3, -2e-9}) {
+            ExtractOptions options;
+            options.graph_scale = scale;
+            if (boxed) {
+                options.box = WorldBox{{2.3, 3.1, -1e30}, {15.7, 12.9, 1e30}};
+            }
+            const ExtractReport report =
+                extract(store, folder / "m.ply", options, silent_progress());
+            const Mesh mesh = read_mesh(folder / "m.ply");
+            double worst = 0;
+            for (const auto& v : mesh.vertices) {
+                const Double3 at{static_cast<double>(v[0]), static_cast<double>(v[1]), 0};
+                worst = std::max(
+                    worst, std::fabs(static_cast<double>(v[2]) / scale - fine_value(volume, at)));
+            }
+            CAPTURE(boxed, scale, worst);
+            CHECK(worst > 0);
+            CHECK(worst <= report.error_bound + 1e-5);
+            CHECK(report.error_bound == report.value_rounding);
+            CHECK(report.error_bound < 256);
+        }
+    }
+}

@@ -197,3 +197,14 @@ TEST_CASE("a mesh that is not there is not found") {
         CHECK(e.kind() == ErrorKind::not_found);
     }
 }
+
+TEST_CASE("a value that is a double is read as one") {
+    const TemporaryFolder folder;
+    const auto path = folder / "mesh.ply";
+    std::ofstream(path, std::ios::binary)
+        << replaced(quad_header, "vertex 4\n", "vertex 1\nproperty double value\n")
+        << bytes_of<double>({1e9 + 0.125}) << bytes_of<float>({1, 2, 3}) << quad_faces;
+    const PlyMesh mesh(path);
+    CHECK(mesh.value(0) == 1e9 + 0.125);
+    CHECK(mesh.vertex(0) == Double3{1, 2, 3});
+}

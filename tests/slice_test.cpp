@@ -25,7 +25,9 @@ Slice slice(MemoryVolume<T>& volume, const WorldPlane& plane, double error, int 
     Slice s;
     s.report = extract(store, folder / "m.ply", options, silent_progress());
     s.mesh = read_mesh(folder / "m.ply");
-    CHECK(s.report.error_bound <= error);
+    CHECK(s.report.error_bound - s.report.value_rounding <= error);
+    CHECK(s.report.value_rounding <=
+          1e-6 * (std::fabs(store.max_value()) + std::fabs(store.min_value())));
     return s;
 }
 
@@ -223,4 +225,85 @@ TEST_CASE("many contour lines are those of each value alone") {
     again_points = three.points.size();
     CHECK(again == lines);
     CHECK(again_points == points);
+}
+
+namespace {
+
+/// What float32 cannot hold: integers that differ in the last of their bits.
+template <class T>
+MemoryVolume<T> far_from_zero(const Int3& nodes, double base, double step) {
+    return MemoryVolume<T>(nodes, [=](const Int3& p) {
+        return static_cast<T>(base + step * static_cast<double>((3 * p.x + 5 * p.y + 7 * p.z) % 4));
+    });
+}
+
+template <class T>
+void require_within_bound(MemoryVolume<T> volume, const WorldPlane& plane, double error,
+                          double most) {
+    const Slice s = slice(volume, plane, error);
+    REQUIRE(!s.mesh.triangles.empty());
+    CHECK(s.report.value_rounding <= most);
+    CHECK(residual(volume, s.mesh) <= s.report.error_bound + most);
+}
+
+}  // namespace
+
+TEST_CASE("values that float32 does not hold are in a slice within the printed bound") {
+    const Int3 n{9, 10, 8};
+    for (const double error : {0.0, 1.5}) {
+        for (const WorldPlane& plane :
+             {WorldPlane{{0, 0, 1}, 4}, WorldPlane{{0, 0, 1}, 3.4}, WorldPlane{{1, 2, 1}, 13}}) {
+            CAPTURE(error, plane.offset);
+            require_within_bound(far_from_zero<double>(n, 1e9, 1), plane, error, 1e-5);
+            require_within_bound(far_from_zero<std::uint32_t>(n, 4e9, 1), plane, error, 1e-5);
+            require_within_bound(far_from_zero<std::int32_t>(n, -2e9, 3), plane, error, 1e-5);
+            require_within_bound(far_from_zero<double>(n, 1e300, 1e286), plane, error, 1e286);
+            require_within_bound(far_from_zero<std::uint8_t>(n, 252, 1), plane, error, 1e-4);
+            require_within_bound(far_from_zero<float>(n, 1e6, 0.25), plane, error, 0.25);
+        }
+    }
+}
+
+TEST_CASE("a slice through nodes has their values, every bit of them") {
+    auto volume = far_from_zero<double>({9, 10, 8}, 1e15, 0.125);
+    const Slice s = slice(volume, {{0, 0, 1}, 4}, 0);
+    CHECK(s.report.error_bound == 0);
+    for (std::size_t i = 0; i < s.mesh.vertices.size(); ++i) {
+        const auto& v = s.mesh.vertices[i];
+        CHECK(s.mesh.attributes[i][0] ==
+              fine_value(volume, {static_cast<double>(v[0]), static_cast<double>(v[1]),
+                                  static_cast<double>(v[2])}));
+    }
+}
+
+TEST_CASE("a mesh whose format has float32 alone says by how much it rounds") {
+    auto volume = far_from_zero<double>({9, 10, 8}, 1e9, 1);
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(8));
+    const StoreReader store(folder / "s");
+    ExtractOptions options;
+    options.plane = WorldPlane{{0, 0, 1}, 4};
+    const ExtractReport report = extract(store, folder / "m.glb", options, silent_progress());
+    CHECK(report.value_rounding >= 1);
+    CHECK(report.value_rounding <= 32);
+    CHECK(report.error_bound == report.value_rounding);
+}
+
+TEST_CASE("contour lines of values that float32 does not hold lie where they belong") {
+    // Only x makes a difference: the line of 1e9 + 2.5 is x = 2.5.
+    MemoryVolume<double> volume({9, 10, 8},
+                                [](const Int3& p) { return 1e9 + static_cast<double>(p.x); });
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(8));
+    const StoreReader store(folder / "s");
+    ExtractOptions options;
+    options.plane = WorldPlane{{0, 0, 1}, 4};
+    options.contours = {1e9 + 2.5};
+    const ExtractReport report = extract(store, folder / "l.obj", options, silent_progress());
+    CHECK(report.error_bound <= 1e-6);
+    const Lines lines = read_lines(folder / "l.obj");
+    REQUIRE(!lines.points.empty());
+    for (const auto& p : lines.points) {
+        CHECK(p[0] == Approx(2.5));
+    }
 }

@@ -124,7 +124,7 @@ inline double smooth(const Int3& p) {
 
 struct Mesh {
     std::vector<std::array<float, 3>> vertices;
-    std::vector<std::vector<float>> attributes;  ///< what a vertex has behind its position
+    std::vector<std::vector<double>> attributes;  ///< what a vertex has behind its position
     std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
@@ -142,23 +142,35 @@ inline Mesh read_mesh(const std::filesystem::path& path) {
     std::size_t nt = 0;
     std::sscanf(text.c_str() + text.find("element vertex"), "element vertex %zu", &nv);
     std::sscanf(text.c_str() + text.find("element face"), "element face %zu", &nt);
-    std::size_t floats = 0;
-    for (std::size_t at = text.find("property float"); at < end;
-         at = text.find("property float", at + 1)) {
-        ++floats;
+    std::vector<bool> wide;
+    std::size_t stride = 0;
+    for (std::size_t at = text.find("property "); at < end; at = text.find("property ", at + 1)) {
+        if (text.compare(at + 9, 4, "list") != 0) {
+            wide.push_back(text.compare(at + 9, 6, "double") == 0);
+            stride += wide.back() ? 8 : 4;
+        }
     }
-    if (text.size() != end + nv * floats * 4 + nt * 13) {
+    if (text.size() != end + nv * stride + nt * 13) {
         return mesh;
     }
     for (std::size_t i = 0; i < nv; ++i) {
-        std::vector<float> row(floats);
-        std::memcpy(row.data(), text.data() + end + i * floats * 4, floats * 4);
-        mesh.vertices.push_back({row[0], row[1], row[2]});
+        std::vector<double> row;
+        const char* at = text.data() + end + i * stride;
+        for (const bool is_double : wide) {
+            float narrow = 0;
+            double number = 0;
+            std::memcpy(&narrow, at, sizeof(narrow));
+            std::memcpy(&number, at, is_double ? sizeof(number) : 0);
+            row.push_back(is_double ? number : static_cast<double>(narrow));
+            at += is_double ? 8 : 4;
+        }
+        mesh.vertices.push_back(
+            {static_cast<float>(row[0]), static_cast<float>(row[1]), static_cast<float>(row[2])});
         mesh.attributes.emplace_back(row.begin() + 3, row.end());
     }
     for (std::size_t i = 0; i < nt; ++i) {
         std::array<std::uint32_t, 3> t{};
-        std::memcpy(t.data(), text.data() + end + nv * floats * 4 + i * 13 + 1, 12);
+        std::memcpy(t.data(), text.data() + end + nv * stride + i * 13 + 1, 12);
         mesh.triangles.push_back(t);
     }
     return mesh;

@@ -171,8 +171,14 @@ bool is_guaranteed(const ExtractReport& r) {
 
 std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
     const auto asked = [&] {
-        return fmt::format("{:.6g} (asked for {:.6g}{})", r.error_bound, r.tolerance,
-                           a.extract.focus ? " in the focus" : "");
+        const bool is_part = a.extract.plane || a.extract.graph_scale;
+        return fmt::format("{:.6g} (asked for {:.6g}{}{})", r.error_bound, r.tolerance,
+                           a.extract.focus ? " in the focus" : "",
+                           is_part && r.value_rounding > 0
+                               ? fmt::format("; {:.2g} of it rounds {}", r.value_rounding,
+                                             a.extract.graph_scale ? "heights to 32-bit floats"
+                                                                   : "the vertices' values")
+                               : "");
     };
     if (is_guaranteed(r)) {
         return "error at most " + asked();
@@ -200,6 +206,15 @@ std::string extract_warning(const ExtractArguments& a, const ExtractReport& r) {
             "0",
             a.mesh, r.coordinate_rounding);
     }
+    if (r.triangles > 0 && r.value_rounding > r.tolerance &&
+        r.value_rounding > kNoticeable * r.value_range) {
+        warning += warning.empty() ? "" : "\n";
+        warning += fmt::format(
+            "{}: 32-bit floats round its {} by up to {:.2g}, of a range of {:.2g}: {}", a.mesh,
+            a.extract.graph_scale ? "heights" : "values", r.value_rounding, r.value_range,
+            a.extract.graph_scale ? "take an offset off the data before preprocess"
+                                  : "write .ply, .vtp or .vtkhdf, which hold 64-bit values");
+    }
     return warning;
 }
 
@@ -211,6 +226,7 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
                  {"bound", name_of(r.bound)},
                  {"tolerance", r.tolerance},
                  {"error_bound", r.error_bound},
+                 {"value_rounding", r.value_rounding},
                  {"guaranteed", is_guaranteed(r)},
                  {"visited_tetrahedra", r.visited_tetrahedra},
                  {"leaf_tetrahedra", r.leaf_tetrahedra},

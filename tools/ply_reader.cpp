@@ -70,7 +70,7 @@ struct PlyMesh::Header {
     std::uint64_t vertex_stride = 0;
     std::uint64_t face_stride = 0;
     std::array<std::optional<Property>, 3> coordinates;
-    std::optional<std::uint64_t> value_offset;
+    std::optional<Property> value;
     std::optional<std::uint64_t> list_offset;
     bool signed_indices = true;
     bool more_elements = false;
@@ -96,8 +96,8 @@ void PlyMesh::Header::add_vertex_property(const std::vector<std::string_view>& w
         }
         coordinates.at(axis) = Property{std::string(words[2]), vertex_stride, size == 8};
     }
-    if (words[2] == "value" && words[1].starts_with("float")) {
-        value_offset = vertex_stride;
+    if (words[2] == "value" && (words[1].starts_with("float") || size == 8)) {
+        value = Property{std::string(words[2]), vertex_stride, size == 8};
     }
     vertex_stride += size;
 }
@@ -215,7 +215,10 @@ PlyMesh::PlyMesh(const std::filesystem::path& path) : name_(path.string()), file
         coordinate_offset_.at(axis) = header.coordinates.at(axis)->offset;
         coordinate_is_double_.at(axis) = header.coordinates.at(axis)->is_double;
     }
-    value_offset_ = header.value_offset;
+    if (header.value) {
+        value_offset_ = header.value->offset;
+        value_is_double_ = header.value->is_double;
+    }
     list_offset_ = *header.list_offset;
     signed_indices_ = header.signed_indices;
     // Divisions, not products: the counts are not to be trusted.
@@ -238,17 +241,26 @@ PlyMesh::PlyMesh(const std::filesystem::path& path) : name_(path.string()), file
     face_begin_ = vertex_begin_ + vertices_ * vertex_stride_;
 }
 
+namespace {
+
+double number_at(const std::byte* at, bool is_double) {
+    if (is_double) {
+        double number = 0;
+        std::memcpy(&number, at, sizeof(number));
+        return number;
+    }
+    float number = 0;
+    std::memcpy(&number, at, sizeof(number));
+    return static_cast<double>(number);
+}
+
+}  // namespace
+
 Double3 PlyMesh::vertex(std::uint64_t i) const {
     const std::byte* const at = file_.bytes().data() + vertex_begin_ + i * vertex_stride_;
     Double3 position{};
     for (std::size_t axis = 0; axis < 3; ++axis) {
-        if (coordinate_is_double_[axis]) {
-            std::memcpy(&position[axis], at + coordinate_offset_[axis], sizeof(double));
-        } else {
-            float value = 0;
-            std::memcpy(&value, at + coordinate_offset_[axis], sizeof(float));
-            position[axis] = static_cast<double>(value);
-        }
+        position[axis] = number_at(at + coordinate_offset_[axis], coordinate_is_double_[axis]);
         if (!std::isfinite(position[axis])) {
             throw Error(ErrorKind::corrupt,
                         fmt::format("{}: vertex {} has a coordinate that is not finite", name_, i));
@@ -261,10 +273,8 @@ double PlyMesh::value(std::uint64_t i) const {
     if (!value_offset_) {
         return 0;
     }
-    float value = 0;
-    std::memcpy(&value, file_.bytes().data() + vertex_begin_ + i * vertex_stride_ + *value_offset_,
-                sizeof(value));
-    return static_cast<double>(value);
+    return number_at(file_.bytes().data() + vertex_begin_ + i * vertex_stride_ + *value_offset_,
+                     value_is_double_);
 }
 
 std::array<std::uint32_t, 3> PlyMesh::triangle(std::uint64_t i) const {

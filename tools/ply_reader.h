@@ -25,7 +25,7 @@ class PlyMesh {
     [[nodiscard]] std::uint64_t triangles() const { return triangles_; }
     /// REQUIRES: i < vertices(). Throws Error{corrupt} if a coordinate is not finite.
     [[nodiscard]] Double3 vertex(std::uint64_t i) const;
-    /// The vertex property "value" (float), 0 if there is none. REQUIRES: i < vertices().
+    /// The vertex property "value" (float or double), 0 if there is none. REQUIRES: i < vertices().
     [[nodiscard]] double value(std::uint64_t i) const;
     /// REQUIRES: i < triangles(). Throws Error{corrupt} if an index is out of range, and
     /// Error{unsupported} if the face is no triangle.
@@ -46,6 +46,7 @@ class PlyMesh {
     std::array<std::uint64_t, 3> coordinate_offset_{};
     std::array<bool, 3> coordinate_is_double_{};
     std::optional<std::uint64_t> value_offset_;
+    bool value_is_double_ = false;
     std::uint64_t list_offset_ = 0;
     bool signed_indices_ = true;
 };
