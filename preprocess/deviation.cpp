@@ -9,8 +9,8 @@ namespace isonest {
 
 template <class Real>
 DeviationKernel<Real>::DeviationKernel(const LayerRange& range, const Int3& fine_cells,
-                                       bool with_fine, unsigned flat)
-    : range_(range), fine_cells_(fine_cells), flat_(flat) {
+                                       bool with_fine, unsigned flat, bool outward)
+    : range_(range), fine_cells_(fine_cells), flat_(flat), outward_(outward) {
     for (int axis = 0; axis < 2; ++axis) {
         groups_[axis] = (4 * (range.hi[axis] - range.lo[axis]) + 2 + kPhases) / kPhases + 1;
     }
@@ -68,10 +68,18 @@ const std::vector<typename DeviationKernel<Real>::Step>& DeviationKernel<Real>::
             step.z = point.at.z;
             step.value = ring_start(4 * pz + point.at.z) + in_plane(point.at);
             step.valid = in_plane(point.at);
-            for (const DeviationSupport::Term& term : point.terms) {
+            const auto add = [&](const Int3& at, double weight) {
                 const auto t = static_cast<std::size_t>(step.terms++);
-                step.term[t] = ring_start(4 * pz + term.at.z) + in_plane(term.at);
-                step.weight[t] = static_cast<Real>(term.weight);
+                step.term.at(t) = ring_start(4 * pz + at.z) + in_plane(at);
+                step.weight.at(t) = static_cast<Real>(weight);
+            };
+            for (const DeviationSupport::Term& term : point.terms) {
+                // Weights are quarters, and sum up to 1: these are at most four powers of two.
+                const bool split = outward_ && term.weight == 0.75;
+                add(term.at, split ? 0.5 : term.weight);
+                if (split) {
+                    add(term.at, 0.25);
+                }
             }
             steps.push_back(step);
         }
@@ -97,6 +105,7 @@ void DeviationKernel<Real>::raise_points(const Lanes& lanes, std::int64_t k) {
         Interpolation<Real> d;
         d.value = base + step.value;
         d.terms = step.terms;
+        d.outward = outward_;
         for (std::size_t t = 0; t < 4; ++t) {
             d.term[t] = base + step.term[t];
             d.weight[t] = step.weight[t];

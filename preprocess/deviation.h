@@ -23,8 +23,10 @@ template <class Real>
 class DeviationKernel {
   public:
     /// `fine_cells`: cubes of level L-2 per axis. `with_fine` says whether level L-2 has deviations
-    /// of its own (L > 2). `flat`: bits of the flat axes. REQUIRES: range.lo.x is even.
-    DeviationKernel(const LayerRange& range, const Int3& fine_cells, bool with_fine, unsigned flat);
+    /// of its own (L > 2). `flat`: bits of the flat axes. `outward`: the differences are at least
+    /// the exact ones, see Interpolation. REQUIRES: range.lo.x is even.
+    DeviationKernel(const LayerRange& range, const Int3& fine_cells, bool with_fine, unsigned flat,
+                    bool outward);
 
     /// Coordinates that a plane of values or finer deviations must cover: x and y from first to
     /// last.
@@ -91,6 +93,7 @@ class DeviationKernel {
     LayerRange range_;
     Int3 fine_cells_;
     unsigned flat_;
+    bool outward_;
     Int3 groups_;  ///< x and y: elements per row and rows of each of a plane's 64 arrays; z is 1
     std::vector<Real> values_;
     std::vector<Real> fine_;

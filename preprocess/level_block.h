@@ -129,6 +129,7 @@ template <class T>
 class Measures {
   public:
     using Real = RealFor<T>;
+    static constexpr bool kOutward = rounds_outward<T>;
     explicit Measures(const LevelTask<T>& task) : task_(task) {
         const std::int64_t nx = task.range.count(0);
         const std::int64_t ny = task.range.count(1);
@@ -149,7 +150,8 @@ class Measures {
             missing_ = missing_at_half_edge(task);
         }
         if (task.wants(Indicator::deviation)) {
-            kernel_.emplace(task.range, task.fine_cells, task.fine_deviation != nullptr, task.flat);
+            kernel_.emplace(task.range, task.fine_cells, task.fine_deviation != nullptr, task.flat,
+                            kOutward);
             deviation_ = Layer<Real>(nx, ny);
         }
         if (normal_wanted_) {
@@ -229,12 +231,12 @@ class Measures {
         } else {
             std::swap(planes_[0], planes_[2]);
         }
-        linf_even_plane(task_.range, planes_[0], eta_);
+        linf_even_plane(task_.range, planes_[0], eta_, kOutward);
         mark(k, 0, 2, eta_);
         if (has_odd) {
             fill_plane(task_, 2 * k + 1, planes_[1]);
             fill_plane(task_, 2 * k + 2, planes_[2]);
-            linf_odd_plane(task_.range, k, planes_[0], planes_[1], planes_[2], eta_);
+            linf_odd_plane(task_.range, k, planes_[0], planes_[1], planes_[2], eta_, kOutward);
             mark(k, 3, kSlots - 1, eta_);
         }
     }

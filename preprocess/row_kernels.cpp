@@ -5,6 +5,7 @@
 #include <limits>
 #include <type_traits>
 
+#include "store/outward.h"
 #include "store/simd.h"
 
 namespace isonest {
@@ -38,22 +39,69 @@ template <class Real, class Use>
     }
 }
 
+/// The same in doubles, at least the exact differences.
+template <class Use>
+[[gnu::always_inline]] inline void each_outward_difference(const Interpolation<double>& d,
+                                                           std::int64_t n, const Use& use) {
+    const auto with = [&](auto terms) {
+        for (std::int64_t i = 0; i < n; ++i) {
+            double sum = d.weight[0] * d.term[0][i];
+            double lost = 0;
+            double size = 0;
+            for (int t = 1; t < terms; ++t) {
+                const double term = d.weight[t] * d.term[t][i];
+                const double next = sum + term;
+                const double by_sum = lost_by_sum(sum, term, next);
+                lost += by_sum;
+                size += std::fabs(by_sum);
+                sum = next;
+            }
+            const double difference = d.value[i] - sum;
+            const double rest = lost_by_sum(d.value[i], -sum, difference) - lost;
+            use(i, outward(difference, rest, size * 0x1p-50));
+        }
+    };
+    if (d.terms == 2) {
+        with(std::integral_constant<int, 2>{});
+    } else if (d.terms == 3) {
+        with(std::integral_constant<int, 3>{});
+    } else {
+        with(std::integral_constant<int, 4>{});
+    }
+}
+
 template <class Real>
 [[gnu::always_inline]] inline void differences_of(const Interpolation<Real>& d,
                                                   Real* __restrict out, std::int64_t n) {
     each_difference(d, n, [&](std::int64_t i, Real difference) { out[i] = difference; });
 }
 
-template <class Real>
+/// The two above, to be handed over.
+struct Each {
+    template <class Real, class Use>
+    [[gnu::always_inline]] void operator()(const Interpolation<Real>& d, std::int64_t n,
+                                           const Use& use) const {
+        each_difference(d, n, use);
+    }
+};
+struct EachOutward {
+    template <class Use>
+    [[gnu::always_inline]] void operator()(const Interpolation<double>& d, std::int64_t n,
+                                           const Use& use) const {
+        each_outward_difference(d, n, use);
+    }
+};
+
+template <class Real, class How>
 [[gnu::always_inline]] inline void raise_differences_of(const Interpolation<Real>& d,
                                                         const Real* offset, Real* __restrict best,
-                                                        std::int64_t n) {
+                                                        std::int64_t n, const How& each) {
     if (offset == nullptr) {
-        each_difference(d, n, [&](std::int64_t i, Real difference) {
+        each(d, n, [&](std::int64_t i, Real difference) {
             best[i] = difference > best[i] ? difference : best[i];
         });
     } else {
-        each_difference(d, n, [&](std::int64_t i, Real difference) {
+        each(d, n, [&](std::int64_t i, Real difference) {
             const Real sum = difference + offset[i];
             best[i] = sum > best[i] ? sum : best[i];
         });
@@ -117,6 +165,27 @@ template <class Real>
     }
 }
 
+[[gnu::always_inline]] inline void outward_midpoint_offsets_of(const double* mid, const double* a,
+                                                               const double* b,
+                                                               double* __restrict out,
+                                                               std::int64_t n) {
+    for (std::int64_t i = 0; i < n; ++i) {
+        out[i] = outward_offset(mid[i], a[i], b[i]);
+    }
+}
+
+[[gnu::always_inline]] inline void outward_diagonal_offsets_of(const double* mid, const double* a,
+                                                               const double* b, std::int64_t first,
+                                                               double* __restrict out,
+                                                               std::int64_t n) {
+    const auto parity = static_cast<int>(first & 1);
+    const auto count = static_cast<int>(n);
+    for (int i = 0; i < count; ++i) {
+        const bool same = ((parity + i) & 1) == 0;
+        out[i] = outward_offset(mid[i], same ? a[i] : a[i + 1], same ? b[i + 1] : b[i]);
+    }
+}
+
 inline void round_up(float value, float& out) {
     out = value;
 }
@@ -169,15 +238,24 @@ ISONEST_SIMD void differences(const Interpolation<float>& d, float* out, std::in
     differences_of(d, out, n);
 }
 ISONEST_SIMD void differences(const Interpolation<double>& d, double* out, std::int64_t n) {
-    differences_of(d, out, n);
+    if (d.outward) {
+        each_outward_difference(d, n,
+                                [&](std::int64_t i, double difference) { out[i] = difference; });
+    } else {
+        differences_of(d, out, n);
+    }
 }
 ISONEST_SIMD void raise_differences(const Interpolation<float>& d, const float* offset, float* best,
                                     std::int64_t n) {
-    raise_differences_of(d, offset, best, n);
+    raise_differences_of(d, offset, best, n, Each{});
 }
 ISONEST_SIMD void raise_differences(const Interpolation<double>& d, const double* offset,
                                     double* best, std::int64_t n) {
-    raise_differences_of(d, offset, best, n);
+    if (d.outward) {
+        raise_differences_of(d, offset, best, n, EachOutward{});
+    } else {
+        raise_differences_of(d, offset, best, n, Each{});
+    }
 }
 ISONEST_SIMD void raise_by_four(const float* a, const float* b, const float* c, const float* d,
                                 float* best, std::int64_t n) {
@@ -196,20 +274,29 @@ ISONEST_SIMD void add_largest_of_four(const double* a, const double* b, const do
     add_largest_of_four_of(a, b, c, d, sum, n);
 }
 ISONEST_SIMD void midpoint_offsets(const float* mid, const float* a, const float* b, float* out,
-                                   std::int64_t n) {
+                                   std::int64_t n, bool /*outward*/) {
     midpoint_offsets_of(mid, a, b, out, n);
 }
 ISONEST_SIMD void midpoint_offsets(const double* mid, const double* a, const double* b, double* out,
-                                   std::int64_t n) {
-    midpoint_offsets_of(mid, a, b, out, n);
+                                   std::int64_t n, bool outward) {
+    if (outward) {
+        outward_midpoint_offsets_of(mid, a, b, out, n);
+    } else {
+        midpoint_offsets_of(mid, a, b, out, n);
+    }
 }
 ISONEST_SIMD void diagonal_offsets(const float* mid, const float* a, const float* b,
-                                   std::int64_t first, float* out, std::int64_t n) {
+                                   std::int64_t first, float* out, std::int64_t n,
+                                   bool /*outward*/) {
     diagonal_offsets_of(mid, a, b, first, out, n);
 }
 ISONEST_SIMD void diagonal_offsets(const double* mid, const double* a, const double* b,
-                                   std::int64_t first, double* out, std::int64_t n) {
-    diagonal_offsets_of(mid, a, b, first, out, n);
+                                   std::int64_t first, double* out, std::int64_t n, bool outward) {
+    if (outward) {
+        outward_diagonal_offsets_of(mid, a, b, first, out, n);
+    } else {
+        diagonal_offsets_of(mid, a, b, first, out, n);
+    }
 }
 ISONEST_SIMD void raise(const float* value, float* best, std::int64_t n) {
     raise_of(value, best, n);

@@ -20,7 +20,8 @@ struct Interpolation {
     const Real* value = nullptr;
     const Real* term[4] = {};
     Real weight[4] = {};
-    int terms = 0;  ///< 2 to 4
+    int terms = 0;         ///< 2 to 4
+    bool outward = false;  ///< at least the exact difference. REQUIRES: weights are powers of two
 };
 
 /// out[i] = difference. No aliasing between out and the inputs.
@@ -51,17 +52,19 @@ void add_largest_of_four(const float* a, const float* b, const float* c, const f
 void add_largest_of_four(const double* a, const double* b, const double* c, const double* d,
                          double* sum, std::int64_t n);
 
-/// out[i] = |mid[i] - (a[i] + b[i]) / 2|.
-void midpoint_offsets(const float* mid, const float* a, const float* b, float* out, std::int64_t n);
+/// out[i] = |mid[i] - (a[i] + b[i]) / 2|; `outward`: at least that, exactly (store/outward.h). In
+/// float32 it must not be asked for: there all sums are exact (RealFor).
+void midpoint_offsets(const float* mid, const float* a, const float* b, float* out, std::int64_t n,
+                      bool outward);
 void midpoint_offsets(const double* mid, const double* a, const double* b, double* out,
-                      std::int64_t n);
+                      std::int64_t n, bool outward);
 
 /// The same on diagonals that change their direction from lane to lane: from a[i] to b[i + 1] where
 /// first + i is even, else from a[i + 1] to b[i].
 void diagonal_offsets(const float* mid, const float* a, const float* b, std::int64_t first,
-                      float* out, std::int64_t n);
+                      float* out, std::int64_t n, bool outward);
 void diagonal_offsets(const double* mid, const double* a, const double* b, std::int64_t first,
-                      double* out, std::int64_t n);
+                      double* out, std::int64_t n, bool outward);
 
 /// out[i] = the smallest code, or binary32, whose value is >= in[i]; the smallest and the largest
 /// of them (of no meaning if n is 0). REQUIRES: in[i] >= 0 or +inf. No aliasing.

@@ -195,7 +195,8 @@ class LevelChecks {
                         const double stored = own.at(cube - first, array.first_slot);
                         const double computed = finest_indicator(
                             cube_values(values, cube), position_of_slot(array.first_slot),
-                            saturation_of(array.field) == Saturation::plus);
+                            saturation_of(array.field) == Saturation::plus,
+                            layout_.rounds_outward());
                         const bool tight = stored <= computed * (1 + kCodeExcess) + kSmallestCode ||
                                            computed > kLargestCode;
                         if (!(stored >= computed) || !tight) {

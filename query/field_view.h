@@ -23,6 +23,7 @@ class FieldView {
         const StoreLayout& layout = cache.source().layout();
         // Above the finest level; there the values say it, but for fields that are stored.
         derived_ = level == 0 && centre_suffices_at_level_1(field);
+        outward_ = layout.rounds_outward();
         plus_ = saturation_of(field) == Saturation::plus;
         base_ = brick * (2 * half);
         half_ = half;
@@ -39,7 +40,7 @@ class FieldView {
     [[nodiscard]] double at(const CubeValues& values, const Int3& low, unsigned mirror,
                             int position) {
         if (derived_) {
-            return finest_indicator(values, position, plus_);
+            return finest_indicator(values, position, plus_, outward_);
         }
         const Int3 p = (low - base_) + node_offset(position, mirror);
         return parents_.at({p.x >> 1, p.y >> 1, p.z >> 1}, slot_of(p));
@@ -55,6 +56,7 @@ class FieldView {
   private:
     bool derived_ = false;
     bool plus_ = false;
+    bool outward_ = false;
     Int3 base_;
     std::int64_t half_ = 0;
     IndicatorView parents_;

@@ -15,6 +15,7 @@
 #include "query/topology.h"
 #include "store/box.h"
 #include "store/lattice.h"
+#include "store/outward.h"
 
 namespace isonest {
 
@@ -80,26 +81,28 @@ constexpr int position_of_slot(int slot) {
     return static_cast<int>(o.x + 3 * o.y + 9 * o.z);
 }
 
-/// eta of one node: +inf if it or an end of its refinement edge is missing.
-inline double finest_offset(const CubeValues& u, int position) {
+/// eta of one node: +inf if it or an end of its refinement edge is missing. `outward`:
+/// StoreLayout::rounds_outward().
+inline double finest_offset(const CubeValues& u, int position, bool outward) {
     const auto& node = finest::kNodes[static_cast<std::size_t>(position)];
-    const double eta =
-        std::fabs(u[static_cast<std::size_t>(position)] - 0.5 * (u[node.low] + u[node.high]));
+    const double mid = u[static_cast<std::size_t>(position)];
+    const double eta = outward ? outward_offset(mid, u[node.low], u[node.high])
+                               : std::fabs(mid - 0.5 * (u[node.low] + u[node.high]));
     return eta <= std::numeric_limits<double>::max() ? eta
                                                      : std::numeric_limits<double>::infinity();
 }
 
 /// linf_bar (which is deviation_bar at level 1), or linf_plus, of an edge midpoint, a face centre
 /// or the cube's centre. REQUIRES: position is odd in at least one coordinate.
-inline double finest_indicator(const CubeValues& u, int position, bool plus) {
+inline double finest_indicator(const CubeValues& u, int position, bool plus, bool outward) {
     const auto& node = finest::kNodes[static_cast<std::size_t>(position)];
-    const double eta = finest_offset(u, position);
+    const double eta = finest_offset(u, position, outward);
     if (node.odd == 1) {
         return eta;
     }
     double largest = 0;
     for (std::size_t i = 0; i < 2U * node.odd; ++i) {
-        largest = std::max(largest, finest_indicator(u, node.children[i], plus));
+        largest = std::max(largest, finest_indicator(u, node.children[i], plus, outward));
     }
     return plus ? eta + largest : std::max(eta, largest);
 }

@@ -30,6 +30,7 @@ void fill_finest(ChunkCache& cache, Field field, Box<double>& box) {
     gather_values(cache, layout.array(0, Field::values), values);
     const ArrayInfo& array = layout.array(1, field);
     const bool plus = saturation_of(field) == Saturation::plus;
+    const bool outward = layout.rounds_outward();
     const Int3 c0 = array.chunk_of(first_cube);
     const Int3 chunks = array.chunk_of(first_cube + cubes - Int3{1, 1, 1}) - c0 + Int3{1, 1, 1};
     for (std::int64_t c = 0; c < chunks.product(); ++c) {
@@ -50,7 +51,7 @@ void fill_finest(ChunkCache& cache, Field field, Box<double>& box) {
                 }
                 const bool centre = slot_of(at) == array.first_slot;
                 box.at(at) = centre ? centres.at(cube - base, array.first_slot)
-                                    : finest_indicator(u, p, plus);
+                                    : finest_indicator(u, p, plus, outward);
             }
         }
     }

@@ -97,7 +97,8 @@ double NodeSampler::indicator(const Int3& x, Field field) {
             u[static_cast<std::size_t>(i)] = value(at, 0);
             position = at == x ? i : position;
         }
-        return finest_indicator(u, position, saturation_of(field) == Saturation::plus);
+        return finest_indicator(u, position, saturation_of(field) == Saturation::plus,
+                                layout_->rounds_outward());
     }
     const std::byte* const at = element(indicators_[static_cast<std::size_t>(level)], level, field,
                                         owner, slot - array.first_slot);

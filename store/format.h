@@ -16,7 +16,7 @@
 namespace isonest {
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 2;
+inline constexpr std::uint32_t kFormatMinor = 3;
 inline constexpr const char* kFormatName = "isonest";
 inline constexpr unsigned kZstdFilter = 32015;
 inline constexpr int kMinChunk = 8;
@@ -32,6 +32,7 @@ struct StoreHeader {
     int compression = 1;
     bool exact = false;         ///< indicators as binary32 instead of 16-bit codes
     bool cube_ranges = true;    ///< since version 2.2
+    bool outward = true;        ///< since version 2.3: see StoreLayout::rounds_outward()
     std::vector<Field> fields;  ///< the indicators, in the order of the enumeration
 };
 
@@ -93,6 +94,11 @@ class StoreLayout {
     /// Whether the cubes of this level have ranges in the store.
     [[nodiscard]] bool has_cube_ranges(int level) const {
         return header_.cube_ranges && isonest::has_cube_ranges(lattice_, level);
+    }
+    /// Whether the offsets of level 1 are rounded outward (store/outward.h) where the values say
+    /// them, as those that are stored.
+    [[nodiscard]] bool rounds_outward() const {
+        return header_.outward && header_.type == ValueType::f64;
     }
     /// The tightest field that is_bound(); none if the store has no such field.
     [[nodiscard]] std::optional<Field> tightest_bound() const;

@@ -53,4 +53,8 @@ std::optional<ValueType> value_type_from_name(std::string_view name);
 template <class T>
 using RealFor = std::conditional_t<sizeof(T) <= 2, float, double>;
 
+/// Whether that arithmetic rounds, and indicators have to be rounded outward (store/outward.h).
+template <class T>
+inline constexpr bool rounds_outward = std::is_same_v<T, double>;
+
 }  // namespace isonest

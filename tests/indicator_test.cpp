@@ -5,6 +5,8 @@
 
 #include "query/check.h"
 #include "query/export.h"
+#include "query/node_sampler.h"
+#include "store/bisection.h"
 #include "tests/bisection_oracle.h"
 #include "tests/test_support.h"
 
@@ -313,4 +315,69 @@ TEST_CASE("indicators equal the recursion, and the deviation is tight, on crops 
         }
     }
     CHECK(seen > 0);
+}
+
+namespace {
+
+/// max |U - U_T| over the nodes of the six tetrahedra of a cube, in more bits than the values have.
+template <class T>
+long double exact_difference(const MemoryVolume<T>& volume, const Int3& cube, std::int64_t edge) {
+    long double most = 0;
+    const Int3 last = volume.nodes() - Int3{1, 1, 1};
+    const auto value = [&](const Int3& p) { return static_cast<long double>(volume.at(p)); };
+    for (int order = 0; order < 6; ++order) {
+        const Tetrahedron t = kuhn_tetrahedron(cube, edge, order);
+        const auto& axes = kAxisOrders[static_cast<std::size_t>(order)];
+        for (std::int64_t i = 0; i < (edge + 1) * (edge + 1) * (edge + 1); ++i) {
+            const Int3 p = cube * edge + (Int3{edge + 1, edge + 1, edge + 1}).unlinear(i);
+            std::array<long double, 3> d{};
+            for (std::size_t a = 0; a < 3; ++a) {
+                d[a] = static_cast<long double>(std::abs(p[axes[a]] - t.v[0][axes[a]])) /
+                       static_cast<long double>(edge);
+            }
+            if (d[0] < d[1] || d[1] < d[2] || max(p, last) != last) {
+                continue;
+            }
+            // Differences first: they need few bits.
+            const long double u0 = value(min(t.v[0], last));
+            const long double linear = (value(min(t.v[1], last)) - u0) * (d[0] - d[1]) +
+                                       (value(min(t.v[2], last)) - u0) * (d[1] - d[2]) +
+                                       (value(min(t.v[3], last)) - u0) * d[2];
+            most = std::max(most, std::fabs((value(p) - u0) - linear));
+        }
+    }
+    return most;
+}
+
+}  // namespace
+
+TEST_CASE("no stored bound is below the exact one where the means of values are rounded") {
+    for (const double step : {2.0, 6.0, 1e16}) {
+        for (const bool exact : {true, false}) {
+            MemoryVolume<double> volume({19, 17, 18}, [&](const Int3& p) {
+                return -1e16 + step * std::floor(4 * std::fabs(noise(p)));
+            });
+            const TemporaryFolder folder;
+            make_store(volume, folder / "s", with_chunk(8, exact));
+            const StoreReader store(folder / "s");
+            ChunkCache cache(store, 1U << 24U);
+            NodeSampler sampler(cache);
+            std::size_t wrong = 0;
+            for (int level = 1; level <= 4; ++level) {
+                const std::int64_t edge = std::int64_t{1} << level;
+                const Int3 cells = store.layout().lattice().cells_at(level);
+                for (std::int64_t i = 0; i < cells.product(); ++i) {
+                    const Int3 cube = cells.unlinear(i);
+                    const long double most = exact_difference(volume, cube, edge);
+                    const Int3 centre = cube * edge + Int3{edge / 2, edge / 2, edge / 2};
+                    for (const Field field : {Field::deviation_bar, Field::linf_plus}) {
+                        wrong += sampler.indicator(centre, field) < most ? 1 : 0;
+                    }
+                }
+            }
+            CAPTURE(step, exact);
+            CHECK(wrong == 0);
+            CHECK(check(store, {}, silent_progress()).failures == 0);
+        }
+    }
 }
