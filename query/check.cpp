@@ -78,6 +78,7 @@ class Checker {
                 [&](const ArrayInfo& a, const Int3& c) { check_levels(cache_, findings_, a, c); },
                 true);
         }
+        vtk_group();
         check_cube_ranges(store_, cache_, quick, findings_, progress_);
         if (options_.depth == CheckDepth::deep) {
             hdf5_view();
@@ -135,6 +136,13 @@ class Checker {
             findings_.add_damaged("checksum", array, chunk,
                                   "the stored bytes are not those that were written; restore the "
                                   "store from a good copy");
+        }
+    }
+
+    void vtk_group() {
+        const std::string fault = Hdf5View(store_.path()).vtk_fault(layout_.header());
+        if (!fault.empty()) {
+            findings_.add("hdf5", layout_.array(0, Field::values), {0, 0, 0}, kWholeChunk, fault);
         }
     }
 

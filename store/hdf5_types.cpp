@@ -165,4 +165,31 @@ std::optional<std::string> read_text(hid_t object, const char* name) {
     return text;
 }
 
+std::optional<std::uint64_t> header_digest(hid_t root) {
+    constexpr std::size_t kLongest = 8192;
+    const QuietHdf5 quiet;
+    Checksum sum;
+    for (const char* const name :
+         {"version", "flags", "nodes", "spacing", "origin", "value_type", "chunk", "compression",
+          "exact", "fields", "range", "has_missing"}) {
+        const AttributeHandle attribute(H5Aopen(root, name, H5P_DEFAULT));
+        if (!attribute.valid()) {
+            return std::nullopt;
+        }
+        const TypeHandle type(H5Aget_type(attribute.get()));
+        const H5T_class_t kind = H5Tget_class(type.get());
+        const hsize_t size = H5Aget_storage_size(attribute.get());
+        if ((kind != H5T_INTEGER && kind != H5T_FLOAT && kind != H5T_STRING) ||
+            H5Tis_variable_str(type.get()) > 0 || size > kLongest) {
+            return std::nullopt;
+        }
+        std::vector<std::byte> bytes(size);
+        if (H5Aread(attribute.get(), type.get(), bytes.data()) < 0) {
+            return std::nullopt;
+        }
+        sum.add(bytes);
+    }
+    return sum.value();
+}
+
 }  // namespace isonest

@@ -46,4 +46,8 @@ std::optional<std::vector<double>> read_numbers(hid_t object, const char* name, 
 /// Empty if the attribute is missing or not a fixed-length text of at most 4096 bytes.
 std::optional<std::string> read_text(hid_t object, const char* name);
 
+/// XXH64 of the header's attributes, `version` to `has_missing` (FORMAT.md, section 2); empty if
+/// one is missing or of another kind.
+std::optional<std::uint64_t> header_digest(hid_t root);
+
 }  // namespace isonest

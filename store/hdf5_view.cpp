@@ -61,4 +61,39 @@ std::string Hdf5View::read(const ArrayInfo& array, const Int3& chunk,
     return skipped_filters == 0 ? "" : "a filter of the chunk is marked as skipped";
 }
 
+std::string Hdf5View::vtk_fault(const StoreHeader& header) const {
+    const QuietHdf5 quiet;
+    const GroupHandle group(H5Gopen2(impl_->file.get(), "/VTKHDF", H5P_DEFAULT));
+    if (!group.valid()) {
+        return "there is no group /VTKHDF: VTK and ParaView cannot open the store";
+    }
+    std::vector<double> extent;
+    for (int axis = 0; axis < 3; ++axis) {
+        extent.push_back(0);
+        extent.push_back(static_cast<double>(header.nodes[axis] - 1));
+    }
+    const std::vector<std::pair<const char*, std::vector<double>>> expected{
+        {"Version", {1, 0}},
+        {"WholeExtent", extent},
+        {"Origin", {header.origin.begin(), header.origin.end()}},
+        {"Spacing", {header.spacing.begin(), header.spacing.end()}},
+        {"Direction", {1, 0, 0, 0, 1, 0, 0, 0, 1}}};
+    for (const auto& [name, numbers] : expected) {
+        if (read_numbers(group.get(), name, numbers.size()) != numbers) {
+            return fmt::format("/VTKHDF: {} is not what the header says", name);
+        }
+    }
+    if (read_text(group.get(), "Type") != "ImageData") {
+        return "/VTKHDF: Type is not ImageData";
+    }
+    H5O_info_t ours{};
+    H5O_info_t theirs{};
+    if (H5Oget_info_by_name(impl_->file.get(), "/levels/0/values", &ours, H5P_DEFAULT) < 0 ||
+        H5Oget_info_by_name(group.get(), "PointData/values", &theirs, H5P_DEFAULT) < 0 ||
+        ours.addr != theirs.addr || ours.fileno != theirs.fileno) {
+        return "/VTKHDF/PointData/values is not the dataset /levels/0/values";
+    }
+    return {};
+}
+
 }  // namespace isonest

@@ -22,6 +22,9 @@ class Hdf5View {
     /// twice its decoded bytes.
     std::string read(const ArrayInfo& array, const Int3& chunk, std::vector<std::byte>& out) const;
 
+    /// What is wrong with the group by which VTK finds the volume, or nothing.
+    [[nodiscard]] std::string vtk_fault(const StoreHeader& header) const;
+
   private:
     struct Impl;
     std::unique_ptr<Impl> impl_;

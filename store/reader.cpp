@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "store/error.h"
 #include "store/handles.h"
@@ -72,7 +74,16 @@ void StoreReader::read_header() {
         header.origin[a] = (*origin)[a];
     }
     format_minor_ = (*version)[1];
+    if (format_minor_ >= 3) {
+        const auto digest = read_integers(root, "xxh64", 1);
+        if (!digest || header_digest(root) != (*digest)[0]) {
+            fail_corrupt(
+                "the header is damaged: its attributes are not those that were written; restore "
+                "the store from a good copy");
+        }
+    }
     header.cube_ranges = format_minor_ >= 2;
+    header.outward = format_minor_ >= 3;
     header.type = *value_type_from_name(*type);
     header.chunk = static_cast<int>((*chunk)[0]);
     header.compression = static_cast<int>(std::min<std::uint64_t>((*compression)[0], 100));
@@ -107,10 +118,32 @@ void StoreReader::read_header() {
     if (checksum_of(table_) != (*sum)[0]) {
         fail_corrupt("the chunk table is damaged; restore the store from a good copy");
     }
+    compare_range((*missing)[0]);
     try {
         ranges_ = CubeRangeTable(root, layout_, file_.bytes());
     } catch (const Error& error) {
         fail_corrupt(error.what());
+    }
+}
+
+/// The header's range and has_missing are those of the chunk table.
+void StoreReader::compare_range(std::uint64_t has_missing) const {
+    double low = std::numeric_limits<double>::infinity();
+    double high = -low;
+    std::uint64_t missing = 0;
+    const ArrayInfo& values = layout_.array(0, Field::values);
+    for (std::int64_t i = 0; i < values.grid.product(); ++i) {
+        const ChunkRow chunk = row(values, values.grid.unlinear(i));
+        low = std::fmin(low, chunk.min);
+        high = std::fmax(high, chunk.max);
+        missing |= chunk.flags & kChunkHasMissing;
+    }
+    if (range_ != std::array{low, high} || has_missing != missing) {
+        fail_corrupt(fmt::format(
+            "the header is damaged: it says that values go from {} to {}{}, the chunk table from "
+            "{} to {}{}; restore the store from a good copy",
+            range_[0], range_[1], has_missing != 0 ? ", some missing" : "", low, high,
+            missing != 0 ? ", some missing" : ""));
     }
 }
 

@@ -44,6 +44,7 @@ class StoreReader : public ChunkSource {
   private:
     [[noreturn]] void fail_corrupt(const std::string& what) const;
     void read_header();
+    void compare_range(std::uint64_t has_missing) const;
 
     std::filesystem::path path_;
     MappedFile file_;

@@ -198,6 +198,11 @@ void StoreWriter::Impl::write_table() const {
     }
     write_attribute(file.get(), "range", std::vector<double>{low, high});
     write_attribute(file.get(), "has_missing", missing);
+    const std::optional<std::uint64_t> digest = header_digest(file.get());
+    if (!digest) {
+        fail("read back the header");
+    }
+    write_attribute(file.get(), "xxh64", *digest);
     const std::array<hsize_t, 1> count{rows.size()};
     const DatasetHandle table = write_whole("/chunks", chunk_row_type().get(), count, rows.data());
     write_attribute(table.get(), "xxh64", checksum_of(std::as_bytes(rows)));

@@ -2,6 +2,7 @@
 
 Usage: store_h5py_test.py ISONEST PLUGIN_FOLDER
 """
+import ctypes
 import json
 import os
 import shutil
@@ -62,7 +63,7 @@ with tempfile.TemporaryDirectory() as folder:
         original = f["data"][...]
     with h5py.File(store) as f:
         assert f.attrs["format"] in (b"isonest", "isonest"), f.attrs["format"]
-        assert list(f.attrs["version"]) == [2, 2] and f.attrs["flags"] == 0
+        assert list(f.attrs["version"]) == [2, 3] and f.attrs["flags"] == 0
         assert f.attrs["complete"] == 1
         n = tuple(int(i) for i in f.attrs["nodes"])[::-1]
         assert n == original.shape
@@ -139,6 +140,56 @@ with tempfile.TemporaryDirectory() as folder:
         assert rows == len(table)
     print("h5py: header, values, indicators, chunk table agree with FORMAT.md")
 
+    # The header's digest, and what it covers: whatever is changed there is found.
+    xxhash = ctypes.CDLL("libxxhash.so.0")
+    xxhash.XXH64.restype = ctypes.c_uint64
+    xxhash.XXH64.argtypes = [ctypes.c_char_p, ctypes.c_size_t, ctypes.c_uint64]
+    with h5py.File(store) as f:
+        stored = b"".join(np.asarray(f.attrs[name]).tobytes() for name in (
+            "version", "flags", "nodes", "spacing", "origin", "value_type", "chunk", "compression",
+            "exact", "fields", "range", "has_missing"))
+        assert f.attrs["xxh64"] == xxhash.XXH64(stored, len(stored), 0)
+        low, high = f.attrs["range"]
+        assert (low, high) == (original.min(), original.max())
+
+    def forged(change, before_2_3=False):
+        """What check says of a copy with other attributes."""
+        copy = f"{folder}/forged.isonest"
+        shutil.copyfile(store, copy)
+        with h5py.File(copy, "r+") as f:
+            if before_2_3:
+                f.attrs.modify("version", np.array([2, 2], "<u4"))
+                del f.attrs["xxh64"]
+            change(f)
+        done = subprocess.run([isonest, "check", copy], capture_output=True, text=True)
+        return done.returncode, done.stdout + done.stderr
+
+    assert forged(lambda f: None) == (0, forged(lambda f: None, True)[1])
+    for name, wrong in (("range", np.array([np.nan, high])), ("range", np.array([0.0, 1.0])),
+                        ("range", np.array([-1e9, 1e9])), ("range", np.array([low, np.inf])),
+                        ("has_missing", np.uint32(7)), ("has_missing", np.uint32(1))):
+        for before_2_3 in (False, True):
+            code, text = forged(lambda f: f.attrs.modify(name, wrong), before_2_3)
+            assert code == 4 and "the header is damaged" in text, (name, wrong, text)
+    code, text = forged(lambda f: f.attrs.modify("spacing", np.array([1.0, 2.0, 0.25])))
+    assert code == 4 and "the header is damaged" in text, text
+
+    def without_group(f):
+        del f["VTKHDF"]
+
+    def other_values(f):
+        del f["VTKHDF/PointData/values"]
+        f["VTKHDF/PointData/values"] = f["levels/1/values"]
+
+    for change in (without_group, other_values,
+                   lambda f: f["VTKHDF"].attrs.modify("Spacing", np.array([1.0, 2.0, 0.25])),
+                   lambda f: f["VTKHDF"].attrs.modify("Origin", np.array([0.0, np.nan, 0.0])),
+                   lambda f: f["VTKHDF"].attrs.modify("WholeExtent",
+                                                      np.array([-1, 44, 0, 29, 0, 36]))):
+        code, text = forged(change)
+        assert code == 4 and "VTKHDF" in text, text
+    print("h5py: damaged headers and VTKHDF groups are found")
+
     # A store of 2.1 has no ranges; it gives the same meshes.
     older = f"{folder}/older.isonest"
     shutil.copyfile(store, older)
@@ -146,7 +197,7 @@ with tempfile.TemporaryDirectory() as folder:
         f.attrs.modify("version", np.array([2, 1], "<u4"))
         for level in range(3, top + 1):
             del f[f"levels/{level}/cube_ranges"], f[f"levels/{level}/cube_range_sums"]
-    assert run("info", older)["format"] == "2.1" and run("info", store)["format"] == "2.2"
+    assert run("info", older)["format"] == "2.1" and run("info", store)["format"] == "2.3"
     iso = float(np.quantile(original, 0.999))
     reports = [run("extract", s, "--iso", iso, "--error-relative", 0.05, "-o", f"{s}.ply")
                for s in (store, older)]
