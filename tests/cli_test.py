@@ -484,6 +484,72 @@ class Cli(unittest.TestCase):
         (self.here / "p.png").unlink()
         (self.here / "empty.ply").unlink()
 
+    # What reports say
+
+    def test_an_empty_result_says_why(self):
+        import h5py
+        import numpy
+        u = numpy.add.outer(numpy.add.outer(numpy.arange(9.0), numpy.arange(9.0)), numpy.arange(9.0))
+        u[4, 4, 4] += 1
+        with h5py.File(self.here / "why.h5", "w") as file:
+            file["u"] = u
+        self.ok("preprocess", "why.h5", "-o", "why.s", "--chunk", 8)
+        far = ("--box", "20,20,20,30,30,30")
+        inside = ("--box", "1,1,1,3,3,3")
+        plane = ("slice", "why.s", "--plane")
+        for arguments, words in (
+                (("extract", "why.s", "--iso", 24.5), "every value is below 24.5"),
+                (("extract", "why.s", "--iso", 0), "no value is below 0"),
+                (("extract", "why.s", "--iso", 12.5, *far), "the box lies outside of the volume"),
+                (("extract", "why.s", "--iso", 12.5, *inside), "empty inside the box"),
+                ((*plane, "0,0,1,9"), "the plane misses the volume"),
+                ((*plane, "0,0,1,4", *far), "the box lies outside of the volume"),
+                ((*plane, "0,0,1,4", *inside), "does not pass through the box"),
+                ((*plane, "0,0,1,4", "--contours", 99), "do not occur in the plane")):
+            done = self.ok(*arguments, "-o", "why.vtp")
+            self.assertIn(words, done.stdout.decode(), arguments)
+        # A peak that is flattened away: only the tolerance hides it.
+        u[:] = 0
+        u[3, 3, 3] = 1
+        with h5py.File(self.here / "peak.h5", "w") as file:
+            file["u"] = u
+        self.ok("preprocess", "peak.h5", "-o", "peak.s", "--chunk", 8)
+        done = self.ok("extract", "peak.s", "--iso", 0.5, "--error", 2, "-o", "why.vtp")
+        self.assertIn("a smaller one may show some", done.stdout.decode())
+        self.fails(2, *plane, "0,0,1,4", "--range", "200,100", "-o", "why.png")
+        for path in self.here.glob("why.*"):
+            path.unlink()
+        for path in self.here.glob("peak.*"):
+            path.unlink()
+
+    def test_ranges_tell_their_ends_apart(self):
+        import h5py
+        import numpy
+        cases = ((1e9 + numpy.arange(60.0).reshape(3, 4, 5) / 20, "1000000000 to 1000000002.95"),
+                 (numpy.full((3, 4, 5), numpy.nan), "values none"),
+                 (numpy.arange(60.0).reshape(3, 4, 5), "values 0 to 59"))
+        for values, words in cases:
+            with h5py.File(self.here / "range.h5", "w") as file:
+                file["u"] = values
+            done = self.ok("preprocess", "range.h5", "-o", "range.s", "--force")
+            self.assertIn(words, done.stdout.decode())
+            self.assertIn(words, self.ok("info", "range.s").stdout.decode())
+        for path in self.here.glob("range.*"):
+            path.unlink()
+
+    def test_check_asks_for_missing_where_that_is_all_that_differs(self):
+        import numpy
+        u = numpy.arange(60, dtype="<f4").reshape(3, 4, 5)
+        u.tofile(self.here / "m.raw")
+        shape = ("--dims", "5,4,3", "--type", "float32")
+        self.ok("preprocess", "m.raw", *shape, "--missing", 7, "-o", "m.s")
+        self.ok("check", "m.s", "--source", "m.raw", *shape, "--missing", 7)
+        done = run("check", "m.s", "--source", "m.raw", *shape, cwd=self.here)
+        self.assertEqual(done.returncode, 4)
+        self.assertIn("give the same here", done.stdout.decode())
+        (self.here / "m.raw").unlink()
+        (self.here / "m.s").unlink()
+
     # The HDF5 filter
 
     def test_the_plugin_writes_frames_with_size_and_checksum_and_reads_them(self):

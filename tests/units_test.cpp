@@ -2,6 +2,7 @@
 #include "tools/units.h"
 
 #include <catch2/catch.hpp>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -97,4 +98,15 @@ TEST_CASE("a progress line tells phase, percent, rate and remaining time, and fi
     CHECK(progress_line(state, 80) == "traverse           5 bricks/s");
     state = {"write mesh", "triangles", 12, 10, 10};  // never more than all, no negative time
     CHECK(progress_line(state, 80) == "write mesh       100 %   1 triangles/s");
+}
+
+TEST_CASE("a range is written with the digits that tell its ends apart") {
+    CHECK(human_range(0, 255) == "0 to 255");
+    CHECK(human_range(-1.98695969581604, 3.0251314640045166) == "-1.98696 to 3.02513");
+    CHECK(human_range(1e9, 1e9 + 3) == "1000000000 to 1000000003");
+    CHECK(human_range(5, 5) == "5 to 5");
+    CHECK(human_range(-1e16, -1e16 + 2) == "-10000000000000000 to -9999999999999998");
+    CHECK(human_range(-1e308, 1e308) == "-1e+308 to 1e+308");
+    const double infinity = std::numeric_limits<double>::infinity();
+    CHECK(human_range(infinity, -infinity) == "none");
 }

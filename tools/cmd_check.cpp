@@ -73,6 +73,13 @@ Result run(Arguments& a, Progress& progress) {
     if (r.failures > r.findings.size()) {
         result.text += fmt::format("... and {} more\n", r.failures - r.findings.size());
     }
+    const bool only_values = std::all_of(r.findings.begin(), r.findings.end(),
+                                         [](const Finding& f) { return f.test == "source"; });
+    if (r.failures > 0 && only_values && store.has_missing() && !a.source_options.missing) {
+        result.text +=
+            "The store has missing values: if preprocess was given --missing V, give the same "
+            "here.\n";
+    }
     const std::uint64_t all = stored_chunks(store.layout());
     result.json["chunks_total"] = all;
     if (r.chunks < all && r.failures == 0) {

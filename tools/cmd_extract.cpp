@@ -13,13 +13,39 @@
 namespace isonest::cli {
 namespace {
 
+/// Why there is none.
+std::string empty_surface(const StoreReader& store, const ExtractArguments& a,
+                          const ExtractReport& r) {
+    const double iso = a.extract.iso;
+    const std::string range = human_range(store.min_value(), store.max_value());
+    if (!(store.min_value() <= store.max_value())) {
+        return "The surface is empty: all values are missing.\n";
+    }
+    if (!a.extract.graph_scale && !(store.min_value() < iso && iso <= store.max_value())) {
+        return fmt::format("The surface is empty: {} value is below {}; they are {}.\n",
+                           iso <= store.min_value() ? "no" : "every", iso, range);
+    }
+    if (a.extract.box && !reaches_volume(store, *a.extract.box)) {
+        return "The surface is empty: the box lies outside of the volume, " + volume_text(store) +
+               ".\n";
+    }
+    const std::string inside = a.extract.box ? " inside the box" : "";
+    if (r.tolerance > 0 || a.extract.camera) {
+        return fmt::format(
+            "There is no surface{} that is coarse enough for the tolerance: a smaller one may show "
+            "some. The values are {}.\n",
+            inside, range);
+    }
+    return fmt::format("The surface is empty{}: the values are {}{}.\n", inside, range,
+                       a.extract.box ? " in the whole volume" : "");
+}
+
 Result run(ExtractArguments& a, bool has_iso, Progress& progress) {
     const StoreReader store(a.store);
     if (!has_iso && !a.extract.graph_scale) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("give the isovalue, --iso V; the values of {} go from {:.6g} to "
-                                "{:.6g}",
-                                a.store, store.min_value(), store.max_value()));
+                    fmt::format("give the isovalue, --iso V; the values of {} are {}", a.store,
+                                human_range(store.min_value(), store.max_value())));
     }
     std::optional<StoreReader> values;
     if (!a.values.empty()) {
@@ -42,9 +68,7 @@ Result run(ExtractArguments& a, bool has_iso, Progress& progress) {
         human_seconds(r.seconds), guarantee_text(a, r), r.chunks_read, r.chunks_total,
         human_bytes(static_cast<double>(r.bytes_read)));
     if (r.triangles == 0) {
-        result.text += fmt::format("The surface is empty: the values go from {:.6g} to {:.6g}{}.\n",
-                                   store.min_value(), store.max_value(),
-                                   a.extract.box ? " in the whole volume" : "");
+        result.text += empty_surface(store, a, r);
     }
     if (r.zero_area_triangles > 0) {
         result.text +=

@@ -63,8 +63,7 @@ Result run(const std::string& path) {
         path, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type), store.layout().lattice().top() + 1,
         human_bytes(static_cast<double>(store.file_bytes())), h.spacing[0], h.spacing[1],
         h.spacing[2], h.origin[0], h.origin[1], h.origin[2],
-        any ? fmt::format("{:.6g} to {:.6g}", store.min_value(), store.max_value())
-            : std::string("none"),
+        human_range(store.min_value(), store.max_value()),
         store.has_missing() ? ", some missing" : "",
         h.fields.empty() ? std::string("none") : list_names(h.fields),
         h.exact ? "32-bit" : "16-bit, rounded up", h.chunk, h.compression,
@@ -82,12 +81,11 @@ Result run(const std::string& path) {
                                          {"min", number(r.min)},
                                          {"max", number(r.max)},
                                          {"alias", r.alias}});
-        result.text += fmt::format(
-            "{:>5} {:<14} {:>18} {:>8} {:>10} {:>7}  {}\n", r.level, name_of(r.field),
-            fmt::format("{}x{}x{}", r.nodes.x, r.nodes.y, r.nodes.z), r.chunks,
-            r.alias ? "shared" : human_bytes(static_cast<double>(r.stored_bytes)),
-            r.alias ? "" : fmt::format("{:.2f}", ratio(r)),
-            r.min <= r.max ? fmt::format("{:.6g} to {:.6g}", r.min, r.max) : std::string("none"));
+        result.text +=
+            fmt::format("{:>5} {:<14} {:>18} {:>8} {:>10} {:>7}  {}\n", r.level, name_of(r.field),
+                        fmt::format("{}x{}x{}", r.nodes.x, r.nodes.y, r.nodes.z), r.chunks,
+                        r.alias ? "shared" : human_bytes(static_cast<double>(r.stored_bytes)),
+                        r.alias ? "" : fmt::format("{:.2f}", ratio(r)), human_range(r.min, r.max));
     }
     return result;
 }

@@ -54,11 +54,11 @@ Result run(Arguments& a, Progress& progress) {
                    {"input_on_disk", r.input_on_disk},
                    {"seconds", r.seconds}};
     result.text = fmt::format(
-        "{}: {} x {} x {} {}, values {:.6g} to {:.6g}{}\n"
+        "{}: {} x {} x {} {}, values {}{}\n"
         "{} levels in {} chunks, {} ({:.2f} of the input's {}), in {} ({}/s)\n",
-        a.store, r.nodes.x, r.nodes.y, r.nodes.z, name_of(source->type()), r.min_value, r.max_value,
-        r.has_missing ? ", some missing" : "", r.levels, r.chunks,
-        human_bytes(static_cast<double>(r.store_bytes)),
+        a.store, r.nodes.x, r.nodes.y, r.nodes.z, name_of(source->type()),
+        human_range(r.min_value, r.max_value), r.has_missing ? ", some missing" : "", r.levels,
+        r.chunks, human_bytes(static_cast<double>(r.store_bytes)),
         static_cast<double>(r.store_bytes) /
             static_cast<double>(std::max<std::uint64_t>(r.input_bytes, 1)),
         human_bytes(static_cast<double>(r.input_bytes)), human_seconds(r.seconds),

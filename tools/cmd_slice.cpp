@@ -38,6 +38,43 @@ struct Temporary {
     std::filesystem::path path;
 };
 
+/// Whether the plane has a point of the volume.
+bool meets_volume(const StoreReader& store, const WorldPlane& plane) {
+    const StoreHeader& h = store.layout().header();
+    const Double3 last = last_position(h);
+    double low = -plane.offset;
+    double high = low;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double from = plane.normal[axis] * h.origin[axis];
+        const double to = plane.normal[axis] * last[axis];
+        low += std::min(from, to);
+        high += std::max(from, to);
+    }
+    return low <= 0 && high >= 0;
+}
+
+/// Why there is nothing in it.
+std::string empty_slice(const StoreReader& store, const ExtractOptions& e) {
+    if (!meets_volume(store, *e.plane)) {
+        return fmt::format("The slice is empty: the plane misses the volume, {}.\n",
+                           volume_text(store));
+    }
+    if (e.box && !reaches_volume(store, *e.box)) {
+        return fmt::format("The slice is empty: the box lies outside of the volume, {}.\n",
+                           volume_text(store));
+    }
+    if (!e.contours.empty()) {
+        return fmt::format(
+            "There is no line: the values do not occur in the plane{}. Those of the volume are "
+            "{}.\n",
+            e.box ? " inside the box" : "", human_range(store.min_value(), store.max_value()));
+    }
+    return e.box ? "The slice is empty: the plane does not pass through the box, or what is there "
+                   "is missing.\n"
+                 : "The slice is empty: the plane touches the volume at most in an edge, or its "
+                   "values are missing.\n";
+}
+
 Result run(Arguments& a, Progress& progress) {
     const StoreReader store(a.extract.store);
     if (a.extract.extract.focus) {
@@ -78,14 +115,7 @@ Result run(Arguments& a, Progress& progress) {
                     r.vertices, human_seconds(r.seconds), guarantee_text(a.extract, r),
                     r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
     if (r.triangles == 0) {
-        const StoreHeader& h = store.layout().header();
-        const Double3 last = last_position(h);
-        result.text += fmt::format(
-            "{}, which lies between {:.6g},{:.6g},{:.6g} and {:.6g},{:.6g},{:.6g}.\n",
-            a.extract.extract.contours.empty()
-                ? "The slice is empty: the plane misses the volume"
-                : "There is no line: the values do not occur in the plane, or it misses the volume",
-            h.origin[0], h.origin[1], h.origin[2], last[0], last[1], last[2]);
+        result.text += empty_slice(store, a.extract.extract);
     }
     return result;
 }
@@ -144,6 +174,10 @@ void add_slice(CLI::App& app, Invocation& chosen) {
         c, "--range",
         [a](const std::string& text) {
             const std::vector<double> v = parse_numbers("--range", text, 2, "LOW,HIGH");
+            if (!(v[0] < v[1])) {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--range '{}': give the low value first", text));
+            }
             a->picture.low = v[0];
             a->picture.high = v[1];
             a->has_range = true;

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "store/error.h"
+#include "store/extent.h"
 #include "tools/fields.h"
 #include "tools/leftovers.h"
 #include "tools/units.h"
@@ -216,6 +217,25 @@ std::string extract_warning(const ExtractArguments& a, const ExtractReport& r) {
                                   : "write .ply, .vtp or .vtkhdf, which hold 64-bit values");
     }
     return warning;
+}
+
+bool reaches_volume(const StoreReader& store, const WorldBox& box) {
+    const StoreHeader& h = store.layout().header();
+    const Double3 last = last_position(h);
+    for (std::size_t a = 0; a < 3; ++a) {
+        const bool flat = h.nodes[static_cast<int>(a)] == 1;
+        if (!flat && (box.hi[a] <= h.origin[a] || box.lo[a] >= last[a])) {
+            return false;
+        }
+    }
+    return true;
+}
+
+std::string volume_text(const StoreReader& store) {
+    const StoreHeader& h = store.layout().header();
+    const Double3 last = last_position(h);
+    return fmt::format("which lies between {:.6g},{:.6g},{:.6g} and {:.6g},{:.6g},{:.6g}",
+                       h.origin[0], h.origin[1], h.origin[2], last[0], last[1], last[2]);
 }
 
 Json extract_json(const ExtractArguments& a, const ExtractReport& r) {

@@ -27,6 +27,11 @@ std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r);
 bool is_guaranteed(const ExtractReport& r);
 /// What was left behind by killed runs, and coordinates that float32 rounds too much; or empty.
 std::string extract_warning(const ExtractArguments& a, const ExtractReport& r);
+/// Whether the box and the volume have more than a face in common along each axis that the volume
+/// has.
+bool reaches_volume(const StoreReader& store, const WorldBox& box);
+/// "which lies between 0,0,0 and 9,9,9".
+std::string volume_text(const StoreReader& store);
 /// What every such command reports.
 Json extract_json(const ExtractArguments& a, const ExtractReport& r);
 

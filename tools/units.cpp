@@ -5,6 +5,7 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 
 #include "store/error.h"
 
@@ -164,6 +165,24 @@ std::string human_bytes(double bytes) {
 std::string human_count(double count) {
     std::string text = human(count, 1000, "", "");
     return text;
+}
+
+std::string human_range(double low, double high) {
+    if (!(low <= high)) {
+        return "none";
+    }
+    constexpr int kFewest = 6;
+    constexpr int kMost = 17;
+    constexpr double kClose = 0.01;  // of the distance
+    for (int digits = kFewest;; ++digits) {
+        const std::string a = fmt::format("{:.{}g}", low, digits);
+        const std::string b = fmt::format("{:.{}g}", high, digits);
+        const double off = std::fabs(std::strtod(a.c_str(), nullptr) - low) +
+                           std::fabs(std::strtod(b.c_str(), nullptr) - high);
+        if (digits == kMost || low == high || off <= kClose * (high - low)) {
+            return a + " to " + b;
+        }
+    }
 }
 
 std::string human_seconds(double seconds) {

@@ -34,6 +34,9 @@ std::vector<int> parse_size(std::string_view option, std::string_view text, int 
 std::string human_bytes(double bytes);
 /// "1.2 M", "640": powers of 1000, three digits.
 std::string human_count(double count);
+/// "1000000000 to 1000000003": six digits, or as many as tell the ends and their distance apart;
+/// "none" if low is not <= high.
+std::string human_range(double low, double high);
 /// "0.4 s", "2:05", "1:02:05".
 std::string human_seconds(double seconds);
 
