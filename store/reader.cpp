@@ -139,11 +139,12 @@ void StoreReader::compare_range(std::uint64_t has_missing) const {
         missing |= chunk.flags & kChunkHasMissing;
     }
     if (range_ != std::array{low, high} || has_missing != missing) {
-        fail_corrupt(fmt::format(
-            "the header is damaged: it says that values go from {} to {}{}, the chunk table from "
-            "{} to {}{}; restore the store from a good copy",
-            range_[0], range_[1], has_missing != 0 ? ", some missing" : "", low, high,
-            missing != 0 ? ", some missing" : ""));
+        fail_corrupt(
+            fmt::format("the header says that values go from {} to {}{}, the chunk table from {} "
+                        "to {}{}: one of "
+                        "them is damaged; restore the store from a good copy",
+                        range_[0], range_[1], has_missing != 0 ? ", some missing" : "", low, high,
+                        missing != 0 ? ", some missing" : ""));
     }
 }
 

@@ -202,17 +202,37 @@ TEST_CASE("check finds a row of the table that says something else than the chun
     const Int3 chunk{1, 0, 2};
     SECTION("the smallest value") {
         Forger forger(made.path);
-        forger.row(forger.layout().array(0, Field::values), chunk).min -= 1;
+        forger.row(forger.layout().array(0, Field::values), chunk).min += 0.001;
     }
     SECTION("the largest value") {
         Forger forger(made.path);
         forger.row(forger.layout().array(0, Field::values), chunk).max = 0.5;
     }
-    SECTION("that values are missing") {
-        Forger forger(made.path);
-        forger.row(forger.layout().array(0, Field::values), chunk).flags = kChunkHasMissing;
-    }
     require_one(checked(made.path), "range", 0, chunk, kWhole);
+}
+
+TEST_CASE("check finds a row of a coarse level that says that values are missing") {
+    const Made made;
+    {
+        Forger forger(made.path);
+        forger.row(forger.layout().array(1, Field::values), {0, 0, 0}).flags = kChunkHasMissing;
+    }
+    require_one(checked(made.path), "range", 1, {0, 0, 0}, kWhole);
+}
+
+TEST_CASE("a table that contradicts the header's range is refused") {
+    const Made made;
+    {
+        Forger forger(made.path);
+        ChunkRow& row = forger.row(forger.layout().array(0, Field::values), {1, 0, 2});
+        SECTION("the smallest value") {
+            row.min -= 1;
+        }
+        SECTION("that values are missing") {
+            row.flags = kChunkHasMissing;
+        }
+    }
+    CHECK_THROWS_WITH(StoreReader(made.path), Catch::Contains("the chunk table"));
 }
 
 TEST_CASE("check finds reserved flags in the table, quickly too") {
