@@ -6,12 +6,13 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
-#include <fstream>
+#include <string_view>
 #include <vector>
 
 #include "preprocess/hdf5_chunks.h"
 #include "preprocess/hdf5_datasets.h"
 #include "preprocess/hdf5_files.h"
+#include "preprocess/raw_source.h"
 #include "store/error.h"
 #include "store/handles.h"
 #include "store/hdf5_types.h"
@@ -26,13 +27,11 @@ constexpr std::array<char, 8> kSignature{'\x89', 'H', 'D', 'F', '\r', '\n', '\x1
 
 /// Where HDF5 begins in a file, behind a user block of 0 or 512 2^k bytes.
 std::optional<std::uint64_t> start_of_hdf5(const std::filesystem::path& path) {
-    std::ifstream in(path, std::ios::binary);
     constexpr std::uint64_t kLeast = 512;
-    std::array<char, kSignature.size()> found{};
-    for (std::uint64_t at = 0; in.seekg(static_cast<std::streamoff>(at)) &&
-                               in.read(found.data(), static_cast<std::streamsize>(found.size()));
-         at = at == 0 ? kLeast : 2 * at) {
-        if (found == kSignature) {
+    const std::uint64_t size = regular_file_size(path);
+    for (std::uint64_t at = 0; at + kSignature.size() <= size; at = at == 0 ? kLeast : 2 * at) {
+        if (first_bytes(path, kSignature.size(), at) ==
+            std::string_view(kSignature.data(), kSignature.size())) {
             return at;
         }
     }
@@ -41,15 +40,12 @@ std::optional<std::uint64_t> start_of_hdf5(const std::filesystem::path& path) {
 
 /// Whether the file says that a program has it open for writing, or died having it.
 bool is_being_written(const std::filesystem::path& path) {
-    constexpr std::uint64_t kVersion = 8;
-    constexpr std::uint64_t kFlags = 11;
+    constexpr std::size_t kVersion = 8;
+    constexpr std::size_t kFlags = 11;
     constexpr int kWriting = 1 | 4;
     const auto start = start_of_hdf5(path);
-    std::ifstream in(path, std::ios::binary);
-    std::array<char, kFlags + 1> bytes{};
-    return start && in.seekg(static_cast<std::streamoff>(*start)) &&
-           in.read(bytes.data(), static_cast<std::streamsize>(bytes.size())) &&
-           bytes[kVersion] == 3 && (bytes[kFlags] & kWriting) != 0;
+    const std::string bytes = start ? first_bytes(path, kFlags + 1, *start) : "";
+    return bytes.size() > kFlags && bytes[kVersion] == 3 && (bytes[kFlags] & kWriting) != 0;
 }
 
 class Hdf5Source : public VolumeSource {

@@ -410,7 +410,7 @@ class Cli(unittest.TestCase):
             os.utime(folder / "n.raw", (1, 1))
             other = subprocess.run(command, cwd=folder, capture_output=True)
             self.assertEqual(other.returncode, 2)
-            self.assertIn(b"'data bytes", other.stderr)
+            self.assertIn(b"'input bytes 4293378, time ", other.stderr)
 
     def test_an_input_truncated_while_it_is_read_is_an_error(self):
         with tempfile.TemporaryDirectory(prefix="isonest-test-") as name:
