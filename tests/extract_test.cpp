@@ -367,6 +367,7 @@ TEST_CASE("coordinates and values beyond 32-bit floats are refused, not written 
             CHECK(std::isfinite(v[0] + v[1] + v[2]));
         }
         std::filesystem::remove(folder / "m.ply");
+        std::filesystem::remove(folder / "m.glb");
         return std::string();
     };
     const auto surface = [](ExtractOptions&) {};
