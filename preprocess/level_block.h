@@ -211,6 +211,8 @@ class Measures {
                 return changes_[1];
             case Indicator::normal_turn:
                 return changes_[2];
+            case Indicator::normal_component:
+                return changes_[3];
             default:
                 return eta_;
         }
@@ -284,6 +286,7 @@ class Measures {
             changes_[0].row(slot, j)[i] = static_cast<Real>(c.jump * kUp);
             changes_[1].row(slot, j)[i] = static_cast<Real>(c.edge * kUp);
             changes_[2].row(slot, j)[i] = static_cast<Real>(c.turn * kUp);
+            changes_[3].row(slot, j)[i] = static_cast<Real>(c.component * kUp);
         });
         for (Layer<Real>& layer : changes_) {
             mark(k, 0, last, layer);
@@ -297,7 +300,7 @@ class Measures {
     std::array<SplitPlane<Real>, 3> planes_;
     Layer<Real> eta_;
     Layer<Real> deviation_;
-    std::array<Layer<Real>, 3> changes_;
+    std::array<Layer<Real>, 4> changes_;
     std::optional<MissingBox> missing_;
     std::optional<DeviationKernel<Real>> kernel_;
     std::optional<NormalIndicators> normals_;

@@ -27,8 +27,12 @@ Double3 unit(const Double3& g) {
     return size > 0 ? Double3{g[0] / size, g[1] / size, g[2] / size} : Double3{};
 }
 
+Double3 difference(const Double3& a, const Double3& b) {
+    return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+}
+
 double distance(const Double3& a, const Double3& b) {
-    return length({a[0] - b[0], a[1] - b[1], a[2] - b[2]});
+    return length(difference(a, b));
 }
 
 }  // namespace
@@ -62,6 +66,8 @@ NormalIndicators::NormalIndicators(const Double3& spacing, int level, unsigned f
                     child.v[end] = {0, 0, 0};
                     e.children[end] = child.gradient_weights();
                 }
+                // In child 0 the function that is 1 at v[1] and 0 elsewhere is 0 on that face.
+                e.across = unit(e.children[0][1]);
                 e.edge_length = distance(whole.v[0], whole.v[1]);
                 table.push_back(e);
             }
@@ -96,13 +102,15 @@ NormalChange NormalIndicators::at(const Int3& owner, int slot, const Int3& cells
             change.turn = std::fmax(change.turn, distance(normal[end], before));
         }
         change.jump = std::fmax(change.jump, distance(normal[0], normal[1]));
+        change.component =
+            std::fmax(change.component, std::fabs(dot(e.across, difference(normal[0], normal[1]))));
         const double offset = std::fabs(values[kNode] - (u[0] + u[1]) / 2);
         if (size > 0) {
             change.edge = std::fmax(change.edge, 4 * offset / e.edge_length / size);
         }
         if (!std::isfinite(size)) {
             constexpr double kInfinity = std::numeric_limits<double>::infinity();
-            return {kInfinity, kInfinity, kInfinity};
+            return {kInfinity, kInfinity, kInfinity, kInfinity};
         }
     }
     return change;

@@ -1,11 +1,14 @@
 // The indicators of the unit gradient: how much the surface's normal changes at a refinement.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 3. eta_N(x) is the largest jump of N = grad U /
-// |grad U| between the two children of an element that refines at x. The paper gives no formula for
-// eta_{N,e}; here it is the second difference along the refinement edge, 4 |U_delta| / h(e_ref),
-// over the mean size of the children's gradients. Neither bounds how far a child's normal is from
-// its element's (the midpoint's value may turn both children the same way), so there is a third
-// one, the largest |N(child) - N(element)|, which does, once summed over the levels.
+// Source: Gerstner, Rumpf, Weikard (2000), section 4. eta_N(x) is the largest normal component of
+// the jump of N = grad U / |grad U| over F_ref, the face between the two children of an element
+// that refines at x: `component`. `jump` is the size of the whole jump, which is not less: the jump
+// of grad U is normal to the face, that of N, which is scaled on either side, is not. The paper
+// gives no formula for eta_{N,e}; here it is the second difference along the refinement edge, 4
+// |U_delta| / h(e_ref), over the mean size of the children's gradients. None of them bounds how far
+// a child's normal is from its element's (the midpoint's value may turn both children the same
+// way), so there is one more, the largest |N(child) - N(element)|, which does, once summed over the
+// levels.
 #pragma once
 
 #include <array>
@@ -19,9 +22,10 @@ namespace isonest {
 using Neighbourhood = std::array<double, 27>;
 
 struct NormalChange {
-    double jump = 0;  ///< eta_N, 0 to 2
-    double edge = 0;  ///< eta_{N,e}, >= 0
-    double turn = 0;  ///< 0 to 2
+    double jump = 0;       ///< 0 to 2
+    double edge = 0;       ///< eta_{N,e}, >= 0
+    double turn = 0;       ///< 0 to 2
+    double component = 0;  ///< eta_N, 0 to jump
 };
 
 /// For one level. Where the gradient is 0 there is no normal, and N counts as 0.
@@ -42,6 +46,7 @@ class NormalIndicators {
         Int3 cube;
         std::array<Double3, 4> whole{};                    ///< gradient weights of the element
         std::array<std::array<Double3, 4>, 2> children{};  ///< in child i the node replaces v[i]
+        Double3 across{};  ///< the unit normal of the face between the children
         double edge_length = 1;
     };
     std::array<std::vector<Element>, 8 * kSlots> tables_;

@@ -35,6 +35,8 @@ constexpr std::array<Description, kFieldCount> kFields{{
     {"normal_edge_plus", normal_edge, Saturation::plus},
     {"normal_turn_bar", normal_turn, Saturation::bar},
     {"normal_turn_plus", normal_turn, Saturation::plus},
+    {"normal_component_bar", normal_component, Saturation::bar},
+    {"normal_component_plus", normal_component, Saturation::plus},
 }};
 
 const Description& description_of(Field field) {

@@ -12,19 +12,20 @@ namespace isonest {
 /// What a node's number measures before it is saturated (section 3 of the paper). x is the node,
 /// U_delta(x) = U(x) - (U(x1) + U(x2)) / 2 with x1, x2 the ends of its refinement edge.
 enum class Indicator : std::uint8_t {
-    linf,         ///< eta_infinity = |U_delta|
-    deviation,    ///< eta*_infinity: |U - U^l| over the support of x, U the finest function
-    l1,           ///< eta_1 = |U_delta| sum |T| / (d + 1)
-    l2,           ///< eta_2 = |U_delta| sqrt(sum |T|) / (d + 1)
-    grad_linf,    ///< eta_{1,infinity} = max |grad U_delta|
-    grad_l1,      ///< eta_{1,1}: the integral of |grad U_delta| over the support
-    grad_l2,      ///< eta_{1,2}: the square root of that of |grad U_delta|^2
-    grad_edge,    ///< eta_{1,e} = 2 |U_delta| / h(e_ref)
-    normal,       ///< eta_N: the jump of grad U / |grad U| over F_ref, the largest one
-    normal_edge,  ///< eta_{N,e}: the jump of the derivative along e_ref over |grad U|
-    normal_turn   ///< the largest change of grad U / |grad U| from an element to its children
+    linf,             ///< eta_infinity = |U_delta|
+    deviation,        ///< eta*_infinity: |U - U^l| over the support of x, U the finest function
+    l1,               ///< eta_1 = |U_delta| sum |T| / (d + 1)
+    l2,               ///< eta_2 = |U_delta| sqrt(sum |T|) / (d + 1)
+    grad_linf,        ///< eta_{1,infinity} = max |grad U_delta|
+    grad_l1,          ///< eta_{1,1}: the integral of |grad U_delta| over the support
+    grad_l2,          ///< eta_{1,2}: the square root of that of |grad U_delta|^2
+    grad_edge,        ///< eta_{1,e} = 2 |U_delta| / h(e_ref)
+    normal,           ///< the jump of grad U / |grad U| over F_ref, as a vector, the largest one
+    normal_edge,      ///< eta_{N,e}: the jump of the derivative along e_ref over |grad U|
+    normal_turn,      ///< the largest change of grad U / |grad U| from an element to its children
+    normal_component  ///< eta_N: the part of that jump that is normal to F_ref, the largest one
 };
-inline constexpr int kIndicatorCount = 11;
+inline constexpr int kIndicatorCount = 12;
 
 /// How a node covers its children: bar(x) = max(eta(x), max bar(c)), plus(x) = eta(x) + max
 /// plus(c).
@@ -54,7 +55,9 @@ enum class Field : std::uint8_t {
     normal_edge_bar,
     normal_edge_plus,
     normal_turn_bar,
-    normal_turn_plus  ///< a bound on |N - N^l|, N = grad U / |grad U|
+    normal_turn_plus,  ///< a bound on |N - N^l|, N = grad U / |grad U|
+    normal_component_bar,
+    normal_component_plus
 };
 inline constexpr int kFieldCount = 1 + 2 * kIndicatorCount;
 

@@ -124,6 +124,30 @@ BisectionOracle::Gradient BisectionOracle::gradient(const Element& t,
     return g;
 }
 
+/// From the face's vertices: the midpoint and those of t that do not end the refinement edge.
+BisectionOracle::Gradient BisectionOracle::normal_between_children(const Element& t) const {
+    const Int3 x = middle(t);
+    std::vector<Gradient> along;  // d - 1 directions in the face, then those of the flat axes
+    for (std::size_t i = 1; i <= d_; ++i) {
+        if (i != static_cast<std::size_t>(t.tag)) {
+            const Int3 e = t.v[i] - x;
+            along.push_back({static_cast<double>(e.x) * spacing_[0],
+                             static_cast<double>(e.y) * spacing_[1],
+                             static_cast<double>(e.z) * spacing_[2]});
+        }
+    }
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (n_[static_cast<int>(a)] == 1) {
+            Gradient axis{};
+            axis[a] = 1;
+            along.push_back(axis);
+        }
+    }
+    const Gradient& a = along.at(0);
+    const Gradient& b = along.at(1);
+    return unit({a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]});
+}
+
 double BisectionOracle::deviation(const Element& t) const {
     Int3 lo = t.v[0];
     Int3 hi = t.v[0];
@@ -249,6 +273,10 @@ BisectionOracle::BisectionOracle(const Int3& n, std::function<double(const Int3&
                 at(own, which) = std::max(at(own, which), around ? kInfinity : by);
             };
             raise(normal, norm(difference(n_child[0], n_child[1])));
+            const Gradient jump = difference(n_child[0], n_child[1]);
+            const Gradient across = normal_between_children(t);
+            raise(normal_component,
+                  std::fabs(jump[0] * across[0] + jump[1] * across[1] + jump[2] * across[2]));
             raise(normal_edge, mean > 1e-9 ? 4 * u / h / mean : 0);
             raise(normal_turn, std::max(norm(difference(n_child[0], n_whole)),
                                         norm(difference(n_child[1], n_whole))));

@@ -50,6 +50,8 @@ class BisectionOracle {
     [[nodiscard]] std::array<double, 4> barycentric(const Element& t, const Gradient& p) const;
     [[nodiscard]] double measure(const Element& t) const;
     [[nodiscard]] Gradient gradient(const Element& t, const std::array<double, 4>& u) const;
+    /// The unit normal of the face that the two children of t share.
+    [[nodiscard]] Gradient normal_between_children(const Element& t) const;
     [[nodiscard]] double deviation(const Element& t) const;
     [[nodiscard]] double determinant(const std::array<Gradient, 3>& rows) const;
     [[nodiscard]] std::array<Gradient, 3> edges(const Element& t) const;

@@ -195,6 +195,28 @@ TEST_CASE("missing data make every diamond that touches them refine to the end")
         all_indicators());
 }
 
+TEST_CASE("normal_component is the part of the jump that is normal to the children's face") {
+    // Two triangles, cut from the centre to (2, 0) and (0, 2). The gradients in the children of the
+    // first are (1, 0) and (2, 1), in those of the second their mirror images; the normal of both
+    // faces is (1, 1) / sqrt 2. The four edges' midpoints change nothing.
+    const std::array<float, 9> values{0, 1, 2, 1, 1, 3, 2, 3, 4};
+    MemoryVolume<float> volume({3, 3, 1}, [&](const Int3& p) {
+        return values.at(static_cast<std::size_t>(p.x + 3 * p.y));
+    });
+    const TemporaryFolder folder;
+    PreprocessOptions options = with_chunk(8, true);
+    options.fields = {Field::normal_bar, Field::normal_component_bar};
+    make_store(volume, folder / "s", options);
+    const StoreReader store(folder / "s");
+    const double jump = std::sqrt(2 - 4 / std::sqrt(5.0));
+    const double component = (3 / std::sqrt(5.0) - 1) / std::sqrt(2.0);
+    CHECK(static_cast<double>(exported(store, Field::normal_bar, folder / "n.raw").at(4)) ==
+          Approx(jump));
+    CHECK(
+        static_cast<double>(exported(store, Field::normal_component_bar, folder / "c.raw").at(4)) ==
+        Approx(component));
+}
+
 TEST_CASE("half of eta plus does not bound the deviation, eta plus does") {
     // Section 4 of the paper prints beta_0 = eta_plus / 2. With U = 0 but for one node in the
     // middle of a refinement edge, U reaches delta there, and the printed bound says delta / 2.

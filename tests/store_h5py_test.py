@@ -206,6 +206,15 @@ with tempfile.TemporaryDirectory() as folder:
     assert meshes[0] == meshes[1] and reports[0]["triangles"] > 0
     assert reports[0]["visited_tetrahedra"] < reports[1]["visited_tetrahedra"]
 
+    # A field of a newer writer is refused by its name, also by `check` and `info`.
+    newer = f"{folder}/newer.isonest"
+    shutil.copyfile(store, newer)
+    with h5py.File(newer, "r+") as f:
+        f.attrs.modify("fields", np.bytes_("linf_bar,linf_plus,deviation_bar,wiggle_bar"))
+    for command in ("info", "check"):
+        done = subprocess.run([isonest, command, newer], capture_output=True, text=True)
+        assert done.returncode not in (0, 1) and "'wiggle_bar'" in done.stderr, (command, done)
+
     try:
         import vtk
         from vtk.util import numpy_support
