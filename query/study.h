@@ -1,7 +1,9 @@
 // How good the indicators are: the comparison of section 6.
 //
 // Source: Gerstner, Rumpf, Weikard (2000), section 6: the number of cells k and the error of the
-// projection P U over the threshold, and the efficiency E = 1 / (k ||P U - U||).
+// projection P U over the threshold, and the efficiency E = 1 / (k ||P U - U||). There k counts the
+// cells that a traversal visits, those of the coarser levels too, and indicators are compared at
+// the same threshold. Here it is given for both numbers, the visited cells and the mesh's elements.
 #pragma once
 
 #include <optional>
@@ -28,17 +30,21 @@ struct StudyOptions {
 struct StudyRow {
     Field field = Field::linf_bar;
     double threshold = 0;       ///< of the field's largest finite value
-    std::uint64_t visited = 0;  ///< elements of all levels of the mesh
-    std::uint64_t leaves = 0;   ///< k, the mesh's elements, those too that reach outside
+    std::uint64_t visited = 0;  ///< cells of all levels, the mesh's elements among them
+    std::uint64_t leaves = 0;   ///< the mesh's elements, those too that reach outside
     double l1 = 0;              ///< ||P U - U||
     double l2 = 0;
     double linf = 0;
     std::uint64_t iso_visited = 0;  ///< with StudyOptions::iso
     std::uint64_t iso_leaves = 0;
 
-    /// 1 / (k error); +inf where the error is 0.
+    /// 1 / (leaves * error); +inf where the error is 0.
     [[nodiscard]] double efficiency(double error) const {
         return 1 / (static_cast<double>(leaves) * error);
+    }
+    /// The paper's: 1 / (visited * error); +inf where the error is 0.
+    [[nodiscard]] double efficiency_of_visited(double error) const {
+        return 1 / (static_cast<double>(visited) * error);
     }
 };
 

@@ -32,17 +32,25 @@ struct Column {
     const char* axis;
     Value of;
 };
-constexpr std::array<Column, 8> kColumns{
-    {{"visited", "elements of all levels",
+constexpr std::array<Column, 11> kColumns{
+    {{"visited", "visited cells, all levels",
       [](const StudyRow& r) { return static_cast<double>(r.visited); }},
-     {"leaves", "elements k", [](const StudyRow& r) { return static_cast<double>(r.leaves); }},
+     {"leaves", "elements", [](const StudyRow& r) { return static_cast<double>(r.leaves); }},
      {"l1", "||P U - U||, L1", [](const StudyRow& r) { return r.l1; }},
      {"l2", "||P U - U||, L2", [](const StudyRow& r) { return r.l2; }},
      {"linf", "||P U - U||, L infinity", [](const StudyRow& r) { return r.linf; }},
-     {"efficiency_l1", "1 / (k error), L1", [](const StudyRow& r) { return r.efficiency(r.l1); }},
-     {"efficiency_l2", "1 / (k error), L2", [](const StudyRow& r) { return r.efficiency(r.l2); }},
-     {"efficiency_linf", "1 / (k error), L infinity",
-      [](const StudyRow& r) { return r.efficiency(r.linf); }}}};
+     {"efficiency_l1", "1 / (elements error), L1",
+      [](const StudyRow& r) { return r.efficiency(r.l1); }},
+     {"efficiency_l2", "1 / (elements error), L2",
+      [](const StudyRow& r) { return r.efficiency(r.l2); }},
+     {"efficiency_linf", "1 / (elements error), L infinity",
+      [](const StudyRow& r) { return r.efficiency(r.linf); }},
+     {"efficiency_visited_l1", "1 / (visited error), L1",
+      [](const StudyRow& r) { return r.efficiency_of_visited(r.l1); }},
+     {"efficiency_visited_l2", "1 / (visited error), L2",
+      [](const StudyRow& r) { return r.efficiency_of_visited(r.l2); }},
+     {"efficiency_visited_linf", "1 / (visited error), L infinity",
+      [](const StudyRow& r) { return r.efficiency_of_visited(r.linf); }}}};
 constexpr std::array<Column, 2> kIsoColumns{
     {{"iso_visited", "elements visited for the isosurface",
       [](const StudyRow& r) { return static_cast<double>(r.iso_visited); }},
@@ -104,7 +112,7 @@ void draw(const std::filesystem::path& folder, const Study& study, const PlotFil
         return file.by_leaves ? static_cast<double>(r.leaves) : r.threshold;
     };
     Plot plot;
-    plot.x = file.by_leaves ? "elements k" : "threshold, of the largest";
+    plot.x = file.by_leaves ? "elements" : "threshold, of the largest";
     plot.title = fmt::format("{} by {}", file.column->name, plot.x);
     plot.y = file.column->axis;
     for (const StudyRow& row : study.rows) {
@@ -202,11 +210,13 @@ void add_study(CLI::App& app, Invocation& chosen) {
         {"Compare a store's indicators: how many elements for how much error",
          "For thresholds from 1 down, as fractions of each field's largest value, the elements of "
          "the\n"
-         "adaptive mesh of the whole volume, the error of the function on it in three norms, and "
-         "the\n"
-         "efficiency 1 / (k error): as study.csv and as plots (.svg and .png). The volume must fit "
-         "into\n"
-         "the memory, 20 bytes a node.",
+         "adaptive mesh of the whole volume, the cells of all levels that a traversal visits to "
+         "find\n"
+         "them, the error of the function on the mesh in three norms, and the efficiency 1 / (k "
+         "error),\n"
+         "k being the elements, or the visited cells as in the paper: as study.csv and as plots "
+         "(.svg\n"
+         "and .png). The volume must fit into the memory, 20 bytes a node.",
          "isonest preprocess map.h5 --indicators all -o map.isonest\n"
          "isonest study map.isonest --out map-study\n"
          "isonest study head.isonest --fields linf_bar,normal_bar --iso 120 --out head-study"});

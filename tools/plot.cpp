@@ -24,8 +24,8 @@ constexpr double kTop = 40;
 constexpr double kBottom = 58;
 
 using Color = std::array<double, 3>;
-// P. Tol's bright and muted schemes: to be told apart by all eyes.
-constexpr std::array<Color, 10> kColors{{{0.27, 0.47, 0.67},
+// P. Tol's bright, muted and vibrant schemes: to be told apart by all eyes.
+constexpr std::array<Color, 12> kColors{{{0.27, 0.47, 0.67},
                                          {0.93, 0.40, 0.47},
                                          {0.13, 0.53, 0.20},
                                          {0.80, 0.73, 0.27},
@@ -34,7 +34,9 @@ constexpr std::array<Color, 10> kColors{{{0.27, 0.47, 0.67},
                                          {0.20, 0.13, 0.53},
                                          {0.60, 0.60, 0.20},
                                          {0.53, 0.13, 0.33},
-                                         {0.45, 0.45, 0.45}}};
+                                         {0.45, 0.45, 0.45},
+                                         {0.93, 0.47, 0.20},
+                                         {0.00, 0.60, 0.53}}};
 
 /// A logarithmic axis from whole powers of ten to whole powers of ten.
 struct Axis {
