@@ -16,10 +16,10 @@
 namespace isonest::cli {
 namespace {
 
-constexpr double kWidth = 760;
+constexpr double kWidth = 790;
 constexpr double kHeight = 480;
 constexpr double kLeft = 84;
-constexpr double kRight = 170;
+constexpr double kRight = 200;
 constexpr double kTop = 40;
 constexpr double kBottom = 58;
 
