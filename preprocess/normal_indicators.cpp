@@ -79,7 +79,7 @@ NormalChange NormalIndicators::at(const Int3& owner, int slot, const Int3& cells
                                   const Neighbourhood& values) const {
     const auto parities =
         static_cast<unsigned>((owner.x & 1) + 2 * (owner.y & 1) + 4 * (owner.z & 1)) & ~flat_;
-    NormalChange change;
+    NormalChange change;  // of `jump` and `turn` the squares, until the largest are found
     for (const Element& e : tables_[parities * kSlots + static_cast<unsigned>(slot)]) {
         const Int3 cube = owner + e.cube;
         if (min(cube, {0, 0, 0}) != Int3{0, 0, 0} || max(cube + Int3{1, 1, 1}, cells) != cells) {
@@ -99,11 +99,12 @@ NormalChange NormalIndicators::at(const Int3& owner, int slot, const Int3& cells
             const Double3 g = gradient(e.children[end], v);
             size += length(g) / 2;
             normal[end] = unit(g);
-            change.turn = std::fmax(change.turn, distance(normal[end], before));
+            const Double3 turn = difference(normal[end], before);
+            change.turn = std::fmax(change.turn, dot(turn, turn));
         }
-        change.jump = std::fmax(change.jump, distance(normal[0], normal[1]));
-        change.component =
-            std::fmax(change.component, std::fabs(dot(e.across, difference(normal[0], normal[1]))));
+        const Double3 jump = difference(normal[0], normal[1]);
+        change.jump = std::fmax(change.jump, dot(jump, jump));
+        change.component = std::fmax(change.component, std::fabs(dot(e.across, jump)));
         const double offset = std::fabs(values[kNode] - (u[0] + u[1]) / 2);
         if (size > 0) {
             change.edge = std::fmax(change.edge, 4 * offset / e.edge_length / size);
@@ -113,6 +114,8 @@ NormalChange NormalIndicators::at(const Int3& owner, int slot, const Int3& cells
             return {kInfinity, kInfinity, kInfinity, kInfinity};
         }
     }
+    change.jump = std::sqrt(change.jump);
+    change.turn = std::sqrt(change.turn);
     return change;
 }
 
