@@ -1,6 +1,6 @@
 // The deviation indicator: how far the finest function can be from a tetrahedron's linear function.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 3, eta*_infinity(x) = |U - U^l| over the support
+// Source: Gerstner, Rumpf, Weikard (2000), section 4, eta*_infinity(x) = |U - U^l| over the support
 // of x, which the paper calls too expensive. Here it is streamed: with the values two levels finer
 // (stride 2^(L-2)) and the deviation D already known there,
 //   D(T) <= max over the finer T' in T of (max over vertices v of T' of |U(v) - U_T(v)| + D(T')),

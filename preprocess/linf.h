@@ -1,6 +1,6 @@
 // The offset indicator eta_infinity = |U(x) - (U(x1) + U(x2)) / 2| of every refinement node.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 3; x1, x2 are the ends of the refinement edge,
+// Source: Gerstner, Rumpf, Weikard (2000), section 4; x1, x2 are the ends of the refinement edge,
 // whose direction alternates with the parity of the cube (section 2).
 #pragma once
 

@@ -1,6 +1,6 @@
 // The indicators that are a multiple of |U_delta|: norms of the hat function at the node.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 3: eta_p, eta_{1,p} and eta_{1,e}. The hat's
+// Source: Gerstner, Rumpf, Weikard (2000), section 4: eta_p, eta_{1,p} and eta_{1,e}. The hat's
 // gradient is constant on each child of an element, and all elements around a node of one kind are
 // mirror images of each other, so the factor depends on the kind, the spacing and the number of
 // cubes around the node alone.

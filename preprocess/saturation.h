@@ -1,6 +1,6 @@
 // Saturation: the indicator of a node covers those of its child refinement nodes.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 3: bar(x) = max(eta(x), max bar(c)),
+// Source: Gerstner, Rumpf, Weikard (2000), section 5: bar(x) = max(eta(x), max bar(c)),
 // plus(x) = eta(x) + max plus(c), over the child nodes c of all tetrahedra that share x: for a cube
 // centre its six face centres, for a face centre its four edge midpoints, for an edge midpoint the
 // centres of the eight finer cubes around it. Order: fine to coarse, edges, faces, centres.

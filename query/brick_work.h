@@ -1,6 +1,6 @@
 // AdaptTraverse within one brick: from cubes of the level above to leaves and to subcubes.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), sections 2, 4 and 6. The unit is a cube with a mask of
+// Source: Gerstner, Rumpf, Weikard (2000), sections 2 and 5. The unit is a cube with a mask of
 // its active Kuhn tetrahedra; a brick is the cubes of one level in one chunk of values.
 #pragma once
 

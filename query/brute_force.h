@@ -18,7 +18,7 @@ struct LargestDifference {
 
 /// max |U - U_T| over the nodes of the six Kuhn tetrahedra T of a cube. `box` holds its nodes;
 /// those beyond `last` lie outside of the volume and do not count. Source: Gerstner, Rumpf, Weikard
-/// (2000), section 3, eta*.
+/// (2000), section 4, eta*.
 template <class T>
 LargestDifference largest_difference(const Box<T>& box, const Int3& cube, std::int64_t edge,
                                      const Int3& last) {

@@ -1,6 +1,6 @@
 // Backface culling for a parallel view, of whole subtrees.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 4: an element whose descendants all face away
+// Source: Gerstner, Rumpf, Weikard (2000), section 5: an element whose descendants all face away
 // need not be visited. The surface's normals point to smaller values, so it faces away from a
 // viewer who looks along V where grad U . V <= 0. With beta_1 = eta_plus of |grad U_delta| the
 // gradient of every descendant is within beta_1 of the element's; with beta_N = plus of the turn of

@@ -1,8 +1,8 @@
 // The indicators of level 1's faces and edges, from the values of one cube of edge 2.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 3. At the finest scale an indicator depends on
-// no finer one, so whoever has the 27 values of a cube has them all; the store keeps only the
-// cube's centre (store/FORMAT.md, section 4).
+// Source: Gerstner, Rumpf, Weikard (2000), sections 4 and 5. At the finest scale an indicator
+// depends on no finer one, so whoever has the 27 values of a cube has them all; the store keeps
+// only the cube's centre (store/FORMAT.md, section 4).
 #pragma once
 
 #include <algorithm>

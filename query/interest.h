@@ -1,6 +1,6 @@
 // The interest test: whether the finest function can take the isovalue in a tetrahedron.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 4, beta_0: |U - U^l| <= beta in the tetrahedron,
+// Source: Gerstner, Rumpf, Weikard (2000), section 5, beta_0: |U - U^l| <= beta in the tetrahedron,
 // so U stays within the values of its vertices plus or minus beta. Here beta is the saturated
 // deviation (or eta_plus), not the eta_plus / 2 that the paper prints and that is not a bound.
 #pragma once

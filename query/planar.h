@@ -1,6 +1,6 @@
 // AdaptTraverse on nested triangles: stores with one flat axis.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), sections 2, 4 and 6, in two dimensions: the paper's own
+// Source: Gerstner, Rumpf, Weikard (2000), sections 2 and 5, in two dimensions: the paper's own
 // first examples are a map and a concentration on a square.
 #pragma once
 

@@ -1,4 +1,4 @@
-// How good the indicators are: the comparison of section 6.
+// How good the indicators are: the comparison of the paper's section 6.
 //
 // Source: Gerstner, Rumpf, Weikard (2000), section 6: the number of cells k and the error of the
 // projection P U over the threshold, and the efficiency E = 1 / (k ||P U - U||). There k counts the

@@ -1,6 +1,6 @@
 // Which cubes of a brick of level 0 the isosurface of the data passes through.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 4, the interest test with beta_0 = 0, which
+// Source: Gerstner, Rumpf, Weikard (2000), section 5, the interest test with beta_0 = 0, which
 // holds where nothing is left to refine: first by the smallest and largest value of each chunk,
 // then by the values. Without a tolerance every node refines, so that the coarser levels need not
 // be asked.

@@ -2,7 +2,7 @@
 // sees it.
 //
 // A mesh without cracks needs a test that holds for a node whenever it holds for one of its
-// children (section 3 of the paper). So a node is judged by the strictest tolerance in a ball
+// children (section 5 of the paper). So a node is judged by the strictest tolerance in a ball
 // around it that holds the balls of its children: then nothing needs to be saturated. Source of the
 // nested balls: P. Lindstrom, V. Pascucci, "Visualization of large terrains made easy", IEEE
 // Visualization 2001.

@@ -1,6 +1,6 @@
 // AdaptTraverse, out of core: from the coarsest cube to the leaves, brick by brick.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), sections 2, 4 and 6. The unit is a cube with a mask of
+// Source: Gerstner, Rumpf, Weikard (2000), sections 2 and 5. The unit is a cube with a mask of
 // its active Kuhn tetrahedra; a brick is the cubes of one level in one chunk of values.
 #pragma once
 
@@ -68,7 +68,7 @@ TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::si
                          const PartSink& sink, Progress& progress);
 
 /// By what the bound field at the refinement node of an element has to be multiplied to bound
-/// |U - U^l| there: 1, and h(T) for the gradient type (section 4 of the paper). The element is in a
+/// |U - U^l| there: 1, and h(T) for the gradient type (section 5 of the paper). The element is in a
 /// cube of edge 2^level.
 double bound_scale(Field bound, int level, const Double3& spacing);
 

@@ -1,6 +1,6 @@
 // Bounds on the values within each cube of the coarser levels.
 //
-// Source: Gerstner, Rumpf, Weikard (2000), section 4: beta_0 excludes an element that the
+// Source: Gerstner, Rumpf, Weikard (2000), section 5: beta_0 excludes an element that the
 // isosurface cannot reach. A bound on the distance from the element's linear function holds on both
 // sides of it; where a few extremes lie far on one side, what is there itself excludes more.
 #pragma once

@@ -9,7 +9,7 @@
 
 namespace isonest {
 
-/// What a node's number measures before it is saturated (section 3 of the paper). x is the node,
+/// What a node's number measures before it is saturated (section 4 of the paper). x is the node,
 /// U_delta(x) = U(x) - (U(x1) + U(x2)) / 2 with x1, x2 the ends of its refinement edge.
 enum class Indicator : std::uint8_t {
     linf,             ///< eta_infinity = |U_delta|
@@ -77,7 +77,7 @@ Field source_at_level_1(Field field);
 bool centre_suffices_at_level_1(Field field);
 
 /// Whether the field (or, for grad_linf_plus, h(T) times it) bounds |U - U^l| in an element that
-/// refines at the node: section 4 of the paper, without its factor 1/2.
+/// refines at the node: section 5 of the paper, without its factor 1/2.
 bool is_bound(Field field);
 
 /// What preprocess makes unless told otherwise.

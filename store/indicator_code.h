@@ -1,5 +1,5 @@
 // Indicators in 16 bits, rounded up by a monotone rule, so that saturation and every bound survive
-// (method: section 3 of the paper needs eta(parent) >= eta(child), and a bound may only grow).
+// (method: section 5 of the paper needs eta(parent) >= eta(child), and a bound may only grow).
 #pragma once
 
 #include <bit>

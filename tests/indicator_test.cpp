@@ -218,7 +218,7 @@ TEST_CASE("normal_component is the part of the jump that is normal to the childr
 }
 
 TEST_CASE("half of eta plus does not bound the deviation, eta plus does") {
-    // Section 4 of the paper prints beta_0 = eta_plus / 2. With U = 0 but for one node in the
+    // Section 5 of the paper prints beta_0 = eta_plus / 2. With U = 0 but for one node in the
     // middle of a refinement edge, U reaches delta there, and the printed bound says delta / 2.
     MemoryVolume<float> volume({3, 3, 3}, [](const Int3& p) {
         return p == Int3{1, 1, 1} ? 1.0F : 0.0F;
