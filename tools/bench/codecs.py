@@ -10,6 +10,12 @@ linf_bar. Numbers depend on zstd's version a little.
 import ctypes
 import sys
 
+import needs
+
+needs.arguments(1, __doc__, 2)
+needs.require(needs.module("h5py"), needs.module("numpy"), needs.library("zstd", "libzstd.so.1"),
+              needs.file(sys.argv[1], "a store"))
+needs.require(needs.zstd_filter())
 import h5py
 import numpy as np
 

@@ -14,6 +14,8 @@ import statistics
 import subprocess
 import tempfile
 
+import needs
+
 root = pathlib.Path(__file__).resolve().parents[2]
 parser = argparse.ArgumentParser(description=__doc__,
                                  formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -23,6 +25,7 @@ parser.add_argument("--error", default="0")
 parser.add_argument("--views", type=int, default=100)
 parser.add_argument("--isonest", default=str(root / "build/bin/isonest"))
 args = parser.parse_args()
+needs.require(needs.program(args.isonest), needs.file(args.store, "a store"))
 keys = ("visited_tetrahedra", "triangles", "seconds")
 
 
@@ -36,6 +39,9 @@ def extract(folder, *options):
 fields = json.loads(subprocess.run([args.isonest, "info", args.store, "--json"], check=True,
                                    stdout=subprocess.PIPE).stdout)["fields"]
 names = [f if isinstance(f, str) else f["name"] for f in fields]
+needs.require(None if {"normal_turn_plus", "grad_linf_plus"} & set(names) else
+              f"{args.store} has neither of the fields: isonest preprocess --indicators "
+              "linf_bar,linf_plus,deviation_bar,normal_turn_plus,grad_linf_plus makes them")
 with tempfile.TemporaryDirectory(prefix="isonest-bench-") as folder:
     for field in ("normal_turn_plus", "grad_linf_plus"):
         if field not in names:

@@ -8,10 +8,12 @@ the surface five times. Prints the smallest time, the counts, and the ratio to t
 import json
 import pathlib
 import subprocess
-import sys
 
-isonest, folder, iso, relative, *sizes = sys.argv[1:]
+import needs
+
+isonest, folder, iso, relative, *sizes = needs.arguments(5, __doc__)
 folder = pathlib.Path(folder)
+needs.require(needs.program(isonest), needs.folder(folder))
 before = None
 for size in sizes:
     volume, store = folder / f"bucky-{size}.h5", folder / f"bucky-{size}.isonest"

@@ -7,6 +7,9 @@ import json
 import sys
 import time
 
+import needs
+
+needs.require(needs.module("h5py"), needs.module("vtk"))
 import h5py
 import vtk
 from vtk.util import numpy_support
@@ -33,7 +36,9 @@ def flying_edges(image, iso):
 
 
 def main():
-    path, iso, out = sys.argv[1], float(sys.argv[2]), sys.argv[3]
+    path, iso, out = needs.arguments(3, __doc__, 3)
+    needs.require(needs.file(path, "an HDF5 file with a dataset /data"))
+    iso = float(iso)
     start = time.perf_counter()
     _data, image = read_image(path)
     read = time.perf_counter()

@@ -3,8 +3,8 @@ surface from a store that is out of the page cache.
 
 usage: large.py BUILD FOLDER [TYPE:SIZE:MEMORY...]    (uint8:2049:512M float32:1025:256M)
 
-BUILD has isonest and, of tools/bench, libisonest_peak_heap.so, which counts the heap; file mappings are not
-heap. FOLDER takes the volumes (which stay), the stores and the meshes (which do not). Every step ends in an
+BUILD is a build folder, or a new one: isonest is built there and, of tools/bench, the library that counts the
+heap; file mappings are not heap. FOLDER takes the volumes (which stay), the stores and the meshes (which do not). Every step ends in an
 error if it held more than --memory. The coarse surface, within 5 % of the range, is extracted three times,
 each time after posix_fadvise(DONTNEED) on the store, program start included.
 """
@@ -16,10 +16,30 @@ import subprocess
 import sys
 import time
 
-build, folder, *volumes = sys.argv[1:]
+import needs
+
+build, folder, *volumes = needs.arguments(2, __doc__)
 build, folder = pathlib.Path(build).resolve(), pathlib.Path(folder)
 isonest = build / "bin/isonest"
-counted = dict(os.environ, LD_PRELOAD=str(build / "tools/bench/libisonest_peak_heap.so"))
+helper = build / "tools/bench/libisonest_peak_heap.so"
+volumes = [v.split(":") for v in volumes or ["uint8:2049:512M", "float32:1025:256M"]]
+BYTES = {"uint8": 1, "int8": 1, "uint16": 2, "int16": 2, "uint32": 4, "int32": 4, "float32": 4, "float64": 8}
+
+
+def bytes_needed(kind, size):
+    """In FOLDER beside what is there: the volume, and as much and a fifth more for its store and mesh."""
+    volume = BYTES[kind] * int(size)**3
+    return (0 if (folder / f"bucky-{kind}-{size}.h5").exists() else volume) + 1.2 * volume
+
+
+needs.require(*(f"{':'.join(v)}: give TYPE:SIZE:MEMORY as in uint8:2049:512M" for v in volumes
+                if len(v) != 3 or v[0] not in BYTES or not v[1].isdigit() or
+                not re.fullmatch(r"\d+[KMG]", v[2])), needs.folder(folder))
+needs.require(needs.space(folder, max(bytes_needed(kind, size) for kind, size, _ in volumes)))
+needs.require(needs.built(build, "isonest", "isonest_peak_heap"))
+needs.require(needs.program(isonest), None if helper.exists() else f"{helper} is missing: "
+              f"{needs.build_command(build, 'isonest_peak_heap')}")
+counted = dict(os.environ, LD_PRELOAD=str(helper))
 UNITS = {"K": 1 << 10, "M": 1 << 20, "G": 1 << 30}
 
 
@@ -46,7 +66,7 @@ def within(heap, budget, what):
     return f"{heap / (1 << 20):.0f} MiB of heap"
 
 
-for kind, size, memory in (v.split(":") for v in volumes or ["uint8:2049:512M", "float32:1025:256M"]):
+for kind, size, memory in volumes:
     budget = int(memory[:-1]) * UNITS[memory[-1]]
     volume, store, mesh = (folder / f"bucky-{kind}-{size}.h5", folder / "large.isonest",
                            folder / "large.ply")

@@ -19,6 +19,12 @@ import sys
 import tempfile
 import time
 
+import needs
+
+needs.arguments(5, __doc__, 7)
+needs.require(needs.module("numpy"), needs.module("vtk"), needs.module("h5py"),
+              needs.library("meshoptimizer", "libmeshoptimizer.so.2d"), needs.program(sys.argv[1]),
+              needs.file(sys.argv[2], "a store"), needs.file(sys.argv[3], "the HDF5 file that it is made of"))
 import numpy as np
 from vtk.util import numpy_support
 

@@ -19,6 +19,9 @@ import subprocess
 import sys
 import tempfile
 
+import needs
+
+needs.require(needs.module("numpy"), needs.module("h5py"))
 import numpy as np
 
 TOLERANCES = (0, 0.005, 0.02, 0.05, 0.1)
@@ -105,8 +108,10 @@ def read_ratio(program, store, iso, tolerance):
 
 
 def main():
-    isonest, plugin, volume, *options = sys.argv[1:]
+    isonest, plugin, volume, *options = needs.arguments(3, __doc__)
     os.environ["HDF5_PLUGIN_PATH"] = plugin
+    needs.require(needs.program(isonest), needs.file(volume, "a volume that isonest reads"))
+    needs.require(needs.zstd_filter())
     chunk_bytes = pathlib.Path(isonest).with_name("isonest_chunk_bytes")
     import h5py
     broken = 0
