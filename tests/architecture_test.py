@@ -18,7 +18,8 @@ MAY_INCLUDE = {
 }
 STORAGE_HEADERS = re.compile(r"(hdf5|hdf5_hl|H5\w+|zstd\w*)\.h")
 STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/hdf5_")
-TOP_LEVEL = {*MAY_INCLUDE, "CMakeLists.txt", "README.md", "LICENSE", "CMakePresets.json"}
+TOP_LEVEL = {*MAY_INCLUDE, "CMakeLists.txt", "README.md", "CONTRIBUTING.md", "LICENSE",
+             "CMakePresets.json"}
 LOCAL_OUTPUT = re.compile(r"build.*|quickstart-out|.*\.isonest")  # as in .gitignore
 INCLUDE = re.compile(r'\s*#\s*include\s+([<"])([^>"]+)[>"]')
 
