@@ -17,32 +17,48 @@ MAY_INCLUDE = {
     "tests": {"tests", "tools", "preprocess", "query", "store"},
 }
 STORAGE_HEADERS = re.compile(r"(hdf5|hdf5_hl|H5\w+|zstd\w*)\.h")
-STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/hdf5_")
+STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/sources/hdf5_")
 TOP_LEVEL = {*MAY_INCLUDE, "CMakeLists.txt", "README.md", "CONTRIBUTING.md", "LICENSE",
              "CMakePresets.json"}
 LOCAL_OUTPUT = re.compile(r"build.*|quickstart-out|.*\.isonest")  # as in .gitignore
 INCLUDE = re.compile(r'\s*#\s*include\s+([<"])([^>"]+)[>"]')
+PUBLIC = re.compile(r"isonest/\w+\.h")
 
 
 def find_faults(root):
     faults, files = [], 0
+    # Where each public header lives: <isonest/error.h> is store/public/isonest/error.h.
+    owner = {f"isonest/{path.name.removesuffix('.in')}": path.relative_to(root).parts[0]
+             for path in root.glob("*/public/isonest/*.h*")}
     for folder, may in MAY_INCLUDE.items():
         for path in sorted((root / folder).rglob("*")):
             if path.suffix not in (".h", ".cpp"):
                 continue
             files += 1
             name = path.relative_to(root).as_posix()
-            for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            public = "/public/" in name
+            text = path.read_text(encoding="utf-8")
+            for number, line in enumerate(text.splitlines(), 1):
                 include = INCLUDE.match(line)
                 if not include:
                     continue
                 quote, target = include.groups()
                 place = f"{name}:{number}: includes {target}"
+                if quote == '"' and public:
+                    faults.append(f"{place}; public headers include public ones alone")
                 if quote == '"' and target.split("/")[0] not in may:
                     faults.append(f"{place}; {folder}/ may include {', '.join(sorted(may))}")
+                if PUBLIC.fullmatch(target) and owner.get(target) not in may:
+                    faults.append(f"{place}, of {owner.get(target)}; {folder}/ may include "
+                                  f"{', '.join(sorted(may))}")
                 if STORAGE_HEADERS.fullmatch(target.split("/")[-1]) and quote == "<" \
                         and not name.startswith(STORAGE_ALLOWED):
                     faults.append(f"{place}; HDF5 and zstd belong into store/")
+            if folder in ("store", "preprocess", "query") and not public \
+                    and path.suffix == ".h" and re.search(r"^namespace isonest \{", text, re.M):
+                faults.append(f"{name}: an inner header puts names into namespace isonest")
+            if folder in ("store", "preprocess", "query") and path.parent == root / folder:
+                faults.append(f"{name} belongs into a room")
     for entry in sorted(root.iterdir()):
         if not (entry.name.startswith(".") or entry.name in TOP_LEVEL
                 or LOCAL_OUTPUT.fullmatch(entry.name)):
@@ -51,10 +67,13 @@ def find_faults(root):
 
 
 PLANTED = {
-    "store/planted.h": '#include "query/extract.h"',
-    "preprocess/planted.cpp": '#include "query/extract.h"',
-    "query/planted.cpp": '#  include "preprocess/preprocess.h"',
+    "store/planted.h": '#include "query/extract/extract.h"',
+    "preprocess/planted.cpp": '#include "query/extract/extract.h"',
+    "query/planted.cpp": '#  include "preprocess/public/isonest/preprocess.h"',
     "query/planted_too.cpp": '#include "../store/error.h"',
+    "query/mesh/planted_public.cpp": "#include <isonest/preprocess.h>",
+    "store/public/isonest/planted.h": '#include "store/base/box.h"',
+    "query/mesh/planted_names.h": "namespace isonest {",
     "query/planted_hdf5.cpp": "#include <hdf5.h>",
     "preprocess/planted_hdf5.cpp": "#include <hdf5.h>",
     "tools/planted.cpp": '#include "tests/test_support.h"',

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-namespace isonest::test {
+namespace isonest::detail::test {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -310,4 +310,4 @@ BisectionOracle::BisectionOracle(const Int3& n, std::function<double(const Int3&
     }
 }
 
-}  // namespace isonest::test
+}  // namespace isonest::detail::test

@@ -10,10 +10,11 @@
 #include <map>
 #include <vector>
 
-#include "store/field.h"
-#include "store/lattice.h"
+#include <isonest/field.h>
 
-namespace isonest::test {
+#include "store/lattice/lattice.h"
+
+namespace isonest::detail::test {
 
 struct OracleNode {
     /// By Indicator; not saturated, and saturated by maximum and by sum.
@@ -64,4 +65,4 @@ class BisectionOracle {
     std::map<Key, OracleNode> nodes_;
 };
 
-}  // namespace isonest::test
+}  // namespace isonest::detail::test

@@ -1,13 +1,14 @@
 // What check is for: stores whose checksums are right and whose contents are not.
-#include "query/check.h"
+#include "query/check/check.h"
 
 #include <catch2/catch.hpp>
 
-#include "store/handles.h"
+#include "store/container/handles.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

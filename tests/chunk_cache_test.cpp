@@ -1,19 +1,20 @@
 // What the cache keeps of a chunk, and how often a traversal decodes one.
-#include "store/chunk_cache.h"
+#include "store/container/chunk_cache.h"
 
 #include <atomic>
 #include <catch2/catch.hpp>
 #include <cstring>
 #include <thread>
 
-#include "query/node_sampler.h"
-#include "query/traversal.h"
-#include "store/recording_source.h"
-#include "store/workers.h"
+#include "query/traverse/traversal.h"
+#include "query/view/node_sampler.h"
+#include "store/base/workers.h"
+#include "store/container/recording_source.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

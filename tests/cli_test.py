@@ -469,7 +469,7 @@ class Cli(unittest.TestCase):
 
     def test_shading_falls_back_to_flat_where_memory_is_short(self):
         self.assertEqual(self.json("picture", "b.ply", "-o", "p.png")["shading"], "smooth")
-        # OSMesa and the least strip of 10 pixels fit, but no normals (tools/picture.cpp).
+        # OSMesa and the least strip of 10 pixels fit, but no normals (tools/drawing/picture.cpp).
         least = (94 << 20) + 10 * 68 * 32
         flat = self.json("picture", "b.ply", "-o", "p.png", "--size", "10x10", "--memory", least)
         self.assertEqual(flat["shading"], "flat")

@@ -7,9 +7,10 @@
 #include <cstdlib>
 #include <random>
 
-#include "query/check.h"
-#include "query/info.h"
-#include "store/error.h"
+#include <isonest/error.h>
+
+#include "query/check/check.h"
+#include "query/extract/info.h"
 #include "tests/test_support.h"
 
 // Sanitizers take address space that a limit would forbid.
@@ -22,7 +23,8 @@
 #endif
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

@@ -3,14 +3,16 @@
 #include <fstream>
 #include <mutex>
 
-#include "query/check.h"
-#include "query/traversal.h"
-#include "store/error.h"
-#include "store/recording_source.h"
+#include <isonest/error.h>
+
+#include "query/check/check.h"
+#include "query/traverse/traversal.h"
+#include "store/container/recording_source.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

@@ -2,12 +2,14 @@
 #include <catch2/catch.hpp>
 #include <functional>
 
-#include "store/error.h"
-#include "store/memory_budget.h"
+#include <isonest/error.h>
+
+#include "store/base/memory_budget.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

@@ -3,13 +3,14 @@
 #include <mutex>
 #include <set>
 
-#include "query/traversal.h"
-#include "store/bisection.h"
-#include "store/recording_source.h"
+#include "query/traverse/traversal.h"
+#include "store/container/recording_source.h"
+#include "store/lattice/bisection.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

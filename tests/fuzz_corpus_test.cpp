@@ -10,6 +10,7 @@
 #include "tests/fuzz/targets.h"
 
 using namespace isonest;
+using namespace isonest::detail;
 
 TEST_CASE("the fuzzing corpus, and what is near it, is taken or refused with an error") {
     const char* const text = std::getenv("ISONEST_MUTATIONS");

@@ -3,15 +3,16 @@
 #include <cstdio>
 #include <cstdlib>
 
-#include "query/check.h"
-#include "query/export.h"
-#include "query/node_sampler.h"
-#include "store/bisection.h"
+#include "query/check/check.h"
+#include "query/extract/export.h"
+#include "query/view/node_sampler.h"
+#include "store/lattice/bisection.h"
 #include "tests/bisection_oracle.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

@@ -1,6 +1,6 @@
 // The interest test by the values and bounds of the level below, against a walk over all
 // tetrahedra.
-#include "query/interest.h"
+#include "query/traverse/interest.h"
 
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -9,9 +9,9 @@
 #include <random>
 #include <vector>
 
-#include "query/cube_nodes.h"
+#include "query/view/cube_nodes.h"
 
-namespace isonest {
+namespace isonest::detail {
 namespace {
 
 /// The subcubes' tetrahedra below a face's: (subcube, tetrahedron) pairs.
@@ -166,4 +166,4 @@ TEST_CASE("a tetrahedron's nodes are its vertices and, above the last kind, the 
 }
 
 }  // namespace
-}  // namespace isonest
+}  // namespace isonest::detail

@@ -3,13 +3,14 @@
 #include <map>
 #include <random>
 
-#include "query/local_mesh.h"
-#include "store/bisection.h"
-#include "store/box.h"
+#include "query/march/local_mesh.h"
+#include "store/base/box.h"
+#include "store/lattice/bisection.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

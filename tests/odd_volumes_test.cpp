@@ -4,12 +4,14 @@
 #include <catch2/catch.hpp>
 #include <cstdlib>
 
-#include "query/check.h"
-#include "store/error.h"
+#include <isonest/error.h>
+
+#include "query/check/check.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

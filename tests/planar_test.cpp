@@ -2,12 +2,14 @@
 #include <catch2/catch.hpp>
 #include <set>
 
-#include "preprocess/missing_source.h"
-#include "store/error.h"
+#include <isonest/error.h>
+
+#include "preprocess/sources/missing_source.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

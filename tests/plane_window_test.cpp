@@ -1,5 +1,5 @@
 // The window over the planes of the input: what is there when it is needed, and what it takes.
-#include "preprocess/plane_window.h"
+#include "preprocess/sources/plane_window.h"
 
 #include <catch2/catch.hpp>
 #include <map>
@@ -7,7 +7,8 @@
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

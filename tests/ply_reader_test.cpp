@@ -1,15 +1,17 @@
 // PLY files that lie, and the ones that tools of other people write.
-#include "tools/ply_reader.h"
+#include "tools/drawing/ply_reader.h"
 
 #include <catch2/catch.hpp>
 #include <optional>
 
-#include "store/error.h"
+#include <isonest/error.h>
+
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::cli;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::cli;
+using namespace isonest::detail::test;
 
 namespace {
 

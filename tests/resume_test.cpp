@@ -1,16 +1,18 @@
 // An interrupted run, continued, gives the bytes of one that was not interrupted.
-#include "preprocess/resume.h"
+#include "preprocess/levels/resume.h"
 
 #include <hdf5.h>
 
 #include <catch2/catch.hpp>
 
-#include "store/error.h"
-#include "store/output_file.h"
+#include <isonest/error.h>
+
+#include "store/files/output_file.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

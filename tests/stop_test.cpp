@@ -6,7 +6,8 @@
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

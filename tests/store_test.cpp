@@ -1,13 +1,15 @@
 // Stores: whole or not there, and damage is named.
 #include <catch2/catch.hpp>
 
-#include "query/check.h"
-#include "store/error.h"
-#include "store/indicator_code.h"
+#include <isonest/error.h>
+
+#include "query/check/check.h"
+#include "store/container/indicator_code.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

@@ -1,15 +1,17 @@
 // The study's counts and norms against an explicit recursion.
-#include "query/study.h"
+#include "query/study/study.h"
 
 #include <catch2/catch.hpp>
 
-#include "store/bisection.h"
-#include "store/error.h"
+#include <isonest/error.h>
+
+#include "store/lattice/bisection.h"
 #include "tests/bisection_oracle.h"
 #include "tests/test_support.h"
 
 using namespace isonest;
-using namespace isonest::test;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
 
 namespace {
 

@@ -16,10 +16,11 @@
 #include <string>
 #include <vector>
 
-#include "preprocess/preprocess.h"
-#include "query/extract.h"
+#include <isonest/preprocess.h>
 
-namespace isonest::test {
+#include "query/extract/extract.h"
+
+namespace isonest::detail::test {
 
 /// A folder that exists as long as the object.
 class TemporaryFolder {
@@ -305,4 +306,4 @@ inline PreprocessOptions with_chunk(int chunk, bool exact = false) {
     return options;
 }
 
-}  // namespace isonest::test
+}  // namespace isonest::detail::test

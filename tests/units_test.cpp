@@ -1,16 +1,18 @@
 // The command line's numbers: what is taken, what is refused, and how it reads.
-#include "tools/units.h"
+#include "tools/cli/units.h"
 
 #include <catch2/catch.hpp>
 #include <limits>
 #include <string>
 #include <utility>
 
-#include "store/error.h"
-#include "tools/terminal_progress.h"
+#include <isonest/error.h>
+
+#include "tools/cli/terminal_progress.h"
 
 using namespace isonest;
-using namespace isonest::cli;
+using namespace isonest::detail;
+using namespace isonest::detail::cli;
 
 TEST_CASE("sizes take units of 1024") {
     const std::vector<std::pair<const char*, std::uint64_t>> cases{

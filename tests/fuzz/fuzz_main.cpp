@@ -3,6 +3,6 @@
 
 // NOLINTNEXTLINE(readability-identifier-naming)
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-    isonest::fuzz::ISONEST_FUZZ_TARGET({data, size});
+    isonest::detail::fuzz::ISONEST_FUZZ_TARGET({data, size});
     return 0;
 }

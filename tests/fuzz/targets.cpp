@@ -6,12 +6,13 @@
 #include <filesystem>
 #include <fstream>
 
-#include "query/check.h"
-#include "store/error.h"
-#include "tests/test_support.h"
-#include "tools/ply_reader.h"
+#include <isonest/error.h>
 
-namespace isonest::fuzz {
+#include "query/check/check.h"
+#include "tests/test_support.h"
+#include "tools/drawing/ply_reader.h"
+
+namespace isonest::detail::fuzz {
 namespace {
 
 namespace fs = std::filesystem;
@@ -222,4 +223,4 @@ const std::vector<Target>& targets() {
     return all;
 }
 
-}  // namespace isonest::fuzz
+}  // namespace isonest::detail::fuzz

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-namespace isonest::fuzz {
+namespace isonest::detail::fuzz {
 
 using Bytes = std::span<const std::uint8_t>;
 
@@ -28,4 +28,4 @@ struct Target {
 };
 const std::vector<Target>& targets();
 
-}  // namespace isonest::fuzz
+}  // namespace isonest::detail::fuzz

@@ -13,12 +13,14 @@
 #include <mutex>
 #include <set>
 
-#include "query/traversal.h"
-#include "store/error.h"
-#include "store/reader.h"
-#include "store/recording_source.h"
+#include <isonest/error.h>
+
+#include "query/traverse/traversal.h"
+#include "store/container/reader.h"
+#include "store/container/recording_source.h"
 
 using namespace isonest;
+using namespace isonest::detail;
 
 namespace {
 

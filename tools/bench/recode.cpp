@@ -13,15 +13,17 @@
 #include <string>
 #include <vector>
 
-#include "preprocess/volume_source.h"
-#include "store/codec.h"
-#include "store/format.h"
-#include "store/hdf5_types.h"
-#include "store/zstd_filter.h"
+#include <isonest/volume_source.h>
+
+#include "store/container/codec.h"
+#include "store/container/format.h"
+#include "store/container/hdf5_types.h"
+#include "store/container/zstd_filter.h"
 
 namespace {
 
 using namespace isonest;
+using namespace isonest::detail;
 
 constexpr std::int64_t kChunk = 64;
 

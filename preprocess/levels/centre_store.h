@@ -1,0 +1,70 @@
+// The centre values of each level's cubes (or squares, see Lattice::elements_at()), which the next
+// two levels need, outside of memory.
+#pragma once
+
+#include <filesystem>
+#include <span>
+#include <vector>
+
+#include <isonest/field.h>
+
+#include "preprocess/indicators/layer.h"
+#include "store/container/cube_range.h"
+#include "store/files/scratch_file.h"
+#include "store/lattice/lattice.h"
+
+namespace isonest::detail {
+
+/// Cubes of level kFirstRangeLevel along an axis of a base block: 2 `chunk` nodes.
+constexpr std::int64_t cube_ranges_per_block(std::int64_t chunk) {
+    return 2 * chunk / kFirstRangeEdge;
+}
+
+/// Saturated values of cube centres per level, as binary32 in a temporary file: so that the 16-bit
+/// rounding of the stored indicators does not add up over the levels. And the ranges of the cubes,
+/// until all are known.
+/// Thread-safety: put() and get() on disjoint boxes from any thread; the rest from one.
+class CentreStore {
+  public:
+    /// Has room for all `fields` of all levels that coarser ones are made from. `file` is made, and
+    /// removed at the end unless keep() was called. Throws Error{io}, for example on a full disk.
+    CentreStore(const Lattice& lattice, std::vector<Field> fields,
+                const std::filesystem::path& file);
+
+    /// Gives the level's space back.
+    void release(int level);
+    void put(int level, Field what, const Box<float>& centres);
+    /// Cubes outside the volume get `outside`.
+    void get(int level, Field what, float outside, Box<float>& centres) const;
+    void keep() { file_.keep(); }
+
+    /// A piece of the file.
+    struct Range {
+        std::uint64_t offset = 0;
+        std::uint64_t bytes = 0;
+    };
+    /// Those of a level that has_cube_ranges(), [z][y][x].
+    [[nodiscard]] std::span<CubeRange> cube_ranges(int level) const;
+    /// Thread-safety: as above.
+    void put(const Box<CubeRange>& ranges);
+    /// What row `rows` - 1 of base blocks puts there.
+    [[nodiscard]] Range cube_ranges_of(int chunk, std::int64_t rows) const;
+    /// What row `rows` - 1 of base blocks (level 2) or all of a level above puts into the file.
+    /// `chunk`: of the store.
+    [[nodiscard]] std::vector<Range> ranges_of(int chunk, int level, std::int64_t rows) const;
+    [[nodiscard]] std::span<std::byte> bytes() const { return file_.as<std::byte>(); }
+
+  private:
+    [[nodiscard]] std::span<float> cubes(int level, Field what) const;
+    [[nodiscard]] std::uint64_t ranges_offset(int level) const;
+    template <class T>
+    [[nodiscard]] Range planes_of(std::span<const T> all, const Int3& cells, std::int64_t begin,
+                                  std::int64_t end) const;
+
+    Lattice lattice_;
+    std::vector<Field> fields_;
+    ScratchFile file_;
+    std::vector<std::uint64_t> first_;  ///< of each level, in bytes; the last one: the end
+};
+
+}  // namespace isonest::detail

@@ -1,0 +1,287 @@
+#include <fmt/format.h>
+#include <oneapi/tbb/task_group.h>
+
+#include <chrono>
+#include <functional>
+
+#include <isonest/error.h>
+#include <isonest/preprocess.h>
+
+#include "preprocess/indicators/cube_ranges.h"
+#include "preprocess/levels/level_pass.h"
+#include "preprocess/levels/resume.h"
+#include "preprocess/levels/resumed_input.h"
+#include "store/base/in_order.h"
+#include "store/base/memory_budget.h"
+#include "store/base/workers.h"
+#include "store/container/writer.h"
+#include "store/files/output_file.h"
+#include "store/lattice/extent.h"
+
+namespace isonest {
+using namespace detail;
+namespace {
+
+/// The smallest window or cache.
+constexpr std::uint64_t kLeastWindow = 6U << 20U;
+
+using Block = std::function<std::vector<EncodedChunk>(const Int3&)>;
+
+/// Where a run's work goes.
+struct Outputs {
+    StoreWriter& writer;
+    RunJournal& journal;
+    CentreStore& centres;
+
+    void write(const EncodedChunk& chunk) const {
+        const StoreLayout& layout = writer.layout();
+        writer.write_chunk(*chunk.array, chunk.chunk, chunk.bytes, chunk.row);
+        journal.chunk(static_cast<std::size_t>(chunk.array - layout.arrays().data()),
+                      chunk.array->grid.linear(chunk.chunk), writer.row(*chunk.array, chunk.chunk));
+    }
+    void complete(int level, std::int64_t rows) const {
+        const int chunk = writer.layout().header().chunk;
+        journal.checkpoint({level, rows, checkpoint_checksum(centres, chunk, level, rows),
+                            level == 2 ? ranges_checksum(centres, chunk, rows) : 0});
+    }
+};
+
+/// Computes blocks in parallel, writes their chunks in the order of the blocks, and so gives the
+/// same bytes for any number of threads.
+void run_blocks(const Int3& grid, int tokens, const Block& compute, const Outputs& outputs,
+                Progress& progress, std::uint64_t bytes_per_block) {
+    in_order(
+        grid.product(), tokens,
+        [&](std::int64_t i) {
+            progress.check();
+            return compute(grid.unlinear(i));
+        },
+        [&](std::int64_t /*block*/, std::vector<EncodedChunk>& chunks) {
+            for (EncodedChunk& chunk : chunks) {
+                outputs.write(chunk);
+                chunk.bytes = {};
+            }
+            progress.advance(bytes_per_block);
+        });
+}
+
+/// Throws Error{invalid_argument}, naming the input and the options that place it elsewhere.
+void require_place(const VolumeSource& source) {
+    const std::string why = why_no_place(source.nodes(), source.spacing(), source.origin());
+    if (!why.empty()) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{}: {}; give --spacing and --origin", source.name(), why));
+    }
+}
+
+StoreHeader header_of(const VolumeSource& source, const PreprocessOptions& options) {
+    require_place(source);
+    StoreHeader header;
+    header.nodes = source.nodes();
+    header.type = source.type();
+    header.spacing = source.spacing();
+    header.origin = source.origin();
+    header.chunk = options.chunk;
+    header.compression = options.compression;
+    header.exact = options.exact;
+    header.fields = options.fields;
+    return header;
+}
+
+/// How many blocks may be under way, given the budget; at least one must fit.
+int token_count(const StoreLayout& layout, const PreprocessOptions& options, int threads,
+                const VolumeSource& source) {
+    const std::uint64_t block = block_heap(layout);
+    const std::uint64_t fixed = kLibraryHeap + source.heap();
+    const std::uint64_t least = fixed + block + kLeastWindow;
+    require_memory(source.name(), options.memory, least, fmt::format("chunks of {}", options.chunk),
+                   ", or a smaller --chunk");
+    const std::uint64_t share = (options.memory - fixed) * 3 / 5 / block;
+    return static_cast<int>(
+        std::clamp<std::uint64_t>(share, 1, static_cast<std::uint64_t>(threads) + 1));
+}
+
+/// `done`: what is complete already.
+template <class T>
+void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& done, int tokens,
+                std::uint64_t cache_budget, Progress& progress) {
+    const StoreLayout& layout = outputs.writer.layout();
+    const Lattice& lattice = layout.lattice();
+    const PassContext context{layout, outputs.centres};
+    const Int3 grid = base_grid(layout);
+    const auto volume_bytes = static_cast<std::uint64_t>(lattice.nodes().product()) * sizeof(T);
+    const std::uint64_t per_block = volume_bytes / static_cast<std::uint64_t>(grid.product());
+    const std::int64_t first = done.level > 2 ? grid.z : done.rows;
+    progress.begin("levels 0-2", volume_bytes, "B");
+    progress.advance(per_block * static_cast<std::uint64_t>(first * grid.x * grid.y));
+    for (std::int64_t z = first; z < grid.z; ++z) {
+        const auto [begin, end] = base_planes(layout, z);
+        window.load(begin, end);
+        tbb::task_group reading;
+        if (z + 1 < grid.z) {
+            reading.run([&] { window.prefetch(base_planes(layout, z + 1).second); });
+        }
+        try {
+            run_blocks(
+                {grid.x, grid.y, 1}, tokens,
+                [&](const Int3& b) {
+                    return base_block<T>(context, window, {b.x, b.y, z});
+                },
+                outputs, progress, per_block);
+        } catch (...) {
+            try {
+                reading.wait();
+            } catch (...) {
+                // The first failure is the one to report.
+            }
+            throw;
+        }
+        reading.wait();
+        outputs.complete(2, z + 1);
+    }
+    ChunkCache cache(outputs.writer, cache_budget);
+    for (int level = std::max(3, done.level + 1); level <= lattice.top(); ++level) {
+        const Int3 blocks = level_grid(layout, level);
+        progress.begin(fmt::format("level {}", level), static_cast<std::uint64_t>(blocks.product()),
+                       "blocks");
+        run_blocks(
+            blocks, tokens,
+            [&](const Int3& b) { return level_block_of<T>(context, cache, level, b); }, outputs,
+            progress, 1);
+        outputs.complete(level, 0);
+        outputs.centres.release(level - 2);
+    }
+    if (lattice.top() >= 2) {
+        for (const EncodedChunk& chunk : top_values<T>(context, cache)) {
+            outputs.write(chunk);
+        }
+    }
+}
+
+void write_cube_ranges(const Outputs& outputs) {
+    const Lattice& lattice = outputs.writer.layout().lattice();
+    for (int level = kFirstRangeLevel; has_cube_ranges(lattice, level); ++level) {
+        const auto ranges = outputs.centres.cube_ranges(level);
+        if (level > kFirstRangeLevel) {
+            merge_cube_ranges(outputs.centres.cube_ranges(level - 1), lattice.cells_at(level - 1),
+                              ranges, lattice.cells_at(level));
+        }
+        outputs.writer.write_cube_ranges(level, ranges);
+    }
+}
+
+/// What must be the same for a run to go on with what another one has done.
+std::string identity_of(const StoreHeader& h, const std::string& source) {
+    return fmt::format(
+        "format {}.{}\n{}nodes {} {} {}\ntype {}\nspacing {} {} {}\norigin {} {} {}\nchunk {}\n"
+        "compression {}\nexact {}\nindicators {}\n",
+        kFormatMajor, kFormatMinor, source, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type),
+        h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1], h.origin[2], h.chunk,
+        h.compression, h.exact, list_names(h.fields));
+}
+
+/// Takes over what an interrupted run has done, if there is one. Then that run's files are gone,
+/// and `worth_keeping` says so.
+Checkpoint take_over(const std::filesystem::path& store, const std::string& identity,
+                     VolumeSource& source, const Outputs& outputs, PreprocessReport& report,
+                     bool& worth_keeping, Progress& progress) {
+    worth_keeping = false;
+    std::optional<InterruptedRun> before = InterruptedRun::find(store, identity);
+    Checkpoint done;
+    if (before) {
+        done = before->replay(outputs.writer, outputs.centres, outputs.journal, progress);
+        report.resumed_chunks = before->chunks();
+        require_same_values(source, outputs.writer, done);
+        before->remove();
+    }
+    worth_keeping = true;
+    return done;
+}
+
+}  // namespace
+
+PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& store,
+                            const PreprocessOptions& options, Progress& progress) {
+    const auto start = std::chrono::steady_clock::now();
+    check_output(store, options.force, source.files());
+    Workers workers(options.threads);
+    const StoreHeader header = header_of(source, options);
+    const int tokens = token_count(StoreLayout(header), options, workers.count(), source);
+    StoreWriter writer(store, header, options.force);
+    const StoreLayout& layout = writer.layout();
+    const std::string identity = identity_of(header, source.identity());
+    RunJournal journal(writer.temporary(), identity);
+    CentreStore centres(layout.lattice(), header.fields, centres_name(writer.temporary()));
+    const Outputs outputs{writer, journal, centres};
+    const std::uint64_t in_blocks = static_cast<std::uint64_t>(tokens) * block_heap(layout);
+    const std::uint64_t rest =
+        options.memory - std::min(options.memory, kLibraryHeap + source.heap() + in_blocks);
+
+    PreprocessReport report;
+    bool worth_keeping = false;
+    const auto run = [&] {
+        Checkpoint done;
+        if (options.resume) {
+            done = take_over(store, identity, source, outputs, report, worth_keeping, progress);
+        }
+        const std::int64_t planes = 2 * layout.header().chunk + 8;
+        PlaneWindow window(source, planes, rest, store.parent_path(), progress);
+        report.input_on_disk = window.on_disk();
+        const std::uint64_t cache =
+            std::max<std::uint64_t>(rest - std::min(rest, window.heap()), kLeastWindow);
+        dispatch(header.type, [&](auto tag) {
+            run_levels<typename decltype(tag)::type>(outputs, window, done, tokens, cache,
+                                                     progress);
+        });
+        write_cube_ranges(outputs);
+        progress.check();
+    };
+    const auto describe = [&] {
+        report.nodes = header.nodes;
+        report.levels = layout.lattice().top() + 1;
+        report.input_bytes =
+            static_cast<std::uint64_t>(header.nodes.product()) * size_of(header.type);
+        report.chunks = layout.rows();
+        report.min_value = std::numeric_limits<double>::infinity();
+        report.max_value = -report.min_value;
+        const ArrayInfo& values = layout.array(0, Field::values);
+        for (std::int64_t i = 0; i < values.grid.product(); ++i) {
+            const ChunkRow row = writer.row(values, values.grid.unlinear(i));
+            report.min_value = std::min(report.min_value, row.min);
+            report.max_value = std::max(report.max_value, row.max);
+            report.has_missing = report.has_missing || (row.flags & kChunkHasMissing) != 0;
+        }
+    };
+    const auto keep = [&] {
+        if (!worth_keeping || journal.checkpoints() == 0) {
+            return false;
+        }
+        writer.keep();
+        journal.keep();
+        centres.keep();
+        return true;
+    };
+    try {
+        workers.execute(run);
+        describe();
+        writer.finish();
+    } catch (const Error& error) {
+        if (keep()) {
+            const bool cancelled = error.kind() == ErrorKind::cancelled;
+            throw Error(error.kind(),
+                        fmt::format("{}; what is done is kept beside the store: run again with "
+                                    "--resume to go on",
+                                    cancelled ? "interrupted" : error.what()));
+        }
+        throw;
+    } catch (...) {
+        keep();
+        throw;
+    }
+    report.store_bytes = std::filesystem::file_size(store);
+    report.seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    return report;
+}
+
+}  // namespace isonest

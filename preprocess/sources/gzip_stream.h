@@ -1,0 +1,48 @@
+// Numbers in gzip: one stream from front to back, checked to its last byte.
+#pragma once
+
+#include <zlib.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace isonest::detail {
+
+/// What gzip(1) would give for a file from byte `start` on: members one after the other, then
+/// nothing or zeros. A cut trailer, a wrong checksum or length, and anything else behind the last
+/// member (of which gzip(1) warns) are errors.
+/// Thread-safety: one thread at a time.
+class GzipStream {
+  public:
+    /// `name` is used in messages. Throws Error{io}.
+    GzipStream(const std::filesystem::path& path, std::string name, std::uint64_t start);
+    GzipStream(const GzipStream&) = delete;
+    GzipStream& operator=(const GzipStream&) = delete;
+    ~GzipStream();
+
+    /// The next bytes; fewer than `bytes` only where the stream ends. The trailer of a member is
+    /// checked by the read that goes beyond its last byte. Throws Error{corrupt, io}.
+    std::uint64_t read(std::byte* dst, std::uint64_t bytes);
+
+  private:
+    [[noreturn]] void corrupt(const std::string& what) const;
+    /// False at the end of the file.
+    bool refill();
+    void next_member();
+
+    std::string name_;
+    int fd_ = -1;
+    std::uint64_t file_at_;  ///< of the bytes behind those in `in_`
+    std::vector<std::byte> in_;
+    z_stream stream_{};
+    bool ended_ = false;
+};
+
+/// True if a gzip stream starts at this byte of the file: its magic, the only method there is, and
+/// no reserved flag. Throws Error{io}.
+bool is_gzip(const std::filesystem::path& path, std::uint64_t at = 0);
+
+}  // namespace isonest::detail

@@ -1,0 +1,40 @@
+// The datasets of an HDF5 file that are volumes. Private to preprocess.
+#pragma once
+
+#include <hdf5.h>
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <isonest/int3.h>
+#include <isonest/value_type.h>
+
+namespace isonest::detail {
+
+/// The value type that holds the dataset's numbers: integers, also under names (an enumeration,
+/// h5py's bool), and floating point numbers of up to 64 bits; else none. Integers of more than 32
+/// bits are float64, which cannot hold all of them.
+std::optional<ValueType> value_type_of(hid_t dataset);
+
+struct DatasetShape {
+    std::vector<hsize_t> dims;      ///< as in the file, slowest first
+    std::vector<std::size_t> axes;  ///< those of `dims` that are the volume's: 1 to 3; none if the
+                                    ///< dataset has more than 3 longer than 1, or no axis
+    [[nodiscard]] std::string text() const;
+    /// Of numbers along `dims`, those along x, y and z; 1 along axes that are not there.
+    [[nodiscard]] Int3 along_axes(const std::vector<hsize_t>& numbers) const;
+    /// And back: `otherwise` along the dims that are no axis.
+    [[nodiscard]] std::vector<hsize_t> along_dims(const Int3& numbers, hsize_t otherwise) const;
+};
+DatasetShape shape_of(hid_t dataset);
+
+/// The path of the dataset to read where none is named: the only one of those with the most axes.
+/// Throws Error{not_found, invalid_argument, corrupt}, listing what the file has.
+std::string choose_dataset(hid_t file, const std::filesystem::path& path);
+
+/// What the file has, a line each, for messages. Throws Error{corrupt}.
+std::string list_of_datasets(hid_t file, const std::filesystem::path& path);
+
+}  // namespace isonest::detail

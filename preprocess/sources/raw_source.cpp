@@ -1,0 +1,305 @@
+#include "preprocess/sources/raw_source.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <optional>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/gzip_stream.h"
+#include "store/files/mapped_file.h"
+#include "store/lattice/lattice.h"
+
+namespace isonest::detail {
+namespace {
+
+void swap_bytes(std::byte* data, std::uint64_t bytes, std::size_t size) {
+    for (std::uint64_t i = 0; i + size <= bytes; i += size) {
+        std::reverse(data + i, data + i + size);
+    }
+}
+
+std::uint64_t data_bytes(const RawLayout& layout) {
+    return static_cast<std::uint64_t>(layout.nodes.product()) * size_of(layout.type);
+}
+
+/// What both kinds of raw source share.
+class RawBase : public VolumeSource {
+  public:
+    RawBase(std::filesystem::path path, std::string name, RawLayout layout)
+        : path_(std::move(path)), name_(std::move(name)), layout_(std::move(layout)) {}
+    [[nodiscard]] Int3 nodes() const override { return layout_.nodes; }
+    [[nodiscard]] ValueType type() const override { return layout_.type; }
+    [[nodiscard]] Double3 spacing() const override { return layout_.spacing; }
+    [[nodiscard]] Double3 origin() const override { return layout_.origin; }
+    [[nodiscard]] std::string name() const override { return name_; }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
+        return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};
+    }
+    [[nodiscard]] std::string identity() const override {
+        return fmt::format("{}offset {}\nbig endian {}\n", VolumeSource::identity(), layout_.offset,
+                           layout_.big_endian);
+    }
+    [[nodiscard]] Granularity granularity() const override { return {}; }
+
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) final {
+        const std::uint64_t row =
+            static_cast<std::uint64_t>(layout_.nodes.x) * size_of(layout_.type);
+        const auto rows = static_cast<std::uint64_t>(ny);
+        const bool whole = ny == layout_.nodes.y;
+        const std::int64_t pieces = whole ? 1 : nz;
+        const std::uint64_t bytes = row * rows * (whole ? static_cast<std::uint64_t>(nz) : 1);
+        for (std::int64_t p = 0; p < pieces; ++p) {
+            const auto at =
+                static_cast<std::uint64_t>((z0 + p) * layout_.nodes.y + y0) * row + layout_.offset;
+            read_bytes(at, dst, bytes);
+            if (layout_.big_endian && size_of(layout_.type) > 1) {
+                swap_bytes(dst, bytes, size_of(layout_.type));
+            }
+            dst += bytes;
+        }
+    }
+
+  protected:
+    virtual void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) = 0;
+    std::filesystem::path path_;
+    std::string name_;
+    RawLayout layout_;
+};
+
+class PlainSource : public RawBase {
+  public:
+    PlainSource(const std::filesystem::path& path, std::string name, const RawLayout& layout)
+        : RawBase(path, std::move(name), layout), fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
+        if (fd_ < 0) {
+            throw Error(ErrorKind::io,
+                        fmt::format("{}: cannot open: {}", name_, std::strerror(errno)));
+        }
+        const std::size_t size = size_of(layout.type);
+        if ((!layout.big_endian || size == 1) && layout.offset % size == 0) {
+            map_.emplace(path);
+        }
+    }
+    PlainSource(const PlainSource&) = delete;
+    PlainSource& operator=(const PlainSource&) = delete;
+    ~PlainSource() override { ::close(fd_); }
+    [[nodiscard]] bool sequential() const override { return false; }
+    [[nodiscard]] std::span<const std::byte> mapped() const override {
+        return map_ ? map_->bytes().subspan(layout_.offset, data_bytes(layout_))
+                    : std::span<const std::byte>{};
+    }
+
+  private:
+    void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        while (bytes > 0) {
+            const ssize_t n = ::pread(fd_, dst, bytes, static_cast<off_t>(at));
+            if (n < 0 && errno == EINTR) {
+                continue;
+            }
+            if (n <= 0) {
+                throw Error(ErrorKind::io,
+                            fmt::format("{}: cannot read at byte {}: {}", name_, at,
+                                        n == 0 ? "the file ends there; did it shrink?"
+                                               : std::strerror(errno)));
+            }
+            dst += n;
+            at += static_cast<std::uint64_t>(n);
+            bytes -= static_cast<std::uint64_t>(n);
+        }
+    }
+    int fd_;
+    std::optional<MappedFile> map_;
+};
+
+class GzipSource : public RawBase {
+  public:
+    /// The stream starts at layout.start.
+    GzipSource(const std::filesystem::path& path, std::string name, const RawLayout& layout)
+        : RawBase(path, std::move(name), layout), stream_(path, name_, layout.start) {}
+    [[nodiscard]] bool sequential() const override { return true; }
+
+  private:
+    void fetch(std::byte* dst, std::uint64_t bytes) {
+        const std::uint64_t n = stream_.read(dst, bytes);
+        at_ += n;
+        if (n < bytes) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("{}: its decompressed data end at byte {}, but {} x {} x {} "
+                                    "nodes of {} after {} bytes need {}",
+                                    name_, at_, layout_.nodes.x, layout_.nodes.y, layout_.nodes.z,
+                                    name_of(layout_.type), layout_.offset,
+                                    layout_.offset + data_bytes(layout_)));
+        }
+    }
+    /// Only the end brings the checksum.
+    void require_right_end() {
+        std::vector<std::byte> skipped(1U << 16U);
+        constexpr std::uint64_t kMostBehind = std::uint64_t{1} << 30U;
+        const std::uint64_t most = std::max(kMostBehind, 16 * at_);
+        std::uint64_t behind = 0;
+        while (const std::uint64_t n = stream_.read(skipped.data(), skipped.size())) {
+            if (layout_.exact_length) {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("{}: there are more than the {} bytes that {} x {} x {} "
+                                        "nodes of {} need; check --dims and --type",
+                                        name_, at_, layout_.nodes.x, layout_.nodes.y,
+                                        layout_.nodes.z, name_of(layout_.type)));
+            }
+            behind += n;
+            if (behind > most) {
+                throw Error(ErrorKind::unsupported,
+                            fmt::format("{}: more than {} bytes follow the {} that are data; "
+                                        "decompress it and use encoding: raw",
+                                        name_, most, at_));
+            }
+        }
+    }
+    void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        std::vector<std::byte> skipped(1U << 16U);
+        while (at_ < at) {
+            fetch(skipped.data(), std::min<std::uint64_t>(at - at_, skipped.size()));
+        }
+        fetch(dst, bytes);
+        if (at_ == layout_.offset + data_bytes(layout_)) {
+            require_right_end();
+        }
+    }
+    GzipStream stream_;
+    std::uint64_t at_ = 0;
+};
+
+}  // namespace
+
+std::uint64_t regular_file_size(const std::filesystem::path& path) {
+    struct stat status {};
+    if (::stat(path.c_str(), &status) != 0) {
+        throw Error(errno == ENOENT ? ErrorKind::not_found : ErrorKind::io,
+                    fmt::format("{}: {}", path.string(), std::strerror(errno)));
+    }
+    if (!S_ISREG(status.st_mode)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{}: not a regular file", path.string()));
+    }
+    if (status.st_size == 0) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{}: the file is empty", path.string()));
+    }
+    return static_cast<std::uint64_t>(status.st_size);
+}
+
+std::string first_bytes(const std::filesystem::path& path, std::size_t count, std::uint64_t at) {
+    std::string text(count, '\0');
+    const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (fd < 0) {
+        throw Error(ErrorKind::io,
+                    fmt::format("{}: cannot open: {}", path.string(), std::strerror(errno)));
+    }
+    const ssize_t n = ::pread(fd, text.data(), count, static_cast<off_t>(at));
+    const int error = errno;
+    ::close(fd);
+    if (n < 0) {
+        throw Error(ErrorKind::io,
+                    fmt::format("{}: cannot read: {}", path.string(), std::strerror(error)));
+    }
+    text.resize(static_cast<std::size_t>(n));
+    return text;
+}
+
+namespace {
+void check_nodes(const std::string& name, const RawLayout& layout) {
+    for (int axis = 0; axis < 3; ++axis) {
+        if (layout.nodes[axis] < 1 || layout.nodes[axis] > kMaxNodesPerAxis) {
+            throw Error(
+                ErrorKind::unsupported,
+                fmt::format("{}: {} x {} x {} nodes: each axis must have 1 to {}", name,
+                            layout.nodes.x, layout.nodes.y, layout.nodes.z, kMaxNodesPerAxis));
+        }
+    }
+}
+/// The place behind `lines` lines from byte `at` on.
+std::uint64_t behind_lines(const std::filesystem::path& path, const std::string& name,
+                           std::uint64_t at, std::uint64_t lines) {
+    constexpr std::size_t kPart = std::size_t{1} << 16U;
+    std::uint64_t found = 0;
+    while (found < lines) {
+        const std::string part = first_bytes(path, kPart, at);
+        if (part.empty()) {
+            throw Error(ErrorKind::corrupt,
+                        fmt::format("{}: 'line skip: {}', but the file has only "
+                                    "{} lines there",
+                                    name, lines, found));
+        }
+        std::size_t used = 0;
+        for (; found < lines && used != part.size(); ++found) {
+            const std::size_t end = part.find('\n', used);
+            if (end == std::string::npos) {
+                used = part.size();
+                break;
+            }
+            used = end + 1;
+        }
+        at += used;
+    }
+    return at;
+}
+
+/// The numbers are not compressed. The layout's `offset` becomes that of the file.
+void place_plain(const std::string& name, std::uint64_t size, RawLayout& layout) {
+    const std::uint64_t need = data_bytes(layout);
+    const std::uint64_t skipped = layout.offset;
+    const bool fits = size >= layout.start && size - layout.start >= need &&
+                      size - layout.start - need >= skipped;
+    layout.offset = layout.offset_from_end && fits ? size - need : layout.start + skipped;
+    if (!fits || (layout.exact_length && size - need != layout.offset)) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("{}: {} x {} x {} nodes of {} after {} bytes need {} bytes, but the "
+                        "file has {}; check {}",
+                        name, layout.nodes.x, layout.nodes.y, layout.nodes.z, name_of(layout.type),
+                        layout.start + skipped, need + layout.start + skipped, size,
+                        layout.packing == Packing::recognised ? "--dims, --type and --offset"
+                                                              : "'sizes', 'type' and 'byte skip'"));
+    }
+}
+
+}  // namespace
+
+std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const std::string& name,
+                                       const RawLayout& given) {
+    RawLayout layout = given;
+    check_nodes(name, layout);
+    const std::uint64_t size = regular_file_size(path);
+    layout.start = behind_lines(path, name, layout.start, layout.lines);
+    const bool gzip = is_gzip(path, layout.start);
+    if (layout.packing == Packing::gzip || (layout.packing == Packing::recognised && gzip)) {
+        if (!gzip) {
+            throw Error(ErrorKind::corrupt,
+                        fmt::format("{}: the header says encoding gzip, but at byte {} no gzip "
+                                    "stream starts",
+                                    name, layout.start));
+        }
+        if (layout.offset_from_end) {
+            throw Error(ErrorKind::unsupported,
+                        name + ": 'byte skip: -1' does not go with gzip encoding");
+        }
+        return std::make_unique<GzipSource>(path, name, layout);
+    }
+    place_plain(name, size, layout);
+    if (gzip && size - layout.start != given.offset + data_bytes(layout)) {
+        throw Error(ErrorKind::corrupt,
+                    fmt::format("{}: the header says encoding raw, but at byte {} a gzip stream "
+                                "starts",
+                                name, layout.start));
+    }
+    return std::make_unique<PlainSource>(path, name, layout);
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,240 @@
+#include "query/check/check.h"
+
+#include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <isonest/error.h>
+
+#include "query/check/check_cube_ranges.h"
+#include "query/check/check_levels.h"
+#include "query/check/check_source.h"
+#include "query/check/findings.h"
+#include "store/base/memory_budget.h"
+#include "store/base/workers.h"
+#include "store/container/hdf5_view.h"
+#include "store/container/indicator_code.h"
+
+namespace isonest::detail {
+namespace {
+
+/// How many chunks a quick check reads.
+constexpr std::int64_t kQuickChunks = 4096;
+
+/// Boxes that one thread gathers.
+constexpr std::uint64_t kBoxes = 1U << 20U;
+
+/// How the memory of a check is shared; fewer threads run where there is little.
+struct Shares {
+    int threads;
+    std::uint64_t cache;
+};
+
+Shares share(const StoreReader& store, const CheckOptions& options) {
+    const StoreLayout& layout = store.layout();
+    const std::uint64_t largest = largest_chunk_bytes(layout);
+    // One chunk is decoded by itself or held, two are in the cache besides.
+    const std::uint64_t each = decode_heap(largest) + 3 * largest + kBoxes;
+    // What HDF5 knows of a chunk, a chunk's stored bytes, and a bit of the findings.
+    constexpr std::uint64_t kIndexEntry = 32;
+    const std::uint64_t deep =
+        options.depth == CheckDepth::deep ? 2 * largest + layout.rows() * kIndexEntry : 0;
+    const std::uint64_t fixed = kLibraryHeap + layout.rows() / 8 + deep;
+    // The source and the rows that are compared with it take the other three quarters.
+    const std::uint64_t part = options.source ? 4 : 1;
+    require_memory(store.path().string(), options.memory, fixed + part * each,
+                   "this store's chunks");
+    const std::uint64_t usable = (options.memory - fixed) / part;
+    const auto threads = std::clamp<std::uint64_t>(
+        usable / each, 1, static_cast<std::uint64_t>(Workers::count_of(options.threads)));
+    return {static_cast<int>(threads), usable - threads * (each - 3 * largest)};
+}
+
+class Checker {
+  public:
+    Checker(const StoreReader& store, const CheckOptions& options, std::uint64_t cache,
+            Progress& progress)
+        : store_(store),
+          layout_(store.layout()),
+          options_(options),
+          progress_(progress),
+          cache_(store, cache),
+          findings_(layout_.rows()) {}
+
+    CheckReport run() {
+        const bool quick = options_.depth == CheckDepth::quick;
+        const auto all = static_cast<std::int64_t>(layout_.rows());
+        const std::int64_t every =
+            quick ? std::max<std::int64_t>(1, (all + kQuickChunks - 1) / kQuickChunks) : 1;
+        for_each_chunk("table", 1, [&](const ArrayInfo& a, const Int3& c) { row(a, c); });
+        for_each_chunk("checksums", every,
+                       [&](const ArrayInfo& a, const Int3& c) { stored(a, c); });
+        if (!quick) {
+            for_each_chunk("decode", 1, [&](const ArrayInfo& a, const Int3& c) { decoded(a, c); });
+            for_each_chunk(
+                "levels", 1,
+                [&](const ArrayInfo& a, const Int3& c) { check_levels(cache_, findings_, a, c); },
+                true);
+        }
+        vtk_group();
+        check_cube_ranges(store_, cache_, quick, findings_, progress_);
+        if (options_.depth == CheckDepth::deep) {
+            hdf5_view();
+        }
+        if (options_.source) {
+            check_source(cache_, options_, findings_, progress_);
+        }
+        return findings_.take();
+    }
+
+  private:
+    /// All chunks that are not known to be damaged, or every so-manieth.
+    template <class F>
+    void for_each_chunk(const char* phase, std::int64_t every, F&& f, bool needs_others = false) {
+        progress_.begin(phase, layout_.rows() / static_cast<std::uint64_t>(every), "chunks");
+        for (const ArrayInfo& array : layout_.arrays()) {
+            if (array.alias) {
+                continue;
+            }
+            const std::int64_t count = (array.grid.product() + every - 1) / every;
+            tbb::parallel_for(std::int64_t{0}, count, [&](std::int64_t i) {
+                progress_.check();
+                const Int3 chunk = array.grid.unlinear(i * every);
+                if (!findings_.is_damaged(array, chunk)) {
+                    try {
+                        f(array, chunk);
+                    } catch (const Error& error) {
+                        if (error.kind() != ErrorKind::corrupt) {
+                            throw;
+                        }
+                        // A chunk that only needs a damaged one has nothing wrong itself.
+                        if (!needs_others || !findings_.any_damaged()) {
+                            findings_.add_damaged("decode", array, chunk, error.what());
+                        }
+                    }
+                }
+                progress_.advance(1);
+            });
+        }
+    }
+
+    void row(const ArrayInfo& array, const Int3& chunk) {
+        try {
+            if ((store_.row(array, chunk).flags & ~kChunkHasMissing) != 0) {
+                findings_.add("table", array, chunk, kWholeChunk, "reserved flags are set");
+            }
+        } catch (const Error& error) {
+            findings_.add_damaged("table", array, chunk, error.what());
+        }
+    }
+
+    void stored(const ArrayInfo& array, const Int3& chunk) {
+        findings_.count(0, 1);
+        if (checksum_of(store_.stored(array, chunk)) != store_.row(array, chunk).checksum) {
+            findings_.add_damaged("checksum", array, chunk,
+                                  "the stored bytes are not those that were written; restore the "
+                                  "store from a good copy");
+        }
+    }
+
+    void vtk_group() {
+        const std::string fault = Hdf5View(store_.path()).vtk_fault(layout_.header());
+        if (!fault.empty()) {
+            findings_.add("hdf5", layout_.array(0, Field::values), {0, 0, 0}, kWholeChunk, fault);
+        }
+    }
+
+    /// What other HDF5 programs find under the chunk's place is what the table says.
+    void hdf5_view() {
+        const Hdf5View view(store_.path());
+        std::vector<std::byte> bytes;
+        progress_.begin("HDF5", layout_.rows(), "chunks");
+        for (const ArrayInfo& array : layout_.arrays()) {
+            for (std::int64_t i = 0; i < array.grid.product(); ++i) {
+                progress_.check();
+                progress_.advance(array.alias ? 0 : 1);
+                const Int3 chunk = array.grid.unlinear(i);
+                if (findings_.is_damaged(array, chunk)) {
+                    continue;
+                }
+                const std::string fault = view.read(array, chunk, bytes);
+                const auto ours = store_.stored(array, chunk);
+                if (!fault.empty()) {
+                    findings_.add("hdf5", array, chunk, kWholeChunk, fault);
+                } else if (!std::equal(bytes.begin(), bytes.end(), ours.begin(), ours.end())) {
+                    findings_.add("hdf5", array, chunk, kWholeChunk,
+                                  "HDF5 finds other bytes here than the table");
+                }
+                if (!fault.empty() && i == 0) {
+                    break;  // the whole dataset
+                }
+            }
+        }
+    }
+
+    void decoded(const ArrayInfo& array, const Int3& chunk) {
+        std::vector<std::byte> raw(array.chunk_bytes());
+        store_.decode(array, chunk, raw);
+        double low = std::numeric_limits<double>::infinity();
+        double high = array.field == Field::values ? -low : 0;
+        bool missing = false;
+        const auto see = [&](double v) {
+            if (array.field == Field::values && !std::isfinite(v)) {
+                missing = true;
+                return;
+            }
+            low = std::fmin(low, v);
+            high = std::fmax(high, v);
+        };
+        const Int3 base = array.first_node(chunk);
+        const Int3 n = min(array.chunk, array.nodes - base);
+        for (std::int64_t i = 0; i < n.product(); ++i) {
+            const std::int64_t at = array.chunk.linear(n.unlinear(i)) * array.components;
+            for (int c = 0; c < array.components; ++c) {
+                see(element(array, raw, static_cast<std::size_t>(at + c)));
+            }
+        }
+        findings_.count(n.product() * array.components);
+        const ChunkRow row = store_.row(array, chunk);
+        if (row.min != low || row.max != high || ((row.flags & kChunkHasMissing) != 0) != missing) {
+            findings_.add("range", array, chunk, kWholeChunk,
+                          fmt::format("the table says {} to {}, the chunk holds {} to {}", row.min,
+                                      row.max, low, high));
+        }
+    }
+
+    [[nodiscard]] double element(const ArrayInfo& array, const std::vector<std::byte>& raw,
+                                 std::size_t i) const {
+        if (array.field == Field::values) {
+            return dispatch(layout_.header().type, [&](auto tag) {
+                using T = typename decltype(tag)::type;
+                return static_cast<double>(reinterpret_cast<const T*>(raw.data())[i]);
+            });
+        }
+        return layout_.header().exact
+                   ? static_cast<double>(reinterpret_cast<const float*>(raw.data())[i])
+                   : static_cast<double>(
+                         decode_indicator(reinterpret_cast<const IndicatorCode*>(raw.data())[i]));
+    }
+
+    const StoreReader& store_;
+    const StoreLayout& layout_;
+    const CheckOptions& options_;
+    Progress& progress_;
+    ChunkCache cache_;
+    Findings findings_;
+};
+
+}  // namespace
+
+CheckReport check(const StoreReader& store, const CheckOptions& options, Progress& progress) {
+    const Shares shares = share(store, options);
+    return Workers(shares.threads).execute([&] {
+        return Checker(store, options, shares.cache, progress).run();
+    });
+}
+
+}  // namespace isonest::detail

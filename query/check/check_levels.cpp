@@ -1,0 +1,235 @@
+#include "query/check/check_levels.h"
+
+#include <fmt/format.h>
+
+#include <cstring>
+
+#include "query/view/blocks.h"
+#include "query/view/brick_view.h"
+#include "query/view/finest_indicators.h"
+#include "store/container/gather.h"
+
+namespace isonest::detail {
+namespace {
+
+/// Codes near zero have fewer digits: the distance between two of them.
+constexpr double kSmallestCode = decode_indicator(kCodeStep);
+/// Numbers above it round up to infinity.
+constexpr double kLargestCode = decode_indicator(IndicatorCode{kInfinityCode - kCodeStep});
+
+class LevelChecks {
+  public:
+    LevelChecks(ChunkCache& cache, Findings& findings)
+        : cache_(cache), layout_(cache.source().layout()), findings_(findings) {}
+
+    /// Every node of a coarser level has the bits of the finer level's node.
+    void injection(const ArrayInfo& array, const Int3& chunk) {
+        if (array.level == 0) {
+            return;
+        }
+        dispatch(layout_.header().type, [&](auto tag) {
+            using T = typename decltype(tag)::type;
+            const ArrayInfo& fine = layout_.array(array.level - 1, Field::values);
+            for_each_block(
+                first_of(array, chunk), count_of(array, chunk), halves(array),
+                [&](const Int3& base, const Int3& n) {
+                    Box<T> coarse(base, n);
+                    gather_values(cache_, array, coarse);
+                    Box<T> finer(base * 2, n * 2);
+                    gather_values(cache_, fine, finer);
+                    for (std::int64_t i = 0; i < n.product(); ++i) {
+                        const Int3 p = base + n.unlinear(i);
+                        // Bit by bit: NaN is the same as itself.
+                        // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
+                        if (std::memcmp(&coarse.at(p), &finer.at(p * 2), sizeof(T)) != 0) {
+                            findings_.add("injection", array, chunk,
+                                          p * (std::int64_t{1} << array.level),
+                                          "the value differs from the finer level's");
+                        }
+                    }
+                    findings_.count(n.product());
+                },
+                kEdge);
+        });
+    }
+
+    /// Every refinement node is at least its children, in this chunk and across its borders: so the
+    /// stop test of a node implies that of its parents, and leaves fit together.
+    void saturation(const ArrayInfo& array, const Int3& chunk) {
+        const auto block = [&](const Int3& base, const Int3& n) {
+            if (layout_.header().exact) {
+                saturation_of_block<float>(array, chunk, base, n);
+            } else {
+                saturation_of_block<IndicatorCode>(array, chunk, base, n);
+            }
+        };
+        for_each_block(first_of(array, chunk), count_of(array, chunk), halves(array), block, kEdge);
+    }
+
+  private:
+    /// Blocks of a chunk are so large along each axis, so that what is gathered for one is small.
+    static constexpr std::int64_t kEdge = 16;
+    static Int3 first_of(const ArrayInfo& array, const Int3& chunk) {
+        return array.first_node(chunk);
+    }
+    static Int3 count_of(const ArrayInfo& array, const Int3& chunk) {
+        return min(array.chunk, array.nodes - array.first_node(chunk));
+    }
+    /// The part of a chunk that one chunk of the finer level covers.
+    static Int3 halves(const ArrayInfo& array) { return ceil_div(array.chunk, {2, 2, 2}); }
+    static double value_of(float value) { return static_cast<double>(value); }
+    static double value_of(IndicatorCode code) {
+        return static_cast<double>(decode_indicator(code));
+    }
+
+    /// Some components of the nodes in a box.
+    template <class T>
+    struct Gathered {
+        Int3 lo;
+        Int3 size;
+        int components = 0;
+        std::vector<T> data;
+        [[nodiscard]] double at(const Int3& p, int component) const {
+            return value_of(
+                data[static_cast<std::size_t>(size.linear(p - lo) * components + component)]);
+        }
+    };
+    /// From `lo` up to `end`, as far as there are nodes.
+    template <class T>
+    Gathered<T> gather(const ArrayInfo& array, const Int3& lo, const Int3& end, int first,
+                       int count) {
+        Gathered<T> g{max(lo, {0, 0, 0}), {}, count, {}};
+        g.size = min(end, array.nodes) - g.lo;
+        g.data = gather_components<T>(cache_, array, g.lo, g.size, first, count);
+        return g;
+    }
+
+    /// The `n` nodes from `base` on.
+    template <class T>
+    void saturation_of_block(const ArrayInfo& array, const Int3& chunk, const Int3& base,
+                             const Int3& n) {
+        const Int3 cells = layout_.lattice().cells_at(array.level);
+        const auto exists = [&](const Int3& p) {
+            return min(p, {0, 0, 0}) == Int3{0, 0, 0} && max(p, cells * 2) == cells * 2;
+        };
+        constexpr Int3 kOne{1, 1, 1};
+        const auto own = gather<T>(array, base, base + n + kOne, 0, array.components);
+        Gathered<T> finer;
+        const bool has_finer = array.level > 1;
+        if (has_finer) {
+            const ArrayInfo& fine = layout_.array(array.level - 1, array.field);
+            finer = gather<T>(fine, base * 2 - kOne, (base + n) * 2 + kOne,
+                              layout_.lattice().centre_slot() - fine.first_slot, 1);
+        }
+        std::int64_t compared = 0;
+        for (std::int64_t i = 0; i < n.product(); ++i) {
+            const Int3 node = base + n.unlinear(i);
+            for (int slot = 0; slot < array.components; ++slot) {
+                const Int3 o = slot_offset(slot);
+                const Int3 p = node * 2 + o;
+                if (!exists(p)) {
+                    continue;
+                }
+                const double value = own.at(node, slot);
+                const auto against = [&](double child, const Int3& at, std::int64_t scale) {
+                    ++compared;
+                    if (!(value >= child)) {
+                        findings_.add("saturation", array, chunk,
+                                      p * (std::int64_t{1} << (array.level - 1)),
+                                      fmt::format("{} is less than {} at its child {} {} {}", value,
+                                                  child, at.x * scale, at.y * scale, at.z * scale));
+                    }
+                };
+                const std::int64_t odd = o.x + o.y + o.z;
+                if (odd >= 2) {
+                    for (int axis = 0; axis < 3; ++axis) {
+                        for (std::int64_t side = -1; side <= 1 && o[axis] != 0; side += 2) {
+                            Int3 c = p;
+                            c[axis] += side;
+                            against(own.at({c.x >> 1, c.y >> 1, c.z >> 1}, slot_of(c)), c,
+                                    std::int64_t{1} << (array.level - 1));
+                        }
+                    }
+                } else if (has_finer) {
+                    finer_centres(array.level - 1, p, finer, against);
+                }
+            }
+        }
+        findings_.count(compared);
+    }
+
+    /// The centres of the up to eight cubes of the finer level around the edge midpoint p.
+    template <class T, class F>
+    void finer_centres(int level, const Int3& p, const Gathered<T>& finer, F&& against) {
+        const Int3 cells = layout_.lattice().elements_at(level);
+        for (std::int64_t i = 0; i < 8; ++i) {
+            const Int3 cube = p - Int3{i & 1, (i >> 1) & 1, i >> 2};
+            // Along a flat axis p is 0, and so is the square.
+            if (min(cube, {0, 0, 0}) == Int3{0, 0, 0} &&
+                max(cube + Int3{1, 1, 1}, cells) == cells) {
+                against(finer.at(cube, 0), cube * 2 + slot_offset(layout_.lattice().centre_slot()),
+                        std::int64_t{1} << (level - 1));
+            }
+        }
+    }
+
+  public:
+    /// Level 1: the stored centre of each cube against the indicators of its 19 nodes, which follow
+    /// from the values: never below, and at most the codes' rounding above.
+    void finest_bounds(const ArrayInfo& array, const Int3& chunk) {
+        const Int3 first = array.first_node(chunk);
+        const Int3 all = min(array.chunk, layout_.lattice().elements_at(1) - first);
+        if (min(all, {1, 1, 1}) != Int3{1, 1, 1}) {
+            return;
+        }
+        dispatch(layout_.header().type, [&](auto tag) {
+            using T = typename decltype(tag)::type;
+            for_each_block(
+                first, all, array.chunk,
+                [&](const Int3& base, const Int3& n) {
+                    Box<T> values(base * 2, n * 2 + Int3{1, 1, 1});
+                    gather_values(cache_, layout_.array(0, Field::values), values);
+                    IndicatorView own(cache_, array, first);
+                    for (std::int64_t i = 0; i < n.product(); ++i) {
+                        const Int3 cube = base + n.unlinear(i);
+                        const double stored = own.at(cube - first, array.first_slot);
+                        const double computed = finest_indicator(
+                            cube_values(values, cube), position_of_slot(array.first_slot),
+                            saturation_of(array.field) == Saturation::plus,
+                            layout_.rounds_outward());
+                        const bool tight = stored <= computed * (1 + kCodeExcess) + kSmallestCode ||
+                                           computed > kLargestCode;
+                        if (!(stored >= computed) || !tight) {
+                            findings_.add("indicator", array, chunk,
+                                          cube * 2 + slot_offset(array.first_slot),
+                                          fmt::format("{} is stored, {} follows from the values",
+                                                      stored, computed));
+                        }
+                    }
+                    findings_.count(n.product());
+                },
+                kEdge);
+        });
+    }
+
+  private:
+    ChunkCache& cache_;
+    const StoreLayout& layout_;
+    Findings& findings_;
+};
+
+}  // namespace
+
+void check_levels(ChunkCache& cache, Findings& findings, const ArrayInfo& array,
+                  const Int3& chunk) {
+    LevelChecks checks(cache, findings);
+    if (array.field == Field::values) {
+        checks.injection(array, chunk);
+    } else if (array.level == 1 && centre_suffices_at_level_1(array.field)) {
+        checks.finest_bounds(array, chunk);
+    } else {
+        checks.saturation(array, chunk);
+    }
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,209 @@
+#include "query/check/check_source.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+#include <utility>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "query/check/brute_force.h"
+#include "query/view/brick_view.h"
+#include "store/container/gather.h"
+
+namespace isonest::detail {
+namespace {
+
+class SourceChecks {
+  public:
+    SourceChecks(ChunkCache& cache, const CheckOptions& options, Findings& findings,
+                 Progress& progress)
+        : cache_(cache),
+          layout_(cache.source().layout()),
+          options_(options),
+          findings_(findings),
+          progress_(progress) {}
+
+    void source_values() {
+        const ArrayInfo& array = layout_.array(0, Field::values);
+        const Int3 n = array.nodes;
+        progress_.begin("compare with source", static_cast<std::uint64_t>(n.z), "planes");
+        dispatch(layout_.header().type, [&](auto tag) {
+            using T = typename decltype(tag)::type;
+            const auto [planes, rows] = piece(n, array.chunk, sizeof(T));
+            std::vector<T> original(static_cast<std::size_t>(n.x * rows * planes));
+            for (std::int64_t z = 0; z < n.z; z += planes) {
+                const std::int64_t nz = std::min(planes, n.z - z);
+                for (std::int64_t y = 0; y < n.y; y += rows) {
+                    progress_.check();
+                    const std::int64_t ny = std::min(rows, n.y - y);
+                    options_.source(z, nz, y, ny, reinterpret_cast<std::byte*>(original.data()));
+                    compare<T>({{0, y, z}, {n.x, ny, nz}}, original);
+                }
+                progress_.advance(static_cast<std::uint64_t>(nz));
+            }
+        });
+    }
+
+    /// The largest difference between U and the linear function of each tetrahedron, node by node,
+    /// in cubes drawn over all levels, against the bounds stored for them.
+    template <class T>
+    void sampled_bounds() {
+        const Lattice& lattice = layout_.lattice();
+        if (lattice.top() == 0) {
+            return;
+        }
+        std::uint64_t state = 0x9E3779B97F4A7C15ULL;
+        const auto random = [&](std::int64_t n) {
+            state ^= state << 13U;
+            state ^= state >> 7U;
+            state ^= state << 17U;
+            return static_cast<std::int64_t>(state % static_cast<std::uint64_t>(n));
+        };
+        progress_.begin("bounds", options_.sampled_cubes, "cubes");
+        for (std::uint64_t s = 0; s < options_.sampled_cubes; ++s) {
+            progress_.check();
+            const int level = 1 + static_cast<int>(random(std::min(lattice.top(), 5)));
+            const Int3 cells = lattice.elements_at(level);
+            const Int3 cube{random(cells.x), random(cells.y), random(cells.z)};
+            try {
+                brute_force<T>(level, cube);
+            } catch (const Error& error) {
+                if (error.kind() != ErrorKind::corrupt) {
+                    throw;
+                }
+            }
+            findings_.count(0, 0, 1);
+            progress_.advance(1);
+        }
+    }
+
+  private:
+    struct Part {
+        Int3 low;
+        Int3 size;
+    };
+
+    /// The planes and rows that are read at a time: as the source likes it, then so many that a
+    /// chunk of the store is decoded once, then whole planes, as far as an eighth of the memory
+    /// goes. Where that is less than a layer of the source's chunks, they are decoded again for
+    /// each piece.
+    [[nodiscard]] std::pair<std::int64_t, std::int64_t> piece(const Int3& n, const Int3& chunk,
+                                                              std::size_t value) const {
+        const SourceOrder& order = options_.source_order;
+        const std::int64_t most =
+            std::max<std::int64_t>(1, static_cast<std::int64_t>(options_.memory / 8) /
+                                          (n.x * static_cast<std::int64_t>(value)));
+        const auto multiple = [](std::int64_t number, std::int64_t step, std::int64_t end) {
+            return std::min(end, std::max<std::int64_t>(1, number / step) * step);
+        };
+        if (order.sequential) {
+            return most >= n.y ? std::pair(std::min(most / n.y, std::min(chunk.z, n.z)), n.y)
+                               : std::pair(std::int64_t{1}, multiple(most, order.rows, n.y));
+        }
+        std::int64_t planes = std::min(multiple(chunk.z, order.planes, n.z), most);
+        const std::int64_t least = std::min(order.rows, n.y);
+        if (planes * least > most) {
+            planes = std::min(multiple(most / least, order.planes, n.z), most);
+        }
+        const std::int64_t rows = most / planes;
+        return {planes, rows < least ? rows : multiple(rows, order.rows, n.y)};
+    }
+
+    template <class T>
+    void compare(const Part& part, const std::vector<T>& original) {
+        const ArrayInfo& array = layout_.array(0, Field::values);
+        Box<T> ours(part.low, part.size);
+        try {
+            gather_values(cache_, array, ours);
+        } catch (const Error& error) {
+            if (error.kind() != ErrorKind::corrupt) {
+                throw;
+            }
+            compare_chunks(part, original);
+            return;
+        }
+        for (std::size_t i = 0; i < ours.data.size(); ++i) {
+            // Bit by bit: NaN is the same as itself.
+            // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
+            if (std::memcmp(&ours.data[i], &original[i], sizeof(T)) != 0) {
+                const Int3 p = part.low + part.size.unlinear(static_cast<std::int64_t>(i));
+                findings_.add("source", array, array.chunk_of(p), p,
+                              "the value differs from the source's");
+            }
+        }
+        findings_.count(part.size.product());
+    }
+
+    /// What lies outside of the store's damaged chunks is compared chunk by chunk.
+    template <class T>
+    void compare_chunks(const Part& part, const std::vector<T>& original) {
+        const ArrayInfo& array = layout_.array(0, Field::values);
+        const Int3 end = part.low + part.size;
+        const Int3 first = array.chunk_of(part.low);
+        const Int3 count = array.chunk_of(end - Int3{1, 1, 1}) - first + Int3{1, 1, 1};
+        if (count.product() == 1) {
+            return;
+        }
+        for (std::int64_t i = 0; i < count.product(); ++i) {
+            const Int3 base = array.first_node(first + count.unlinear(i));
+            const Int3 lo = max(base, part.low);
+            const Int3 hi = min(base + array.chunk, end);
+            std::vector<T> piece;
+            for (std::int64_t z = lo.z; z < hi.z; ++z) {
+                for (std::int64_t y = lo.y; y < hi.y; ++y) {
+                    const auto from =
+                        original.begin() + part.size.linear(Int3{lo.x, y, z} - part.low);
+                    piece.insert(piece.end(), from, from + (hi.x - lo.x));
+                }
+            }
+            compare<T>({lo, hi - lo}, piece);
+        }
+    }
+
+    template <class T>
+    void brute_force(int level, const Int3& cube) {
+        const std::int64_t edge = std::int64_t{1} << level;
+        const Int3 low = cube * edge;
+        Box<T> box(low, {edge + 1, edge + 1, edge + 1});
+        gather_values(cache_, layout_.array(0, Field::values), box);
+        const LargestDifference found =
+            largest_difference(box, cube, edge, layout_.lattice().nodes() - Int3{1, 1, 1});
+        for (const Field field : {Field::deviation_bar, Field::deviation_plus, Field::linf_plus}) {
+            if (!layout_.has(field)) {
+                continue;
+            }
+            const ArrayInfo& array = layout_.array(level, field);
+            const Int3 chunk = array.chunk_of(cube);
+            const Int3 base = array.first_node(chunk);
+            IndicatorView view(cache_, array, base);
+            const int centre = layout_.lattice().centre_slot();
+            const double bound = view.at(cube - base, centre);
+            if (!(bound >= found.difference) && !(bound >= found.difference - 1e-12 * found.size)) {
+                findings_.add("bound", array, chunk, low + Int3{edge / 2, edge / 2, edge / 2},
+                              fmt::format("{} is less than the difference {} that there is", bound,
+                                          found.difference));
+            }
+        }
+    }
+
+    ChunkCache& cache_;
+    const StoreLayout& layout_;
+    const CheckOptions& options_;
+    Findings& findings_;
+    Progress& progress_;
+};
+
+}  // namespace
+
+void check_source(ChunkCache& cache, const CheckOptions& options, Findings& findings,
+                  Progress& progress) {
+    SourceChecks checks(cache, options, findings, progress);
+    checks.source_values();
+    dispatch(cache.source().layout().header().type,
+             [&](auto tag) { checks.sampled_bounds<typename decltype(tag)::type>(); });
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,118 @@
+#include "query/extract/export.h"
+
+#include <algorithm>
+
+#include "query/view/indicator_box.h"
+#include "store/base/memory_budget.h"
+#include "store/container/gather.h"
+#include "store/container/indicator_code.h"
+#include "store/container/volume_file.h"
+#include "store/files/output_file.h"
+
+namespace isonest::detail {
+namespace {
+
+/// The memory of an export: boxes of a chunk's nodes along y and z, as long along x as it allows.
+struct Shares {
+    Int3 box;             ///< nodes
+    std::uint64_t cache;  ///< bytes
+};
+
+/// `beside`: bytes beside the box and the cache.
+Shares share(const StoreReader& store, std::uint64_t memory, const ArrayInfo& array,
+             std::size_t element, std::uint64_t beside) {
+    const std::uint64_t column = static_cast<std::uint64_t>(array.chunk.product()) * element;
+    const std::uint64_t largest = largest_chunk_bytes(store.layout());
+    // One chunk of values and one of an indicator are held.
+    const std::uint64_t fixed = kLibraryHeap + beside + decode_heap(largest) + 2 * largest;
+    require_memory(store.path().string(), memory, fixed + column, "this store's chunks");
+    const std::uint64_t spare = memory - fixed;
+    const std::uint64_t columns =
+        std::clamp<std::uint64_t>(spare / 2 / column, 1, static_cast<std::uint64_t>(array.grid.x));
+    Shares shares{array.chunk, 2 * largest + spare - columns * column};
+    shares.box.x = std::min(array.chunk.x * static_cast<std::int64_t>(columns), array.nodes.x);
+    return shares;
+}
+
+/// Calls f(lo, size) for all boxes of the lattice, of at most `box` nodes.
+template <class F>
+void for_each_box(const Int3& nodes, const Int3& box, Progress& progress, const F& f) {
+    const Int3 grid = ceil_div(nodes, box);
+    progress.begin("export", static_cast<std::uint64_t>(grid.product()), "boxes");
+    for (std::int64_t i = 0; i < grid.product(); ++i) {
+        progress.check();
+        const Int3 g = grid.unlinear(i);
+        const Int3 lo{g.x * box.x, g.y * box.y, g.z * box.z};
+        f(lo, min(box, nodes - lo));
+        progress.advance(1);
+    }
+}
+
+template <class T>
+void export_values(const StoreReader& store, const ArrayInfo& array, std::uint64_t memory,
+                   VolumeFile& file, Progress& progress) {
+    const Shares shares = share(store, memory, array, sizeof(T), 0);
+    ChunkCache cache(store, shares.cache);
+    for_each_box(array.nodes, shares.box, progress, [&](const Int3& lo, const Int3& size) {
+        Box<T> box(lo, size);
+        gather_values(cache, array, box);
+        file.write_box(lo, size, reinterpret_cast<const std::byte*>(box.data.data()));
+    });
+}
+
+void export_indicator(const StoreReader& store, const ExportOptions& options, VolumeFile& file,
+                      Progress& progress) {
+    const ArrayInfo& values = store.layout().array(0, Field::values);
+    const Shares shares = share(store, options.memory, values, sizeof(float), kIndicatorBoxHeap);
+    ChunkCache cache(store, shares.cache);
+    for_each_box(values.nodes, shares.box, progress, [&](const Int3& lo, const Int3& size) {
+        Box<float> box(lo, size);
+        for_each_block(lo, size, values.chunk, [&](const Int3& from, const Int3& count) {
+            Box<double> block(from, count);
+            fill_indicators(cache, options.field, options.level, block);
+            for (std::int64_t i = 0; i < count.product(); ++i) {
+                box.at(from + count.unlinear(i)) =
+                    round_up_to_float(block.data[static_cast<std::size_t>(i)]);
+            }
+        });
+        file.write_box(lo, size, reinterpret_cast<const std::byte*>(box.data.data()));
+    });
+}
+
+}  // namespace
+
+void export_field(const StoreReader& store, const std::filesystem::path& path,
+                  const ExportOptions& options, Progress& progress) {
+    check_output(path, options.force, {store.path()});
+    const StoreLayout& layout = store.layout();
+    const StoreHeader& header = layout.header();
+    VolumeFileSpec spec;
+    spec.origin = header.origin;
+    spec.spacing = header.spacing;
+    spec.force = options.force;
+    if (options.field == Field::values) {
+        const ArrayInfo& array = layout.array(options.level, Field::values);
+        spec.nodes = array.nodes;
+        spec.type = header.type;
+        for (double& s : spec.spacing) {
+            s *= static_cast<double>(std::int64_t{1} << options.level);
+        }
+        const auto file = create_volume_file(path, spec);
+        dispatch(header.type, [&](auto tag) {
+            export_values<typename decltype(tag)::type>(store, array, options.memory, *file,
+                                                        progress);
+        });
+        return file->finish();
+    }
+    // Names the fields there are, or the levels, if the wanted ones are not.
+    if (layout.lattice().top() > 0 || !layout.has(options.field)) {
+        static_cast<void>(layout.array(std::max(options.level, 1), options.field));
+    }
+    spec.nodes = header.nodes;
+    spec.type = ValueType::f32;
+    const auto file = create_volume_file(path, spec);
+    export_indicator(store, options, *file, progress);
+    file->finish();
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,42 @@
+#include "query/extract/info.h"
+
+#include <cmath>
+#include <limits>
+
+namespace isonest::detail {
+
+std::vector<ArrayReport> describe_arrays(const StoreReader& store) {
+    std::vector<ArrayReport> reports;
+    for (const ArrayInfo& array : store.layout().arrays()) {
+        ArrayReport report;
+        report.level = array.level;
+        report.field = array.field;
+        report.nodes = array.nodes;
+        report.chunk = array.chunk;
+        report.alias = array.alias;
+        report.chunks = static_cast<std::uint64_t>(array.grid.product());
+        report.raw_bytes = static_cast<std::uint64_t>(array.nodes.product() * array.components) *
+                           array.codec.element_size;
+        report.min = std::numeric_limits<double>::infinity();
+        report.max = -report.min;
+        for (std::int64_t i = 0; i < array.grid.product(); ++i) {
+            const ChunkRow row = store.row(array, array.grid.unlinear(i));
+            report.stored_bytes += row.bytes;
+            report.min = std::fmin(report.min, row.min);
+            report.max = std::fmax(report.max, row.max);
+        }
+        reports.push_back(report);
+    }
+    return reports;
+}
+
+std::uint64_t cube_range_bytes(const StoreReader& store) {
+    std::uint64_t bytes = 0;
+    for (int level = kFirstRangeLevel; store.layout().has_cube_ranges(level); ++level) {
+        bytes += static_cast<std::uint64_t>(store.layout().lattice().cells_at(level).product()) *
+                 cube_range_bytes(store.layout().header().type);
+    }
+    return bytes;
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,90 @@
+// Cuts triangles at an axis-aligned box.
+//
+// Source: I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17 (1974). Every new vertex
+// is named by the triangle edge and the plane that make it, so that both triangles at the edge get
+// the same one.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <tuple>
+#include <vector>
+
+#include <isonest/int3.h>
+
+namespace isonest::detail {
+
+/// A box in coordinates of the finest lattice, to which the surface is cut.
+struct ClipBox {
+    Double3 lo{};
+    Double3 hi{};
+};
+
+class ClipContext {
+  public:
+    struct CutVertex {
+        std::uint32_t end0 = 0;  ///< the triangle edge's ends; end0 < end1
+        std::uint32_t end1 = 0;
+        std::uint32_t plane = 0;       ///< 2 axis + (0 low, 1 high)
+        bool inside_triangle = false;  ///< where two planes meet inside a triangle: never shared
+        Double3 position{};
+        std::uint32_t from = 0;  ///< position is from + t (to - from)
+        std::uint32_t to = 0;
+        double t = 0;
+    };
+    /// New vertices are numbered from `first_new` on.
+    ClipContext(const ClipBox& box, std::function<const Double3&(std::uint32_t)> position,
+                std::uint32_t first_new)
+        : box_(box), old_position_(std::move(position)), first_new_(first_new) {}
+
+    /// The parts of the triangle inside the closed box, as triangles; none if it only touches.
+    std::vector<std::array<std::uint32_t, 3>> cut(const std::array<std::uint32_t, 3>& triangle);
+    [[nodiscard]] const CutVertex& vertex(std::uint32_t v) const {
+        return vertices_[v - first_new_];
+    }
+    [[nodiscard]] const Double3& position(std::uint32_t v) const {
+        return v < first_new_ ? old_position_(v) : vertices_[v - first_new_].position;
+    }
+    /// Whether another part may have the same cut vertex: only if both ends are open there.
+    [[nodiscard]] bool is_shared(std::uint32_t v, const std::vector<std::uint64_t>& open) const {
+        const CutVertex& c = vertex(v);
+        return !c.inside_triangle && open[c.end0] != 0 && open[c.end1] != 0;
+    }
+
+  private:
+    /// A polygon corner and the triangle edge (0, 1, 2) that the side after it lies on; 3 = a
+    /// plane.
+    struct Side {
+        std::uint32_t v;
+        std::size_t edge;
+    };
+    std::uint32_t crossing(const std::array<std::uint32_t, 3>& triangle, const Side& from,
+                           const Side& to, std::uint32_t plane);
+
+    ClipBox box_;
+    std::function<const Double3&(std::uint32_t)> old_position_;
+    std::uint32_t first_new_;
+    std::vector<CutVertex> vertices_;
+    std::map<std::tuple<std::uint32_t, std::uint32_t, std::uint32_t>, std::uint32_t> index_;
+};
+
+/// How the box from `low` to `high` lies to `box`; along an axis without extent `box` is infinite.
+enum class Overlap { outside, crossing, inside };
+
+inline Overlap overlap_of(const ClipBox& box, const Int3& low, const Int3& high) {
+    bool inside = true;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        const auto lo = static_cast<double>(low[axis]);
+        const auto hi = static_cast<double>(high[axis]);
+        if (hi <= box.lo[a] || lo >= box.hi[a]) {
+            return Overlap::outside;
+        }
+        inside = inside && lo >= box.lo[a] && hi <= box.hi[a];
+    }
+    return inside ? Overlap::inside : Overlap::crossing;
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,86 @@
+// The part of the surface that one thread makes in one go, before vertices are welded across parts.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include <isonest/int3.h>
+
+#include "query/march/finish_part.h"
+#include "query/march/part_vertices.h"
+
+namespace isonest::detail {
+
+/// A corner of a tetrahedron that is marched.
+struct Corner {
+    Int3 node;     ///< of the lattice of LocalMesh::place(), else of the finest
+    double value;  ///< REQUIRES: finite
+};
+
+/// Collects triangles of marched tetrahedra. Not thread-safe; one per thread, reused.
+class LocalMesh {
+  public:
+    /// With attributes of the vertices; `attributes` must outlive the mesh.
+    /// `single_sheet`: the surface never touches itself (a plane), so that a node on it is one
+    /// vertex, and a face in it one triangle.
+    explicit LocalMesh(AttributeSampler* attributes, bool single_sheet = false)
+        : single_sheet_(single_sheet), vertices_(attributes) {}
+
+    /// From now on all corners are nodes of the lattice of edge 2^level, and in the box of `cells`
+    /// from node `low` on; vertices are then found faster. REQUIRES: empty().
+    void place(const Int3& low, int level, const Int3& cells) {
+        vertices_.place(low, level, cells);
+    }
+
+    /// Marches one leaf tetrahedron: a node is inside if value >= iso; the triangles' normals point
+    /// to the smaller values. Where the surface passes exactly through nodes, no triangle of zero
+    /// area arises and the mesh stays a manifold. `cut` says that the tetrahedron may reach out of
+    /// the box. `positive`: det(v1 - v0, v2 - v0, v3 - v0) > 0.
+    void march(const std::array<Corner, 4>& corners, bool positive, double iso, bool cut);
+
+    /// Marches the six tetrahedra of a cube; how many of them the surface crosses. REQUIRES:
+    /// place() was called; no corner has the isovalue.
+    unsigned march_cube(const Cube& cube, double iso, bool cut);
+    /// One of them (kAxisOrders). REQUIRES: place() was called; none of its corners has the
+    /// isovalue.
+    unsigned march_in_cube(const Cube& cube, std::size_t order, double iso, bool cut);
+
+    /// Adds the line {U = iso} in a leaf triangle of a plane, where there is one: a "triangle"
+    /// whose last two corners are equal. One mesh holds lines or triangles, not both.
+    void march_line(const std::array<Corner, 3>& corners, double iso, bool cut);
+    /// Adds a leaf triangle of the graph z = U over the xy plane, facing up.
+    void add_graph(const std::array<Corner, 3>& corners, bool cut);
+
+    [[nodiscard]] bool empty() const { return triangles_.empty() && vertices_.size() == 0; }
+    /// What is held, in units of a vertex; the owner bounds it by finishing the part.
+    [[nodiscard]] std::size_t size() const { return vertices_.weight(); }
+    /// Bytes of heap per unit held, at most, finishing included; the table of place() comes on top.
+    static constexpr std::size_t kBytesPerVertex = 472;
+
+    /// Turns what was collected into a part, cut to the box, and starts anew.
+    MeshPart finish(const ClipBox& box);
+
+  private:
+    std::uint32_t edge_vertex(const Corner& a, const Corner& b, double iso) {
+        return vertices_.edge(a.node, a.value, b.node, b.value, iso);
+    }
+    std::uint32_t fan(const Corner& node, const Corner& a0, const Corner& b0, const Corner& a1,
+                      const Corner& b1);
+    void add(std::uint32_t a, std::uint32_t b, std::uint32_t c, bool cut) {
+        triangles_.push_back({{a, b, c}, cut});
+    }
+    void add_split(const std::array<std::uint32_t, 3>& v, const std::array<std::uint32_t, 3>& mid,
+                   bool cut);
+    void march_one_below(const Corner& q, const std::array<const Corner*, 3>& above, bool positive,
+                         double iso, bool cut);
+    void march_two_below(const Corner& a, const Corner& b, const Corner& q1, const Corner& q2,
+                         bool positive, double iso, bool cut);
+
+    bool single_sheet_;
+    bool lines_ = false;
+    PartVertices vertices_;
+    std::vector<CollectedTriangle> triangles_;
+};
+
+}  // namespace isonest::detail

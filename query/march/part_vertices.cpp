@@ -1,0 +1,281 @@
+#include "query/march/part_vertices.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "query/march/cube_cases.h"
+#include "query/traverse/topology.h"
+
+namespace isonest::detail {
+namespace {
+
+/// Numbers in the table of points are vertices, or, with these bits, of links.
+constexpr std::uint32_t kTag = 0xC0000000U;
+constexpr std::uint32_t kFanTag = 0x80000000U;
+constexpr std::uint32_t kRunTag = 0xC0000000U;
+constexpr bool is_vertex(std::uint32_t slot) {
+    return slot < kFanTag;
+}
+
+Double3 as_point(const Int3& p) {
+    return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
+}
+
+bool precedes(const Int3& a, const Int3& b) {
+    return a.z != b.z ? a.z < b.z : a.y != b.y ? a.y < b.y : a.x < b.x;
+}
+
+constexpr Int3 kLinkBox{5, 5, 5};
+
+/// Numbers the edges around a node by the sums of their ends, the node being {2, 2, 2}: no node is
+/// halfway between nodes of the same cube.
+constexpr std::array<std::uint8_t, 125> number_link_edges() {
+    std::array<std::uint8_t, 125> number{};
+    std::uint8_t next = 0;
+    for (std::size_t i = 0; i < number.size(); ++i) {
+        const Int3 p = kLinkBox.unlinear(static_cast<std::int64_t>(i));
+        const bool between = ((p.x | p.y | p.z) & 1) != 0;
+        number[i] = between ? next++ : kLinkEdges;
+    }
+    return number;
+}
+constexpr std::array<std::uint8_t, 125> kLinkEdge = number_link_edges();
+
+}  // namespace
+
+void PartVertices::clear() {
+    points_.clear();
+    fans_.clear();
+    runs_.clear();
+    rare_.clear();
+    parents_.clear();
+    keys_.clear();
+    positions_.clear();
+    values_.clear();
+}
+
+std::uint32_t PartVertices::find(std::uint32_t v) {
+    while (parents_[v] != v) {
+        parents_[v] = parents_[parents_[v]];
+        v = parents_[v];
+    }
+    return v;
+}
+
+void PartVertices::unite(std::uint32_t a, std::uint32_t b) {
+    a = find(a);
+    b = find(b);
+    parents_[std::max(a, b)] = std::min(a, b);
+}
+
+void PartVertices::flatten() {
+    // Parents precede their children.
+    for (std::uint32_t& parent : parents_) {
+        parent = parents_[parent];
+    }
+}
+
+std::uint32_t PartVertices::add(std::uint64_t key, const Double3& position) {
+    const auto next = static_cast<std::uint32_t>(parents_.size());
+    parents_.push_back(next);
+    keys_.push_back(key);
+    positions_.push_back(position);
+    return next;
+}
+
+std::uint32_t PartVertices::edge(const Int3& a, double a_value, const Int3& b, double b_value,
+                                 double iso) {
+    std::uint32_t& slot = points_.at(a + b);
+    if (!is_vertex(slot)) {
+        slot = add_edge(a, a_value, b, b_value, iso);
+    }
+    return slot;
+}
+
+std::uint32_t PartVertices::edge_of_cube(const Cube& cube, std::size_t edge, double iso) {
+    const CubeEdge& e = kCubeEdge[edge];
+    std::uint32_t& slot = points_.at(cube.low * 2 + node_offset(e.midpoint, cube.mirror));
+    if (!is_vertex(slot)) {
+        const auto node = [&](unsigned corner) {
+            return cube.low + corner_offset(corner ^ cube.mirror);
+        };
+        slot = add_edge(node(e.low), cube.value[e.low], node(e.high), cube.value[e.high], iso);
+    }
+    return slot;
+}
+
+/// The ends in a fixed order: the same bits from whichever tetrahedron.
+std::uint32_t PartVertices::add_edge(const Int3& a, double a_value, const Int3& b, double b_value,
+                                     double iso) {
+    const bool in_order = precedes(a, b);
+    const Int3 p = finest(in_order ? a : b);
+    const Int3 q = finest(in_order ? b : a);
+    const double p_value = in_order ? a_value : b_value;
+    const double q_value = in_order ? b_value : a_value;
+    double t = (iso - p_value) / (q_value - p_value);
+    if (!std::isfinite(q_value - p_value)) {
+        t = (iso / 4 - p_value / 4) / (q_value / 4 - p_value / 4);
+    }
+    const Double3 from = as_point(p);
+    const Double3 to = as_point(q);
+    Double3 position{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        position[axis] = from[axis] + t * (to[axis] - from[axis]);
+    }
+    if (attributes_ != nullptr) {
+        values_.push_back(attributes_->edge(p, q, t));
+    }
+    return add(key_of(a + b), position);
+}
+
+std::uint32_t PartVertices::node(const Int3& node, std::optional<double> height) {
+    std::uint32_t& slot = points_.at(node * 2);
+    if (!is_vertex(slot)) {
+        Double3 position = as_point(finest(node));
+        position[2] = height.value_or(position[2]);
+        slot = add(key_of(node * 2), position);
+        if (attributes_ != nullptr) {
+            values_.push_back(attributes_->node(finest(node)));
+        }
+    }
+    return slot;
+}
+
+std::uint32_t PartVertices::add_node(const Int3& node) {
+    const std::uint32_t vertex = add(kNoKey, as_point(finest(node)));
+    if (attributes_ != nullptr) {
+        values_.push_back(attributes_->node(finest(node)));
+    }
+    return vertex;
+}
+
+std::uint32_t PartVertices::add_middle(const Int3& a, const Int3& b) {
+    const Double3 twice = as_point(finest(a + b));
+    const std::uint32_t vertex = add(kNoKey, {twice[0] / 2, twice[1] / 2, twice[2] / 2});
+    if (attributes_ != nullptr) {
+        const bool in_order = precedes(a, b);
+        values_.push_back(
+            attributes_->edge(finest(in_order ? a : b), finest(in_order ? b : a), 0.5));
+    }
+    return vertex;
+}
+
+template <class Make>
+std::uint32_t PartVertices::use(Use& use, const Make& make) {
+    use = use == kNone ? make() : use | kComplete;
+    return use & ~kComplete;
+}
+
+template <class Make>
+std::uint32_t PartVertices::join(Use& a, Use& b, const Make& make) {
+    const bool known = b != kNone;
+    if (!known) {
+        b = use(a, make);
+        return b;
+    }
+    const std::uint32_t vertex = b & ~kComplete;
+    b |= kComplete;
+    if (const std::uint32_t other = use(a, [&] { return vertex; }); other != vertex) {
+        unite(other, vertex);
+    }
+    return vertex;
+}
+
+std::size_t PartVertices::link_edge(const Int3& twice, const Int3& sum) {
+    const Int3 at = sum - twice + Int3{2, 2, 2};
+    const bool near = min(max(at, {0, 0, 0}), {4, 4, 4}) == at;
+    return near ? kLinkEdge[static_cast<std::size_t>(kLinkBox.linear(at))] : kLinkEdges;
+}
+
+Int3 PartVertices::offset_of(std::size_t link_edge) {
+    const auto* const at = std::find(kLinkEdge.begin(), kLinkEdge.end(), link_edge);
+    return kLinkBox.unlinear(at - kLinkEdge.begin()) - Int3{2, 2, 2};
+}
+
+PartVertices::FanLink* PartVertices::fan_link(const Int3& twice) {
+    std::uint32_t& slot = points_.at(twice);
+    if (slot == kNone) {
+        slot = kFanTag | static_cast<std::uint32_t>(fans_.size());
+        FanLink& link = fans_.emplace_back();
+        link.twice = twice;
+        link.uses.fill(kNone);
+    }
+    return (slot & kTag) == kFanTag ? &fans_[slot & ~kTag] : nullptr;
+}
+
+PartVertices::Use& PartVertices::fan_use(const Int3& twice, const Int3& sum) {
+    if (const std::size_t edge = link_edge(twice, sum); edge != kLinkEdges) {
+        if (FanLink* const link = fan_link(twice)) {
+            return link->uses[edge];
+        }
+    }
+    const VertexKey key{key_of(twice), key_of(sum), VertexKind::fan};
+    return rare_.try_emplace(key, kNone).first.value();
+}
+
+std::uint32_t PartVertices::fan(const Int3& node, const Int3& in, const Int3& out) {
+    const Int3 twice = node * 2;
+    const auto make = [&] { return add_node(node); };
+    const std::size_t in_edge = link_edge(twice, in);
+    const std::size_t out_edge = link_edge(twice, out);
+    if (in_edge != kLinkEdges && out_edge != kLinkEdges) {
+        if (FanLink* const link = fan_link(twice)) {
+            return join(link->uses[in_edge], link->uses[out_edge], make);
+        }
+    }
+    static_cast<void>(fan_use(twice, in));  // the second may move the first
+    Use& second = fan_use(twice, out);
+    return join(fan_use(twice, in), second, make);
+}
+
+PartVertices::Use& PartVertices::run_use(const Int3& sum, const Int3& below) {
+    const std::uint64_t second = key_of(below * 2);
+    std::uint32_t& slot = points_.at(sum);
+    if (slot == kNone) {
+        slot = kRunTag | static_cast<std::uint32_t>(runs_.size());
+        runs_.emplace_back().sum = sum;
+    }
+    if ((slot & kTag) == kRunTag) {
+        RunLink& link = runs_[slot & ~kTag];
+        const auto* const found =
+            std::find(link.below.begin(), link.below.begin() + link.count, second);
+        const auto i = static_cast<std::size_t>(found - link.below.begin());
+        if (i < link.count) {
+            return link.uses[i];
+        }
+        if (i < RunLink::kMost) {
+            ++link.count;
+            link.below[i] = second;
+            link.uses[i] = kNone;
+            return link.uses[i];
+        }
+    }
+    return rare_.try_emplace({key_of(sum), second, VertexKind::run}, kNone).first.value();
+}
+
+std::uint32_t PartVertices::run(const Int3& a, const Int3& b, const Int3& below) {
+    return use(run_use(a + b, below), [&] { return add_middle(a, b); });
+}
+
+void PartVertices::run_between(const Int3& a, const Int3& b, const Int3& below1,
+                               const Int3& below2) {
+    const Int3 sum = a + b;
+    static_cast<void>(run_use(sum, below1));  // the second may move the first
+    Use& second = run_use(sum, below2);
+    join(run_use(sum, below1), second, [&] { return add_middle(a, b); });
+}
+
+std::uint32_t PartVertices::centre(const std::array<std::uint32_t, 3>& v) {
+    Double3 position{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        position[axis] =
+            (positions_[v[0]][axis] + positions_[v[1]][axis] + positions_[v[2]][axis]) / 3;
+    }
+    const std::uint32_t vertex = add(kNoKey, position);
+    if (attributes_ != nullptr) {
+        values_.push_back(attributes_->mean(values_[v[0]], values_[v[1]], values_[v[2]]));
+    }
+    return vertex;
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,178 @@
+// The vertices of one part while its triangles are collected, found by what they are crossings of.
+#pragma once
+
+#include <tsl/robin_map.h>
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include <isonest/int3.h>
+
+#include "query/march/point_table.h"
+#include "query/march/vertex_attributes.h"
+#include "query/march/vertex_key.h"
+
+namespace isonest::detail {
+
+/// A cube of the lattice of PartVertices::place(). Its corners are numbered as in cube_cases.h.
+struct Cube {
+    Int3 low;             ///< node
+    unsigned mirror = 0;  ///< axes (bits x, y, z) along which its all-even corner is the high one
+    unsigned below = 0;   ///< corners below the isovalue (bits 0 to 7)
+    std::array<double, 8> value{};  ///< REQUIRES: finite in what is marched
+};
+
+/// Edges that are opposite to a node in the faces of the eight cubes around it: there are fewer,
+/// but of different kinds at different nodes.
+inline constexpr std::uint8_t kLinkEdges = 98;
+
+/// Nodes are those of a lattice of edge 2^level; positions and names are in the finest one's
+/// coordinates. Vertices are numbered from 0 on. Several names can be one vertex: then the lowest
+/// number holds. Not thread-safe.
+class PartVertices {
+  public:
+    /// `attributes` (may be null) must outlive the vertices.
+    explicit PartVertices(AttributeSampler* attributes)
+        : attributes_(attributes != nullptr && attributes->width() > 0 ? attributes : nullptr) {}
+
+    /// From now on all nodes are of the lattice of edge 2^level, and in the box of `cells` from
+    /// node `low` on; see PointTable::place. Before, the lattice is the finest. REQUIRES: empty.
+    void place(const Int3& low, int level, const Int3& cells) {
+        level_ = level;
+        points_.place(low, cells);
+    }
+    void clear();
+
+    /// Where the surface crosses the edge from a to b, their values not being equal.
+    std::uint32_t edge(const Int3& a, double a_value, const Int3& b, double b_value, double iso);
+    /// The same for an edge (kCubeEdge) of a cube. REQUIRES: place() was called.
+    std::uint32_t edge_of_cube(const Cube& cube, std::size_t edge, double iso);
+    /// In a node through which one sheet passes at most, or at `height` (z) there. Not together
+    /// with fan() at one node.
+    std::uint32_t node(const Int3& node, std::optional<double> height = {});
+    /// The sheet at `node` that crosses two faces of one tetrahedron; `in`, `out`: for each the sum
+    /// of the face's other two nodes.
+    std::uint32_t fan(const Int3& node, const Int3& in, const Int3& out);
+    /// The middle of edge ab, of the sheet that runs along it above node `below`.
+    std::uint32_t run(const Int3& a, const Int3& b, const Int3& below);
+    /// The same above two nodes of one tetrahedron.
+    void run_between(const Int3& a, const Int3& b, const Int3& below1, const Int3& below2);
+    /// One that no other tetrahedron names: the centre of three vertices.
+    std::uint32_t centre(const std::array<std::uint32_t, 3>& v);
+    /// Makes root() of all vertices known. No more vertices until clear().
+    void flatten();
+
+    [[nodiscard]] std::size_t size() const { return parents_.size(); }
+    /// What is held, in units of a vertex.
+    [[nodiscard]] std::size_t weight() const {
+        return parents_.size() + 2 * fans_.size() + runs_.size();
+    }
+    /// The number that holds for the vertex. REQUIRES: flatten() was called.
+    [[nodiscard]] std::uint32_t root(std::uint32_t v) const { return parents_[v]; }
+    [[nodiscard]] const Double3& position(std::uint32_t v) const { return positions_[v]; }
+    [[nodiscard]] VertexAttributes attributes(std::uint32_t v) const {
+        return attributes_ != nullptr ? values_[v] : VertexAttributes{};
+    }
+    [[nodiscard]] std::size_t width() const {
+        return attributes_ != nullptr ? attributes_->width() : 0;
+    }
+    /// Of a vertex at a + t (b - a). REQUIRES: width() > 0.
+    [[nodiscard]] VertexAttributes mix(const VertexAttributes& a, const VertexAttributes& b,
+                                       double t) const {
+        return attributes_->mix(a, b, t);
+    }
+    static constexpr std::uint64_t kNoKey = 0xFFFFFFFFFFFFFFFFU;
+    /// VertexKey::first of a vertex of kind edge, kNoKey of another.
+    [[nodiscard]] std::uint64_t key(std::uint32_t v) const { return keys_[v]; }
+    /// Calls f(name, vertex) for names of kind fan and run that not both tetrahedra at the face
+    /// have given.
+    template <class F>
+    void for_incomplete(const F& f) const;
+
+  private:
+    /// What has a name of kind fan or run: nothing yet (kNone), a vertex, or a vertex and
+    /// kComplete: then two tetrahedra have named it.
+    using Use = std::uint32_t;
+    static constexpr std::uint32_t kNone = PointTable::kNone;
+    static constexpr Use kComplete = 0x80000000U;
+    /// The fans of a node, by the edges opposite to it; `twice` the node.
+    struct FanLink {
+        Int3 twice;
+        std::array<Use, kLinkEdges> uses;
+    };
+    /// The runs along an edge, by twice the node below.
+    struct RunLink {
+        static constexpr std::size_t kMost = 8;
+        Int3 sum;  ///< of the edge's ends
+        std::size_t count = 0;
+        std::array<std::uint64_t, kMost> below{};
+        std::array<Use, kMost> uses{};
+    };
+
+    [[nodiscard]] Int3 finest(const Int3& p) const { return p * (std::int64_t{1} << level_); }
+    /// Of twice a node, or the sum of an edge's ends.
+    [[nodiscard]] std::uint64_t key_of(const Int3& p) const { return half_lattice_key(finest(p)); }
+    std::uint32_t add(std::uint64_t key, const Double3& position);
+    std::uint32_t add_edge(const Int3& a, double a_value, const Int3& b, double b_value,
+                           double iso);
+    std::uint32_t add_node(const Int3& node);
+    std::uint32_t add_middle(const Int3& a, const Int3& b);
+    /// Number of the edge with that sum of ends among those around a node; kLinkEdges if it is
+    /// none.
+    [[nodiscard]] static std::size_t link_edge(const Int3& twice, const Int3& sum);
+    [[nodiscard]] static Int3 offset_of(std::size_t link_edge);
+    /// Null where something else has the point's place.
+    FanLink* fan_link(const Int3& twice);
+    Use& fan_use(const Int3& twice, const Int3& sum);
+    Use& run_use(const Int3& sum, const Int3& below);
+    template <class Make>
+    std::uint32_t use(Use& use, const Make& make);
+    template <class Make>
+    std::uint32_t join(Use& a, Use& b, const Make& make);
+    [[nodiscard]] std::uint32_t find(std::uint32_t v);
+    void unite(std::uint32_t a, std::uint32_t b);
+
+    AttributeSampler* attributes_;
+    int level_ = 0;
+    PointTable points_;
+    std::vector<FanLink> fans_;
+    std::vector<RunLink> runs_;
+    tsl::robin_map<VertexKey, Use, VertexKeyHash> rare_;  ///< what has no place in the links
+    std::vector<std::uint32_t> parents_;
+    std::vector<std::uint64_t> keys_;
+    std::vector<Double3> positions_;
+    std::vector<VertexAttributes> values_;
+};
+
+template <class F>
+void PartVertices::for_incomplete(const F& f) const {
+    const auto once = [](Use use) { return (use & kComplete) == 0; };
+    for (const FanLink& link : fans_) {
+        Use all = kNone;
+        for (const Use use : link.uses) {
+            all &= use;
+        }
+        for (std::size_t i = 0; i < kLinkEdges && once(all); ++i) {
+            if (once(link.uses[i])) {
+                const Int3 second = link.twice + offset_of(i);
+                f(VertexKey{key_of(link.twice), key_of(second), VertexKind::fan}, link.uses[i]);
+            }
+        }
+    }
+    for (const RunLink& link : runs_) {
+        for (std::size_t i = 0; i < link.count; ++i) {
+            if (once(link.uses[i])) {
+                f(VertexKey{key_of(link.sum), link.below[i], VertexKind::run}, link.uses[i]);
+            }
+        }
+    }
+    for (const auto& [key, use] : rare_) {
+        if (once(use)) {
+            f(key, use);
+        }
+    }
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,138 @@
+#include "query/mesh/part_store.h"
+
+#include <algorithm>
+#include <cstring>
+
+namespace isonest::detail {
+namespace {
+
+using Point = std::array<float, 3>;
+
+/// Whether the corners lie on a line, or some are equal.
+bool has_no_area(const Point& a, const Point& b, const Point& c) {
+    const auto d = [&a](const Point& q, std::size_t i) {
+        return static_cast<double>(q[i]) - static_cast<double>(a[i]);
+    };
+    const auto parallel = [&](std::size_t i, std::size_t j) {
+        return d(b, i) * d(c, j) == d(b, j) * d(c, i);
+    };
+    return parallel(1, 2) && parallel(2, 0) && parallel(0, 1);
+}
+
+std::uint64_t aligned(std::uint64_t bytes) {
+    return (bytes + 7) / 8 * 8;
+}
+
+/// Where the pieces of a part begin, in bytes from its start: names, cuts, shared, vertices,
+/// triangles, end.
+struct Pieces {
+    std::uint64_t cuts;
+    std::uint64_t shared;
+    std::uint64_t vertices;
+    std::uint64_t attributes;
+    std::uint64_t triangles;
+    std::uint64_t end;
+    Pieces(const PartRecord& r, std::size_t width)
+        : cuts(aligned(r.names * sizeof(MeshPart::Name))),
+          shared(cuts + aligned(r.cuts * sizeof(MeshPart::Cut))),
+          vertices(shared + aligned(r.shared * sizeof(MeshPart::Shared))),
+          attributes(vertices + aligned(r.vertices * sizeof(Point))),
+          triangles(attributes + aligned(r.vertices * width * sizeof(std::uint32_t))),
+          end(triangles + aligned(r.triangles * sizeof(std::array<std::uint32_t, 3>))) {}
+};
+
+/// What keeping a part costs beside its bytes.
+constexpr std::uint64_t kKeptOverhead = 64;
+
+}  // namespace
+
+PartStore::PartStore(const std::filesystem::path& folder, const Double3& spacing,
+                     const Double3& origin, std::uint64_t memory, std::size_t attributes)
+    : file_(folder),
+      record_file_(folder),
+      spacing_(spacing),
+      origin_(origin),
+      memory_(memory),
+      attributes_(attributes) {}
+
+void PartStore::append(std::uint64_t order, const MeshPart& part) {
+    PartRecord record;
+    record.order = order;
+    record.vertices = static_cast<std::uint32_t>(part.positions.size());
+    record.triangles = static_cast<std::uint32_t>(part.triangles.size());
+    record.shared = static_cast<std::uint32_t>(part.shared.size());
+    record.names = static_cast<std::uint32_t>(part.names.size());
+    record.cuts = static_cast<std::uint32_t>(part.cuts.size());
+    const Pieces pieces(record, attributes_);
+    auto bytes = std::make_unique_for_overwrite<std::byte[]>(pieces.end);
+    const auto put = [&](std::uint64_t at, const auto& v) {
+        if (!v.empty()) {
+            std::memcpy(bytes.get() + at, v.data(), v.size() * sizeof(v[0]));
+        }
+    };
+    put(0, part.names);
+    put(pieces.cuts, part.cuts);
+    put(pieces.shared, part.shared);
+    put(pieces.attributes, part.attributes);
+    put(pieces.triangles, part.triangles);
+    auto* const world = reinterpret_cast<Point*>(bytes.get() + pieces.vertices);
+    for (std::size_t i = 0; i < part.positions.size(); ++i) {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            world[i][axis] =
+                static_cast<float>(origin_[axis] + spacing_[axis] * part.positions[i][axis]);
+        }
+    }
+    std::uint64_t zero = 0;
+    for (const auto& t : part.triangles) {
+        zero += has_no_area(world[t[0]], world[t[1]], world[t[2]]) ? 1 : 0;
+    }
+    zero_area_ += zero;
+    std::uint64_t index = 0;
+    {
+        const std::lock_guard lock(mutex_);
+        index = count_++;
+        if (pieces.end + kKeptOverhead <= memory_) {
+            memory_ -= pieces.end + kKeptOverhead;
+            record.in_memory = 1;
+            record.offset = kept_.size();
+            kept_.push_back(std::move(bytes));
+        } else {
+            record.offset = end_;
+            end_ += pieces.end;
+        }
+    }
+    if (record.in_memory == 0) {
+        file_.write_at(record.offset, {bytes.get(), pieces.end});
+    }
+    record_file_.write_at(index * sizeof(PartRecord), std::as_bytes(std::span(&record, 1)));
+}
+
+void PartStore::seal() {
+    data_ = file_.map(end_);
+    record_file_.map(count_ * sizeof(PartRecord));
+    records_ = record_file_.as<PartRecord>();
+    std::sort(records_.begin(), records_.end(),
+              [](const PartRecord& a, const PartRecord& b) { return a.order < b.order; });
+}
+
+std::span<const MeshPart::Name> PartStore::names(const PartRecord& r) const {
+    return slice<MeshPart::Name>(r, 0, r.names);
+}
+std::span<const MeshPart::Cut> PartStore::cuts(const PartRecord& r) const {
+    return slice<MeshPart::Cut>(r, Pieces(r, attributes_).cuts, r.cuts);
+}
+std::span<const MeshPart::Shared> PartStore::shared(const PartRecord& r) const {
+    return slice<MeshPart::Shared>(r, Pieces(r, attributes_).shared, r.shared);
+}
+std::span<const std::array<float, 3>> PartStore::vertices(const PartRecord& r) const {
+    return slice<Point>(r, Pieces(r, attributes_).vertices, r.vertices);
+}
+std::span<const std::uint32_t> PartStore::attributes(const PartRecord& r) const {
+    return slice<std::uint32_t>(r, Pieces(r, attributes_).attributes,
+                                r.vertices * static_cast<std::uint32_t>(attributes_));
+}
+std::span<const std::array<std::uint32_t, 3>> PartStore::triangles(const PartRecord& r) const {
+    return slice<std::array<std::uint32_t, 3>>(r, Pieces(r, attributes_).triangles, r.triangles);
+}
+
+}  // namespace isonest::detail

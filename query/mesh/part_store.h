@@ -1,0 +1,80 @@
+// The parts of a mesh, until all are known and their vertices can be numbered: in memory as far as
+// that is allowed, then on disk.
+#pragma once
+
+#include <atomic>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "query/march/mesh_part.h"
+#include "store/files/scratch_file.h"
+
+namespace isonest::detail {
+
+/// Where one part lies.
+struct PartRecord {
+    std::uint64_t order = 0;   ///< parts in this order make the mesh, whatever made them
+    std::uint64_t offset = 0;  ///< bytes in the file, or number of the part in memory
+    std::uint32_t in_memory = 0;
+    std::uint32_t vertices = 0;
+    std::uint32_t triangles = 0;
+    std::uint32_t shared = 0;
+    std::uint32_t names = 0;
+    std::uint32_t cuts = 0;
+    std::uint32_t owned = 0;         ///< set by the weld: vertices not named by an earlier part
+    std::uint64_t first_vertex = 0;  ///< set by the weld: number of the first owned vertex
+    std::uint64_t first_triangle = 0;
+    std::uint64_t first_shared = 0;
+};
+
+/// Thread-safety: append() from any thread; the rest from one, after the last append.
+class PartStore {
+  public:
+    /// World coordinates are origin + spacing * position, as float32. Parts of up to `memory` bytes
+    /// in all stay in memory, the others go to a temporary file in `folder`. `attributes`: how
+    /// many words each vertex has.
+    PartStore(const std::filesystem::path& folder, const Double3& spacing, const Double3& origin,
+              std::uint64_t memory, std::size_t attributes = 0);
+
+    /// Throws Error{io}.
+    void append(std::uint64_t order, const MeshPart& part);
+    /// Ends the appending: maps everything and sorts the records.
+    void seal();
+
+    [[nodiscard]] std::span<PartRecord> records() const { return records_; }
+    [[nodiscard]] std::span<const std::array<float, 3>> vertices(const PartRecord& r) const;
+    /// attributes_per_vertex() words for each vertex.
+    [[nodiscard]] std::span<const std::uint32_t> attributes(const PartRecord& r) const;
+    [[nodiscard]] std::size_t attributes_per_vertex() const { return attributes_; }
+    [[nodiscard]] std::span<const std::array<std::uint32_t, 3>> triangles(
+        const PartRecord& r) const;
+    [[nodiscard]] std::span<const MeshPart::Shared> shared(const PartRecord& r) const;
+    [[nodiscard]] std::span<const MeshPart::Name> names(const PartRecord& r) const;
+    [[nodiscard]] std::span<const MeshPart::Cut> cuts(const PartRecord& r) const;
+    [[nodiscard]] std::uint64_t zero_area_triangles() const { return zero_area_; }
+
+  private:
+    template <class T>
+    std::span<const T> slice(const PartRecord& r, std::uint64_t offset, std::uint32_t count) const {
+        const std::byte* const part =
+            r.in_memory != 0 ? kept_[r.offset].get() : data_.data() + r.offset;
+        return {reinterpret_cast<const T*>(part + offset), count};
+    }
+    ScratchFile file_;
+    ScratchFile record_file_;
+    Double3 spacing_;
+    Double3 origin_;
+    std::uint64_t memory_;
+    std::size_t attributes_;
+    std::mutex mutex_;
+    std::vector<std::unique_ptr<std::byte[]>> kept_;
+    std::uint64_t end_ = 0;
+    std::uint64_t count_ = 0;
+    std::atomic<std::uint64_t> zero_area_ = 0;
+    std::span<const std::byte> data_;
+    std::span<PartRecord> records_;
+};
+
+}  // namespace isonest::detail

@@ -1,0 +1,45 @@
+// Gives every vertex of the mesh one number, across all parts.
+#pragma once
+
+#include <filesystem>
+#include <vector>
+
+#include "query/mesh/part_store.h"
+
+namespace isonest::detail {
+
+/// Numbers in the order in which the triangles of the parts, taken in order, first name the
+/// vertices: so they do not depend on how the mesh was cut into parts. What grows with the mesh
+/// lies in temporary files.
+class Weld {
+  public:
+    /// REQUIRES: parts.seal() was called. Throws Error{io}.
+    Weld(PartStore& parts, const std::filesystem::path& folder);
+
+    [[nodiscard]] std::uint64_t vertices() const { return vertices_; }
+    [[nodiscard]] std::uint64_t triangles() const { return triangles_; }
+    /// The numbers of a part's vertices; `owned[i]` says that part `record` is the first to name i.
+    /// Thread-safe.
+    void numbers(const PartRecord& record, std::vector<std::uint64_t>& number,
+                 std::vector<bool>& owned) const;
+
+  private:
+    struct Element {
+        std::uint64_t parent;  ///< union-find; after welding, the element that owns the vertex
+        std::uint32_t part;
+        std::uint32_t vertex;
+        std::uint64_t skipped;  ///< vertices of the same part before this one that others own
+    };
+    std::uint64_t root(std::uint64_t e);
+    void unite(std::uint64_t a, std::uint64_t b);
+    void unite_names(const std::filesystem::path& folder);
+    void unite_cuts(const std::filesystem::path& folder);
+
+    PartStore& parts_;
+    ScratchFile element_file_;
+    std::span<Element> elements_;
+    std::uint64_t vertices_ = 0;
+    std::uint64_t triangles_ = 0;
+};
+
+}  // namespace isonest::detail

@@ -1,0 +1,61 @@
+// How good the indicators are: the comparison of the paper's section 6.
+//
+// Source: Gerstner, Rumpf, Weikard (2000), section 6: the number of cells k and the error of the
+// projection P U over the threshold, and the efficiency E = 1 / (k ||P U - U||). There k counts the
+// cells that a traversal visits, those of the coarser levels too, and indicators are compared at
+// the same threshold. Here it is given for both numbers, the visited cells and the mesh's elements.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include <isonest/progress.h>
+
+#include "store/container/reader.h"
+
+namespace isonest::detail {
+
+struct StudyOptions {
+    std::vector<Field> fields;  ///< stop fields; REQUIRES: the store has them
+    int steps = 25;             ///< thresholds from 1 down to `least`, at equal ratios
+    double least = 1e-4;        ///< of the field's largest value
+    std::optional<double> iso;  ///< also count what the extraction of this isosurface visits
+    std::uint64_t memory = std::uint64_t{1} << 30U;
+    int threads = 0;
+};
+
+/// One threshold of one field. P U is the function on the mesh whose nodes below the threshold are
+/// not refined. Norms are over the volume without missing data, by the nodes of the finest lattice
+/// (the trapezoidal rule), and relative to the volume's size and the data's range: so they lie
+/// between 0 and 1.
+struct StudyRow {
+    Field field = Field::linf_bar;
+    double threshold = 0;       ///< of the field's largest finite value
+    std::uint64_t visited = 0;  ///< cells of all levels, the mesh's elements among them
+    std::uint64_t leaves = 0;   ///< the mesh's elements, those too that reach outside
+    double l1 = 0;              ///< ||P U - U||
+    double l2 = 0;
+    double linf = 0;
+    std::uint64_t iso_visited = 0;  ///< with StudyOptions::iso
+    std::uint64_t iso_leaves = 0;
+
+    /// 1 / (leaves * error); +inf where the error is 0.
+    [[nodiscard]] double efficiency(double error) const {
+        return 1 / (static_cast<double>(leaves) * error);
+    }
+    /// The paper's: 1 / (visited * error); +inf where the error is 0.
+    [[nodiscard]] double efficiency_of_visited(double error) const {
+        return 1 / (static_cast<double>(visited) * error);
+    }
+};
+
+struct Study {
+    std::uint64_t all_elements = 0;  ///< leaves of the finest mesh
+    std::vector<StudyRow> rows;      ///< field by field, thresholds falling
+};
+
+/// Throws Error{not_found} for a field that the store lacks, Error{limit} if the lattice does not
+/// fit into the memory (about 20 bytes a node), Error{invalid_argument, corrupt, io, cancelled}.
+Study study(const StoreReader& store, const StudyOptions& options, Progress& progress);
+
+}  // namespace isonest::detail

@@ -1,0 +1,36 @@
+// Something that can produce the decoded bytes of a chunk: a finished store, or one being written.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+
+#include "store/container/format.h"
+
+namespace isonest::detail {
+
+/// Thread-safety: all methods from any thread.
+class ChunkSource {
+  public:
+    ChunkSource() = default;
+    ChunkSource(const ChunkSource&) = delete;
+    ChunkSource& operator=(const ChunkSource&) = delete;
+    virtual ~ChunkSource() = default;
+    [[nodiscard]] virtual const StoreLayout& layout() const = 0;
+    /// Row of the chunk table. REQUIRES: the chunk exists (and, while writing, was written).
+    [[nodiscard]] virtual ChunkRow row(const ArrayInfo& array, const Int3& chunk) const = 0;
+    /// Decodes into `raw` (array.chunk_bytes() bytes, [z][y][x][component], x fastest).
+    /// Throws Error{corrupt, io}.
+    virtual void decode(const ArrayInfo& array, const Int3& chunk,
+                        std::span<std::byte> raw) const = 0;
+    /// What the values within a cube of a level can be; nothing where that is not stored. Throws
+    /// Error{corrupt}.
+    [[nodiscard]] virtual std::optional<CubeRange> cube_range(int /*level*/,
+                                                              const Int3& /*cube*/) const {
+        return std::nullopt;
+    }
+    /// A hint that the chunk is needed soon. Throws what decode() throws for a bad table.
+    virtual void prefetch(const ArrayInfo& /*array*/, const Int3& /*chunk*/) const {}
+};
+
+}  // namespace isonest::detail

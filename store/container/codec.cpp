@@ -1,0 +1,225 @@
+#include "store/container/codec.h"
+
+#include <fmt/format.h>
+#define XXH_STATIC_LINKING_ONLY  // for the size of its state
+#include <xxhash.h>
+#define ZSTD_STATIC_LINKING_ONLY  // for the estimates of heap
+#include <zstd.h>
+
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+#include <memory>
+#include <utility>
+
+#include <isonest/error.h>
+
+#include "store/base/simd.h"
+
+namespace isonest::detail {
+namespace {
+
+static_assert(std::endian::native == std::endian::little);
+
+struct FreeContext {
+    void operator()(ZSTD_CCtx* c) const { ZSTD_freeCCtx(c); }
+    void operator()(ZSTD_DCtx* c) const { ZSTD_freeDCtx(c); }
+};
+
+struct ThreadState {
+    std::unique_ptr<ZSTD_CCtx, FreeContext> compress{ZSTD_createCCtx()};
+    std::unique_ptr<ZSTD_DCtx, FreeContext> decompress{ZSTD_createDCtx()};
+    std::vector<std::byte> shuffled;
+    std::vector<std::byte> packed;
+};
+
+ThreadState& thread_state() {
+    thread_local ThreadState state;
+    return state;
+}
+
+/// One pass per byte of the elements: narrowing stores, which compilers vectorise.
+template <class Word>
+[[gnu::always_inline]] inline void shuffle_words(const std::byte* from, std::byte* to,
+                                                 std::size_t count) {
+    constexpr std::size_t kBlock = 4096;  // stays in the first cache while it is read again
+    for (std::size_t start = 0; start < count; start += kBlock) {
+        const std::size_t n = std::min(kBlock, count - start);
+        const Word* const words = reinterpret_cast<const Word*>(from) + start;
+        for (std::size_t b = 0; b < sizeof(Word); ++b) {
+            auto* const out = reinterpret_cast<std::uint8_t*>(to) + b * count + start;
+            for (std::size_t i = 0; i < n; ++i) {
+                out[i] = static_cast<std::uint8_t>(words[i] >> (8 * b));
+            }
+        }
+    }
+}
+
+ISONEST_SIMD void shuffle2(const std::byte* from, std::byte* to, std::size_t count) {
+    shuffle_words<std::uint16_t>(from, to, count);
+}
+ISONEST_SIMD void shuffle4(const std::byte* from, std::byte* to, std::size_t count) {
+    shuffle_words<std::uint32_t>(from, to, count);
+}
+ISONEST_SIMD void shuffle8(const std::byte* from, std::byte* to, std::size_t count) {
+    shuffle_words<std::uint64_t>(from, to, count);
+}
+
+/// As one expression: a loop over the bytes of a word is not vectorised.
+template <class Word, std::size_t... Byte>
+[[gnu::always_inline]] inline void unshuffle_words(const std::byte* from, std::byte* to,
+                                                   std::size_t count,
+                                                   std::index_sequence<Byte...> /*bytes*/) {
+    const auto* const bytes = reinterpret_cast<const std::uint8_t*>(from);
+    Word* const words = reinterpret_cast<Word*>(to);
+    for (std::size_t i = 0; i < count; ++i) {
+        words[i] = static_cast<Word>(
+            (static_cast<Word>(static_cast<Word>(bytes[Byte * count + i]) << (8 * Byte)) | ...));
+    }
+}
+
+template <class Word>
+[[gnu::always_inline]] inline void unshuffle_words(const std::byte* from, std::byte* to,
+                                                   std::size_t count) {
+    unshuffle_words<Word>(from, to, count, std::make_index_sequence<sizeof(Word)>());
+}
+
+ISONEST_SIMD void unshuffle2(const std::byte* from, std::byte* to, std::size_t count) {
+    unshuffle_words<std::uint16_t>(from, to, count);
+}
+ISONEST_SIMD void unshuffle4(const std::byte* from, std::byte* to, std::size_t count) {
+    unshuffle_words<std::uint32_t>(from, to, count);
+}
+ISONEST_SIMD void unshuffle8(const std::byte* from, std::byte* to, std::size_t count) {
+    unshuffle_words<std::uint64_t>(from, to, count);
+}
+
+void shuffle(std::span<const std::byte> from, std::byte* to, std::size_t size) {
+    const std::size_t count = from.size() / size;
+    switch (size) {
+        case 2:
+            return shuffle2(from.data(), to, count);
+        case 4:
+            return shuffle4(from.data(), to, count);
+        default:
+            return shuffle8(from.data(), to, count);
+    }
+}
+
+}  // namespace
+
+void unshuffle(std::span<const std::byte> from, std::byte* to, std::size_t size) {
+    const std::size_t count = from.size() / size;
+    switch (size) {
+        case 2:
+            return unshuffle2(from.data(), to, count);
+        case 4:
+            return unshuffle4(from.data(), to, count);
+        default:
+            return unshuffle8(from.data(), to, count);
+    }
+}
+
+void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
+                  std::vector<std::byte>& out) {
+    ThreadState& state = thread_state();
+    if (!state.compress) {
+        throw std::bad_alloc();
+    }
+    const std::byte* from = raw.data();
+    if (spec.shuffle) {
+        state.shuffled.resize(std::max(state.shuffled.size(), raw.size()));
+        shuffle(raw, state.shuffled.data(), spec.element_size);
+        from = state.shuffled.data();
+    }
+    ZSTD_CCtx* const context = state.compress.get();
+    ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel, spec.level);
+    ZSTD_CCtx_setParameter(context, ZSTD_c_contentSizeFlag, 1);
+    ZSTD_CCtx_setParameter(context, ZSTD_c_checksumFlag, 1);
+    state.packed.resize(std::max(state.packed.size(), ZSTD_compressBound(raw.size())));
+    const std::size_t size =
+        ZSTD_compress2(context, state.packed.data(), state.packed.size(), from, raw.size());
+    if (ZSTD_isError(size) != 0U) {
+        throw Error(ErrorKind::limit,
+                    fmt::format("zstd could not compress a chunk: {}", ZSTD_getErrorName(size)));
+    }
+    out.assign(state.packed.begin(), state.packed.begin() + static_cast<std::ptrdiff_t>(size));
+}
+
+void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
+                  std::span<std::byte> raw, const std::string& place) {
+    ThreadState& state = thread_state();
+    if (!state.decompress) {
+        throw std::bad_alloc();
+    }
+    const unsigned long long content = ZSTD_getFrameContentSize(stored.data(), stored.size());
+    if (content != raw.size()) {
+        throw Error(ErrorKind::corrupt,
+                    fmt::format("{}: the stored frame does not hold the chunk's {} bytes; restore "
+                                "the store from a good copy or preprocess again",
+                                place, raw.size()));
+    }
+    std::byte* to = raw.data();
+    if (spec.shuffle) {
+        state.shuffled.resize(std::max(state.shuffled.size(), raw.size()));
+        to = state.shuffled.data();
+    }
+    const std::size_t size =
+        ZSTD_decompressDCtx(state.decompress.get(), to, raw.size(), stored.data(), stored.size());
+    if (ZSTD_isError(size) != 0U || size != raw.size()) {
+        throw Error(
+            ErrorKind::corrupt,
+            fmt::format(
+                "{}: {}; restore the store from a good copy or preprocess again", place,
+                ZSTD_isError(size) != 0U ? ZSTD_getErrorName(size) : "the frame is too short"));
+    }
+    if (spec.shuffle) {
+        unshuffle({state.shuffled.data(), raw.size()}, raw.data(), spec.element_size);
+    }
+}
+
+bool decompress(std::span<const std::byte> packed, std::span<std::byte> raw) {
+    ThreadState& state = thread_state();
+    if (!state.decompress) {
+        throw std::bad_alloc();
+    }
+    return ZSTD_decompressDCtx(state.decompress.get(), raw.data(), raw.size(), packed.data(),
+                               packed.size()) == raw.size();
+}
+
+std::uint64_t checksum_of(std::span<const std::byte> bytes) {
+    return XXH64(bytes.data(), bytes.size(), 0);
+}
+
+struct Checksum::State {
+    XXH64_state_t xxh;
+};
+
+Checksum::Checksum() : state_(std::make_unique<State>()) {
+    XXH64_reset(&state_->xxh, 0);
+}
+
+Checksum::~Checksum() = default;
+
+void Checksum::add(std::span<const std::byte> bytes) {
+    XXH64_update(&state_->xxh, bytes.data(), bytes.size());
+}
+
+std::uint64_t Checksum::value() const {
+    return XXH64_digest(&state_->xxh);
+}
+
+std::size_t codec_heap(std::size_t chunk_bytes, int level) {
+    const ZSTD_compressionParameters parameters = ZSTD_getCParams(level, chunk_bytes, 0);
+    return 2 * chunk_bytes + ZSTD_estimateCCtxSize_usingCParams(parameters) +
+           ZSTD_estimateDCtxSize();
+}
+
+/// A ZSTD_CCtx that has compressed nothing.
+constexpr std::size_t kUnusedContext = 16384;
+
+std::size_t decode_heap(std::size_t chunk_bytes) {
+    return chunk_bytes + ZSTD_estimateDCtxSize() + kUnusedContext;
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,57 @@
+// The stored form of a chunk: HDF5's byte shuffle, then one zstd frame with content size and
+// checksum.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace isonest::detail {
+
+/// How the chunks of an array are stored.
+struct CodecSpec {
+    std::size_t element_size = 1;  ///< bytes of one element, the unit of the shuffle
+    bool shuffle = false;          ///< HDF5 filter 2 before the compression
+    int level = 1;                 ///< zstd level
+};
+
+/// Compresses `raw` into `out` (replaced). Thread-safe: the contexts are per thread.
+void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
+                  std::vector<std::byte>& out);
+
+/// Decompresses one stored chunk into `raw`, which has exactly the chunk's size.
+/// `place` names the chunk in the message. Throws Error{corrupt}. Thread-safe.
+void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
+                  std::span<std::byte> raw, const std::string& place);
+
+/// Whether the zstd frames of `packed` fill `raw`; then that is done. Thread-safe.
+[[nodiscard]] bool decompress(std::span<const std::byte> packed, std::span<std::byte> raw);
+/// Undoes HDF5's shuffle of elements of `size` bytes (2, 4 or 8). REQUIRES: from.size() is a
+/// multiple of it, and `to` has as many bytes.
+void unshuffle(std::span<const std::byte> from, std::byte* to, std::size_t size);
+
+/// XXH64 with seed 0.
+std::uint64_t checksum_of(std::span<const std::byte> bytes);
+/// The same of bytes that come piece by piece.
+class Checksum {
+  public:
+    Checksum();
+    Checksum(const Checksum&) = delete;
+    Checksum& operator=(const Checksum&) = delete;
+    ~Checksum();
+    void add(std::span<const std::byte> bytes);
+    [[nodiscard]] std::uint64_t value() const;
+
+  private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+/// Heap that one thread's contexts and buffers may take for chunks of `chunk_bytes`.
+std::size_t codec_heap(std::size_t chunk_bytes, int level);
+/// The same of a thread that only decodes.
+std::size_t decode_heap(std::size_t chunk_bytes);
+
+}  // namespace isonest::detail

@@ -1,0 +1,143 @@
+#include "store/container/format.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <bit>
+
+#include <isonest/error.h>
+
+#include "store/container/indicator_code.h"
+#include "store/lattice/extent.h"
+
+namespace isonest::detail {
+namespace {
+
+void validate(const StoreHeader& header) {
+    for (int axis = 0; axis < 3; ++axis) {
+        if (header.nodes[axis] < 1 || header.nodes[axis] > kMaxNodesPerAxis) {
+            throw Error(
+                ErrorKind::unsupported,
+                fmt::format("a volume of {} x {} x {} nodes: each axis must have 1 to {}",
+                            header.nodes.x, header.nodes.y, header.nodes.z, kMaxNodesPerAxis));
+        }
+    }
+    if (const std::string why = why_no_place(header.nodes, header.spacing, header.origin);
+        !why.empty()) {
+        throw Error(ErrorKind::invalid_argument, why);
+    }
+    if (header.chunk < kMinChunk || header.chunk > kMaxChunk ||
+        !std::has_single_bit(static_cast<unsigned>(header.chunk))) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("chunk {}: must be a power of two from {} to {}", header.chunk,
+                                kMinChunk, kMaxChunk));
+    }
+    if (header.compression < 1 || header.compression > 19) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("compression {}: zstd levels 1 to 19", header.compression));
+    }
+}
+
+}  // namespace
+
+std::string ArrayInfo::place(const Int3& c) const {
+    return fmt::format("level {}, {}, chunk {} {} {}", level, name_of(field), c.x, c.y, c.z);
+}
+
+StoreLayout::StoreLayout(const StoreHeader& header) : header_(header) {
+    validate(header);
+    std::sort(header_.fields.begin(), header_.fields.end());
+    header_.fields.erase(std::unique(header_.fields.begin(), header_.fields.end()),
+                         header_.fields.end());
+    lattice_ = Lattice(header_.nodes);
+    const std::size_t value_size = size_of(header_.type);
+    const std::size_t code_size = header_.exact ? sizeof(float) : sizeof(IndicatorCode);
+    for (int level = 0; level <= lattice_.top(); ++level) {
+        ArrayInfo values;
+        values.level = level;
+        values.nodes = lattice_.nodes_at(level);
+        const std::int64_t k = header_.chunk;
+        values.chunk = min(values.nodes, {k, k, k});
+        values.grid = ceil_div(values.nodes, values.chunk);
+        values.first_row = rows_;
+        values.codec = {value_size, value_size > 1, header_.compression};
+        rows_ += static_cast<std::uint64_t>(values.grid.product());
+        arrays_.push_back(values);
+        if (level == 0) {
+            continue;
+        }
+        for (const Field field : header_.fields) {
+            ArrayInfo indicator = values;
+            indicator.field = field;
+            const int centre = lattice_.centre_slot();
+            indicator.first_slot = level == 1 && centre_suffices_at_level_1(field) ? centre : 0;
+            indicator.components = centre + 1 - indicator.first_slot;
+            indicator.chunk = min(values.nodes, {k / 2, k / 2, k / 2});
+            indicator.grid = ceil_div(values.nodes, indicator.chunk);
+            indicator.codec = {code_size, true, header_.compression};
+            const Field source = level == 1 ? source_at_level_1(field) : field;
+            if (source != field && has(source)) {
+                indicator.alias = true;
+                indicator.first_row = array(level, source).first_row;
+            } else {
+                indicator.first_row = rows_;
+                rows_ += static_cast<std::uint64_t>(indicator.grid.product());
+            }
+            arrays_.push_back(indicator);
+        }
+    }
+}
+
+bool StoreLayout::has(Field field) const {
+    return field == Field::values ||
+           std::find(header_.fields.begin(), header_.fields.end(), field) != header_.fields.end();
+}
+
+std::optional<Field> StoreLayout::tightest_bound() const {
+    for (const Field field :
+         {Field::deviation_bar, Field::deviation_plus, Field::linf_plus, Field::grad_linf_plus}) {
+        if (has(field)) {
+            return field;
+        }
+    }
+    return std::nullopt;
+}
+
+const ArrayInfo& StoreLayout::array(int level, Field field) const {
+    for (const ArrayInfo& array : arrays_) {
+        if (array.level == level && array.field == field) {
+            return array;
+        }
+    }
+    if (has(field)) {
+        throw Error(ErrorKind::not_found,
+                    fmt::format("there is no level {} of {}: levels {} to {} exist", level,
+                                name_of(field), field == Field::values ? 0 : 1, lattice_.top()));
+    }
+    throw Error(ErrorKind::not_found,
+                fmt::format("the store has no field {}; it has {}. Preprocess again with "
+                            "--indicators to add it",
+                            name_of(field), list_names(header_.fields)));
+}
+
+std::string StoreLayout::cube_ranges_path(int level) {
+    return fmt::format("/levels/{}/cube_ranges", level);
+}
+
+std::string StoreLayout::cube_range_sums_path(int level) {
+    return fmt::format("/levels/{}/cube_range_sums", level);
+}
+
+std::string StoreLayout::path_of(const ArrayInfo& array) {
+    return fmt::format("/levels/{}/{}", array.level, name_of(array.field));
+}
+
+std::size_t largest_chunk_bytes(const StoreLayout& layout) {
+    std::size_t largest = 0;
+    for (const ArrayInfo& array : layout.arrays()) {
+        largest = std::max(largest, array.chunk_bytes());
+    }
+    return largest;
+}
+
+}  // namespace isonest::detail

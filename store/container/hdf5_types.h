@@ -1,0 +1,54 @@
+// HDF5 types and attributes as the store uses them. Private to the store.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <isonest/value_type.h>
+
+#include "store/container/format.h"
+#include "store/container/handles.h"
+
+namespace isonest::detail {
+
+/// Little endian type of the values.
+TypeHandle file_type(ValueType type);
+/// Little endian 16-bit float with 8 exponent bits: what an indicator code is.
+TypeHandle indicator_code_type();
+/// The compound of ChunkRow.
+TypeHandle chunk_row_type();
+
+/// Nodes in HDF5's order, z y x, and behind them the components; an array has rank_of() of them.
+std::array<hsize_t, 4> dims_of(const Int3& n, int components);
+int rank_of(const ArrayInfo& array);
+
+/// Attributes of fixed type; failures throw Error{io}.
+void write_attribute(hid_t object, const char* name, std::uint32_t value);
+void write_attribute(hid_t object, const char* name, std::uint64_t value);
+void write_attribute(hid_t object, const char* name, const std::string& value);
+void write_attribute(hid_t object, const char* name, const std::vector<std::uint32_t>& values);
+void write_attribute(hid_t object, const char* name, const std::vector<std::uint64_t>& values);
+void write_attribute(hid_t object, const char* name, const std::vector<std::int64_t>& values);
+void write_attribute(hid_t object, const char* name, const std::vector<double>& values);
+
+/// The bytes of a dataset that lies in the file in one piece; none if it does not, or has another
+/// size than `size` bytes.
+std::span<const std::byte> contiguous(hid_t dataset, std::uint64_t size,
+                                      std::span<const std::byte> file);
+
+/// Empty if the attribute is missing or not `count` numbers; never allocates more than that.
+std::optional<std::vector<std::uint64_t>> read_integers(hid_t object, const char* name,
+                                                        std::size_t count);
+std::optional<std::vector<double>> read_numbers(hid_t object, const char* name, std::size_t count);
+/// Empty if the attribute is missing or not a fixed-length text of at most 4096 bytes.
+std::optional<std::string> read_text(hid_t object, const char* name);
+
+/// XXH64 of the header's attributes, `version` to `has_missing` (FORMAT.md, section 2); empty if
+/// one is missing or of another kind.
+std::optional<std::uint64_t> header_digest(hid_t root);
+
+}  // namespace isonest::detail

@@ -1,0 +1,100 @@
+#include "store/container/hdf5_view.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include <isonest/error.h>
+
+#include "store/container/hdf5_types.h"
+
+namespace isonest::detail {
+
+struct Hdf5View::Impl {
+    FileHandle file;
+    std::string name;  ///< of the open dataset
+    DatasetHandle dataset;
+};
+
+Hdf5View::Hdf5View(const std::filesystem::path& path) : impl_(std::make_unique<Impl>()) {
+    const QuietHdf5 quiet;
+    impl_->file = open_hdf5(path);
+    if (!impl_->file.valid()) {
+        throw Error(ErrorKind::corrupt,
+                    fmt::format("{}: HDF5 cannot open it: {}", path.string(), hdf5_message()));
+    }
+}
+
+Hdf5View::~Hdf5View() = default;
+
+std::string Hdf5View::read(const ArrayInfo& array, const Int3& chunk,
+                           std::vector<std::byte>& out) const {
+    const QuietHdf5 quiet;
+    const std::string name = StoreLayout::path_of(array);
+    if (impl_->name != name) {
+        impl_->name = name;
+        impl_->dataset = DatasetHandle(H5Dopen2(impl_->file.get(), name.c_str(), H5P_DEFAULT));
+    }
+    if (!impl_->dataset.valid()) {
+        return "HDF5 cannot open the dataset: " + hdf5_message();
+    }
+    const hid_t dataset = impl_->dataset.get();
+    const SpaceHandle space(H5Dget_space(dataset));
+    std::array<hsize_t, 4> dims{};
+    const int rank = rank_of(array);
+    const auto expected = dims_of(array.nodes, array.components);
+    if (H5Sget_simple_extent_ndims(space.get()) != rank ||
+        H5Sget_simple_extent_dims(space.get(), dims.data(), nullptr) != rank ||
+        !std::equal(dims.begin(), dims.begin() + rank, expected.begin())) {
+        return "the dataset has other dimensions than the header says";
+    }
+    const auto at = dims_of(array.first_node(chunk), 0);
+    hsize_t size = 0;
+    if (H5Dget_chunk_storage_size(dataset, at.data(), &size) < 0 ||
+        size > 2 * array.chunk_bytes() + 4096) {
+        return "HDF5 does not find the chunk: " + hdf5_message();
+    }
+    out.resize(size);
+    std::uint32_t skipped_filters = 0;
+    if (H5Dread_chunk(dataset, H5P_DEFAULT, at.data(), &skipped_filters, out.data()) < 0) {
+        return "HDF5 cannot read the chunk: " + hdf5_message();
+    }
+    return skipped_filters == 0 ? "" : "a filter of the chunk is marked as skipped";
+}
+
+std::string Hdf5View::vtk_fault(const StoreHeader& header) const {
+    const QuietHdf5 quiet;
+    const GroupHandle group(H5Gopen2(impl_->file.get(), "/VTKHDF", H5P_DEFAULT));
+    if (!group.valid()) {
+        return "there is no group /VTKHDF: VTK and ParaView cannot open the store";
+    }
+    std::vector<double> extent;
+    for (int axis = 0; axis < 3; ++axis) {
+        extent.push_back(0);
+        extent.push_back(static_cast<double>(header.nodes[axis] - 1));
+    }
+    const std::vector<std::pair<const char*, std::vector<double>>> expected{
+        {"Version", {1, 0}},
+        {"WholeExtent", extent},
+        {"Origin", {header.origin.begin(), header.origin.end()}},
+        {"Spacing", {header.spacing.begin(), header.spacing.end()}},
+        {"Direction", {1, 0, 0, 0, 1, 0, 0, 0, 1}}};
+    for (const auto& [name, numbers] : expected) {
+        if (read_numbers(group.get(), name, numbers.size()) != numbers) {
+            return fmt::format("/VTKHDF: {} is not what the header says", name);
+        }
+    }
+    if (read_text(group.get(), "Type") != "ImageData") {
+        return "/VTKHDF: Type is not ImageData";
+    }
+    H5O_info_t ours{};
+    H5O_info_t theirs{};
+    if (H5Oget_info_by_name(impl_->file.get(), "/levels/0/values", &ours, H5P_DEFAULT) < 0 ||
+        H5Oget_info_by_name(group.get(), "PointData/values", &theirs, H5P_DEFAULT) < 0 ||
+        ours.addr != theirs.addr || ours.fileno != theirs.fileno) {
+        return "/VTKHDF/PointData/values is not the dataset /levels/0/values";
+    }
+    return {};
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,33 @@
+// A store's chunks as HDF5 itself finds them: by the index of each dataset, not by our table.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <vector>
+
+#include "store/container/format.h"
+
+namespace isonest::detail {
+
+/// Thread-safety: one thread at a time, and no other HDF5 call meanwhile.
+class Hdf5View {
+  public:
+    /// Throws Error{corrupt} if HDF5 cannot open the file.
+    explicit Hdf5View(const std::filesystem::path& path);
+    Hdf5View(const Hdf5View&) = delete;
+    Hdf5View& operator=(const Hdf5View&) = delete;
+    ~Hdf5View();
+
+    /// The stored bytes of a chunk; returns what is wrong, or nothing. The chunk may have at most
+    /// twice its decoded bytes.
+    std::string read(const ArrayInfo& array, const Int3& chunk, std::vector<std::byte>& out) const;
+
+    /// What is wrong with the group by which VTK finds the volume, or nothing.
+    [[nodiscard]] std::string vtk_fault(const StoreHeader& header) const;
+
+  private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace isonest::detail

@@ -1,0 +1,42 @@
+// Plain volume files that are written slab by slab or box by box: HDF5, NRRD, raw.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+
+#include <isonest/int3.h>
+#include <isonest/value_type.h>
+
+namespace isonest::detail {
+
+/// A file that takes a volume in ascending planes, or in boxes in any order. It appears whole under
+/// its name or not at all. Thread-safety: one thread.
+class VolumeFile {
+  public:
+    VolumeFile() = default;
+    VolumeFile(const VolumeFile&) = delete;
+    VolumeFile& operator=(const VolumeFile&) = delete;
+    virtual ~VolumeFile() = default;
+    /// The next `count` planes, x fastest. Throws Error{io}.
+    virtual void write(const std::byte* planes, std::int64_t count) = 0;
+    /// `size` nodes from `lo` on, x fastest. REQUIRES: the box lies in the volume; write() is not
+    /// called for the same file. Throws Error{io}.
+    virtual void write_box(const Int3& lo, const Int3& size, const std::byte* data) = 0;
+    /// REQUIRES: all nodes were written. Throws Error{io, invalid_argument}.
+    virtual void finish() = 0;
+};
+
+struct VolumeFileSpec {
+    Int3 nodes{1, 1, 1};
+    ValueType type = ValueType::f32;
+    Double3 spacing{1, 1, 1};
+    Double3 origin{0, 0, 0};
+    bool force = false;
+};
+
+/// By the name's ending: .h5 or .hdf5 (dataset /data, [z, y, x], with attributes spacing and origin
+/// in x, y, z order), .nrrd, .raw (no header). Throws Error{invalid_argument, not_found, io}.
+std::unique_ptr<VolumeFile> create_volume_file(const std::filesystem::path& path,
+                                               const VolumeFileSpec& spec);
+
+}  // namespace isonest::detail

@@ -1,0 +1,426 @@
+#include "store/container/writer.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <mutex>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "store/container/handles.h"
+#include "store/container/hdf5_types.h"
+#include "store/container/zstd_filter.h"
+#include "store/files/early_write_back.h"
+#include "store/files/output_file.h"
+#include "store/files/scratch_file.h"
+
+namespace isonest::detail {
+
+struct StoreWriter::Impl {
+    std::filesystem::path path;
+    UnfinishedFile unfinished;
+    StoreLayout layout;
+    FileHandle file;
+    std::vector<DatasetHandle> datasets;  // one per array; invalid for aliases
+    ScratchFile rows_file;
+    std::span<ChunkRow> rows;
+    int read_fd = -1;
+    EarlyWriteBack early;
+    std::uint64_t written = 0;
+    int ranged = kFirstRangeLevel;  ///< the next level whose ranges are to be written
+    mutable std::mutex hdf5;
+
+    Impl(const std::filesystem::path& target, const StoreHeader& header, bool force)
+        : path(target), unfinished(target, force), layout(header), rows_file(target.parent_path()) {
+        rows_file.map(layout.rows() * sizeof(ChunkRow));
+        rows = rows_file.as<ChunkRow>();
+    }
+
+    [[noreturn]] void fail(const std::string& what) const {
+        const std::string detail = hdf5_message();
+        throw Error(ErrorKind::io, fmt::format("{}: cannot {}{}{}", path.string(), what,
+                                               detail.empty() ? "" : ": ", detail));
+    }
+    template <class H>
+    H made(H handle, const char* what) const {
+        if (!handle.valid()) {
+            fail(what);
+        }
+        return handle;
+    }
+
+    void create();
+    GroupHandle create_group(const std::string& name) const;
+    void create_array(const ArrayInfo& array);
+    void write_header() const;
+    void write_vtk_group() const;
+    void write_table() const;
+    /// In one piece.
+    DatasetHandle create_whole(const std::string& name, hid_t type,
+                               std::span<const hsize_t> dims) const;
+    DatasetHandle write_whole(const std::string& name, hid_t type, std::span<const hsize_t> dims,
+                              const void* numbers) const;
+};
+
+void StoreWriter::Impl::create() {
+    const QuietHdf5 quiet;
+    register_zstd_filter();
+    const PropertyHandle access = written_file_access();
+    // Chunks are then allocated one by one at the end of the file: see write_chunk().
+    H5Pset_small_data_block_size(access.get(), 0);
+    file = made(create_hdf5(unfinished.name(), access), "create the file");
+    unfinished.created();
+    datasets.resize(layout.arrays().size());
+    create_group("/levels");
+    for (int level = 0; level <= layout.lattice().top(); ++level) {
+        create_group(fmt::format("/levels/{}", level));
+    }
+    for (const ArrayInfo& array : layout.arrays()) {
+        create_array(array);
+    }
+    write_header();
+    write_vtk_group();
+    read_fd = ::open(unfinished.name().c_str(), O_RDONLY | O_CLOEXEC);
+    if (read_fd < 0) {
+        throw Error(ErrorKind::io, fmt::format("{}: cannot read back: {}",
+                                               unfinished.name().string(), std::strerror(errno)));
+    }
+}
+
+/// Without times, which would make every run's bytes differ.
+GroupHandle StoreWriter::Impl::create_group(const std::string& name) const {
+    const PropertyHandle creation(H5Pcreate(H5P_GROUP_CREATE));
+    H5Pset_obj_track_times(creation.get(), false);
+    return made(
+        GroupHandle(H5Gcreate2(file.get(), name.c_str(), H5P_DEFAULT, creation.get(), H5P_DEFAULT)),
+        "create a group");
+}
+
+void StoreWriter::Impl::create_array(const ArrayInfo& array) {
+    const std::string name = StoreLayout::path_of(array);
+    if (array.alias) {
+        const std::string target =
+            StoreLayout::path_of(layout.array(array.level, source_at_level_1(array.field)));
+        if (H5Lcreate_hard(file.get(), target.c_str(), file.get(), name.c_str(), H5P_DEFAULT,
+                           H5P_DEFAULT) < 0) {
+            fail("link " + name);
+        }
+        return;
+    }
+    const auto dims = dims_of(array.nodes, array.components);
+    const auto chunk = dims_of(array.chunk, array.components);
+    const SpaceHandle space(H5Screate_simple(rank_of(array), dims.data(), nullptr));
+    const PropertyHandle creation(H5Pcreate(H5P_DATASET_CREATE));
+    H5Pset_obj_track_times(creation.get(), false);
+    H5Pset_chunk(creation.get(), rank_of(array), chunk.data());
+    H5Pset_fill_time(creation.get(), H5D_FILL_TIME_NEVER);
+    if (array.codec.shuffle) {
+        H5Pset_shuffle(creation.get());
+    }
+    const auto level = static_cast<unsigned>(array.codec.level);
+    H5Pset_filter(creation.get(), kZstdFilter, H5Z_FLAG_MANDATORY, 1, &level);
+    const TypeHandle type = array.field == Field::values ? file_type(layout.header().type)
+                            : layout.header().exact      ? file_type(ValueType::f32)
+                                                         : indicator_code_type();
+    DatasetHandle dataset =
+        made(DatasetHandle(H5Dcreate2(file.get(), name.c_str(), type.get(), space.get(),
+                                      H5P_DEFAULT, creation.get(), H5P_DEFAULT)),
+             "create a dataset");
+    write_attribute(dataset.get(), "first_chunk_row", array.first_row);
+    datasets[static_cast<std::size_t>(&array - layout.arrays().data())] = std::move(dataset);
+}
+
+void StoreWriter::Impl::write_header() const {
+    const StoreHeader& header = layout.header();
+    const hid_t root = file.get();
+    write_attribute(root, "format", std::string(kFormatName));
+    write_attribute(root, "version", std::vector<std::uint32_t>{kFormatMajor, kFormatMinor});
+    write_attribute(root, "flags", std::uint32_t{0});
+    write_attribute(root, "nodes",
+                    std::vector<std::uint64_t>{static_cast<std::uint64_t>(header.nodes.x),
+                                               static_cast<std::uint64_t>(header.nodes.y),
+                                               static_cast<std::uint64_t>(header.nodes.z)});
+    write_attribute(root, "spacing",
+                    std::vector<double>(header.spacing.begin(), header.spacing.end()));
+    write_attribute(root, "origin",
+                    std::vector<double>(header.origin.begin(), header.origin.end()));
+    write_attribute(root, "value_type", std::string(name_of(header.type)));
+    write_attribute(root, "chunk", static_cast<std::uint32_t>(header.chunk));
+    write_attribute(root, "compression", static_cast<std::uint32_t>(header.compression));
+    write_attribute(root, "exact", static_cast<std::uint32_t>(header.exact ? 1 : 0));
+    std::string fields;
+    for (const Field field : header.fields) {
+        fields += (fields.empty() ? "" : ",") + std::string(name_of(field));
+    }
+    write_attribute(root, "fields", fields);
+}
+
+void StoreWriter::Impl::write_vtk_group() const {
+    const StoreHeader& header = layout.header();
+    const GroupHandle group = create_group("/VTKHDF");
+    const GroupHandle points = create_group("/VTKHDF/PointData");
+    write_attribute(group.get(), "Version", std::vector<std::int64_t>{1, 0});
+    write_attribute(group.get(), "Type", std::string("ImageData"));
+    write_attribute(group.get(), "WholeExtent",
+                    std::vector<std::int64_t>{0, header.nodes.x - 1, 0, header.nodes.y - 1, 0,
+                                              header.nodes.z - 1});
+    write_attribute(group.get(), "Origin",
+                    std::vector<double>(header.origin.begin(), header.origin.end()));
+    write_attribute(group.get(), "Spacing",
+                    std::vector<double>(header.spacing.begin(), header.spacing.end()));
+    write_attribute(group.get(), "Direction", std::vector<double>{1, 0, 0, 0, 1, 0, 0, 0, 1});
+    write_attribute(points.get(), "Scalars", std::string("values"));
+    if (H5Lcreate_hard(file.get(), "/levels/0/values", points.get(), "values", H5P_DEFAULT,
+                       H5P_DEFAULT) < 0) {
+        fail("link /VTKHDF/PointData/values");
+    }
+}
+
+void StoreWriter::Impl::write_table() const {
+    double low = std::numeric_limits<double>::infinity();
+    double high = -low;
+    std::uint32_t missing = 0;
+    for (const ArrayInfo& array : layout.arrays()) {
+        if (array.level != 0) {
+            continue;
+        }
+        for (const ChunkRow& row :
+             rows.subspan(array.first_row, static_cast<std::size_t>(array.grid.product()))) {
+            low = std::fmin(low, row.min);
+            high = std::fmax(high, row.max);
+            missing |= row.flags & kChunkHasMissing;
+        }
+    }
+    write_attribute(file.get(), "range", std::vector<double>{low, high});
+    write_attribute(file.get(), "has_missing", missing);
+    const std::optional<std::uint64_t> digest = header_digest(file.get());
+    if (!digest) {
+        fail("read back the header");
+    }
+    write_attribute(file.get(), "xxh64", *digest);
+    const std::array<hsize_t, 1> count{rows.size()};
+    const DatasetHandle table = write_whole("/chunks", chunk_row_type().get(), count, rows.data());
+    write_attribute(table.get(), "xxh64", checksum_of(std::as_bytes(rows)));
+    write_attribute(file.get(), "complete", std::uint32_t{1});
+}
+
+DatasetHandle StoreWriter::Impl::create_whole(const std::string& name, const hid_t type,
+                                              std::span<const hsize_t> dims) const {
+    const SpaceHandle space(H5Screate_simple(static_cast<int>(dims.size()), dims.data(), nullptr));
+    const PropertyHandle creation(H5Pcreate(H5P_DATASET_CREATE));
+    H5Pset_obj_track_times(creation.get(), false);
+    return made(DatasetHandle(H5Dcreate2(file.get(), name.c_str(), type, space.get(), H5P_DEFAULT,
+                                         creation.get(), H5P_DEFAULT)),
+                ("create " + name).c_str());
+}
+
+DatasetHandle StoreWriter::Impl::write_whole(const std::string& name, const hid_t type,
+                                             std::span<const hsize_t> dims,
+                                             const void* numbers) const {
+    DatasetHandle dataset = create_whole(name, type, dims);
+    if (H5Dwrite(dataset.get(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT, numbers) < 0) {
+        fail("write " + name);
+    }
+    return dataset;
+}
+
+namespace {
+
+/// How many are packed and written together.
+constexpr std::int64_t kRangesAtOnce = 65536;
+
+/// The ranges as they are stored.
+void pack(std::span<const CubeRange> ranges, ValueType type, std::vector<std::byte>& out) {
+    dispatch(type, [&](auto tag) {
+        using T = typename decltype(tag)::type;
+        out.resize(ranges.size() * 2 * sizeof(T));
+        std::byte* to = out.data();
+        for (const CubeRange& range : ranges) {
+            const std::array<T, 2> both{static_cast<T>(range.low), static_cast<T>(range.high)};
+            std::memcpy(to, both.data(), sizeof(both));
+            to += sizeof(both);
+        }
+    });
+}
+
+}  // namespace
+
+void leave_hdf5_alone_at_exit() {
+    H5dont_atexit();
+}
+
+StoreWriter::StoreWriter(const std::filesystem::path& path, const StoreHeader& header, bool force) {
+    impl_ = std::make_unique<Impl>(path, header, force);
+    try {
+        impl_->create();
+    } catch (...) {
+        impl_->datasets.clear();
+        impl_->file.reset();
+        throw;
+    }
+}
+
+StoreWriter::~StoreWriter() {
+    if (impl_->read_fd >= 0) {
+        ::close(impl_->read_fd);
+    }
+    const QuietHdf5 quiet;
+    impl_->datasets.clear();
+    impl_->file.reset();
+}
+
+const StoreLayout& StoreWriter::layout() const {
+    return impl_->layout;
+}
+
+std::uint64_t StoreWriter::bytes_written() const {
+    const std::lock_guard lock(impl_->hdf5);
+    return impl_->written;
+}
+
+void StoreWriter::write_chunk(const ArrayInfo& array, const Int3& chunk,
+                              std::span<const std::byte> encoded, ChunkRow row) {
+    const auto at = dims_of(array.first_node(chunk), 0);
+    const auto index = static_cast<std::size_t>(&array - impl_->layout.arrays().data());
+    row.bytes = static_cast<std::uint32_t>(encoded.size());
+    row.checksum = checksum_of(encoded);
+    {
+        const std::lock_guard lock(impl_->hdf5);
+        const QuietHdf5 quiet;
+        const hid_t dataset = impl_->datasets[index].get();
+        // Asking HDF5 for a chunk's address walks its index, O(chunks) for each. A new chunk is
+        // allocated at the end of the file, so its address is the size before the write; reading
+        // the bytes back proves it, and where it is not so (the first chunk of an index), HDF5 is
+        // asked.
+        hsize_t end = 0;
+        H5Fget_filesize(impl_->file.get(), &end);
+        if (H5Dwrite_chunk(dataset, H5P_DEFAULT, 0, at.data(), encoded.size(), encoded.data()) <
+            0) {
+            impl_->fail("write " + array.place(chunk));
+        }
+        impl_->written += encoded.size();
+        std::array<std::byte, 64> back{};
+        const std::size_t probe = std::min(back.size(), encoded.size());
+        const std::size_t tail = encoded.size() - probe;
+        const auto matches = [&](std::size_t part) {
+            return ::pread(impl_->read_fd, back.data(), probe, static_cast<off_t>(end + part)) ==
+                       static_cast<ssize_t>(probe) &&
+                   std::memcmp(back.data(), encoded.data() + part, probe) == 0;
+        };
+        if (matches(0) && matches(tail)) {
+            row.offset = end;
+        } else {
+            unsigned mask = 0;
+            haddr_t address = HADDR_UNDEF;
+            hsize_t size = 0;
+            if (H5Dget_chunk_info_by_coord(dataset, at.data(), &mask, &address, &size) < 0 ||
+                address == HADDR_UNDEF || size != encoded.size()) {
+                impl_->fail("find " + array.place(chunk) + " after writing it");
+            }
+            row.offset = address;
+        }
+    }
+    impl_->rows[array.row_of(chunk)] = row;
+    impl_->early.wrote(impl_->read_fd, encoded.size());
+}
+
+ChunkRow StoreWriter::row(const ArrayInfo& array, const Int3& chunk) const {
+    return impl_->rows[array.row_of(chunk)];
+}
+
+void StoreWriter::decode(const ArrayInfo& array, const Int3& chunk,
+                         std::span<std::byte> raw) const {
+    const ChunkRow& row = impl_->rows[array.row_of(chunk)];
+    thread_local std::vector<std::byte> stored;
+    stored.resize(row.bytes);
+    if (::pread(impl_->read_fd, stored.data(), stored.size(), static_cast<off_t>(row.offset)) !=
+        static_cast<ssize_t>(stored.size())) {
+        throw Error(ErrorKind::io,
+                    fmt::format("{}: cannot read back {}: {}", impl_->unfinished.name().string(),
+                                array.place(chunk), std::strerror(errno)));
+    }
+    decode_chunk(stored, array.codec, raw,
+                 impl_->unfinished.name().string() + ": " + array.place(chunk));
+}
+
+void StoreWriter::write_cube_ranges(int level, std::span<const CubeRange> ranges) {
+    const QuietHdf5 quiet;
+    const std::lock_guard lock(impl_->hdf5);
+    const ValueType type = cube_range_type(impl_->layout.header().type);
+    const Int3 cells = impl_->layout.lattice().cells_at(level);
+    const std::string name = StoreLayout::cube_ranges_path(level);
+    const TypeHandle stored = file_type(type);
+    const auto dims = dims_of(cells, 2);
+    const DatasetHandle dataset = impl_->create_whole(name, stored.get(), dims);
+    const SpaceHandle space(H5Screate_simple(dims.size(), dims.data(), nullptr));
+    const std::int64_t most = std::max<std::int64_t>(1, kRangesAtOnce / cells.x);  // rows
+    std::vector<std::byte> packed;
+    std::vector<std::uint64_t> sums;
+    sums.reserve(static_cast<std::size_t>(cells.z));
+    for (std::int64_t z = 0; z < cells.z; ++z) {
+        Checksum sum;
+        for (std::int64_t y = 0; y < cells.y; y += most) {
+            const Int3 rows{cells.x, std::min(most, cells.y - y), 1};
+            pack(ranges.subspan(static_cast<std::size_t>(cells.linear({0, y, z})),
+                                static_cast<std::size_t>(rows.product())),
+                 type, packed);
+            sum.add(packed);
+            const auto at = dims_of({0, y, z}, 0);
+            const auto count = dims_of(rows, 2);
+            const SpaceHandle memory(H5Screate_simple(count.size(), count.data(), nullptr));
+            if (H5Sselect_hyperslab(space.get(), H5S_SELECT_SET, at.data(), nullptr, count.data(),
+                                    nullptr) < 0 ||
+                H5Dwrite(dataset.get(), stored.get(), memory.get(), space.get(), H5P_DEFAULT,
+                         packed.data()) < 0) {
+                impl_->fail("write " + name);
+            }
+        }
+        sums.push_back(sum.value());
+    }
+    const std::array<hsize_t, 1> count{sums.size()};
+    const DatasetHandle checksums = impl_->write_whole(StoreLayout::cube_range_sums_path(level),
+                                                       H5T_STD_U64LE, count, sums.data());
+    write_attribute(checksums.get(), "xxh64", checksum_of(std::as_bytes(std::span(sums))));
+    impl_->ranged = level + 1;
+}
+
+const std::filesystem::path& StoreWriter::temporary() const {
+    return impl_->unfinished.name();
+}
+
+void StoreWriter::keep() {
+    impl_->unfinished.keep();
+}
+
+void StoreWriter::finish() {
+    const QuietHdf5 quiet;
+    for (const ChunkRow& row : impl_->rows) {
+        if (row.bytes == 0) {
+            throw Error(ErrorKind::io, fmt::format("{}: a chunk was never written; this is a bug",
+                                                   impl_->path.string()));
+        }
+    }
+    if (impl_->layout.has_cube_ranges(impl_->ranged)) {
+        throw Error(ErrorKind::io, fmt::format("{}: ranges of cubes were never written; this is a "
+                                               "bug",
+                                               impl_->path.string()));
+    }
+    impl_->write_table();
+    bool closed = true;
+    for (DatasetHandle& dataset : impl_->datasets) {
+        closed = (!dataset.valid() || dataset.close()) && closed;
+    }
+    closed = impl_->file.close() && closed;
+    if (!closed) {
+        impl_->fail("close the file");
+    }
+    impl_->unfinished.publish();
+}
+
+}  // namespace isonest::detail

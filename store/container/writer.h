@@ -1,0 +1,50 @@
+// Writes a store: chunks in any order, then the table; whole under its name or not at all.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+
+#include "store/container/chunk_source.h"
+
+namespace isonest::detail {
+
+/// A store that is being written under a temporary name beside its final one.
+/// Thread-safety: write_chunk(), row() and decode() from any thread; finish() from one.
+class StoreWriter : public ChunkSource {
+  public:
+    /// Throws what check_output() throws, and Error{io}.
+    StoreWriter(const std::filesystem::path& path, const StoreHeader& header, bool force);
+    /// Removes the temporary file unless finish() succeeded or keep() was called.
+    ~StoreWriter() override;
+
+    [[nodiscard]] const StoreLayout& layout() const override;
+    /// Appends one encoded chunk. `row` brings flags, min and max; offset, size and checksum are
+    /// filled in. REQUIRES: each chunk of a non-alias array exactly once.
+    /// Throws Error{io}.
+    void write_chunk(const ArrayInfo& array, const Int3& chunk, std::span<const std::byte> encoded,
+                     ChunkRow row);
+    /// The ranges of a level's cubes, [z][y][x]. REQUIRES: once for each level that has them, in
+    /// ascending order, after all chunks. Throws Error{io}.
+    void write_cube_ranges(int level, std::span<const CubeRange> ranges);
+    [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override;
+    void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
+    [[nodiscard]] std::uint64_t bytes_written() const;
+
+    /// The unfinished file's name.
+    [[nodiscard]] const std::filesystem::path& temporary() const;
+    /// The unfinished file stays.
+    void keep();
+    /// Writes table and completeness mark, syncs, renames. Throws Error{io}.
+    void finish();
+
+  private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
+};
+
+/// For main(), before anything else: HDF5 then closes nothing at exit. All of isonest's files are
+/// closed by their owners; without this call, HDF5 1.10 would try a close that failed (a full disk)
+/// once more at exit, and crash.
+void leave_hdf5_alone_at_exit();
+
+}  // namespace isonest::detail

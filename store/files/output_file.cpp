@@ -1,0 +1,257 @@
+#include "store/files/output_file.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <optional>
+#include <string_view>
+
+#include <isonest/error.h>
+
+namespace isonest::detail {
+namespace {
+
+std::filesystem::path folder_of(const std::filesystem::path& path) {
+    const std::filesystem::path folder = path.parent_path();
+    return folder.empty() ? std::filesystem::path(".") : folder;
+}
+
+[[noreturn]] void fail_on(const std::filesystem::path& path, const char* what, int error) {
+    throw Error(ErrorKind::io,
+                fmt::format("{}: cannot {}: {}", path.string(), what, std::strerror(error)));
+}
+
+class Descriptor {
+  public:
+    Descriptor(const std::filesystem::path& path, int flags)
+        : path_(path), fd_(::open(path.c_str(), flags | O_CLOEXEC)) {
+        if (fd_ < 0) {
+            fail_on(path_, "write to disk", errno);
+        }
+    }
+    Descriptor(const Descriptor&) = delete;
+    Descriptor& operator=(const Descriptor&) = delete;
+    ~Descriptor() { ::close(fd_); }
+    [[nodiscard]] int get() const { return fd_; }
+    void sync() const {
+        if (::fsync(fd_) != 0) {
+            fail_on(path_, "write to disk", errno);
+        }
+    }
+
+  private:
+    const std::filesystem::path& path_;
+    int fd_;
+};
+
+/// What lies under a name itself, not where it leads; nothing if it is free.
+std::optional<struct stat> status_of(const std::filesystem::path& path) {
+    struct stat status {};
+    if (::lstat(path.c_str(), &status) == 0) {
+        return status;
+    }
+    if (errno != ENOENT) {
+        fail_on(path, "look at it", errno);
+    }
+    return std::nullopt;
+}
+
+constexpr std::string_view kMark = ".partial-";
+constexpr mode_t kPermissions = S_IRWXU | S_IRWXG | S_IRWXO;
+
+[[noreturn]] void exists_already(const std::filesystem::path& path) {
+    throw Error(
+        ErrorKind::invalid_argument,
+        fmt::format("{} exists; give --force to replace it, or another name", path.string()));
+}
+
+[[noreturn]] void never_replaced(const std::filesystem::path& path, const std::string& what) {
+    throw Error(ErrorKind::invalid_argument,
+                fmt::format("{} is {}, and only regular files are replaced; give another name",
+                            path.string(), what));
+}
+
+void require_regular(const std::filesystem::path& path, mode_t mode) {
+    std::error_code ignored;
+    if (S_ISREG(mode)) {
+        return;
+    }
+    if (S_ISDIR(mode)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} is a folder; give a file name", path.string()));
+    }
+    if (S_ISLNK(mode)) {
+        const std::string to = std::filesystem::read_symlink(path, ignored).string();
+        never_replaced(path, std::filesystem::exists(path, ignored)
+                                 ? fmt::format("a link to {}", to)
+                                 : fmt::format("a link to {}, where there is nothing", to));
+    }
+    never_replaced(path, S_ISFIFO(mode) ? "a FIFO" : S_ISSOCK(mode) ? "a socket" : "a device");
+}
+
+/// The permissions of `old`, and its owner and group where that is allowed.
+void keep_permissions(int fd, const std::filesystem::path& path, const struct stat& old) {
+    struct stat mine {};
+    if (::fstat(fd, &mine) != 0) {
+        fail_on(path, "inspect it", errno);
+    }
+    mode_t mode = old.st_mode & kPermissions;
+    if (mine.st_gid != old.st_gid && ::fchown(fd, static_cast<uid_t>(-1), old.st_gid) != 0) {
+        // What the old group could do is not for another one.
+        mode &= ~static_cast<mode_t>(S_IRWXG) | ((mode & S_IRWXO) << 3U);
+    }
+    if ((mine.st_mode & kPermissions) != mode && ::fchmod(fd, mode) != 0 && errno != EPERM &&
+        errno != ENOTSUP && errno != ENOSYS) {  // file systems without permissions
+        fail_on(path, "keep the permissions", errno);
+    }
+    if (mine.st_uid != old.st_uid) {
+        [[maybe_unused]] const int allowed = ::fchown(fd, old.st_uid, static_cast<gid_t>(-1));
+    }
+}
+
+}  // namespace
+
+std::filesystem::path temporary_prefix(const std::filesystem::path& path) {
+    const std::string name = path.filename().string();
+    const bool is_temporary = name.starts_with('.') && name.find(kMark) != std::string::npos;
+    return folder_of(path) / fmt::format("{}{}{}", is_temporary ? "" : ".", name, kMark);
+}
+
+std::filesystem::path temporary_name(const std::filesystem::path& path) {
+    // In containers, process ids come again: what another run left is not to be overwritten.
+    const std::string first = (temporary_prefix(path) += std::to_string(::getpid())).string();
+    std::string name = first;
+    std::error_code ignored;
+    for (int i = 2; std::filesystem::exists(std::filesystem::symlink_status(name, ignored)); ++i) {
+        name = fmt::format("{}-{}", first, i);
+    }
+    return name;
+}
+
+void check_output(const std::filesystem::path& path, bool force,
+                  const std::vector<std::filesystem::path>& inputs) {
+    std::error_code ignored;
+    if (path.filename().empty()) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} is a folder; give a file name", path.string()));
+    }
+    if (!std::filesystem::is_directory(folder_of(path), ignored)) {
+        throw Error(ErrorKind::not_found, fmt::format("{}: there is no folder {}", path.string(),
+                                                      folder_of(path).string()));
+    }
+    const std::optional<struct stat> there = status_of(path);
+    if (!there) {
+        return;
+    }
+    for (const std::filesystem::path& input : inputs) {
+        if (std::filesystem::equivalent(path, input, ignored)) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("{} is read, and would be lost if it were also the output; "
+                                    "give another name",
+                                    path.string()));
+        }
+    }
+    require_regular(path, there->st_mode);
+    if (!force) {
+        exists_already(path);
+    }
+}
+
+UnfinishedFile::UnfinishedFile(std::filesystem::path output, bool force)
+    : output_(std::move(output)), name_(temporary_name(output_)), force_(force) {
+    check_output(output_, force_, {});
+}
+
+UnfinishedFile::~UnfinishedFile() {
+    if (at_end_ == AtEnd::remove) {
+        ::unlink(name_.c_str());
+    }
+}
+
+void UnfinishedFile::created() const {
+    const std::optional<struct stat> old = status_of(output_);
+    const std::optional<struct stat> mine = status_of(name_);
+    if (old && mine && S_ISREG(old->st_mode)) {
+        const mode_t mode = (mine->st_mode & old->st_mode & kPermissions) | S_IRUSR | S_IWUSR;
+        // Where there are no permissions, there is nothing to restrict.
+        [[maybe_unused]] const int restricted = ::chmod(name_.c_str(), mode);
+    }
+}
+
+void UnfinishedFile::publish() {
+    {
+        const Descriptor file(name_, O_RDONLY);
+        const std::optional<struct stat> old = force_ ? status_of(output_) : std::nullopt;
+        if (old) {
+            require_regular(output_, old->st_mode);
+            keep_permissions(file.get(), output_, *old);
+        }
+        file.sync();
+    }
+    const unsigned flags = force_ ? 0U : static_cast<unsigned>(RENAME_NOREPLACE);
+    int result = ::renameat2(AT_FDCWD, name_.c_str(), AT_FDCWD, output_.c_str(), flags);
+    if (result != 0 && errno == EINVAL && !force_) {
+        // The file system has no exclusive rename: a hard link is exclusive as well.
+        result = ::link(name_.c_str(), output_.c_str());
+        if (result == 0) {
+            ::unlink(name_.c_str());
+        }
+    }
+    if (result != 0) {
+        if (errno == EEXIST) {
+            exists_already(output_);
+        }
+        fail_on(output_, "give the finished file its name", errno);
+    }
+    at_end_ = AtEnd::nothing;
+    const std::filesystem::path folder = folder_of(output_);
+    Descriptor(folder, O_RDONLY | O_DIRECTORY).sync();
+}
+
+OutputFile::OutputFile(std::filesystem::path path, bool force,
+                       const std::function<void(const std::filesystem::path& temporary)>& prepare)
+    : path_(std::move(path)), unfinished_(path_, force) {
+    if (prepare) {
+        prepare(unfinished_.name());
+    }
+    const int flags = prepare ? O_NOFOLLOW : O_CREAT | O_EXCL;
+    fd_ = ::open(unfinished_.name().c_str(), flags | O_WRONLY | O_CLOEXEC, 0666);
+    if (fd_ < 0) {
+        fail_on(path_, "create", errno);
+    }
+    unfinished_.created();
+}
+
+OutputFile::~OutputFile() {
+    if (fd_ >= 0) {
+        ::close(fd_);
+    }
+}
+
+void OutputFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes) const {
+    while (!bytes.empty()) {
+        const ssize_t n = ::pwrite(fd_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
+        if (n < 0 && errno == EINTR) {
+            continue;
+        }
+        if (n <= 0) {
+            fail_on(path_, "write", n == 0 ? ENOSPC : errno);
+        }
+        early_.wrote(fd_, static_cast<std::uint64_t>(n));
+        offset += static_cast<std::uint64_t>(n);
+        bytes = bytes.subspan(static_cast<std::size_t>(n));
+    }
+}
+
+void OutputFile::publish_as_named() {
+    unfinished_.publish();
+    ::close(fd_);
+    fd_ = -1;
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,154 @@
+#include "store/files/scratch_file.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/file.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <string>
+#include <utility>
+
+#include <isonest/error.h>
+
+namespace isonest::detail {
+namespace {
+
+[[noreturn]] void fail(const std::filesystem::path& folder, const char* what, int error) {
+    throw Error(ErrorKind::io,
+                fmt::format("temporary space in {}: {}: {}; free some space or choose another "
+                            "output folder",
+                            folder.string(), what, std::strerror(error)));
+}
+
+}  // namespace
+
+ScratchFile::ScratchFile(const std::filesystem::path& folder)
+    : folder_(folder.empty() ? std::filesystem::path(".") : folder) {
+    fd_ = ::open(folder_.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
+    if (fd_ < 0) {
+        std::string name = (folder_ / fmt::format("{}{}-XXXXXX", kPrefix, ::getpid())).string();
+        fd_ = ::mkostemp(name.data(), O_CLOEXEC);
+        if (fd_ < 0) {
+            fail(folder_, "cannot create a file", errno);
+        }
+        ::unlink(name.c_str());
+    }
+}
+
+ScratchFile ScratchFile::named(const std::filesystem::path& file) {
+    const std::filesystem::path folder = file.parent_path().empty() ? "." : file.parent_path();
+    ::unlink(file.c_str());
+    const int fd = ::open(file.c_str(), O_CREAT | O_EXCL | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
+    if (fd < 0) {
+        fail(folder, "cannot create a file", errno);
+    }
+    return {fd, folder, file};
+}
+
+ScratchFile::ScratchFile(ScratchFile&& other) noexcept
+    : fd_(std::exchange(other.fd_, -1)),
+      folder_(std::move(other.folder_)),
+      name_(std::exchange(other.name_, {})),
+      map_(std::exchange(other.map_, nullptr)),
+      mapped_(std::exchange(other.mapped_, 0)) {}
+
+ScratchFile& ScratchFile::operator=(ScratchFile&& other) noexcept {
+    if (this != &other) {
+        close();
+        fd_ = std::exchange(other.fd_, -1);
+        folder_ = std::move(other.folder_);
+        name_ = std::exchange(other.name_, {});
+        map_ = std::exchange(other.map_, nullptr);
+        mapped_ = std::exchange(other.mapped_, 0);
+    }
+    return *this;
+}
+
+ScratchFile::~ScratchFile() {
+    close();
+}
+
+void ScratchFile::close() {
+    unmap();
+    if (!name_.empty()) {
+        ::unlink(name_.c_str());
+    }
+    if (fd_ >= 0) {
+        ::close(fd_);
+    }
+}
+
+void ScratchFile::lock() const {
+    ::flock(fd_, LOCK_EX | LOCK_NB);
+}
+
+void ScratchFile::unmap() {
+    if (map_ != nullptr) {
+        ::munmap(map_, mapped_);
+    }
+    map_ = nullptr;
+    mapped_ = 0;
+}
+
+void ScratchFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes) {
+    while (!bytes.empty()) {
+        const ssize_t n = ::pwrite(fd_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
+        if (n < 0 && errno == EINTR) {
+            continue;
+        }
+        if (n <= 0) {
+            fail(folder_, "cannot write", n == 0 ? ENOSPC : errno);
+        }
+        bytes = bytes.subspan(static_cast<std::size_t>(n));
+        offset += static_cast<std::uint64_t>(n);
+    }
+}
+
+void ScratchFile::read_at(std::uint64_t offset, std::span<std::byte> bytes) const {
+    while (!bytes.empty()) {
+        const ssize_t n = ::pread(fd_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
+        if (n < 0 && errno == EINTR) {
+            continue;
+        }
+        if (n <= 0) {
+            fail(folder_, "cannot read", n == 0 ? EIO : errno);
+        }
+        bytes = bytes.subspan(static_cast<std::size_t>(n));
+        offset += static_cast<std::uint64_t>(n);
+    }
+}
+
+std::span<std::byte> ScratchFile::map(std::uint64_t bytes) {
+    unmap();
+    if (bytes == 0) {
+        return {};
+    }
+    struct stat status {};
+    if (::fstat(fd_, &status) != 0) {
+        fail(folder_, "cannot inspect", errno);
+    }
+    // Also fills holes: a store to a hole of a full disk would be a fault.
+    const int error = ::posix_fallocate(fd_, 0, static_cast<off_t>(bytes));
+    if (error != 0) {
+        fail(folder_, fmt::format("cannot reserve {} bytes", bytes).c_str(), error);
+    }
+    void* const p = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd_, 0);
+    if (p == MAP_FAILED) {
+        fail(folder_, "cannot map", errno);
+    }
+    map_ = static_cast<std::byte*>(p);
+    mapped_ = bytes;
+    return {map_, bytes};
+}
+
+void ScratchFile::release(std::uint64_t offset, std::uint64_t bytes) const {
+    // Without this feature the space is in use until the end, nothing worse.
+    ::fallocate(fd_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, static_cast<off_t>(offset),
+                static_cast<off_t>(bytes));
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,91 @@
+// The nodal fields that a store holds per level.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace isonest {
+
+/// What a node's number measures before it is saturated (section 4 of the paper). x is the node,
+/// U_delta(x) = U(x) - (U(x1) + U(x2)) / 2 with x1, x2 the ends of its refinement edge.
+enum class Indicator : std::uint8_t {
+    linf,             ///< eta_infinity = |U_delta|
+    deviation,        ///< eta*_infinity: |U - U^l| over the support of x, U the finest function
+    l1,               ///< eta_1 = |U_delta| sum |T| / (d + 1)
+    l2,               ///< eta_2 = |U_delta| sqrt(sum |T|) / (d + 1)
+    grad_linf,        ///< eta_{1,infinity} = max |grad U_delta|
+    grad_l1,          ///< eta_{1,1}: the integral of |grad U_delta| over the support
+    grad_l2,          ///< eta_{1,2}: the square root of that of |grad U_delta|^2
+    grad_edge,        ///< eta_{1,e} = 2 |U_delta| / h(e_ref)
+    normal,           ///< the jump of grad U / |grad U| over F_ref, as a vector, the largest one
+    normal_edge,      ///< eta_{N,e}: the jump of the derivative along e_ref over |grad U|
+    normal_turn,      ///< the largest change of grad U / |grad U| from an element to its children
+    normal_component  ///< eta_N: the part of that jump that is normal to F_ref, the largest one
+};
+inline constexpr int kIndicatorCount = 12;
+
+/// How a node covers its children: bar(x) = max(eta(x), max bar(c)), plus(x) = eta(x) + max
+/// plus(c).
+enum class Saturation : std::uint8_t { bar, plus };
+
+/// Values, or an indicator with its saturation.
+enum class Field : std::uint8_t {
+    values,
+    linf_bar,       ///< an estimate
+    linf_plus,      ///< a bound on |U - U^l|, loose
+    deviation_bar,  ///< a bound on |U - U^l|, nearly exact
+    deviation_plus,
+    l1_bar,
+    l1_plus,
+    l2_bar,
+    l2_plus,
+    grad_linf_bar,
+    grad_linf_plus,  ///< a bound on |grad U - grad U^l|
+    grad_l1_bar,
+    grad_l1_plus,
+    grad_l2_bar,
+    grad_l2_plus,
+    grad_edge_bar,
+    grad_edge_plus,
+    normal_bar,
+    normal_plus,
+    normal_edge_bar,
+    normal_edge_plus,
+    normal_turn_bar,
+    normal_turn_plus,  ///< a bound on |N - N^l|, N = grad U / |grad U|
+    normal_component_bar,
+    normal_component_plus
+};
+inline constexpr int kFieldCount = 1 + 2 * kIndicatorCount;
+
+/// The name in the store and on the command line.
+std::string_view name_of(Field field);
+std::optional<Field> field_from_name(std::string_view name);
+/// REQUIRES: field != values.
+Indicator indicator_of(Field field);
+Saturation saturation_of(Field field);
+Field field_of(Indicator indicator, Saturation saturation);
+
+/// At level 1 the deviation is attained at nodes that the element's own refinement reaches, so the
+/// deviation fields there are the fields of eta_infinity; every other field is its own.
+Field source_at_level_1(Field field);
+/// Whether level 1 keeps the centres alone, because its faces and edges follow from the values of
+/// level 0 by query/view/finest_indicators.h.
+bool centre_suffices_at_level_1(Field field);
+
+/// Whether the field (or, for grad_linf_plus, h(T) times it) bounds |U - U^l| in an element that
+/// refines at the node: section 5 of the paper, without its factor 1/2.
+bool is_bound(Field field);
+
+/// What preprocess makes unless told otherwise.
+const std::vector<Field>& default_indicators();
+/// All indicator fields, in the order of the store.
+const std::vector<Field>& all_indicators();
+std::vector<std::string> names_of(const std::vector<Field>& fields);
+/// "linf_bar, linf_plus": for messages.
+std::string list_names(const std::vector<Field>& fields);
+
+}  // namespace isonest

@@ -1,0 +1,135 @@
+// isonest check: the consistency tests of a store.
+#include <fmt/format.h>
+
+#include <memory>
+
+#include <isonest/error.h>
+#include <isonest/volume_source.h>
+
+#include "query/check/check.h"
+#include "tools/cli/command.h"
+#include "tools/cli/source_options.h"
+#include "tools/cli/units.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+struct Arguments {
+    std::string store;
+    std::string source;
+    SourceOptions source_options;
+    CheckOptions check;
+};
+
+void open_source(Arguments& a, const StoreReader& store) {
+    const std::shared_ptr<VolumeSource> source = open_volume(a.source, a.source_options);
+    const StoreHeader& h = store.layout().header();
+    const Int3 n = source->nodes();
+    if (n != h.nodes || source->type() != h.type) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} is {} x {} x {} {}, but {} was made from {} x {} x {} {}: give "
+                                "the file (and --dataset) it was made from",
+                                source->name(), n.x, n.y, n.z, name_of(source->type()), a.store,
+                                h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type)));
+    }
+    const auto [planes, rows] = source->granularity();
+    a.check.source_order = {planes, rows, source->sequential()};
+    a.check.source = [source](std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+                              std::byte* out) { source->read(z0, nz, y0, ny, out); };
+}
+
+std::uint64_t stored_chunks(const StoreLayout& layout) {
+    std::int64_t count = 0;
+    for (const ArrayInfo& array : layout.arrays()) {
+        count += array.alias ? 0 : array.grid.product();
+    }
+    return static_cast<std::uint64_t>(count);
+}
+
+Result run(Arguments& a, Progress& progress) {
+    const StoreReader store(a.store);
+    if (!a.source.empty()) {
+        a.source_options.max_heap = a.check.memory / 4;
+        open_source(a, store);
+    }
+    const CheckReport r = check(store, a.check, progress);
+    Result result;
+    result.exit_code = r.failures > 0 ? static_cast<int>(ErrorKind::corrupt) : 0;
+    result.json = {{"store", a.store},         {"ok", r.failures == 0}, {"chunks", r.chunks},
+                   {"nodes", r.nodes},         {"cubes", r.cubes},      {"failures", r.failures},
+                   {"findings", Json::array()}};
+    for (const Finding& f : r.findings) {
+        Json finding{{"test", f.test},   {"level", f.level},
+                     {"field", f.field}, {"chunk", {f.chunk.x, f.chunk.y, f.chunk.z}},
+                     {"node", nullptr},  {"message", f.message}};
+        std::string node;
+        if (f.node.x >= 0) {
+            finding["node"] = {f.node.x, f.node.y, f.node.z};
+            node = fmt::format(", node {} {} {}", f.node.x, f.node.y, f.node.z);
+        }
+        result.json["findings"].push_back(std::move(finding));
+        result.text += fmt::format("{}: level {}, {}, chunk {} {} {}{}: {}\n", f.test, f.level,
+                                   f.field, f.chunk.x, f.chunk.y, f.chunk.z, node, f.message);
+    }
+    if (r.failures > r.findings.size()) {
+        result.text += fmt::format("... and {} more\n", r.failures - r.findings.size());
+    }
+    const bool only_values = std::all_of(r.findings.begin(), r.findings.end(),
+                                         [](const Finding& f) { return f.test == "source"; });
+    if (r.failures > 0 && only_values && store.has_missing() && !a.source_options.missing) {
+        result.text +=
+            "The store has missing values: if preprocess was given --missing V, give the same "
+            "here.\n";
+    }
+    const std::uint64_t all = stored_chunks(store.layout());
+    result.json["chunks_total"] = all;
+    if (r.chunks < all && r.failures == 0) {
+        result.text += fmt::format(
+            "{}: nothing is wrong in the table and in a sample of {} of {} chunks; without --quick "
+            "all are read\n",
+            a.store, r.chunks, all);
+        return result;
+    }
+    result.text += fmt::format(
+        "{}: {} ({} chunks, {} nodes, {} cubes by brute force{})\n", a.store,
+        r.failures == 0 ? std::string("all is well") : fmt::format("{} findings", r.failures),
+        r.chunks, human_count(static_cast<double>(r.nodes)), r.cubes,
+        a.source.empty() ? "" : ", values as in the source");
+    return result;
+}
+
+}  // namespace
+
+void add_check(CLI::App& app, Invocation& chosen) {
+    const auto a = std::make_shared<Arguments>();
+    CLI::App* const c = add_command(
+        app, chosen, "check",
+        {"Test a store, from checksums to brute force",
+         "All checksums, the table, levels against each other, saturation across chunk borders; "
+         "and\n"
+         "with --source the values against the original and sampled bounds against brute force. "
+         "Exits\n"
+         "with 4 if anything is wrong; each finding names level, chunk and node.",
+         "isonest check scan.isonest\n"
+         "isonest check scan.isonest --quick\n"
+         "isonest check scan.isonest --deep --json\n"
+         "isonest check head.isonest --source head.raw.gz --dims 256,256,113 --type uint16"});
+    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    CLI::Option* const quick = c->add_flag_callback(
+        "--quick", [a] { a->check.depth = CheckDepth::quick; },
+        "seconds for any size: the chunk table, and a sample of some\n"
+        "thousand chunks' checksums");
+    c->add_flag_callback(
+         "--deep", [a] { a->check.depth = CheckDepth::deep; },
+         "everything: also that HDF5 finds the same chunks by its own index")
+        ->excludes(quick);
+    c->add_option("--source", a->source, "the volume that the store was made from")
+        ->type_name("INPUT");
+    add_source_options(c, a->source_options);
+    add_memory(c, a->check.memory);
+    add_threads(c, a->check.threads);
+    c->callback(
+        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+}
+
+}  // namespace isonest::detail::cli

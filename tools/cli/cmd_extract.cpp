@@ -1,0 +1,149 @@
+// isonest extract: from a store to an isosurface mesh.
+#include <fmt/format.h>
+
+#include <memory>
+
+#include <isonest/error.h>
+
+#include "query/extract/extract.h"
+#include "tools/cli/command.h"
+#include "tools/cli/extract_options.h"
+#include "tools/cli/fields.h"
+#include "tools/cli/units.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+/// Why there is none.
+std::string empty_surface(const StoreReader& store, const ExtractArguments& a,
+                          const ExtractReport& r) {
+    const double iso = a.extract.iso;
+    const std::string range = human_range(store.min_value(), store.max_value());
+    if (!(store.min_value() <= store.max_value())) {
+        return "The surface is empty: all values are missing.\n";
+    }
+    if (!a.extract.graph_scale && !(store.min_value() < iso && iso <= store.max_value())) {
+        return fmt::format("The surface is empty: {} value is below {}; they are {}.\n",
+                           iso <= store.min_value() ? "no" : "every", iso, range);
+    }
+    if (a.extract.box && !reaches_volume(store, *a.extract.box)) {
+        return "The surface is empty: the box lies outside of the volume, " + volume_text(store) +
+               ".\n";
+    }
+    const std::string inside = a.extract.box ? " inside the box" : "";
+    if (r.tolerance > 0 || a.extract.camera) {
+        return fmt::format(
+            "There is no surface{} that is coarse enough for the tolerance: a smaller one may show "
+            "some. The values are {}.\n",
+            inside, range);
+    }
+    return fmt::format("The surface is empty{}: the values are {}{}.\n", inside, range,
+                       a.extract.box ? " in the whole volume" : "");
+}
+
+Result run(ExtractArguments& a, bool has_iso, Progress& progress) {
+    const StoreReader store(a.store);
+    if (!has_iso && !a.extract.graph_scale) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("give the isovalue, --iso V; the values of {} are {}", a.store,
+                                human_range(store.min_value(), store.max_value())));
+    }
+    std::optional<StoreReader> values;
+    if (!a.values.empty()) {
+        values.emplace(a.values);
+        a.extract.values = &*values;
+    }
+    if (a.extract.focus) {
+        a.extract.focus->falloff = a.falloff;
+    }
+    const ExtractReport r = extract(store, a.mesh, a.extract, progress);
+    Result result;
+    result.warning = extract_warning(a, r);
+    result.json = extract_json(a, r);
+    if (has_iso) {
+        result.json["iso"] = a.extract.iso;
+    }
+    result.text = fmt::format(
+        "{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh, r.triangles,
+        r.dimension == 2 && !a.extract.graph_scale ? "line segments" : "triangles", r.vertices,
+        human_seconds(r.seconds), guarantee_text(a, r), r.chunks_read, r.chunks_total,
+        human_bytes(static_cast<double>(r.bytes_read)));
+    if (r.triangles == 0) {
+        result.text += empty_surface(store, a, r);
+    }
+    if (r.zero_area_triangles > 0) {
+        result.text +=
+            fmt::format("{} triangles have no area; removing them would open the mesh.\n",
+                        r.zero_area_triangles);
+    }
+    return result;
+}
+
+}  // namespace
+
+void add_extract(CLI::App& app, Invocation& chosen) {
+    const auto a = std::make_shared<ExtractArguments>();
+    CLI::App* const c = add_command(
+        app, chosen, "extract",
+        {"Write an isosurface of a store as a mesh, with a guaranteed error",
+         "The mesh is crack-free, and nowhere further from the isovalue than the error says. A "
+         "larger\n"
+         "error gives fewer triangles and reads less; error 0 gives the surface at full "
+         "resolution.\n"
+         "The name of the mesh chooses its format: .ply .stl .obj .vtp .vtkhdf .glb. Data in a "
+         "plane\n"
+         "(one node along an axis) give isolines (.vtp .obj), or their graph.",
+         "isonest extract scan.isonest --iso 120 -o full.ply\n"
+         "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.glb --normals\n"
+         "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply\n"
+         "isonest extract scan.isonest --iso 120 --error 1 --focus 30,40,20 --falloff 0.1 -o "
+         "near.ply\n"
+         "isonest extract scan.isonest --iso 120 --stop normal_bar --threshold 0.2 -o smooth.vtp\n"
+         "isonest extract map.isonest --iso 500 --error 2 -o contour.vtp\n"
+         "isonest extract map.isonest --graph --scale 3 --error 5 -o relief.glb --normals"});
+    add_extract_options(c, *a);
+    ExtractOptions& e = a->extract;
+    CLI::Option* const iso = add_parsed(
+        c, "--iso", [&e](const std::string& text) { e.iso = parse_number("--iso", text); },
+        "the isovalue", "V");
+    CLI::Option* const graph = c->add_flag_callback(
+        "--graph", [&e] { e.graph_scale = e.graph_scale.value_or(1); },
+        "of data in a plane: the surface z = value in place of isolines");
+    add_parsed(
+        c, "--scale",
+        [&e](const std::string& text) { e.graph_scale = parse_number("--scale", text); },
+        "of the graph: z = S times the value [1]", "S")
+        ->needs(graph);
+    iso->excludes(graph);
+    add_parsed(
+        c, "--bound", [&e](const std::string& text) { e.bound = parse_field("--bound", text); },
+        "the field by which elements without surface are left out\n"
+        "[the tightest that the store has]",
+        "FIELD");
+    CLI::Option* const view = add_parsed(
+        c, "--view", [&e](const std::string& text) { e.view = parse_double3("--view", text); },
+        "leave out what faces away from a viewer who looks in this\n"
+        "direction; needs normal_turn_plus or grad_linf_plus",
+        "X,Y,Z");
+    add_parsed(
+        c, "--cull-by",
+        [&e](const std::string& text) { e.cull_by = parse_field("--cull-by", text); },
+        "which of the two [normal_turn_plus if there]", "FIELD")
+        ->needs(view);
+    c->add_flag("--normals", e.normals, "vertex normals from the data's gradient");
+    c->add_option("--vertex-values", a->values,
+                  "vertex values from this other store of the same lattice")
+        ->type_name("STORE");
+    add_parsed(
+        c, "--vertex-error",
+        [&e](const std::string& text) { e.vertex_error = parse_field("--vertex-error", text); },
+        "this field at the vertices: how far they may be off", "FIELD");
+    c->add_option("-o,--output", a->mesh, "the mesh to write")->required()->type_name("MESH");
+    c->callback([a, iso, &chosen] {
+        chosen.run = [a, has_iso = iso->count() > 0](Progress& progress) {
+            return run(*a, has_iso, progress);
+        };
+    });
+}
+
+}  // namespace isonest::detail::cli

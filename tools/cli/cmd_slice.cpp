@@ -1,0 +1,200 @@
+// isonest slice: a plane through the data, as a coloured mesh or as a picture.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <memory>
+
+#include <isonest/error.h>
+
+#include "query/extract/extract.h"
+#include "store/files/output_file.h"
+#include "store/lattice/extent.h"
+#include "tools/cli/command.h"
+#include "tools/cli/extract_options.h"
+#include "tools/cli/fields.h"
+#include "tools/cli/units.h"
+#include "tools/drawing/ply_reader.h"
+#include "tools/drawing/png_writer.h"
+#include "tools/drawing/slice_picture.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+struct Arguments {
+    ExtractArguments extract;
+    SlicePictureOptions picture;
+    bool has_range = false;
+};
+
+/// Removes a file when it goes out of scope.
+struct Temporary {
+    explicit Temporary(std::filesystem::path p) : path(std::move(p)) {}
+    Temporary(const Temporary&) = delete;
+    Temporary& operator=(const Temporary&) = delete;
+    ~Temporary() {
+        std::error_code ignored;
+        std::filesystem::remove(path, ignored);
+    }
+    std::filesystem::path path;
+};
+
+/// Whether the plane has a point of the volume.
+bool meets_volume(const StoreReader& store, const WorldPlane& plane) {
+    const StoreHeader& h = store.layout().header();
+    const Double3 last = last_position(h);
+    double low = -plane.offset;
+    double high = low;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double from = plane.normal[axis] * h.origin[axis];
+        const double to = plane.normal[axis] * last[axis];
+        low += std::min(from, to);
+        high += std::max(from, to);
+    }
+    return low <= 0 && high >= 0;
+}
+
+/// Why there is nothing in it.
+std::string empty_slice(const StoreReader& store, const ExtractOptions& e) {
+    if (!meets_volume(store, *e.plane)) {
+        return fmt::format("The slice is empty: the plane misses the volume, {}.\n",
+                           volume_text(store));
+    }
+    if (e.box && !reaches_volume(store, *e.box)) {
+        return fmt::format("The slice is empty: the box lies outside of the volume, {}.\n",
+                           volume_text(store));
+    }
+    if (!e.contours.empty()) {
+        return fmt::format(
+            "There is no line: the values do not occur in the plane{}. Those of the volume are "
+            "{}.\n",
+            e.box ? " inside the box" : "", human_range(store.min_value(), store.max_value()));
+    }
+    return e.box ? "The slice is empty: the plane does not pass through the box, or what is there "
+                   "is missing.\n"
+                 : "The slice is empty: the plane touches the volume at most in an edge, or its "
+                   "values are missing.\n";
+}
+
+Result run(Arguments& a, Progress& progress) {
+    const StoreReader store(a.extract.store);
+    if (a.extract.extract.focus) {
+        a.extract.extract.focus->falloff = a.extract.falloff;
+    }
+    if (!a.has_range) {
+        a.picture.low = store.min_value();
+        a.picture.high = store.max_value();
+    }
+    const bool picture = is_png(a.extract.mesh);
+    if (!picture && a.picture.grid) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{}: --grid is drawn into a picture; give a name that ends with "
+                                ".png",
+                                a.extract.mesh));
+    }
+    if (!picture) {
+        a.extract.extract.contours = a.picture.contours;
+    }
+    ExtractReport r;
+    if (picture) {
+        check_output(a.extract.mesh, true, {store.path()});
+        const Temporary mesh(temporary_name(a.extract.mesh) += ".ply");
+        r = extract(store, mesh.path, a.extract.extract, progress);
+        a.picture.normal = a.extract.extract.plane->normal;
+        // What the extraction leaves behind is within the rest.
+        a.picture.memory = a.extract.extract.memory / 4;
+        draw_slice(PlyMesh(mesh.path), a.extract.mesh, a.picture, progress);
+    } else {
+        r = extract(store, a.extract.mesh, a.extract.extract, progress);
+    }
+    Result result;
+    result.warning = extract_warning(a.extract, r);
+    result.json = extract_json(a.extract, r);
+    result.text =
+        fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.extract.mesh,
+                    r.triangles, a.extract.extract.contours.empty() ? "triangles" : "lines",
+                    r.vertices, human_seconds(r.seconds), guarantee_text(a.extract, r),
+                    r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
+    if (r.triangles == 0) {
+        result.text += empty_slice(store, a.extract.extract);
+    }
+    return result;
+}
+
+WorldPlane parse_plane(const std::string& text) {
+    const std::vector<double> v = parse_numbers("--plane", text, 4, "NX,NY,NZ,D");
+    return {{v[0], v[1], v[2]}, v[3]};
+}
+
+std::vector<double> parse_contours(const std::string& text) {
+    const auto count = static_cast<std::size_t>(std::count(text.begin(), text.end(), ',')) + 1;
+    return parse_numbers("--contours", text, count, "V,V,...");
+}
+
+}  // namespace
+
+void add_slice(CLI::App& app, Invocation& chosen) {
+    const auto a = std::make_shared<Arguments>();
+    CLI::App* const c = add_command(
+        app, chosen, "slice",
+        {"Write a plane through a store as a coloured mesh or a picture",
+         "The plane is made of triangles that are as large as the error allows; the mesh's "
+         "vertices\n"
+         "have the value. Ending with .png the output is a picture, else a mesh (.ply .vtp "
+         ".vtkhdf\n"
+         ".glb; .stl and .obj hold no values).",
+         "isonest slice scan.isonest --plane 0,0,1,35 --error 2 -o slice.png --grid\n"
+         "isonest slice scan.isonest --plane 1,1,0,90 --error-relative 0.02 -o oblique.vtp\n"
+         "isonest slice scan.isonest --plane 0,1,0,40 -o lines.png --contours 80,120,160\n"
+         "isonest slice scan.isonest --plane 0,1,0,40 -o lines.vtp --contours 80,120,160"});
+    add_extract_options(c, a->extract);
+    ExtractOptions& e = a->extract.extract;
+    add_parsed(
+        c, "--plane", [&e](const std::string& text) { e.plane = parse_plane(text); },
+        "the plane x NX + y NY + z NZ = D, in world units", "NX,NY,NZ,D")
+        ->required();
+    c->add_flag("--normals", e.normals, "vertex normals from the data's gradient");
+    add_parsed(
+        c, "--vertex-error",
+        [&e](const std::string& text) { e.vertex_error = parse_field("--vertex-error", text); },
+        "this field at the vertices: how far they may be off", "FIELD");
+    SlicePictureOptions& o = a->picture;
+    add_parsed(
+        c, "--size",
+        [&o](const std::string& text) {
+            constexpr int kMost = 4096;
+            const std::vector<int> size = parse_size("--size", text, kMost);
+            o.width = size[0];
+            o.height = size[1];
+        },
+        "of the picture, pixels [800x800]", "WxH");
+    c->add_option("--colors", o.colors,
+                  fmt::format("of the picture: {} [viridis]", fmt::join(color_map_names(), ", ")))
+        ->type_name("NAME");
+    add_parsed(
+        c, "--range",
+        [a](const std::string& text) {
+            const std::vector<double> v = parse_numbers("--range", text, 2, "LOW,HIGH");
+            if (!(v[0] < v[1])) {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--range '{}': give the low value first", text));
+            }
+            a->picture.low = v[0];
+            a->picture.high = v[1];
+            a->has_range = true;
+        },
+        "values of the first and the last colour [those of the data]", "LOW,HIGH");
+    c->add_flag("--grid", o.grid, "draw the triangles' edges into the picture");
+    add_parsed(
+        c, "--contours", [&o](const std::string& text) { o.contours = parse_contours(text); },
+        "lines at these values, drawn into the picture; a mesh (.vtp, .obj)\n"
+        "then holds the lines alone",
+        "V,V,...");
+    c->add_option("-o,--output", a->extract.mesh, "the mesh or picture to write")
+        ->required()
+        ->type_name("OUT");
+    c->callback(
+        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+}
+
+}  // namespace isonest::detail::cli

@@ -1,0 +1,60 @@
+// What all commands share: how one is declared, what it returns, how it is run.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include <isonest/progress.h>
+
+namespace isonest::detail::cli {
+
+using Json = nlohmann::ordered_json;  // keeps the order in which it was filled
+
+/// What a command has to say: `text` for people, `json` for programs.
+struct Result {
+    std::string text;
+    std::string warning;  ///< on stderr, and in the JSON
+    Json json;
+    int exit_code = 0;
+};
+
+/// The command that the command line chose.
+struct Invocation {
+    bool json = false;
+    bool quiet = false;
+    std::function<Result(Progress&)> run;
+};
+
+/// What the help of a command says.
+struct Description {
+    std::string summary;   ///< one line, in the list of commands too
+    std::string details;   ///< the rest, lines of at most 90 characters
+    std::string examples;  ///< one a line, at the end
+};
+
+/// Declares a command with --json and --quiet.
+CLI::App* add_command(CLI::App& app, Invocation& chosen, const std::string& name,
+                      const Description& description);
+
+void add_preprocess(CLI::App& app, Invocation& chosen);
+void add_extract(CLI::App& app, Invocation& chosen);
+void add_slice(CLI::App& app, Invocation& chosen);
+void add_study(CLI::App& app, Invocation& chosen);
+void add_info(CLI::App& app, Invocation& chosen);
+void add_export(CLI::App& app, Invocation& chosen);
+void add_check(CLI::App& app, Invocation& chosen);
+void add_make_volume(CLI::App& app, Invocation& chosen);
+void add_picture(CLI::App& app, Invocation& chosen);
+
+/// Adds an option whose text is handed to `parse`, which throws Error{invalid_argument}.
+CLI::Option* add_parsed(CLI::App* command, const std::string& name,
+                        const std::function<void(const std::string&)>& parse,
+                        const std::string& description, const std::string& form);
+
+/// --memory (bytes, with units) and --threads (0 = all cores).
+void add_memory(CLI::App* command, std::uint64_t& memory);
+void add_threads(CLI::App* command, int& threads);
+
+}  // namespace isonest::detail::cli

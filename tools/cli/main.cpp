@@ -1,0 +1,180 @@
+// The command line: parses, runs one command, turns errors into messages and exit codes.
+#include <fmt/format.h>
+#include <malloc.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+#include <new>
+#include <sstream>
+
+#include <isonest/error.h>
+#include <isonest/version.h>
+
+#include "store/container/format.h"
+#include "store/container/writer.h"
+#include "tools/cli/command.h"
+#include "tools/cli/interrupt.h"
+#include "tools/cli/terminal_progress.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+constexpr int kInternal = 1;
+
+const char* name_of(int exit_code) {
+    switch (static_cast<ErrorKind>(exit_code)) {
+        case ErrorKind::invalid_argument:
+            return "invalid_argument";
+        case ErrorKind::not_found:
+            return "not_found";
+        case ErrorKind::corrupt:
+            return "corrupt";
+        case ErrorKind::unsupported:
+            return "unsupported";
+        case ErrorKind::io:
+            return "io";
+        case ErrorKind::limit:
+            return "limit";
+        case ErrorKind::cancelled:
+            return "cancelled";
+    }
+    return "internal";
+}
+
+/// The message may quote file names and file contents: whatever is not UTF-8 is replaced.
+std::string dump(const Json& json) {
+    return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+int report(int exit_code, const std::string& message, bool json) {
+    std::fputs(fmt::format("isonest: error: {}\n", message).c_str(), stderr);
+    if (json) {
+        const Json error{{"error", {{"kind", name_of(exit_code)}, {"message", message}}}};
+        std::fputs(dump(error).c_str(), stdout);
+        std::fflush(stdout);
+    }
+    return exit_code;
+}
+
+void print(const std::string& text) {
+    if (std::fputs(text.c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
+        throw Error(ErrorKind::io, "cannot write to standard output");
+    }
+}
+
+/// Runs `work`, which gives an exit code.
+template <class Work>
+int guarded(bool json, const Work& work) {
+    try {
+        return work();
+    } catch (const Error& e) {
+        return report(static_cast<int>(e.kind()), e.what(), json);
+    } catch (const std::bad_alloc&) {
+        return report(static_cast<int>(ErrorKind::limit),
+                      "out of memory: give a smaller --memory or fewer --threads", json);
+    } catch (const std::exception& e) {
+        return report(kInternal, fmt::format("internal error, please report it: {}", e.what()),
+                      json);
+    }
+}
+
+/// The list of commands shows the first line of each description.
+class ShortList : public CLI::Formatter {
+  public:
+    std::string make_subcommand(const CLI::App* command) const override {
+        const std::string text = command->get_description();
+        std::ostringstream out;
+        CLI::detail::format_help(out, command->get_name(), text.substr(0, text.find('\n')),
+                                 get_column_width());
+        return out.str();
+    }
+};
+
+void declare(CLI::App& app, Invocation& chosen) {
+    app.set_version_flag("--version", fmt::format("isonest {} (store format {}.{})",
+                                                  ISONEST_VERSION, kFormatMajor, kFormatMinor));
+    app.require_subcommand(1);
+    const auto formatter = std::make_shared<ShortList>();
+    formatter->column_width(32);
+    app.formatter(formatter);
+    app.footer(
+        "Start here:\n"
+        "  isonest make-volume bucky --size 129 -o bucky.h5\n"
+        "  isonest preprocess bucky.h5 -o bucky.isonest\n"
+        "  isonest extract bucky.isonest --iso 0.5 --error 0.01 -o bucky.ply\n"
+        "  isonest picture bucky.ply -o bucky.png\n"
+        "`isonest COMMAND --help` explains a command and ends with examples.\n\n"
+        "Exit codes: 0 done, 1 internal error, 2 the request makes no sense, 3 not found,\n"
+        "4 corrupt data, 5 unsupported, 6 input/output failed, 7 a limit or the memory is too\n"
+        "small, 130 interrupted. No output file is left behind unless it is whole.\n"
+        "What an output may replace: a regular file that the command does not read (--force where\n"
+        "there is one); its permissions stay. Links, devices, FIFOs and sockets are refused.");
+    add_preprocess(app, chosen);
+    add_extract(app, chosen);
+    add_slice(app, chosen);
+    add_study(app, chosen);
+    add_info(app, chosen);
+    add_export(app, chosen);
+    add_check(app, chosen);
+    add_make_volume(app, chosen);
+    add_picture(app, chosen);
+}
+
+int run(const Invocation& chosen) {
+    Result result = [&] {
+        TerminalProgress progress(can_draw() && !chosen.quiet && !chosen.json);
+        return chosen.run(progress);
+    }();
+    let_a_closed_pipe_end_the_program();
+    if (!result.warning.empty()) {
+        std::fputs(fmt::format("isonest: warning: {}\n", result.warning).c_str(), stderr);
+        result.json["warning"] = result.warning;
+    }
+    if (chosen.json) {
+        print(dump(result.json));
+    } else if (!chosen.quiet || result.exit_code != 0) {
+        print(result.text);
+    }
+    return result.exit_code;
+}
+
+int parse_and_run(int argc, char** argv) {
+    CLI::App app(
+        "isonest: isosurfaces with a guaranteed error from volumes of any size.\n"
+        "A volume is preprocessed once into a store; any isovalue, error and region is then\n"
+        "extracted from it without reading more than it needs.\n",
+        "isonest");
+    Invocation chosen;
+    declare(app, chosen);
+    try {
+        app.parse(argc, argv);
+    } catch (const CLI::ParseError& e) {
+        if (e.get_exit_code() == 0) {
+            return app.exit(e);  // --help, --version
+        }
+        const std::vector<CLI::App*> command = app.get_subcommands();
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{}; see: isonest {}{}--help", e.what(),
+                                command.empty() ? "" : command.front()->get_name(),
+                                command.empty() ? "" : " "));
+    }
+    watch_signals();
+    return run(chosen);
+}
+
+}  // namespace
+}  // namespace isonest::detail::cli
+
+int main(int argc, char** argv) {
+    isonest::detail::leave_hdf5_alone_at_exit();
+    // Blocks and chunks of a few MB come and go all the time: fetching their pages from the kernel
+    // anew each time costs more than the work on them.
+    ::mallopt(M_MMAP_THRESHOLD, 32 << 20);
+    ::mallopt(M_TRIM_THRESHOLD, 512 << 20);
+    const bool json = std::any_of(argv, argv + argc, [](const char* argument) {
+        return std::string_view(argument) == "--json";
+    });
+    return isonest::detail::cli::guarded(
+        json, [&] { return isonest::detail::cli::parse_and_run(argc, argv); });
+}

@@ -1,0 +1,43 @@
+// Numbers as people write them on a command line, and as they like to read them.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <isonest/int3.h>
+
+namespace isonest::detail::cli {
+
+// The parsers take the whole text or throw Error{invalid_argument}; `option` ("--iso") starts the
+// message.
+
+/// "512M", "2G", "1GiB", "1.5g" or plain bytes; K, M, G, T are powers of 1024, whatever follows.
+std::uint64_t parse_bytes(std::string_view option, std::string_view text);
+/// A finite number.
+double parse_number(std::string_view option, std::string_view text);
+/// An integer in [lowest, highest].
+std::int64_t parse_integer(std::string_view option, std::string_view text, std::int64_t lowest,
+                           std::int64_t highest);
+/// Exactly `count` finite numbers with commas between them; `form` ("X,Y,Z") shows how.
+std::vector<double> parse_numbers(std::string_view option, std::string_view text, std::size_t count,
+                                  std::string_view form);
+/// "X,Y,Z".
+Double3 parse_double3(std::string_view option, std::string_view text);
+/// "X,Y,Z", integers in [1, highest].
+Int3 parse_int3(std::string_view option, std::string_view text, std::int64_t highest);
+/// "WIDTHxHEIGHT", each in [1, highest].
+std::vector<int> parse_size(std::string_view option, std::string_view text, int highest);
+
+/// "1.2 GB", "640 B": powers of 1000, three digits.
+std::string human_bytes(double bytes);
+/// "1.2 M", "640": powers of 1000, three digits.
+std::string human_count(double count);
+/// "1000000000 to 1000000003": six digits, or as many as tell the ends and their distance apart;
+/// "none" if low is not <= high.
+std::string human_range(double low, double high);
+/// "0.4 s", "2:05", "1:02:05".
+std::string human_seconds(double seconds);
+
+}  // namespace isonest::detail::cli

@@ -1,0 +1,202 @@
+#include "tools/drawing/plot.h"
+
+#include <cairo-svg.h>
+#include <cairo.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <memory>
+
+#include <isonest/error.h>
+
+#include "store/files/output_file.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+constexpr double kWidth = 790;
+constexpr double kHeight = 480;
+constexpr double kLeft = 84;
+constexpr double kRight = 200;
+constexpr double kTop = 40;
+constexpr double kBottom = 58;
+
+using Color = std::array<double, 3>;
+// P. Tol's bright, muted and vibrant schemes: to be told apart by all eyes.
+constexpr std::array<Color, 12> kColors{{{0.27, 0.47, 0.67},
+                                         {0.93, 0.40, 0.47},
+                                         {0.13, 0.53, 0.20},
+                                         {0.80, 0.73, 0.27},
+                                         {0.40, 0.80, 0.93},
+                                         {0.67, 0.20, 0.47},
+                                         {0.20, 0.13, 0.53},
+                                         {0.60, 0.60, 0.20},
+                                         {0.53, 0.13, 0.33},
+                                         {0.45, 0.45, 0.45},
+                                         {0.93, 0.47, 0.20},
+                                         {0.00, 0.60, 0.53}}};
+
+/// A logarithmic axis from whole powers of ten to whole powers of ten.
+struct Axis {
+    double low = std::numeric_limits<double>::infinity();
+    double high = -std::numeric_limits<double>::infinity();
+    void include(double v) {
+        low = std::min(low, std::log10(v));
+        high = std::max(high, std::log10(v));
+    }
+    void finish() {
+        low = std::isfinite(low) ? std::floor(low + 1e-9) : 0;
+        high = std::isfinite(high) ? std::ceil(high - 1e-9) : 1;
+        high = std::max(high, low + 1);
+    }
+    [[nodiscard]] double at(double v) const { return (std::log10(v) - low) / (high - low); }
+};
+
+class Drawing {
+  public:
+    explicit Drawing(cairo_surface_t* surface)
+        : surface_(surface, cairo_surface_destroy), cr_(cairo_create(surface), cairo_destroy) {
+        cairo_select_font_face(cr_.get(), "sans-serif", CAIRO_FONT_SLANT_NORMAL,
+                               CAIRO_FONT_WEIGHT_NORMAL);
+        color({1, 1, 1});
+        cairo_paint(cr_.get());
+    }
+    [[nodiscard]] cairo_surface_t* surface() const { return surface_.get(); }
+    [[nodiscard]] bool good() const { return cairo_status(cr_.get()) == CAIRO_STATUS_SUCCESS; }
+    void color(const Color& c) { cairo_set_source_rgb(cr_.get(), c[0], c[1], c[2]); }
+    void line(double x0, double y0, double x1, double y1, double width) {
+        cairo_set_line_width(cr_.get(), width);
+        cairo_move_to(cr_.get(), x0, y0);
+        cairo_line_to(cr_.get(), x1, y1);
+        cairo_stroke(cr_.get());
+    }
+    void dot(double x, double y) {
+        cairo_arc(cr_.get(), x, y, 2.2, 0, 6.2832);
+        cairo_fill(cr_.get());
+    }
+    /// `anchor`: 0 = begins at x, 0.5 = centred, 1 = ends there.
+    void text(double x, double y, const std::string& words, double size, double anchor,
+              double turn = 0) {
+        cairo_set_font_size(cr_.get(), size);
+        cairo_text_extents_t extents{};
+        cairo_text_extents(cr_.get(), words.c_str(), &extents);
+        cairo_save(cr_.get());
+        cairo_translate(cr_.get(), x, y);
+        cairo_rotate(cr_.get(), turn);
+        cairo_move_to(cr_.get(), -anchor * extents.x_advance, 0);
+        cairo_show_text(cr_.get(), words.c_str());
+        cairo_restore(cr_.get());
+    }
+
+  private:
+    std::unique_ptr<cairo_surface_t, decltype(&cairo_surface_destroy)> surface_;
+    std::unique_ptr<cairo_t, decltype(&cairo_destroy)> cr_;
+};
+
+void draw(Drawing& d, const Plot& plot) {
+    Axis x;
+    Axis y;
+    const auto shown = [](const std::pair<double, double>& p) {
+        return p.first > 0 && p.second > 0 && std::isfinite(p.first) && std::isfinite(p.second);
+    };
+    for (const PlotSeries& s : plot.series) {
+        for (const auto& p : s.points) {
+            if (shown(p)) {
+                x.include(p.first);
+                y.include(p.second);
+            }
+        }
+    }
+    x.finish();
+    y.finish();
+    const double w = kWidth - kLeft - kRight;
+    const double h = kHeight - kTop - kBottom;
+    const auto px = [&](double v) { return kLeft + w * x.at(v); };
+    const auto py = [&](double v) { return kTop + h * (1 - y.at(v)); };
+    const auto ticks = [&](const Axis& axis, auto&& draw_tick) {
+        const double step = std::ceil((axis.high - axis.low) / 10);
+        const auto count = static_cast<int>((axis.high - axis.low) / step);
+        for (int i = 0; i <= count; ++i) {
+            const double e = axis.low + i * step;
+            draw_tick(std::pow(10, e), e);
+        }
+    };
+    constexpr Color kGrid{0.88, 0.88, 0.88};
+    constexpr Color kInk{0.2, 0.2, 0.2};
+    ticks(x, [&](double v, double e) {
+        d.color(kGrid);
+        d.line(px(v), kTop, px(v), kTop + h, 1);
+        d.color(kInk);
+        d.text(px(v), kTop + h + 18, fmt::format("1e{:g}", e), 12, 0.5);
+    });
+    ticks(y, [&](double v, double e) {
+        d.color(kGrid);
+        d.line(kLeft, py(v), kLeft + w, py(v), 1);
+        d.color(kInk);
+        d.text(kLeft - 8, py(v) + 4, fmt::format("1e{:g}", e), 12, 1);
+    });
+    d.text(kLeft + w / 2, kTop - 14, plot.title, 15, 0.5);
+    d.text(kLeft + w / 2, kHeight - 14, plot.x, 13, 0.5);
+    d.text(22, kTop + h / 2, plot.y, 13, 0.5, -1.5708);
+    for (std::size_t i = 0; i < plot.series.size(); ++i) {
+        const PlotSeries& s = plot.series[i];
+        d.color(kColors.at(i % kColors.size()));
+        const std::pair<double, double>* before = nullptr;
+        for (const auto& p : s.points) {
+            if (!shown(p)) {
+                before = nullptr;
+                continue;
+            }
+            if (before != nullptr) {
+                d.line(px(before->first), py(before->second), px(p.first), py(p.second), 1.6);
+            }
+            d.dot(px(p.first), py(p.second));
+            before = &p;
+        }
+        const double row = kTop + 10 + 18 * static_cast<double>(i);
+        d.line(kLeft + w + 12, row - 4, kLeft + w + 34, row - 4, 2);
+        d.color(kInk);
+        d.text(kLeft + w + 40, row, s.name, 12, 0);
+    }
+}
+
+/// Cairo's output, into a std::string.
+cairo_status_t append(void* bytes, const unsigned char* data, unsigned length) {
+    static_cast<std::string*>(bytes)->append(reinterpret_cast<const char*>(data), length);
+    return CAIRO_STATUS_SUCCESS;
+}
+
+}  // namespace
+
+void draw_plot(const std::filesystem::path& path, const Plot& plot) {
+    const std::filesystem::path end = path.extension();
+    if (end != ".svg" && end != ".png") {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{}: a plot's name must end with .svg or .png", path.string()));
+    }
+    std::string bytes;
+    bool good = false;
+    if (end == ".svg") {
+        Drawing d(cairo_svg_surface_create_for_stream(&append, &bytes, kWidth, kHeight));
+        draw(d, plot);
+        cairo_surface_finish(d.surface());
+        good = d.good() && cairo_surface_status(d.surface()) == CAIRO_STATUS_SUCCESS;
+    } else {
+        Drawing d(cairo_image_surface_create(CAIRO_FORMAT_RGB24, static_cast<int>(kWidth),
+                                             static_cast<int>(kHeight)));
+        draw(d, plot);
+        good = d.good() && cairo_surface_write_to_png_stream(d.surface(), &append, &bytes) ==
+                               CAIRO_STATUS_SUCCESS;
+    }
+    if (!good) {
+        throw Error(ErrorKind::io, fmt::format("{}: cannot draw the plot", path.string()));
+    }
+    OutputFile file(path, true);
+    file.write_at(0, std::as_bytes(std::span(bytes)));
+    file.publish_as_named();
+}
+
+}  // namespace isonest::detail::cli

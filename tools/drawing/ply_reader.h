@@ -1,0 +1,55 @@
+// Triangle meshes in binary PLY, read from a memory map: larger than memory is fine.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+
+#include <isonest/int3.h>
+
+#include "store/files/mapped_file.h"
+
+namespace isonest::detail::cli {
+
+/// A binary little-endian PLY file of triangles: element vertex with float or double x, y, z among
+/// properties of fixed size, then element face with one list (uchar count, int or uint indices)
+/// among properties of fixed size. Comments and elements behind the faces are passed over.
+/// Thread-safety: const methods from any thread.
+class PlyMesh {
+  public:
+    /// Throws Error{not_found, io}, Error{corrupt} (no PLY, a damaged header, counts that do not
+    /// fit the file's size) and Error{unsupported} (another kind of PLY), naming the file.
+    explicit PlyMesh(const std::filesystem::path& path);
+
+    [[nodiscard]] std::uint64_t vertices() const { return vertices_; }
+    [[nodiscard]] std::uint64_t triangles() const { return triangles_; }
+    /// REQUIRES: i < vertices(). Throws Error{corrupt} if a coordinate is not finite.
+    [[nodiscard]] Double3 vertex(std::uint64_t i) const;
+    /// The vertex property "value" (float or double), 0 if there is none. REQUIRES: i < vertices().
+    [[nodiscard]] double value(std::uint64_t i) const;
+    /// REQUIRES: i < triangles(). Throws Error{corrupt} if an index is out of range, and
+    /// Error{unsupported} if the face is no triangle.
+    [[nodiscard]] std::array<std::uint32_t, 3> triangle(std::uint64_t i) const;
+
+  private:
+    struct Header;
+    static Header parse(std::string_view text, const std::string& name);
+
+    std::string name_;
+    MappedFile file_;
+    std::uint64_t vertices_ = 0;
+    std::uint64_t triangles_ = 0;
+    std::uint64_t vertex_begin_ = 0;
+    std::uint64_t face_begin_ = 0;
+    std::uint64_t vertex_stride_ = 0;
+    std::uint64_t face_stride_ = 0;
+    std::array<std::uint64_t, 3> coordinate_offset_{};
+    std::array<bool, 3> coordinate_is_double_{};
+    std::optional<std::uint64_t> value_offset_;
+    bool value_is_double_ = false;
+    std::uint64_t list_offset_ = 0;
+    bool signed_indices_ = true;
+};
+
+}  // namespace isonest::detail::cli
