@@ -231,9 +231,9 @@ class Case:
         pattern = self.chance(0.4)
         edges = np.linspace(0, n, count + 1).astype(int)
         if pattern:
-            n -= n % count
+            while n % count:  # a part may itself be made of parts, and must hold all
+                count -= 1
             edges = np.arange(count + 1) * (n // count)
-        data = data[:n]
         tail = data.shape[1:]
         self.words.append(f"virtual {count}{' pattern' if pattern else ''}")
         odd = "100%%" if self.chance(0.2) else ""
