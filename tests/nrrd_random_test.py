@@ -256,7 +256,7 @@ def run(seed):
                                "-q", *case.options], capture_output=True, text=True, timeout=60)
         teem = case.teem()
         if done.returncode != 0:
-            clear = 2 <= done.returncode <= 7 and f"error: {name}/" in done.stderr
+            clear = 2 <= done.returncode <= 7 and "error: /" in done.stderr
             text = done.stderr.strip().split("error: ")[-1].replace(name, "")
             wrong = "" if clear else f"exit status {done.returncode}: {done.stderr}"
             by_teem = "also refused by teem" if teem is None else "taken by teem"

@@ -582,6 +582,12 @@ class NrrdInput(Input):
         self.reads(self.data)
         self.lies([0, 0, 0], [1, 2, 1])
 
+    def test_a_carriage_return_in_the_middle_of_a_line_is_refused(self):
+        for line in ("byte skip:=4\rbyte skip: 0", "# a comment\rbyte skip: 0"):
+            with self.subTest(line=line):
+                self.write(line)
+                self.refuses(4, "carriage return")
+
     def test_fields_that_come_twice_or_are_not_known_are_refused(self):
         for lines, words in ((("byte skip: 0", "byte skip: 0"), ("'byte skip' comes twice", "line 8")),
                              (("byteskip: 0", "Byte Skip: 0"), ("twice",)),

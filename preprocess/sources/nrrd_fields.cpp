@@ -84,6 +84,11 @@ NrrdFields::NrrdFields(std::string_view text, std::string name) : name_(std::mov
             bytes_ = at;
             break;
         }
+        if (line.find('\r') != std::string_view::npos) {
+            corrupt(fmt::format("line {} has a carriage return in its middle, which some programs "
+                                "take for the end of a line and others do not",
+                                number));
+        }
         add(line, number);
     }
 }
