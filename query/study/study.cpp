@@ -6,10 +6,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
+#include <optional>
 
 #include <isonest/error.h>
 
+#include "query/traverse/each_leaf.h"
 #include "query/traverse/planar.h"
 #include "query/traverse/traversal_budget.h"
 #include "query/view/blocks.h"
@@ -144,14 +145,7 @@ class WholeLattice {
 
     /// P U in all nodes, from coarse to fine: U where the mesh is refined, else the mean of the
     /// ends of the refinement edge.
-    void project(double threshold, StudyRow& row) {
-        const int dimension = lattice_.dimension();
-        constexpr std::array<std::uint64_t, 4> kInCube{1, 1, 2, 6};
-        const Int3 macros = lattice_.elements_at(lattice_.top());
-        const std::uint64_t first = kInCube.at(static_cast<std::size_t>(dimension)) *
-                                    static_cast<std::uint64_t>(macros.product());
-        row.leaves = first;
-        row.visited = first;
+    void project(double threshold) {
         // The corners first, by themselves: nodes in other planes are projected from them.
         const Int3 far = lattice_.cells_at(lattice_.top()) * (std::int64_t{1} << lattice_.top());
         for (std::int64_t i = 0; i < 8; ++i) {
@@ -162,21 +156,36 @@ class WholeLattice {
         for (int level = lattice_.top(); level >= 1; --level) {
             const std::int64_t scale = std::int64_t{1} << (level - 1);
             const Int3 size = lattice_.cells_at(level) * 2 + Int3{1, 1, 1};
-            std::vector<std::uint64_t> added(static_cast<std::size_t>(size.z));
-            std::vector<std::uint64_t> visited(static_cast<std::size_t>(size.z));
             tbb::parallel_for(std::int64_t{0}, size.z, [&](std::int64_t z) {
-                const auto plane = static_cast<std::size_t>(z);
                 for (std::int64_t i = 0; i < size.x * size.y; ++i) {
                     const Int3 p = Int3{i % size.x, i / size.x, z} * scale;
                     const NodeInfo node = describe_node(p, lattice_.top());
                     if (node.scale == scale) {
-                        refine(p, node, level, threshold, added[plane], visited[plane]);
+                        project_at(p, node, threshold);
                     }
                 }
             });
-            row.leaves = std::accumulate(added.begin(), added.end(), row.leaves);
-            row.visited = std::accumulate(visited.begin(), visited.end(), row.visited);
         }
+    }
+
+    /// The elements of the mesh: those too that reach out of the volume.
+    void count(double threshold, int threads, StudyRow& row) const {
+        VisitCounts counts;
+        switch (lattice_.dimension()) {
+            case 1:
+                counts = count_elements<1>(threshold, threads);
+                break;
+            case 2:
+                counts = count_elements<2>(threshold, threads);
+                break;
+            case 3:
+                counts = count_elements<3>(threshold, threads);
+                break;
+            default:
+                counts.visited = counts.leaves = 1;  // a single node
+        }
+        row.visited = counts.visited;
+        row.leaves = counts.leaves;
     }
 
     void measure(double range, StudyRow& row) const {
@@ -211,48 +220,46 @@ class WholeLattice {
 
   private:
     [[nodiscard]] std::size_t at(const Int3& p) const { return number_.of(p); }
-    void refine(const Int3& p, const NodeInfo& node, int level, double threshold,
-                std::uint64_t& added, std::uint64_t& visited) {
-        if (!(static_cast<double>(eta_[at(p)]) >= threshold)) {
-            projected_[at(p)] = (projected_[at(node.end0)] + projected_[at(node.end1)]) / 2;
-            return;
-        }
-        projected_[at(p)] = exact_[at(p)];
-        const std::uint64_t parents = elements_at(p, node, level);
-        std::uint64_t children = 2 * parents;
-        if (node.kind == NodeKind::edge) {
-            // One in every square, or two in every cube, of the finer level around the midpoint.
-            children = (lattice_.dimension() == 3 ? 2U : 1U) * cubes_around(p, level - 1);
-        }
-        added += children - parents;
-        visited += children;
+    void project_at(const Int3& p, const NodeInfo& node, double threshold) {
+        const bool refined = static_cast<double>(eta_[at(p)]) >= threshold;
+        projected_[at(p)] =
+            refined ? exact_[at(p)] : (projected_[at(node.end0)] + projected_[at(node.end1)]) / 2;
     }
-    /// Cubes (squares, edges) of the level that have node p, in them or as a border's node.
-    [[nodiscard]] std::uint64_t cubes_around(const Int3& p, int level) const {
-        const std::int64_t edge = std::int64_t{1} << level;
-        const Int3 cells = lattice_.cells_at(level);
-        std::uint64_t count = 1;
-        for (int axis = 0; axis < 3; ++axis) {
-            if (cells[axis] == 0) {
-                continue;
-            }
-            const std::int64_t i = p[axis] / edge;
-            const bool before = p[axis] % edge == 0 && i > 0 && i <= cells[axis];
-            count *= (before ? 1U : 0U) + (i < cells[axis] ? 1U : 0U);
+
+    /// What AdaptTraverse is given: the arrays; cubes that begin inside the volume; the threshold.
+    struct Numbers {
+        const WholeLattice* whole;
+        [[nodiscard]] double value(const Int3& p, int /*level*/) const {
+            return whole->exact_[whole->at(p)];
         }
-        return count;
-    }
-    /// Elements of the level that refine at the node.
-    [[nodiscard]] std::uint64_t elements_at(const Int3& p, const NodeInfo& node, int level) const {
-        const int dimension = lattice_.dimension();
-        const std::uint64_t cubes = cubes_around(p, level);
-        if (node.kind == NodeKind::centre) {
-            return 6;
+        [[nodiscard]] double indicator(const Int3& p, Field /*field*/) const {
+            return static_cast<double>(whole->eta_[whole->at(p)]);
         }
-        if (node.kind == NodeKind::face) {
-            return 2 * cubes;  // in a plane: the square's two halves
+    };
+    struct CubesOfVolume {
+        Int3 last;  ///< node
+        template <int D>
+        [[nodiscard]] Overlap overlap(const Element<D>& t) const {
+            const Int3 begin = t.bounds().first;
+            const bool outside = t.kind == 0 && ((begin.x >= last.x && last.x > 0) ||
+                                                 (begin.y >= last.y && last.y > 0) ||
+                                                 (begin.z >= last.z && last.z > 0));
+            return outside ? Overlap::outside : Overlap::inside;
         }
-        return (dimension == 3 ? 2 : 1) * cubes;
+    };
+    struct BelowThreshold {
+        double threshold;
+        [[nodiscard]] static std::optional<Field> field() { return Field::linf_bar; }
+        template <int D>
+        [[nodiscard]] bool stops(const Element<D>& /*t*/, double eta) const {
+            return !(eta >= threshold);
+        }
+    };
+    template <int D>
+    [[nodiscard]] VisitCounts count_elements(double threshold, int threads) const {
+        return for_each_leaf<D>(lattice_, Numbers{this},
+                                CubesOfVolume{lattice_.nodes() - Int3{1, 1, 1}},
+                                BelowThreshold{threshold}, {}, threads, silent_progress());
     }
 
     const StoreLayout& layout_;
@@ -355,7 +362,7 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
         whole.load_values(cache);
         const double range = store.max_value() - store.min_value();
         StudyRow finest;
-        whole.project(-1, finest);
+        whole.count(-1, options.threads, finest);
         result.all_elements = finest.leaves;
         for (const Field field : options.fields) {
             const double largest = whole.load_indicator(cache, field, progress);
@@ -368,7 +375,8 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
                 row.threshold = std::pow(options.least, static_cast<double>(step) /
                                                             static_cast<double>(options.steps - 1));
                 const double threshold = row.threshold * largest;
-                whole.project(threshold, row);
+                whole.project(threshold);
+                whole.count(threshold, options.threads, row);
                 whole.measure(range > 0 ? range : 1, row);
                 if (options.iso) {
                     count_surface(cache, surface_query(store, *options.iso, field, threshold),

@@ -12,6 +12,8 @@
 #include <cstdint>
 #include <limits>
 
+#include <isonest/field.h>
+
 #include "query/traverse/topology.h"
 #include "query/view/finest_indicators.h"
 
@@ -21,6 +23,18 @@ namespace isonest::detail {
 /// values, where beta is infinite, never exclude anything.
 inline bool may_reach(double low, double high, double beta, double iso) {
     return !(low - beta > iso) && !(high + beta < iso);
+}
+
+/// By what the bound field at the refinement node of an element has to be multiplied to bound
+/// |U - U^l| there: 1, and h(T) for the gradient type (section 5 of the paper). The element is in a
+/// cube of edge 2^level.
+inline double bound_scale(Field bound, int level, const Double3& spacing) {
+    if (indicator_of(bound) != Indicator::grad_linf) {
+        return 1;
+    }
+    // U - U^l is 0 in an element's vertices, and changes by at most the gradient's bound along the
+    // way to any other point; none is further than the longest edge of the element's box.
+    return std::ldexp(std::hypot(spacing[0], spacing[1], spacing[2]), level);
 }
 
 /// By the tetrahedron's own vertices and bound.

@@ -133,22 +133,8 @@ class NodeSides {
     std::array<Piece, 8> pieces_;
 };
 
-}  // namespace
-
-bool may_hold_surface(const ChunkSource& source, const Int3& brick, double iso) {
-    const ArrayInfo& array = source.layout().array(0, Field::values);
-    std::uint8_t sides = 0;
-    for (std::int64_t i = 0; i < 8 && sides != kBoth; ++i) {
-        sides |= sides_of_chunk(source, array, brick + kTwo.unlinear(i), iso);
-    }
-    return sides == kBoth;
-}
-
 template <class T>
-std::unique_ptr<MaskList> surface_cubes(ChunkCache& cache, const Int3& brick, double iso) {
-    if (!may_hold_surface(cache.source(), brick, iso)) {
-        return nullptr;
-    }
+std::unique_ptr<MaskList> cubes_on_both_sides(ChunkCache& cache, const Int3& brick, double iso) {
     const NodeSides<T> nodes(cache, brick, iso);
     const std::int64_t half = cache.source().layout().header().chunk / 2;
     const std::int64_t n = nodes.row_size();
@@ -183,13 +169,24 @@ std::unique_ptr<MaskList> surface_cubes(ChunkCache& cache, const Int3& brick, do
     return masks;
 }
 
-template std::unique_ptr<MaskList> surface_cubes<std::uint8_t>(ChunkCache&, const Int3&, double);
-template std::unique_ptr<MaskList> surface_cubes<std::int8_t>(ChunkCache&, const Int3&, double);
-template std::unique_ptr<MaskList> surface_cubes<std::uint16_t>(ChunkCache&, const Int3&, double);
-template std::unique_ptr<MaskList> surface_cubes<std::int16_t>(ChunkCache&, const Int3&, double);
-template std::unique_ptr<MaskList> surface_cubes<std::uint32_t>(ChunkCache&, const Int3&, double);
-template std::unique_ptr<MaskList> surface_cubes<std::int32_t>(ChunkCache&, const Int3&, double);
-template std::unique_ptr<MaskList> surface_cubes<float>(ChunkCache&, const Int3&, double);
-template std::unique_ptr<MaskList> surface_cubes<double>(ChunkCache&, const Int3&, double);
+}  // namespace
+
+bool may_hold_surface(const ChunkSource& source, const Int3& brick, double iso) {
+    const ArrayInfo& array = source.layout().array(0, Field::values);
+    std::uint8_t sides = 0;
+    for (std::int64_t i = 0; i < 8 && sides != kBoth; ++i) {
+        sides |= sides_of_chunk(source, array, brick + kTwo.unlinear(i), iso);
+    }
+    return sides == kBoth;
+}
+
+std::unique_ptr<MaskList> surface_cubes(ChunkCache& cache, const Int3& brick, double iso) {
+    if (!may_hold_surface(cache.source(), brick, iso)) {
+        return nullptr;
+    }
+    return dispatch(cache.source().layout().header().type, [&](auto tag) {
+        return cubes_on_both_sides<typename decltype(tag)::type>(cache, brick, iso);
+    });
+}
 
 }  // namespace isonest::detail

@@ -20,9 +20,8 @@ using MaskList = std::vector<std::uint8_t>;
 bool may_hold_surface(const ChunkSource& source, const Int3& brick, double iso);
 
 /// The cubes of level 1 in a brick of level 0 with nodes below the isovalue and nodes not below it;
-/// null if there are none. Decodes only chunks with values on both sides. T is the store's type.
-/// Thread-safe. Throws what the chunk source throws.
-template <class T>
+/// null if there are none. Decodes only chunks with values on both sides. Thread-safe. Throws what
+/// the chunk source throws.
 std::unique_ptr<MaskList> surface_cubes(ChunkCache& cache, const Int3& brick, double iso);
 
 }  // namespace isonest::detail

@@ -9,7 +9,8 @@
 #include <memory>
 
 #include "query/march/clip.h"
-#include "query/traverse/brick_work.h"
+#include "query/traverse/brick_traversal.h"
+#include "query/traverse/finest_brick.h"
 
 namespace isonest::detail {
 namespace {
@@ -29,21 +30,22 @@ bool is_split(const StoreLayout& layout, int level) {
     return layout.array(level, Field::values).grid.product() < kFewBricks;
 }
 
-template <class T>
-void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Parents> parents,
+/// Brick: a BrickTraversal.
+template <class Brick>
+void run_brick(TraversalRun& run, int level, const Int3& brick, std::unique_ptr<Parents> parents,
                std::uint64_t progress_share);
 
 /// The brick is done. Those before it along each axis, which come later, need no more of its values
 /// and of its parents' indicators than the first ones. Vertex attributes also need the last ones,
 /// and are sampled anywhere in the coarser levels.
-void leave(Shared& shared, int level, const Int3& brick) {
-    const TraversalQuery& query = shared.query;
-    const StoreLayout& layout = shared.cache.source().layout();
+void leave(TraversalRun& run, int level, const Int3& brick) {
+    const TraversalQuery& query = run.query;
+    const StoreLayout& layout = run.layout();
     if (query.attributes.width() > 0) {
         if (level > 0) {
             return;
         }
-        shared.cache.keep_sides(layout.array(0, Field::values), brick);
+        run.cache.keep_sides(layout.array(0, Field::values), brick);
         if (query.attribute_values != nullptr) {
             const ArrayInfo& other =
                 query.attribute_values->source().layout().array(0, Field::values);
@@ -54,7 +56,7 @@ void leave(Shared& shared, int level, const Int3& brick) {
         return;
     }
     const auto keep = [&](int of_level, Field field) {
-        shared.cache.keep_sides(layout.array(of_level, field), brick);
+        run.cache.keep_sides(layout.array(of_level, field), brick);
     };
     keep(level, Field::values);
     if (level < layout.lattice().top()) {
@@ -66,24 +68,24 @@ void leave(Shared& shared, int level, const Int3& brick) {
     }
 }
 
-/// Runs a task run(octant, share of the progress) for each octant of `active`, the last soonest: so
-/// most bricks come after those whose values they reach into.
-template <class Run>
-void run_octants(Shared& shared, const std::bitset<8>& active, std::uint64_t progress_share,
-                 const Run& run) {
+/// Runs a task visit(octant, share of the progress) for each octant of `active`, the last soonest:
+/// so most bricks come after those whose values they reach into.
+template <class Visit>
+void run_octants(TraversalRun& run, const std::bitset<8>& active, std::uint64_t progress_share,
+                 const Visit& visit) {
     const std::uint64_t share = active.none() ? 0 : progress_share / active.count();
-    shared.progress.advance(progress_share - share * active.count());
+    run.progress.advance(progress_share - share * active.count());
     tbb::task_group group;
     for (std::size_t octant = 0; octant < 8; ++octant) {
         if (active[octant]) {
-            group.run([&run, octant, share] { run(octant, share); });
+            group.run([&visit, octant, share] { visit(octant, share); });
         }
     }
     group.wait();
 }
 
-template <class T>
-void run_eighths(Shared& shared, int level, const Int3& brick, std::unique_ptr<Parents> parents,
+template <class Brick>
+void run_eighths(TraversalRun& run, int level, const Int3& brick, std::unique_ptr<Parents> parents,
                  std::uint64_t progress_share) {
     std::array<std::unique_ptr<Parents>, 8> eighths;
     std::bitset<8> active;
@@ -97,21 +99,21 @@ void run_eighths(Shared& shared, int level, const Int3& brick, std::unique_ptr<P
         }
     }
     parents.reset();
-    run_octants(shared, active, progress_share, [&](std::size_t i, std::uint64_t share) {
-        run_brick<T>(shared, level, brick, std::move(eighths[i]), share);
+    run_octants(run, active, progress_share, [&](std::size_t i, std::uint64_t share) {
+        run_brick<Brick>(run, level, brick, std::move(eighths[i]), share);
     });
 }
 
-template <class T>
-void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Parents> parents,
+template <class Brick>
+void run_brick(TraversalRun& run, int level, const Int3& brick, std::unique_ptr<Parents> parents,
                std::uint64_t progress_share) {
-    shared.progress.check();
-    const StoreLayout& layout = shared.cache.source().layout();
+    run.progress.check();
+    const StoreLayout& layout = run.layout();
     const auto half = static_cast<std::size_t>(layout.header().chunk / 2);
     if (parents != nullptr && parents->masks.size() == half * half * half) {
-        ++shared.counts.local().bricks;
+        ++run.counts.local().bricks;
         if (is_split(layout, level)) {
-            run_eighths<T>(shared, level, brick, std::move(parents), progress_share);
+            run_eighths<Brick>(run, level, brick, std::move(parents), progress_share);
             return;
         }
     }
@@ -121,7 +123,7 @@ void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Par
         return brick * 2 + kOctants.unlinear(static_cast<std::int64_t>(octant));
     };
     {
-        BrickWork<T> work(shared, level, brick);
+        Brick work(run, level, brick);
         if (parents != nullptr) {
             work.refine_parents(parents->masks, parents->begin);
         } else {
@@ -129,40 +131,38 @@ void run_brick(Shared& shared, int level, const Int3& brick, std::unique_ptr<Par
         }
         parents.reset();
         for (std::size_t octant = 0; octant < 8; ++octant) {
-            children[octant] = work.take_children(static_cast<int>(octant));
+            children[octant] = work.take_children(octant);
             active[octant] = children[octant] != nullptr;
         }
     }
     if (!is_split(layout, level)) {
-        leave(shared, level, brick);
+        leave(run, level, brick);
     }
     for (std::size_t octant = 0; octant < 8; ++octant) {
         if (active[octant]) {
-            shared.cache.source().prefetch(layout.array(level - 1, Field::values),
-                                           child_of(octant));
+            run.cache.source().prefetch(layout.array(level - 1, Field::values), child_of(octant));
         }
     }
-    run_octants(shared, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
+    run_octants(run, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
         auto masks = std::make_unique<Parents>(Parents{std::move(*children[octant]), 0});
-        run_brick<T>(shared, level - 1, child_of(octant), std::move(masks), share);
+        run_brick<Brick>(run, level - 1, child_of(octant), std::move(masks), share);
     });
 }
 
 /// Without a tolerance: the bricks of level 0 among the `size`^3 from `first` on, in Morton order.
-template <class T>
-void run_finest_bricks(Shared& shared, const Int3& first, std::int64_t size,
+void run_finest_bricks(TraversalRun& run, const Int3& first, std::int64_t size,
                        std::uint64_t progress_share) {
-    shared.progress.check();
+    run.progress.check();
     if (size == 1) {
-        if (const auto masks = surface_cubes<T>(shared.cache, first, shared.query.iso)) {
-            ++shared.counts.local().bricks;
-            BrickWork<T>(shared, 0, first).refine_parents(*masks, 0);
+        if (const auto cubes = surface_cubes(run.cache, first, run.query.iso)) {
+            ++run.counts.local().bricks;
+            march_finest_brick(run, first, *cubes);
         }
-        leave(shared, 0, first);
-        shared.progress.advance(progress_share);
+        leave(run, 0, first);
+        run.progress.advance(progress_share);
         return;
     }
-    const ChunkSource& source = shared.cache.source();
+    const ChunkSource& source = run.cache.source();
     const ArrayInfo& values = source.layout().array(0, Field::values);
     const std::int64_t chunk = source.layout().header().chunk;
     const std::int64_t half = size / 2;
@@ -174,15 +174,15 @@ void run_finest_bricks(Shared& shared, const Int3& first, std::int64_t size,
         const Int3 child = child_of(octant);
         const Int3 low = child * chunk;
         active[octant] = max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
-                         overlap_of(shared.query.box, low,
-                                    low + Int3{chunk, chunk, chunk} * half) != Overlap::outside &&
-                         (half > 1 || may_hold_surface(source, child, shared.query.iso));
+                         overlap_of(run.query.box, low, low + Int3{chunk, chunk, chunk} * half) !=
+                             Overlap::outside &&
+                         (half > 1 || may_hold_surface(source, child, run.query.iso));
         if (active[octant] && half == 1) {
             source.prefetch(values, child);
         }
     }
-    run_octants(shared, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
-        run_finest_bricks<T>(shared, child_of(octant), half, share);
+    run_octants(run, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
+        run_finest_bricks(run, child_of(octant), half, share);
     });
 }
 
@@ -195,49 +195,29 @@ bool is_finest(const StoreLayout& layout, const TraversalQuery& query) {
 
 TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
                          const PartSink& sink, Progress& progress) {
-    Shared shared{cache,
-                  query,
-                  part_vertices,
-                  sink,
-                  progress,
-                  Target(query.iso, query.plane),
-                  tbb::enumerable_thread_specific<AttributeSampler>([&] {
-                      return AttributeSampler(query.attributes, cache, query.attribute_values);
-                  }),
-                  tbb::enumerable_thread_specific<LocalMesh>([&] {
-                      return LocalMesh(&shared.attributes.local(), query.plane.has_value());
-                  }),
-                  {}};
-    const StoreLayout& layout = cache.source().layout();
+    TraversalRun run(cache, query, part_vertices, sink, progress);
+    const StoreLayout& layout = run.layout();
     progress.begin("extract", kWholeProgress, "");
-    dispatch(layout.header().type, [&](auto tag) {
-        using T = typename decltype(tag)::type;
-        if (is_finest(layout, query)) {
-            const Int3 grid = layout.array(0, Field::values).grid;
-            const auto size = static_cast<std::uint64_t>(std::max({grid.x, grid.y, grid.z}));
-            run_finest_bricks<T>(shared, {0, 0, 0}, static_cast<std::int64_t>(std::bit_ceil(size)),
-                                 kWholeProgress);
-        } else {
-            run_brick<T>(shared, layout.lattice().top(), {0, 0, 0}, nullptr, kWholeProgress);
-        }
-    });
+    if (is_finest(layout, query)) {
+        const Int3 grid = layout.array(0, Field::values).grid;
+        const auto size = static_cast<std::uint64_t>(std::max({grid.x, grid.y, grid.z}));
+        run_finest_bricks(run, {0, 0, 0}, static_cast<std::int64_t>(std::bit_ceil(size)),
+                          kWholeProgress);
+    } else if (query.plane) {
+        run_brick<BrickTraversal<PlaneByDistance>>(run, layout.lattice().top(), {0, 0, 0}, nullptr,
+                                                   kWholeProgress);
+    } else {
+        run_brick<BrickTraversal<IsovalueByBound>>(run, layout.lattice().top(), {0, 0, 0}, nullptr,
+                                                   kWholeProgress);
+    }
     TraversalCounts total;
-    for (const TraversalCounts& c : shared.counts) {
+    for (const TraversalCounts& c : run.counts) {
         total.add(c);
     }
-    for (const AttributeSampler& sampler : shared.attributes) {
+    for (const AttributeSampler& sampler : run.attributes) {
         total.value_rounding = std::max(total.value_rounding, sampler.value_rounding());
     }
     return total;
-}
-
-double bound_scale(Field bound, int level, const Double3& spacing) {
-    if (indicator_of(bound) != Indicator::grad_linf) {
-        return 1;
-    }
-    // U - U^l is 0 in an element's vertices, and changes by at most the gradient's bound along the
-    // way to any other point; none is further than the longest edge of the element's box.
-    return std::ldexp(std::hypot(spacing[0], spacing[1], spacing[2]), level);
 }
 
 std::uint64_t table_heap(const StoreLayout& layout) {

@@ -15,7 +15,7 @@
 
 #include "query/march/local_mesh.h"
 #include "query/traverse/culling.h"
-#include "query/traverse/target.h"
+#include "query/traverse/lattice_plane.h"
 #include "query/traverse/tolerance.h"
 #include "store/container/chunk_cache.h"
 
@@ -67,11 +67,6 @@ using PartSink = std::function<void(std::uint64_t order, const MeshPart& part)>;
 /// Throws what the chunk source throws, and Error{cancelled}.
 TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
                          const PartSink& sink, Progress& progress);
-
-/// By what the bound field at the refinement node of an element has to be multiplied to bound
-/// |U - U^l| there: 1, and h(T) for the gradient type (section 5 of the paper). The element is in a
-/// cube of edge 2^level.
-double bound_scale(Field bound, int level, const Double3& spacing);
 
 /// Heap of the table in which a thread finds the vertices of a brick (PointTable).
 std::uint64_t table_heap(const StoreLayout& layout);

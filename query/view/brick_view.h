@@ -10,7 +10,7 @@
 namespace isonest::detail {
 
 /// The nodes of one chunk, from `base` on, and the first ones of the chunks after it along each
-/// axis: up to 2 x 2 x 2, each decoded when first touched. Not thread-safe.
+/// axis: up to 2 x 2 x 2, each decoded when first touched. Not thread-safe, const members neither.
 class ChunkGroup {
   public:
     ChunkGroup() = default;
@@ -20,7 +20,7 @@ class ChunkGroup {
 
     /// The element of node base + p. REQUIRES: 0 <= p <= chunk, inside the lattice.
     template <class T>
-    [[nodiscard]] T at(const Int3& p, int component = 0) {
+    [[nodiscard]] T at(const Int3& p, int component = 0) const {
         const Int3& c = array_->chunk;
         if (p.x < c.x && p.y < c.y && p.z < c.z) {
             if (first_chunk_ == nullptr) {
@@ -57,8 +57,8 @@ class ChunkGroup {
     ChunkCache* cache_ = nullptr;
     const ArrayInfo* array_ = nullptr;
     Int3 first_;
-    DecodedChunk first_chunk_;
-    std::array<ChunkNodes, 7> next_;
+    mutable DecodedChunk first_chunk_;
+    mutable std::array<ChunkNodes, 7> next_;
 };
 
 /// An indicator field around one brick.
@@ -70,7 +70,7 @@ class IndicatorView {
           first_slot_(array.first_slot),
           exact_(array.codec.element_size == sizeof(float)) {}
     /// REQUIRES: the array stores the slot: slot >= ArrayInfo::first_slot.
-    [[nodiscard]] double at(const Int3& node, int slot) {
+    [[nodiscard]] double at(const Int3& node, int slot) const {
         const int component = slot - first_slot_;
         return exact_ ? static_cast<double>(chunks_.at<float>(node, component))
                       : static_cast<double>(

@@ -4,19 +4,19 @@
 #include <array>
 #include <cstdint>
 
+#include <isonest/value_type.h>
+
 #include "query/traverse/interest.h"
-#include "query/traverse/target.h"
 #include "query/view/brick_view.h"
 
 namespace isonest::detail {
 
 struct CubeNodes {
-    CubeValues value;                    ///< the data
-    CubeValues distance;                 ///< of a plane, if one is marched
-    const CubeValues* target = nullptr;  ///< what is marched: one of the two
-    Int3 low;                            ///< in nodes of the brick's level
-    unsigned mirror = 0;                 ///< axes along which the topology tables are mirrored
-    Sides sides{~0U, ~0U};               ///< anything, until `sharp`
+    CubeValues value;       ///< the data
+    CubeValues distance;    ///< from the plane, if one is marched
+    Int3 low;               ///< in nodes of the brick's level
+    unsigned mirror = 0;    ///< axes along which the topology tables are mirrored
+    Sides sides{~0U, ~0U};  ///< anything, until `sharp`
     bool sharp = false;
     std::uint32_t special = 0;   ///< bit p: its value is the isovalue or missing, if that was asked
     std::uint32_t asked = 0;     ///< bit p: it is known whether the node stops
@@ -33,35 +33,49 @@ struct CubeNodes {
     }
 };
 
-/// Cube `parent` of the level above that of `array`. `values`: the brick's, from node `base` on;
-/// `stride`: of the brick's nodes in the finest lattice.
-template <class T>
-void load(CubeNodes& nodes, const Int3& parent, ChunkGroup& values, const ArrayInfo& array,
-          const Int3& base, const Target& target, std::int64_t stride) {
-    nodes.low = parent * 2;
-    nodes.mirror = mirror_of(parent);
-    const Int3 last = array.nodes - Int3{1, 1, 1} - base;
-    const Int3 low = nodes.low - base;
-    const T* const near = values.template within_first<T>(low, 2);
-    const bool inside =
-        near != nullptr && low.x + 2 <= last.x && low.y + 2 <= last.y && low.z + 2 <= last.z;
-    for (int position = 0; position < 27; ++position) {
-        const Int3 offset = node_offset(position, nodes.mirror);
-        double& value = nodes.value[static_cast<std::size_t>(position)];
-        if (inside) {
-            value = static_cast<double>(near[array.chunk.linear(offset)]);
-            continue;
+/// Loads the values of cubes of the level above a brick's. Not thread-safe.
+class CubeLoader {
+  public:
+    /// `base`: the brick's first node, in nodes of its level.
+    CubeLoader(ChunkCache& cache, int level, const Int3& base)
+        : array_(cache.source().layout().array(level, Field::values)),
+          type_(cache.source().layout().header().type),
+          base_(base),
+          values_(cache, array_, base) {}
+
+    /// Cube `parent` of the level above.
+    void load(CubeNodes& nodes, const Int3& parent) const {
+        nodes.low = parent * 2;
+        nodes.mirror = mirror_of(parent);
+        dispatch(type_, [&](auto tag) { load_as<typename decltype(tag)::type>(nodes); });
+    }
+
+  private:
+    template <class T>
+    void load_as(CubeNodes& nodes) const {
+        const Int3 last = array_.nodes - Int3{1, 1, 1} - base_;
+        const Int3 low = nodes.low - base_;
+        const T* const near = values_.within_first<T>(low, 2);
+        const bool inside =
+            near != nullptr && low.x + 2 <= last.x && low.y + 2 <= last.y && low.z + 2 <= last.z;
+        for (int position = 0; position < 27; ++position) {
+            const Int3 offset = node_offset(position, nodes.mirror);
+            double& value = nodes.value[static_cast<std::size_t>(position)];
+            if (inside) {
+                value = static_cast<double>(near[array_.chunk.linear(offset)]);
+                continue;
+            }
+            // Beyond the lattice of this level (only there for a parent that reaches outside the
+            // volume) the nearest node's value holds.
+            value = static_cast<double>(values_.at<T>(min(low + offset, last)));
         }
-        // Beyond the lattice of this level (only there for a parent that reaches outside the
-        // volume) the nearest node's value holds.
-        value = static_cast<double>(values.template at<T>(min(low + offset, last)));
     }
-    nodes.target = &nodes.value;
-    if (target.is_plane()) {
-        nodes.distance = target.distances(nodes.low, nodes.mirror, stride);
-        nodes.target = &nodes.distance;
-    }
-}
+
+    const ArrayInfo& array_;
+    ValueType type_;
+    Int3 base_;
+    ChunkGroup values_;
+};
 
 /// Bits of the nodes of a cube's tetrahedra in `mask`.
 inline std::uint32_t nodes_of(const std::array<TopologyTetrahedron, 6>& tetrahedra,

@@ -38,7 +38,7 @@ class FieldView {
     }
     /// At node `position` of the cube with these values, a face or edge of level L + 1.
     [[nodiscard]] double at(const CubeValues& values, const Int3& low, unsigned mirror,
-                            int position) {
+                            int position) const {
         if (derived_) {
             return finest_indicator(values, position, plus_, outward_);
         }
@@ -46,7 +46,7 @@ class FieldView {
         return parents_.at({p.x >> 1, p.y >> 1, p.z >> 1}, slot_of(p));
     }
     /// At the centre of a cube of level L > 0 in this brick.
-    [[nodiscard]] double centre(const Int3& cube) {
+    [[nodiscard]] double centre(const Int3& cube) const {
         const Int3 local = cube - base_;
         const Int3 o = octant_of(local, half_);
         return centres_[static_cast<std::size_t>(kOctants.linear(o))].at(local - o * half_,

@@ -81,15 +81,16 @@ constexpr int position_of_slot(int slot) {
     return static_cast<int>(o.x + 3 * o.y + 9 * o.z);
 }
 
-/// eta of one node: +inf if it or an end of its refinement edge is missing. `outward`:
-/// StoreLayout::rounds_outward().
-inline double finest_offset(const CubeValues& u, int position, bool outward) {
-    const auto& node = finest::kNodes[static_cast<std::size_t>(position)];
-    const double mid = u[static_cast<std::size_t>(position)];
-    const double eta = outward ? outward_offset(mid, u[node.low], u[node.high])
-                               : std::fabs(mid - 0.5 * (u[node.low] + u[node.high]));
+/// eta of a node with value `u` between the ends of its refinement edge: +inf if any is missing.
+/// `outward`: StoreLayout::rounds_outward().
+inline double finest_offset(double u, double end0, double end1, bool outward) {
+    const double eta = outward ? outward_offset(u, end0, end1) : std::fabs(u - 0.5 * (end0 + end1));
     return eta <= std::numeric_limits<double>::max() ? eta
                                                      : std::numeric_limits<double>::infinity();
+}
+inline double finest_offset(const CubeValues& u, int position, bool outward) {
+    const auto& node = finest::kNodes[static_cast<std::size_t>(position)];
+    return finest_offset(u[static_cast<std::size_t>(position)], u[node.low], u[node.high], outward);
 }
 
 /// linf_bar (which is deviation_bar at level 1), or linf_plus, of an edge midpoint, a face centre

@@ -24,21 +24,28 @@ bool NodeSampler::is_home(const ArrayInfo& array, const Int3& chunk) const {
     return array.field == Field::values && home_level_ == array.level && chunk == home_chunk_;
 }
 
-const std::byte* NodeSampler::element(Recent& recent, int level, Field field, const Int3& node,
-                                      int component) {
+void NodeSampler::look_at(Recent& recent, int level, Field field) {
     if (recent.array == nullptr || recent.array->field != field) {
-        recent = {&layout_->array(level, field), {-1, -1, -1}, {}};
+        recent = {&layout_->array(level, field), {-1, -1, -1}, {}, {}};
     }
+}
+
+const std::byte* NodeSampler::element(Recent& recent, const Int3& node, int component) {
     const ArrayInfo& array = *recent.array;
-    const Int3 chunk = array.chunk_of(node);
-    const Int3 p = node - array.first_node(chunk);
+    Int3 p = node - recent.first;
+    const bool near = recent.chunk.x >= 0 && min(p, {0, 0, 0}) == Int3{0, 0, 0} &&
+                      p.x < array.chunk.x && p.y < array.chunk.y && p.z < array.chunk.z;
+    const Int3 chunk = near ? recent.chunk : array.chunk_of(node);
+    if (!near) {
+        p = node - array.first_node(chunk);
+    }
     const bool home = is_home(array, chunk);
     Recent& from = home ? home_ : recent;
     const std::byte* at = chunk == from.chunk ? cache_->find(array, from.part, p) : nullptr;
     if (at == nullptr) {
         from.part = {};
         const bool whole = home || !home_level_;
-        from = {&array, chunk,
+        from = {&array, chunk, array.first_node(chunk),
                 whole ? ChunkPart{cache_->get(array, chunk), true} : cache_->part(array, chunk, p)};
         at = cache_->find(array, from.part, p);
     }
@@ -47,11 +54,11 @@ const std::byte* NodeSampler::element(Recent& recent, int level, Field field, co
 
 double NodeSampler::value(const Int3& p, int level) {
     const int from = std::min(level, layout_->lattice().top());
-    const std::int64_t stride = std::int64_t{1} << from;
-    const Int3 last = layout_->lattice().nodes_at(from) - Int3{1, 1, 1};
-    const Int3 node = max({0, 0, 0}, min({p.x / stride, p.y / stride, p.z / stride}, last));
-    const std::byte* const at =
-        element(values_[static_cast<std::size_t>(from)], from, Field::values, node, 0);
+    Recent& recent = values_[static_cast<std::size_t>(from)];
+    look_at(recent, from, Field::values);
+    const Int3 node = max({0, 0, 0}, min({p.x >> from, p.y >> from, p.z >> from},
+                                         recent.array->nodes - Int3{1, 1, 1}));
+    const std::byte* const at = element(recent, node, 0);
     return dispatch(layout_->header().type, [&](auto tag) {
         return static_cast<double>(*reinterpret_cast<const typename decltype(tag)::type*>(at));
     });
@@ -76,6 +83,34 @@ Double3 NodeSampler::gradient(const Int3& p, int level) {
     return g;
 }
 
+double NodeSampler::at_level_1(const Int3& x, const NodeInfo& node, bool plus) {
+    const double eta = finest_offset(value(x, 0), value(node.end0, 0), value(node.end1, 0),
+                                     layout_->rounds_outward());
+    if (node.kind == NodeKind::edge) {
+        return eta;
+    }
+    const int top = layout_->lattice().top();
+    double largest = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+        if (node.odd[static_cast<std::size_t>(axis)]) {
+            for (const std::int64_t step : {-1, 1}) {
+                Int3 child = x;
+                child[axis] += step;
+                largest = std::max(largest, at_level_1(child, describe_node(child, top), plus));
+            }
+        }
+    }
+    return plus ? eta + largest : std::max(eta, largest);
+}
+
+double NodeSampler::stored(Recent& recent, const Int3& owner, int slot) {
+    const ArrayInfo& array = *recent.array;
+    const std::byte* const at = element(recent, owner, slot - array.first_slot);
+    return array.codec.element_size == sizeof(float)
+               ? static_cast<double>(*reinterpret_cast<const float*>(at))
+               : static_cast<double>(decode_indicator(*reinterpret_cast<const IndicatorCode*>(at)));
+}
+
 double NodeSampler::indicator(const Int3& x, Field field) {
     const NodeInfo node = describe_node(x, layout_->lattice().top());
     if (node.scale == 0) {
@@ -85,8 +120,9 @@ double NodeSampler::indicator(const Int3& x, Field field) {
     const Int3 p{x.x / node.scale, x.y / node.scale, x.z / node.scale};
     const Int3 owner{p.x / 2, p.y / 2, p.z / 2};
     const int slot = slot_of(p);
-    const ArrayInfo& array = layout_->array(level, field);
-    if (slot < array.first_slot) {
+    Recent& recent = indicators_[static_cast<std::size_t>(level)];
+    look_at(recent, level, field);
+    if (slot < recent.array->first_slot) {
         // Level 1: from the values of a cube that holds the node.
         const Int3 cube = min(owner, layout_->lattice().elements_at(1) - Int3{1, 1, 1});
         const unsigned mirror = mirror_of(cube);
@@ -100,11 +136,21 @@ double NodeSampler::indicator(const Int3& x, Field field) {
         return finest_indicator(u, position, saturation_of(field) == Saturation::plus,
                                 layout_->rounds_outward());
     }
-    const std::byte* const at = element(indicators_[static_cast<std::size_t>(level)], level, field,
-                                        owner, slot - array.first_slot);
-    return array.codec.element_size == sizeof(float)
-               ? static_cast<double>(*reinterpret_cast<const float*>(at))
-               : static_cast<double>(decode_indicator(*reinterpret_cast<const IndicatorCode*>(at)));
+    return stored(recent, owner, slot);
+}
+
+double NodeSampler::grid_indicator(const Int3& x, Field field) {
+    const NodeInfo node = describe_node(x, layout_->lattice().top());
+    const int level = node.level();
+    const int shift = level - 1;
+    const Int3 p{x.x >> shift, x.y >> shift, x.z >> shift};
+    Recent& recent = indicators_[static_cast<std::size_t>(level)];
+    look_at(recent, level, field);
+    const int slot = slot_of(p);
+    if (slot < recent.array->first_slot) {
+        return at_level_1(x, node, saturation_of(field) == Saturation::plus);
+    }
+    return stored(recent, {p.x >> 1, p.y >> 1, p.z >> 1}, slot);
 }
 
 }  // namespace isonest::detail

@@ -40,16 +40,22 @@ class NodeSampler {
     /// The field at refinement node x: 0 at nodes that refine nothing. REQUIRES: x >= 0; the store
     /// has the field.
     [[nodiscard]] double indicator(const Int3& x, Field field);
+    /// The same from as few values as the node needs. REQUIRES: an element of the grid refines at
+    /// x.
+    [[nodiscard]] double grid_indicator(const Int3& x, Field field);
 
   private:
     static constexpr std::size_t kLevels = 22;
     struct Recent {
         const ArrayInfo* array = nullptr;
         Int3 chunk{-1, -1, -1};
+        Int3 first{};  ///< node of the chunk
         ChunkPart part;
     };
-    const std::byte* element(Recent& recent, int level, Field field, const Int3& node,
-                             int component);
+    void look_at(Recent& recent, int level, Field field);
+    const std::byte* element(Recent& recent, const Int3& node, int component);
+    double stored(Recent& recent, const Int3& owner, int slot);
+    double at_level_1(const Int3& x, const NodeInfo& node, bool plus);
     [[nodiscard]] bool is_home(const ArrayInfo& array, const Int3& chunk) const;
 
     ChunkCache* cache_;
