@@ -616,7 +616,7 @@ class NrrdInput(Input):
         self.reads(self.data)
         self.path.write_bytes(head + b"\n" + b"# x\n" * (1 << 20) + b"\n" + numbers)
         self.refuses(5, "empty line")
-        self.path.write_bytes(head + b"\n# " + numbers.replace(b"\n", b""))
+        self.path.write_bytes(head + b"\n# " + numbers.translate(None, b"\r\n"))
         self.refuses(4, "empty line")
         self.path.write_bytes(whole.replace(b"NRRD0005", b"NRRD0006"))
         self.refuses(5, "NRRD0006")
