@@ -5,6 +5,8 @@
 #include <type_traits>
 #include <vector>
 
+#include <isonest/value_type.h>
+
 #include "preprocess/indicators/value_rows.h"
 
 namespace isonest::detail {
@@ -63,9 +65,9 @@ void merge_cube_ranges(std::span<const CubeRange> fine, const Int3& fine_cells,
 }
 
 // NOLINTBEGIN(bugprone-macro-parentheses): T is a type
-#define ISONEST_INSTANTIATE(T) \
+#define ISONEST_INSTANTIATE(tag, T) \
     template void find_cube_ranges(const Box<T>&, const Int3&, Box<CubeRange>&);
-ISONEST_VALUE_TYPES(ISONEST_INSTANTIATE)
+ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_INSTANTIATE)
 #undef ISONEST_INSTANTIATE
 // NOLINTEND(bugprone-macro-parentheses)
 

@@ -13,8 +13,8 @@ namespace {
 
 /// Calls use(i, difference) for every lane, with a loop of its own for each number of terms.
 template <class Real, class Use>
-[[gnu::always_inline]] inline void each_difference(const Interpolation<Real>& d, std::int64_t n,
-                                                   const Use& use) {
+[[gnu::always_inline]] inline void each_nearest_difference(const Interpolation<Real>& d,
+                                                           std::int64_t n, const Use& use) {
     const Real* const v = d.value;
     const Real* const a = d.term[0];
     const Real* const b = d.term[1];
@@ -70,85 +70,35 @@ template <class Use>
     }
 }
 
-template <class Real>
-[[gnu::always_inline]] inline void differences_of(const Interpolation<Real>& d,
-                                                  Real* __restrict out, std::int64_t n) {
-    each_difference(d, n, [&](std::int64_t i, Real difference) { out[i] = difference; });
+/// The one of the two that d asks for.
+template <class Real, class Use>
+[[gnu::always_inline]] inline void each_difference(const Interpolation<Real>& d, std::int64_t n,
+                                                   const Use& use) {
+    if constexpr (std::is_same_v<Real, double>) {
+        if (d.outward) {
+            each_outward_difference(d, n, use);
+            return;
+        }
+    }
+    each_nearest_difference(d, n, use);
 }
 
-/// The two above, to be handed over.
-struct Each {
-    template <class Real, class Use>
-    [[gnu::always_inline]] void operator()(const Interpolation<Real>& d, std::int64_t n,
-                                           const Use& use) const {
-        each_difference(d, n, use);
-    }
-};
-struct EachOutward {
-    template <class Use>
-    [[gnu::always_inline]] void operator()(const Interpolation<double>& d, std::int64_t n,
-                                           const Use& use) const {
-        each_outward_difference(d, n, use);
-    }
-};
-
-template <class Real, class How>
-[[gnu::always_inline]] inline void raise_differences_of(const Interpolation<Real>& d,
-                                                        const Real* offset, Real* __restrict best,
-                                                        std::int64_t n, const How& each) {
-    if (offset == nullptr) {
-        each(d, n, [&](std::int64_t i, Real difference) {
-            best[i] = difference > best[i] ? difference : best[i];
-        });
+/// |mid - (a + b) / 2|, or at least that.
+template <bool kOutward, class Real>
+[[gnu::always_inline]] inline Real offset(Real mid, Real a, Real b) {
+    if constexpr (kOutward) {
+        return outward_offset(mid, a, b);
     } else {
-        each(d, n, [&](std::int64_t i, Real difference) {
-            const Real sum = difference + offset[i];
-            best[i] = sum > best[i] ? sum : best[i];
-        });
+        return std::fabs(mid - Real{0.5} * (a + b));
     }
 }
 
-template <class Real>
-[[gnu::always_inline]] inline void raise_of(const Real* value, Real* __restrict best,
-                                            std::int64_t n) {
-    for (std::int64_t i = 0; i < n; ++i) {
-        best[i] = value[i] > best[i] ? value[i] : best[i];
-    }
-}
-
-template <class Real>
-[[gnu::always_inline]] inline void raise_sum_of(const Real* a, const Real* b, Real* __restrict best,
-                                                std::int64_t n) {
-    for (std::int64_t i = 0; i < n; ++i) {
-        const Real sum = a[i] + b[i];
-        best[i] = sum > best[i] ? sum : best[i];
-    }
-}
-
-template <class Real>
-[[gnu::always_inline]] inline void raise_by_four_of(const Real* a, const Real* b, const Real* c,
-                                                    const Real* d, Real* __restrict best,
-                                                    std::int64_t n) {
-    for (std::int64_t i = 0; i < n; ++i) {
-        best[i] = larger(best[i], larger(larger(a[i], b[i]), larger(c[i], d[i])));
-    }
-}
-
-template <class Real>
-[[gnu::always_inline]] inline void add_largest_of_four_of(const Real* a, const Real* b,
-                                                          const Real* c, const Real* d,
-                                                          Real* __restrict sum, std::int64_t n) {
-    for (std::int64_t i = 0; i < n; ++i) {
-        sum[i] += larger(larger(a[i], b[i]), larger(c[i], d[i]));
-    }
-}
-
-template <class Real>
+template <bool kOutward, class Real>
 [[gnu::always_inline]] inline void midpoint_offsets_of(const Real* mid, const Real* a,
                                                        const Real* b, Real* __restrict out,
                                                        std::int64_t n) {
     for (std::int64_t i = 0; i < n; ++i) {
-        out[i] = std::fabs(mid[i] - Real{0.5} * (a[i] + b[i]));
+        out[i] = offset<kOutward>(mid[i], a[i], b[i]);
     }
 }
 
@@ -162,15 +112,6 @@ template <class Real>
         const Real same = a[i] + b[i + 1];
         const Real cross = a[i + 1] + b[i];
         out[i] = std::fabs(mid[i] - Real{0.5} * (((parity + i) & 1) == 0 ? same : cross));
-    }
-}
-
-[[gnu::always_inline]] inline void outward_midpoint_offsets_of(const double* mid, const double* a,
-                                                               const double* b,
-                                                               double* __restrict out,
-                                                               std::int64_t n) {
-    for (std::int64_t i = 0; i < n; ++i) {
-        out[i] = outward_offset(mid[i], a[i], b[i]);
     }
 }
 
@@ -197,10 +138,86 @@ inline void round_up(Real value, IndicatorCode& out) {
     out = encode_indicator(round_up_to_float(value));
 }
 
+}  // namespace
+
+template <class Real>
+ISONEST_SIMD void differences(const Interpolation<Real>& d, Real* __restrict out, std::int64_t n) {
+    each_difference(d, n, [&](std::int64_t i, Real difference) { out[i] = difference; });
+}
+
+template <class Real>
+ISONEST_SIMD void raise_differences(const Interpolation<Real>& d, const Real* offset,
+                                    Real* __restrict best, std::int64_t n) {
+    if (offset == nullptr) {
+        each_difference(d, n, [&](std::int64_t i, Real difference) {
+            best[i] = difference > best[i] ? difference : best[i];
+        });
+    } else {
+        each_difference(d, n, [&](std::int64_t i, Real difference) {
+            const Real sum = difference + offset[i];
+            best[i] = sum > best[i] ? sum : best[i];
+        });
+    }
+}
+
+template <class Real>
+ISONEST_SIMD void raise(const Real* value, Real* __restrict best, std::int64_t n) {
+    for (std::int64_t i = 0; i < n; ++i) {
+        best[i] = value[i] > best[i] ? value[i] : best[i];
+    }
+}
+
+template <class Real>
+ISONEST_SIMD void raise_sum(const Real* a, const Real* b, Real* __restrict best, std::int64_t n) {
+    for (std::int64_t i = 0; i < n; ++i) {
+        const Real sum = a[i] + b[i];
+        best[i] = sum > best[i] ? sum : best[i];
+    }
+}
+
+template <class Real>
+ISONEST_SIMD void raise_by_four(const Real* a, const Real* b, const Real* c, const Real* d,
+                                Real* __restrict best, std::int64_t n) {
+    for (std::int64_t i = 0; i < n; ++i) {
+        best[i] = larger(best[i], larger(larger(a[i], b[i]), larger(c[i], d[i])));
+    }
+}
+
+template <class Real>
+ISONEST_SIMD void add_largest_of_four(const Real* a, const Real* b, const Real* c, const Real* d,
+                                      Real* __restrict sum, std::int64_t n) {
+    for (std::int64_t i = 0; i < n; ++i) {
+        sum[i] += larger(larger(a[i], b[i]), larger(c[i], d[i]));
+    }
+}
+
+template <class Real>
+ISONEST_SIMD void midpoint_offsets(const Real* mid, const Real* a, const Real* b, Real* out,
+                                   std::int64_t n, bool outward) {
+    if constexpr (std::is_same_v<Real, double>) {
+        if (outward) {
+            midpoint_offsets_of<true>(mid, a, b, out, n);
+            return;
+        }
+    }
+    midpoint_offsets_of<false>(mid, a, b, out, n);
+}
+
+template <class Real>
+ISONEST_SIMD void diagonal_offsets(const Real* mid, const Real* a, const Real* b,
+                                   std::int64_t first, Real* out, std::int64_t n, bool outward) {
+    if constexpr (std::is_same_v<Real, double>) {
+        if (outward) {
+            outward_diagonal_offsets_of(mid, a, b, first, out, n);
+            return;
+        }
+    }
+    diagonal_offsets_of(mid, a, b, first, out, n);
+}
+
 template <class Real, class Stored>
-[[gnu::always_inline]] inline std::pair<Stored, Stored> round_up_and_range(const Real* in,
-                                                                           Stored* __restrict out,
-                                                                           std::int64_t n) {
+ISONEST_SIMD std::pair<Stored, Stored> round_up_row(const Real* in, Stored* __restrict out,
+                                                    std::int64_t n) {
     // Numbers >= 0 are in the order of their bits, and integers need no order of evaluation.
     using Bits = std::conditional_t<sizeof(Stored) == 4, std::uint32_t, std::uint16_t>;
     Bits low = std::numeric_limits<Bits>::max();
@@ -216,99 +233,26 @@ template <class Real, class Stored>
     return {std::bit_cast<Stored>(low), std::bit_cast<Stored>(high)};
 }
 
-}  // namespace
-
-ISONEST_SIMD std::pair<IndicatorCode, IndicatorCode> round_up_row(const float* in,
-                                                                  IndicatorCode* out,
-                                                                  std::int64_t n) {
-    return round_up_and_range(in, out, n);
-}
-ISONEST_SIMD std::pair<IndicatorCode, IndicatorCode> round_up_row(const double* in,
-                                                                  IndicatorCode* out,
-                                                                  std::int64_t n) {
-    return round_up_and_range(in, out, n);
-}
-ISONEST_SIMD std::pair<float, float> round_up_row(const float* in, float* out, std::int64_t n) {
-    return round_up_and_range(in, out, n);
-}
-ISONEST_SIMD std::pair<float, float> round_up_row(const double* in, float* out, std::int64_t n) {
-    return round_up_and_range(in, out, n);
-}
-ISONEST_SIMD void differences(const Interpolation<float>& d, float* out, std::int64_t n) {
-    differences_of(d, out, n);
-}
-ISONEST_SIMD void differences(const Interpolation<double>& d, double* out, std::int64_t n) {
-    if (d.outward) {
-        each_outward_difference(d, n,
-                                [&](std::int64_t i, double difference) { out[i] = difference; });
-    } else {
-        differences_of(d, out, n);
-    }
-}
-ISONEST_SIMD void raise_differences(const Interpolation<float>& d, const float* offset, float* best,
-                                    std::int64_t n) {
-    raise_differences_of(d, offset, best, n, Each{});
-}
-ISONEST_SIMD void raise_differences(const Interpolation<double>& d, const double* offset,
-                                    double* best, std::int64_t n) {
-    if (d.outward) {
-        raise_differences_of(d, offset, best, n, EachOutward{});
-    } else {
-        raise_differences_of(d, offset, best, n, Each{});
-    }
-}
-ISONEST_SIMD void raise_by_four(const float* a, const float* b, const float* c, const float* d,
-                                float* best, std::int64_t n) {
-    raise_by_four_of(a, b, c, d, best, n);
-}
-ISONEST_SIMD void raise_by_four(const double* a, const double* b, const double* c, const double* d,
-                                double* best, std::int64_t n) {
-    raise_by_four_of(a, b, c, d, best, n);
-}
-ISONEST_SIMD void add_largest_of_four(const float* a, const float* b, const float* c,
-                                      const float* d, float* sum, std::int64_t n) {
-    add_largest_of_four_of(a, b, c, d, sum, n);
-}
-ISONEST_SIMD void add_largest_of_four(const double* a, const double* b, const double* c,
-                                      const double* d, double* sum, std::int64_t n) {
-    add_largest_of_four_of(a, b, c, d, sum, n);
-}
-ISONEST_SIMD void midpoint_offsets(const float* mid, const float* a, const float* b, float* out,
-                                   std::int64_t n, bool /*outward*/) {
-    midpoint_offsets_of(mid, a, b, out, n);
-}
-ISONEST_SIMD void midpoint_offsets(const double* mid, const double* a, const double* b, double* out,
-                                   std::int64_t n, bool outward) {
-    if (outward) {
-        outward_midpoint_offsets_of(mid, a, b, out, n);
-    } else {
-        midpoint_offsets_of(mid, a, b, out, n);
-    }
-}
-ISONEST_SIMD void diagonal_offsets(const float* mid, const float* a, const float* b,
-                                   std::int64_t first, float* out, std::int64_t n,
-                                   bool /*outward*/) {
-    diagonal_offsets_of(mid, a, b, first, out, n);
-}
-ISONEST_SIMD void diagonal_offsets(const double* mid, const double* a, const double* b,
-                                   std::int64_t first, double* out, std::int64_t n, bool outward) {
-    if (outward) {
-        outward_diagonal_offsets_of(mid, a, b, first, out, n);
-    } else {
-        diagonal_offsets_of(mid, a, b, first, out, n);
-    }
-}
-ISONEST_SIMD void raise(const float* value, float* best, std::int64_t n) {
-    raise_of(value, best, n);
-}
-ISONEST_SIMD void raise(const double* value, double* best, std::int64_t n) {
-    raise_of(value, best, n);
-}
-ISONEST_SIMD void raise_sum(const float* a, const float* b, float* best, std::int64_t n) {
-    raise_sum_of(a, b, best, n);
-}
-ISONEST_SIMD void raise_sum(const double* a, const double* b, double* best, std::int64_t n) {
-    raise_sum_of(a, b, best, n);
-}
+// NOLINTBEGIN(bugprone-macro-parentheses): Real is a type
+#define ISONEST_INSTANTIATE(Real)                                                                  \
+    template void differences(const Interpolation<Real>&, Real*, std::int64_t);                    \
+    template void raise_differences(const Interpolation<Real>&, const Real*, Real*, std::int64_t); \
+    template void raise(const Real*, Real*, std::int64_t);                                         \
+    template void raise_sum(const Real*, const Real*, Real*, std::int64_t);                        \
+    template void raise_by_four(const Real*, const Real*, const Real*, const Real*, Real*,         \
+                                std::int64_t);                                                     \
+    template void add_largest_of_four(const Real*, const Real*, const Real*, const Real*, Real*,   \
+                                      std::int64_t);                                               \
+    template void midpoint_offsets(const Real*, const Real*, const Real*, Real*, std::int64_t,     \
+                                   bool);                                                          \
+    template void diagonal_offsets(const Real*, const Real*, const Real*, std::int64_t, Real*,     \
+                                   std::int64_t, bool);                                            \
+    template std::pair<IndicatorCode, IndicatorCode> round_up_row(const Real*, IndicatorCode*,     \
+                                                                  std::int64_t);                   \
+    template std::pair<float, float> round_up_row(const Real*, float*, std::int64_t);
+ISONEST_INSTANTIATE(float)
+ISONEST_INSTANTIATE(double)
+#undef ISONEST_INSTANTIATE
+// NOLINTEND(bugprone-macro-parentheses)
 
 }  // namespace isonest::detail

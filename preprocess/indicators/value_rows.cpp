@@ -24,17 +24,18 @@ template <class T>
     }
 }
 
+}  // namespace
+
 template <class T>
-[[gnu::always_inline]] inline void widen(const T* in, RealFor<T>* __restrict out, std::int64_t n) {
+ISONEST_SIMD void widen_row(const T* in, RealFor<T>* __restrict out, std::int64_t n) {
     for (std::int64_t i = 0; i < n; ++i) {
         out[i] = widened(in[i]);
     }
 }
 
 template <class T>
-[[gnu::always_inline]] inline void split(const T* in, std::int64_t step,
-                                         RealFor<T>* __restrict even, RealFor<T>* __restrict odd,
-                                         std::int64_t n) {
+ISONEST_SIMD void split_row(const T* in, std::int64_t step, RealFor<T>* __restrict even,
+                            RealFor<T>* __restrict odd, std::int64_t n) {
     if (step == 1) {
         for (std::int64_t i = 0; i < n; ++i) {
             even[i] = widened(in[2 * i]);
@@ -49,8 +50,7 @@ template <class T>
 }
 
 template <class T>
-[[gnu::always_inline]] inline void take(const T* in, std::int64_t step, T* __restrict out,
-                                        std::int64_t n) {
+ISONEST_SIMD void take_row(const T* in, std::int64_t step, T* __restrict out, std::int64_t n) {
     if (step == 1) {
         std::memcpy(out, in, static_cast<std::size_t>(n) * sizeof(T));
     } else {
@@ -61,16 +61,15 @@ template <class T>
 }
 
 template <class T>
-[[gnu::always_inline]] inline void range(const T* in, T* __restrict low, T* __restrict high,
-                                         std::int64_t n) {
+ISONEST_SIMD void range_row(const T* in, T* __restrict low, T* __restrict high, std::int64_t n) {
     for (std::int64_t i = 0; i < n; ++i) {
         low[i] = in[i] < low[i] ? in[i] : low[i];
         high[i] = in[i] > high[i] ? in[i] : high[i];
     }
 }
 
-template <class T>
-[[gnu::always_inline]] inline bool finite_row(const T* in, std::int64_t n) {
+template <class Real>
+ISONEST_SIMD bool all_finite(const Real* in, std::int64_t n) {
     std::int64_t finite = 0;
     for (std::int64_t i = 0; i < n; ++i) {
         finite += is_finite(in[i]) ? 1 : 0;
@@ -78,32 +77,16 @@ template <class T>
     return finite == n;
 }
 
-}  // namespace
-
 // NOLINTBEGIN(bugprone-macro-parentheses): T is a type
-#define ISONEST_DEFINE(T)                                                                          \
-    ISONEST_SIMD void widen_row(const T* in, RealFor<T>* out, std::int64_t n) {                    \
-        widen(in, out, n);                                                                         \
-    }                                                                                              \
-    ISONEST_SIMD void split_row(const T* in, std::int64_t step, RealFor<T>* even, RealFor<T>* odd, \
-                                std::int64_t n) {                                                  \
-        split(in, step, even, odd, n);                                                             \
-    }                                                                                              \
-    ISONEST_SIMD void take_row(const T* in, std::int64_t step, T* out, std::int64_t n) {           \
-        take(in, step, out, n);                                                                    \
-    }                                                                                              \
-    ISONEST_SIMD void range_row(const T* in, T* low, T* high, std::int64_t n) {                    \
-        range(in, low, high, n);                                                                   \
-    }
-ISONEST_VALUE_TYPES(ISONEST_DEFINE)
-#undef ISONEST_DEFINE
+#define ISONEST_INSTANTIATE(tag, T)                                                             \
+    template void widen_row<T>(const T*, RealFor<T>*, std::int64_t);                            \
+    template void split_row<T>(const T*, std::int64_t, RealFor<T>*, RealFor<T>*, std::int64_t); \
+    template void take_row<T>(const T*, std::int64_t, T*, std::int64_t);                        \
+    template void range_row<T>(const T*, T*, T*, std::int64_t);
+ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_INSTANTIATE)
+#undef ISONEST_INSTANTIATE
 // NOLINTEND(bugprone-macro-parentheses)
-
-ISONEST_SIMD bool all_finite(const float* in, std::int64_t n) {
-    return finite_row(in, n);
-}
-ISONEST_SIMD bool all_finite(const double* in, std::int64_t n) {
-    return finite_row(in, n);
-}
+template bool all_finite(const float*, std::int64_t);
+template bool all_finite(const double*, std::int64_t);
 
 }  // namespace isonest::detail

@@ -10,6 +10,7 @@ struct Names {
     std::string_view brief;
     std::string_view alias;
 };
+/// In the order of ValueType.
 constexpr std::array<Names, 8> kNames{{{"uint8", "u8", "uchar"},
                                        {"int8", "i8", "char"},
                                        {"uint16", "u16", "ushort"},
@@ -18,6 +19,9 @@ constexpr std::array<Names, 8> kNames{{{"uint8", "u8", "uchar"},
                                        {"int32", "i32", "int"},
                                        {"float32", "f32", "float"},
                                        {"float64", "f64", "double"}}};
+#define ISONEST_COUNT(tag, T) +1
+static_assert(kNames.size() == 0 ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_COUNT));
+#undef ISONEST_COUNT
 
 }  // namespace
 

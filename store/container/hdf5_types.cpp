@@ -45,28 +45,17 @@ std::optional<std::vector<T>> read_array(hid_t object, const char* name, hid_t m
 }  // namespace
 
 TypeHandle file_type(ValueType type) {
-    constexpr auto kTypes = [](ValueType t) -> hid_t {
-        switch (t) {
-            case ValueType::u8:
-                return H5T_STD_U8LE;
-            case ValueType::i8:
-                return H5T_STD_I8LE;
-            case ValueType::u16:
-                return H5T_STD_U16LE;
-            case ValueType::i16:
-                return H5T_STD_I16LE;
-            case ValueType::u32:
-                return H5T_STD_U32LE;
-            case ValueType::i32:
-                return H5T_STD_I32LE;
-            case ValueType::f32:
-                return H5T_IEEE_F32LE;
-            case ValueType::f64:
-                break;
+    return dispatch(type, [](auto tag) {
+        using T = typename decltype(tag)::type;
+        if constexpr (std::is_floating_point_v<T>) {
+            return TypeHandle(H5Tcopy(sizeof(T) == 4 ? H5T_IEEE_F32LE : H5T_IEEE_F64LE));
+        } else {
+            TypeHandle integer(H5Tcopy(std::is_signed_v<T> ? H5T_STD_I8LE : H5T_STD_U8LE));
+            H5Tset_size(integer.get(), sizeof(T));
+            H5Tset_precision(integer.get(), 8 * sizeof(T));
+            return integer;
         }
-        return H5T_IEEE_F64LE;
-    };
-    return TypeHandle(H5Tcopy(kTypes(type)));
+    });
 }
 
 TypeHandle indicator_code_type() {

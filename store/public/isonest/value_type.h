@@ -1,4 +1,4 @@
-// The eight scalar types of a volume, and a dispatch from the run-time tag to the C++ type.
+// The eight scalar types of a volume, and the way from the run-time tag to the C++ type and back.
 #pragma once
 
 #include <cstddef>
@@ -8,9 +8,25 @@
 #include <type_traits>
 #include <utility>
 
+// NOLINTBEGIN(bugprone-macro-parentheses): the arguments are names and types
+
+/// The one list of the types: X(tag, type) for each.
+#define ISONEST_FOR_EACH_VALUE_TYPE(X) \
+    X(u8, std::uint8_t)                \
+    X(i8, std::int8_t)                 \
+    X(u16, std::uint16_t)              \
+    X(i16, std::int16_t)               \
+    X(u32, std::uint32_t)              \
+    X(i32, std::int32_t)               \
+    X(f32, float)                      \
+    X(f64, double)
+
 namespace isonest {
 
-enum class ValueType : std::uint8_t { u8, i8, u16, i16, u32, i32, f32, f64 };
+#define ISONEST_TAG(tag, T) tag,
+/// u8, i8, u16, i16, u32, i32, f32, f64.
+enum class ValueType : std::uint8_t { ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_TAG) };
+#undef ISONEST_TAG
 
 template <class T>
 struct TypeTag {
@@ -21,25 +37,29 @@ struct TypeTag {
 template <class F>
 decltype(auto) dispatch(ValueType type, F&& f) {
     switch (type) {
-        case ValueType::u8:
-            return std::forward<F>(f)(TypeTag<std::uint8_t>{});
-        case ValueType::i8:
-            return std::forward<F>(f)(TypeTag<std::int8_t>{});
-        case ValueType::u16:
-            return std::forward<F>(f)(TypeTag<std::uint16_t>{});
-        case ValueType::i16:
-            return std::forward<F>(f)(TypeTag<std::int16_t>{});
-        case ValueType::u32:
-            return std::forward<F>(f)(TypeTag<std::uint32_t>{});
-        case ValueType::i32:
-            return std::forward<F>(f)(TypeTag<std::int32_t>{});
-        case ValueType::f32:
-            return std::forward<F>(f)(TypeTag<float>{});
-        case ValueType::f64:
-            break;
+#define ISONEST_CASE(tag, T) \
+    case ValueType::tag:     \
+        return std::forward<F>(f)(TypeTag<T>{});
+        ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_CASE)
+#undef ISONEST_CASE
     }
     return std::forward<F>(f)(TypeTag<double>{});
 }
+
+/// The tag of a C++ type; there is none for other types than the eight.
+template <class T>
+inline constexpr ValueType value_type_of = [] {
+#define ISONEST_IS(tag, Type)                \
+    if constexpr (std::is_same_v<T, Type>) { \
+        return ValueType::tag;               \
+    } else
+    ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_IS) {
+        static_assert(!sizeof(T), "volumes are of integers of 8, 16 or 32 bits, float or double");
+    }
+#undef ISONEST_IS
+}();
+
+// NOLINTEND(bugprone-macro-parentheses)
 
 /// Bytes of one value.
 std::size_t size_of(ValueType type);
