@@ -51,18 +51,11 @@ template <class T>
     }
 }
 
-#define ISONEST_SIDES(T)                                                                     \
+#define ISONEST_SIDES(tag, T)                                                                \
     ISONEST_SIMD void sides_of(const T* value, T limit, std::uint8_t* out, std::int64_t n) { \
         sides_of_row(value, limit, out, n);                                                  \
     }
-ISONEST_SIDES(std::uint8_t)
-ISONEST_SIDES(std::int8_t)
-ISONEST_SIDES(std::uint16_t)
-ISONEST_SIDES(std::int16_t)
-ISONEST_SIDES(std::uint32_t)
-ISONEST_SIDES(std::int32_t)
-ISONEST_SIDES(float)
-ISONEST_SIDES(double)
+ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_SIDES)
 #undef ISONEST_SIDES
 
 ISONEST_SIMD void unite_rows(const std::uint8_t* row, std::uint8_t* __restrict into,
