@@ -210,16 +210,17 @@ std::uint64_t Checksum::value() const {
 }
 
 std::size_t codec_heap(std::size_t chunk_bytes, int level) {
+    const std::size_t shuffled = chunk_bytes;
+    const std::size_t packed = chunk_bytes;
     const ZSTD_compressionParameters parameters = ZSTD_getCParams(level, chunk_bytes, 0);
-    return 2 * chunk_bytes + ZSTD_estimateCCtxSize_usingCParams(parameters) +
+    return shuffled + packed + ZSTD_estimateCCtxSize_usingCParams(parameters) +
            ZSTD_estimateDCtxSize();
 }
 
-/// A ZSTD_CCtx that has compressed nothing.
-constexpr std::size_t kUnusedContext = 16384;
-
 std::size_t decode_heap(std::size_t chunk_bytes) {
-    return chunk_bytes + ZSTD_estimateDCtxSize() + kUnusedContext;
+    const std::size_t shuffled = chunk_bytes;
+    constexpr std::size_t kUnusedCompressor = 16384;  // a ZSTD_CCtx that has compressed nothing
+    return shuffled + ZSTD_estimateDCtxSize() + kUnusedCompressor;
 }
 
 }  // namespace isonest::detail

@@ -4,17 +4,27 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <cstring>
 #include <limits>
 #include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/field.h>
+#include <isonest/value_type.h>
 
 #include "store/container/handles.h"
 #include "store/container/hdf5_types.h"
+#include "store/container/header_writer.h"
 #include "store/container/zstd_filter.h"
 #include "store/files/early_write_back.h"
 #include "store/files/output_file.h"
@@ -58,7 +68,6 @@ struct StoreWriter::Impl {
     void create();
     GroupHandle create_group(const std::string& name) const;
     void create_array(const ArrayInfo& array);
-    void write_header() const;
     void write_vtk_group() const;
     void write_table() const;
     /// In one piece.
@@ -84,7 +93,7 @@ void StoreWriter::Impl::create() {
     for (const ArrayInfo& array : layout.arrays()) {
         create_array(array);
     }
-    write_header();
+    write_header(file.get(), layout.header());
     write_vtk_group();
     read_fd = ::open(unfinished.name().c_str(), O_RDONLY | O_CLOEXEC);
     if (read_fd < 0) {
@@ -136,45 +145,10 @@ void StoreWriter::Impl::create_array(const ArrayInfo& array) {
     datasets[static_cast<std::size_t>(&array - layout.arrays().data())] = std::move(dataset);
 }
 
-void StoreWriter::Impl::write_header() const {
-    const StoreHeader& header = layout.header();
-    const hid_t root = file.get();
-    write_attribute(root, "format", std::string(kFormatName));
-    write_attribute(root, "version", std::vector<std::uint32_t>{kFormatMajor, kFormatMinor});
-    write_attribute(root, "flags", std::uint32_t{0});
-    write_attribute(root, "nodes",
-                    std::vector<std::uint64_t>{static_cast<std::uint64_t>(header.nodes.x),
-                                               static_cast<std::uint64_t>(header.nodes.y),
-                                               static_cast<std::uint64_t>(header.nodes.z)});
-    write_attribute(root, "spacing",
-                    std::vector<double>(header.spacing.begin(), header.spacing.end()));
-    write_attribute(root, "origin",
-                    std::vector<double>(header.origin.begin(), header.origin.end()));
-    write_attribute(root, "value_type", std::string(name_of(header.type)));
-    write_attribute(root, "chunk", static_cast<std::uint32_t>(header.chunk));
-    write_attribute(root, "compression", static_cast<std::uint32_t>(header.compression));
-    write_attribute(root, "exact", static_cast<std::uint32_t>(header.exact ? 1 : 0));
-    std::string fields;
-    for (const Field field : header.fields) {
-        fields += (fields.empty() ? "" : ",") + std::string(name_of(field));
-    }
-    write_attribute(root, "fields", fields);
-}
-
 void StoreWriter::Impl::write_vtk_group() const {
-    const StoreHeader& header = layout.header();
     const GroupHandle group = create_group("/VTKHDF");
     const GroupHandle points = create_group("/VTKHDF/PointData");
-    write_attribute(group.get(), "Version", std::vector<std::int64_t>{1, 0});
-    write_attribute(group.get(), "Type", std::string("ImageData"));
-    write_attribute(group.get(), "WholeExtent",
-                    std::vector<std::int64_t>{0, header.nodes.x - 1, 0, header.nodes.y - 1, 0,
-                                              header.nodes.z - 1});
-    write_attribute(group.get(), "Origin",
-                    std::vector<double>(header.origin.begin(), header.origin.end()));
-    write_attribute(group.get(), "Spacing",
-                    std::vector<double>(header.spacing.begin(), header.spacing.end()));
-    write_attribute(group.get(), "Direction", std::vector<double>{1, 0, 0, 0, 1, 0, 0, 0, 1});
+    write_vtk_attributes(group.get(), layout.header());
     write_attribute(points.get(), "Scalars", std::string("values"));
     if (H5Lcreate_hard(file.get(), "/levels/0/values", points.get(), "values", H5P_DEFAULT,
                        H5P_DEFAULT) < 0) {
