@@ -127,11 +127,6 @@ CheckReport checked(const std::filesystem::path& path, const CheckOptions& optio
     return check(StoreReader(path), options, silent_progress());
 }
 
-SourceReader reader_of(MemoryVolume<float>& volume) {
-    return [&volume](std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-                     std::byte* out) { volume.read(z0, nz, y0, ny, out); };
-}
-
 /// A whole store of noise, exact, in chunks of 8.
 struct Made {
     TemporaryFolder folder;
@@ -277,7 +272,7 @@ TEST_CASE("check finds the node that differs from the source") {
         return static_cast<float>(made.volume.at(p)) + (p == Int3{16, 11, 7} ? 1.0F : 0.0F);
     });
     CheckOptions options;
-    options.source = reader_of(other);
+    options.source = &other;
     options.sampled_cubes = 10;
     require_one(checked(made.path, options), "source", 0, {2, 1, 0}, {16, 11, 7});
 }
@@ -291,7 +286,7 @@ TEST_CASE("check finds bounds that are too small, and names the same first ones 
                       [](std::span<float> e) { std::fill(e.begin(), e.end(), 0.0F); });
     }
     CheckOptions options;
-    options.source = reader_of(made.volume);
+    options.source = &made.volume;
     options.sampled_cubes = 300;
     const CheckReport all = checked(made.path, options);
     CHECK(all.failures > 500);
@@ -316,7 +311,7 @@ TEST_CASE("check finds bounds that are too small, and names the same first ones 
         forger.set(forger.layout().array(1, Field::linf_plus), {0, 0, 0}, 0,
                    [](float) { return 0.0F; });
     }
-    options.source = reader_of(cube);
+    options.source = &cube;
     const CheckReport report = checked(folder / "s", options);
     CHECK(report.failures > 100);
     CHECK(report.findings.at(0).test == "indicator");

@@ -19,7 +19,7 @@ namespace {
 template <class T>
 void require_ranges(MemoryVolume<T>& volume, int chunk) {
     const Int3 n = volume.nodes();
-    CAPTURE(n.x, n.y, n.z, chunk, name_of(value_type<T>()));
+    CAPTURE(n.x, n.y, n.z, chunk, name_of(value_type_of<T>));
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(chunk));
     const StoreReader store(folder / "s");

@@ -288,8 +288,7 @@ TEST_CASE("check finds saturation, injection and bounds in order on every chunk 
         const TemporaryFolder folder;
         make_store(volume, folder / "s", with_chunk(chunk));
         CheckOptions options;
-        options.source = [&](std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-                             std::byte* out) { volume.read(z0, nz, y0, ny, out); };
+        options.source = &volume;
         const CheckReport r = check(StoreReader(folder / "s"), options, silent_progress());
         CHECK(r.failures == 0);
         CHECK(r.cubes > 0);

@@ -25,8 +25,7 @@ std::vector<Mesh> all_of(MemoryVolume<T>& volume, const std::vector<double>& iso
     CheckOptions deep;
     deep.depth = CheckDepth::deep;
     deep.sampled_cubes = 100;
-    deep.source = [&](std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-                      std::byte* out) { volume.read(z0, nz, y0, ny, out); };
+    deep.source = &volume;
     const CheckReport report = check(store, deep, silent_progress());
     for (const Finding& f : report.findings) {
         UNSCOPED_INFO(f.test << " " << f.field << " " << f.message);
@@ -57,7 +56,7 @@ void opposites() {
                                             : kHigh;
     });
     const double middle = static_cast<double>(kLow) / 2 + static_cast<double>(kHigh) / 2;
-    CAPTURE(name_of(value_type<T>()));
+    CAPTURE(name_of(value_type_of<T>));
     for (const double error : {0.0, 0.3}) {
         const std::vector<Mesh> meshes = all_of(
             volume, {middle + 0.25, static_cast<double>(kLow), static_cast<double>(kHigh)}, error);
@@ -73,13 +72,14 @@ void opposites() {
 class Sparse : public VolumeSource {
   public:
     explicit Sparse(const Int3& n) : n_(n) {}
-    [[nodiscard]] Int3 nodes() const override { return n_; }
-    [[nodiscard]] ValueType type() const override { return ValueType::u8; }
-    [[nodiscard]] Double3 spacing() const override { return {1, 1, 1}; }
-    [[nodiscard]] Double3 origin() const override { return {0, 0, 0}; }
-    [[nodiscard]] std::string name() const override { return "sparse"; }
-    [[nodiscard]] Granularity granularity() const override { return {}; }
-    [[nodiscard]] bool sequential() const override { return false; }
+    [[nodiscard]] VolumeDescription describe() const override {
+        VolumeDescription volume;
+        volume.nodes = n_;
+        volume.type = ValueType::u8;
+        volume.name = "sparse";
+        return volume;
+    }
+    [[nodiscard]] std::string identity() const override { return "sparse"; }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         std::memset(dst, 0, static_cast<std::size_t>(nz * ny * n_.x));
@@ -102,14 +102,9 @@ class Sparse : public VolumeSource {
 }  // namespace
 
 TEST_CASE("the opposite ends of every type make a whole store and a whole surface") {
-    opposites<std::uint8_t>();
-    opposites<std::int8_t>();
-    opposites<std::uint16_t>();
-    opposites<std::int16_t>();
-    opposites<std::uint32_t>();
-    opposites<std::int32_t>();
-    opposites<float>();
-    opposites<double>();
+#define ISONEST_OPPOSITES(tag, T) opposites<T>();
+    ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_OPPOSITES)
+#undef ISONEST_OPPOSITES
 }
 
 TEST_CASE("denormals have a surface as other numbers have") {

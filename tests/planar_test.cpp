@@ -182,7 +182,7 @@ TEST_CASE("missing values cut holes into the graph, and --missing makes them of 
                                                                                       : p.x * p.y);
     });
     const auto source = with_missing(std::move(inner), -32768);
-    CHECK(source->type() == ValueType::f32);
+    CHECK(source->describe().type == ValueType::f32);
     const TemporaryFolder folder;
     preprocess(*source, folder / "s", with_chunk(8), silent_progress());
     ExtractOptions options;

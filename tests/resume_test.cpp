@@ -6,6 +6,7 @@
 #include <catch2/catch.hpp>
 
 #include <isonest/error.h>
+#include <isonest/open_volume.h>
 
 #include "store/files/output_file.h"
 #include "tests/test_support.h"

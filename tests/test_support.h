@@ -51,21 +51,6 @@ class TemporaryFolder {
 };
 
 template <class T>
-constexpr ValueType value_type() {
-    if constexpr (std::is_same_v<T, float>) {
-        return ValueType::f32;
-    } else if constexpr (std::is_same_v<T, double>) {
-        return ValueType::f64;
-    } else if constexpr (sizeof(T) == 1) {
-        return std::is_signed_v<T> ? ValueType::i8 : ValueType::u8;
-    } else if constexpr (sizeof(T) == 2) {
-        return std::is_signed_v<T> ? ValueType::i16 : ValueType::u16;
-    } else {
-        return std::is_signed_v<T> ? ValueType::i32 : ValueType::u32;
-    }
-}
-
-template <class T>
 class MemoryVolume : public VolumeSource {
   public:
     MemoryVolume(const Int3& n, const std::function<T(const Int3&)>& f)
@@ -74,14 +59,12 @@ class MemoryVolume : public VolumeSource {
             data_[static_cast<std::size_t>(i)] = f(n.unlinear(i));
         }
     }
-    [[nodiscard]] Int3 nodes() const override { return n_; }
-    [[nodiscard]] ValueType type() const override { return value_type<T>(); }
-    [[nodiscard]] Double3 spacing() const override { return spacing_; }
-    [[nodiscard]] Double3 origin() const override { return {0, 0, 0}; }
-    [[nodiscard]] std::string name() const override { return "memory"; }
+    [[nodiscard]] VolumeDescription describe() const override {
+        return {n_, value_type_of<T>, spacing_, {0, 0, 0}, "memory"};
+    }
     [[nodiscard]] std::string identity() const override { return identity_; }
     [[nodiscard]] Granularity granularity() const override { return granularity_; }
-    [[nodiscard]] bool sequential() const override { return false; }
+    [[nodiscard]] const Int3& nodes() const { return n_; }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         for (std::int64_t z = z0; z < z0 + nz; ++z) {

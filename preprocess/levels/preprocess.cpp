@@ -66,21 +66,21 @@ void run_blocks(const Int3& grid, int tokens, const Block& compute, const Output
 }
 
 /// Throws Error{invalid_argument}, naming the input and the options that place it elsewhere.
-void require_place(const VolumeSource& source) {
-    const std::string why = why_no_place(source.nodes(), source.spacing(), source.origin());
+void require_place(const VolumeDescription& volume) {
+    const std::string why = why_no_place(volume.nodes, volume.spacing, volume.origin);
     if (!why.empty()) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: {}; give --spacing and --origin", source.name(), why));
+                    fmt::format("{}: {}; give --spacing and --origin", volume.name, why));
     }
 }
 
-StoreHeader header_of(const VolumeSource& source, const PreprocessOptions& options) {
-    require_place(source);
+StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& options) {
+    require_place(volume);
     StoreHeader header;
-    header.nodes = source.nodes();
-    header.type = source.type();
-    header.spacing = source.spacing();
-    header.origin = source.origin();
+    header.nodes = volume.nodes;
+    header.type = volume.type;
+    header.spacing = volume.spacing;
+    header.origin = volume.origin;
     header.chunk = options.chunk;
     header.compression = options.compression;
     header.exact = options.exact;
@@ -94,8 +94,8 @@ int token_count(const StoreLayout& layout, const PreprocessOptions& options, int
     const std::uint64_t block = block_heap(layout);
     const std::uint64_t fixed = kLibraryHeap + source.heap();
     const std::uint64_t least = fixed + block + kLeastWindow;
-    require_memory(source.name(), options.memory, least, fmt::format("chunks of {}", options.chunk),
-                   ", or a smaller --chunk");
+    require_memory(source.describe().name, options.memory, least,
+                   fmt::format("chunks of {}", options.chunk), ", or a smaller --chunk");
     const std::uint64_t share = (options.memory - fixed) * 3 / 5 / block;
     return static_cast<int>(
         std::clamp<std::uint64_t>(share, 1, static_cast<std::uint64_t>(threads) + 1));
@@ -171,11 +171,23 @@ void write_cube_ranges(const Outputs& outputs) {
 }
 
 /// What must be the same for a run to go on with what another one has done.
-std::string identity_of(const StoreHeader& h, const std::string& source) {
+std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool resume) {
+    constexpr std::size_t kLongest = 32768;
+    std::string input = source.identity();
+    if (input.size() > kLongest || (input.empty() && resume)) {
+        throw Error(ErrorKind::invalid_argument, {source.describe().name},
+                    input.empty() ? "its identity() is empty, so that nobody knows what an "
+                                    "interrupted run has read"
+                                  : fmt::format("its identity() is longer than {} bytes", kLongest),
+                    {{RemedyKind::no_resume}});
+    }
+    if (!input.empty() && input.back() != '\n') {
+        input += '\n';
+    }
     return fmt::format(
         "format {}.{}\n{}nodes {} {} {}\ntype {}\nspacing {} {} {}\norigin {} {} {}\nchunk {}\n"
         "compression {}\nexact {}\nindicators {}\n",
-        kFormatMajor, kFormatMinor, source, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type),
+        kFormatMajor, kFormatMinor, input, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type),
         h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1], h.origin[2], h.chunk,
         h.compression, h.exact, list_names(h.fields));
 }
@@ -205,11 +217,11 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
     const auto start = std::chrono::steady_clock::now();
     check_output(store, options.force, source.files());
     Workers workers(options.threads);
-    const StoreHeader header = header_of(source, options);
+    const StoreHeader header = header_of(source.describe(), options);
     const int tokens = token_count(StoreLayout(header), options, workers.count(), source);
     StoreWriter writer(store, header, options.force);
     const StoreLayout& layout = writer.layout();
-    const std::string identity = identity_of(header, source.identity());
+    const std::string identity = identity_of(header, source, options.resume);
     RunJournal journal(writer.temporary(), identity);
     CentreStore centres(layout.lattice(), header.fields, centres_name(writer.temporary()));
     const Outputs outputs{writer, journal, centres};

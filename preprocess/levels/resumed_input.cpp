@@ -35,7 +35,7 @@ void compare_plane(VolumeSource& source, ChunkCache& cache, std::int64_t z) {
             throw Error(ErrorKind::invalid_argument,
                         fmt::format("{}: the interrupted run read other values in plane {}: the "
                                     "input has changed; run without --resume",
-                                    source.name(), z));
+                                    source.describe().name, z));
         }
     }
 }

@@ -11,6 +11,7 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/file_identity.h"
 #include "preprocess/sources/hdf5_chunks.h"
 #include "preprocess/sources/hdf5_datasets.h"
 #include "preprocess/sources/hdf5_files.h"
@@ -87,7 +88,7 @@ class Hdf5Source : public VolumeSource {
                             name_, shape_.text(), type ? name_of(*type) : "of another type"));
         }
         type_ = *type;
-        memory_type_ = native(type_);
+        memory_type_ = file_type(type_);
         if (std::any_of(shape_.dims.begin(), shape_.dims.end(), [](hsize_t n) {
                 return n < 1 || n > static_cast<hsize_t>(kMaxNodesPerAxis);
             })) {
@@ -104,17 +105,14 @@ class Hdf5Source : public VolumeSource {
         map_contiguous();
     }
 
-    [[nodiscard]] Int3 nodes() const override { return nodes_; }
-    [[nodiscard]] ValueType type() const override { return type_; }
-    [[nodiscard]] Double3 spacing() const override { return spacing_; }
-    [[nodiscard]] Double3 origin() const override { return origin_; }
-    [[nodiscard]] std::string name() const override { return name_; }
+    [[nodiscard]] VolumeDescription describe() const override {
+        return {nodes_, type_, spacing_, origin_, name_};
+    }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
     [[nodiscard]] std::string identity() const override {
-        return fmt::format("{}dataset {}\n", VolumeSource::identity(), dataset_name_);
+        return fmt::format("{}dataset {}\n", identity_of(files_), dataset_name_);
     }
     [[nodiscard]] Granularity granularity() const override { return granularity_; }
-    [[nodiscard]] bool sequential() const override { return false; }
     [[nodiscard]] std::uint64_t heap() const override { return heap_; }
     [[nodiscard]] std::span<const std::byte> mapped() const override { return mapped_; }
 
@@ -144,7 +142,8 @@ class Hdf5Source : public VolumeSource {
         const PropertyHandle transfer(H5Pcreate(H5P_DATASET_XFER));
         bool lossy = false;
         H5Pset_type_conv_cb(transfer.get(), &stop_if_lossy, &lossy);
-        if (H5Dread(dataset_.get(), memory_type_, to.get(), from.get(), transfer.get(), dst) < 0) {
+        if (H5Dread(dataset_.get(), memory_type_.get(), to.get(), from.get(), transfer.get(), dst) <
+            0) {
             if (lossy) {
                 throw Error(ErrorKind::unsupported,
                             fmt::format("{}: planes {} to {} have 64-bit integers that float64 "
@@ -192,28 +191,6 @@ class Hdf5Source : public VolumeSource {
         return H5T_CONV_ABORT;
     }
 
-    static hid_t native(ValueType type) {
-        switch (type) {
-            case ValueType::u8:
-                return H5T_NATIVE_UINT8;
-            case ValueType::i8:
-                return H5T_NATIVE_INT8;
-            case ValueType::u16:
-                return H5T_NATIVE_UINT16;
-            case ValueType::i16:
-                return H5T_NATIVE_INT16;
-            case ValueType::u32:
-                return H5T_NATIVE_UINT32;
-            case ValueType::i32:
-                return H5T_NATIVE_INT32;
-            case ValueType::f32:
-                return H5T_NATIVE_FLOAT;
-            case ValueType::f64:
-                break;
-        }
-        return H5T_NATIVE_DOUBLE;
-    }
-
     /// An attribute of three numbers, x first, or of one for each axis of the volume.
     void read_place(const char* name, Double3& place) const {
         for (const std::size_t count : {std::size_t{3}, shape_.axes.size()}) {
@@ -254,7 +231,7 @@ class Hdf5Source : public VolumeSource {
         }
         const Int3 chunk = shape_.along_axes(dims);
         granularity_ = {std::min(nodes_.z, chunk.z), std::min(nodes_.y, chunk.y)};
-        chunks_ = Hdf5Chunks::open(dataset_.get(), name_, shape_, dims, memory_type_,
+        chunks_ = Hdf5Chunks::open(dataset_.get(), name_, shape_, dims, memory_type_.get(),
                                    options.max_heap / 3);
         if (chunks_) {
             heap_ += chunks_->heap();
@@ -299,7 +276,7 @@ class Hdf5Source : public VolumeSource {
         const haddr_t offset = H5Dget_offset(dataset_.get());
         if (H5Pget_layout(creation.get()) != H5D_CONTIGUOUS || offset == HADDR_UNDEF ||
             H5Pget_external_count(creation.get()) != 0 ||
-            H5Tequal(stored.get(), memory_type_) <= 0 || offset % size_of(type_) != 0) {
+            H5Tequal(stored.get(), memory_type_.get()) <= 0 || offset % size_of(type_) != 0) {
             return;
         }
         const FileHandle file(H5Iget_file_id(dataset_.get()));
@@ -347,7 +324,7 @@ class Hdf5Source : public VolumeSource {
     std::optional<MappedFile> map_;
     std::span<const std::byte> mapped_;
     std::uint64_t heap_ = 2U << 20U;
-    hid_t memory_type_ = H5I_INVALID_HID;
+    TypeHandle memory_type_;  ///< of read()'s values; little endian, as memory is
 };
 
 }  // namespace

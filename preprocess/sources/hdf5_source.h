@@ -3,7 +3,7 @@
 
 #include <memory>
 
-#include <isonest/volume_source.h>
+#include <isonest/open_volume.h>
 
 namespace isonest::detail {
 

@@ -18,8 +18,8 @@ namespace {
 class MissingSource : public WrappedSource {
   public:
     MissingSource(std::unique_ptr<VolumeSource> inner, double missing)
-        : WrappedSource(std::move(inner)), missing_(missing) {
-        const ValueType type = inner_source().type();
+        : WrappedSource(std::move(inner)), given_(inner_source().describe()), missing_(missing) {
+        const ValueType type = given_.type;
         single_ = size_of(type) <= 2 || type == ValueType::f32;
         const bool holds = dispatch(type, [&](auto tag) {
             using T = typename decltype(tag)::type;
@@ -33,24 +33,26 @@ class MissingSource : public WrappedSource {
         });
         if (!holds) {
             throw Error(ErrorKind::invalid_argument,
-                        fmt::format("{}: --missing {}: no value of type {} is that",
-                                    inner_source().name(), missing, name_of(type)));
+                        fmt::format("{}: --missing {}: no value of type {} is that", given_.name,
+                                    missing, name_of(type)));
         }
     }
-    [[nodiscard]] ValueType type() const override {
-        return single_ ? ValueType::f32 : ValueType::f64;
+    [[nodiscard]] VolumeDescription describe() const override {
+        VolumeDescription result = given_;
+        result.type = made();
+        return result;
     }
     [[nodiscard]] std::string identity() const override {
-        return fmt::format("{}missing {}\n", inner_source().identity(), missing_);
+        return identity_and(fmt::format("missing {}", missing_));
     }
     /// The inner values are read into the end of `dst` and widened from its start on.
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
-        const auto count = static_cast<std::size_t>(nz * ny * nodes().x);
-        const std::size_t narrow = size_of(inner_source().type());
-        std::byte* const from = dst + count * (size_of(type()) - narrow);
+        const auto count = static_cast<std::size_t>(nz * ny * given_.nodes.x);
+        const std::size_t narrow = size_of(given_.type);
+        std::byte* const from = dst + count * (size_of(made()) - narrow);
         inner_source().read(z0, nz, y0, ny, from);
-        dispatch(inner_source().type(), [&](auto tag) {
+        dispatch(given_.type, [&](auto tag) {
             using T = typename decltype(tag)::type;
             if (single_) {
                 widen<T, float>(from, count, dst);
@@ -61,6 +63,8 @@ class MissingSource : public WrappedSource {
     }
 
   private:
+    [[nodiscard]] ValueType made() const { return single_ ? ValueType::f32 : ValueType::f64; }
+
     template <class T, class To>
     void widen(const std::byte* from, std::size_t count, std::byte* to) const {
         const T missing = static_cast<T>(missing_);
@@ -73,6 +77,7 @@ class MissingSource : public WrappedSource {
         }
     }
 
+    VolumeDescription given_;
     double missing_;
     bool single_ = true;
 };

@@ -4,8 +4,8 @@
 #include <utility>
 
 #include <isonest/error.h>
+#include <isonest/open_volume.h>
 
-#include "preprocess/sources/file_identity.h"
 #include "preprocess/sources/hdf5_source.h"
 #include "preprocess/sources/mirrored_source.h"
 #include "preprocess/sources/missing_source.h"
@@ -20,11 +20,13 @@ namespace {
 class Placed : public WrappedSource {
   public:
     Placed(std::unique_ptr<VolumeSource> inner, const SourceOptions& options)
-        : WrappedSource(std::move(inner)),
-          spacing_(options.spacing.value_or(inner_source().spacing())),
-          origin_(options.origin.value_or(inner_source().origin())) {}
-    [[nodiscard]] Double3 spacing() const override { return spacing_; }
-    [[nodiscard]] Double3 origin() const override { return origin_; }
+        : WrappedSource(std::move(inner)), spacing_(options.spacing), origin_(options.origin) {}
+    [[nodiscard]] VolumeDescription describe() const override {
+        VolumeDescription result = inner_source().describe();
+        result.spacing = spacing_.value_or(result.spacing);
+        result.origin = origin_.value_or(result.origin);
+        return result;
+    }
     [[nodiscard]] std::span<const std::byte> mapped() const override {
         return inner_source().mapped();
     }
@@ -34,8 +36,8 @@ class Placed : public WrappedSource {
     }
 
   private:
-    Double3 spacing_;
-    Double3 origin_;
+    std::optional<Double3> spacing_;
+    std::optional<Double3> origin_;
 };
 
 /// Some of its options were given for a file of a format that has no use for them.
@@ -101,10 +103,6 @@ std::unique_ptr<VolumeSource> open_nrrd(const std::filesystem::path& path,
 }
 
 }  // namespace
-
-std::string VolumeSource::identity() const {
-    return identity_of(files());
-}
 
 std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
                                           const SourceOptions& options) {

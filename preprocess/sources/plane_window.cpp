@@ -12,17 +12,19 @@ namespace isonest::detail {
 PlaneWindow::PlaneWindow(VolumeSource& source, std::int64_t planes, std::uint64_t budget,
                          const std::filesystem::path& scratch_folder, Progress& progress)
     : source_(source),
+      nodes_(source.describe().nodes),
+      step_(source.granularity()),
       progress_(progress),
-      row_bytes_(source.nodes().x * static_cast<std::int64_t>(size_of(source.type()))),
-      plane_bytes_(row_bytes_ * source.nodes().y) {
-    const std::int64_t nz = source.nodes().z;
+      row_bytes_(nodes_.x * static_cast<std::int64_t>(size_of(source.describe().type))),
+      plane_bytes_(row_bytes_ * nodes_.y) {
+    const std::int64_t nz = nodes_.z;
     if (!source.mapped().empty()) {
         base_ = source.mapped().data();
         capacity_ = nz;
         whole_ = true;
         return;
     }
-    const std::int64_t step = source.granularity().planes;
+    const std::int64_t step = step_.planes;
     const std::int64_t affordable = static_cast<std::int64_t>(budget) / plane_bytes_;
     // Reads end at whole steps, and none is cut where the ring wraps around.
     const std::int64_t needed = std::min(nz, ceil_div(planes + step - 1, step) * step);
@@ -39,8 +41,8 @@ PlaneWindow::PlaneWindow(VolumeSource& source, std::int64_t planes, std::uint64_
 }
 
 void PlaneWindow::spool(std::uint64_t budget, const std::filesystem::path& folder) {
-    const Int3 n = source_.nodes();
-    const auto step = source_.granularity();
+    const Int3 n = nodes_;
+    const auto step = step_;
     spool_.emplace(folder);
     std::int64_t planes = std::min(n.z, step.planes);
     std::int64_t rows = n.y;
@@ -56,7 +58,7 @@ void PlaneWindow::spool(std::uint64_t budget, const std::filesystem::path& folde
         throw Error(ErrorKind::limit,
                     fmt::format("{}: its chunks are so large that reading needs {} MiB at a time; "
                                 "give more --memory or store the input in smaller chunks",
-                                source_.name(), (piece >> 20) + 1));
+                                source_.describe().name, (piece >> 20) + 1));
     }
     std::vector<std::byte> buffer(static_cast<std::size_t>(piece));
     progress_.begin("copy input", static_cast<std::uint64_t>(plane_bytes_ * n.z), "B");
@@ -81,8 +83,8 @@ void PlaneWindow::spool(std::uint64_t budget, const std::filesystem::path& folde
 }
 
 void PlaneWindow::read_until(std::int64_t z_end) {
-    const std::int64_t nz = source_.nodes().z;
-    const std::int64_t step = source_.granularity().planes;
+    const std::int64_t nz = nodes_.z;
+    const std::int64_t step = step_.planes;
     while (end_ < std::min(z_end, nz)) {
         // Up to the next multiple of the step, as one read unless the ring wraps around.
         std::int64_t to = std::min(nz, (end_ / step + 1) * step);
@@ -95,7 +97,7 @@ void PlaneWindow::read_until(std::int64_t z_end) {
         }
         const std::int64_t slot = end_ % capacity_;
         const std::int64_t first = std::min(to - end_, capacity_ - slot);
-        source_.read(end_, first, 0, source_.nodes().y, ring_.get() + slot * plane_bytes_);
+        source_.read(end_, first, 0, nodes_.y, ring_.get() + slot * plane_bytes_);
         end_ += first;
         progress_.check();
     }
@@ -107,12 +109,13 @@ void PlaneWindow::load(std::int64_t z_begin, std::int64_t z_end) {
     }
     begin_ = std::max(begin_, z_begin);
     if (end_ < begin_ && !source_.sequential()) {
-        const std::int64_t step = source_.granularity().planes;
+        const std::int64_t step = step_.planes;
         end_ = begin_ / step * step;
     }
     read_until(z_end);
-    if (end_ < std::min(z_end, source_.nodes().z)) {
-        throw Error(ErrorKind::io, source_.name() + ": the window is too small; this is a bug");
+    if (end_ < std::min(z_end, nodes_.z)) {
+        throw Error(ErrorKind::io,
+                    source_.describe().name + ": the window is too small; this is a bug");
     }
 }
 
@@ -120,10 +123,10 @@ void PlaneWindow::prefetch(std::int64_t z_end) {
     if (whole_) {
         return;
     }
-    const std::int64_t step = source_.granularity().planes;
+    const std::int64_t step = step_.planes;
     // Only whole steps: half of a compressed chunk would have to be decoded again.
-    std::int64_t to = std::min({z_end, begin_ + capacity_, source_.nodes().z});
-    if (to < source_.nodes().z) {
+    std::int64_t to = std::min({z_end, begin_ + capacity_, nodes_.z});
+    if (to < nodes_.z) {
         to = to / step * step;
     }
     if (to > end_) {

@@ -42,6 +42,8 @@ class PlaneWindow {
     void read_until(std::int64_t z_end);
 
     VolumeSource& source_;
+    Int3 nodes_;
+    VolumeSource::Granularity step_;
     Progress& progress_;
     std::int64_t row_bytes_;
     std::int64_t plane_bytes_;

@@ -13,6 +13,7 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/file_identity.h"
 #include "preprocess/sources/gzip_stream.h"
 #include "store/files/mapped_file.h"
 #include "store/lattice/lattice.h"
@@ -35,19 +36,16 @@ class RawBase : public VolumeSource {
   public:
     RawBase(std::filesystem::path path, std::string name, RawLayout layout)
         : path_(std::move(path)), name_(std::move(name)), layout_(std::move(layout)) {}
-    [[nodiscard]] Int3 nodes() const override { return layout_.nodes; }
-    [[nodiscard]] ValueType type() const override { return layout_.type; }
-    [[nodiscard]] Double3 spacing() const override { return layout_.spacing; }
-    [[nodiscard]] Double3 origin() const override { return layout_.origin; }
-    [[nodiscard]] std::string name() const override { return name_; }
+    [[nodiscard]] VolumeDescription describe() const override {
+        return {layout_.nodes, layout_.type, layout_.spacing, layout_.origin, name_};
+    }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};
     }
     [[nodiscard]] std::string identity() const override {
-        return fmt::format("{}offset {}\nbig endian {}\n", VolumeSource::identity(), layout_.offset,
+        return fmt::format("{}offset {}\nbig endian {}\n", identity_of(files()), layout_.offset,
                            layout_.big_endian);
     }
-    [[nodiscard]] Granularity granularity() const override { return {}; }
 
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) final {
@@ -91,7 +89,6 @@ class PlainSource : public RawBase {
     PlainSource(const PlainSource&) = delete;
     PlainSource& operator=(const PlainSource&) = delete;
     ~PlainSource() override { ::close(fd_); }
-    [[nodiscard]] bool sequential() const override { return false; }
     [[nodiscard]] std::span<const std::byte> mapped() const override {
         return map_ ? map_->bytes().subspan(layout_.offset, data_bytes(layout_))
                     : std::span<const std::byte>{};

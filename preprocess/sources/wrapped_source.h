@@ -1,8 +1,12 @@
 // A source that is another one but for what a derived class changes.
 #pragma once
 
+#include <cstdint>
+#include <filesystem>
 #include <memory>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include <isonest/volume_source.h>
 
@@ -11,15 +15,11 @@ namespace isonest::detail {
 /// Forwards everything but mapped() and read(), which depend on what is changed.
 class WrappedSource : public VolumeSource {
   public:
-    [[nodiscard]] Int3 nodes() const override { return inner_->nodes(); }
-    [[nodiscard]] ValueType type() const override { return inner_->type(); }
-    [[nodiscard]] Double3 spacing() const override { return inner_->spacing(); }
-    [[nodiscard]] Double3 origin() const override { return inner_->origin(); }
-    [[nodiscard]] std::string name() const override { return inner_->name(); }
+    [[nodiscard]] VolumeDescription describe() const override { return inner_->describe(); }
+    [[nodiscard]] std::string identity() const override { return inner_->identity(); }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return inner_->files();
     }
-    [[nodiscard]] std::string identity() const override { return inner_->identity(); }
     [[nodiscard]] Granularity granularity() const override { return inner_->granularity(); }
     [[nodiscard]] bool sequential() const override { return inner_->sequential(); }
     [[nodiscard]] std::uint64_t heap() const override { return inner_->heap(); }
@@ -27,6 +27,11 @@ class WrappedSource : public VolumeSource {
   protected:
     explicit WrappedSource(std::unique_ptr<VolumeSource> inner) : inner_(std::move(inner)) {}
     [[nodiscard]] VolumeSource& inner_source() const { return *inner_; }
+    /// The inner identity and a line about what is changed; nothing if it cannot tell.
+    [[nodiscard]] std::string identity_and(const std::string& line) const {
+        const std::string inner = inner_->identity();
+        return inner.empty() ? inner : inner + (inner.back() == '\n' ? "" : "\n") + line + "\n";
+    }
 
   private:
     std::unique_ptr<VolumeSource> inner_;

@@ -44,7 +44,7 @@ Shares share(const StoreReader& store, const CheckOptions& options) {
         options.depth == CheckDepth::deep ? 2 * largest + layout.rows() * kIndexEntry : 0;
     const std::uint64_t fixed = kLibraryHeap + layout.rows() / 8 + deep;
     // The source and the rows that are compared with it take the other three quarters.
-    const std::uint64_t part = options.source ? 4 : 1;
+    const std::uint64_t part = options.source != nullptr ? 4 : 1;
     require_memory(store.path().string(), options.memory, fixed + part * each,
                    "this store's chunks");
     const std::uint64_t usable = (options.memory - fixed) / part;
@@ -84,7 +84,7 @@ class Checker {
         if (options_.depth == CheckDepth::deep) {
             hdf5_view();
         }
-        if (options_.source) {
+        if (options_.source != nullptr) {
             check_source(cache_, options_, findings_, progress_);
         }
         return findings_.take();
@@ -231,6 +231,9 @@ class Checker {
 }  // namespace
 
 CheckReport check(const StoreReader& store, const CheckOptions& options, Progress& progress) {
+    if (options.source != nullptr) {
+        require_same_shape(store, *options.source);
+    }
     const Shares shares = share(store, options);
     return Workers(shares.threads).execute([&] {
         return Checker(store, options, shares.cache, progress).run();

@@ -1,11 +1,13 @@
 // The chunked consistency tests of a store, from cheap to expensive.
 #pragma once
 
-#include <functional>
+#include <cstdint>
 #include <string>
 #include <vector>
 
+#include <isonest/int3.h>
 #include <isonest/progress.h>
+#include <isonest/volume_source.h>
 
 #include "store/container/reader.h"
 
@@ -23,19 +25,6 @@ struct Finding {
     std::string message;
 };
 
-/// Reads rows [y0, y0 + ny) of planes [z0, z0 + nz) of the original volume into `out`, tightly
-/// packed, in the store's value type.
-using SourceReader = std::function<void(std::int64_t z0, std::int64_t nz, std::int64_t y0,
-                                        std::int64_t ny, std::byte* out)>;
-
-/// How the original volume is best read: in multiples of so many planes and rows, as other reads
-/// may decode a chunk again; and whether only in ascending order, without gaps.
-struct SourceOrder {
-    std::int64_t planes = 1;
-    std::int64_t rows = 1;
-    bool sequential = false;
-};
-
 enum class CheckDepth {
     quick,     ///< the table, and a sample of the checksums of chunks and ranges: seconds
     standard,  ///< all that follows from the store's own bytes
@@ -44,8 +33,8 @@ enum class CheckDepth {
 
 struct CheckOptions {
     CheckDepth depth = CheckDepth::standard;
-    SourceReader source;  ///< empty: no comparison with the original
-    SourceOrder source_order;
+    /// The volume that the store was made from, not owned; null: no comparison with it.
+    VolumeSource* source = nullptr;
     std::uint64_t memory = std::uint64_t{512} << 20U;
     int threads = 0;
     std::uint64_t sampled_cubes = 2000;  ///< cubes whose bounds are checked by brute force
@@ -60,7 +49,8 @@ struct CheckReport {
 };
 
 /// Runs all tests; damaged chunks are findings, and what depends on them is left out.
-/// Throws Error{io, limit, cancelled}.
+/// Throws Error{invalid_argument} if options.source has other nodes or another type than the store,
+/// Error{io, limit, cancelled}, and what the source throws.
 CheckReport check(const StoreReader& store, const CheckOptions& options, Progress& progress);
 
 }  // namespace isonest::detail

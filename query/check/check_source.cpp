@@ -23,6 +23,7 @@ class SourceChecks {
         : cache_(cache),
           layout_(cache.source().layout()),
           options_(options),
+          source_(*options.source),
           findings_(findings),
           progress_(progress) {}
 
@@ -39,7 +40,7 @@ class SourceChecks {
                 for (std::int64_t y = 0; y < n.y; y += rows) {
                     progress_.check();
                     const std::int64_t ny = std::min(rows, n.y - y);
-                    options_.source(z, nz, y, ny, reinterpret_cast<std::byte*>(original.data()));
+                    source_.read(z, nz, y, ny, reinterpret_cast<std::byte*>(original.data()));
                     compare<T>({{0, y, z}, {n.x, ny, nz}}, original);
                 }
                 progress_.advance(static_cast<std::uint64_t>(nz));
@@ -92,14 +93,14 @@ class SourceChecks {
     /// each piece.
     [[nodiscard]] std::pair<std::int64_t, std::int64_t> piece(const Int3& n, const Int3& chunk,
                                                               std::size_t value) const {
-        const SourceOrder& order = options_.source_order;
+        const VolumeSource::Granularity order = source_.granularity();
         const std::int64_t most =
             std::max<std::int64_t>(1, static_cast<std::int64_t>(options_.memory / 8) /
                                           (n.x * static_cast<std::int64_t>(value)));
         const auto multiple = [](std::int64_t number, std::int64_t step, std::int64_t end) {
             return std::min(end, std::max<std::int64_t>(1, number / step) * step);
         };
-        if (order.sequential) {
+        if (source_.sequential()) {
             return most >= n.y ? std::pair(std::min(most / n.y, std::min(chunk.z, n.z)), n.y)
                                : std::pair(std::int64_t{1}, multiple(most, order.rows, n.y));
         }
@@ -192,11 +193,26 @@ class SourceChecks {
     ChunkCache& cache_;
     const StoreLayout& layout_;
     const CheckOptions& options_;
+    VolumeSource& source_;
     Findings& findings_;
     Progress& progress_;
 };
 
 }  // namespace
+
+void require_same_shape(const StoreReader& store, const VolumeSource& source) {
+    const VolumeDescription volume = source.describe();
+    const StoreHeader& h = store.layout().header();
+    const Int3& n = volume.nodes;
+    if (n != h.nodes || volume.type != h.type) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("{} is {} x {} x {} {}, but {} was made from {} x {} x {} {}: give "
+                        "the file (and --dataset) it was made from",
+                        volume.name, n.x, n.y, n.z, name_of(volume.type), store.path().string(),
+                        h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type)));
+    }
+}
 
 void check_source(ChunkCache& cache, const CheckOptions& options, Findings& findings,
                   Progress& progress) {

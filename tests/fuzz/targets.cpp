@@ -7,6 +7,7 @@
 #include <fstream>
 
 #include <isonest/error.h>
+#include <isonest/open_volume.h>
 
 #include "query/check/check.h"
 #include "tests/test_support.h"
@@ -154,8 +155,9 @@ void keep(double value) {
 void use_volume(const fs::path& path, const SourceOptions& options) {
     try {
         const auto source = open_volume(path, options);
-        const Int3 n = source->nodes();
-        const std::size_t row = static_cast<std::size_t>(n.x) * size_of(source->type());
+        const VolumeDescription volume = source->describe();
+        const Int3 n = volume.nodes;
+        const std::size_t row = static_cast<std::size_t>(n.x) * size_of(volume.type);
         if (row * static_cast<std::size_t>(n.y) > (std::size_t{1} << 22U)) {
             return;
         }

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include <isonest/volume_source.h>
+#include <isonest/open_volume.h>
 
 #include "store/container/codec.h"
 #include "store/container/format.h"
@@ -32,8 +32,9 @@ int run(int argc, char** argv) {
     SourceOptions options;
     options.dataset = "/data";
     const auto source = open_volume(argv[1], options);
-    const Int3 n = source->nodes();
-    const std::size_t size = size_of(source->type());
+    const VolumeDescription volume = source->describe();
+    const Int3 n = volume.nodes;
+    const std::size_t size = size_of(volume.type);
     const CodecSpec codec{size, size > 1, argc == 4 ? std::atoi(argv[3]) : 1};
 
     register_zstd_filter();
@@ -51,7 +52,7 @@ int run(int argc, char** argv) {
     H5Pset_filter(creation.get(), kZstdFilter, H5Z_FLAG_MANDATORY, 1, &level);
     const auto dims = dims_of(n, 1);
     const SpaceHandle space(H5Screate_simple(3, dims.data(), nullptr));
-    const TypeHandle type = file_type(source->type());
+    const TypeHandle type = file_type(volume.type);
     const DatasetHandle to(H5Dcreate2(out.get(), "data", type.get(), space.get(), H5P_DEFAULT,
                                       creation.get(), H5P_DEFAULT));
 

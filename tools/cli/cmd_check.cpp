@@ -1,10 +1,11 @@
 // isonest check: the consistency tests of a store.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <memory>
 
 #include <isonest/error.h>
-#include <isonest/volume_source.h>
+#include <isonest/open_volume.h>
 
 #include "query/check/check.h"
 #include "tools/cli/command.h"
@@ -21,23 +22,6 @@ struct Arguments {
     CheckOptions check;
 };
 
-void open_source(Arguments& a, const StoreReader& store) {
-    const std::shared_ptr<VolumeSource> source = open_volume(a.source, a.source_options);
-    const StoreHeader& h = store.layout().header();
-    const Int3 n = source->nodes();
-    if (n != h.nodes || source->type() != h.type) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} is {} x {} x {} {}, but {} was made from {} x {} x {} {}: give "
-                                "the file (and --dataset) it was made from",
-                                source->name(), n.x, n.y, n.z, name_of(source->type()), a.store,
-                                h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type)));
-    }
-    const auto [planes, rows] = source->granularity();
-    a.check.source_order = {planes, rows, source->sequential()};
-    a.check.source = [source](std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-                              std::byte* out) { source->read(z0, nz, y0, ny, out); };
-}
-
 std::uint64_t stored_chunks(const StoreLayout& layout) {
     std::int64_t count = 0;
     for (const ArrayInfo& array : layout.arrays()) {
@@ -48,9 +32,11 @@ std::uint64_t stored_chunks(const StoreLayout& layout) {
 
 Result run(Arguments& a, Progress& progress) {
     const StoreReader store(a.store);
+    std::unique_ptr<VolumeSource> source;
     if (!a.source.empty()) {
         a.source_options.max_heap = a.check.memory / 4;
-        open_source(a, store);
+        source = open_volume(a.source, a.source_options);
+        a.check.source = source.get();
     }
     const CheckReport r = check(store, a.check, progress);
     Result result;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <memory>
 
+#include <isonest/open_volume.h>
 #include <isonest/preprocess.h>
 
 #include "store/container/format.h"
@@ -37,13 +38,14 @@ Result run(Arguments& a, Progress& progress) {
     // A quarter of the budget is enough for the chunks of the input, and the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
     const std::unique_ptr<VolumeSource> source = open_volume(a.input, a.source);
+    const ValueType type = source->describe().type;
     const PreprocessReport r = preprocess(*source, a.store, a.preprocess, progress);
     const double rate = r.seconds > 0 ? static_cast<double>(r.input_bytes) / r.seconds : 0;
     Result result;
     result.warning = leftovers_of(a.store);
     result.json = {{"store", a.store},
                    {"nodes", {r.nodes.x, r.nodes.y, r.nodes.z}},
-                   {"type", name_of(source->type())},
+                   {"type", name_of(type)},
                    {"levels", r.levels},
                    {"min_value", r.min_value},
                    {"max_value", r.max_value},
@@ -57,7 +59,7 @@ Result run(Arguments& a, Progress& progress) {
     result.text = fmt::format(
         "{}: {} x {} x {} {}, values {}{}\n"
         "{} levels in {} chunks, {} ({:.2f} of the input's {}), in {} ({}/s)\n",
-        a.store, r.nodes.x, r.nodes.y, r.nodes.z, name_of(source->type()),
+        a.store, r.nodes.x, r.nodes.y, r.nodes.z, name_of(type),
         human_range(r.min_value, r.max_value), r.has_missing ? ", some missing" : "", r.levels,
         r.chunks, human_bytes(static_cast<double>(r.store_bytes)),
         static_cast<double>(r.store_bytes) /

@@ -3,7 +3,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include <isonest/volume_source.h>
+#include <isonest/open_volume.h>
 
 namespace isonest::detail::cli {
 

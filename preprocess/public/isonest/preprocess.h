@@ -3,9 +3,10 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <string>
+#include <vector>
 
 #include <isonest/field.h>
+#include <isonest/int3.h>
 #include <isonest/progress.h>
 #include <isonest/volume_source.h>
 
@@ -19,8 +20,8 @@ struct PreprocessOptions {
     bool exact = false;   ///< indicators as binary32 instead of 16-bit codes rounded up
     bool force = false;   ///< replace an existing store
     /// Go on from where an interrupted run for the same store stopped, if there is one, which must
-    /// have had the same options and VolumeSource::identity(); and if this one is cancelled or
-    /// fails, leave what it has done for the next.
+    /// have had the same options and VolumeSource::identity() (not ""); and if this one is
+    /// cancelled or fails, leave what it has done for the next.
     bool resume = false;
     std::vector<Field> fields = default_indicators();
 };
@@ -39,10 +40,13 @@ struct PreprocessReport {
     double seconds = 0;
 };
 
-/// Reads `source` once and writes `store`, which appears under its name only when it is whole.
+/// Reads `source` once and writes `store`, which appears under its name only when it is whole; a
+/// file of that name is left alone unless options.force.
 /// The bytes depend on the volume, chunk, compression, exact and fields alone.
 /// Throws Error{invalid_argument, io, limit, cancelled} and what the source throws.
+/// Thread-safety: several runs at once, each with a source and a store of its own.
 PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& store,
-                            const PreprocessOptions& options, Progress& progress);
+                            const PreprocessOptions& options = {},
+                            Progress& progress = silent_progress());
 
 }  // namespace isonest
