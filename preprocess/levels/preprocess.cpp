@@ -1,19 +1,35 @@
 #include <fmt/format.h>
 #include <oneapi/tbb/task_group.h>
 
+#include <algorithm>
 #include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
 #include <functional>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
 
 #include <isonest/error.h>
 #include <isonest/preprocess.h>
 
 #include "preprocess/indicators/cube_ranges.h"
-#include "preprocess/levels/level_pass.h"
+#include "preprocess/levels/base_block.h"
+#include "preprocess/levels/centre_store.h"
+#include "preprocess/levels/coarse_block.h"
+#include "preprocess/levels/indicator_chunks.h"
+#include "preprocess/levels/pass_budget.h"
+#include "preprocess/levels/pass_context.h"
 #include "preprocess/levels/resume.h"
 #include "preprocess/levels/resumed_input.h"
+#include "preprocess/levels/run_journal.h"
+#include "preprocess/sources/plane_window.h"
 #include "store/base/in_order.h"
-#include "store/base/memory_budget.h"
 #include "store/base/workers.h"
+#include "store/container/chunk_cache.h"
+#include "store/container/format.h"
 #include "store/container/writer.h"
 #include "store/files/output_file.h"
 #include "store/lattice/extent.h"
@@ -21,9 +37,6 @@
 namespace isonest {
 using namespace detail;
 namespace {
-
-/// The smallest window or cache.
-constexpr std::uint64_t kLeastWindow = 6U << 20U;
 
 using Block = std::function<std::vector<EncodedChunk>(const Int3&)>;
 
@@ -88,23 +101,10 @@ StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& 
     return header;
 }
 
-/// How many blocks may be under way, given the budget; at least one must fit.
-int token_count(const StoreLayout& layout, const PreprocessOptions& options, int threads,
-                const VolumeSource& source) {
-    const std::uint64_t block = block_heap(layout);
-    const std::uint64_t fixed = kLibraryHeap + source.heap();
-    const std::uint64_t least = fixed + block + kLeastWindow;
-    require_memory(source.describe().name, options.memory, least,
-                   fmt::format("chunks of {}", options.chunk), ", or a smaller --chunk");
-    const std::uint64_t share = (options.memory - fixed) * 3 / 5 / block;
-    return static_cast<int>(
-        std::clamp<std::uint64_t>(share, 1, static_cast<std::uint64_t>(threads) + 1));
-}
-
 /// `done`: what is complete already.
 template <class T>
-void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& done, int tokens,
-                std::uint64_t cache_budget, Progress& progress) {
+void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& done,
+                const PassBudget& budget, Progress& progress) {
     const StoreLayout& layout = outputs.writer.layout();
     const Lattice& lattice = layout.lattice();
     const PassContext context{layout, outputs.centres};
@@ -123,7 +123,7 @@ void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& d
         }
         try {
             run_blocks(
-                {grid.x, grid.y, 1}, tokens,
+                {grid.x, grid.y, 1}, budget.tokens,
                 [&](const Int3& b) {
                     return base_block<T>(context, window, {b.x, b.y, z});
                 },
@@ -139,14 +139,14 @@ void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& d
         reading.wait();
         outputs.complete(2, z + 1);
     }
-    ChunkCache cache(outputs.writer, cache_budget);
+    ChunkCache cache(outputs.writer, budget.cache(window.heap()));
     for (int level = std::max(3, done.level + 1); level <= lattice.top(); ++level) {
-        const Int3 blocks = level_grid(layout, level);
+        const Int3 blocks = coarse_grid(layout, level);
         progress.begin(fmt::format("level {}", level), static_cast<std::uint64_t>(blocks.product()),
                        "blocks");
         run_blocks(
-            blocks, tokens,
-            [&](const Int3& b) { return level_block_of<T>(context, cache, level, b); }, outputs,
+            blocks, budget.tokens,
+            [&](const Int3& b) { return coarse_block<T>(context, cache, level, b); }, outputs,
             progress, 1);
         outputs.complete(level, 0);
         outputs.centres.release(level - 2);
@@ -218,16 +218,13 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
     check_output(store, options.force, source.files());
     Workers workers(options.threads);
     const StoreHeader header = header_of(source.describe(), options);
-    const int tokens = token_count(StoreLayout(header), options, workers.count(), source);
+    const PassBudget budget = share_memory(StoreLayout(header), source, options, workers.count());
     StoreWriter writer(store, header, options.force);
     const StoreLayout& layout = writer.layout();
     const std::string identity = identity_of(header, source, options.resume);
     RunJournal journal(writer.temporary(), identity);
     CentreStore centres(layout.lattice(), header.fields, centres_name(writer.temporary()));
     const Outputs outputs{writer, journal, centres};
-    const std::uint64_t in_blocks = static_cast<std::uint64_t>(tokens) * block_heap(layout);
-    const std::uint64_t rest =
-        options.memory - std::min(options.memory, kLibraryHeap + source.heap() + in_blocks);
 
     PreprocessReport report;
     bool worth_keeping = false;
@@ -237,13 +234,10 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
             done = take_over(store, identity, source, outputs, report, worth_keeping, progress);
         }
         const std::int64_t planes = 2 * layout.header().chunk + 8;
-        PlaneWindow window(source, planes, rest, store.parent_path(), progress);
+        PlaneWindow window(source, planes, budget.rest, store.parent_path(), progress);
         report.input_on_disk = window.on_disk();
-        const std::uint64_t cache =
-            std::max<std::uint64_t>(rest - std::min(rest, window.heap()), kLeastWindow);
         dispatch(header.type, [&](auto tag) {
-            run_levels<typename decltype(tag)::type>(outputs, window, done, tokens, cache,
-                                                     progress);
+            run_levels<typename decltype(tag)::type>(outputs, window, done, budget, progress);
         });
         write_cube_ranges(outputs);
         progress.check();

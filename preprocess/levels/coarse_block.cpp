@@ -1,0 +1,132 @@
+#include "preprocess/levels/coarse_block.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <limits>
+
+#include <isonest/field.h>
+#include <isonest/value_type.h>
+
+#include "preprocess/levels/carried_level.h"
+#include "preprocess/levels/level_block.h"
+#include "preprocess/levels/level_sink.h"
+#include "preprocess/levels/value_chunks.h"
+#include "store/base/box.h"
+#include "store/container/gather.h"
+#include "store/container/indicator_code.h"
+#include "store/lattice/lattice.h"
+
+namespace isonest::detail {
+namespace {
+
+/// The field that tells how far the finest function can be from a finer level's.
+Field deviation_carried(const StoreLayout& layout) {
+    return layout.has(Field::deviation_bar) ? Field::deviation_bar : Field::deviation_plus;
+}
+
+/// The deviations of level 1's cubes as they were stored (rounded up); NaN outside of the volume.
+void gather_finest_deviation(ChunkCache& cache, const StoreLayout& layout, Box<float>& box) {
+    const ArrayInfo& array = layout.array(1, deviation_carried(layout));
+    const Int3 cells = layout.lattice().elements_at(1);
+    std::fill(box.data.begin(), box.data.end(), std::numeric_limits<float>::quiet_NaN());
+    const Int3 lo = max(box.lo, {0, 0, 0});
+    const Int3 size = max(min(box.lo + box.size, cells) - lo, {0, 0, 0});
+    if (size.product() == 0) {
+        return;
+    }
+    const auto copy = [&](auto from) {
+        gather_values(cache, array, from);
+        for (std::int64_t z = from.lo.z; z < from.lo.z + from.size.z; ++z) {
+            for (std::int64_t y = from.lo.y; y < from.lo.y + from.size.y; ++y) {
+                float* const to = box.row(y, z) + (from.lo.x - box.lo.x);
+                const auto* const row = from.row(y, z);
+                for (std::int64_t x = 0; x < from.size.x; ++x) {
+                    to[x] = decode_indicator(row[x]);
+                }
+            }
+        }
+    };
+    if (layout.header().exact) {
+        copy(Box<float>(lo, size));
+    } else {
+        copy(Box<IndicatorCode>(lo, size));
+    }
+}
+
+}  // namespace
+
+Int3 coarse_grid(const StoreLayout& layout, int level) {
+    Int3 grid = layout.array(level - 1, Field::values).grid;
+    for (const ArrayInfo& array : layout.arrays()) {
+        if (array.level == level && array.field != Field::values) {
+            grid = max(grid, array.grid);
+        }
+    }
+    return grid;
+}
+
+template <class T>
+std::vector<EncodedChunk> coarse_block(const PassContext& context, ChunkCache& cache, int level,
+                                       const Int3& block) {
+    const StoreLayout& layout = context.layout;
+    const std::int64_t k = layout.header().chunk;
+    const Int3 one{1, 1, 1};
+    const Int3 two{2, 2, 2};
+    const LayerRange range = range_of(layout, level, block * (k / 2), k / 2);
+    ValueBox<T> box;
+    box.values =
+        Box<T>(range.lo * 4 - one * kMargin, (range.hi - range.lo) * 4 + one * (2 * kMargin + 1));
+    gather_values(cache, layout.array(level - 2, Field::values), box.values);
+    box.find_missing();
+
+    std::vector<EncodedChunk> out;
+    encode_all_values(&layout.array(level - 1, Field::values), block, one, box.values, 2, out);
+
+    LevelTask<T> task = level_task(layout, level, range, box);
+    std::vector<Box<float>> centres(
+        layout.header().fields.size(),
+        Box<float>(range.lo * 2 - one, (range.hi - range.lo) * 2 + two));
+    for (std::size_t f = 0; f < centres.size(); ++f) {
+        const Field field = layout.header().fields[f];
+        context.centres.get(level - 1, field, 0.0F, centres[f]);
+        task.fields.push_back({field, &centres[f]});
+    }
+    Box<float> fine;
+    if (task.wants(Indicator::deviation)) {
+        fine = Box<float>(box.values.lo, box.values.size);
+        if (level == 3) {
+            gather_finest_deviation(cache, layout, fine);
+        } else {
+            context.centres.get(level - 2, deviation_carried(layout),
+                                std::numeric_limits<float>::quiet_NaN(), fine);
+        }
+        task.fine_deviation = &fine;
+    }
+    LevelSink sink(layout, level, block, one);
+    run_and_carry(context, task, level, k / 2, sink);
+    sink.encode(out);
+    return out;
+}
+
+template <class T>
+std::vector<EncodedChunk> top_values(const PassContext& context, ChunkCache& cache) {
+    const StoreLayout& layout = context.layout;
+    const int top = layout.lattice().top();
+    const ArrayInfo& array = layout.array(top, Field::values);
+    Box<T> box({0, 0, 0}, (array.nodes - Int3{1, 1, 1}) * 2 + Int3{1, 1, 1});
+    gather_values(cache, layout.array(top - 1, Field::values), box);
+    std::vector<EncodedChunk> out;
+    encode_all_values(&array, {0, 0, 0}, array.grid, box, 2, out);
+    return out;
+}
+
+// NOLINTBEGIN(bugprone-macro-parentheses): T is a type
+#define ISONEST_INSTANTIATE(tag, T)                                                          \
+    template std::vector<EncodedChunk> coarse_block<T>(const PassContext&, ChunkCache&, int, \
+                                                       const Int3&);                         \
+    template std::vector<EncodedChunk> top_values<T>(const PassContext&, ChunkCache&);
+ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_INSTANTIATE)
+#undef ISONEST_INSTANTIATE
+// NOLINTEND(bugprone-macro-parentheses)
+
+}  // namespace isonest::detail
