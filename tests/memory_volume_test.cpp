@@ -1,6 +1,11 @@
 // Volumes in memory: the same store whatever way the numbers lie, and never another volume's work.
+#include <atomic>
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <cstring>
+#include <functional>
+#include <string>
+#include <thread>
 #include <vector>
 
 #include <isonest/error.h>
@@ -246,6 +251,26 @@ TEST_CASE("three functions make a source, and one that says who it is can be res
           ErrorKind::invalid_argument);
     preprocess(nobody, folder / "t", with_chunk(8));
     CHECK(read_file(folder / "t") == read_file(folder / "whole"));
+}
+
+TEST_CASE("two runs at once give the bytes of each alone") {
+    const TemporaryFolder folder;
+    const Int3 n{50, 41, 60};
+    const std::vector<float> values = uneven(n);
+    isonest::MemoryVolume volume(values.data(), n);
+    preprocess(volume, folder / "alone", with_chunk(8));
+    std::vector<std::thread> runs;
+    for (const char* const name : {"a", "b"}) {
+        runs.emplace_back([&, name] {
+            isonest::MemoryVolume own(values.data(), n);
+            preprocess(own, folder / name, with_chunk(8));
+        });
+    }
+    for (std::thread& run : runs) {
+        run.join();
+    }
+    CHECK(read_file(folder / "a") == read_file(folder / "alone"));
+    CHECK(read_file(folder / "b") == read_file(folder / "alone"));
 }
 
 TEST_CASE("preprocess replaces no file unless asked") {

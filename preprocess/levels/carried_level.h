@@ -1,12 +1,14 @@
 // One level of a block whose centres go on to the coarser levels.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 #include "preprocess/indicators/layer.h"
 #include "preprocess/levels/level_block.h"
 #include "preprocess/levels/level_sink.h"
 #include "preprocess/levels/pass_context.h"
+#include "store/container/format.h"
 
 namespace isonest::detail {
 

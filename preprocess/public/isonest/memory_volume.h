@@ -18,7 +18,7 @@ namespace isonest {
 struct MemoryLayout {
     /// Bytes from a node to the next one along x, y and z, of either sign and any alignment. Not
     /// given: dense, x fastest. For an array [z][y][x] of NumPy these are its strides backwards.
-    std::optional<Int3> strides;
+    std::optional<Int3> strides = {};
     Double3 spacing{1, 1, 1};  ///< node distance per axis in world units
     Double3 origin{0, 0, 0};   ///< world position of node (0, 0, 0)
     std::string name = "memory";

@@ -19,7 +19,7 @@ struct VolumeDescription {
     ValueType type = ValueType::f32;
     Double3 spacing{1, 1, 1};  ///< node distance per axis in world units, > 0
     Double3 origin{0, 0, 0};   ///< world position of node (0, 0, 0)
-    std::string name;          ///< "file:dataset" or the like, for messages
+    std::string name = {};     ///< "file:dataset" or the like, for messages
 };
 
 /// A scalar volume that is read in slabs of whole or partial planes. Three functions are enough:
