@@ -14,7 +14,7 @@ namespace {
 
 constexpr Int3 kWhole{-1, -1, -1};
 
-MemoryVolume<float> noisy_volume() {
+FunctionVolume<float> noisy_volume() {
     return {{17, 20, 18}, [](const Int3& p) { return static_cast<float>(noise(p)); }};
 }
 
@@ -131,7 +131,7 @@ CheckReport checked(const std::filesystem::path& path, const CheckOptions& optio
 struct Made {
     TemporaryFolder folder;
     std::filesystem::path path = folder / "s";
-    MemoryVolume<float> volume = noisy_volume();
+    FunctionVolume<float> volume = noisy_volume();
     Made() {
         make_store(volume, path, with_chunk(8, true));
         REQUIRE(checked(path).failures == 0);
@@ -268,7 +268,7 @@ TEST_CASE("only a deep check finds that HDF5's index leads elsewhere than the ta
 
 TEST_CASE("check finds the node that differs from the source") {
     const Made made;
-    MemoryVolume<float> other(made.volume.nodes(), [&](const Int3& p) {
+    FunctionVolume<float> other(made.volume.nodes(), [&](const Int3& p) {
         return static_cast<float>(made.volume.at(p)) + (p == Int3{16, 11, 7} ? 1.0F : 0.0F);
     });
     CheckOptions options;
@@ -304,7 +304,8 @@ TEST_CASE("check finds bounds that are too small, and names the same first ones 
     }
     // Nothing else is wrong in a store of one level, so the bounds come first there.
     const TemporaryFolder folder;
-    MemoryVolume<float> cube({3, 3, 3}, [](const Int3& p) { return static_cast<float>(noise(p)); });
+    FunctionVolume<float> cube({3, 3, 3},
+                               [](const Int3& p) { return static_cast<float>(noise(p)); });
     make_store(cube, folder / "s", with_chunk(8, true));
     {
         Forger forger(folder / "s");

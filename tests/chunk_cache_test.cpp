@@ -45,7 +45,7 @@ void require_low_sides(ChunkCache& cache, const ArrayInfo& array, const Int3& ch
 TEST_CASE("the low sides of a chunk are its nodes, for any array and size") {
     for (const Int3& n : {Int3{40, 21, 33}, Int3{5, 33, 17}, Int3{1, 40, 20}, Int3{9, 1, 1}}) {
         const TemporaryFolder folder;
-        MemoryVolume<std::int16_t> volume(
+        FunctionVolume<std::int16_t> volume(
             n, [](const Int3& p) { return static_cast<std::int16_t>(30000 * noise(p)); });
         make_store(volume, folder / "s", with_chunk(16));
         const StoreReader store(folder / "s");
@@ -73,7 +73,7 @@ TEST_CASE("the low sides of a chunk are its nodes, for any array and size") {
 
 TEST_CASE("a chunk that somebody holds, or that is not there, is not reduced to its low sides") {
     const TemporaryFolder folder;
-    MemoryVolume<float> volume({20, 20, 20}, [](const Int3& p) { return float(smooth(p)); });
+    FunctionVolume<float> volume({20, 20, 20}, [](const Int3& p) { return float(smooth(p)); });
     make_store(volume, folder / "s", with_chunk(16));
     const StoreReader store(folder / "s");
     const RecordingSource counted(store);
@@ -90,7 +90,7 @@ TEST_CASE("a chunk that somebody holds, or that is not there, is not reduced to 
 TEST_CASE(
     "low sides that are asked for while their chunk is reduced to them are not decoded again") {
     const TemporaryFolder folder;
-    MemoryVolume<std::uint8_t> volume(
+    FunctionVolume<std::uint8_t> volume(
         {64, 64, 64}, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });
     make_store(volume, folder / "s", with_chunk(8));
     const StoreReader store(folder / "s");
@@ -128,7 +128,7 @@ TEST_CASE(
 
 TEST_CASE("a full surface decodes each chunk once with the memory of a few and the sides of all") {
     const TemporaryFolder folder;
-    MemoryVolume<std::uint8_t> volume(
+    FunctionVolume<std::uint8_t> volume(
         {97, 90, 99}, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });
     make_store(volume, folder / "s", with_chunk(16));
     const StoreReader store(folder / "s");
@@ -162,7 +162,7 @@ TEST_CASE("a full surface decodes each chunk once with the memory of a few and t
 
 TEST_CASE("a full surface with normals and vertex values decodes each chunk twice at most") {
     const TemporaryFolder folder;
-    MemoryVolume<std::uint8_t> volume(
+    FunctionVolume<std::uint8_t> volume(
         {131, 120, 140}, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });
     make_store(volume, folder / "s", with_chunk(32));
     const StoreReader store(folder / "s");

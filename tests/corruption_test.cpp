@@ -143,7 +143,7 @@ void damage(const Int3& nodes, const std::function<T(const Int3&)>& f, double is
             const PreprocessOptions& options, int flips, int cuts) {
     const HeapLimit limit;
     const TemporaryFolder folder;
-    MemoryVolume<T> volume(nodes, f);
+    FunctionVolume<T> volume(nodes, f);
     make_store(volume, folder / "s", options);
     const std::string whole = read_file(folder / "s");
     const Expected expected =
@@ -209,8 +209,8 @@ TEST_CASE("flipped bytes and cut ends give a right mesh or a clear error") {
 
 TEST_CASE("damage on a fine level does not keep a coarse surface from being extracted") {
     const TemporaryFolder folder;
-    MemoryVolume<float> volume({65, 65, 65},
-                               [](const Int3& p) { return static_cast<float>(p.x) + 0.25F; });
+    FunctionVolume<float> volume({65, 65, 65},
+                                 [](const Int3& p) { return static_cast<float>(p.x) + 0.25F; });
     make_store(volume, folder / "s", with_chunk(8));
     const Expected expected = expectation(folder / "s", 20, "m.ply", folder);
     std::string bytes = read_file(folder / "s");

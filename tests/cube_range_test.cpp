@@ -17,7 +17,7 @@ using namespace isonest::detail::test;
 namespace {
 
 template <class T>
-void require_ranges(MemoryVolume<T>& volume, int chunk) {
+void require_ranges(FunctionVolume<T>& volume, int chunk) {
     const Int3 n = volume.nodes();
     CAPTURE(n.x, n.y, n.z, chunk, name_of(value_type_of<T>));
     const TemporaryFolder folder;
@@ -115,23 +115,23 @@ std::uint16_t peaks(const Int3& p) {
 TEST_CASE("a cube's range is that of its values, on every size and type") {
     for (const Int3& n : {Int3{9, 9, 9}, Int3{10, 3, 2}, Int3{8, 9, 8}, Int3{33, 17, 65},
                           Int3{50, 21, 38}, Int3{2, 2, 70}, Int3{40, 30, 1}, Int3{1, 1, 50}}) {
-        MemoryVolume<std::uint8_t> bytes(
+        FunctionVolume<std::uint8_t> bytes(
             n, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });
         require_ranges(bytes, 8);
         require_ranges(bytes, 16);
         for (const double size : {1.0, 1e200}) {
-            MemoryVolume<double> reals(n, [&](const Int3& p) { return size * (noise(p) - 0.5); });
+            FunctionVolume<double> reals(n, [&](const Int3& p) { return size * (noise(p) - 0.5); });
             require_ranges(reals, 8);
         }
     }
     const Int3 n{34, 20, 19};
-    MemoryVolume<std::int32_t> wide(
+    FunctionVolume<std::int32_t> wide(
         n, [](const Int3& p) { return static_cast<std::int32_t>(4e9 * (noise(p) - 0.5)); });
     require_ranges(wide, 16);
-    MemoryVolume<std::int16_t> shorts(
+    FunctionVolume<std::int16_t> shorts(
         n, [](const Int3& p) { return static_cast<std::int16_t>(65535 * (noise(p) - 0.5)); });
     require_ranges(shorts, 64);
-    MemoryVolume<float> holes(n, [](const Int3& p) {
+    FunctionVolume<float> holes(n, [](const Int3& p) {
         return p.x < 18           ? std::numeric_limits<float>::quiet_NaN()
                : noise(p) < 0.001 ? std::numeric_limits<float>::infinity()
                                   : static_cast<float>(noise(p));
@@ -141,7 +141,7 @@ TEST_CASE("a cube's range is that of its values, on every size and type") {
 
 TEST_CASE("what the ranges exclude holds no surface, and it is much where peaks are rare") {
     const TemporaryFolder folder;
-    MemoryVolume<std::uint16_t> volume({97, 90, 70}, peaks);
+    FunctionVolume<std::uint16_t> volume({97, 90, 70}, peaks);
     make_store(volume, folder / "s", with_chunk(16));
     const StoreReader store(folder / "s");
     const WithoutRanges plain(store);
@@ -165,7 +165,7 @@ TEST_CASE("what the ranges exclude holds no surface, and it is much where peaks 
 
 TEST_CASE("a damaged range is named, and does not keep others from being used") {
     const TemporaryFolder folder;
-    MemoryVolume<std::uint16_t> volume({97, 90, 70}, peaks);
+    FunctionVolume<std::uint16_t> volume({97, 90, 70}, peaks);
     make_store(volume, folder / "s", with_chunk(16));
     std::string bytes = read_file(folder / "s");
     std::string wanted;

@@ -20,7 +20,7 @@ struct Result {
 };
 
 template <class T>
-Result surface(MemoryVolume<T>& volume, double iso, double error, int chunk = 8,
+Result surface(FunctionVolume<T>& volume, double iso, double error, int chunk = 8,
                const std::optional<WorldBox>& box = {}, int threads = 2,
                std::uint64_t memory = 1U << 30U) {
     const TemporaryFolder folder;
@@ -46,7 +46,7 @@ Result surface(MemoryVolume<T>& volume, double iso, double error, int chunk = 8,
 }
 
 template <class T>
-void require_whole(MemoryVolume<T>& volume, const Result& r) {
+void require_whole(FunctionVolume<T>& volume, const Result& r) {
     const Int3 n = volume.nodes();
     const MeshFaults faults = check_mesh(
         r.mesh, {0, 0, 0},
@@ -60,7 +60,7 @@ void require_whole(MemoryVolume<T>& volume, const Result& r) {
 
 /// |U - iso| at the vertices and inside every triangle, and normals toward the smaller values.
 template <class T>
-double residual(const MemoryVolume<T>& volume, const Mesh& mesh, double iso) {
+double residual(const FunctionVolume<T>& volume, const Mesh& mesh, double iso) {
     double worst = 0;
     std::uint64_t seed = 0;
     for (const auto& t : mesh.triangles) {
@@ -96,7 +96,7 @@ std::uint8_t few_levels(const Int3& p) {
 }  // namespace
 
 TEST_CASE("a sphere comes out as one closed surface with its area") {
-    MemoryVolume<float> volume({33, 33, 33}, [](const Int3& p) {
+    FunctionVolume<float> volume({33, 33, 33}, [](const Int3& p) {
         return static_cast<float>(distance(p, {16.0, 16.0, 16.0}));
     });
     const Result r = surface(volume, 10, 0);
@@ -132,7 +132,7 @@ TEST_CASE("a sphere comes out as one closed surface with its area") {
 TEST_CASE("surfaces are whole and within the tolerance on every size") {
     for (const Int3& n :
          {Int3{33, 33, 33}, Int3{20, 31, 17}, Int3{2, 2, 2}, Int3{3, 40, 5}, Int3{41, 6, 13}}) {
-        MemoryVolume<float> volume(n, smooth_f);
+        FunctionVolume<float> volume(n, smooth_f);
         for (const double iso : {-0.4, 0.1, 0.6}) {
             for (const double error : {0.0, 0.01, 0.05, 0.2, 1.0}) {
                 CAPTURE(n.x, n.y, n.z, iso, error);
@@ -146,7 +146,7 @@ TEST_CASE("surfaces are whole and within the tolerance on every size") {
 
 TEST_CASE("an isovalue that nodes have exactly gives a manifold without flat triangles") {
     for (const Int3& n : {Int3{17, 17, 17}, Int3{12, 9, 20}}) {
-        MemoryVolume<std::uint8_t> volume(n, few_levels);
+        FunctionVolume<std::uint8_t> volume(n, few_levels);
         for (const double iso : {1.0, 2.0, 3.0, 4.0}) {
             for (const double error : {0.0, 1.0, 2.5}) {
                 CAPTURE(n.x, iso, error);
@@ -160,7 +160,7 @@ TEST_CASE("an isovalue that nodes have exactly gives a manifold without flat tri
 }
 
 TEST_CASE("a plateau exactly at the isovalue keeps its two sides apart") {
-    MemoryVolume<float> volume({9, 9, 9}, [](const Int3& p) {
+    FunctionVolume<float> volume({9, 9, 9}, [](const Int3& p) {
         return p.z == 4 && p.x > 1 && p.x < 7 && p.y > 1 && p.y < 7 ? 1.0F : 0.0F;
     });
     const Result r = surface(volume, 1, 0);
@@ -169,8 +169,8 @@ TEST_CASE("a plateau exactly at the isovalue keeps its two sides apart") {
 }
 
 TEST_CASE("the mesh has the same bytes for any threads, chunk and memory") {
-    MemoryVolume<std::uint8_t> plateaus({45, 38, 51}, few_levels);
-    MemoryVolume<float> volume({45, 38, 51}, smooth_f);
+    FunctionVolume<std::uint8_t> plateaus({45, 38, 51}, few_levels);
+    FunctionVolume<float> volume({45, 38, 51}, smooth_f);
     for (const double error : {0.0, 0.05}) {
         const std::string expected = surface(volume, 0.3, error, 16, {}, 1).bytes;
         const std::string plateau = surface(plateaus, 2, 40 * error, 16, {}, 1).bytes;
@@ -187,7 +187,7 @@ TEST_CASE("the mesh has the same bytes for any threads, chunk and memory") {
 TEST_CASE(
     "at the least memory that is accepted the cache stays within it, and the mesh is the same") {
     // More bytes of values than the memory leaves beside the libraries.
-    MemoryVolume<float> volume({129, 129, 129}, smooth_f);
+    FunctionVolume<float> volume({129, 129, 129}, smooth_f);
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(16));
     const StoreReader store(folder / "s");
@@ -213,7 +213,7 @@ TEST_CASE(
 }
 
 TEST_CASE("the store has the same bytes for any threads and memory") {
-    MemoryVolume<float> volume({70, 41, 53}, smooth_f);
+    FunctionVolume<float> volume({70, 41, 53}, smooth_f);
     const TemporaryFolder folder;
     PreprocessOptions options = with_chunk(16);
     options.threads = 1;
@@ -231,7 +231,7 @@ TEST_CASE("the store has the same bytes for any threads and memory") {
 }
 
 TEST_CASE("a box cuts the surface at its faces, and only there") {
-    MemoryVolume<float> volume({33, 29, 31}, smooth_f);
+    FunctionVolume<float> volume({33, 29, 31}, smooth_f);
     const WorldBox box{{3.5, 4, 6.25}, {20.75, 21, 27}};
     for (const double error : {0.0, 0.1}) {
         const Result r = surface(volume, 0.1, error, 8, box);
@@ -251,12 +251,12 @@ TEST_CASE("a box cuts the surface at its faces, and only there") {
 }
 
 TEST_CASE("flat, constant, missing and outside: an empty mesh, no failure") {
-    MemoryVolume<float> one({1, 1, 1}, [](const Int3&) { return 1.0F; });
-    MemoryVolume<float> thin({1, 1, 100}, [](const Int3& p) { return static_cast<float>(p.z); });
-    MemoryVolume<float> constant({9, 9, 9}, [](const Int3&) { return 3.0F; });
-    MemoryVolume<float> missing(
+    FunctionVolume<float> one({1, 1, 1}, [](const Int3&) { return 1.0F; });
+    FunctionVolume<float> thin({1, 1, 100}, [](const Int3& p) { return static_cast<float>(p.z); });
+    FunctionVolume<float> constant({9, 9, 9}, [](const Int3&) { return 3.0F; });
+    FunctionVolume<float> missing(
         {9, 9, 9}, [](const Int3&) { return std::numeric_limits<float>::quiet_NaN(); });
-    MemoryVolume<float> normal({9, 9, 9}, smooth_f);
+    FunctionVolume<float> normal({9, 9, 9}, smooth_f);
     CHECK(surface(one, 0.5, 0).mesh.triangles.empty());
     CHECK(surface(thin, 0.5, 0).mesh.triangles.empty());
     CHECK(surface(constant, 3, 0).mesh.triangles.empty());
@@ -266,7 +266,7 @@ TEST_CASE("flat, constant, missing and outside: an empty mesh, no failure") {
 }
 
 TEST_CASE("no surface next to a missing value, and whole everywhere else") {
-    MemoryVolume<float> volume({17, 17, 17}, [](const Int3& p) {
+    FunctionVolume<float> volume({17, 17, 17}, [](const Int3& p) {
         return p == Int3{8, 8, 8} ? std::numeric_limits<float>::quiet_NaN()
                                   : static_cast<float>(p.z) - 8.25F;
     });
@@ -284,7 +284,7 @@ TEST_CASE("no surface next to a missing value, and whole everywhere else") {
 }
 
 TEST_CASE("extreme integers cross at the right place") {
-    MemoryVolume<std::int32_t> volume({5, 5, 5}, [](const Int3& p) {
+    FunctionVolume<std::int32_t> volume({5, 5, 5}, [](const Int3& p) {
         return p.x < 2 ? std::numeric_limits<std::int32_t>::min()
                        : std::numeric_limits<std::int32_t>::max();
     });
@@ -294,7 +294,7 @@ TEST_CASE("extreme integers cross at the right place") {
     for (const auto& v : r.mesh.vertices) {
         CHECK(v[0] == Approx(1.5));
     }
-    MemoryVolume<double> doubles({3, 3, 3}, [](const Int3& p) {
+    FunctionVolume<double> doubles({3, 3, 3}, [](const Int3& p) {
         return p.x < 1 ? -std::numeric_limits<double>::max() : std::numeric_limits<double>::max();
     });
     for (const auto& v : surface(doubles, 0, 0).mesh.vertices) {
@@ -303,7 +303,7 @@ TEST_CASE("extreme integers cross at the right place") {
 }
 
 TEST_CASE("a coarse surface reads few chunks") {
-    MemoryVolume<float> volume({257, 129, 129}, [](const Int3& p) {
+    FunctionVolume<float> volume({257, 129, 129}, [](const Int3& p) {
         return static_cast<float>(distance(p, {128.0, 64.0, 64.0}));
     });
     const Result full = surface(volume, 40, 0, 16);
@@ -314,7 +314,7 @@ TEST_CASE("a coarse surface reads few chunks") {
 }
 
 TEST_CASE("requests that make no sense are refused by name") {
-    MemoryVolume<float> volume({9, 9, 9}, smooth_f);
+    FunctionVolume<float> volume({9, 9, 9}, smooth_f);
     const TemporaryFolder folder;
     PreprocessOptions p = with_chunk(8);
     p.fields = {Field::linf_plus};
@@ -349,7 +349,7 @@ TEST_CASE("coordinates and values beyond 32-bit floats are refused, not written 
     const auto refused = [&](const Double3& spacing, double value,
                              const std::function<void(ExtractOptions&)>& change) {
         const Int3 n = {9, 9, 9};
-        MemoryVolume<double> volume(n, [&](const Int3& p) { return value * smooth(p); });
+        FunctionVolume<double> volume(n, [&](const Int3& p) { return value * smooth(p); });
         volume.spacing_ = spacing;
         make_store(volume, folder / "s", with_chunk(8));
         const StoreReader store(folder / "s");

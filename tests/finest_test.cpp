@@ -26,7 +26,7 @@ Key key_of(const std::array<Int3, 4>& nodes) {
 }
 
 template <class T>
-void require_finest(MemoryVolume<T>& volume, double iso, int chunk, std::uint64_t cache_bytes) {
+void require_finest(FunctionVolume<T>& volume, double iso, int chunk, std::uint64_t cache_bytes) {
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(chunk));
     const StoreReader store(folder / "s");
@@ -102,11 +102,11 @@ void require_finest(MemoryVolume<T>& volume, double iso, int chunk, std::uint64_
 TEST_CASE("without a tolerance the leaves are the finest tetrahedra that the surface crosses") {
     for (const Int3 n : {Int3{2, 2, 2}, Int3{3, 2, 9}, Int3{17, 17, 17}, Int3{16, 9, 23},
                          Int3{8, 25, 33}, Int3{31, 18, 7}}) {
-        MemoryVolume<std::uint8_t> bytes(
+        FunctionVolume<std::uint8_t> bytes(
             n, [](const Int3& p) { return static_cast<std::uint8_t>(90 + 40 * smooth(p)); });
-        MemoryVolume<std::int16_t> rough(
+        FunctionVolume<std::int16_t> rough(
             n, [](const Int3& p) { return static_cast<std::int16_t>(-300 + 600 * noise(p)); });
-        MemoryVolume<double> wide(n, [](const Int3& p) { return 1e300 * smooth(p); });
+        FunctionVolume<double> wide(n, [](const Int3& p) { return 1e300 * smooth(p); });
         for (const int chunk : {8, 16}) {
             require_finest(bytes, 90, chunk, 1U << 20U);
             require_finest(bytes, 101.5, chunk, 1U << 20U);
@@ -119,7 +119,7 @@ TEST_CASE("without a tolerance the leaves are the finest tetrahedra that the sur
 TEST_CASE("without a tolerance missing values and both ends of a type are seen") {
     constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
     constexpr float kInfinity = std::numeric_limits<float>::infinity();
-    MemoryVolume<float> holes({19, 22, 17}, [](const Int3& p) {
+    FunctionVolume<float> holes({19, 22, 17}, [](const Int3& p) {
         const double where = noise(p, 3);
         return where < 0.05   ? kNan
                : where < 0.08 ? kInfinity
@@ -129,14 +129,14 @@ TEST_CASE("without a tolerance missing values and both ends of a type are seen")
     for (const double iso : {0.0, 0.3, -0.7}) {
         require_finest(holes, iso, 8, 1U << 20U);
     }
-    MemoryVolume<std::uint32_t> ends({12, 17, 9}, [](const Int3& p) {
+    FunctionVolume<std::uint32_t> ends({12, 17, 9}, [](const Int3& p) {
         return noise(p) < 0.5 ? 0U : std::numeric_limits<std::uint32_t>::max();
     });
     for (const double iso : {0.0, 0.5, 4294967294.5, 4294967295.0, 4294967296.0}) {
         require_finest(ends, iso, 8, 1U << 20U);
     }
     // 0.1 is between two floats: the one above it is the first that is not below.
-    MemoryVolume<float> between({9, 9, 9}, [](const Int3& p) {
+    FunctionVolume<float> between({9, 9, 9}, [](const Int3& p) {
         return (p.x + p.y + p.z) % 2 == 0 ? 0.1F : std::nextafter(0.1F, 0.0F);
     });
     for (const double iso : {0.1, static_cast<double>(0.1F)}) {

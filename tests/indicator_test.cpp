@@ -38,7 +38,7 @@ struct Comparison {
 
 /// `above`: how far a stored value may be above the exact one, relatively.
 template <class T>
-Comparison compare(MemoryVolume<T>& volume, int chunk, bool exact, double above,
+Comparison compare(FunctionVolume<T>& volume, int chunk, bool exact, double above,
                    const std::vector<Field>& fields = default_indicators()) {
     const TemporaryFolder folder;
     PreprocessOptions options = with_chunk(chunk, exact);
@@ -107,7 +107,7 @@ void require_agreement(const Int3& n, int chunk, const std::function<T(const Int
                        const Double3& spacing = {1, 1, 1}) {
     CAPTURE(n.x, n.y, n.z, chunk);
     for (const bool exact : {true, false}) {
-        MemoryVolume<T> volume(n, f);
+        FunctionVolume<T> volume(n, f);
         volume.spacing_ = spacing;
         const Comparison c = compare(volume, chunk, exact, exact ? 1e-6 : 0x1p-5, fields);
         CAPTURE(exact);
@@ -201,7 +201,7 @@ TEST_CASE("normal_component is the part of the jump that is normal to the childr
     // first are (1, 0) and (2, 1), in those of the second their mirror images; the normal of both
     // faces is (1, 1) / sqrt 2. The four edges' midpoints change nothing.
     const std::array<float, 9> values{0, 1, 2, 1, 1, 3, 2, 3, 4};
-    MemoryVolume<float> volume({3, 3, 1}, [&](const Int3& p) {
+    FunctionVolume<float> volume({3, 3, 1}, [&](const Int3& p) {
         return values.at(static_cast<std::size_t>(p.x + 3 * p.y));
     });
     const TemporaryFolder folder;
@@ -221,7 +221,7 @@ TEST_CASE("normal_component is the part of the jump that is normal to the childr
 TEST_CASE("half of eta plus does not bound the deviation, eta plus does") {
     // Section 5 of the paper prints beta_0 = eta_plus / 2. With U = 0 but for one node in the
     // middle of a refinement edge, U reaches delta there, and the printed bound says delta / 2.
-    MemoryVolume<float> volume({3, 3, 3}, [](const Int3& p) {
+    FunctionVolume<float> volume({3, 3, 3}, [](const Int3& p) {
         return p == Int3{1, 1, 1} ? 1.0F : 0.0F;
     });
     const TemporaryFolder folder;
@@ -240,7 +240,7 @@ TEST_CASE("eta bar is no guarantee, the deviation is") {
     // indicator sees.
     const double error = 1.25;
     const auto worst = [&](Guarantee guarantee) {
-        MemoryVolume<float> volume({33, 33, 33}, [](const Int3& p) {
+        FunctionVolume<float> volume({33, 33, 33}, [](const Int3& p) {
             double sum = 0.25 * static_cast<double>(p.z);
             for (std::int64_t period = 2; period <= 32; period *= 2) {
                 const std::int64_t phase = p.x % period;
@@ -283,7 +283,7 @@ TEST_CASE("eta bar is no guarantee, the deviation is") {
 }
 
 TEST_CASE("check finds saturation, injection and bounds in order on every chunk size") {
-    MemoryVolume<float> volume({40, 33, 27}, smooth_f);
+    FunctionVolume<float> volume({40, 33, 27}, smooth_f);
     for (const int chunk : {8, 16, 32, 64}) {
         const TemporaryFolder folder;
         make_store(volume, folder / "s", with_chunk(chunk));
@@ -309,7 +309,7 @@ TEST_CASE("indicators equal the recursion, and the deviation is tight, on crops 
         const auto n = static_cast<std::int64_t>(
             std::lround(std::cbrt(static_cast<double>(bytes.size()) / 4.0)));
         REQUIRE(bytes.size() == static_cast<std::size_t>(4 * n * n * n));
-        MemoryVolume<float> volume({n, n, n}, [&](const Int3& p) {
+        FunctionVolume<float> volume({n, n, n}, [&](const Int3& p) {
             float v = 0;
             std::memcpy(&v, bytes.data() + 4 * (Int3{n, n, n}).linear(p), 4);
             return v;
@@ -343,7 +343,7 @@ namespace {
 
 /// max |U - U_T| over the nodes of the six tetrahedra of a cube, in more bits than the values have.
 template <class T>
-long double exact_difference(const MemoryVolume<T>& volume, const Int3& cube, std::int64_t edge) {
+long double exact_difference(const FunctionVolume<T>& volume, const Int3& cube, std::int64_t edge) {
     long double most = 0;
     const Int3 last = volume.nodes() - Int3{1, 1, 1};
     const auto value = [&](const Int3& p) { return static_cast<long double>(volume.at(p)); };
@@ -376,7 +376,7 @@ long double exact_difference(const MemoryVolume<T>& volume, const Int3& cube, st
 TEST_CASE("no stored bound is below the exact one where the means of values are rounded") {
     for (const double step : {2.0, 6.0, 1e16}) {
         for (const bool exact : {true, false}) {
-            MemoryVolume<double> volume({19, 17, 18}, [&](const Int3& p) {
+            FunctionVolume<double> volume({19, 17, 18}, [&](const Int3& p) {
                 return -1e16 + step * std::floor(4 * std::fabs(noise(p)));
             });
             const TemporaryFolder folder;

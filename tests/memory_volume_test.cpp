@@ -70,7 +70,7 @@ void require_any_layout(const Int3& n) {
     for (std::int64_t i = 0; i < n.product(); ++i) {
         dense[static_cast<std::size_t>(i)] = value_at<T>(n.unlinear(i));
     }
-    isonest::MemoryVolume plain(dense.data(), n);
+    MemoryVolume plain(dense.data(), n);
     CHECK(plain.describe().type == value_type_of<T>);
     CHECK(plain.mapped().data() == reinterpret_cast<const std::byte*>(dense.data()));
     CHECK(plain.mapped().size() == dense.size() * sizeof(T));
@@ -89,13 +89,13 @@ void require_any_layout(const Int3& n) {
             }
             CAPTURE(strides.x, strides.y, strides.z);
             const Scattered<T> numbers(n, strides);
-            isonest::MemoryVolume volume(numbers.data(), value_type_of<T>, n, {.strides = strides});
+            MemoryVolume volume(numbers.data(), value_type_of<T>, n, {.strides = strides});
             CHECK(all_of(volume) == expected);
             CHECK(volume.identity() == plain.identity());
         }
     }
     const Scattered<T> shifted(n, row, 1);
-    isonest::MemoryVolume unaligned(shifted.data(), value_type_of<T>, n);
+    MemoryVolume unaligned(shifted.data(), value_type_of<T>, n);
     CHECK(unaligned.mapped().empty() == (sizeof(T) > 1));
     CHECK(all_of(unaligned) == expected);
     CHECK(unaligned.identity() == plain.identity());
@@ -175,9 +175,8 @@ TEST_CASE("rows longer than the digest's buffer have the digest of dense ones") 
     const Int3 n{40000, 2, 1};
     const Scattered<double> dense(n, {8, 8 * n.x, 0});
     const Scattered<double> backward(n, {-8, -8 * n.x, 0});
-    CHECK(isonest::MemoryVolume(dense.data(), ValueType::f64, n).identity() ==
-          isonest::MemoryVolume(backward.data(), ValueType::f64, n,
-                                {.strides = Int3{-8, -8 * n.x, 0}})
+    CHECK(MemoryVolume(dense.data(), ValueType::f64, n).identity() ==
+          MemoryVolume(backward.data(), ValueType::f64, n, {.strides = Int3{-8, -8 * n.x, 0}})
               .identity());
 }
 
@@ -188,7 +187,7 @@ TEST_CASE("the store of a volume in memory is that of a file with the same value
         MemoryLayout layout;
         layout.spacing = {1, 2, 0.5};
         layout.origin = {-3, 0, 4};
-        isonest::MemoryVolume dense(values.data(), n, layout);
+        MemoryVolume dense(values.data(), n, layout);
         layout.strides = Int3{4 * n.y * n.z, -4 * n.z, 4};
         std::vector<float> turned(values.size());
         for (std::int64_t i = 0; i < n.product(); ++i) {
@@ -196,7 +195,7 @@ TEST_CASE("the store of a volume in memory is that of a file with the same value
             turned[static_cast<std::size_t>((p.x * n.y + n.y - 1 - p.y) * n.z + p.z)] =
                 values[static_cast<std::size_t>(i)];
         }
-        isonest::MemoryVolume strided(turned.data() + (n.y - 1) * n.z, n, layout);
+        MemoryVolume strided(turned.data() + (n.y - 1) * n.z, n, layout);
         PreprocessOptions options = with_chunk(8);
         preprocess(dense, folder / "dense", options);
         preprocess(strided, folder / "strided", options);
@@ -211,14 +210,14 @@ TEST_CASE("an interrupted run on memory goes on with the same values and refuses
     const TemporaryFolder folder;
     const Int3 n{50, 41, 120};
     const std::vector<float> values = uneven(n);
-    isonest::MemoryVolume volume(values.data(), n);
+    MemoryVolume volume(values.data(), n);
     preprocess(volume, folder / "whole", with_chunk(8));
     interrupt(volume, folder / "s", resuming());
     const auto left = folder.names();
     // One bit of a value in the middle, which no plane that is read again shows.
     std::vector<float> others = values;
     others[others.size() / 2] = std::nextafter(others[others.size() / 2], 100.0F);
-    isonest::MemoryVolume other(others.data(), n);
+    MemoryVolume other(others.data(), n);
     try {
         preprocess(other, folder / "s", resuming());
         FAIL("not noticed");
@@ -228,7 +227,7 @@ TEST_CASE("an interrupted run on memory goes on with the same values and refuses
     }
     CHECK(folder.names() == left);
     const std::vector<float> copy = values;
-    isonest::MemoryVolume same(copy.data(), n, {.name = "another name"});
+    MemoryVolume same(copy.data(), n, {.name = "another name"});
     CHECK(preprocess(same, folder / "s", resuming()).resumed_chunks > 0);
     CHECK(read_file(folder / "s") == read_file(folder / "whole"));
 }
@@ -257,12 +256,12 @@ TEST_CASE("two runs at once give the bytes of each alone") {
     const TemporaryFolder folder;
     const Int3 n{50, 41, 60};
     const std::vector<float> values = uneven(n);
-    isonest::MemoryVolume volume(values.data(), n);
+    MemoryVolume volume(values.data(), n);
     preprocess(volume, folder / "alone", with_chunk(8));
     std::vector<std::thread> runs;
     for (const char* const name : {"a", "b"}) {
         runs.emplace_back([&, name] {
-            isonest::MemoryVolume own(values.data(), n);
+            MemoryVolume own(values.data(), n);
             preprocess(own, folder / name, with_chunk(8));
         });
     }
@@ -276,7 +275,7 @@ TEST_CASE("two runs at once give the bytes of each alone") {
 TEST_CASE("preprocess replaces no file unless asked") {
     const TemporaryFolder folder;
     const std::vector<std::uint8_t> values(27, 3);
-    isonest::MemoryVolume volume(values.data(), {3, 3, 3});
+    MemoryVolume volume(values.data(), {3, 3, 3});
     preprocess(volume, folder / "s");
     CHECK(failure([&] { preprocess(volume, folder / "s"); }) == ErrorKind::invalid_argument);
     PreprocessOptions options;
@@ -288,15 +287,15 @@ TEST_CASE("no data, no nodes and another volume's shape are refused") {
     const std::vector<float> values(8);
     const float* const nothing = nullptr;
     const auto make = [](const float* data, const Int3& n) {
-        return failure([&] { const isonest::MemoryVolume volume(data, n); });
+        return failure([&] { const MemoryVolume volume(data, n); });
     };
     CHECK(make(nothing, {2, 2, 2}) == ErrorKind::invalid_argument);
     CHECK(make(values.data(), {2, 0, 2}) == ErrorKind::invalid_argument);
     CHECK(make(values.data(), {2, 2, -2}) == ErrorKind::invalid_argument);
     const TemporaryFolder folder;
-    isonest::MemoryVolume volume(values.data(), {2, 2, 2});
+    MemoryVolume volume(values.data(), {2, 2, 2});
     preprocess(volume, folder / "s");
-    isonest::MemoryVolume longer(values.data(), {4, 2, 1});
+    MemoryVolume longer(values.data(), {4, 2, 1});
     CheckOptions options;
     options.source = &longer;
     CHECK(failure([&] { check(StoreReader(folder / "s"), options, silent_progress()); }) ==

@@ -17,7 +17,7 @@ namespace {
 
 /// Makes a store, checks it to its depth against its source, and extracts at some isovalues.
 template <class T>
-std::vector<Mesh> all_of(MemoryVolume<T>& volume, const std::vector<double>& isovalues,
+std::vector<Mesh> all_of(FunctionVolume<T>& volume, const std::vector<double>& isovalues,
                          double error_relative = 0) {
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
@@ -50,7 +50,7 @@ template <class T>
 void opposites() {
     constexpr T kLow = std::numeric_limits<T>::lowest();
     constexpr T kHigh = std::numeric_limits<T>::max();
-    MemoryVolume<T> volume({11, 10, 9}, [&](const Int3& p) {
+    FunctionVolume<T> volume({11, 10, 9}, [&](const Int3& p) {
         return p.x > 6                      ? static_cast<T>(kHigh / 2 + kLow / 2)
                : (p.x + p.y + p.z) % 2 == 0 ? kLow
                                             : kHigh;
@@ -108,38 +108,38 @@ TEST_CASE("the opposite ends of every type make a whole store and a whole surfac
 }
 
 TEST_CASE("denormals have a surface as other numbers have") {
-    MemoryVolume<float> small({12, 11, 13}, [](const Int3& p) {
+    FunctionVolume<float> small({12, 11, 13}, [](const Int3& p) {
         return static_cast<float>((p.x + 2 * p.y - p.z + (p.x * p.y) % 3) * 1e-42);
     });
     CHECK(!all_of(small, {5.5e-42})[0].triangles.empty());
     CHECK(!all_of(small, {5.5e-42}, 0.1)[0].triangles.empty());
-    MemoryVolume<double> smaller({12, 11, 13}, [](const Int3& p) {
+    FunctionVolume<double> smaller({12, 11, 13}, [](const Int3& p) {
         return static_cast<double>(p.x + 2 * p.y - p.z) * 5e-322;
     });
     CHECK(!all_of(smaller, {5.1e-321})[0].triangles.empty());
 }
 
 TEST_CASE("an isovalue outside of the range, and any isovalue of nothing, give an empty mesh") {
-    MemoryVolume<float> ramp({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
+    FunctionVolume<float> ramp({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
     for (const Mesh& mesh : all_of(ramp, {-0.5, 8.5, 1e300, -1e300})) {
         CHECK(mesh.triangles.empty());
     }
     constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
     constexpr float kInfinity = std::numeric_limits<float>::infinity();
     for (const float v : {kNaN, kInfinity, -kInfinity, 3.0F}) {
-        MemoryVolume<float> constant({17, 5, 9}, [&](const Int3& /*p*/) { return v; });
+        FunctionVolume<float> constant({17, 5, 9}, [&](const Int3& /*p*/) { return v; });
         for (const Mesh& mesh : all_of(constant, {0, 3, 2.5}, 0)) {
             CHECK(mesh.triangles.empty());
         }
     }
-    MemoryVolume<float> both({9, 9, 9},
-                             [&](const Int3& p) { return p.x < 4 ? kInfinity : -kInfinity; });
+    FunctionVolume<float> both({9, 9, 9},
+                               [&](const Int3& p) { return p.x < 4 ? kInfinity : -kInfinity; });
     CHECK(all_of(both, {0})[0].triangles.empty());
 }
 
 TEST_CASE("errors and isovalues that are no numbers are refused") {
     const TemporaryFolder folder;
-    MemoryVolume<float> ramp({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
+    FunctionVolume<float> ramp({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
     make_store(ramp, folder / "s", with_chunk(8));
     const StoreReader store(folder / "s");
     constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
@@ -175,7 +175,7 @@ TEST_CASE("a line of a million nodes, primes and pairs make whole stores") {
          {Int3{1000000, 1, 1}, Int3{1, 1000000, 1}, Int3{1, 1, 1000000}, Int3{1, 1, 1},
           Int3{2, 2, 2}, Int3{1, 2, 2}, Int3{13, 29, 7}, Int3{101, 3, 2}, Int3{2, 1, 103}}) {
         CAPTURE(n.x, n.y, n.z);
-        MemoryVolume<std::uint8_t> volume(n, [](const Int3& p) {
+        FunctionVolume<std::uint8_t> volume(n, [](const Int3& p) {
             return static_cast<std::uint8_t>(255 * noise({p.x / 50, p.y / 50, p.z / 50}));
         });
         const TemporaryFolder folder;

@@ -14,7 +14,7 @@ using namespace isonest::detail::test;
 namespace {
 
 template <class T>
-Lines isolines(MemoryVolume<T>& volume, double iso, double error,
+Lines isolines(FunctionVolume<T>& volume, double iso, double error,
                const std::optional<WorldBox>& box = {}, std::uint64_t memory = 1U << 30U) {
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
@@ -32,7 +32,7 @@ double map(const Int3& p) {
 }
 
 template <class T>
-Mesh graph(MemoryVolume<T>& volume, double error, double scale = 1) {
+Mesh graph(FunctionVolume<T>& volume, double error, double scale = 1) {
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
     ExtractOptions options;
@@ -59,7 +59,7 @@ double plan_area(const Mesh& mesh) {
 
 TEST_CASE("isolines stay within the error and end only on the border") {
     for (const Int3& n : {Int3{33, 33, 1}, Int3{50, 21, 1}, Int3{40, 1, 37}, Int3{1, 20, 45}}) {
-        MemoryVolume<double> volume(n, [&](const Int3& p) {
+        FunctionVolume<double> volume(n, [&](const Int3& p) {
             return n.z == 1 ? map(p) : n.y == 1 ? map({p.x, p.z, 0}) : map({p.y, p.z, 0});
         });
         std::size_t before = std::numeric_limits<std::size_t>::max();
@@ -100,7 +100,7 @@ TEST_CASE("isolines stay within the error and end only on the border") {
 }
 
 TEST_CASE("isolines of integers pass through nodes without gaps") {
-    MemoryVolume<std::uint8_t> volume({30, 30, 1}, [](const Int3& p) {
+    FunctionVolume<std::uint8_t> volume({30, 30, 1}, [](const Int3& p) {
         return static_cast<std::uint8_t>(std::lround(10 + 3 * smooth(Int3{p.x, p.y, 0})));
     });
     const Lines lines = isolines(volume, 11, 0);
@@ -119,7 +119,7 @@ TEST_CASE("isolines of integers pass through nodes without gaps") {
 }
 
 TEST_CASE("isolines are cut at a box") {
-    MemoryVolume<double> volume({33, 33, 1}, [](const Int3& p) {
+    FunctionVolume<double> volume({33, 33, 1}, [](const Int3& p) {
         return static_cast<double>(p.x) + 0.01 * static_cast<double>(p.y);
     });
     const Lines lines = isolines(volume, 10.03, 0, WorldBox{{2, 5.5, -1}, {20, 12.25, 1}});
@@ -140,7 +140,7 @@ TEST_CASE("isolines are cut at a box") {
 
 TEST_CASE("the graph covers the plane, is whole and within the error") {
     for (const Int3& n : {Int3{33, 33, 1}, Int3{50, 21, 1}, Int3{2, 9, 1}}) {
-        MemoryVolume<double> volume(n, map);
+        FunctionVolume<double> volume(n, map);
         for (const double error : {0.0, 0.1, 0.4}) {
             CAPTURE(n.x, n.y, error);
             const Mesh mesh = graph(volume, error, 2);
@@ -169,7 +169,7 @@ TEST_CASE("the graph covers the plane, is whole and within the error") {
 }
 
 TEST_CASE("a graph beyond 32-bit floats is refused, and fits with another scale") {
-    MemoryVolume<double> volume({9, 9, 1}, [](const Int3& p) { return 1e300 * map(p); });
+    FunctionVolume<double> volume({9, 9, 1}, [](const Int3& p) { return 1e300 * map(p); });
     CHECK_THROWS_AS(graph(volume, 0), Error);
     for (const auto& v : graph(volume, 0, 1e-299).vertices) {
         CHECK(std::fabs(v[2]) < 100);
@@ -177,7 +177,7 @@ TEST_CASE("a graph beyond 32-bit floats is refused, and fits with another scale"
 }
 
 TEST_CASE("missing values cut holes into the graph, and --missing makes them of integers") {
-    auto inner = std::make_unique<MemoryVolume<std::int16_t>>(Int3{20, 20, 1}, [](const Int3& p) {
+    auto inner = std::make_unique<FunctionVolume<std::int16_t>>(Int3{20, 20, 1}, [](const Int3& p) {
         return static_cast<std::int16_t>(p.x >= 5 && p.x <= 8 && p.y >= 5 && p.y <= 9 ? -32768
                                                                                       : p.x * p.y);
     });
@@ -197,13 +197,13 @@ TEST_CASE("missing values cut holes into the graph, and --missing makes them of 
 }
 
 TEST_CASE("a value that the type cannot hold is no missing value") {
-    auto inner = std::make_unique<MemoryVolume<std::uint8_t>>(
+    auto inner = std::make_unique<FunctionVolume<std::uint8_t>>(
         Int3{2, 2, 2}, [](const Int3&) { return std::uint8_t{0}; });
     CHECK_THROWS(with_missing(std::move(inner), -1));
 }
 
 TEST_CASE("a graph's bound covers the rounding of its heights to float32") {
-    MemoryVolume<double> volume({20, 17, 1}, [](const Int3& p) {
+    FunctionVolume<double> volume({20, 17, 1}, [](const Int3& p) {
         return 1e9 + static_cast<double>((3 * p.x + 5 * p.y) % 4);
     });
     const TemporaryFolder folder;

@@ -13,10 +13,10 @@ using namespace isonest::detail::test;
 namespace {
 
 /// Reads cost whole steps, like chunks that are decoded.
-class SteppedVolume : public MemoryVolume<std::uint16_t> {
+class SteppedVolume : public FunctionVolume<std::uint16_t> {
   public:
     SteppedVolume(std::int64_t nz, std::int64_t step)
-        : MemoryVolume(
+        : FunctionVolume(
               {3, 2, nz},
               [](const Int3& p) { return static_cast<std::uint16_t>(p.x + 3 * p.y + 6 * p.z); }),
           step_(step) {}
@@ -26,7 +26,7 @@ class SteppedVolume : public MemoryVolume<std::uint16_t> {
         for (std::int64_t s = z0 / step_; s <= (z0 + nz - 1) / step_; ++s) {
             ++decoded_[s];
         }
-        MemoryVolume::read(z0, nz, y0, ny, dst);
+        FunctionVolume::read(z0, nz, y0, ny, dst);
     }
     /// How often each step was decoded.
     [[nodiscard]] const std::map<std::int64_t, int>& decoded() const { return decoded_; }

@@ -28,15 +28,15 @@ class CancelAt : public Progress {
 };
 
 /// Like a gzip stream: only in order, and the whole of it again for each run.
-class Sequential : public MemoryVolume<float> {
+class Sequential : public FunctionVolume<float> {
   public:
-    using MemoryVolume<float>::MemoryVolume;
+    using FunctionVolume<float>::FunctionVolume;
     [[nodiscard]] bool sequential() const override { return true; }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         REQUIRE(z0 == next_);
         next_ = z0 + nz;
-        MemoryVolume<float>::read(z0, nz, y0, ny, dst);
+        FunctionVolume<float>::read(z0, nz, y0, ny, dst);
     }
     std::int64_t next_ = 0;
 };
@@ -78,7 +78,7 @@ std::filesystem::path leftover(const TemporaryFolder& folder, const std::string&
 }  // namespace
 
 TEST_CASE("a run interrupted anywhere and resumed gives the same bytes, and leaves nothing") {
-    MemoryVolume<float> volume({70, 41, 75}, uneven);
+    FunctionVolume<float> volume({70, 41, 75}, uneven);
     const TemporaryFolder folder;
     make_store(volume, folder / "whole", with_chunk(8));
     const std::string whole = read_file(folder / "whole");
@@ -102,7 +102,7 @@ TEST_CASE("a run interrupted anywhere and resumed gives the same bytes, and leav
 }
 
 TEST_CASE("a run that is interrupted again and again gets to its end") {
-    MemoryVolume<float> volume({70, 41, 75}, uneven);
+    FunctionVolume<float> volume({70, 41, 75}, uneven);
     const TemporaryFolder folder;
     make_store(volume, folder / "whole", with_chunk(8));
     int runs = 1;
@@ -118,7 +118,7 @@ TEST_CASE("a run that is interrupted again and again gets to its end") {
 }
 
 TEST_CASE("what a resumed run finds damaged it makes anew") {
-    MemoryVolume<float> volume({50, 41, 120}, uneven);
+    FunctionVolume<float> volume({50, 41, 120}, uneven);
     const TemporaryFolder folder;
     make_store(volume, folder / "whole", with_chunk(8));
     for (const char* end : {"", ".journal", ".centres"}) {
@@ -160,7 +160,7 @@ TEST_CASE("a stream is read from its beginning when its run is resumed") {
 }
 
 TEST_CASE("a resumed run reads only the planes that are still to be done") {
-    MemoryVolume<float> volume({50, 41, 120}, uneven);
+    FunctionVolume<float> volume({50, 41, 120}, uneven);
     const TemporaryFolder folder;
     REQUIRE(interrupted(volume, folder / "s", 60, resuming()));
     volume.planes_read_ = 0;
@@ -170,7 +170,7 @@ TEST_CASE("a resumed run reads only the planes that are still to be done") {
 }
 
 TEST_CASE("what was left of another input or other options is not used, and is named") {
-    MemoryVolume<float> volume({50, 41, 120}, uneven);
+    FunctionVolume<float> volume({50, 41, 120}, uneven);
     const TemporaryFolder folder;
     REQUIRE(interrupted(volume, folder / "s", 120, resuming()));
     const auto names = folder.names();
@@ -199,11 +199,11 @@ TEST_CASE("what was left of another input or other options is not used, and is n
 
 TEST_CASE("a run is not resumed with other values that say they are the same input") {
     for (const bool first : {true, false}) {
-        MemoryVolume<float> volume({50, 41, 120}, uneven);
+        FunctionVolume<float> volume({50, 41, 120}, uneven);
         const TemporaryFolder folder;
         REQUIRE(interrupted(volume, folder / "s", 120, resuming()));
         const auto names = folder.names();
-        MemoryVolume<float> other({50, 41, 120}, [&](const Int3& p) {
+        FunctionVolume<float> other({50, 41, 120}, [&](const Int3& p) {
             return uneven(p) + (p.x == 49 && p.y == 40 && (p.z == 0) == first ? 1.0F : 0.0F);
         });
         try {
@@ -272,7 +272,7 @@ TEST_CASE("the identity of a source tells each of its files, same size and time 
 }
 
 TEST_CASE("without --resume an interrupted run leaves nothing") {
-    MemoryVolume<float> volume({50, 41, 120}, uneven);
+    FunctionVolume<float> volume({50, 41, 120}, uneven);
     const TemporaryFolder folder;
     PreprocessOptions options = resuming();
     options.resume = false;
@@ -281,7 +281,7 @@ TEST_CASE("without --resume an interrupted run leaves nothing") {
 }
 
 TEST_CASE("a run that is alive is not taken over, even under the same name") {
-    MemoryVolume<float> volume({30, 30, 60}, uneven);
+    FunctionVolume<float> volume({30, 30, 60}, uneven);
     const TemporaryFolder folder;
     REQUIRE(interrupted(volume, folder / "s", 40, resuming()));
     const std::filesystem::path store = leftover(folder, "");

@@ -16,7 +16,7 @@ struct Slice {
 };
 
 template <class T>
-Slice slice(MemoryVolume<T>& volume, const WorldPlane& plane, double error, int chunk = 8) {
+Slice slice(FunctionVolume<T>& volume, const WorldPlane& plane, double error, int chunk = 8) {
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(chunk));
     const StoreReader store(folder / "s");
@@ -50,7 +50,7 @@ double area(const Mesh& mesh) {
 
 /// The largest difference between a slice's value and the data, inside its triangles.
 template <class T>
-double residual(const MemoryVolume<T>& volume, const Mesh& mesh) {
+double residual(const FunctionVolume<T>& volume, const Mesh& mesh) {
     double worst = 0;
     for (const auto& t : mesh.triangles) {
         for (int i = 0; i <= 3; ++i) {
@@ -78,7 +78,7 @@ double smooth_value(const Int3& p) {
 }  // namespace
 
 TEST_CASE("a slice covers its plane and has the data's values within the error") {
-    MemoryVolume<double> volume({29, 34, 23}, smooth_value);
+    FunctionVolume<double> volume({29, 34, 23}, smooth_value);
     volume.spacing_ = {1, 0.5, 1.5};
     // World extent 28 x 16.5 x 33: the area of each plane's polygon by hand.
     struct Case {
@@ -115,7 +115,7 @@ TEST_CASE("a slice covers its plane and has the data's values within the error")
 }
 
 TEST_CASE("a slice through nodes has two triangles for each square") {
-    MemoryVolume<double> volume({29, 34, 23}, smooth_value);
+    FunctionVolume<double> volume({29, 34, 23}, smooth_value);
     for (const double z : {0.0, 7.0, 12.0, 22.0}) {
         const Slice s = slice(volume, {{0, 0, 1}, z}, 0);
         CHECK(s.mesh.triangles.size() == 2 * 28 * 33);
@@ -124,7 +124,7 @@ TEST_CASE("a slice through nodes has two triangles for each square") {
 }
 
 TEST_CASE("a larger error makes a slice of fewer triangles; missing data cut holes") {
-    MemoryVolume<float> volume({33, 33, 33}, [](const Int3& p) {
+    FunctionVolume<float> volume({33, 33, 33}, [](const Int3& p) {
         return p.x > 20 && p.y > 20 ? std::numeric_limits<float>::quiet_NaN()
                                     : static_cast<float>(smooth(p));
     });
@@ -136,14 +136,14 @@ TEST_CASE("a larger error makes a slice of fewer triangles; missing data cut hol
 }
 
 TEST_CASE("a plane outside of the volume gives an empty slice") {
-    MemoryVolume<float> volume({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
+    FunctionVolume<float> volume({9, 9, 9}, [](const Int3& p) { return static_cast<float>(p.x); });
     CHECK(slice(volume, {{0, 0, 1}, 8.01}, 0).mesh.triangles.empty());
     CHECK(slice(volume, {{1, 1, 1}, -0.1}, 0).mesh.triangles.empty());
 }
 
 namespace {
 
-Lines contours(MemoryVolume<double>& volume, const WorldPlane& plane, double error,
+Lines contours(FunctionVolume<double>& volume, const WorldPlane& plane, double error,
                const std::vector<double>& values) {
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
@@ -159,7 +159,7 @@ Lines contours(MemoryVolume<double>& volume, const WorldPlane& plane, double err
 }  // namespace
 
 TEST_CASE("contour lines lie in the slice, hold their value within the error, and do not end") {
-    MemoryVolume<double> volume({29, 34, 23}, smooth_value);
+    FunctionVolume<double> volume({29, 34, 23}, smooth_value);
     const std::vector<WorldPlane> planes{
         {{0, 0, 1}, 7.3}, {{0, 1, 0}, 9}, {{1, 0, 0}, 0}, {{1, 2, -1}, 20.2}};
     for (const WorldPlane& plane : planes) {
@@ -199,7 +199,7 @@ TEST_CASE("contour lines lie in the slice, hold their value within the error, an
 }
 
 TEST_CASE("many contour lines are those of each value alone") {
-    MemoryVolume<double> volume({40, 40, 20}, smooth_value);
+    FunctionVolume<double> volume({40, 40, 20}, smooth_value);
     std::vector<double> values;
     values.reserve(150);
     for (int i = 0; i < 150; ++i) {
@@ -232,14 +232,14 @@ namespace {
 
 /// What float32 cannot hold: integers that differ in the last of their bits.
 template <class T>
-MemoryVolume<T> far_from_zero(const Int3& nodes, double base, double step) {
-    return MemoryVolume<T>(nodes, [=](const Int3& p) {
+FunctionVolume<T> far_from_zero(const Int3& nodes, double base, double step) {
+    return FunctionVolume<T>(nodes, [=](const Int3& p) {
         return static_cast<T>(base + step * static_cast<double>((3 * p.x + 5 * p.y + 7 * p.z) % 4));
     });
 }
 
 template <class T>
-void require_within_bound(MemoryVolume<T> volume, const WorldPlane& plane, double error,
+void require_within_bound(FunctionVolume<T> volume, const WorldPlane& plane, double error,
                           double most) {
     const Slice s = slice(volume, plane, error);
     REQUIRE(!s.mesh.triangles.empty());
@@ -292,8 +292,8 @@ TEST_CASE("a mesh whose format has float32 alone says by how much it rounds") {
 
 TEST_CASE("contour lines of values that float32 does not hold lie where they belong") {
     // Only x makes a difference: the line of 1e9 + 2.5 is x = 2.5.
-    MemoryVolume<double> volume({9, 10, 8},
-                                [](const Int3& p) { return 1e9 + static_cast<double>(p.x); });
+    FunctionVolume<double> volume({9, 10, 8},
+                                  [](const Int3& p) { return 1e9 + static_cast<double>(p.x); });
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
     const StoreReader store(folder / "s");

@@ -14,7 +14,7 @@ namespace {
 /// A store of all fields, extracted from in many ways.
 template <class T>
 struct Subject {
-    explicit Subject(MemoryVolume<T>& v) : volume(v) {
+    explicit Subject(FunctionVolume<T>& v) : volume(v) {
         PreprocessOptions p = with_chunk(8);
         p.fields = all_indicators();
         make_store(volume, folder / "s", p);
@@ -38,7 +38,7 @@ struct Subject {
         CHECK(f.unused_vertices == 0);
     }
     TemporaryFolder folder;
-    MemoryVolume<T>& volume;
+    FunctionVolume<T>& volume;
     std::optional<StoreReader> store;
 };
 
@@ -72,7 +72,7 @@ std::multiset<Corners> triangles_of(const Mesh& mesh) {
 }  // namespace
 
 TEST_CASE("every field as stop test gives a whole mesh, and larger thresholds smaller ones") {
-    MemoryVolume<double> volume({31, 33, 30}, bumpy);
+    FunctionVolume<double> volume({31, 33, 30}, bumpy);
     volume.spacing_ = {1, 1.2, 0.9};
     Subject subject(volume);
     for (const Field field : all_indicators()) {
@@ -95,7 +95,7 @@ TEST_CASE("every field as stop test gives a whole mesh, and larger thresholds sm
 }
 
 TEST_CASE("every bound finds the same surface") {
-    MemoryVolume<double> volume({31, 33, 30}, bumpy);
+    FunctionVolume<double> volume({31, 33, 30}, bumpy);
     volume.spacing_ = {1, 1.2, 0.9};
     Subject subject(volume);
     for (const double error : {0.0, 0.3}) {
@@ -118,7 +118,7 @@ TEST_CASE("every bound finds the same surface") {
 }
 
 TEST_CASE("only backfaces are culled, by either bound, and some whole subtrees with them") {
-    MemoryVolume<double> volume({31, 33, 30}, bumpy);
+    FunctionVolume<double> volume({31, 33, 30}, bumpy);
     volume.spacing_ = {1, 1.2, 0.9};
     Subject subject(volume);
     for (const double error : {0.0, 0.3}) {
@@ -168,7 +168,7 @@ TEST_CASE("only backfaces are culled, by either bound, and some whole subtrees w
 }
 
 TEST_CASE("near the focus the error holds, far away the mesh is coarser, and it is whole") {
-    MemoryVolume<double> volume({33, 33, 33}, bumpy);
+    FunctionVolume<double> volume({33, 33, 33}, bumpy);
     Subject subject(volume);
     ExtractOptions options;
     options.iso = 0.1;
@@ -197,7 +197,7 @@ TEST_CASE("near the focus the error holds, far away the mesh is coarser, and it 
 }
 
 TEST_CASE("what a camera sees small is not refined, and the mesh is whole") {
-    MemoryVolume<double> volume({33, 33, 33}, bumpy);
+    FunctionVolume<double> volume({33, 33, 33}, bumpy);
     Subject subject(volume);
     ExtractOptions options;
     options.iso = 0.1;
@@ -219,13 +219,13 @@ TEST_CASE("what a camera sees small is not refined, and the mesh is whole") {
 }
 
 TEST_CASE("vertex normals point away from larger values, values and errors are the stores'") {
-    MemoryVolume<double> volume({33, 33, 33}, [](const Int3& p) {
+    FunctionVolume<double> volume({33, 33, 33}, [](const Int3& p) {
         return 12 - std::hypot(static_cast<double>(p.x) - 16, static_cast<double>(p.y) - 16,
                                static_cast<double>(p.z) - 16);
     });
     Subject subject(volume);
-    MemoryVolume<float> other({33, 33, 33},
-                              [](const Int3& p) { return static_cast<float>(p.x + 2 * p.z); });
+    FunctionVolume<float> other({33, 33, 33},
+                                [](const Int3& p) { return static_cast<float>(p.x + 2 * p.z); });
     make_store(other, subject.folder / "other", with_chunk(16));
     const StoreReader values(subject.folder / "other");
     ExtractOptions options;

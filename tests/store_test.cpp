@@ -40,15 +40,15 @@ class Stopper : public Progress {
     mutable std::atomic<int> left_;
 };
 
-class FailingVolume : public MemoryVolume<float> {
+class FailingVolume : public FunctionVolume<float> {
   public:
-    using MemoryVolume::MemoryVolume;
+    using FunctionVolume::FunctionVolume;
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         if (z0 + nz > 40) {
             throw Error(ErrorKind::io, "the disk is gone");
         }
-        MemoryVolume::read(z0, nz, y0, ny, dst);
+        FunctionVolume::read(z0, nz, y0, ny, dst);
     }
 };
 
@@ -70,7 +70,7 @@ TEST_CASE("codes are never below and at most 2^-5 above") {
 
 TEST_CASE("each plane of the input is read once") {
     for (const std::int64_t step : {1, 7, 64}) {
-        MemoryVolume<float> volume({20, 20, 150}, smooth_f);
+        FunctionVolume<float> volume({20, 20, 150}, smooth_f);
         volume.granularity_ = {step, 1};
         const TemporaryFolder folder;
         make_store(volume, folder / "s", with_chunk(16));
@@ -79,16 +79,16 @@ TEST_CASE("each plane of the input is read once") {
 }
 
 TEST_CASE("the planes that are cheap to read together are read together") {
-    class Stepped : public MemoryVolume<float> {
+    class Stepped : public FunctionVolume<float> {
       public:
-        using MemoryVolume<float>::MemoryVolume;
+        using FunctionVolume<float>::FunctionVolume;
         void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
                   std::byte* dst) override {
             const std::int64_t step = granularity_.planes;
             if (z0 % step != 0 || ((z0 + nz) % step != 0 && z0 + nz != nodes().z)) {
                 ++cut;
             }
-            MemoryVolume<float>::read(z0, nz, y0, ny, dst);
+            FunctionVolume<float>::read(z0, nz, y0, ny, dst);
         }
         int cut = 0;
     };
@@ -102,7 +102,7 @@ TEST_CASE("the planes that are cheap to read together are read together") {
 }
 
 TEST_CASE("an interrupted or failed run leaves nothing, and an old store alone") {
-    MemoryVolume<float> volume({60, 60, 90}, smooth_f);
+    FunctionVolume<float> volume({60, 60, 90}, smooth_f);
     const TemporaryFolder folder;
     write_file(folder / "s", "precious");
     for (int calls = 0; calls < 12; calls += 2) {
@@ -121,7 +121,7 @@ TEST_CASE("an interrupted or failed run leaves nothing, and an old store alone")
 }
 
 TEST_CASE("what is no store, or a damaged one, is named as such") {
-    MemoryVolume<float> volume({20, 20, 20}, smooth_f);
+    FunctionVolume<float> volume({20, 20, 20}, smooth_f);
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
     const std::string good = read_file(folder / "s");
@@ -138,7 +138,7 @@ TEST_CASE("what is no store, or a damaged one, is named as such") {
 }
 
 TEST_CASE("a flipped byte ends in the same surface or in an error, and check finds it") {
-    MemoryVolume<float> volume({20, 20, 20}, smooth_f);
+    FunctionVolume<float> volume({20, 20, 20}, smooth_f);
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
     const std::string good = read_file(folder / "s");
@@ -168,7 +168,7 @@ TEST_CASE("a flipped byte ends in the same surface or in an error, and check fin
 }
 
 TEST_CASE("too little memory is said, with how much would do") {
-    MemoryVolume<float> volume({200, 200, 200}, [](const Int3&) { return 0.0F; });
+    FunctionVolume<float> volume({200, 200, 200}, [](const Int3&) { return 0.0F; });
     const TemporaryFolder folder;
     PreprocessOptions options = with_chunk(64);
     options.memory = 20U << 20U;
@@ -183,7 +183,7 @@ TEST_CASE("too little memory is said, with how much would do") {
 }
 
 TEST_CASE("little memory copies the input to disk and gives the same store") {
-    MemoryVolume<float> volume({300, 290, 80}, smooth_f);
+    FunctionVolume<float> volume({300, 290, 80}, smooth_f);
     const TemporaryFolder folder;
     PreprocessOptions options = with_chunk(32);
     const auto wide = make_store(volume, folder / "a", options);

@@ -26,7 +26,7 @@ struct Counted {
 template <class T>
 class Recursion {
   public:
-    Recursion(const MemoryVolume<T>& volume, const BisectionOracle& oracle, double threshold)
+    Recursion(const FunctionVolume<T>& volume, const BisectionOracle& oracle, double threshold)
         : volume_(volume), oracle_(oracle), threshold_(threshold) {}
 
     Counted run() {
@@ -96,7 +96,7 @@ class Recursion {
         counted_.linf = std::max(counted_.linf, std::fabs(linear - volume_.at(p)));
     }
 
-    const MemoryVolume<T>& volume_;
+    const FunctionVolume<T>& volume_;
     const BisectionOracle& oracle_;
     double threshold_;
     Counted counted_;
@@ -107,7 +107,7 @@ class Recursion {
 TEST_CASE("the study counts and measures what an explicit recursion does") {
     for (const Int3& n : {Int3{17, 17, 17}, Int3{12, 17, 6}}) {
         CAPTURE(n.x, n.y, n.z);
-        MemoryVolume<double> volume(n, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); });
+        FunctionVolume<double> volume(n, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); });
         const TemporaryFolder folder;
         make_store(volume, folder / "s", with_chunk(8, true));
         const StoreReader store(folder / "s");
@@ -143,8 +143,8 @@ TEST_CASE("the study counts and measures what an explicit recursion does") {
 }
 
 TEST_CASE("the study of a plane counts the triangles of the graph") {
-    MemoryVolume<double> volume({33, 33, 1},
-                                [](const Int3& p) { return smooth(p) + 0.2 * noise(p); });
+    FunctionVolume<double> volume({33, 33, 1},
+                                  [](const Int3& p) { return smooth(p) + 0.2 * noise(p); });
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8, true));
     const StoreReader store(folder / "s");

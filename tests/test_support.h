@@ -50,17 +50,18 @@ class TemporaryFolder {
     std::filesystem::path path_;
 };
 
+/// The values of a function at the nodes, and what was asked for. Never mapped.
 template <class T>
-class MemoryVolume : public VolumeSource {
+class FunctionVolume : public VolumeSource {
   public:
-    MemoryVolume(const Int3& n, const std::function<T(const Int3&)>& f)
+    FunctionVolume(const Int3& n, const std::function<T(const Int3&)>& f)
         : n_(n), data_(static_cast<std::size_t>(n.product())) {
         for (std::int64_t i = 0; i < n.product(); ++i) {
             data_[static_cast<std::size_t>(i)] = f(n.unlinear(i));
         }
     }
     [[nodiscard]] VolumeDescription describe() const override {
-        return {n_, value_type_of<T>, spacing_, {0, 0, 0}, "memory"};
+        return {n_, value_type_of<T>, spacing_, {0, 0, 0}, "function"};
     }
     [[nodiscard]] std::string identity() const override { return identity_; }
     [[nodiscard]] Granularity granularity() const override { return granularity_; }
@@ -251,7 +252,7 @@ inline MeshFaults check_mesh(const Mesh& mesh, const Double3& lo, const Double3&
 
 /// The finest piecewise linear function: Kuhn tetrahedra of unit cubes mirrored by parity.
 template <class T>
-double fine_value(const MemoryVolume<T>& volume, const Double3& p) {
+double fine_value(const FunctionVolume<T>& volume, const Double3& p) {
     const Int3 n = volume.nodes();
     Int3 from;
     Int3 step;
@@ -276,7 +277,7 @@ double fine_value(const MemoryVolume<T>& volume, const Double3& p) {
 }
 
 template <class T>
-PreprocessReport make_store(MemoryVolume<T>& volume, const std::filesystem::path& path,
+PreprocessReport make_store(FunctionVolume<T>& volume, const std::filesystem::path& path,
                             PreprocessOptions options = {}) {
     options.force = true;
     return preprocess(volume, path, options, silent_progress());

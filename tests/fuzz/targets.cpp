@@ -37,7 +37,7 @@ constexpr std::uint64_t kMemory = std::uint64_t{64} << 20U;
 /// A whole small store under this name, made once and copied.
 fs::path fresh_store(const char* name) {
     static const fs::path whole = [] {
-        test::MemoryVolume<std::int16_t> volume({9, 10, 11}, [](const Int3& p) {
+        test::FunctionVolume<std::int16_t> volume({9, 10, 11}, [](const Int3& p) {
             return static_cast<std::int16_t>(90 * p.z + (p.x + 9 * p.y) * 7 % 90);
         });
         PreprocessOptions options = test::with_chunk(8);
