@@ -70,7 +70,7 @@ class Forger {
         std::vector<float> elements(array.chunk_bytes() / sizeof(float));
         const ChunkRow& r = row(array, chunk);
         decode_chunk(std::as_bytes(std::span(bytes_)).subspan(r.offset, r.bytes), array.codec,
-                     std::as_writable_bytes(std::span(elements)), "test");
+                     std::as_writable_bytes(std::span(elements)), {"test"});
         f(elements);
         std::vector<std::byte> out;
         encode_chunk(std::as_bytes(std::span(elements)), array.codec, out);

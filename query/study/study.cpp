@@ -326,7 +326,7 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
     }
     Shares shares;
     require_memory(store.path().string(), options.memory, kLibraryHeap + nodes + least,
-                   "a study of this volume", ", or study a crop of it");
+                   "a study of this volume", {{RemedyKind::smaller_box}});
     const std::uint64_t usable = options.memory - kLibraryHeap - nodes;
     const auto threads = std::clamp<std::uint64_t>(
         usable / each, 1, static_cast<std::uint64_t>(Workers::count_of(options.threads)));

@@ -2,20 +2,22 @@
 
 #include <fmt/format.h>
 
-#include <isonest/error.h>
+#include <utility>
 
 namespace isonest::detail {
 
 void require_memory(const std::string& subject, std::uint64_t memory, std::uint64_t least,
-                    const std::string& for_what, const std::string& way_out) {
+                    const std::string& for_what, std::vector<Remedy> also) {
     if (memory >= least) {
         return;
     }
     const std::string given =
         memory >> 20U > 0 ? fmt::format("{} MiB", memory >> 20U) : fmt::format("{} bytes", memory);
-    throw Error(ErrorKind::limit,
-                fmt::format("{}: a memory of {} is too little for {}: give at least --memory {}M{}",
-                            subject, given, for_what, (least >> 20U) + 1, way_out));
+    const std::uint64_t enough = ((least >> 20U) + 1) << 20U;
+    also.insert(also.begin(), {RemedyKind::more_memory, std::to_string(enough)});
+    throw Error(ErrorKind::limit, {subject},
+                fmt::format("a memory of {} is too little for {}", given, for_what),
+                std::move(also));
 }
 
 }  // namespace isonest::detail

@@ -3,6 +3,9 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
+
+#include <isonest/error.h>
 
 namespace isonest::detail {
 
@@ -11,10 +14,10 @@ namespace isonest::detail {
 /// picture; the rest is for what grows slowly (HDF5's caches, TBB's tasks, names of parts).
 inline constexpr std::uint64_t kLibraryHeap = std::uint64_t{10} << 20U;
 
-/// Throws Error{limit} if `memory` is less than `least` (bytes). The message begins with `subject`,
-/// says for what the memory is too little, and names a memory that is enough; `way_out`: what else
-/// helps (", or a smaller --chunk").
+/// Throws Error{limit} if `memory` is less than `least` (bytes). The error's place is `subject`; it
+/// says for what the memory is too little, and its first remedy names a memory that is enough;
+/// `also`: what else helps.
 void require_memory(const std::string& subject, std::uint64_t memory, std::uint64_t least,
-                    const std::string& for_what, const std::string& way_out = "");
+                    const std::string& for_what, std::vector<Remedy> also = {});
 
 }  // namespace isonest::detail

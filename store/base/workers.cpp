@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <latch>
+#include <string>
 #include <system_error>
 #include <thread>
 #include <vector>
@@ -29,11 +30,12 @@ void require_threads(int count) {
         thread.join();
     }
     if (reason != 0) {
+        const std::size_t possible = threads.size() + 1;
         throw Error(ErrorKind::limit,
-                    fmt::format("the system lets this run have {} of {} threads: {}; give "
-                                "--threads {} or raise the limit (ulimit -u, ulimit -v)",
-                                threads.size() + 1, count, std::system_category().message(reason),
-                                threads.size() + 1));
+                    fmt::format("the system lets this run have {} of {} threads: {}", possible,
+                                count, std::system_category().message(reason)),
+                    {{RemedyKind::fewer_threads, std::to_string(possible)},
+                     {RemedyKind::raise_limit, "ulimit -u, ulimit -v"}});
     }
 }
 

@@ -147,17 +147,16 @@ void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
 }
 
 void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
-                  std::span<std::byte> raw, const std::string& place) {
+                  std::span<std::byte> raw, const ErrorPlace& place) {
     ThreadState& state = thread_state();
     if (!state.decompress) {
         throw std::bad_alloc();
     }
     const unsigned long long content = ZSTD_getFrameContentSize(stored.data(), stored.size());
     if (content != raw.size()) {
-        throw Error(ErrorKind::corrupt,
-                    fmt::format("{}: the stored frame does not hold the chunk's {} bytes; restore "
-                                "the store from a good copy or preprocess again",
-                                place, raw.size()));
+        throw Error(ErrorKind::corrupt, place,
+                    fmt::format("the stored frame does not hold the chunk's {} bytes", raw.size()),
+                    {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
     }
     std::byte* to = raw.data();
     if (spec.shuffle) {
@@ -167,11 +166,9 @@ void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
     const std::size_t size =
         ZSTD_decompressDCtx(state.decompress.get(), to, raw.size(), stored.data(), stored.size());
     if (ZSTD_isError(size) != 0U || size != raw.size()) {
-        throw Error(
-            ErrorKind::corrupt,
-            fmt::format(
-                "{}: {}; restore the store from a good copy or preprocess again", place,
-                ZSTD_isError(size) != 0U ? ZSTD_getErrorName(size) : "the frame is too short"));
+        throw Error(ErrorKind::corrupt, place,
+                    ZSTD_isError(size) != 0U ? ZSTD_getErrorName(size) : "the frame is too short",
+                    {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
     }
     if (spec.shuffle) {
         unshuffle({state.shuffled.data(), raw.size()}, raw.data(), spec.element_size);

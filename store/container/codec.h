@@ -5,8 +5,9 @@
 #include <cstddef>
 #include <memory>
 #include <span>
-#include <string>
 #include <vector>
+
+#include <isonest/error.h>
 
 namespace isonest::detail {
 
@@ -22,9 +23,9 @@ void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
                   std::vector<std::byte>& out);
 
 /// Decompresses one stored chunk into `raw`, which has exactly the chunk's size.
-/// `place` names the chunk in the message. Throws Error{corrupt}. Thread-safe.
+/// `place`: of the chunk, for the error. Throws Error{corrupt}. Thread-safe.
 void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
-                  std::span<std::byte> raw, const std::string& place);
+                  std::span<std::byte> raw, const ErrorPlace& place);
 
 /// Whether the zstd frames of `packed` fill `raw`; then that is done. Thread-safe.
 [[nodiscard]] bool decompress(std::span<const std::byte> packed, std::span<std::byte> raw);

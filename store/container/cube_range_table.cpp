@@ -5,6 +5,7 @@
 #include <array>
 #include <cstring>
 #include <string>
+#include <utility>
 
 #include <isonest/error.h>
 
@@ -13,8 +14,8 @@
 
 namespace isonest::detail {
 CubeRangeTable::CubeRangeTable(std::int64_t file, const StoreLayout& layout,
-                               std::span<const std::byte> bytes)
-    : type_(cube_range_type(layout.header().type)) {
+                               std::span<const std::byte> bytes, std::string name)
+    : name_(std::move(name)), type_(cube_range_type(layout.header().type)) {
     for (int level = kFirstRangeLevel; layout.has_cube_ranges(level); ++level) {
         const auto open = [&](const std::string& path) {
             return DatasetHandle(H5Dopen2(file, path.c_str(), H5P_DEFAULT));
@@ -33,10 +34,9 @@ CubeRangeTable::CubeRangeTable(std::int64_t file, const StoreLayout& layout,
             sum = read_integers(sums.get(), "xxh64", 1);
         }
         if (l.ranges.empty() || l.sums.empty() || !sum || checksum_of(l.sums) != (*sum)[0]) {
-            throw Error(ErrorKind::corrupt,
-                        fmt::format("level {}: the ranges of the cubes are missing or damaged; "
-                                    "restore the store from a good copy",
-                                    level));
+            throw Error(ErrorKind::corrupt, {name_, fmt::format("level {}", level)},
+                        "the ranges of the cubes are missing or damaged",
+                        {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
         }
         l.seen = std::make_unique<std::atomic<bool>[]>(planes);
         levels_.push_back(std::move(l));
@@ -72,10 +72,9 @@ void CubeRangeTable::require_whole(const Level& l, int level, std::int64_t z) co
     std::memcpy(&sum, l.sums.data() + plane * sizeof(sum), sizeof(sum));
     if (checksum_of(l.ranges.subspan(plane * l.plane_bytes, l.plane_bytes)) != sum) {
         throw Error(ErrorKind::corrupt,
-                    fmt::format("level {}, ranges of the cubes, plane {}: the bytes are not those "
-                                "that were written; restore the store from a good copy or "
-                                "preprocess again",
-                                level, z));
+                    {name_, fmt::format("level {}, ranges of the cubes, plane {}", level, z)},
+                    "the bytes are not those that were written",
+                    {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
     }
     l.seen[plane].store(true, std::memory_order_relaxed);
 }

@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "store/container/format.h"
@@ -18,12 +19,12 @@ namespace isonest::detail {
 class CubeRangeTable {
   public:
     CubeRangeTable() = default;
-    /// `file`: HDF5's handle of the open store; `bytes`: its map, which must outlive this. Throws
-    /// Error{corrupt}, without the store's name.
-    CubeRangeTable(std::int64_t file, const StoreLayout& layout, std::span<const std::byte> bytes);
+    /// `file`: HDF5's handle of the open store; `bytes`: its map, which must outlive this; `name`:
+    /// of the store, for errors. Throws Error{corrupt}.
+    CubeRangeTable(std::int64_t file, const StoreLayout& layout, std::span<const std::byte> bytes,
+                   std::string name);
 
-    /// Nothing where the level has no ranges, and outside of the volume. Throws Error{corrupt}
-    /// likewise.
+    /// Nothing where the level has no ranges, and outside of the volume. Throws Error{corrupt}.
     [[nodiscard]] std::optional<CubeRange> at(int level, const Int3& cube) const;
 
   private:
@@ -36,6 +37,7 @@ class CubeRangeTable {
     };
     void require_whole(const Level& l, int level, std::int64_t z) const;
 
+    std::string name_;  ///< of the store
     ValueType type_ = ValueType::f32;
     std::vector<Level> levels_;  ///< from kFirstRangeLevel on
 };

@@ -85,6 +85,10 @@ StoreLayout::StoreLayout(const StoreHeader& header) : header_(header) {
             }
             arrays_.push_back(indicator);
         }
+        // The grid of an indicator.
+        rows_ += header_.unknown_fields.size() *
+                 static_cast<std::uint64_t>(
+                     ceil_div(values.nodes, min(values.nodes, {k / 2, k / 2, k / 2})).product());
     }
 }
 
@@ -114,10 +118,14 @@ const ArrayInfo& StoreLayout::array(int level, Field field) const {
                     fmt::format("there is no level {} of {}: levels {} to {} exist", level,
                                 name_of(field), field == Field::values ? 0 : 1, lattice_.top()));
     }
+    std::string wanted;
+    for (const Field there : header_.fields) {
+        wanted += std::string(name_of(there)) + ",";
+    }
     throw Error(ErrorKind::not_found,
-                fmt::format("the store has no field {}; it has {}. Preprocess again with "
-                            "--indicators to add it",
-                            name_of(field), list_names(header_.fields)));
+                fmt::format("the store has no field {}; it has {}", name_of(field),
+                            list_names(header_.fields)),
+                {{RemedyKind::make_fields, wanted + std::string(name_of(field))}});
 }
 
 std::string StoreLayout::cube_ranges_path(int level) {

@@ -1,6 +1,7 @@
 // What a store contains and where, derived from its header alone. FORMAT.md is the normative text.
 #pragma once
 
+#include <compare>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -18,6 +19,16 @@ namespace isonest::detail {
 
 inline constexpr std::uint32_t kFormatMajor = 2;
 inline constexpr std::uint32_t kFormatMinor = 3;
+/// Of the format in which a store is written.
+struct FormatVersion {
+    std::uint64_t major = kFormatMajor;
+    std::uint64_t minor = kFormatMinor;
+    /// "2.3"
+    [[nodiscard]] std::string text() const {
+        return std::to_string(major) + "." + std::to_string(minor);
+    }
+    auto operator<=>(const FormatVersion&) const = default;
+};
 inline constexpr const char* kFormatName = "isonest";
 inline constexpr unsigned kZstdFilter = 32015;
 inline constexpr int kMinChunk = 8;
@@ -35,6 +46,9 @@ struct StoreHeader {
     bool cube_ranges = true;    ///< since version 2.2
     bool outward = true;        ///< since version 2.3: see StoreLayout::rounds_outward()
     std::vector<Field> fields;  ///< the indicators, in the order of the enumeration
+    /// Indicators of a newer minor version: they have rows in the chunk table, behind those of
+    /// `fields` on each level, and are not read.
+    std::vector<std::string> unknown_fields = {};
 };
 
 /// One row of the chunk table, as stored (little endian, 40 bytes).

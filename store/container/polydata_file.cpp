@@ -73,8 +73,8 @@ class Frame {
   private:
     void check(bool good, const char* what) const {
         if (!good) {
-            throw Error(ErrorKind::io,
-                        fmt::format("{}: cannot {}: {}", path_.string(), what, hdf5_message()));
+            throw Error(ErrorKind::io, {path_.string()},
+                        fmt::format("cannot {}: {}", what, hdf5_message()));
         }
     }
     std::filesystem::path path_;

@@ -15,13 +15,13 @@ namespace isonest::detail {
 class StoreReader : public ChunkSource {
   public:
     /// Throws Error{not_found}, Error{corrupt} (not a store, incomplete, damaged table),
-    /// Error{unsupported} (a newer major version, by name).
+    /// Error{unsupported} (what another version may mean, by name: FORMAT.md, section 2).
     explicit StoreReader(const std::filesystem::path& path);
 
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
     [[nodiscard]] const StoreLayout& layout() const override { return layout_; }
-    /// Minor version of the format in which it was written.
-    [[nodiscard]] std::uint64_t format_minor() const { return format_minor_; }
+    /// Of the format in which it was written.
+    [[nodiscard]] const FormatVersion& version() const { return version_; }
     [[nodiscard]] std::uint64_t file_bytes() const { return file_.bytes().size(); }
     /// Smallest and largest finite value of level 0; min > max if there is none.
     [[nodiscard]] double min_value() const { return range_[0]; }
@@ -42,14 +42,14 @@ class StoreReader : public ChunkSource {
     [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
 
   private:
-    [[noreturn]] void fail_corrupt(const std::string& what) const;
-    void read_header();
+    [[noreturn]] void fail_corrupt(const std::string& inside, const std::string& problem) const;
+    void map_table(std::int64_t root);
     void compare_range(std::uint64_t has_missing) const;
 
     std::filesystem::path path_;
     MappedFile file_;
     StoreLayout layout_;
-    std::uint64_t format_minor_ = 0;
+    FormatVersion version_;
     std::array<double, 2> range_{};
     bool has_missing_ = false;
     std::span<const std::byte> table_;  ///< the chunk table

@@ -77,7 +77,7 @@ class Hdf5File : public VolumeFile {
         const std::string detail = hdf5_message();
         data_.reset();
         file_.reset();
-        throw Error(ErrorKind::io, fmt::format("{}: cannot {}: {}", path_.string(), what, detail));
+        throw Error(ErrorKind::io, {path_.string()}, fmt::format("cannot {}: {}", what, detail));
     }
     std::filesystem::path path_;
     UnfinishedFile unfinished_;
@@ -149,8 +149,8 @@ std::unique_ptr<VolumeFile> create_volume_file(const std::filesystem::path& path
     if (ending == ".raw") {
         return std::make_unique<FlatFile>(path, spec, "");
     }
-    throw Error(ErrorKind::invalid_argument,
-                fmt::format("{}: the name must end in .h5, .nrrd or .raw", path.string()));
+    throw Error(ErrorKind::invalid_argument, {path.string()},
+                "the name must end in .h5, .nrrd or .raw");
 }
 
 }  // namespace isonest::detail

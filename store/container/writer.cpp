@@ -54,8 +54,8 @@ struct StoreWriter::Impl {
 
     [[noreturn]] void fail(const std::string& what) const {
         const std::string detail = hdf5_message();
-        throw Error(ErrorKind::io, fmt::format("{}: cannot {}{}{}", path.string(), what,
-                                               detail.empty() ? "" : ": ", detail));
+        throw Error(ErrorKind::io, {path.string()},
+                    fmt::format("cannot {}{}{}", what, detail.empty() ? "" : ": ", detail));
     }
     template <class H>
     H made(H handle, const char* what) const {
@@ -97,8 +97,8 @@ void StoreWriter::Impl::create() {
     write_vtk_group();
     read_fd = ::open(unfinished.name().c_str(), O_RDONLY | O_CLOEXEC);
     if (read_fd < 0) {
-        throw Error(ErrorKind::io, fmt::format("{}: cannot read back: {}",
-                                               unfinished.name().string(), std::strerror(errno)));
+        throw Error(ErrorKind::io, {unfinished.name().string()},
+                    fmt::format("cannot read back: {}", std::strerror(errno)));
     }
 }
 
@@ -315,12 +315,10 @@ void StoreWriter::decode(const ArrayInfo& array, const Int3& chunk,
     stored.resize(row.bytes);
     if (::pread(impl_->read_fd, stored.data(), stored.size(), static_cast<off_t>(row.offset)) !=
         static_cast<ssize_t>(stored.size())) {
-        throw Error(ErrorKind::io,
-                    fmt::format("{}: cannot read back {}: {}", impl_->unfinished.name().string(),
-                                array.place(chunk), std::strerror(errno)));
+        throw Error(ErrorKind::io, {impl_->unfinished.name().string(), array.place(chunk)},
+                    fmt::format("cannot read back: {}", std::strerror(errno)));
     }
-    decode_chunk(stored, array.codec, raw,
-                 impl_->unfinished.name().string() + ": " + array.place(chunk));
+    decode_chunk(stored, array.codec, raw, {impl_->unfinished.name().string(), array.place(chunk)});
 }
 
 void StoreWriter::write_cube_ranges(int level, std::span<const CubeRange> ranges) {
@@ -376,14 +374,13 @@ void StoreWriter::finish() {
     const QuietHdf5 quiet;
     for (const ChunkRow& row : impl_->rows) {
         if (row.bytes == 0) {
-            throw Error(ErrorKind::io, fmt::format("{}: a chunk was never written; this is a bug",
-                                                   impl_->path.string()));
+            throw Error(ErrorKind::io, {impl_->path.string()},
+                        "a chunk was never written; this is a bug");
         }
     }
     if (impl_->layout.has_cube_ranges(impl_->ranged)) {
-        throw Error(ErrorKind::io, fmt::format("{}: ranges of cubes were never written; this is a "
-                                               "bug",
-                                               impl_->path.string()));
+        throw Error(ErrorKind::io, {impl_->path.string()},
+                    "ranges of cubes were never written; this is a bug");
     }
     impl_->write_table();
     bool closed = true;

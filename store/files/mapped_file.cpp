@@ -16,8 +16,8 @@ namespace isonest::detail {
 MappedFile::MappedFile(const std::filesystem::path& path) {
     const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (fd < 0) {
-        throw Error(errno == ENOENT ? ErrorKind::not_found : ErrorKind::io,
-                    fmt::format("{}: cannot open: {}", path.string(), std::strerror(errno)));
+        throw Error(errno == ENOENT ? ErrorKind::not_found : ErrorKind::io, {path.string()},
+                    fmt::format("cannot open: {}", std::strerror(errno)));
     }
     try {
         map(fd, path);
@@ -39,16 +39,15 @@ void MappedFile::map(int file, const std::filesystem::path& path) {
     if (::fstat(file, &status) != 0) {
         error = errno;
     } else if (!S_ISREG(status.st_mode)) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: not a regular file", path.string()));
+        throw Error(ErrorKind::invalid_argument, {path.string()}, "not a regular file");
     } else if (status.st_size > 0) {
         p = ::mmap(nullptr, static_cast<std::size_t>(status.st_size), PROT_READ, MAP_SHARED, file,
                    0);
         error = p == MAP_FAILED ? errno : 0;
     }
     if (error != 0) {
-        throw Error(ErrorKind::io,
-                    fmt::format("{}: cannot map: {}", path.string(), std::strerror(error)));
+        throw Error(ErrorKind::io, {path.string()},
+                    fmt::format("cannot map: {}", std::strerror(error)));
     }
     if (p != nullptr) {
         bytes_ = {static_cast<const std::byte*>(p), static_cast<std::size_t>(status.st_size)};

@@ -22,8 +22,8 @@ std::filesystem::path folder_of(const std::filesystem::path& path) {
 }
 
 [[noreturn]] void fail_on(const std::filesystem::path& path, const char* what, int error) {
-    throw Error(ErrorKind::io,
-                fmt::format("{}: cannot {}: {}", path.string(), what, std::strerror(error)));
+    throw Error(ErrorKind::io, {path.string()},
+                fmt::format("cannot {}: {}", what, std::strerror(error)));
 }
 
 class Descriptor {
@@ -65,15 +65,18 @@ constexpr std::string_view kMark = ".partial-";
 constexpr mode_t kPermissions = S_IRWXU | S_IRWXG | S_IRWXO;
 
 [[noreturn]] void exists_already(const std::filesystem::path& path) {
-    throw Error(
-        ErrorKind::invalid_argument,
-        fmt::format("{} exists; give --force to replace it, or another name", path.string()));
+    throw Error(ErrorKind::invalid_argument, {path.string()}, "exists",
+                {{RemedyKind::replace_existing}, {RemedyKind::other_name}});
+}
+
+[[noreturn]] void is_folder(const std::filesystem::path& path) {
+    throw Error(ErrorKind::invalid_argument, {path.string()}, "is a folder; give a file name");
 }
 
 [[noreturn]] void never_replaced(const std::filesystem::path& path, const std::string& what) {
-    throw Error(ErrorKind::invalid_argument,
-                fmt::format("{} is {}, and only regular files are replaced; give another name",
-                            path.string(), what));
+    throw Error(ErrorKind::invalid_argument, {path.string()},
+                fmt::format("is {}, and only regular files are replaced", what),
+                {{RemedyKind::other_name}});
 }
 
 void require_regular(const std::filesystem::path& path, mode_t mode) {
@@ -82,8 +85,7 @@ void require_regular(const std::filesystem::path& path, mode_t mode) {
         return;
     }
     if (S_ISDIR(mode)) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} is a folder; give a file name", path.string()));
+        is_folder(path);
     }
     if (S_ISLNK(mode)) {
         const std::string to = std::filesystem::read_symlink(path, ignored).string();
@@ -137,12 +139,11 @@ void check_output(const std::filesystem::path& path, bool force,
                   const std::vector<std::filesystem::path>& inputs) {
     std::error_code ignored;
     if (path.filename().empty()) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} is a folder; give a file name", path.string()));
+        is_folder(path);
     }
     if (!std::filesystem::is_directory(folder_of(path), ignored)) {
-        throw Error(ErrorKind::not_found, fmt::format("{}: there is no folder {}", path.string(),
-                                                      folder_of(path).string()));
+        throw Error(ErrorKind::not_found, {path.string()},
+                    fmt::format("there is no folder {}", folder_of(path).string()));
     }
     const std::optional<struct stat> there = status_of(path);
     if (!there) {
@@ -150,10 +151,9 @@ void check_output(const std::filesystem::path& path, bool force,
     }
     for (const std::filesystem::path& input : inputs) {
         if (std::filesystem::equivalent(path, input, ignored)) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("{} is read, and would be lost if it were also the output; "
-                                    "give another name",
-                                    path.string()));
+            throw Error(ErrorKind::invalid_argument, {path.string()},
+                        "is read, and would be lost if it were also the output",
+                        {{RemedyKind::other_name}});
         }
     }
     require_regular(path, there->st_mode);

@@ -18,10 +18,9 @@ namespace isonest::detail {
 namespace {
 
 [[noreturn]] void fail(const std::filesystem::path& folder, const char* what, int error) {
-    throw Error(ErrorKind::io,
-                fmt::format("temporary space in {}: {}: {}; free some space or choose another "
-                            "output folder",
-                            folder.string(), what, std::strerror(error)));
+    throw Error(ErrorKind::io, {folder.string()},
+                fmt::format("temporary space: {}: {}", what, std::strerror(error)),
+                {{RemedyKind::free_space}});
 }
 
 }  // namespace

@@ -138,7 +138,7 @@ void chunk_decode(Bytes bytes) {
     const std::size_t elements = bytes[1] + std::size_t{256} * bytes[2];
     std::vector<std::byte> raw(elements * spec.element_size);
     try {
-        decode_chunk(std::as_bytes(bytes.subspan(3)), spec, raw, "chunk");
+        decode_chunk(std::as_bytes(bytes.subspan(3)), spec, raw, {"chunk"});
     } catch (const Error&) {
         // Refused.
     }

@@ -36,7 +36,7 @@ Result run(const std::string& path) {
     }
     const bool any = store.min_value() <= store.max_value();
     result.json = {{"store", path},
-                   {"format", fmt::format("{}.{}", kFormatMajor, store.format_minor())},
+                   {"format", store.version().text()},
                    {"nodes", to_json(h.nodes)},
                    {"type", name_of(h.type)},
                    {"spacing", h.spacing},

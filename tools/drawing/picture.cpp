@@ -352,7 +352,7 @@ PictureReport draw_picture(const PlyMesh& mesh, const std::filesystem::path& png
     const std::uint64_t fixed = kLibraryHeap + kOsMesaHeap;
     const std::uint64_t least = fixed + row_heap * kTile;
     require_memory(png.string(), o.memory, least, fmt::format("a picture {} pixels wide", o.width),
-                   ", or a smaller --size");
+                   {{RemedyKind::smaller_picture}});
     const std::uint64_t normal_heap = mesh.vertices() * sizeof(Float3);
     report.smooth = !o.flat && normal_heap <= o.memory - least;
     const std::vector<Float3> normals =

@@ -24,22 +24,35 @@ enum class ErrorKind : int {
 /// What the caller can change so that the call succeeds. The names are those of the options of the
 /// library; a program says it in its own words.
 enum class RemedyKind : std::uint8_t {
-    replace_existing,  ///< allow that an existing file is replaced
-    choose_dataset,    ///< SourceOptions::dataset
-    describe_numbers,  ///< SourceOptions::dims, type, offset: `value` names which
-    place_in_world,    ///< SourceOptions::spacing, origin: `value` names which
-    more_memory,       ///< `value`: bytes that are enough
-    smaller_chunk,     ///< PreprocessOptions::chunk
-    fewer_threads,     ///< `value`: how many can be had
-    resume,            ///< PreprocessOptions::resume
-    no_resume,         ///< without PreprocessOptions::resume
-    make_fields,       ///< preprocess again with the fields in `value`, separated by commas
-    other_field,       ///< name another field; `value`: which can be used
-    larger_error,      ///< allow a larger error
-    smaller_box,       ///< extract a part
-    other_format,      ///< `value`: the formats that serve
-    state_missing,     ///< SourceOptions::missing as in preprocessing
-    newer_version      ///< a newer isonest
+    replace_existing,     ///< allow that an existing file is replaced
+    choose_dataset,       ///< SourceOptions::dataset
+    describe_numbers,     ///< SourceOptions: `value` names which ("dims,type")
+    place_in_world,       ///< SourceOptions: `value` names which ("spacing,origin")
+    more_memory,          ///< `value`: bytes that are enough
+    smaller_chunk,        ///< PreprocessOptions::chunk
+    fewer_threads,        ///< `value`: how many can be had
+    resume,               ///< PreprocessOptions::resume
+    no_resume,            ///< without PreprocessOptions::resume
+    make_fields,          ///< preprocess again with the fields in `value`, separated by commas
+    other_field,          ///< name another field; `value`: which can be used
+    larger_error,         ///< allow a larger error
+    smaller_box,          ///< extract a part
+    other_format,         ///< `value`: the formats that serve
+    state_missing,        ///< SourceOptions::missing as in preprocessing
+    newer_version,        ///< a newer isonest
+    correct_numbers,      ///< SourceOptions contradict the file: `value` names which
+    leave_out,            ///< without the option of SourceOptions that `value` names
+    other_name,           ///< another name for the output
+    free_space,           ///< free some space, or an output in another folder
+    good_copy,            ///< a copy of the file that is not damaged
+    make_store,           ///< preprocess a volume: the file is no store
+    preprocess_again,     ///< make the store anew from its volume
+    smaller_input_chunk,  ///< the input stored in smaller chunks
+    raise_limit,          ///< raise a limit of the operating system
+    same_options,         ///< the input and options of the interrupted run
+    remove_leftover,      ///< delete what an interrupted run has left (the place's file)
+    smaller_picture,      ///< fewer pixels
+    less_memory           ///< a smaller memory budget: the machine has not that much
 };
 struct Remedy {
     RemedyKind kind;
@@ -54,7 +67,7 @@ struct ErrorPlace {
 };
 
 /// Thrown at the boundaries of the library. what() is "FILE: INSIDE: PROBLEM" without the remedies.
-/// Kernels never throw it.
+/// Kernels never throw it. Thread-safety: const methods from any thread.
 class Error : public std::runtime_error {
   public:
     Error(ErrorKind kind, ErrorPlace place, const std::string& problem,
@@ -63,18 +76,22 @@ class Error : public std::runtime_error {
                              (place.inside.empty() ? "" : place.inside + ": ") + problem),
           kind_(kind),
           place_(std::move(place)),
+          problem_(problem),
           remedies_(std::move(remedies)) {}
     /// Where there is no place to name.
     Error(ErrorKind kind, const std::string& problem, std::vector<Remedy> remedies = {})
         : Error(kind, ErrorPlace{}, problem, std::move(remedies)) {}
     [[nodiscard]] ErrorKind kind() const noexcept { return kind_; }
     [[nodiscard]] const ErrorPlace& place() const noexcept { return place_; }
+    /// what() without the place.
+    [[nodiscard]] const std::string& problem() const noexcept { return problem_; }
     /// Any of them may help; the most likely one first.
     [[nodiscard]] const std::vector<Remedy>& remedies() const noexcept { return remedies_; }
 
   private:
     ErrorKind kind_;
     ErrorPlace place_;
+    std::string problem_;
     std::vector<Remedy> remedies_;
 };
 

@@ -1,0 +1,163 @@
+#include "store/container/header_reader.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <optional>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "store/container/hdf5_types.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr FormatVersion kNewest{kFormatMajor, kFormatMinor};
+constexpr FormatVersion kOldest{1, 0};
+
+class Reader {
+  public:
+    Reader(hid_t root, const std::string& file) : root_(root), file_(file) {}
+
+    RootAttributes read() {
+        if (read_text(root_, "format") != kFormatName) {
+            throw Error(ErrorKind::corrupt, {file_}, "an HDF5 file, but not an isonest store",
+                        {{RemedyKind::make_store}});
+        }
+        read_version();
+        require_no_flags();
+        if (read_integers(root_, "complete", 1) != std::vector<std::uint64_t>{1}) {
+            throw Error(ErrorKind::corrupt, {file_}, "the store is incomplete",
+                        {{RemedyKind::preprocess_again}});
+        }
+        require_digest();
+        read_numbers_and_names();
+        if (out_.version < FormatVersion{2, 0}) {
+            require_volume();
+        }
+        out_.header.cube_ranges = out_.version >= FormatVersion{2, 2};
+        out_.header.outward = out_.version >= FormatVersion{2, 3};
+        return std::move(out_);
+    }
+
+  private:
+    [[noreturn]] void damaged(const std::string& problem) const {
+        throw Error(ErrorKind::corrupt, {file_, "header"}, problem, {{RemedyKind::good_copy}});
+    }
+    [[noreturn]] void unsupported(const std::string& problem, RemedyKind remedy) const {
+        throw Error(ErrorKind::unsupported, {file_}, problem, {{remedy}});
+    }
+
+    void read_version() {
+        const auto version = read_integers(root_, "version", 2);
+        if (!version) {
+            damaged("no version");
+        }
+        out_.version = {(*version)[0], (*version)[1]};
+        const FormatVersion& v = out_.version;
+        if (v == kOldest || v.major == kFormatMajor) {
+            return;
+        }
+        const bool newer = v > kNewest;
+        unsupported(fmt::format("written in format version {}; this isonest reads {} and {}.x",
+                                v.text(), kOldest.text(), kFormatMajor),
+                    newer ? RemedyKind::newer_version : RemedyKind::preprocess_again);
+    }
+
+    void require_no_flags() const {
+        const auto flags = read_integers(root_, "flags", 1);
+        if (!flags) {
+            damaged("no flags");
+        }
+        if ((*flags)[0] != 0) {
+            unsupported(fmt::format("reserved header flags are set ({:#x})", (*flags)[0]),
+                        RemedyKind::newer_version);
+        }
+    }
+
+    void require_digest() const {
+        if (out_.version < FormatVersion{2, 3}) {
+            return;
+        }
+        const auto digest = read_integers(root_, "xxh64", 1);
+        if (!digest || header_digest(root_) != (*digest)[0]) {
+            damaged("damaged: its attributes are not those that were written");
+        }
+    }
+
+    void read_numbers_and_names() {
+        const auto nodes = read_integers(root_, "nodes", 3);
+        const auto spacing = read_numbers(root_, "spacing", 3);
+        const auto origin = read_numbers(root_, "origin", 3);
+        const auto type = read_text(root_, "value_type");
+        const auto chunk = read_integers(root_, "chunk", 1);
+        const auto compression = read_integers(root_, "compression", 1);
+        const auto exact = read_integers(root_, "exact", 1);
+        const auto fields = read_text(root_, "fields");
+        const auto range = read_numbers(root_, "range", 2);
+        const auto missing = read_integers(root_, "has_missing", 1);
+        if (!nodes || !spacing || !origin || !type || !chunk || !compression || !exact || !fields ||
+            !range || !missing || !value_type_from_name(*type) || (*chunk)[0] > kMaxChunk) {
+            damaged("damaged");
+        }
+        StoreHeader& header = out_.header;
+        for (int axis = 0; axis < 3; ++axis) {
+            const auto a = static_cast<std::size_t>(axis);
+            header.nodes[axis] = static_cast<std::int64_t>((*nodes)[a]);
+            header.spacing[a] = (*spacing)[a];
+            header.origin[a] = (*origin)[a];
+        }
+        header.type = *value_type_from_name(*type);
+        header.chunk = static_cast<int>((*chunk)[0]);
+        header.compression = static_cast<int>(std::min<std::uint64_t>((*compression)[0], 100));
+        header.exact = (*exact)[0] != 0;
+        read_fields(*fields);
+        out_.range = {(*range)[0], (*range)[1]};
+        out_.has_missing = (*missing)[0];
+    }
+
+    /// Names that a newer minor version has added follow all older ones: the rows of the chunk
+    /// table that belong to the older ones are then known.
+    void read_fields(const std::string& names) {
+        StoreHeader& header = out_.header;
+        for (std::size_t at = 0; at < names.size();) {
+            const std::size_t end = std::min(names.find(',', at), names.size());
+            const std::string name = names.substr(at, end - at);
+            const auto field = field_from_name(name);
+            if (field && *field != Field::values && header.unknown_fields.empty()) {
+                header.fields.push_back(*field);
+            } else if (!field && out_.version > kNewest) {
+                header.unknown_fields.push_back(name);
+            } else {
+                unsupported(
+                    fmt::format("{} '{}'", field ? "misplaced field" : "unknown field", name),
+                    RemedyKind::newer_version);
+            }
+            at = end + 1;
+        }
+    }
+
+    /// Slots and saturation where axes are flat came with 2.0.
+    void require_volume() const {
+        const Int3& n = out_.header.nodes;
+        if (n.x == 1 || n.y == 1 || n.z == 1) {
+            unsupported(fmt::format("written in format version {}, where data with a single node "
+                                    "along an axis ({} x {} x {}) had other indicators",
+                                    out_.version.text(), n.x, n.y, n.z),
+                        RemedyKind::preprocess_again);
+        }
+    }
+
+    hid_t root_;
+    const std::string& file_;
+    RootAttributes out_;
+};
+
+}  // namespace
+
+RootAttributes read_root_attributes(std::int64_t root, const std::string& file) {
+    return Reader(root, file).read();
+}
+
+}  // namespace isonest::detail
