@@ -211,9 +211,9 @@ TEST_CASE("a run is not resumed with other values that say they are the same inp
             FAIL("not noticed");
         } catch (const Error& error) {
             CHECK(error.kind() == ErrorKind::invalid_argument);
-            const std::string what = error.what();
-            CHECK(what.find("read other values in plane") != std::string::npos);
-            CHECK((what.find("in plane 0:") != std::string::npos) == first);
+            CHECK(error.problem().find("read other values") != std::string::npos);
+            CHECK((error.place().inside == "plane 0") == first);
+            CHECK(error.remedies() == std::vector<Remedy>{{RemedyKind::no_resume}});
         }
         CHECK(folder.names() == names);
         preprocess(volume, folder / "s", resuming(), silent_progress());

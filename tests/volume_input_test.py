@@ -249,7 +249,7 @@ class Hdf5Input(Input):
                 file.create_virtual_dataset("v", layout, fillvalue=7)
         self.reads(data)
         (self.here / "parts/0.h5").unlink()
-        self.refuses(3, "parts/1.h5:v is a virtual dataset", "0.h5:v", "fill value")
+        self.refuses(3, "parts/1.h5:v: is a virtual dataset", "0.h5:v", "fill value")
 
     def test_the_other_files_of_a_dataset_are_inputs_too(self):
         data = RANDOM.integers(0, 99, (8, 5, 7)).astype(np.uint8)

@@ -64,7 +64,7 @@ PassBudget share_memory(const StoreLayout& layout, const VolumeSource& source,
     const std::uint64_t block = block_heap(layout).total();
     budget.fixed = kLibraryHeap + source.heap();
     require_memory(source.describe().name, options.memory, budget.fixed + block + kLeastWindow,
-                   fmt::format("chunks of {}", options.chunk), ", or a smaller --chunk");
+                   fmt::format("chunks of {}", options.chunk), {{RemedyKind::smaller_chunk}});
     const std::uint64_t fitting = (options.memory - budget.fixed) * 3 / 5 / block;
     budget.tokens = static_cast<int>(
         std::clamp<std::uint64_t>(fitting, 1, static_cast<std::uint64_t>(threads) + 1));

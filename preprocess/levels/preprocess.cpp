@@ -78,12 +78,12 @@ void run_blocks(const Int3& grid, int tokens, const Block& compute, const Output
         });
 }
 
-/// Throws Error{invalid_argument}, naming the input and the options that place it elsewhere.
+/// Throws Error{invalid_argument} with the remedy to place the input elsewhere.
 void require_place(const VolumeDescription& volume) {
     const std::string why = why_no_place(volume.nodes, volume.spacing, volume.origin);
     if (!why.empty()) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: {}; give --spacing and --origin", volume.name, why));
+        throw Error(ErrorKind::invalid_argument, {volume.name}, why,
+                    {{RemedyKind::place_in_world, "spacing,origin"}});
     }
 }
 
@@ -274,10 +274,12 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
     } catch (const Error& error) {
         if (keep()) {
             const bool cancelled = error.kind() == ErrorKind::cancelled;
-            throw Error(error.kind(),
-                        fmt::format("{}; what is done is kept beside the store: run again with "
-                                    "--resume to go on",
-                                    cancelled ? "interrupted" : error.what()));
+            std::vector<Remedy> remedies = error.remedies();
+            remedies.push_back({RemedyKind::resume});
+            throw Error(error.kind(), error.place(),
+                        (cancelled ? "interrupted" : error.problem()) +
+                            "; what is done is kept beside the store",
+                        std::move(remedies));
         }
         throw;
     } catch (...) {

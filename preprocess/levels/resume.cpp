@@ -120,7 +120,7 @@ std::optional<InterruptedRun> InterruptedRun::find(const std::filesystem::path& 
     const std::string prefix = names.filename().string();
     const std::string suffix = journal_name("").string();
     std::optional<InterruptedRun> best;
-    std::string other;
+    std::optional<Error> other;
     for (const auto& entry : std::filesystem::directory_iterator(names.parent_path())) {
         const std::string name = entry.path().filename().string();
         if (!name.starts_with(prefix) || !name.ends_with(suffix)) {
@@ -141,10 +141,13 @@ std::optional<InterruptedRun> InterruptedRun::find(const std::filesystem::path& 
             if (!std::filesystem::exists(names.string() + process, ignored)) {
                 continue;  // killed when its store had got its name: nothing to go on with
             }
-            other = fmt::format(
-                "{}: the interrupted run was of another input or had other options: {}; give "
-                "those, or delete it, or leave out --resume",
-                entry.path().string(), difference(*theirs, identity));
+            other.emplace(
+                ErrorKind::invalid_argument, ErrorPlace{entry.path().string()},
+                fmt::format("the interrupted run was of another input or had other options: {}",
+                            difference(*theirs, identity)),
+                std::vector<Remedy>{{RemedyKind::same_options},
+                                    {RemedyKind::remove_leftover},
+                                    {RemedyKind::no_resume}});
             continue;
         }
         InterruptedRun run;
@@ -163,8 +166,8 @@ std::optional<InterruptedRun> InterruptedRun::find(const std::filesystem::path& 
             best = std::move(run);
         }
     }
-    if (!best && !other.empty()) {
-        throw Error(ErrorKind::invalid_argument, other);
+    if (!best && other) {
+        throw Error(*other);
     }
     return best;
 }

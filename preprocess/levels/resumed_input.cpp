@@ -33,9 +33,9 @@ void compare_plane(VolumeSource& source, ChunkCache& cache, std::int64_t z) {
         // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
         if (std::memcmp(ours.data(), theirs.data.data(), ours.size() * sizeof(T)) != 0) {
             throw Error(ErrorKind::invalid_argument,
-                        fmt::format("{}: the interrupted run read other values in plane {}: the "
-                                    "input has changed; run without --resume",
-                                    source.describe().name, z));
+                        {source.describe().name, fmt::format("plane {}", z)},
+                        "the interrupted run read other values: the input has changed",
+                        {{RemedyKind::no_resume}});
         }
     }
 }

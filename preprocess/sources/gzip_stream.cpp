@@ -19,13 +19,13 @@ GzipStream::GzipStream(const std::filesystem::path& path, std::string name, std:
     : name_(std::move(name)), file_at_(start), in_(std::size_t{1} << 18U) {
     constexpr int kGzipOnly = 16;
     if (::inflateInit2(&stream_, MAX_WBITS + kGzipOnly) != Z_OK) {
-        throw Error(ErrorKind::io, name_ + ": zlib does not start: too little memory?");
+        throw Error(ErrorKind::io, {name_}, "zlib does not start: too little memory?");
     }
     fd_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
     if (fd_ < 0) {
         const int error = errno;
         ::inflateEnd(&stream_);
-        throw Error(ErrorKind::io, fmt::format("{}: cannot open: {}", name_, std::strerror(error)));
+        throw Error(ErrorKind::io, {name_}, fmt::format("cannot open: {}", std::strerror(error)));
     }
 }
 
@@ -35,9 +35,8 @@ GzipStream::~GzipStream() {
 }
 
 void GzipStream::corrupt(const std::string& what) const {
-    throw Error(ErrorKind::corrupt,
-                fmt::format("{}: damaged gzip stream at byte {} of the file: {}", name_,
-                            file_at_ - stream_.avail_in, what));
+    throw Error(ErrorKind::corrupt, {name_, fmt::format("byte {}", file_at_ - stream_.avail_in)},
+                fmt::format("damaged gzip stream: {}", what));
 }
 
 bool GzipStream::refill() {
@@ -46,8 +45,8 @@ bool GzipStream::refill() {
         n = ::pread(fd_, in_.data(), in_.size(), static_cast<off_t>(file_at_));
     } while (n < 0 && errno == EINTR);
     if (n < 0) {
-        throw Error(ErrorKind::io, fmt::format("{}: cannot read at byte {}: {}", name_, file_at_,
-                                               std::strerror(errno)));
+        throw Error(ErrorKind::io, {name_, fmt::format("byte {}", file_at_)},
+                    fmt::format("cannot read: {}", std::strerror(errno)));
     }
     file_at_ += static_cast<std::uint64_t>(n);
     stream_.next_in = reinterpret_cast<Bytef*>(in_.data());

@@ -141,9 +141,9 @@ std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
     return c;
 }
 
-std::string Hdf5Chunks::place(const Int3& chunk) const {
-    return fmt::format("{}: the chunk from node {} {} {} on", name_, chunk.x * chunk_.x,
-                       chunk.y * chunk_.y, chunk.z * chunk_.z);
+ErrorPlace Hdf5Chunks::place(const Int3& chunk) const {
+    return {name_, fmt::format("the chunk from node {} {} {} on", chunk.x * chunk_.x,
+                               chunk.y * chunk_.y, chunk.z * chunk_.z)};
 }
 
 void Hdf5Chunks::undo(H5Z_filter_t filter, const Int3& chunk, Buffers& buffers) const {
@@ -153,10 +153,8 @@ void Hdf5Chunks::undo(H5Z_filter_t filter, const Int3& chunk, Buffers& buffers) 
     auto& [in, out] = buffers;
     if (filter == H5Z_FILTER_FLETCHER32) {
         if (!take_checksum(in)) {
-            throw Error(ErrorKind::corrupt,
-                        place(chunk) +
-                            " has not the checksum that was stored with it; restore the file from "
-                            "a good copy");
+            throw Error(ErrorKind::corrupt, place(chunk),
+                        "has not the checksum that was stored with it", {{RemedyKind::good_copy}});
         }
         return;
     }
@@ -176,8 +174,8 @@ void Hdf5Chunks::undo(H5Z_filter_t filter, const Int3& chunk, Buffers& buffers) 
         whole = decompress(in, out);
     }
     if (!whole) {
-        throw Error(ErrorKind::corrupt,
-                    place(chunk) + " cannot be decoded; restore the file from a good copy");
+        throw Error(ErrorKind::corrupt, place(chunk), "cannot be decoded",
+                    {{RemedyKind::good_copy}});
     }
     std::swap(in, out);
 }
@@ -198,7 +196,7 @@ std::span<const std::byte> Hdf5Chunks::decode(const Int3& chunk, Buffers& buffer
     haddr_t address = HADDR_UNDEF;
     if (H5Dget_chunk_storage_size(dataset_, at.data(), &size) < 0 &&
         H5Dget_chunk_info_by_coord(dataset_, at.data(), &skipped, &address, &size) < 0) {
-        throw Error(ErrorKind::io, place(chunk) + " cannot be found: " + hdf5_message());
+        throw Error(ErrorKind::io, place(chunk), "cannot be found: " + hdf5_message());
     }
     if (size == 0) {
         buffers.stored.resize(chunk_bytes_);
@@ -208,12 +206,12 @@ std::span<const std::byte> Hdf5Chunks::decode(const Int3& chunk, Buffers& buffer
         return buffers.stored;
     }
     if (size > most_stored(chunk_bytes_)) {
-        throw Error(ErrorKind::corrupt, fmt::format("{} takes {} bytes, its numbers only {}",
-                                                    place(chunk), size, chunk_bytes_));
+        throw Error(ErrorKind::corrupt, place(chunk),
+                    fmt::format("takes {} bytes, its numbers only {}", size, chunk_bytes_));
     }
     buffers.stored.resize(size);
     if (H5Dread_chunk(dataset_, H5P_DEFAULT, at.data(), &skipped, buffers.stored.data()) < 0) {
-        throw Error(ErrorKind::io, place(chunk) + " cannot be read: " + hdf5_message());
+        throw Error(ErrorKind::io, place(chunk), "cannot be read: " + hdf5_message());
     }
     for (std::size_t i = is_plain(chunk) ? 0 : filters_.size(); i-- > 0;) {
         if ((skipped >> i & 1U) == 0) {
@@ -221,7 +219,7 @@ std::span<const std::byte> Hdf5Chunks::decode(const Int3& chunk, Buffers& buffer
         }
     }
     if (buffers.stored.size() != chunk_bytes_) {
-        throw Error(ErrorKind::corrupt, place(chunk) + " has not the size of a chunk");
+        throw Error(ErrorKind::corrupt, place(chunk), "has not the size of a chunk");
     }
     return buffers.stored;
 }

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include <isonest/error.h>
 #include <isonest/int3.h>
 
 #include "preprocess/sources/hdf5_datasets.h"
@@ -38,7 +39,7 @@ class Hdf5Chunks {
         std::vector<std::byte> decoded;
     };
     Hdf5Chunks() = default;
-    [[nodiscard]] std::string place(const Int3& chunk) const;
+    [[nodiscard]] ErrorPlace place(const Int3& chunk) const;
     /// The numbers of a chunk, in one of the buffers.
     std::span<const std::byte> decode(const Int3& chunk, Buffers& buffers) const;
     /// Whether the filters of a chunk were left out because it reaches beyond the dataset.

@@ -102,8 +102,8 @@ herr_t list_dataset(hid_t file, const char* name, const H5O_info_t* info, void* 
 Listing list_datasets(hid_t file, const std::filesystem::path& path) {
     Listing listing;
     if (H5Ovisit2(file, H5_INDEX_NAME, H5_ITER_INC, &list_dataset, &listing, H5O_INFO_BASIC) < 0) {
-        throw Error(ErrorKind::corrupt, fmt::format("{}: HDF5 cannot list its datasets: {}",
-                                                    path.string(), hdf5_message()));
+        throw Error(ErrorKind::corrupt, {path.string()},
+                    fmt::format("HDF5 cannot list its datasets: {}", hdf5_message()));
     }
     return listing;
 }
@@ -186,18 +186,18 @@ DatasetShape shape_of(hid_t dataset) {
 std::string choose_dataset(hid_t file, const std::filesystem::path& path) {
     const Listing listing = list_datasets(file, path);
     if (!listing.whole) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: has more than {} datasets, choose one with --dataset; among "
-                                "them are:{}",
-                                path.string(), kMostSeen, listing.text()));
+        throw Error(
+            ErrorKind::invalid_argument, {path.string()},
+            fmt::format("has more than {} datasets; among them are:{}", kMostSeen, listing.text()),
+            {{RemedyKind::choose_dataset}});
     }
     if (listing.count_best != 1) {
+        const bool none = listing.count_best == 0;
         throw Error(
-            listing.count_best == 0 ? ErrorKind::not_found : ErrorKind::invalid_argument,
-            fmt::format("{}: {}; the file has:{}", path.string(),
-                        listing.count_best == 0 ? "no dataset that is a volume"
-                                                : "several volumes, choose one with --dataset",
-                        listing.text()));
+            none ? ErrorKind::not_found : ErrorKind::invalid_argument, {path.string()},
+            fmt::format("{}; the file has:{}",
+                        none ? "no dataset that is a volume" : "several volumes", listing.text()),
+            none ? std::vector<Remedy>{} : std::vector<Remedy>{{RemedyKind::choose_dataset}});
     }
     return listing.best.front().path;
 }

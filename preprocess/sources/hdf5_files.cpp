@@ -42,8 +42,8 @@ void require_regular(const fs::path& path, const std::string& what) {
     std::error_code ignored;
     const fs::file_status status = fs::status(path, ignored);
     if (fs::exists(status) && !fs::is_regular_file(status) && !fs::is_directory(status)) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: {} that it needs is not a regular file", what, path.string()));
+        throw Error(ErrorKind::invalid_argument, {what},
+                    fmt::format("{} that it needs is not a regular file", path.string()));
     }
 }
 
@@ -71,7 +71,7 @@ herr_t note_link(const char* parent, const char* /*group*/, const char* file,
     return 0;
 }
 
-constexpr const char* kVirtual = "{} is a virtual dataset, and of its sources {}:{} {}";
+constexpr const char* kVirtual = "is a virtual dataset, and of its sources {}:{} {}";
 
 /// Objects by their file and place in it.
 using ObjectId = std::pair<unsigned long, haddr_t>;
@@ -83,11 +83,11 @@ class FileSearch {
     void add(hid_t dataset, const std::string& name) {
         H5O_info_t info{};
         if (H5Oget_info2(dataset, &info, H5O_INFO_BASIC) < 0) {
-            throw Error(ErrorKind::io, fmt::format("{}: {}", name, hdf5_message()));
+            throw Error(ErrorKind::io, {name}, hdf5_message());
         }
         const ObjectId id{info.fileno, info.addr};
         if (std::find(under_way_.begin(), under_way_.end(), id) != under_way_.end()) {
-            throw Error(ErrorKind::corrupt, name + " is a virtual dataset and its own source");
+            throw Error(ErrorKind::corrupt, {name}, "is a virtual dataset and its own source");
         }
         if (!done_.insert(id).second) {
             return;
@@ -131,24 +131,23 @@ class FileSearch {
             std::error_code missing;
             const std::uint64_t length = fs::file_size(file, missing);
             if (missing) {
-                throw Error(
-                    ErrorKind::not_found,
-                    fmt::format("{}: its values are in another file, {}, which is not there", name,
-                                file.string()));
+                throw Error(ErrorKind::not_found, {name},
+                            fmt::format("its values are in another file, {}, which is not there",
+                                        file.string()));
             }
             const std::uint64_t part = std::min<std::uint64_t>(rest, size);
             const auto begin = static_cast<std::uint64_t>(offset);
             if (part > 0 && (length < begin || length - begin < part)) {
-                throw Error(ErrorKind::corrupt,
-                            fmt::format("{}: {} of its bytes are in {} from byte {} on, but that "
-                                        "file ends at byte {}; HDF5 would give zeros",
-                                        name, part, file.string(), begin, length));
+                throw Error(ErrorKind::corrupt, {name},
+                            fmt::format("{} of its bytes are in {} from byte {} on, but that file "
+                                        "ends at byte {}; HDF5 would give zeros",
+                                        part, file.string(), begin, length));
             }
             rest -= part;
         }
         if (count > 0 && rest > 0) {
-            throw Error(ErrorKind::corrupt,
-                        fmt::format("{}: its external files hold {} bytes too few", name, rest));
+            throw Error(ErrorKind::corrupt, {name},
+                        fmt::format("its external files hold {} bytes too few", rest));
         }
     }
 
@@ -188,10 +187,10 @@ class FileSearch {
                 std::error_code ignored;
                 if (fs::exists(place, ignored)) {
                     throw Error(
-                        ErrorKind::not_found,
-                        fmt::format("{} is a virtual dataset, and of its sources {} cannot be "
-                                    "read; HDF5 would leave out all behind it, though {} is there",
-                                    name, with_block(pattern, end), place.string()));
+                        ErrorKind::not_found, {name},
+                        fmt::format("is a virtual dataset, and of its sources {} cannot be read; "
+                                    "HDF5 would leave out all behind it, though {} is there",
+                                    with_block(pattern, end), place.string()));
                 }
             }
         }
@@ -255,14 +254,14 @@ class FileSearch {
         const DatasetHandle found =
             opened.valid() ? open_dataset(opened.get(), path, access, files_) : DatasetHandle();
         if (!found.valid()) {
-            throw Error(ErrorKind::not_found,
-                        fmt::format(kVirtual, name, file, path,
+            throw Error(ErrorKind::not_found, {name},
+                        fmt::format(kVirtual, file, path,
                                     "cannot be read; HDF5 would give the fill value in its place"));
         }
         const SpaceHandle space(H5Dget_space(found.get()));
         if (!holds(space.get(), taken)) {
-            throw Error(ErrorKind::corrupt,
-                        fmt::format(kVirtual, name, file, path, "has less than is taken from it"));
+            throw Error(ErrorKind::corrupt, {name},
+                        fmt::format(kVirtual, file, path, "has less than is taken from it"));
         }
         add(found.get(), where);
     }

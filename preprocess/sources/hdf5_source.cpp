@@ -57,14 +57,13 @@ class Hdf5Source : public VolumeSource {
         register_zstd_filter();
         file_ = open_hdf5(path);
         if (!file_.valid() && is_being_written(path)) {
-            throw Error(ErrorKind::io,
-                        path.string() +
-                            ": another program writes it, or died before it closed it; wait until "
-                            "it is closed, or if nothing writes it, run h5clear -s");
+            throw Error(ErrorKind::io, {path.string()},
+                        "another program writes it, or died before it closed it; wait until it is "
+                        "closed, or if nothing writes it, run h5clear -s");
         }
         if (!file_.valid()) {
-            throw Error(ErrorKind::corrupt,
-                        fmt::format("{}: HDF5 cannot open it: {}", path.string(), hdf5_message()));
+            throw Error(ErrorKind::corrupt, {path.string()},
+                        fmt::format("HDF5 cannot open it: {}", hdf5_message()));
         }
         files_ = {path};
         dataset_name_ =
@@ -73,28 +72,27 @@ class Hdf5Source : public VolumeSource {
         std::string reason;
         dataset_ = open_dataset(file_.get(), dataset_name_, access_, files_, &reason);
         if (!dataset_.valid()) {
-            throw Error(
-                ErrorKind::not_found,
-                fmt::format("{}: there is no dataset {} ({}); the file has:{}", path.string(),
-                            dataset_name_, reason, list_of_datasets(file_.get(), path)));
+            throw Error(ErrorKind::not_found, {path.string()},
+                        fmt::format("there is no dataset {} ({}); the file has:{}", dataset_name_,
+                                    reason, list_of_datasets(file_.get(), path)));
         }
         shape_ = shape_of(dataset_.get());
         const auto type = value_type_of(dataset_.get());
         if (!type || shape_.axes.empty()) {
             throw Error(
-                ErrorKind::unsupported,
-                fmt::format("{}: volumes of one scalar (integers and floating point "
-                            "numbers of up to 64 bits) on 1 to 3 axes are read, this is [{}] {}",
-                            name_, shape_.text(), type ? name_of(*type) : "of another type"));
+                ErrorKind::unsupported, {name_},
+                fmt::format("volumes of one scalar (integers and floating point numbers of up to "
+                            "64 bits) on 1 to 3 axes are read, this is [{}] {}",
+                            shape_.text(), type ? name_of(*type) : "of another type"));
         }
         type_ = *type;
         memory_type_ = file_type(type_);
         if (std::any_of(shape_.dims.begin(), shape_.dims.end(), [](hsize_t n) {
                 return n < 1 || n > static_cast<hsize_t>(kMaxNodesPerAxis);
             })) {
-            throw Error(ErrorKind::unsupported,
-                        fmt::format("{}: [{}] nodes: each axis must have 1 to {}", name_,
-                                    shape_.text(), kMaxNodesPerAxis));
+            throw Error(ErrorKind::unsupported, {name_},
+                        fmt::format("[{}] nodes: each axis must have 1 to {}", shape_.text(),
+                                    kMaxNodesPerAxis));
         }
         nodes_ = shape_.along_axes(shape_.dims);
         add_files_of(dataset_.get(), name_, files_);
@@ -144,14 +142,13 @@ class Hdf5Source : public VolumeSource {
         H5Pset_type_conv_cb(transfer.get(), &stop_if_lossy, &lossy);
         if (H5Dread(dataset_.get(), memory_type_.get(), to.get(), from.get(), transfer.get(), dst) <
             0) {
+            const std::string planes = fmt::format("planes {} to {}", z0, z0 + nz - 1);
             if (lossy) {
-                throw Error(ErrorKind::unsupported,
-                            fmt::format("{}: planes {} to {} have 64-bit integers that float64 "
-                                        "cannot hold (beyond 2^53)",
-                                        name_, z0, z0 + nz - 1));
+                throw Error(ErrorKind::unsupported, {name_, planes},
+                            "there are 64-bit integers that float64 cannot hold (beyond 2^53)");
             }
-            throw Error(ErrorKind::io, fmt::format("{}: cannot read planes {} to {}: {}", name_, z0,
-                                                   z0 + nz - 1, hdf5_message()));
+            throw Error(ErrorKind::io, {name_, planes},
+                        fmt::format("cannot read: {}", hdf5_message()));
         }
     }
 
@@ -223,10 +220,10 @@ class Hdf5Source : public VolumeSource {
         for (const hsize_t n : dims) {
             bytes *= n;
             if (bytes > options.max_heap) {
-                throw Error(ErrorKind::limit,
-                            fmt::format("{}: one chunk of [{}] values takes more than {} MiB; give "
-                                        "more --memory or store the input in smaller chunks",
-                                        name_, fmt::join(dims, ", "), options.max_heap >> 20U));
+                throw Error(ErrorKind::limit, {name_},
+                            fmt::format("one chunk of [{}] values takes more than {} MiB",
+                                        fmt::join(dims, ", "), options.max_heap >> 20U),
+                            {{RemedyKind::more_memory}, {RemedyKind::smaller_input_chunk}});
             }
         }
         const Int3 chunk = shape_.along_axes(dims);
@@ -244,7 +241,7 @@ class Hdf5Source : public VolumeSource {
         dataset_.reset();
         dataset_ = open_dataset(file_.get(), dataset_name_, access_, files_);
         if (!dataset_.valid()) {
-            throw Error(ErrorKind::io, fmt::format("{}: cannot open: {}", name_, hdf5_message()));
+            throw Error(ErrorKind::io, {name_}, fmt::format("cannot open: {}", hdf5_message()));
         }
     }
 
@@ -259,11 +256,11 @@ class Hdf5Source : public VolumeSource {
                                name.size() - 1, name.data(), &configuration);
             if (H5Zfilter_avail(filter) <= 0) {
                 throw Error(
-                    ErrorKind::unsupported,
-                    fmt::format("{}: its chunks went through HDF5 filter {} ({}), which is not "
-                                "here; store it with another one (h5repack -f GZIP=1), or let "
+                    ErrorKind::unsupported, {name_},
+                    fmt::format("its chunks went through HDF5 filter {} ({}), which is not here; "
+                                "store it with another one (h5repack -f GZIP=1), or let "
                                 "HDF5_PLUGIN_PATH name the folder of that filter's plugin",
-                                name_, filter, name[0] == 0 ? "without a name" : name.data()));
+                                filter, name[0] == 0 ? "without a name" : name.data()));
             }
         }
     }
@@ -289,8 +286,7 @@ class Hdf5Source : public VolumeSource {
         const auto bytes = static_cast<std::uint64_t>(nodes_.product()) * size_of(type_);
         map_.emplace(*static_cast<const int*>(descriptor), file_of(dataset_.get()));
         if (map_->bytes().size() < bytes || map_->bytes().size() - bytes < offset) {
-            throw Error(ErrorKind::corrupt,
-                        fmt::format("{}: the file ends before the dataset does", name_));
+            throw Error(ErrorKind::corrupt, {name_}, "the file ends before the dataset does");
         }
         mapped_ = map_->bytes().subspan(offset, bytes);
         if (!shows_row(0, 0) || !shows_row(nodes_.z - 1, nodes_.y - 1)) {

@@ -26,10 +26,9 @@ class MirroredSource : public WrappedSource {
           value_(static_cast<std::int64_t>(size_of(inner_source().describe().type))),
           backward_(backward) {
         if (backward_[2] && inner_source().sequential() && nodes_.z > 1) {
-            throw Error(ErrorKind::unsupported,
-                        fmt::format("{}: z runs from high to low in a compressed stream; store it "
-                                    "without compression (encoding: raw)",
-                                    inner_source().describe().name));
+            throw Error(ErrorKind::unsupported, {inner_source().describe().name},
+                        "z runs from high to low in a compressed stream; store it without "
+                        "compression (encoding: raw)");
         }
     }
     [[nodiscard]] std::string identity() const override {

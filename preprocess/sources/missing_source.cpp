@@ -32,9 +32,10 @@ class MissingSource : public WrappedSource {
             }
         });
         if (!holds) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("{}: --missing {}: no value of type {} is that", given_.name,
-                                    missing, name_of(type)));
+            throw Error(ErrorKind::invalid_argument, {given_.name},
+                        fmt::format("no value of type {} is {}, which is to mean missing data",
+                                    name_of(type), missing),
+                        {{RemedyKind::leave_out, "missing"}});
         }
     }
     [[nodiscard]] VolumeDescription describe() const override {

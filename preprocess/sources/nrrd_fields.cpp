@@ -123,11 +123,11 @@ void NrrdFields::add(std::string_view line, std::size_t number) {
 }
 
 void NrrdFields::corrupt(const std::string& what) const {
-    throw Error(ErrorKind::corrupt, fmt::format("{}: NRRD header: {}", name_, what));
+    throw Error(ErrorKind::corrupt, {name_, "NRRD header"}, what);
 }
 
 void NrrdFields::unsupported(const std::string& what) const {
-    throw Error(ErrorKind::unsupported, fmt::format("{}: NRRD header: {}", name_, what));
+    throw Error(ErrorKind::unsupported, {name_, "NRRD header"}, what);
 }
 
 const std::string* NrrdFields::find(const char* field) const {

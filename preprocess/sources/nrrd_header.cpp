@@ -309,13 +309,12 @@ class Parser {
 NrrdHeader parse_nrrd_header(std::string_view text, const std::string& name,
                              const std::optional<Double3>& spacing) {
     if (!text.starts_with("NRRD000")) {
-        throw Error(ErrorKind::corrupt, name + ": not an NRRD file");
+        throw Error(ErrorKind::corrupt, {name}, "not an NRRD file");
     }
     const std::string_view version = text.substr(0, text.find_first_of("\r\n"));
     if (version < "NRRD0001" || version > "NRRD0005") {
-        throw Error(
-            ErrorKind::unsupported,
-            fmt::format("{}: '{:.20}': versions NRRD0001 to NRRD0005 are read", name, version));
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("'{:.20}': versions NRRD0001 to NRRD0005 are read", version));
     }
     return Parser(text, name, spacing).parse();
 }

@@ -40,15 +40,15 @@ class Placed : public WrappedSource {
     std::optional<Double3> origin_;
 };
 
-/// Some of its options were given for a file of a format that has no use for them.
+/// Some of its options (named as in SourceOptions) were given for a file of a format that has no
+/// use for them.
 void refuse_options(const std::filesystem::path& path, const char* format,
                     std::initializer_list<std::pair<const char*, bool>> given) {
     for (const auto& [option, there] : given) {
         if (there) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("{}: {} does not go with {}; leave "
-                                    "it out",
-                                    path.string(), option, format));
+            throw Error(ErrorKind::invalid_argument, {path.string()},
+                        fmt::format("the option '{}' does not go with {}", option, format),
+                        {{RemedyKind::leave_out, option}});
         }
     }
 }
@@ -56,10 +56,10 @@ void refuse_options(const std::filesystem::path& path, const char* format,
 void refuse_raw_options(const std::filesystem::path& path, const char* format,
                         const SourceOptions& o) {
     refuse_options(path, format,
-                   {{"--dims", o.dims.has_value()},
-                    {"--type", o.type.has_value()},
-                    {"--endian", o.big_endian.has_value()},
-                    {"--offset", o.offset.has_value()}});
+                   {{"dims", o.dims.has_value()},
+                    {"type", o.type.has_value()},
+                    {"big_endian", o.big_endian.has_value()},
+                    {"offset", o.offset.has_value()}});
 }
 
 /// The file's start, with at least the whole header.
@@ -72,23 +72,21 @@ std::string read_nrrd_header(const std::filesystem::path& path) {
             return text;
         }
     }
-    throw Error(ErrorKind::unsupported,
-                fmt::format("{}: no empty line ends the NRRD header within its first {} bytes",
-                            path.string(), kLongest));
+    throw Error(ErrorKind::unsupported, {path.string(), "NRRD header"},
+                fmt::format("no empty line ends it within the first {} bytes", kLongest));
 }
 
 std::unique_ptr<VolumeSource> open_nrrd(const std::filesystem::path& path,
                                         const SourceOptions& options) {
-    refuse_options(path, "NRRD", {{"--dataset", !options.dataset.empty()}});
+    refuse_options(path, "NRRD", {{"dataset", !options.dataset.empty()}});
     refuse_raw_options(path, "NRRD, which says it itself", options);
     const std::string name = path.string();
     NrrdHeader header = parse_nrrd_header(read_nrrd_header(path), name, options.spacing);
     if (header.oblique && !options.spacing) {
-        throw Error(ErrorKind::unsupported,
-                    fmt::format("{}: 'space directions' that are not along the axes (they lead "
-                                "astray by a tenth of a voxel or more); resample the volume, or "
-                                "give --spacing to ignore them",
-                                name));
+        throw Error(ErrorKind::unsupported, {name, "NRRD header"},
+                    "'space directions' that are not along the axes (they lead astray by a tenth "
+                    "of a voxel or more); resample the volume, or ignore them",
+                    {{RemedyKind::place_in_world, "spacing"}});
     }
     std::filesystem::path data = path;
     if (!header.data_file.empty()) {
@@ -115,12 +113,11 @@ std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
         refuse_raw_options(path, "HDF5, which says it itself", options);
         source = open_hdf5_volume(path, options);
     } else {
-        refuse_options(path, "raw numbers", {{"--dataset", !options.dataset.empty()}});
+        refuse_options(path, "raw numbers", {{"dataset", !options.dataset.empty()}});
         if (!options.dims || !options.type) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("{}: neither HDF5 nor NRRD; to read it as raw numbers give "
-                                    "--dims X,Y[,Z] and --type T",
-                                    path.string()));
+            throw Error(ErrorKind::invalid_argument, {path.string()},
+                        "neither HDF5 nor NRRD; raw numbers have to be described",
+                        {{RemedyKind::describe_numbers, "dims,type"}});
         }
         RawLayout layout;
         layout.nodes = *options.dims;

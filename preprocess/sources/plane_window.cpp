@@ -55,10 +55,10 @@ void PlaneWindow::spool(std::uint64_t budget, const std::filesystem::path& folde
     }
     const std::int64_t piece = planes * rows * row_bytes_;
     if (static_cast<std::uint64_t>(piece) > std::max<std::uint64_t>(budget, 1U << 20U)) {
-        throw Error(ErrorKind::limit,
-                    fmt::format("{}: its chunks are so large that reading needs {} MiB at a time; "
-                                "give more --memory or store the input in smaller chunks",
-                                source_.describe().name, (piece >> 20) + 1));
+        throw Error(ErrorKind::limit, {source_.describe().name},
+                    fmt::format("its chunks are so large that reading needs {} MiB at a time",
+                                (piece >> 20) + 1),
+                    {{RemedyKind::more_memory}, {RemedyKind::smaller_input_chunk}});
     }
     std::vector<std::byte> buffer(static_cast<std::size_t>(piece));
     progress_.begin("copy input", static_cast<std::uint64_t>(plane_bytes_ * n.z), "B");
@@ -114,8 +114,8 @@ void PlaneWindow::load(std::int64_t z_begin, std::int64_t z_end) {
     }
     read_until(z_end);
     if (end_ < std::min(z_end, nodes_.z)) {
-        throw Error(ErrorKind::io,
-                    source_.describe().name + ": the window is too small; this is a bug");
+        throw Error(ErrorKind::io, {source_.describe().name},
+                    "the window is too small; this is a bug");
     }
 }
 

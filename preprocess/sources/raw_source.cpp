@@ -78,8 +78,8 @@ class PlainSource : public RawBase {
     PlainSource(const std::filesystem::path& path, std::string name, const RawLayout& layout)
         : RawBase(path, std::move(name), layout), fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
         if (fd_ < 0) {
-            throw Error(ErrorKind::io,
-                        fmt::format("{}: cannot open: {}", name_, std::strerror(errno)));
+            throw Error(ErrorKind::io, {name_},
+                        fmt::format("cannot open: {}", std::strerror(errno)));
         }
         const std::size_t size = size_of(layout.type);
         if ((!layout.big_endian || size == 1) && layout.offset % size == 0) {
@@ -102,10 +102,10 @@ class PlainSource : public RawBase {
                 continue;
             }
             if (n <= 0) {
-                throw Error(ErrorKind::io,
-                            fmt::format("{}: cannot read at byte {}: {}", name_, at,
-                                        n == 0 ? "the file ends there; did it shrink?"
-                                               : std::strerror(errno)));
+                throw Error(
+                    ErrorKind::io, {name_, fmt::format("byte {}", at)},
+                    fmt::format("cannot read: {}", n == 0 ? "the file ends there; did it shrink?"
+                                                          : std::strerror(errno)));
             }
             dst += n;
             at += static_cast<std::uint64_t>(n);
@@ -128,10 +128,10 @@ class GzipSource : public RawBase {
         const std::uint64_t n = stream_.read(dst, bytes);
         at_ += n;
         if (n < bytes) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("{}: its decompressed data end at byte {}, but {} x {} x {} "
-                                    "nodes of {} after {} bytes need {}",
-                                    name_, at_, layout_.nodes.x, layout_.nodes.y, layout_.nodes.z,
+            throw Error(ErrorKind::invalid_argument, {name_},
+                        fmt::format("its decompressed data end at byte {}, but {} x {} x {} nodes "
+                                    "of {} after {} bytes need {}",
+                                    at_, layout_.nodes.x, layout_.nodes.y, layout_.nodes.z,
                                     name_of(layout_.type), layout_.offset,
                                     layout_.offset + data_bytes(layout_)));
         }
@@ -144,18 +144,19 @@ class GzipSource : public RawBase {
         std::uint64_t behind = 0;
         while (const std::uint64_t n = stream_.read(skipped.data(), skipped.size())) {
             if (layout_.exact_length) {
-                throw Error(ErrorKind::invalid_argument,
-                            fmt::format("{}: there are more than the {} bytes that {} x {} x {} "
-                                        "nodes of {} need; check --dims and --type",
-                                        name_, at_, layout_.nodes.x, layout_.nodes.y,
-                                        layout_.nodes.z, name_of(layout_.type)));
+                throw Error(ErrorKind::invalid_argument, {name_},
+                            fmt::format("there are more than the {} bytes that {} x {} x {} nodes "
+                                        "of {} need",
+                                        at_, layout_.nodes.x, layout_.nodes.y, layout_.nodes.z,
+                                        name_of(layout_.type)),
+                            {{RemedyKind::correct_numbers, "dims,type"}});
             }
             behind += n;
             if (behind > most) {
-                throw Error(ErrorKind::unsupported,
-                            fmt::format("{}: more than {} bytes follow the {} that are data; "
+                throw Error(ErrorKind::unsupported, {name_},
+                            fmt::format("more than {} bytes follow the {} that are data; "
                                         "decompress it and use encoding: raw",
-                                        name_, most, at_));
+                                        most, at_));
             }
         }
     }
@@ -178,16 +179,14 @@ class GzipSource : public RawBase {
 std::uint64_t regular_file_size(const std::filesystem::path& path) {
     struct stat status {};
     if (::stat(path.c_str(), &status) != 0) {
-        throw Error(errno == ENOENT ? ErrorKind::not_found : ErrorKind::io,
-                    fmt::format("{}: {}", path.string(), std::strerror(errno)));
+        throw Error(errno == ENOENT ? ErrorKind::not_found : ErrorKind::io, {path.string()},
+                    std::strerror(errno));
     }
     if (!S_ISREG(status.st_mode)) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: not a regular file", path.string()));
+        throw Error(ErrorKind::invalid_argument, {path.string()}, "not a regular file");
     }
     if (status.st_size == 0) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: the file is empty", path.string()));
+        throw Error(ErrorKind::invalid_argument, {path.string()}, "the file is empty");
     }
     return static_cast<std::uint64_t>(status.st_size);
 }
@@ -196,15 +195,15 @@ std::string first_bytes(const std::filesystem::path& path, std::size_t count, st
     std::string text(count, '\0');
     const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
     if (fd < 0) {
-        throw Error(ErrorKind::io,
-                    fmt::format("{}: cannot open: {}", path.string(), std::strerror(errno)));
+        throw Error(ErrorKind::io, {path.string()},
+                    fmt::format("cannot open: {}", std::strerror(errno)));
     }
     const ssize_t n = ::pread(fd, text.data(), count, static_cast<off_t>(at));
     const int error = errno;
     ::close(fd);
     if (n < 0) {
-        throw Error(ErrorKind::io,
-                    fmt::format("{}: cannot read: {}", path.string(), std::strerror(error)));
+        throw Error(ErrorKind::io, {path.string()},
+                    fmt::format("cannot read: {}", std::strerror(error)));
     }
     text.resize(static_cast<std::size_t>(n));
     return text;
@@ -215,9 +214,9 @@ void check_nodes(const std::string& name, const RawLayout& layout) {
     for (int axis = 0; axis < 3; ++axis) {
         if (layout.nodes[axis] < 1 || layout.nodes[axis] > kMaxNodesPerAxis) {
             throw Error(
-                ErrorKind::unsupported,
-                fmt::format("{}: {} x {} x {} nodes: each axis must have 1 to {}", name,
-                            layout.nodes.x, layout.nodes.y, layout.nodes.z, kMaxNodesPerAxis));
+                ErrorKind::unsupported, {name},
+                fmt::format("{} x {} x {} nodes: each axis must have 1 to {}", layout.nodes.x,
+                            layout.nodes.y, layout.nodes.z, kMaxNodesPerAxis));
         }
     }
 }
@@ -229,10 +228,9 @@ std::uint64_t behind_lines(const std::filesystem::path& path, const std::string&
     while (found < lines) {
         const std::string part = first_bytes(path, kPart, at);
         if (part.empty()) {
-            throw Error(ErrorKind::corrupt,
-                        fmt::format("{}: 'line skip: {}', but the file has only "
-                                    "{} lines there",
-                                    name, lines, found));
+            throw Error(
+                ErrorKind::corrupt, {name},
+                fmt::format("'line skip: {}', but the file has only {} lines there", lines, found));
         }
         std::size_t used = 0;
         for (; found < lines && used != part.size(); ++found) {
@@ -256,14 +254,16 @@ void place_plain(const std::string& name, std::uint64_t size, RawLayout& layout)
                       size - layout.start - need >= skipped;
     layout.offset = layout.offset_from_end && fits ? size - need : layout.start + skipped;
     if (!fits || (layout.exact_length && size - need != layout.offset)) {
+        const bool raw = layout.packing == Packing::recognised;
         throw Error(
-            ErrorKind::invalid_argument,
-            fmt::format("{}: {} x {} x {} nodes of {} after {} bytes need {} bytes, but the "
-                        "file has {}; check {}",
-                        name, layout.nodes.x, layout.nodes.y, layout.nodes.z, name_of(layout.type),
+            ErrorKind::invalid_argument, {name},
+            fmt::format("{} x {} x {} nodes of {} after {} bytes need {} bytes, but the file has "
+                        "{}{}",
+                        layout.nodes.x, layout.nodes.y, layout.nodes.z, name_of(layout.type),
                         layout.start + skipped, need + layout.start + skipped, size,
-                        layout.packing == Packing::recognised ? "--dims, --type and --offset"
-                                                              : "'sizes', 'type' and 'byte skip'"));
+                        raw ? "" : "; check 'sizes', 'type' and 'byte skip'"),
+            raw ? std::vector<Remedy>{{RemedyKind::correct_numbers, "dims,type,offset"}}
+                : std::vector<Remedy>{});
     }
 }
 
@@ -278,23 +278,19 @@ std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const 
     const bool gzip = is_gzip(path, layout.start);
     if (layout.packing == Packing::gzip || (layout.packing == Packing::recognised && gzip)) {
         if (!gzip) {
-            throw Error(ErrorKind::corrupt,
-                        fmt::format("{}: the header says encoding gzip, but at byte {} no gzip "
-                                    "stream starts",
-                                    name, layout.start));
+            throw Error(ErrorKind::corrupt, {name, fmt::format("byte {}", layout.start)},
+                        "the header says encoding gzip, but no gzip stream starts here");
         }
         if (layout.offset_from_end) {
-            throw Error(ErrorKind::unsupported,
-                        name + ": 'byte skip: -1' does not go with gzip encoding");
+            throw Error(ErrorKind::unsupported, {name},
+                        "'byte skip: -1' does not go with gzip encoding");
         }
         return std::make_unique<GzipSource>(path, name, layout);
     }
     place_plain(name, size, layout);
     if (gzip && size - layout.start != given.offset + data_bytes(layout)) {
-        throw Error(ErrorKind::corrupt,
-                    fmt::format("{}: the header says encoding raw, but at byte {} a gzip stream "
-                                "starts",
-                                name, layout.start));
+        throw Error(ErrorKind::corrupt, {name, fmt::format("byte {}", layout.start)},
+                    "the header says encoding raw, but a gzip stream starts here");
     }
     return std::make_unique<PlainSource>(path, name, layout);
 }
