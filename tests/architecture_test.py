@@ -1,4 +1,5 @@
-"""The arrows between the folders, and what stands at the top level. Arguments are not used.
+"""The arrows between the folders, what stands at the top level, and that the library names no flags of the
+program. Arguments are not used.
 
 The checker first has to find faults planted into a copy of the tree, then none in the tree itself.
 """
@@ -21,6 +22,8 @@ STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/sources/hdf5_
 TOP_LEVEL = {*MAY_INCLUDE, "CMakeLists.txt", "README.md", "CONTRIBUTING.md", "LICENSE",
              "CMakePresets.json"}
 LOCAL_OUTPUT = re.compile(r"build.*|quickstart-out|.*\.isonest")  # as in .gitignore
+FLAG = re.compile(r'"(?:[^"\\]|\\.)*--[a-z](?:[^"\\]|\\.)*"')
+NAMES_FLAGS_STILL = ("query/",)
 INCLUDE = re.compile(r'\s*#\s*include\s+([<"])([^>"]+)[>"]')
 PUBLIC = re.compile(r"isonest/\w+\.h")
 
@@ -39,6 +42,9 @@ def find_faults(root):
             public = "/public/" in name
             text = path.read_text(encoding="utf-8")
             for number, line in enumerate(text.splitlines(), 1):
+                if folder in ("store", "preprocess", "query") and FLAG.search(line) \
+                        and not name.startswith(NAMES_FLAGS_STILL):
+                    faults.append(f"{name}:{number}: a text names a flag; the library gives a remedy")
                 include = INCLUDE.match(line)
                 if not include:
                     continue
@@ -78,6 +84,7 @@ PLANTED = {
     "preprocess/planted_hdf5.cpp": "#include <hdf5.h>",
     "tools/planted.cpp": '#include "tests/test_support.h"',
     "tools/planted_zstd.cpp": "#include <zstd.h>",
+    "store/base/planted_flag.cpp": 'fail("give \\"more\\" --memory");',
     "NOTES.md": "",
 }
 with tempfile.TemporaryDirectory() as temporary:

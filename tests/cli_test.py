@@ -213,6 +213,23 @@ class Cli(unittest.TestCase):
             with self.subTest(arguments=arguments):
                 self.fails(3, *arguments)
 
+    def test_an_error_is_an_object_with_place_and_remedies(self):
+        done = run("preprocess", "b.h5", "-o", "b.isonest", "--json", cwd=self.here)
+        error = json.loads(done.stdout)["error"]
+        self.assertEqual(list(error), ["kind", "message", "file", "inside", "remedies"])
+        self.assertEqual((error["file"], error["inside"]), ("b.isonest", ""))
+        self.assertEqual(error["remedies"], [
+            {"kind": "replace_existing", "value": "", "text": "give --force to replace it"},
+            {"kind": "other_name", "value": "", "text": "give another name"}])
+        self.assertEqual(done.stderr.decode(), f"isonest: error: {error['message']}\n")
+        done = run("extract", "b.isonest", "--iso", "0.5", "--memory", "1M", "-o", "x.ply", "--json",
+                   cwd=self.here)
+        memory = json.loads(done.stdout)["error"]["remedies"][0]
+        self.assertEqual(memory["kind"], "more_memory")
+        self.assertEqual(memory["text"], f"give at least --memory {int(memory['value']) >> 20}M")
+        done = run("info", "none.isonest", "--json", cwd=self.here)
+        self.assertEqual(json.loads(done.stdout)["error"]["remedies"], [])
+
     def test_a_message_tells_the_way_out(self):
         self.assertIn("isonest extract --help", self.fails(2, "extract", "b.isonest", "--iso", "1"))
         self.assertIn("--force", self.fails(2, "preprocess", "b.h5", "-o", "b.isonest"))

@@ -1,5 +1,6 @@
 // isonest check: the consistency tests of a store.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <memory>
@@ -66,6 +67,11 @@ Result run(Arguments& a, Progress& progress) {
         result.text +=
             "The store has missing values: if preprocess was given --missing V, give the same "
             "here.\n";
+    }
+    const std::vector<std::string>& unknown = store.layout().header().unknown_fields;
+    if (!unknown.empty()) {
+        result.warning = fmt::format("{}: of the newer format version {}; not checked: {}", a.store,
+                                     store.version().text(), fmt::join(unknown, ", "));
     }
     const std::uint64_t all = stored_chunks(store.layout());
     result.json["chunks_total"] = all;

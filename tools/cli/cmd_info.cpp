@@ -1,5 +1,6 @@
 // isonest info: what a store holds.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <memory>
 
@@ -46,6 +47,7 @@ Result run(const std::string& path) {
                    {"has_missing", store.has_missing()},
                    {"levels", store.layout().lattice().top() + 1},
                    {"fields", fields},
+                   {"unknown_fields", h.unknown_fields},
                    {"exact", h.exact},
                    {"chunk", h.chunk},
                    {"compression", h.compression},
@@ -69,6 +71,10 @@ Result run(const std::string& path) {
         h.exact ? "32-bit" : "16-bit, rounded up", h.chunk, h.compression,
         human_bytes(static_cast<double>(cube_range_bytes(store))), "level", "field", "nodes",
         "chunks", "stored", "ratio", "range");
+    if (!h.unknown_fields.empty()) {
+        result.warning = fmt::format("{}: of the newer format version {}; not read: {}", path,
+                                     store.version().text(), fmt::join(h.unknown_fields, ", "));
+    }
     for (const ArrayReport& r : arrays) {
         result.json["arrays"].push_back({{"level", r.level},
                                          {"field", name_of(r.field)},

@@ -15,6 +15,7 @@
 #include "store/container/writer.h"
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
+#include "tools/cli/remedies.h"
 #include "tools/cli/terminal_progress.h"
 
 namespace isonest::detail::cli {
@@ -22,39 +23,23 @@ namespace {
 
 constexpr int kInternal = 1;
 
-const char* name_of(int exit_code) {
-    switch (static_cast<ErrorKind>(exit_code)) {
-        case ErrorKind::invalid_argument:
-            return "invalid_argument";
-        case ErrorKind::not_found:
-            return "not_found";
-        case ErrorKind::corrupt:
-            return "corrupt";
-        case ErrorKind::unsupported:
-            return "unsupported";
-        case ErrorKind::io:
-            return "io";
-        case ErrorKind::limit:
-            return "limit";
-        case ErrorKind::cancelled:
-            return "cancelled";
-    }
-    return "internal";
-}
-
 /// The message may quote file names and file contents: whatever is not UTF-8 is replaced.
 std::string dump(const Json& json) {
     return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
-int report(int exit_code, const std::string& message, bool json) {
+int report(int exit_code, const std::string& message, const Json& error, bool json) {
     std::fputs(fmt::format("isonest: error: {}\n", message).c_str(), stderr);
     if (json) {
-        const Json error{{"error", {{"kind", name_of(exit_code)}, {"message", message}}}};
-        std::fputs(dump(error).c_str(), stdout);
+        std::fputs(dump({{"error", error}}).c_str(), stdout);
         std::fflush(stdout);
     }
     return exit_code;
+}
+
+int report(const Error& error, const HasOption& has, bool json) {
+    return report(static_cast<int>(error.kind()), message_of(error, has), json_of(error, has),
+                  json);
 }
 
 void print(const std::string& text) {
@@ -63,18 +48,25 @@ void print(const std::string& text) {
     }
 }
 
-/// Runs `work`, which gives an exit code.
+/// Runs `work`, which gives an exit code; `has` tells the options of the command that was chosen.
 template <class Work>
-int guarded(bool json, const Work& work) {
+int guarded(bool json, const HasOption& has, const Work& work) {
     try {
         return work();
     } catch (const Error& e) {
-        return report(static_cast<int>(e.kind()), e.what(), json);
+        return report(e, has, json);
     } catch (const std::bad_alloc&) {
-        return report(static_cast<int>(ErrorKind::limit),
-                      "out of memory: give a smaller --memory or fewer --threads", json);
+        return report(Error(ErrorKind::limit, "out of memory",
+                            {{RemedyKind::less_memory}, {RemedyKind::fewer_threads}}),
+                      has, json);
     } catch (const std::exception& e) {
-        return report(kInternal, fmt::format("internal error, please report it: {}", e.what()),
+        const std::string message = fmt::format("internal error, please report it: {}", e.what());
+        return report(kInternal, message,
+                      {{"kind", "internal"},
+                       {"message", message},
+                       {"file", ""},
+                       {"inside", ""},
+                       {"remedies", Json::array()}},
                       json);
     }
 }
@@ -139,14 +131,7 @@ int run(const Invocation& chosen) {
     return result.exit_code;
 }
 
-int parse_and_run(int argc, char** argv) {
-    CLI::App app(
-        "isonest: isosurfaces with a guaranteed error from volumes of any size.\n"
-        "A volume is preprocessed once into a store; any isovalue, error and region is then\n"
-        "extracted from it without reading more than it needs.\n",
-        "isonest");
-    Invocation chosen;
-    declare(app, chosen);
+int parse_and_run(CLI::App& app, const Invocation& chosen, int argc, char** argv) {
     try {
         app.parse(argc, argv);
     } catch (const CLI::ParseError& e) {
@@ -163,6 +148,26 @@ int parse_and_run(int argc, char** argv) {
     return run(chosen);
 }
 
+int main_guarded(int argc, char** argv) {
+    const bool json = std::any_of(argv, argv + argc, [](const char* argument) {
+        return std::string_view(argument) == "--json";
+    });
+    CLI::App app(
+        "isonest: isosurfaces with a guaranteed error from volumes of any size.\n"
+        "A volume is preprocessed once into a store; any isovalue, error and region is then\n"
+        "extracted from it without reading more than it needs.\n",
+        "isonest");
+    const HasOption has = [&app](const std::string& option) {
+        const std::vector<CLI::App*> command = app.get_subcommands();
+        return !command.empty() && command.front()->get_option_no_throw(option) != nullptr;
+    };
+    return guarded(json, has, [&] {
+        Invocation chosen;
+        declare(app, chosen);
+        return parse_and_run(app, chosen, argc, argv);
+    });
+}
+
 }  // namespace
 }  // namespace isonest::detail::cli
 
@@ -172,9 +177,5 @@ int main(int argc, char** argv) {
     // anew each time costs more than the work on them.
     ::mallopt(M_MMAP_THRESHOLD, 32 << 20);
     ::mallopt(M_TRIM_THRESHOLD, 512 << 20);
-    const bool json = std::any_of(argv, argv + argc, [](const char* argument) {
-        return std::string_view(argument) == "--json";
-    });
-    return isonest::detail::cli::guarded(
-        json, [&] { return isonest::detail::cli::parse_and_run(argc, argv); });
+    return isonest::detail::cli::main_guarded(argc, argv);
 }
