@@ -24,8 +24,9 @@ StoreReader::StoreReader(const std::filesystem::path& path) : path_(path), file_
     const QuietHdf5 quiet;
     const FileHandle file = open_hdf5(path_);
     if (!file.valid()) {
+        const std::string why = hdf5_message();
         throw Error(ErrorKind::corrupt, {path_.string()},
-                    "not a store: HDF5 cannot open it (" + hdf5_message() + ")",
+                    "not a store: HDF5 cannot open it" + (why.empty() ? "" : " (" + why + ")"),
                     {{RemedyKind::make_store}});
     }
     const RootAttributes root = read_root_attributes(file.get(), path_.string());
@@ -54,7 +55,7 @@ void StoreReader::map_table(std::int64_t root) {
         table_ = contiguous(table.get(), size, file_.bytes());
     }
     if (!sum || table_.empty()) {
-        fail_corrupt("chunk table", "missing or cut off");
+        fail_corrupt("chunk table", "missing, or longer or shorter than the header says");
     }
     if (checksum_of(table_) != (*sum)[0]) {
         fail_corrupt("chunk table", "damaged");

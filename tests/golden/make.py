@@ -1,0 +1,197 @@
+#!/usr/bin/env python3
+"""Makes the golden stores of the version that ISONEST writes, and the bad ones of that version.
+
+usage: make.py ISONEST [--good-only]
+
+Files that are there already are never changed. See CONTRIBUTING.md, "Golden stores".
+"""
+import ctypes
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+
+HERE = pathlib.Path(__file__).resolve().parent
+ISONEST = sys.argv[1]
+# Name, nodes along x, y, z, type: the numbers are in NAME.raw, x fastest.
+VOLUMES = {"": ("volume.raw", (9, 8, 7), "int16"), "-flat": ("flat.raw", (9, 8, 1), "float32"),
+           "-tiny": ("tiny.raw", (3, 3, 3), "uint8")}
+COVERED = ("version", "flags", "nodes", "spacing", "origin", "value_type", "chunk", "compression", "exact",
+           "fields", "range", "has_missing")
+
+
+def checksum(data):
+    xxhash = ctypes.CDLL("libxxhash.so.0")
+    xxhash.XXH64.restype = ctypes.c_uint64
+    xxhash.XXH64.argtypes = [ctypes.c_char_p, ctypes.c_size_t, ctypes.c_uint64]
+    return np.uint64(xxhash.XXH64(data, len(data), 0))
+
+
+def make_volumes():
+    z, y, x = np.mgrid[0:7, 0:8, 0:9]
+    numbers = {"volume.raw": (40 * np.hypot(np.hypot(x - 4, y - 3), z - 3) + 7 * (x * y * z % 5)).astype("<i2"),
+               "flat.raw": (np.sin(x[0]) * 10 + y[0] ** 2).astype("<f4"),
+               "tiny.raw": np.arange(27, dtype=np.uint8)}
+    numbers["flat.raw"][7, 8] = np.nan
+    for name, values in numbers.items():
+        if not (HERE / name).exists():
+            values.tofile(HERE / name)
+
+
+def make_good(version):
+    for suffix, (volume, nodes, kind) in VOLUMES.items():
+        store = HERE / f"{version}{suffix}.store"
+        if suffix == "-tiny" and "--good-only" in sys.argv or store.exists():
+            continue
+        command = [ISONEST, "preprocess", HERE / volume, "--dims", ",".join(map(str, nodes)), "--type", kind,
+                   "--spacing", "1,2,0.5", "--chunk", "8", "-o", store]
+        wanted = "linf_bar,linf_plus,deviation_bar,normal_turn_plus"
+        if suffix == "-tiny" or subprocess.run([*command, "--indicators", wanted]).returncode != 0:
+            subprocess.run(command, check=True)  # 1.0 has no other indicators
+        print("made", store.name)
+
+
+def seal(f):
+    """The checksum of the header as it is now."""
+    f.attrs["xxh64"] = checksum(b"".join(np.asarray(f.attrs[name]).tobytes() for name in COVERED))
+
+
+def set_version(f, major, minor):
+    f.attrs.modify("version", np.array([major, minor], "<u4"))
+
+
+def set_fields(f, names):
+    f.attrs.create("fields", np.bytes_(names))
+
+
+def replace_table(f, table):
+    del f["chunks"]
+    f.create_dataset("chunks", data=table)
+    f["chunks"].attrs["xxh64"] = checksum(table.tobytes())
+
+
+def add_field(f, name):
+    """A field that no version knows, with rows of its own: those of linf_bar, again."""
+    fields = f.attrs["fields"]
+    fields = (fields.decode() if isinstance(fields, bytes) else fields).split(",")
+    old, rows = f["chunks"][...], []
+    for level in range(len(f["levels"])):
+        group = f[f"levels/{level}"]
+        seen, counts = set(), {}  # fields may be links to one array
+        for field in ["values", *(fields if level else [])]:
+            array = group[field]
+            chunks = counts[field] = int(np.prod([-(-s // c) for s, c in zip(array.shape[:3], array.chunks[:3])]))
+            first = int(array.attrs["first_chunk_row"])
+            place = h5py.h5o.get_info(array.id).addr
+            if place in seen:
+                continue
+            seen.add(place)
+            array.attrs.modify("first_chunk_row", np.uint64(len(rows)))
+            rows += list(old[first:first + chunks])
+        if level:
+            f.copy(group[fields[0]], group, name)
+            group[name].attrs.modify("first_chunk_row", np.uint64(len(rows)))
+            first = int(group[fields[0]].attrs["first_chunk_row"])
+            rows += rows[first:first + counts[fields[0]]]
+    set_fields(f, ",".join([*fields, name]))
+    return np.array(rows, old.dtype)
+
+
+def newer_minor(f):
+    """What a later 2.x may add: attributes, groups, fields, and rows for what is no field."""
+    table = add_field(f, "curl_bar")
+    replace_table(f, np.concatenate([table, table[-1:]]))
+    set_version(f, 2, 9)
+    f.attrs["curl_of"] = np.bytes_("a later version")
+    f.create_group("later").create_dataset("table", data=np.arange(5))
+    seal(f)
+
+
+def newer_minor_misplaced(f):
+    set_version(f, 2, 9)
+    set_fields(f, "curl_bar,linf_bar,linf_plus,deviation_bar")
+    seal(f)
+
+
+def unknown_field(f):
+    set_fields(f, "linf_bar,linf_plus,deviation_bar,curl_bar")
+    seal(f)
+
+
+def flags(f):
+    f.attrs.modify("flags", np.uint32(2))
+    seal(f)
+
+
+def version(major, minor):
+    def change(f):
+        set_version(f, major, minor)
+        seal(f)
+    return change
+
+
+def wrong_digest(f):
+    f.attrs.modify("spacing", np.array([1.0, 2.0, 0.25]))
+
+
+def table_too_short(f):
+    replace_table(f, f["chunks"][...][:-1])
+
+
+def table_too_long(f):
+    table = f["chunks"][...]
+    replace_table(f, np.concatenate([table, table[-1:]]))
+
+
+def table_damaged(f):
+    table = f["chunks"][...]
+    table["offset"][0] += 1
+    f["chunks"][...] = table
+
+
+def incomplete(f):
+    f.attrs.modify("complete", np.uint32(0))
+
+
+def no_store(f):
+    del f.attrs["format"]
+
+
+BAD = {"newer-minor": newer_minor, "newer-minor-misplaced": newer_minor_misplaced, "newer-major": version(3, 0),
+       "older-major": version(0, 9), "unknown-field": unknown_field, "flags": flags,
+       "wrong-digest": wrong_digest, "table-too-short": table_too_short, "table-too-long": table_too_long,
+       "table-damaged": table_damaged, "incomplete": incomplete, "no-store": no_store}
+
+
+def make_bad(current):
+    good = HERE / f"{current}-tiny.store"
+    for name, change in BAD.items():
+        store = HERE / f"{current}-{name}.store"
+        if store.exists():
+            continue
+        # On several levels, so that rows of a new field come between those of others.
+        shutil.copyfile(HERE / f"{current}.store" if change is newer_minor else good, store)
+        with h5py.File(store, "r+", libver=("earliest", "v110")) as f:
+            change(f)
+    with h5py.File(good) as f:
+        first = int(f["chunks"]["offset"][0])
+    data = bytearray(good.read_bytes())
+    cut = HERE / f"{current}-cut.store"
+    if not cut.exists():
+        cut.write_bytes(data[:len(data) * 3 // 4])
+    data[first + 9] ^= 1
+    damaged = HERE / f"{current}-damaged-chunk.store"
+    if not damaged.exists():
+        damaged.write_bytes(data)
+
+
+make_volumes()
+said = subprocess.run([ISONEST, "--version"], capture_output=True, text=True, check=True).stdout
+written = re.search(r"store format ([\d.]+)", said)[1]
+make_good(written)
+if "--good-only" not in sys.argv:
+    make_bad(written)
