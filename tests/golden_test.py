@@ -62,7 +62,12 @@ class Golden(unittest.TestCase):
                 out = self.folder / f"{name}.raw"
                 self.assertEqual(run("export", HERE / name, "--field", "values", "-o", out)[0], 0)
                 self.assertEqual(out.read_bytes(), (HERE / expected["volume"]).read_bytes())
-                self.assertEqual(run("info", HERE / name)[1]["format"], expected["format"])
+                info = run("info", HERE / name)[1]
+                self.assertEqual(info["format"], expected["format"])
+                unknown = expected.get("unknown_fields", [])
+                self.assertEqual(info["unknown_fields"], unknown)
+                for field in unknown:
+                    self.assertIn(field, info["warning"])
 
     def test_good_stores_are_consistent_by_brute_force(self):
         for name, expected in self.good().items():

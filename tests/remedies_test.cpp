@@ -67,7 +67,7 @@ TEST_CASE("a message is place, problem and remedies; its object has them apart")
                       {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
     CHECK(std::string(error.what()) == "s.isonest: level 2, values, chunk 0 0 1: damaged");
     CHECK(message_of(error, has_all) ==
-          "s.isonest: level 2, values, chunk 0 0 1: damaged; restore the file from a good copy, or "
+          "s.isonest: level 2, values, chunk 0 0 1: damaged; restore the file from a good copy or "
           "preprocess the volume again");
     const Json json = json_of(error, has_all);
     CHECK(json["kind"] == "corrupt");

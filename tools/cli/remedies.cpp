@@ -215,7 +215,7 @@ std::string message_of(const Error& error, const HasOption& has) {
     }
     // Behind a list, on a line of its own.
     const char* const before = what.find('\n') == std::string::npos ? "; " : "\n";
-    return what + before + joined(texts, ", or ");
+    return what + before + joined(texts, texts.size() > 2 ? ", or " : " or ");
 }
 
 Json json_of(const Error& error, const HasOption& has) {

@@ -21,7 +21,7 @@ std::string name_of(ErrorKind kind);
 /// "give at least --memory 48M"; without the name of the option where the command has none.
 std::string text_of(const Remedy& remedy, const HasOption& has);
 
-/// what(), and behind it the remedies: "s.isonest: exists; give --force to replace it, or give
+/// what(), and behind it the remedies: "s.isonest: exists; give --force to replace it or give
 /// another name".
 std::string message_of(const Error& error, const HasOption& has);
 
