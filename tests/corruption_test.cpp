@@ -56,8 +56,8 @@ struct Expected {
     const char* name;  ///< of the mesh file
 };
 
-ExtractOptions query_of(const Expected& expected, std::size_t i) {
-    ExtractOptions options;
+Extraction extraction_of(const Expected& expected, std::size_t i) {
+    Extraction options;
     options.iso = expected.iso;
     options.error_relative = std::array<double, 3>{0, 0.05, 0.4}[i];
     options.memory = std::uint64_t{64} << 20U;
@@ -70,7 +70,7 @@ Expected expectation(const std::filesystem::path& path, double iso, const char* 
     Expected expected{{}, iso, name};
     const StoreReader store(path);
     for (std::size_t i = 0; i < 3; ++i) {
-        extract(store, folder / name, query_of(expected, i), silent_progress());
+        extract(store, folder / name, extraction_of(expected, i), silent_progress());
         expected.meshes[i] = read_file(folder / name);
     }
     return expected;
@@ -95,7 +95,8 @@ void try_store(const std::filesystem::path& path, const Expected& expected,
         const StoreReader store(path);
         for (std::size_t i = 0; i < 3; ++i) {
             attempt([&] {
-                extract(store, folder / expected.name, query_of(expected, i), silent_progress());
+                extract(store, folder / expected.name, extraction_of(expected, i),
+                        silent_progress());
                 wrong = wrong || read_file(folder / expected.name) != expected.meshes[i];
             });
         }
@@ -223,10 +224,10 @@ TEST_CASE("damage on a fine level does not keep a coarse surface from being extr
     }
     write_file(folder / "d", bytes);
     const StoreReader damaged(folder / "d");
-    extract(damaged, folder / "m.ply", query_of(expected, 2), silent_progress());
+    extract(damaged, folder / "m.ply", extraction_of(expected, 2), silent_progress());
     CHECK(read_file(folder / "m.ply") == expected.meshes[2]);
     try {
-        extract(damaged, folder / "m.ply", query_of(expected, 0), silent_progress());
+        extract(damaged, folder / "m.ply", extraction_of(expected, 0), silent_progress());
         FAIL("the finest surface needs the damaged chunks");
     } catch (const Error& error) {
         CHECK(error.kind() == ErrorKind::corrupt);

@@ -191,7 +191,7 @@ TEST_CASE("a damaged range is named, and does not keep others from being used") 
     CHECK_THROWS_MATCHES(store.cube_range(3, {0, 0, 3}), Error, is_corrupt);
     CHECK(store.cube_range(3, {0, 0, 2}));
     CHECK(store.cube_range(4, {0, 0, 0}));
-    ExtractOptions options;
+    Extraction options;
     options.iso = 2500;
     options.error = 10;
     CHECK_THROWS_MATCHES(extract(store, folder / "m.ply", options, silent_progress()), Error,

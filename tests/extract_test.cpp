@@ -28,7 +28,7 @@ Result surface(FunctionVolume<T>& volume, double iso, double error, int chunk = 
     p.threads = threads;
     make_store(volume, folder / "s", p);
     const StoreReader store(folder / "s");
-    ExtractOptions options;
+    Extraction options;
     options.iso = iso;
     options.error = error;
     options.box = box;
@@ -191,11 +191,10 @@ TEST_CASE(
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(16));
     const StoreReader store(folder / "s");
-    ExtractOptions options;
+    Extraction options;
     options.iso = 0.3;
     extract(store, folder / "m.ply", options, silent_progress());
     const std::string expected = read_file(folder / "m.ply");
-    options.force = true;
     for (const int threads : {1, 2}) {
         options.threads = threads;
         std::optional<ExtractReport> report;
@@ -320,7 +319,7 @@ TEST_CASE("requests that make no sense are refused by name") {
     p.fields = {Field::linf_plus};
     make_store(volume, folder / "s", p);
     const StoreReader store(folder / "s");
-    const auto kind_of = [&](const ExtractOptions& options) {
+    const auto kind_of = [&](const Extraction& options) {
         try {
             extract(store, folder / "m.ply", options, silent_progress());
         } catch (const Error& e) {
@@ -328,7 +327,7 @@ TEST_CASE("requests that make no sense are refused by name") {
         }
         return 0;
     };
-    ExtractOptions options;
+    Extraction options;
     CHECK(kind_of(options) == static_cast<int>(ErrorKind::not_found));  // no deviation stored
     options.guarantee = Guarantee::plus;
     CHECK(kind_of(options) == 0);
@@ -347,13 +346,13 @@ TEST_CASE("requests that make no sense are refused by name") {
 TEST_CASE("coordinates and values beyond 32-bit floats are refused, not written as infinite") {
     const TemporaryFolder folder;
     const auto refused = [&](const Double3& spacing, double value,
-                             const std::function<void(ExtractOptions&)>& change) {
+                             const std::function<void(Extraction&)>& change) {
         const Int3 n = {9, 9, 9};
         FunctionVolume<double> volume(n, [&](const Int3& p) { return value * smooth(p); });
         volume.spacing_ = spacing;
         make_store(volume, folder / "s", with_chunk(8));
         const StoreReader store(folder / "s");
-        ExtractOptions options;
+        Extraction options;
         change(options);
         // The one format that has no place for float64.
         for (const char* const mesh : {"m.glb", "m.ply"}) {
@@ -372,8 +371,8 @@ TEST_CASE("coordinates and values beyond 32-bit floats are refused, not written 
         std::filesystem::remove(folder / "m.glb");
         return std::string();
     };
-    const auto surface = [](ExtractOptions&) {};
-    const auto slice = [](ExtractOptions& o) { o.plane = WorldPlane{{0, 0, 1}, 3.5}; };
+    const auto surface = [](Extraction&) {};
+    const auto slice = [](Extraction& o) { o.plane = WorldPlane{{0, 0, 1}, 3.5}; };
     using Catch::Matchers::Contains;
     CHECK_THAT(refused({1, 1e38, 1}, 1, surface), Contains("y = 8e+38"));
     CHECK(refused({1, 1e37, 1}, 1, surface).empty());

@@ -254,7 +254,7 @@ TEST_CASE("eta bar is no guarantee, the deviation is") {
         const StoreReader store(folder / "s");
         double most = 0;
         for (const double iso : {3.1, 4.2}) {
-            ExtractOptions options;
+            Extraction options;
             options.iso = iso;
             options.error = error;
             options.guarantee = guarantee;

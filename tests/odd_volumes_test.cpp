@@ -33,7 +33,7 @@ std::vector<Mesh> all_of(FunctionVolume<T>& volume, const std::vector<double>& i
     CHECK(report.failures == 0);
     std::vector<Mesh> meshes;
     for (const double iso : isovalues) {
-        ExtractOptions options;
+        Extraction options;
         options.iso = iso;
         options.error_relative = error_relative;
         extract(store, folder / "m.ply", options, silent_progress());
@@ -145,7 +145,7 @@ TEST_CASE("errors and isovalues that are no numbers are refused") {
     constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
     const auto kind = [&](double iso, double error, double relative) {
-        ExtractOptions options;
+        Extraction options;
         options.iso = iso;
         options.error = error;
         if (relative != 0) {
@@ -197,7 +197,7 @@ TEST_CASE("more than 2^32 nodes are counted and found", "[.big]") {
     const PreprocessReport r = preprocess(source, folder / "s", options, silent_progress());
     CHECK(r.input_bytes > std::uint64_t{1} << 32U);
     const StoreReader store(folder / "s");
-    ExtractOptions query;
+    Extraction query;
     query.iso = 100;
     extract(store, folder / "m.ply", query, silent_progress());
     const Mesh mesh = read_mesh(folder / "m.ply");

@@ -18,7 +18,7 @@ Lines isolines(FunctionVolume<T>& volume, double iso, double error,
                const std::optional<WorldBox>& box = {}, std::uint64_t memory = 1U << 30U) {
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
-    ExtractOptions options;
+    Extraction options;
     options.iso = iso;
     options.error = error;
     options.box = box;
@@ -35,7 +35,7 @@ template <class T>
 Mesh graph(FunctionVolume<T>& volume, double error, double scale = 1) {
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
-    ExtractOptions options;
+    Extraction options;
     options.error = error;
     options.graph_scale = scale;
     extract(StoreReader(folder / "s"), folder / "m.ply", options, silent_progress());
@@ -185,7 +185,7 @@ TEST_CASE("missing values cut holes into the graph, and --missing makes them of 
     CHECK(source->describe().type == ValueType::f32);
     const TemporaryFolder folder;
     preprocess(*source, folder / "s", with_chunk(8), silent_progress());
-    ExtractOptions options;
+    Extraction options;
     options.graph_scale = 1;
     options.error = 3;
     extract(StoreReader(folder / "s"), folder / "m.ply", options, silent_progress());
@@ -211,7 +211,7 @@ TEST_CASE("a graph's bound covers the rounding of its heights to float32") {
     const StoreReader store(folder / "s");
     for (const bool boxed : {false, true}) {
         for (const double scale : {1.0, 0.3, -2e-9}) {
-            ExtractOptions options;
+            Extraction options;
             options.graph_scale = scale;
             if (boxed) {
                 options.box = WorldBox{{2.3, 3.1, -1e30}, {15.7, 12.9, 1e30}};

@@ -20,7 +20,7 @@ Slice slice(FunctionVolume<T>& volume, const WorldPlane& plane, double error, in
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(chunk));
     const StoreReader store(folder / "s");
-    ExtractOptions options;
+    Extraction options;
     options.plane = plane;
     options.error = error;
     Slice s;
@@ -147,7 +147,7 @@ Lines contours(FunctionVolume<double>& volume, const WorldPlane& plane, double e
                const std::vector<double>& values) {
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
-    ExtractOptions options;
+    Extraction options;
     options.plane = plane;
     options.error = error;
     options.contours = values;
@@ -282,7 +282,7 @@ TEST_CASE("a mesh whose format has float32 alone says by how much it rounds") {
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
     const StoreReader store(folder / "s");
-    ExtractOptions options;
+    Extraction options;
     options.plane = WorldPlane{{0, 0, 1}, 4};
     const ExtractReport report = extract(store, folder / "m.glb", options, silent_progress());
     CHECK(report.value_rounding >= 1);
@@ -297,7 +297,7 @@ TEST_CASE("contour lines of values that float32 does not hold lie where they bel
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
     const StoreReader store(folder / "s");
-    ExtractOptions options;
+    Extraction options;
     options.plane = WorldPlane{{0, 0, 1}, 4};
     options.contours = {1e9 + 2.5};
     const ExtractReport report = extract(store, folder / "l.obj", options, silent_progress());

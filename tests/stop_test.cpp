@@ -20,7 +20,7 @@ struct Subject {
         make_store(volume, folder / "s", p);
         store.emplace(folder / "s");
     }
-    std::pair<Mesh, ExtractReport> extracted(const ExtractOptions& options) {
+    std::pair<Mesh, ExtractReport> extracted(const Extraction& options) {
         const ExtractReport r = extract(*store, folder / "m.ply", options, silent_progress());
         return {read_mesh(folder / "m.ply"), r};
     }
@@ -79,7 +79,7 @@ TEST_CASE("every field as stop test gives a whole mesh, and larger thresholds sm
         std::size_t before = std::numeric_limits<std::size_t>::max();
         for (const double threshold : {0.0, 0.02, 0.2}) {
             CAPTURE(name_of(field), threshold);
-            ExtractOptions options;
+            Extraction options;
             options.iso = 0.1;
             options.stop = field;
             options.threshold = threshold;
@@ -103,7 +103,7 @@ TEST_CASE("every bound finds the same surface") {
         for (const Field bound : {Field::deviation_bar, Field::deviation_plus, Field::linf_plus,
                                   Field::grad_linf_plus}) {
             CAPTURE(name_of(bound), error);
-            ExtractOptions options;
+            Extraction options;
             options.iso = 0.1;
             options.error = error;
             options.bound = bound;
@@ -122,7 +122,7 @@ TEST_CASE("only backfaces are culled, by either bound, and some whole subtrees w
     volume.spacing_ = {1, 1.2, 0.9};
     Subject subject(volume);
     for (const double error : {0.0, 0.3}) {
-        ExtractOptions options;
+        Extraction options;
         options.iso = 0.1;
         options.error = error;
         const auto [full, uncut] = subject.extracted(options);
@@ -170,7 +170,7 @@ TEST_CASE("only backfaces are culled, by either bound, and some whole subtrees w
 TEST_CASE("near the focus the error holds, far away the mesh is coarser, and it is whole") {
     FunctionVolume<double> volume({33, 33, 33}, bumpy);
     Subject subject(volume);
-    ExtractOptions options;
+    Extraction options;
     options.iso = 0.1;
     options.error = 0.05;
     const auto [even, even_report] = subject.extracted(options);
@@ -199,7 +199,7 @@ TEST_CASE("near the focus the error holds, far away the mesh is coarser, and it 
 TEST_CASE("what a camera sees small is not refined, and the mesh is whole") {
     FunctionVolume<double> volume({33, 33, 33}, bumpy);
     Subject subject(volume);
-    ExtractOptions options;
+    Extraction options;
     options.iso = 0.1;
     options.camera = Camera{{-30, 16, 16}, 40, 200, 0.1};
     const auto [fine, fine_report] = subject.extracted(options);
@@ -227,8 +227,8 @@ TEST_CASE("vertex normals point away from larger values, values and errors are t
     FunctionVolume<float> other({33, 33, 33},
                                 [](const Int3& p) { return static_cast<float>(p.x + 2 * p.z); });
     make_store(other, subject.folder / "other", with_chunk(16));
-    const StoreReader values(subject.folder / "other");
-    ExtractOptions options;
+    const Store values(subject.folder / "other");
+    Extraction options;
     options.iso = 0.25;
     options.normals = true;
     options.values = &values;

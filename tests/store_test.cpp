@@ -142,7 +142,7 @@ TEST_CASE("a flipped byte ends in the same surface or in an error, and check fin
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
     const std::string good = read_file(folder / "s");
-    ExtractOptions options;
+    Extraction options;
     extract(StoreReader(folder / "s"), folder / "m.ply", options, silent_progress());
     const std::string expected = read_file(folder / "m.ply");
     int errors = 0;

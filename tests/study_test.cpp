@@ -155,7 +155,7 @@ TEST_CASE("the study of a plane counts the triangles of the graph") {
     const Study s = study(store, options, silent_progress());
     CHECK(s.all_elements == 2 * 32 * 32);
     for (const StudyRow& row : s.rows) {
-        ExtractOptions e;
+        Extraction e;
         e.graph_scale = 1;
         e.stop = row.field;
         e.threshold = row.threshold;

@@ -18,7 +18,7 @@
 
 #include <isonest/preprocess.h>
 
-#include "query/extract/extract.h"
+#include "tests/any_extraction.h"
 
 namespace isonest::detail::test {
 

@@ -1,120 +1,104 @@
 #include "query/mesh/mesh_sections.h"
 
-#include <oneapi/tbb/task_arena.h>
-
+#include <algorithm>
 #include <cstring>
 
-#include "store/base/in_order.h"
-
 namespace isonest::detail {
-
 namespace {
 
-/// The rows of one part, section after section.
-using Rows = std::vector<std::vector<std::byte>>;
+template <class T>
+std::byte* put(const T& number, std::byte* out) {
+    std::memcpy(out, &number, sizeof(number));
+    return out + sizeof(number);
+}
 
-Rows rows_of(const MeshContent& mesh, const PartRecord& r,
-             const std::vector<VertexSection>& vertices,
-             const std::vector<TriangleSection>& triangles) {
-    std::vector<std::uint64_t> number;
-    std::vector<bool> owned;
-    mesh.weld.numbers(r, number, owned);
-    const auto positions = mesh.parts.vertices(r);
-    const auto attributes = mesh.parts.attributes(r);
-    const std::size_t width = mesh.parts.attributes_per_vertex();
-    Rows rows;
-    for (const VertexSection& section : vertices) {
-        std::byte* row = rows.emplace_back(r.owned * section.stride).data();
-        for (std::size_t v = 0; v < positions.size(); ++v) {
-            if (owned[v]) {
-                section.fill({positions[v], attributes.subspan(v * width, width)}, row);
-                row += section.stride;
-            }
+/// Both of a vertex, or one of several attributes.
+void fill(const VertexSection& section, const VertexBatch& batch, std::byte* out) {
+    const std::byte* attributes = batch.attributes.data() + section.first;
+    for (const auto& position : batch.positions) {
+        if (section.position) {
+            out = put(position, out);
         }
+        out = std::copy_n(attributes, section.bytes, out);
+        attributes += batch.row_bytes;
     }
-    for (const TriangleSection& section : triangles) {
-        std::byte* row = rows.emplace_back(r.triangles * section.stride).data();
-        std::uint64_t index = r.first_triangle;
-        for (const auto& t : mesh.parts.triangles(r)) {
-            section.fill({index++,
-                          {number[t[0]], number[t[1]], number[t[2]]},
-                          {positions[t[0]], positions[t[1]], positions[t[2]]}},
-                         row);
-            row += section.stride;
-        }
-    }
-    return rows;
 }
 
 }  // namespace
 
-void write_sections(const OutputFile& file, const MeshContent& mesh,
-                    const std::vector<VertexSection>& vertices,
-                    const std::vector<TriangleSection>& triangles, Progress& progress) {
-    const auto records = mesh.parts.records();
-    progress.begin("write mesh", mesh.weld.triangles(), "triangles");
-    in_order(
-        static_cast<std::int64_t>(records.size()), tbb::this_task_arena::max_concurrency() + 1,
-        [&](std::int64_t i) {
-            progress.check();
-            return rows_of(mesh, records[static_cast<std::size_t>(i)], vertices, triangles);
-        },
-        [&](std::int64_t i, const Rows& rows) {
-            const PartRecord& r = records[static_cast<std::size_t>(i)];
-            auto next = rows.begin();
-            for (const VertexSection& section : vertices) {
-                file.write_at(section.offset + r.first_vertex * section.stride, *next++);
-            }
-            for (const TriangleSection& section : triangles) {
-                file.write_at(section.offset + r.first_triangle * section.stride, *next++);
-            }
-            progress.advance(r.triangles);
-        });
-}
-
-VertexSection attribute_section(std::uint64_t offset, const AttributeChoice::Array& array) {
-    const std::size_t bytes = array.bytes();
-    return {offset, bytes, [first = array.first, bytes](const VertexRow& v, std::byte* out) {
-                std::memcpy(out, v.attributes.data() + first, bytes);
-            }};
-}
-
 VertexSection position_section(std::uint64_t offset) {
-    return {offset, sizeof(VertexRow::position), [](const VertexRow& v, std::byte* out) {
-                std::memcpy(out, v.position.data(), sizeof(v.position));
+    return {offset, true, 0, 0};
+}
+
+VertexSection attribute_section(std::uint64_t offset, const VertexAttribute& attribute) {
+    return {offset, false, attribute.offset, attribute.bytes()};
+}
+
+ElementSection connectivity_section(std::uint64_t offset, std::size_t corners) {
+    return {offset, corners * sizeof(std::int64_t),
+            [corners](const ElementBatch& batch, std::byte* out) {
+                for (const auto& element : batch.corners) {
+                    for (std::size_t i = 0; i < corners; ++i) {
+                        out = put(element[i], out);
+                    }
+                }
             }};
 }
 
-TriangleSection connectivity_section(std::uint64_t offset, std::size_t corners) {
-    const std::size_t bytes = corners * sizeof(std::int64_t);
-    return {offset, bytes, [bytes](const TriangleRow& t, std::byte* out) {
-                std::memcpy(out, t.corners.data(), bytes);
+ElementSection ends_section(std::uint64_t offset, std::size_t corners) {
+    return {offset, sizeof(std::int64_t), [corners](const ElementBatch& batch, std::byte* out) {
+                std::uint64_t end = corners * batch.first;
+                for (std::size_t i = 0; i < batch.corners.size(); ++i) {
+                    out = put(end += corners, out);
+                }
             }};
 }
 
-TriangleSection ends_section(std::uint64_t offset, std::size_t corners) {
-    return {offset, sizeof(std::int64_t), [corners](const TriangleRow& t, std::byte* out) {
-                const std::uint64_t end = corners * (t.index + 1);
-                std::memcpy(out, &end, sizeof(end));
+ElementSection indices32_section(std::uint64_t offset, std::optional<std::byte> prefix) {
+    return {offset, (prefix ? 1 : 0) + 3 * sizeof(std::uint32_t),
+            [prefix](const ElementBatch& batch, std::byte* out) {
+                for (const auto& element : batch.corners) {
+                    if (prefix) {
+                        *out++ = *prefix;
+                    }
+                    for (const std::uint64_t corner : element) {
+                        out = put(static_cast<std::uint32_t>(corner), out);
+                    }
+                }
             }};
 }
 
-std::byte* put_indices32(const TriangleRow& t, std::byte* out) {
-    for (const std::uint64_t corner : t.corners) {
-        const auto index = static_cast<std::uint32_t>(corner);
-        std::memcpy(out, &index, sizeof(index));
-        out += sizeof(index);
-    }
-    return out;
-}
-
-void shift(std::uint64_t by, std::vector<VertexSection>& vertices,
-           std::vector<TriangleSection>& triangles) {
+void SectionedFile::Sections::shift(std::uint64_t by) {
     for (VertexSection& section : vertices) {
         section.offset += by;
     }
-    for (TriangleSection& section : triangles) {
+    for (ElementSection& section : elements) {
         section.offset += by;
+    }
+}
+
+void SectionedFile::vertices(const VertexBatch& batch) {
+    for (const VertexSection& section : sections_.vertices) {
+        const std::uint64_t at = section.offset + batch.first * section.stride();
+        if (section.bytes == 0) {
+            file().write_at(at, std::as_bytes(batch.positions));
+        } else if (!section.position && section.bytes == batch.row_bytes) {
+            file().write_at(at, batch.attributes);
+        } else {
+            const std::size_t bytes = batch.positions.size() * section.stride();
+            const auto rows = std::make_unique_for_overwrite<std::byte[]>(bytes);
+            fill(section, batch, rows.get());
+            file().write_at(at, {rows.get(), bytes});
+        }
+    }
+}
+
+void SectionedFile::elements(const ElementBatch& batch) {
+    for (const ElementSection& section : sections_.elements) {
+        const std::size_t bytes = batch.corners.size() * section.stride;
+        const auto rows = std::make_unique_for_overwrite<std::byte[]>(bytes);
+        section.fill(batch, rows.get());
+        file().write_at(section.offset + batch.first * section.stride, {rows.get(), bytes});
     }
 }
 

@@ -1,5 +1,5 @@
-// The common part of the binary mesh formats: tables with one row per vertex or triangle, each at a
-// known place in the file, so that all parts can be written at the same time.
+// The common part of the binary mesh formats: tables with one row per vertex or element, each at a
+// known place in the file, so that all batches can be written at the same time.
 #pragma once
 
 #include <cstddef>
@@ -7,51 +7,56 @@
 #include <span>
 #include <vector>
 
-#include "query/mesh/mesh_writer.h"
-#include "store/files/output_file.h"
+#include "query/mesh/mesh_files.h"
 
 namespace isonest::detail {
 
-/// A vertex of a part, and a triangle whose corners are numbered in the whole mesh.
-struct VertexRow {
-    std::array<float, 3> position;
-    std::span<const AttributeWord> attributes;
-};
-struct TriangleRow {
-    std::uint64_t index;  ///< in the whole mesh
-    std::array<std::uint64_t, 3> corners;
-    std::array<std::array<float, 3>, 3> positions;
-};
-
-/// A table with a row for every vertex: `fill` writes one row of `stride` bytes.
+/// A table with a row for every vertex: its position, or some bytes of its attributes, or both.
 struct VertexSection {
     std::uint64_t offset = 0;
-    std::size_t stride = 0;
-    std::function<void(const VertexRow&, std::byte*)> fill;
+    bool position = false;
+    std::size_t first = 0;  ///< of the attributes' bytes
+    std::size_t bytes = 0;
+
+    [[nodiscard]] std::size_t stride() const {
+        return (position ? sizeof(std::array<float, 3>) : 0) + bytes;
+    }
 };
-struct TriangleSection {
+VertexSection position_section(std::uint64_t offset);
+VertexSection attribute_section(std::uint64_t offset, const VertexAttribute& attribute);
+
+/// A table with a row of `stride` bytes for every element: `fill` writes those of a batch.
+struct ElementSection {
     std::uint64_t offset = 0;
     std::size_t stride = 0;
-    std::function<void(const TriangleRow&, std::byte*)> fill;
+    std::function<void(const ElementBatch&, std::byte*)> fill;
 };
-
-/// Fills all sections, in parallel over the parts. Throws Error{io, cancelled}.
-void write_sections(const OutputFile& file, const MeshContent& mesh,
-                    const std::vector<VertexSection>& vertices,
-                    const std::vector<TriangleSection>& triangles, Progress& progress);
-
-/// One of the attributes, as it is.
-VertexSection attribute_section(std::uint64_t offset, const AttributeChoice::Array& array);
-VertexSection position_section(std::uint64_t offset);
 /// The numbers of the first `corners` corners, int64; and for each cell how many there are so far.
-TriangleSection connectivity_section(std::uint64_t offset, std::size_t corners);
-TriangleSection ends_section(std::uint64_t offset, std::size_t corners);
+ElementSection connectivity_section(std::uint64_t offset, std::size_t corners);
+ElementSection ends_section(std::uint64_t offset, std::size_t corners);
+/// The numbers of three corners, uint32, behind the byte `prefix` if there is one.
+ElementSection indices32_section(std::uint64_t offset, std::optional<std::byte> prefix = {});
 
-/// Writes the three numbers as uint32 and returns what is behind them.
-std::byte* put_indices32(const TriangleRow& t, std::byte* out);
+/// A file of sections; the format's begin() creates it, writes what is around them, and names them.
+class SectionedFile : public MeshFile {
+  public:
+    using MeshFile::MeshFile;
+    void vertices(const VertexBatch& batch) override;
+    void elements(const ElementBatch& batch) override;
+    [[nodiscard]] bool concurrent() const override { return true; }
 
-/// Moves all sections by the length of what stands before them.
-void shift(std::uint64_t by, std::vector<VertexSection>& vertices,
-           std::vector<TriangleSection>& triangles);
+  protected:
+    struct Sections {
+        std::vector<VertexSection> vertices;
+        std::vector<ElementSection> elements;
+
+        /// Moves all by the length of what stands before them.
+        void shift(std::uint64_t by);
+    };
+    void use(Sections sections) { sections_ = std::move(sections); }
+
+  private:
+    Sections sections_;
+};
 
 }  // namespace isonest::detail

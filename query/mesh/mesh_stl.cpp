@@ -1,7 +1,5 @@
 // Binary STL: 80 bytes of text, the number of triangles, and 50 bytes for each. The format: 3D
 // Systems, "Stereolithography Interface Specification" (1988).
-#include <fmt/format.h>
-
 #include <cmath>
 #include <cstring>
 
@@ -11,7 +9,9 @@
 namespace isonest::detail {
 namespace {
 
-std::array<float, 3> normal_of(const std::array<std::array<float, 3>, 3>& p) {
+using Triangle = std::array<std::array<float, 3>, 3>;
+
+std::array<float, 3> normal_of(const Triangle& p) {
     Double3 a{};
     Double3 b{};
     for (std::size_t i = 0; i < 3; ++i) {
@@ -27,28 +27,35 @@ std::array<float, 3> normal_of(const std::array<std::array<float, 3>, 3>& p) {
     return out;
 }
 
+class StlFile : public SectionedFile {
+  public:
+    using SectionedFile::SectionedFile;
+    void begin(const MeshLayout& layout) override {
+        constexpr std::size_t kHeader = 80;
+        constexpr std::size_t kRow = 50;
+        require_32_bits(layout.elements, "triangles", "STL");
+        std::array<char, kHeader + sizeof(std::uint32_t)> header{"binary STL, isonest"};
+        const auto count = static_cast<std::uint32_t>(layout.elements);
+        std::memcpy(header.data() + kHeader, &count, sizeof(count));
+        create().write_at(0, std::as_bytes(std::span(header)));
+        use({{}, {{header.size(), kRow, [](const ElementBatch& batch, std::byte* out) {
+                       for (const auto& t : batch.nearby_corners) {
+                           const auto& positions = batch.nearby.positions;
+                           const Triangle p{positions[t[0]], positions[t[1]], positions[t[2]]};
+                           const auto n = normal_of(p);
+                           std::memcpy(out, n.data(), sizeof(n));
+                           std::memcpy(out + sizeof(n), p.data(), sizeof(p));
+                           std::memset(out + sizeof(n) + sizeof(p), 0, 2);
+                           out += kRow;
+                       }
+                   }}}});
+    }
+};
+
 }  // namespace
 
-void write_stl(const std::filesystem::path& path, bool force, const MeshContent& mesh,
-               Progress& progress) {
-    constexpr std::size_t kHeader = 80;
-    constexpr std::size_t kRow = 50;
-    require_32_bits(path, mesh.weld.triangles(), "triangles", "STL");
-    OutputFile file(path, force);
-    std::array<char, kHeader + sizeof(std::uint32_t)> header{"binary STL, isonest"};
-    const auto count = static_cast<std::uint32_t>(mesh.weld.triangles());
-    std::memcpy(header.data() + kHeader, &count, sizeof(count));
-    file.write_at(0, std::as_bytes(std::span(header)));
-    write_sections(file, mesh, {},
-                   {{header.size(), kRow,
-                     [](const TriangleRow& t, std::byte* out) {
-                         const auto n = normal_of(t.positions);
-                         std::memcpy(out, n.data(), sizeof(n));
-                         std::memcpy(out + sizeof(n), t.positions.data(), sizeof(t.positions));
-                         std::memset(out + sizeof(n) + sizeof(t.positions), 0, 2);
-                     }}},
-                   progress);
-    file.publish_as_named();
+std::unique_ptr<MeshSink> stl_file(const std::filesystem::path& path, const MeshFileOptions& o) {
+    return std::make_unique<StlFile>(path, o);
 }
 
 }  // namespace isonest::detail

@@ -76,10 +76,15 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     put(pieces.attributes, part.attributes);
     put(pieces.triangles, part.triangles);
     auto* const world = reinterpret_cast<Point*>(bytes.get() + pieces.vertices);
+    Point lo{kMost, kMost, kMost};
+    Point hi{-kMost, -kMost, -kMost};
     for (std::size_t i = 0; i < part.positions.size(); ++i) {
         for (std::size_t axis = 0; axis < 3; ++axis) {
-            world[i][axis] =
+            const auto x =
                 static_cast<float>(origin_[axis] + spacing_[axis] * part.positions[i][axis]);
+            world[i][axis] = x;
+            lo[axis] = std::min(lo[axis], x);
+            hi[axis] = std::max(hi[axis], x);
         }
     }
     std::uint64_t zero = 0;
@@ -91,6 +96,11 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     {
         const std::lock_guard lock(mutex_);
         index = count_++;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            // Which of two zeros came first depends on the threads.
+            lo_[axis] = std::min(lo_[axis], lo[axis]) + 0.0F;
+            hi_[axis] = std::max(hi_[axis], hi[axis]) + 0.0F;
+        }
         if (pieces.end + kKeptOverhead <= memory_) {
             memory_ -= pieces.end + kKeptOverhead;
             record.in_memory = 1;

@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <filesystem>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <vector>
@@ -54,6 +55,9 @@ class PartStore {
     [[nodiscard]] std::span<const MeshPart::Name> names(const PartRecord& r) const;
     [[nodiscard]] std::span<const MeshPart::Cut> cuts(const PartRecord& r) const;
     [[nodiscard]] std::uint64_t zero_area_triangles() const { return zero_area_; }
+    /// The smallest box that holds all vertices, world coordinates; lo > hi if there is none.
+    [[nodiscard]] const std::array<float, 3>& lo() const { return lo_; }
+    [[nodiscard]] const std::array<float, 3>& hi() const { return hi_; }
 
   private:
     template <class T>
@@ -73,6 +77,9 @@ class PartStore {
     std::uint64_t end_ = 0;
     std::uint64_t count_ = 0;
     std::atomic<std::uint64_t> zero_area_ = 0;
+    static constexpr float kMost = std::numeric_limits<float>::max();
+    std::array<float, 3> lo_{kMost, kMost, kMost};
+    std::array<float, 3> hi_{-kMost, -kMost, -kMost};
     std::span<const std::byte> data_;
     std::span<PartRecord> records_;
 };

@@ -12,24 +12,9 @@
 #include <optional>
 
 #include <isonest/int3.h>
+#include <isonest/world.h>
 
 namespace isonest::detail {
-
-/// Within the box (a point, if lo = hi) the tolerance is as given; outside it grows with the
-/// distance, to (1 + falloff distance) times.
-struct Focus {
-    Double3 lo{};  ///< world units
-    Double3 hi{};
-    double falloff = 0;  ///< per world unit, >= 0
-};
-
-/// A perspective view. Diamonds that it shows smaller than `pixels` are not refined.
-struct Camera {
-    Double3 position{};
-    double field_of_view = 40;  ///< degrees, from the top of the picture to its bottom
-    int height = 1080;          ///< pixels, from the top of the picture to its bottom
-    double pixels = 1;
-};
 
 class Tolerance {
   public:

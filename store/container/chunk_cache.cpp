@@ -141,9 +141,11 @@ DecodedChunk ChunkCache::decode(const ArrayInfo& array, const Int3& chunk,
     lock.unlock();
     const std::uint64_t bytes = array.chunk_bytes();
     std::shared_ptr<std::byte[]> raw;
+    std::uint64_t stored = 0;
     try {
         raw = std::make_unique_for_overwrite<std::byte[]>(bytes);
         source_.decode(array, chunk, {raw.get(), bytes});
+        stored = source_.row(array, chunk).bytes;
     } catch (...) {
         lock.lock();
         erase(entries_.find(key_of(array, chunk)));
@@ -151,6 +153,8 @@ DecodedChunk ChunkCache::decode(const ArrayInfo& array, const Int3& chunk,
         throw;
     }
     lock.lock();
+    ++chunks_read_;
+    bytes_read_ += stored;
     return raw;
 }
 
@@ -277,6 +281,16 @@ void ChunkCache::keep_sides(const ArrayInfo& array, const Int3& chunk) {
 std::uint64_t ChunkCache::peak_bytes() const {
     const std::lock_guard lock(mutex_);
     return peak_;
+}
+
+std::uint64_t ChunkCache::chunks_read() const {
+    const std::lock_guard lock(mutex_);
+    return chunks_read_;
+}
+
+std::uint64_t ChunkCache::bytes_read() const {
+    const std::lock_guard lock(mutex_);
+    return bytes_read_;
 }
 
 }  // namespace isonest::detail

@@ -64,6 +64,10 @@ class ChunkCache {
     void keep_sides(const ArrayInfo& array, const Int3& chunk);
     /// Largest number of bytes that were alive at any time.
     [[nodiscard]] std::uint64_t peak_bytes() const;
+    /// Chunks that this cache had decoded, those decoded twice counted twice, and their stored
+    /// bytes.
+    [[nodiscard]] std::uint64_t chunks_read() const;
+    [[nodiscard]] std::uint64_t bytes_read() const;
 
   private:
     struct Entry {
@@ -88,6 +92,8 @@ class ChunkCache {
     std::list<std::uint64_t> order_;  ///< least recently used first
     std::uint64_t bytes_ = 0;
     std::uint64_t peak_ = 0;
+    std::uint64_t chunks_read_ = 0;
+    std::uint64_t bytes_read_ = 0;
 };
 
 }  // namespace isonest::detail

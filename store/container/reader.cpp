@@ -110,8 +110,6 @@ void StoreReader::decode(const ArrayInfo& array, const Int3& chunk,
         fail_corrupt(array.place(chunk), "damaged: its bytes are not those that were written");
     }
     decode_chunk(bytes, array.codec, raw, {path_.string(), array.place(chunk)});
-    ++chunks_read_;
-    bytes_read_ += bytes.size();
 }
 
 void StoreReader::prefetch(const ArrayInfo& array, const Int3& chunk) const {

@@ -1,7 +1,7 @@
 // Opens a finished store: the header through HDF5, then everything through a read-only map.
 #pragma once
 
-#include <atomic>
+#include <array>
 #include <filesystem>
 
 #include "store/container/chunk_source.h"
@@ -37,10 +37,6 @@ class StoreReader : public ChunkSource {
     void prefetch(const ArrayInfo& array, const Int3& chunk) const override;
     [[nodiscard]] std::optional<CubeRange> cube_range(int level, const Int3& cube) const override;
 
-    /// Chunks and stored bytes decoded since opening.
-    [[nodiscard]] std::uint64_t chunks_read() const { return chunks_read_; }
-    [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
-
   private:
     [[noreturn]] void fail_corrupt(const std::string& inside, const std::string& problem) const;
     void map_table(std::int64_t root);
@@ -54,8 +50,6 @@ class StoreReader : public ChunkSource {
     bool has_missing_ = false;
     std::span<const std::byte> table_;  ///< the chunk table
     CubeRangeTable ranges_;
-    mutable std::atomic<std::uint64_t> chunks_read_ = 0;
-    mutable std::atomic<std::uint64_t> bytes_read_ = 0;
 };
 
 }  // namespace isonest::detail

@@ -59,11 +59,11 @@ void use_store(const fs::path& path) {
         options.threads = 1;
         options.memory = kMemory;
         check(store, options, silent_progress());
-        ExtractOptions query;
+        test::Extraction query;
         query.iso = 300;
         query.memory = kMemory;
         query.threads = 1;
-        extract(store, folder() / "m.ply", query, silent_progress());
+        test::extract(store, folder() / "m.ply", query, silent_progress());
     } catch (const Error&) {
         // Refused.
     }

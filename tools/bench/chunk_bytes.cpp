@@ -149,8 +149,8 @@ int run(int argc, char** argv) {
         }
     }
     fmt::print("read {} bytes ({} with what was decoded again), needed {}: {:.2f} x\n",
-               all_read.bytes, store.bytes_read(), all_needed.bytes,
-               static_cast<double>(store.bytes_read()) / static_cast<double>(all_needed.bytes));
+               all_read.bytes, cache.bytes_read(), all_needed.bytes,
+               static_cast<double>(cache.bytes_read()) / static_cast<double>(all_needed.bytes));
     fmt::print("visited {} tetrahedra, {} leaves: {:.2f} x\n", counts.visited, counts.leaves,
                static_cast<double>(counts.visited) / static_cast<double>(counts.leaves));
     return 0;

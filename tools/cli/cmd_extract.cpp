@@ -4,8 +4,9 @@
 #include <memory>
 
 #include <isonest/error.h>
+#include <isonest/extract.h>
+#include <isonest/mesh_file.h>
 
-#include "query/extract/extract.h"
 #include "tools/cli/command.h"
 #include "tools/cli/extract_options.h"
 #include "tools/cli/fields.h"
@@ -14,62 +15,97 @@
 namespace isonest::detail::cli {
 namespace {
 
+struct Arguments {
+    ExtractArguments extract;
+    double iso = 0;
+    double scale = 1;  ///< of the graph
+    std::optional<Field> bound;
+    std::optional<BackfaceCulling> culling;
+    std::string values;  ///< a second store, or empty
+};
+
+/// REQUIRES: the option needs --view.
+BackfaceCulling& culling_of(Arguments& a) {
+    if (!a.culling) {
+        a.culling.emplace();
+    }
+    return *a.culling;
+}
+
 /// Why there is none.
-std::string empty_surface(const StoreReader& store, const ExtractArguments& a,
-                          const ExtractReport& r) {
-    const double iso = a.extract.iso;
+std::string empty_surface(const Store& store, const Arguments& arguments, const ExtractReport& r) {
+    const ExtractArguments& a = arguments.extract;
+    const double iso = arguments.iso;
     const std::string range = human_range(store.min_value(), store.max_value());
     if (!(store.min_value() <= store.max_value())) {
         return "The surface is empty: all values are missing.\n";
     }
-    if (!a.extract.graph_scale && !(store.min_value() < iso && iso <= store.max_value())) {
+    if (!a.is_graph && !(store.min_value() < iso && iso <= store.max_value())) {
         return fmt::format("The surface is empty: {} value is below {}; they are {}.\n",
                            iso <= store.min_value() ? "no" : "every", iso, range);
     }
-    if (a.extract.box && !reaches_volume(store, *a.extract.box)) {
+    if (a.box && !reaches_volume(store, *a.box)) {
         return "The surface is empty: the box lies outside of the volume, " + volume_text(store) +
                ".\n";
     }
-    const std::string inside = a.extract.box ? " inside the box" : "";
-    if (r.tolerance > 0 || a.extract.camera) {
+    const std::string inside = a.box ? " inside the box" : "";
+    if (r.tolerance > 0 || a.camera) {
         return fmt::format(
             "There is no surface{} that is coarse enough for the tolerance: a smaller one may show "
             "some. The values are {}.\n",
             inside, range);
     }
     return fmt::format("The surface is empty{}: the values are {}{}.\n", inside, range,
-                       a.extract.box ? " in the whole volume" : "");
+                       a.box ? " in the whole volume" : "");
 }
 
-Result run(ExtractArguments& a, bool has_iso, Progress& progress) {
-    const StoreReader store(a.store);
-    if (!has_iso && !a.extract.graph_scale) {
+ExtractReport run_query(const Store& store, const Arguments& arguments, Progress& progress) {
+    const ExtractArguments& a = arguments.extract;
+    std::optional<Store> values;
+    if (!arguments.values.empty()) {
+        values.emplace(arguments.values);
+    }
+    const auto with_attributes = [&](auto query) {
+        query.normals = a.normals;
+        query.vertex_error = a.vertex_error;
+        query.vertex_values = values ? &*values : nullptr;
+        return query;
+    };
+    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, {.replace = true});
+    if (a.is_graph) {
+        GraphQuery query = with_attributes(a.query<GraphQuery>());
+        query.scale = arguments.scale;
+        return extract(store, query, *sink, options_of(a), progress);
+    }
+    SurfaceQuery query = with_attributes(a.query<SurfaceQuery>());
+    query.iso = arguments.iso;
+    query.bound = arguments.bound;
+    query.culling = arguments.culling;
+    return extract(store, query, *sink, options_of(a), progress);
+}
+
+Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
+    const ExtractArguments& a = arguments.extract;
+    const Store store(a.store);
+    if (!has_iso && !a.is_graph) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("give the isovalue, --iso V; the values of {} are {}", a.store,
                                 human_range(store.min_value(), store.max_value())));
     }
-    std::optional<StoreReader> values;
-    if (!a.values.empty()) {
-        values.emplace(a.values);
-        a.extract.values = &*values;
-    }
-    if (a.extract.focus) {
-        a.extract.focus->falloff = a.falloff;
-    }
-    const ExtractReport r = extract(store, a.mesh, a.extract, progress);
+    const ExtractReport r = run_query(store, arguments, progress);
     Result result;
     result.warning = extract_warning(a, r);
     result.json = extract_json(a, r);
     if (has_iso) {
-        result.json["iso"] = a.extract.iso;
+        result.json["iso"] = arguments.iso;
     }
-    result.text = fmt::format(
-        "{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh, r.triangles,
-        r.dimension == 2 && !a.extract.graph_scale ? "line segments" : "triangles", r.vertices,
-        human_seconds(r.seconds), guarantee_text(a, r), r.chunks_read, r.chunks_total,
-        human_bytes(static_cast<double>(r.bytes_read)));
+    result.text =
+        fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh,
+                    r.triangles, r.dimension == 2 && !a.is_graph ? "line segments" : "triangles",
+                    r.vertices, human_seconds(r.seconds), guarantee_text(a, r), r.chunks_read,
+                    r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
     if (r.triangles == 0) {
-        result.text += empty_surface(store, a, r);
+        result.text += empty_surface(store, arguments, r);
     }
     if (r.zero_area_triangles > 0) {
         result.text +=
@@ -82,7 +118,7 @@ Result run(ExtractArguments& a, bool has_iso, Progress& progress) {
 }  // namespace
 
 void add_extract(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<ExtractArguments>();
+    const auto a = std::make_shared<Arguments>();
     CLI::App* const c = add_command(
         app, chosen, "extract",
         {"Write an isosurface of a store as a mesh, with a guaranteed error",
@@ -101,44 +137,49 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract scan.isonest --iso 120 --stop normal_bar --threshold 0.2 -o smooth.vtp\n"
          "isonest extract map.isonest --iso 500 --error 2 -o contour.vtp\n"
          "isonest extract map.isonest --graph --scale 3 --error 5 -o relief.glb --normals"});
-    add_extract_options(c, *a);
-    ExtractOptions& e = a->extract;
+    add_extract_options(c, a->extract);
     CLI::Option* const iso = add_parsed(
-        c, "--iso", [&e](const std::string& text) { e.iso = parse_number("--iso", text); },
+        c, "--iso", [a](const std::string& text) { a->iso = parse_number("--iso", text); },
         "the isovalue", "V");
-    CLI::Option* const graph = c->add_flag_callback(
-        "--graph", [&e] { e.graph_scale = e.graph_scale.value_or(1); },
-        "of data in a plane: the surface z = value in place of isolines");
+    CLI::Option* const graph =
+        c->add_flag("--graph", a->extract.is_graph,
+                    "of data in a plane: the surface z = value in place of isolines");
     add_parsed(
-        c, "--scale",
-        [&e](const std::string& text) { e.graph_scale = parse_number("--scale", text); },
+        c, "--scale", [a](const std::string& text) { a->scale = parse_number("--scale", text); },
         "of the graph: z = S times the value [1]", "S")
         ->needs(graph);
     iso->excludes(graph);
     add_parsed(
-        c, "--bound", [&e](const std::string& text) { e.bound = parse_field("--bound", text); },
+        c, "--bound", [a](const std::string& text) { a->bound = parse_field("--bound", text); },
         "the field by which elements without surface are left out\n"
         "[the tightest that the store has]",
-        "FIELD");
+        "FIELD")
+        ->excludes(graph);
     CLI::Option* const view = add_parsed(
-        c, "--view", [&e](const std::string& text) { e.view = parse_double3("--view", text); },
+        c, "--view",
+        [a](const std::string& text) { culling_of(*a).direction = parse_double3("--view", text); },
         "leave out what faces away from a viewer who looks in this\n"
         "direction; needs normal_turn_plus or grad_linf_plus",
         "X,Y,Z");
+    view->excludes(graph);
     add_parsed(
         c, "--cull-by",
-        [&e](const std::string& text) { e.cull_by = parse_field("--cull-by", text); },
+        [a](const std::string& text) { culling_of(*a).field = parse_field("--cull-by", text); },
         "which of the two [normal_turn_plus if there]", "FIELD")
         ->needs(view);
-    c->add_flag("--normals", e.normals, "vertex normals from the data's gradient");
+    c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
     c->add_option("--vertex-values", a->values,
                   "vertex values from this other store of the same lattice")
         ->type_name("STORE");
     add_parsed(
         c, "--vertex-error",
-        [&e](const std::string& text) { e.vertex_error = parse_field("--vertex-error", text); },
+        [a](const std::string& text) {
+            a->extract.vertex_error = parse_field("--vertex-error", text);
+        },
         "this field at the vertices: how far they may be off", "FIELD");
-    c->add_option("-o,--output", a->mesh, "the mesh to write")->required()->type_name("MESH");
+    c->add_option("-o,--output", a->extract.mesh, "the mesh to write")
+        ->required()
+        ->type_name("MESH");
     c->callback([a, iso, &chosen] {
         chosen.run = [a, has_iso = iso->count() > 0](Progress& progress) {
             return run(*a, has_iso, progress);

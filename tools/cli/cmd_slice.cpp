@@ -6,15 +6,15 @@
 #include <memory>
 
 #include <isonest/error.h>
+#include <isonest/extract.h>
+#include <isonest/mesh_file.h>
 
-#include "query/extract/extract.h"
-#include "store/files/output_file.h"
+#include "store/container/reader.h"
 #include "store/lattice/extent.h"
 #include "tools/cli/command.h"
 #include "tools/cli/extract_options.h"
 #include "tools/cli/fields.h"
 #include "tools/cli/units.h"
-#include "tools/drawing/ply_reader.h"
 #include "tools/drawing/png_writer.h"
 #include "tools/drawing/slice_picture.h"
 
@@ -23,25 +23,14 @@ namespace {
 
 struct Arguments {
     ExtractArguments extract;
-    SlicePictureOptions picture;
+    WorldPlane plane;
+    SlicePictureOptions picture;  ///< its contours also if no picture is drawn
     bool has_range = false;
 };
 
-/// Removes a file when it goes out of scope.
-struct Temporary {
-    explicit Temporary(std::filesystem::path p) : path(std::move(p)) {}
-    Temporary(const Temporary&) = delete;
-    Temporary& operator=(const Temporary&) = delete;
-    ~Temporary() {
-        std::error_code ignored;
-        std::filesystem::remove(path, ignored);
-    }
-    std::filesystem::path path;
-};
-
 /// Whether the plane has a point of the volume.
-bool meets_volume(const StoreReader& store, const WorldPlane& plane) {
-    const StoreHeader& h = store.layout().header();
+bool meets_volume(const Store& store, const WorldPlane& plane) {
+    const StoreHeader& h = store.reader().layout().header();
     const Double3 last = last_position(h);
     double low = -plane.offset;
     double high = low;
@@ -54,69 +43,87 @@ bool meets_volume(const StoreReader& store, const WorldPlane& plane) {
     return low <= 0 && high >= 0;
 }
 
-/// Why there is nothing in it.
-std::string empty_slice(const StoreReader& store, const ExtractOptions& e) {
-    if (!meets_volume(store, *e.plane)) {
+/// Why there is nothing in it. `is_lines`: of contour lines.
+std::string empty_slice(const Store& store, const Arguments& a, bool is_lines) {
+    const std::optional<WorldBox>& box = a.extract.box;
+    if (!meets_volume(store, a.plane)) {
         return fmt::format("The slice is empty: the plane misses the volume, {}.\n",
                            volume_text(store));
     }
-    if (e.box && !reaches_volume(store, *e.box)) {
+    if (box && !reaches_volume(store, *box)) {
         return fmt::format("The slice is empty: the box lies outside of the volume, {}.\n",
                            volume_text(store));
     }
-    if (!e.contours.empty()) {
+    if (is_lines) {
         return fmt::format(
             "There is no line: the values do not occur in the plane{}. Those of the volume are "
             "{}.\n",
-            e.box ? " inside the box" : "", human_range(store.min_value(), store.max_value()));
+            box ? " inside the box" : "", human_range(store.min_value(), store.max_value()));
     }
-    return e.box ? "The slice is empty: the plane does not pass through the box, or what is there "
-                   "is missing.\n"
-                 : "The slice is empty: the plane touches the volume at most in an edge, or its "
-                   "values are missing.\n";
+    return box ? "The slice is empty: the plane does not pass through the box, or what is there "
+                 "is missing.\n"
+               : "The slice is empty: the plane touches the volume at most in an edge, or its "
+                 "values are missing.\n";
+}
+
+ExtractReport run_contours(const Store& store, const Arguments& a, Progress& progress) {
+    if (a.extract.normals || a.extract.vertex_error) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--contours: lines carry their value, no --normals and no --vertex-error");
+    }
+    ContourQuery query = a.extract.query<ContourQuery>();
+    query.plane = a.plane;
+    query.values = a.picture.contours;
+    const auto sink = open_mesh_file(a.extract.mesh, {.replace = true});
+    return extract(store, query, *sink, options_of(a.extract), progress);
+}
+
+ExtractReport run_slice(const Store& store, const Arguments& a, MeshSink& sink,
+                        Progress& progress) {
+    SliceQuery query = a.extract.query<SliceQuery>();
+    query.plane = a.plane;
+    query.normals = a.extract.normals;
+    query.vertex_error = a.extract.vertex_error;
+    return extract(store, query, sink, options_of(a.extract), progress);
 }
 
 Result run(Arguments& a, Progress& progress) {
-    const StoreReader store(a.extract.store);
-    if (a.extract.extract.focus) {
-        a.extract.extract.focus->falloff = a.extract.falloff;
-    }
+    const Store store(a.extract.store);
     if (!a.has_range) {
         a.picture.low = store.min_value();
         a.picture.high = store.max_value();
     }
     const bool picture = is_png(a.extract.mesh);
+    const bool lines = !picture && !a.picture.contours.empty();
     if (!picture && a.picture.grid) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("{}: --grid is drawn into a picture; give a name that ends with "
                                 ".png",
                                 a.extract.mesh));
     }
-    if (!picture) {
-        a.extract.extract.contours = a.picture.contours;
-    }
     ExtractReport r;
     if (picture) {
-        check_output(a.extract.mesh, true, {store.path()});
-        const Temporary mesh(temporary_name(a.extract.mesh) += ".ply");
-        r = extract(store, mesh.path, a.extract.extract, progress);
-        a.picture.normal = a.extract.extract.plane->normal;
-        // What the extraction leaves behind is within the rest.
-        a.picture.memory = a.extract.extract.memory / 4;
-        draw_slice(PlyMesh(mesh.path), a.extract.mesh, a.picture, progress);
+        a.picture.normal = a.plane.normal;
+        // While it is drawn, the mesh's parts are within the rest.
+        a.picture.memory = a.extract.options.memory / 4;
+        SlicePicture sink(a.extract.mesh, a.picture);
+        r = run_slice(store, a, sink, progress);
+    } else if (lines) {
+        r = run_contours(store, a, progress);
     } else {
-        r = extract(store, a.extract.mesh, a.extract.extract, progress);
+        const auto sink = open_mesh_file(a.extract.mesh, {.replace = true});
+        r = run_slice(store, a, *sink, progress);
     }
     Result result;
     result.warning = extract_warning(a.extract, r);
     result.json = extract_json(a.extract, r);
     result.text =
         fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.extract.mesh,
-                    r.triangles, a.extract.extract.contours.empty() ? "triangles" : "lines",
-                    r.vertices, human_seconds(r.seconds), guarantee_text(a.extract, r),
-                    r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
+                    r.triangles, lines ? "lines" : "triangles", r.vertices,
+                    human_seconds(r.seconds), guarantee_text(a.extract, r), r.chunks_read,
+                    r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
     if (r.triangles == 0) {
-        result.text += empty_slice(store, a.extract.extract);
+        result.text += empty_slice(store, a, lines);
     }
     return result;
 }
@@ -148,15 +155,17 @@ void add_slice(CLI::App& app, Invocation& chosen) {
          "isonest slice scan.isonest --plane 0,1,0,40 -o lines.png --contours 80,120,160\n"
          "isonest slice scan.isonest --plane 0,1,0,40 -o lines.vtp --contours 80,120,160"});
     add_extract_options(c, a->extract);
-    ExtractOptions& e = a->extract.extract;
+    a->extract.is_slice = true;
     add_parsed(
-        c, "--plane", [&e](const std::string& text) { e.plane = parse_plane(text); },
+        c, "--plane", [a](const std::string& text) { a->plane = parse_plane(text); },
         "the plane x NX + y NY + z NZ = D, in world units", "NX,NY,NZ,D")
         ->required();
-    c->add_flag("--normals", e.normals, "vertex normals from the data's gradient");
+    c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
     add_parsed(
         c, "--vertex-error",
-        [&e](const std::string& text) { e.vertex_error = parse_field("--vertex-error", text); },
+        [a](const std::string& text) {
+            a->extract.vertex_error = parse_field("--vertex-error", text);
+        },
         "this field at the vertices: how far they may be off", "FIELD");
     SlicePictureOptions& o = a->picture;
     add_parsed(

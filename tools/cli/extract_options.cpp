@@ -6,6 +6,7 @@
 
 #include <isonest/error.h>
 
+#include "store/container/reader.h"
 #include "store/lattice/extent.h"
 #include "tools/cli/fields.h"
 #include "tools/cli/leftovers.h"
@@ -61,44 +62,65 @@ Focus parse_focus(const std::string& text) {
 }
 
 Camera& camera_of(ExtractArguments& a) {
-    if (!a.extract.camera) {
-        a.extract.camera.emplace();
+    if (!a.camera) {
+        a.camera.emplace();
     }
-    return *a.extract.camera;
+    return *a.camera;
+}
+
+/// REQUIRES: the option needs --stop.
+FieldThreshold& stop_of(ExtractArguments& a) {
+    if (!a.stop) {
+        a.stop.emplace();
+    }
+    return *a.stop;
+}
+
+/// REQUIRES: the option needs --focus.
+Focus& focus_of(ExtractArguments& a) {
+    if (!a.focus) {
+        a.focus.emplace();
+    }
+    return *a.focus;
 }
 
 void add_error_options(CLI::App* c, ExtractArguments& a) {
-    ExtractOptions& e = a.extract;
     CLI::Option* const error = add_parsed(
         c, "--error",
-        [&e](const std::string& text) { e.error = parse_positive("--error", text, true); },
+        [&a](const std::string& text) { a.error.value = parse_positive("--error", text, true); },
         "largest error of the value, in units of the data [0]", "E");
-    add_parsed(
+    CLI::Option* const relative = add_parsed(
         c, "--error-relative",
-        [&e](const std::string& text) {
-            e.error_relative = parse_positive("--error-relative", text, true);
+        [&a](const std::string& text) {
+            a.error.value = parse_positive("--error-relative", text, true);
+            a.error.relative = true;
         },
-        "the same, as a fraction of the data's range", "R")
-        ->excludes(error);
+        "the same, as a fraction of the data's range", "R");
+    relative->excludes(error);
     add_parsed(
-        c, "--guarantee", [&e](const std::string& text) { e.guarantee = parse_guarantee(text); },
+        c, "--guarantee",
+        [&a](const std::string& text) { a.error.guarantee = parse_guarantee(text); },
         "deviation (a bound, tight), plus (a bound, looser) or\n"
         "estimate (no bound, usually close) [deviation]",
         "NAME");
     CLI::Option* const stop = add_parsed(
-        c, "--stop", [&e](const std::string& text) { e.stop = parse_field("--stop", text); },
+        c, "--stop",
+        [&a](const std::string& text) { stop_of(a).field = parse_field("--stop", text); },
         "in place of the error: refine while this field of the store\n"
         "is not below the threshold",
         "FIELD");
+    stop->excludes(error)->excludes(relative);
     CLI::Option* const threshold = add_parsed(
         c, "--threshold",
-        [&e](const std::string& text) { e.threshold = parse_positive("--threshold", text, true); },
+        [&a](const std::string& text) {
+            stop_of(a).value = parse_positive("--threshold", text, true);
+        },
         "in the field's own units [0]", "T");
     add_parsed(
         c, "--threshold-relative",
-        [&e](const std::string& text) {
-            e.threshold = parse_positive("--threshold-relative", text, true);
-            e.threshold_relative = true;
+        [&a](const std::string& text) {
+            stop_of(a).value = parse_positive("--threshold-relative", text, true);
+            stop_of(a).relative = true;
         },
         "as a fraction of the field's largest value", "T")
         ->excludes(threshold)
@@ -107,15 +129,21 @@ void add_error_options(CLI::App* c, ExtractArguments& a) {
 }
 
 void add_place_options(CLI::App* c, ExtractArguments& a) {
-    ExtractOptions& e = a.extract;
     CLI::Option* const focus = add_parsed(
-        c, "--focus", [&e](const std::string& text) { e.focus = parse_focus(text); },
+        c, "--focus",
+        [&a](const std::string& text) {
+            const Focus place = parse_focus(text);
+            focus_of(a).lo = place.lo;
+            focus_of(a).hi = place.hi;
+        },
         "the error holds at this point or in this box, and may grow\n"
         "with the distance to it, by --falloff",
         "X,Y,Z[,X1,Y1,Z1]");
     add_parsed(
         c, "--falloff",
-        [&a](const std::string& text) { a.falloff = parse_positive("--falloff", text, true); },
+        [&a](const std::string& text) {
+            focus_of(a).falloff = parse_positive("--falloff", text, true);
+        },
         "the error at distance d from the focus is 1 + F d times as large [0]", "F")
         ->needs(focus);
     CLI::Option* const camera = add_parsed(
@@ -159,12 +187,11 @@ void add_extract_options(CLI::App* c, ExtractArguments& a) {
     c->add_option("STORE", a.store, "made by isonest preprocess")->required();
     add_error_options(c, a);
     add_place_options(c, a);
-    ExtractOptions& e = a.extract;
     add_parsed(
-        c, "--box", [&e](const std::string& text) { e.box = parse_box(text); },
+        c, "--box", [&a](const std::string& text) { a.box = parse_box(text); },
         "only what is inside this box, in world units", "x0,y0,z0,x1,y1,z1");
-    add_memory(c, e.memory);
-    add_threads(c, e.threads);
+    add_memory(c, a.options.memory);
+    add_threads(c, a.options.threads);
 }
 
 bool is_guaranteed(const ExtractReport& r) {
@@ -173,19 +200,19 @@ bool is_guaranteed(const ExtractReport& r) {
 
 std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
     const auto asked = [&] {
-        const bool is_part = a.extract.plane || a.extract.graph_scale;
-        return fmt::format("{:.6g} (asked for {:.6g}{}{})", r.error_bound, r.tolerance,
-                           a.extract.focus ? " in the focus" : "",
-                           is_part && r.value_rounding > 0
-                               ? fmt::format("; {:.2g} of it rounds {}", r.value_rounding,
-                                             a.extract.graph_scale ? "heights to 32-bit floats"
-                                                                   : "the vertices' values")
-                               : "");
+        const bool is_part = a.is_slice || a.is_graph;
+        return fmt::format(
+            "{:.6g} (asked for {:.6g}{}{})", r.error_bound, r.tolerance,
+            a.focus ? " in the focus" : "",
+            is_part && r.value_rounding > 0
+                ? fmt::format("; {:.2g} of it rounds {}", r.value_rounding,
+                              a.is_graph ? "heights to 32-bit floats" : "the vertices' values")
+                : "");
     };
     if (is_guaranteed(r)) {
         return "error at most " + asked();
     }
-    if (r.stop == Field::linf_bar && !a.extract.stop) {
+    if (r.stop == Field::linf_bar && !a.stop) {
         return "estimated error " + asked();
     }
     const std::string what = r.stop == Field::grad_linf_plus
@@ -211,17 +238,17 @@ std::string extract_warning(const ExtractArguments& a, const ExtractReport& r) {
     if (r.triangles > 0 && r.value_rounding > r.tolerance &&
         r.value_rounding > kNoticeable * r.value_range) {
         warning += warning.empty() ? "" : "\n";
-        warning += fmt::format(
-            "{}: 32-bit floats round its {} by up to {:.2g}, of a range of {:.2g}: {}", a.mesh,
-            a.extract.graph_scale ? "heights" : "values", r.value_rounding, r.value_range,
-            a.extract.graph_scale ? "take an offset off the data before preprocess"
-                                  : "write .ply, .vtp or .vtkhdf, which hold 64-bit values");
+        warning +=
+            fmt::format("{}: 32-bit floats round its {} by up to {:.2g}, of a range of {:.2g}: {}",
+                        a.mesh, a.is_graph ? "heights" : "values", r.value_rounding, r.value_range,
+                        a.is_graph ? "take an offset off the data before preprocess"
+                                   : "write .ply, .vtp or .vtkhdf, which hold 64-bit values");
     }
     return warning;
 }
 
-bool reaches_volume(const StoreReader& store, const WorldBox& box) {
-    const StoreHeader& h = store.layout().header();
+bool reaches_volume(const Store& store, const WorldBox& box) {
+    const StoreHeader& h = store.reader().layout().header();
     const Double3 last = last_position(h);
     for (std::size_t a = 0; a < 3; ++a) {
         const bool flat = h.nodes[static_cast<int>(a)] == 1;
@@ -232,11 +259,17 @@ bool reaches_volume(const StoreReader& store, const WorldBox& box) {
     return true;
 }
 
-std::string volume_text(const StoreReader& store) {
-    const StoreHeader& h = store.layout().header();
+std::string volume_text(const Store& store) {
+    const StoreHeader& h = store.reader().layout().header();
     const Double3 last = last_position(h);
     return fmt::format("which lies between {:.6g},{:.6g},{:.6g} and {:.6g},{:.6g},{:.6g}",
                        h.origin[0], h.origin[1], h.origin[2], last[0], last[1], last[2]);
+}
+
+ExtractOptions options_of(const ExtractArguments& a) {
+    ExtractOptions options = a.options;
+    options.scratch = std::filesystem::path(a.mesh).parent_path();
+    return options;
 }
 
 Json extract_json(const ExtractArguments& a, const ExtractReport& r) {

@@ -1,21 +1,40 @@
 // The options that all commands share which extract a mesh from a store.
 #pragma once
 
-#include <memory>
+#include <optional>
 #include <string>
 
-#include "query/extract/extract.h"
+#include <isonest/extract.h>
+
 #include "tools/cli/command.h"
 
 namespace isonest::detail::cli {
 
-/// Options with what they need beside ExtractOptions.
+/// What the options say.
 struct ExtractArguments {
     std::string store;
     std::string mesh;
-    std::string values;  ///< a second store, or empty
-    ExtractOptions extract;
-    double falloff = 0;
+    ErrorBound error;
+    std::optional<FieldThreshold> stop;  ///< in place of the error
+    std::optional<Focus> focus;
+    std::optional<Camera> camera;
+    std::optional<WorldBox> box;
+    bool normals = false;
+    std::optional<Field> vertex_error;
+    ExtractOptions options;
+    bool is_slice = false;  ///< or contour lines
+    bool is_graph = false;
+
+    /// What all queries have.
+    template <class Query>
+    [[nodiscard]] Query query() const {
+        Query query;
+        query.stop = stop ? StopTest(*stop) : StopTest(error);
+        query.focus = focus;
+        query.camera = camera;
+        query.box = box;
+        return query;
+    }
 };
 
 /// STORE, the error, the stop test, focus and camera, --box, --memory, --threads.
@@ -29,9 +48,11 @@ bool is_guaranteed(const ExtractReport& r);
 std::string extract_warning(const ExtractArguments& a, const ExtractReport& r);
 /// Whether the box and the volume have more than a face in common along each axis that the volume
 /// has.
-bool reaches_volume(const StoreReader& store, const WorldBox& box);
+bool reaches_volume(const Store& store, const WorldBox& box);
 /// "which lies between 0,0,0 and 9,9,9".
-std::string volume_text(const StoreReader& store);
+std::string volume_text(const Store& store);
+/// The folder of the output: what does not fit into the memory goes there too.
+ExtractOptions options_of(const ExtractArguments& a);
 /// What every such command reports.
 Json extract_json(const ExtractArguments& a, const ExtractReport& r);
 

@@ -11,16 +11,17 @@
 
 #include <isonest/error.h>
 
-#include "tools/drawing/png_writer.h"
+#include "store/files/output_file.h"
 
 namespace isonest::detail::cli {
-namespace {
 
 using Rgb = std::array<double, 3>;
 struct ColorMap {
     std::string name;
     std::vector<Rgb> colors;  ///< at equal distances
 };
+
+namespace {
 
 const std::vector<ColorMap>& color_maps() {
     static const std::vector<ColorMap> maps{
@@ -72,7 +73,9 @@ class Plane {
         }
         up_ = cross(out, right_);
     }
-    [[nodiscard]] Flat of(const Double3& p, double value) const {
+    [[nodiscard]] Flat of(const std::array<float, 3>& position, double value) const {
+        const Double3 p{static_cast<double>(position[0]), static_cast<double>(position[1]),
+                        static_cast<double>(position[2])};
         return {dot(p, right_), dot(p, up_), value};
     }
 
@@ -87,6 +90,8 @@ class Plane {
     Double3 up_{};
 };
 
+}  // namespace
+
 /// Some rows of the picture, from `first_row` on, at `kStep` times its size per axis.
 class Raster {
   public:
@@ -100,6 +105,7 @@ class Raster {
           pixels_(std::size_t{3} * static_cast<std::size_t>(width_) *
                       static_cast<std::size_t>(end_ - begin_),
                   std::uint8_t{255}) {}
+    [[nodiscard]] int rows() const { return (end_ - begin_) / kStep; }
     /// Bytes of a row, reduced() included.
     static std::uint64_t row_heap(int width) {
         return std::uint64_t{3} * static_cast<std::uint64_t>(width) * (kStep * kStep + 1);
@@ -204,8 +210,6 @@ class Raster {
     std::vector<std::uint8_t> pixels_;
 };
 
-}  // namespace
-
 const std::vector<std::string>& color_map_names() {
     static const std::vector<std::string> names = [] {
         std::vector<std::string> all;
@@ -217,55 +221,85 @@ const std::vector<std::string>& color_map_names() {
     return names;
 }
 
-void draw_slice(const PlyMesh& mesh, const std::filesystem::path& png,
-                const SlicePictureOptions& options, Progress& progress) {
+SlicePicture::SlicePicture(std::filesystem::path png, SlicePictureOptions options)
+    : path_(std::move(png)), options_(std::move(options)) {
     const auto map = std::find_if(color_maps().begin(), color_maps().end(),
-                                  [&](const ColorMap& m) { return m.name == options.colors; });
+                                  [&](const ColorMap& m) { return m.name == options_.colors; });
     if (map == color_maps().end()) {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("--colors '{}': there are {}", options.colors,
+                    fmt::format("--colors '{}': there are {}", options_.colors,
                                 fmt::join(color_map_names(), ", ")));
     }
-    const Plane plane(options.normal);
-    Flat low{std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity(), 0};
-    Flat high{-low.x, -low.y, 0};
-    for (std::uint64_t i = 0; i < mesh.vertices(); ++i) {
-        const Flat p = plane.of(mesh.vertex(i), 0);
-        low.x = std::min(low.x, p.x);
-        low.y = std::min(low.y, p.y);
-        high.x = std::max(high.x, p.x);
-        high.y = std::max(high.y, p.y);
+    map_ = &*map;
+}
+
+SlicePicture::~SlicePicture() = default;
+
+void SlicePicture::prepare(const MeshLayout& /*layout*/,
+                           std::span<const std::filesystem::path> inputs) {
+    check_output(path_, true, {inputs.begin(), inputs.end()});
+}
+
+void SlicePicture::begin(const MeshLayout& layout) {
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    file_.reset();
+    file_ = std::make_unique<PngFile>(path_, options_.width, options_.height);
+    value_ = *layout.find("value");
+    extent_ = {{kInfinity, kInfinity}, {-kInfinity, -kInfinity}};
+    raster_.reset();
+    row_ = 0;
+}
+
+void SlicePicture::vertices(const VertexBatch& batch) {
+    if (row_ > 0) {
+        return;
     }
+    const Plane plane(options_.normal);
+    for (const auto& position : batch.positions) {
+        const Flat p = plane.of(position, 0);
+        extent_.low = {std::min(extent_.low[0], p.x), std::min(extent_.low[1], p.y)};
+        extent_.high = {std::max(extent_.high[0], p.x), std::max(extent_.high[1], p.y)};
+    }
+}
+
+Raster& SlicePicture::raster() {
+    if (raster_ == nullptr) {
+        const std::uint64_t fit = options_.memory / Raster::row_heap(options_.width);
+        const auto rest = static_cast<std::uint64_t>(options_.height - row_);
+        raster_ = std::make_unique<Raster>(
+            options_, *map_, row_, static_cast<int>(std::clamp<std::uint64_t>(fit, 1, rest)));
+    }
+    return *raster_;
+}
+
+void SlicePicture::elements(const ElementBatch& batch) {
     constexpr double kFilled = 0.98;
-    const double w = options.width * Raster::kStep;
-    const double h = options.height * Raster::kStep;
-    const double scale = kFilled * std::min(w / std::max(high.x - low.x, 1e-300),
-                                            h / std::max(high.y - low.y, 1e-300));
+    const Plane plane(options_.normal);
+    const auto& [low, high] = extent_;
+    const double w = options_.width * Raster::kStep;
+    const double h = options_.height * Raster::kStep;
+    const double scale = kFilled * std::min(w / std::max(high[0] - low[0], 1e-300),
+                                            h / std::max(high[1] - low[1], 1e-300));
     const auto corner = [&](std::uint32_t v) {
-        const Flat p = plane.of(mesh.vertex(v), mesh.value(v));
-        return Flat{w / 2 + (p.x - (low.x + high.x) / 2) * scale,
-                    h / 2 - (p.y - (low.y + high.y) / 2) * scale, p.value};
+        const Flat p = plane.of(batch.nearby.positions[v], batch.nearby.number(v, value_));
+        return Flat{w / 2 + (p.x - (low[0] + high[0]) / 2) * scale,
+                    h / 2 - (p.y - (low[1] + high[1]) / 2) * scale, p.value};
     };
-    // Rows that fit into the memory at a time; the mesh is gone through once for each such strip.
-    const std::uint64_t fit = options.memory / Raster::row_heap(options.width);
-    const int rows = static_cast<int>(
-        std::clamp<std::uint64_t>(fit, 1, static_cast<std::uint64_t>(options.height)));
-    const int strips = (options.height + rows - 1) / rows;
-    PngFile file(png, options.width, options.height);
-    progress.begin("picture", mesh.triangles() * static_cast<std::uint64_t>(strips), "triangles");
-    for (int row = 0; row < options.height; row += rows) {
-        Raster raster(options, *map, row, std::min(rows, options.height - row));
-        for (std::uint64_t i = 0; i < mesh.triangles(); ++i) {
-            if ((i & 0xFFFU) == 0) {
-                progress.check();
-                progress.advance(std::min<std::uint64_t>(0x1000, mesh.triangles() - i));
-            }
-            const auto t = mesh.triangle(i);
-            raster.draw({corner(t[0]), corner(t[1]), corner(t[2])});
-        }
-        file.write(raster.reduced());
+    for (const auto& t : batch.nearby_corners) {
+        raster().draw({corner(t[0]), corner(t[1]), corner(t[2])});
     }
-    file.finish();
+}
+
+bool SlicePicture::again() {
+    file_->write(raster().reduced());
+    row_ += raster().rows();
+    raster_.reset();
+    return row_ < options_.height;
+}
+
+void SlicePicture::end() {
+    file_->finish();
+    file_.reset();
 }
 
 }  // namespace isonest::detail::cli

@@ -4,13 +4,14 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include <isonest/int3.h>
-#include <isonest/progress.h>
+#include <isonest/mesh_sink.h>
 
-#include "tools/drawing/ply_reader.h"
+#include "tools/drawing/png_writer.h"
 
 namespace isonest::detail::cli {
 
@@ -30,10 +31,42 @@ struct SlicePictureOptions {
 /// The names for SlicePictureOptions::colors.
 const std::vector<std::string>& color_map_names();
 
-/// Draws a mesh that lies in a plane and has vertex values, fitted, with white around it, and
-/// writes an 8-bit RGB PNG. The mesh is streamed. Throws Error{invalid_argument, io, cancelled} and
-/// what PlyMesh throws.
-void draw_slice(const PlyMesh& mesh, const std::filesystem::path& png,
-                const SlicePictureOptions& options, Progress& progress);
+struct ColorMap;
+class Raster;
+
+/// Draws a mesh that lies in a plane and has vertex values, fitted, with white around it, into an
+/// 8-bit RGB PNG, which replaces what is there. The picture is drawn in strips that fit into the
+/// memory, each in one pass over the mesh.
+class SlicePicture : public MeshSink {
+  public:
+    /// Throws Error{invalid_argument} if there are no such colours.
+    SlicePicture(std::filesystem::path png, SlicePictureOptions options);
+    ~SlicePicture() override;
+    /// Throws Error{invalid_argument, not_found} where no picture may be written.
+    void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override;
+    /// These throw Error{io}. REQUIRES: the layout has values.
+    void begin(const MeshLayout& layout) override;
+    void vertices(const VertexBatch& batch) override;
+    void elements(const ElementBatch& batch) override;
+    [[nodiscard]] bool again() override;
+    void end() override;
+
+  private:
+    /// In the plane's own coordinates.
+    struct Extent {
+        std::array<double, 2> low;
+        std::array<double, 2> high;
+    };
+    Raster& raster();
+
+    std::filesystem::path path_;
+    SlicePictureOptions options_;
+    const ColorMap* map_;
+    std::unique_ptr<PngFile> file_;
+    VertexAttribute value_;
+    Extent extent_{};
+    int row_ = 0;  ///< the first of the strip
+    std::unique_ptr<Raster> raster_;
+};
 
 }  // namespace isonest::detail::cli

@@ -52,7 +52,10 @@ enum class RemedyKind : std::uint8_t {
     same_options,         ///< the input and options of the interrupted run
     remove_leftover,      ///< delete what an interrupted run has left (the place's file)
     smaller_picture,      ///< fewer pixels
-    less_memory           ///< a smaller memory budget: the machine has not that much
+    less_memory,          ///< a smaller memory budget: the machine has not that much
+    other_scale,          ///< another GraphQuery::scale
+    scale_values,         ///< scale the data, or take an offset off them, before preprocessing
+    graph                 ///< data in a plane: the graph, GraphQuery
 };
 struct Remedy {
     RemedyKind kind;

@@ -1,0 +1,168 @@
+#include "query/extract/query_checks.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include <isonest/error.h>
+
+#include "query/march/contour_lines.h"
+
+namespace isonest::detail {
+namespace {
+
+/// Throws Error{invalid_argument}.
+void require_not_negative(double number, const char* what) {
+    if (!(number >= 0) || !std::isfinite(number)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} {}: must be a finite number >= 0", what, number));
+    }
+}
+
+double largest_of(const StoreReader& store, Field field) {
+    double largest = 0;
+    for (const ArrayInfo& array : store.layout().arrays()) {
+        for (std::int64_t i = 0; array.field == field && i < array.grid.product(); ++i) {
+            const double max = store.row(array, array.grid.unlinear(i)).max;
+            largest = std::isfinite(max) ? std::max(largest, max) : largest;
+        }
+    }
+    return largest;
+}
+
+Stop stop_of(const StoreReader& store, const ErrorBound& asked) {
+    Field field = Field::deviation_bar;
+    switch (asked.guarantee) {
+        case Guarantee::deviation:
+            break;
+        case Guarantee::plus:
+            field = Field::linf_plus;
+            break;
+        case Guarantee::estimate:
+            field = Field::linf_bar;
+            break;
+    }
+    require_field(store, field, "this guarantee");
+    double error = asked.value;
+    if (asked.relative) {
+        // Each part by itself: the range of doubles may be beyond them.
+        error = store.max_value() > store.min_value()
+                    ? error * store.max_value() - error * store.min_value()
+                    : error * 0;
+    }
+    require_not_negative(error, "error");
+    return {field, error};
+}
+
+Stop stop_of(const StoreReader& store, const FieldThreshold& asked) {
+    require_field(store, asked.field, "this stop test");
+    require_not_negative(asked.value, "threshold");
+    return {asked.field, asked.value * (asked.relative ? largest_of(store, asked.field) : 1.0)};
+}
+
+void require_float32(const StoreReader& store, double number, const std::string& what,
+                     Remedy remedy) {
+    constexpr float kLargest = std::numeric_limits<float>::max();
+    if (!(std::fabs(number) <= kLargest)) {
+        throw Error(ErrorKind::limit, {store.path().string()},
+                    fmt::format("{} {:.6g}, and a mesh's 32-bit floats end at {:.6g}", what, number,
+                                kLargest),
+                    {std::move(remedy)});
+    }
+}
+
+/// Both ends of what the values reach; 0 where all are missing.
+std::array<double, 2> value_range(const StoreReader& store) {
+    if (!(store.min_value() <= store.max_value())) {
+        return {0, 0};
+    }
+    return {store.min_value(), store.max_value()};
+}
+
+}  // namespace
+
+void require_field(const StoreReader& store, Field field, const std::string& what) {
+    const StoreLayout& layout = store.layout();
+    if (layout.has(field) || layout.lattice().top() == 0) {
+        return;
+    }
+    const std::vector<Field>& there = layout.header().fields;
+    std::vector<Field> wanted = there;
+    wanted.push_back(field);
+    throw Error(ErrorKind::not_found, {store.path().string()},
+                fmt::format("{} needs the field {}; the store has {}", what, name_of(field),
+                            there.empty() ? "none" : list_names(there)),
+                {{RemedyKind::make_fields, fmt::format("{}", fmt::join(names_of(wanted), ","))},
+                 {RemedyKind::other_field, fmt::format("{}", fmt::join(names_of(there), ","))}});
+}
+
+void require_dimension(const StoreReader& store, Product product, bool culls) {
+    const Int3 n = store.layout().lattice().nodes();
+    const bool flat = store.layout().lattice().dimension() == 2;
+    const auto refuse = [&](const char* what, std::vector<Remedy> remedies = {}) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                    fmt::format("{} x {} x {} nodes: {}", n.x, n.y, n.z, what),
+                    std::move(remedies));
+    };
+    if (product == Product::graph && !flat) {
+        refuse("a graph needs data in a plane, one node along z");
+    }
+    if (product == Product::graph && n.z != 1) {
+        refuse("a graph needs data in the xy plane, one node along z");
+    }
+    if ((product == Product::slice || product == Product::contours) && flat) {
+        refuse("a slice needs a volume", {{RemedyKind::graph}});
+    }
+    if (culls && flat) {
+        refuse("leaving out backfaces needs a volume");
+    }
+}
+
+void require_contours(std::span<const double> values) {
+    if (values.empty()) {
+        throw Error(ErrorKind::invalid_argument, "contours: no values are given");
+    }
+    if (values.size() > kMostContours) {
+        throw Error(ErrorKind::limit, fmt::format("contours: {} values; at most {} at once",
+                                                  values.size(), kMostContours));
+    }
+    for (const double value : values) {
+        if (!std::isfinite(value)) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("contours: {}: must be a finite number", value));
+        }
+    }
+}
+
+Stop stop_of(const StoreReader& store, const StopTest& test) {
+    return std::visit([&](const auto& asked) { return stop_of(store, asked); }, test);
+}
+
+void require_float32(const StoreReader& store, const ExtractQuery& query) {
+    const Int3 nodes = store.layout().header().nodes;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        const bool height = axis == 2 && query.product == Product::graph;
+        const auto ends =
+            height ? value_range(store) : std::array{0.0, static_cast<double>(nodes[axis] - 1)};
+        for (const double end : ends) {
+            require_float32(
+                store, query.origin[a] + query.spacing[a] * end,
+                fmt::format("the {} reaches {} =", height ? "graph" : "volume", "xyz"[a]),
+                height ? Remedy{RemedyKind::other_scale}
+                       : Remedy{RemedyKind::place_in_world, "spacing,origin"});
+        }
+    }
+    if (query.traversal.attributes.value && !query.traversal.attributes.wide_value) {
+        const StoreReader& values = query.values != nullptr ? *query.values : store;
+        for (const double end : value_range(values)) {
+            require_float32(values, end, "values reach", {RemedyKind::scale_values});
+        }
+    }
+}
+
+}  // namespace isonest::detail

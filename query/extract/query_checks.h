@@ -1,0 +1,37 @@
+// What a query may not ask for, and what it asks for in numbers.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <string>
+
+#include <isonest/extract.h>
+
+#include "query/extract/extract_query.h"
+#include "store/container/reader.h"
+
+namespace isonest::detail {
+
+/// Throws Error{not_found} if the store lacks the field that `what` needs.
+void require_field(const StoreReader& store, Field field, const std::string& what);
+
+/// Throws Error{invalid_argument} unless the product is one of the store's data: volumes have
+/// surfaces and slices, data in a plane isolines and a graph.
+void require_dimension(const StoreReader& store, Product product, bool culls);
+
+/// Throws Error{invalid_argument, limit}.
+void require_contours(std::span<const double> values);
+
+/// The field by which nodes stop, and the number below which they do, in its own units. Throws
+/// Error{invalid_argument, not_found}.
+struct Stop {
+    Field field;
+    double threshold;
+};
+Stop stop_of(const StoreReader& store, const StopTest& test);
+
+/// Throws Error{limit} where the mesh would need numbers beyond float32: coordinates, heights,
+/// values that the mesh holds as float32.
+void require_float32(const StoreReader& store, const ExtractQuery& query);
+
+}  // namespace isonest::detail

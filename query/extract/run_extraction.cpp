@@ -1,0 +1,117 @@
+#include "query/extract/run_extraction.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <vector>
+
+#include "query/march/contour_lines.h"
+#include "query/mesh/emit_mesh.h"
+#include "query/traverse/planar.h"
+#include "query/traverse/traversal_budget.h"
+#include "store/base/workers.h"
+
+namespace isonest::detail {
+namespace {
+
+/// Traverses and fills `parts`; what that takes beside them is free again afterwards.
+void fill_parts(const StoreReader& store, ExtractQuery& asked, const TraversalBudget& budget,
+                PartStore& parts, ExtractReport& report, Progress& progress) {
+    TraversalQuery& query = asked.traversal;
+    std::optional<ChunkCache> others;
+    if (asked.values != nullptr) {
+        others.emplace(*asked.values, budget.values_cache);
+        query.attribute_values = &*others;
+    }
+    ChunkCache cache(store, budget.cache,
+                     query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
+    const PartSink sink = [&](std::uint64_t order, const MeshPart& part) {
+        parts.append(order, part);
+    };
+    const bool is_graph = asked.product == Product::graph;
+    const TraversalCounts counts =
+        is_graph || asked.product == Product::isolines
+            ? traverse_planar(cache, query, is_graph ? PlanarKind::graph : PlanarKind::isolines,
+                              budget.part_vertices, sink, progress)
+            : traverse(cache, query, budget.part_vertices, sink, progress);
+    query.attribute_values = nullptr;
+    report.visited_tetrahedra = counts.visited;
+    report.leaf_tetrahedra = counts.leaves;
+    report.bricks = counts.bricks;
+    report.error_bound = counts.error_bound;
+    report.value_rounding = counts.value_rounding;
+    if (is_graph && counts.height_rounding > 0) {
+        report.value_rounding = counts.height_rounding / std::fabs(asked.graph_scale);
+    }
+    report.peak_cache_bytes = cache.peak_bytes();
+    report.chunks_read = cache.chunks_read();
+    report.bytes_read = cache.bytes_read();
+}
+
+void emit(const PartStore& parts, const Weld& weld, const MeshLayout& layout, MeshSink& sink,
+          ExtractReport& report, Progress& progress) {
+    emit_mesh(parts, weld, layout, sink, progress);
+    report.vertices = weld.vertices();
+    report.triangles = weld.triangles();
+}
+
+}  // namespace
+
+ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
+                             const ExtractOptions& options, Progress& progress) {
+    const auto start = std::chrono::steady_clock::now();
+    std::vector<std::filesystem::path> inputs{store.path()};
+    if (asked.values != nullptr) {
+        inputs.push_back(asked.values->path());
+    }
+    const AttributeChoice& attributes = asked.traversal.attributes;
+    const MeshLayout layout = layout_of(attributes, asked.corners());
+    sink.prepare(layout, inputs);
+    const TraversalBudget budget = share_memory(store, asked.traversal, asked.values,
+                                                options.memory, 0, options.threads, true);
+    const std::filesystem::path scratch =
+        options.scratch.empty() ? std::filesystem::temp_directory_path() : options.scratch;
+
+    ExtractReport report;
+    report.dimension = store.layout().lattice().dimension();
+    report.tolerance = asked.threshold;
+    report.coordinate_rounding = asked.coordinate_rounding;
+    report.stop = asked.traversal.stop;
+    report.bound = asked.traversal.bound;
+    if (asked.traversal.culling) {
+        report.culled_by = asked.traversal.culling->field();
+    }
+    const StoreReader& values = asked.values != nullptr ? *asked.values : store;
+    report.value_range = std::max(values.max_value() - values.min_value(), 0.0);
+    Workers(budget.threads).execute([&] {
+        PartStore parts(scratch, asked.spacing, asked.origin, budget.parts, attributes.width());
+        fill_parts(store, asked, budget, parts, report, progress);
+        parts.seal();
+        progress.check();
+        const Weld weld(parts, scratch);
+        if (asked.product != Product::contours) {
+            emit(parts, weld, layout, sink, report, progress);
+            const bool lines = asked.product == Product::isolines;
+            report.zero_area_triangles = lines ? 0 : parts.zero_area_triangles();
+            return;
+        }
+        PartStore line_parts(scratch, {1, 1, 1}, {0, 0, 0}, budget.cache / 2, attributes.width());
+        contour_lines(
+            parts, weld, asked.contours, attributes, budget.part_vertices,
+            [&](std::uint64_t order, const MeshPart& part) { line_parts.append(order, part); },
+            progress);
+        line_parts.seal();
+        const Weld line_weld(line_parts, scratch);
+        emit(line_parts, line_weld, layout, sink, report, progress);
+        report.value_rounding += contour_rounding(asked.contours, attributes);
+    });
+    if (asked.product != Product::surface && asked.product != Product::isolines) {
+        report.error_bound += report.value_rounding;
+    }
+    report.chunks_total = store.layout().rows();
+    report.seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    return report;
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,21 @@
+// Hands a welded mesh to a sink.
+#pragma once
+
+#include <isonest/mesh_sink.h>
+#include <isonest/progress.h>
+
+#include "query/march/vertex_attributes.h"
+#include "query/mesh/weld.h"
+
+namespace isonest::detail {
+
+/// Without counts and box, as MeshSink::prepare() takes it. `corners`: of an element, 3 or 2.
+MeshLayout layout_of(const AttributeChoice& attributes, int corners);
+
+/// begin(), all batches as often as the sink asks for them, end(). `layout`: of prepare(). Of lines
+/// ("triangles" whose last two corners are equal) and triangles. Throws what the sink throws, and
+/// Error{cancelled}.
+void emit_mesh(const PartStore& parts, const Weld& weld, MeshLayout layout, MeshSink& sink,
+               Progress& progress);
+
+}  // namespace isonest::detail

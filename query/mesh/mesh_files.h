@@ -1,0 +1,46 @@
+// The mesh formats: each is a sink that writes a file.
+#pragma once
+
+#include <memory>
+#include <optional>
+
+#include <isonest/mesh_file.h>
+
+#include "store/files/output_file.h"
+
+namespace isonest::detail {
+
+/// Opens, publishes and drops the file; a format writes into file(). It is there from create() to
+/// end().
+class MeshFile : public MeshSink {
+  public:
+    MeshFile(std::filesystem::path path, const MeshFileOptions& options)
+        : path_(std::move(path)), replace_(options.replace) {}
+    void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override;
+    void end() override;
+
+  protected:
+    [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+    /// Whether the format has lines.
+    [[nodiscard]] virtual bool holds_lines() const { return false; }
+    /// `prepare`: as of OutputFile.
+    OutputFile& create(
+        const std::function<void(const std::filesystem::path& temporary)>& prepare = {});
+    [[nodiscard]] OutputFile& file() { return *file_; }
+    /// Throws Error{limit} if the count ("vertices", say) is more than 32 bits can number.
+    void require_32_bits(std::uint64_t count, const char* what, const char* format) const;
+
+  private:
+    std::filesystem::path path_;
+    bool replace_;
+    std::optional<OutputFile> file_;
+};
+
+std::unique_ptr<MeshSink> ply_file(const std::filesystem::path& path, const MeshFileOptions& o);
+std::unique_ptr<MeshSink> stl_file(const std::filesystem::path& path, const MeshFileOptions& o);
+std::unique_ptr<MeshSink> obj_file(const std::filesystem::path& path, const MeshFileOptions& o);
+std::unique_ptr<MeshSink> vtp_file(const std::filesystem::path& path, const MeshFileOptions& o);
+std::unique_ptr<MeshSink> vtkhdf_file(const std::filesystem::path& path, const MeshFileOptions& o);
+std::unique_ptr<MeshSink> glb_file(const std::filesystem::path& path, const MeshFileOptions& o);
+
+}  // namespace isonest::detail

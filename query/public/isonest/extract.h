@@ -1,0 +1,158 @@
+// From a store to a surface, a slice, contour lines or a graph with a guaranteed error.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <variant>
+#include <vector>
+
+#include <isonest/field.h>
+#include <isonest/int3.h>
+#include <isonest/mesh_sink.h>
+#include <isonest/progress.h>
+#include <isonest/store.h>
+#include <isonest/world.h>
+
+namespace isonest {
+
+/// What an ErrorBound promises.
+enum class Guarantee : std::uint8_t {
+    deviation,  ///< |U - U^l| <= value, by the deviation indicator: tight
+    plus,       ///< the same, by eta+ of the offset indicator: looser, more triangles
+    estimate    ///< eta bar of the offset indicator: usually close, no promise
+};
+
+/// How far the function that is shown may be from the finest one, anywhere.
+struct ErrorBound {
+    double value = 0;       ///< >= 0; 0 = full resolution
+    bool relative = false;  ///< value is a fraction of the data's range, not in the data's units
+    Guarantee guarantee = Guarantee::deviation;
+};
+
+/// In place of an error: nodes at which this field of the store is below the value are not refined.
+struct FieldThreshold {
+    Field field = Field::deviation_bar;
+    double value = 0;       ///< >= 0, in the field's own units
+    bool relative = false;  ///< value is a fraction of the field's largest finite value
+};
+
+using StopTest = std::variant<ErrorBound, FieldThreshold>;
+
+/// Leaves out what faces away from a viewer who looks in `direction` (section 5 of the paper).
+struct BackfaceCulling {
+    Double3 direction{};
+    /// normal_turn_plus or grad_linf_plus; whichever the store has.
+    std::optional<Field> field;
+};
+
+// What to extract. `focus` and `camera` loosen the stop test with the distance, `box` cuts what is
+// extracted at its faces. `vertex_values`: the attribute "value" from another store with the same
+// nodes, which has to live as long as the call. `vertex_error`: this field as attribute "error".
+
+/// The surface {U = iso}, triangles that face smaller values; of a store with one flat axis the
+/// lines {U = iso}.
+struct SurfaceQuery {
+    double iso = 0;
+    StopTest stop;
+    std::optional<Focus> focus;
+    std::optional<Camera> camera;
+    std::optional<WorldBox> box;
+    /// By which elements without surface are left out; the tightest that the store has.
+    std::optional<Field> bound;
+    std::optional<BackfaceCulling> culling;  ///< of a volume alone
+    bool normals = false;                    ///< from the data's gradient
+    const Store* vertex_values = nullptr;
+    std::optional<Field> vertex_error;
+};
+
+/// The part of a plane inside the volume, triangles that face against its normal and have the
+/// attribute "value".
+struct SliceQuery {
+    WorldPlane plane;
+    StopTest stop;
+    std::optional<Focus> focus;
+    std::optional<Camera> camera;
+    std::optional<WorldBox> box;
+    bool normals = false;  ///< from the data's gradient
+    const Store* vertex_values = nullptr;
+    std::optional<Field> vertex_error;
+};
+
+/// The lines in a plane on which the data have one of `values` (at most 1000), with the attribute
+/// "value".
+struct ContourQuery {
+    WorldPlane plane;
+    std::vector<double> values;
+    StopTest stop;
+    std::optional<Focus> focus;
+    std::optional<Camera> camera;
+    std::optional<WorldBox> box;
+};
+
+/// Of a store with one node along z: the surface z = scale U, facing up.
+struct GraphQuery {
+    double scale = 1;
+    StopTest stop;
+    std::optional<Focus> focus;
+    std::optional<Camera> camera;
+    std::optional<WorldBox> box;
+    bool normals = false;  ///< of the graph
+    const Store* vertex_values = nullptr;
+    std::optional<Field> vertex_error;
+};
+
+struct ExtractOptions {
+    std::uint64_t memory = std::uint64_t{1} << 30U;  ///< bytes of heap, at most, beside the sink's
+    int threads = 0;                                 ///< 0 = all cores
+    /// Where what does not fit into the memory goes, in files without names; empty = the system's
+    /// folder for temporary files.
+    std::filesystem::path scratch;
+};
+
+struct ExtractReport {
+    int dimension = 3;  ///< of the lattice; 2: triangles and lines in place of tetrahedra
+    std::uint64_t vertices = 0;
+    std::uint64_t triangles = 0;  ///< or lines
+    double tolerance = 0;         ///< the error or threshold asked for, not as a fraction
+    /// Largest indicator at which a visited leaf stopped; of a slice, its contours and a graph with
+    /// value_rounding on top.
+    double error_bound = 0;
+    /// Most by which a value of a vertex, or a graph's height, is off because it was rounded, in
+    /// units of the data.
+    double value_rounding = 0;
+    double value_range = 0;  ///< of the store that values and heights are taken from
+    Field stop = Field::deviation_bar;
+    Field bound = Field::deviation_bar;
+    std::optional<Field> culled_by;
+    std::uint64_t visited_tetrahedra = 0;
+    std::uint64_t leaf_tetrahedra = 0;      ///< visited, not refined further, and holding surface
+    std::uint64_t zero_area_triangles = 0;  ///< left where coordinates round to the same place
+    /// Most by which a coordinate is rounded to float32, in distances of neighbouring nodes: on top
+    /// of the error.
+    double coordinate_rounding = 0;
+    std::uint64_t chunks_read = 0;   ///< by this call alone, those read twice counted twice
+    std::uint64_t chunks_total = 0;  ///< of the store
+    std::uint64_t bytes_read = 0;    ///< stored bytes of the chunks read
+    std::uint64_t peak_cache_bytes = 0;
+    std::uint64_t bricks = 0;
+    double seconds = 0;
+};
+
+/// Hands the mesh to `sink`: coordinates float32 in world units; values float32 where that holds
+/// the store's values, else float64 if the sink holds it. The mesh depends on the volume and on the
+/// query, not on memory and threads. Nothing there is a mesh without elements, not an error.
+/// Throws Error{invalid_argument} (a query that makes no sense, or none for this store),
+/// Error{not_found} (the store lacks the field that the stop test needs), Error{limit} (memory, or
+/// numbers beyond float32), Error{corrupt, io, cancelled}, and what the sink throws.
+/// Thread-safety: any number of calls at once, with different sinks, also on one store.
+ExtractReport extract(const Store& store, const SurfaceQuery& query, MeshSink& sink,
+                      const ExtractOptions& options = {}, Progress& progress = silent_progress());
+ExtractReport extract(const Store& store, const SliceQuery& query, MeshSink& sink,
+                      const ExtractOptions& options = {}, Progress& progress = silent_progress());
+ExtractReport extract(const Store& store, const ContourQuery& query, MeshSink& sink,
+                      const ExtractOptions& options = {}, Progress& progress = silent_progress());
+ExtractReport extract(const Store& store, const GraphQuery& query, MeshSink& sink,
+                      const ExtractOptions& options = {}, Progress& progress = silent_progress());
+
+}  // namespace isonest

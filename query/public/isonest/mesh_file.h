@@ -1,0 +1,37 @@
+// Meshes as files.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+
+#include <isonest/mesh_sink.h>
+
+namespace isonest {
+
+struct MeshFileOptions {
+    /// Replace a regular file of that name, unless the mesh is made from it. Folders, links and
+    /// devices are never replaced.
+    bool replace = false;
+};
+
+/// A sink that writes `path`, in the format that the name's end (in any case) chooses:
+///
+///   .ply     binary; values as float64 where they need it
+///   .stl     binary; triangles alone, corners repeated
+///   .obj     text; normals; triangles or lines
+///   .vtp     VTK XML, appended raw data; everything; triangles or lines
+///   .vtkhdf  VTKHDF; everything; triangles
+///   .glb     glTF 2.0 binary; float32 alone
+///
+/// Coordinates are float32. The file appears under its name when the extraction ends, whole or not
+/// at all; until then it has a temporary name in the same folder, which the sink's destructor
+/// removes. One sink may be used for one extraction after the other; each replaces the file only if
+/// the options allow it.
+/// Throws Error{invalid_argument} for another end of the name. The sink's prepare() throws
+/// Error{invalid_argument} if the file may not be written or the format has no lines, and
+/// Error{not_found} without the folder; begin() throws Error{limit} beyond what the format can
+/// number; all throw Error{io}.
+std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
+                                         const MeshFileOptions& options = {});
+
+}  // namespace isonest

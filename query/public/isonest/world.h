@@ -1,0 +1,36 @@
+// Places in world units: boxes, planes, and where somebody looks from.
+#pragma once
+
+#include <isonest/int3.h>
+
+namespace isonest {
+
+/// REQUIRES (checked where it is used): lo < hi along each axis.
+struct WorldBox {
+    Double3 lo{};
+    Double3 hi{};
+};
+
+/// The plane {normal . x = offset}. The normal need not have length 1.
+struct WorldPlane {
+    Double3 normal{0, 0, 1};
+    double offset = 0;
+};
+
+/// Within the box (a point, if lo = hi) the tolerance is as given; outside it grows with the
+/// distance, to (1 + falloff distance) times.
+struct Focus {
+    Double3 lo{};
+    Double3 hi{};
+    double falloff = 0;  ///< per world unit, >= 0
+};
+
+/// A perspective view. Diamonds of elements that it shows smaller than `pixels` are not refined.
+struct Camera {
+    Double3 position{};
+    double field_of_view = 40;  ///< degrees, from the top of the picture to its bottom
+    int height = 1080;          ///< pixels, from the top of the picture to its bottom
+    double pixels = 1;
+};
+
+}  // namespace isonest

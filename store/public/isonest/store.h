@@ -1,0 +1,55 @@
+// A finished store, open for reading.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <vector>
+
+#include <isonest/field.h>
+#include <isonest/int3.h>
+#include <isonest/value_type.h>
+
+namespace isonest {
+namespace detail {
+class StoreReader;
+}
+
+/// What preprocess() made: all levels of a volume and the indicators of every node, in one file
+/// that is mapped read-only. Not to be used after it was moved from. Thread-safety: const methods,
+/// and any number of queries of the same Store, from any threads.
+class Store {
+  public:
+    /// Throws Error{not_found}, Error{corrupt} (not a store, incomplete, damaged),
+    /// Error{unsupported} (a format that this version does not read), Error{io}.
+    explicit Store(const std::filesystem::path& path);
+    Store(Store&& other) noexcept;
+    Store& operator=(Store&& other) noexcept;
+    Store(const Store&) = delete;
+    Store& operator=(const Store&) = delete;
+    ~Store();
+
+    [[nodiscard]] const std::filesystem::path& path() const;
+    /// Nodes per axis (x, y, z) of the finest level.
+    [[nodiscard]] Int3 nodes() const;
+    [[nodiscard]] ValueType type() const;
+    /// Node p lies at origin() + spacing() * p in world units, axis by axis.
+    [[nodiscard]] Double3 spacing() const;
+    [[nodiscard]] Double3 origin() const;
+    /// 0 is the finest level, levels() - 1 the coarsest.
+    [[nodiscard]] int levels() const;
+    /// The indicators that it holds, in the order of the file.
+    [[nodiscard]] const std::vector<Field>& fields() const;
+    /// Smallest and largest finite value of the finest level; min > max if there is none.
+    [[nodiscard]] double min_value() const;
+    [[nodiscard]] double max_value() const;
+    /// Whether values are missing (NaN or infinite).
+    [[nodiscard]] bool has_missing() const;
+
+    /// For the library's own parts.
+    [[nodiscard]] const detail::StoreReader& reader() const { return *reader_; }
+
+  private:
+    std::unique_ptr<const detail::StoreReader> reader_;
+};
+
+}  // namespace isonest

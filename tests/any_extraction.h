@@ -1,0 +1,99 @@
+// All products in one form, for tests that go through them: to a file, as the program does it.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include <isonest/mesh_file.h>
+
+#include "query/extract/run_extraction.h"
+
+namespace isonest::detail::test {
+
+struct Extraction {
+    double iso = 0;
+    std::optional<double> graph_scale;  ///< the graph
+    std::optional<WorldPlane> plane;    ///< a slice
+    std::vector<double> contours;       ///< its contour lines
+    std::optional<double> error;
+    std::optional<double> error_relative;
+    Guarantee guarantee = Guarantee::deviation;
+    std::optional<Field> stop;
+    double threshold = 0;
+    bool threshold_relative = false;
+    std::optional<Field> bound;
+    std::optional<Double3> view;
+    std::optional<Field> cull_by;
+    std::optional<Focus> focus;
+    std::optional<Camera> camera;
+    bool normals = false;
+    std::optional<Field> vertex_error;
+    const Store* values = nullptr;
+    std::optional<WorldBox> box;
+    std::uint64_t memory = std::uint64_t{1} << 30U;
+    int threads = 0;
+
+    [[nodiscard]] StopTest stop_test() const {
+        if (stop) {
+            return FieldThreshold{*stop, threshold, threshold_relative};
+        }
+        return ErrorBound{error.value_or(error_relative.value_or(0)), error_relative.has_value(),
+                          guarantee};
+    }
+};
+
+inline ExtractQuery query_of(const StoreReader& store, const Extraction& e, bool float64) {
+    const auto start = [&](auto query) {
+        query.stop = e.stop_test();
+        query.focus = e.focus;
+        query.camera = e.camera;
+        query.box = e.box;
+        return query;
+    };
+    const auto with_attributes = [&](auto query) {
+        query.normals = e.normals;
+        query.vertex_error = e.vertex_error;
+        query.vertex_values = e.values;
+        return query;
+    };
+    if (!e.contours.empty()) {
+        ContourQuery query = start(ContourQuery{});
+        query.plane = e.plane.value();
+        query.values = e.contours;
+        return extract_query(store, query, float64);
+    }
+    if (e.plane) {
+        SliceQuery query = with_attributes(start(SliceQuery{}));
+        query.plane = *e.plane;
+        return extract_query(store, query, float64);
+    }
+    if (e.graph_scale) {
+        GraphQuery query = with_attributes(start(GraphQuery{}));
+        query.scale = *e.graph_scale;
+        return extract_query(store, query, float64);
+    }
+    SurfaceQuery query = with_attributes(start(SurfaceQuery{}));
+    query.iso = e.iso;
+    query.bound = e.bound;
+    if (e.view) {
+        query.culling = BackfaceCulling{*e.view, e.cull_by};
+    }
+    return extract_query(store, query, float64);
+}
+
+inline ExtractReport extract(const StoreReader& store, const Extraction& e, MeshSink& sink,
+                             Progress& progress = silent_progress()) {
+    return run_extraction(store, query_of(store, e, sink.holds_float64()), sink,
+                          {e.memory, e.threads, {}}, progress);
+}
+
+/// Replaces the file. What does not fit into the memory goes beside it.
+inline ExtractReport extract(const StoreReader& store, const std::filesystem::path& mesh,
+                             const Extraction& e, Progress& progress) {
+    const auto sink = open_mesh_file(mesh, {.replace = true});
+    return run_extraction(store, query_of(store, e, sink->holds_float64()), *sink,
+                          {e.memory, e.threads, mesh.parent_path()}, progress);
+}
+
+}  // namespace isonest::detail::test
