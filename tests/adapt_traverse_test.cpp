@@ -87,7 +87,7 @@ class ByHand {
         visit(b, tag == 1 ? D : tag - 1);
     }
 
-    const MemoryVolume<float>& volume_;
+    const FunctionVolume<float>& volume_;
     const BisectionOracle& oracle_;
     double threshold_;
     std::optional<double> iso_;
@@ -121,7 +121,7 @@ Leaves by_fast_path(const Subject& subject, double iso, double threshold, Field 
 
 /// Those that a surface passes in truth: values on both sides, none missing, inside the volume in
 /// part. What else a traversal visits depends on how early it sees that it is not needed.
-Leaves crossed(const Leaves& leaves, const MemoryVolume<float>& volume, double iso) {
+Leaves crossed(const Leaves& leaves, const FunctionVolume<float>& volume, double iso) {
     Leaves out;
     const Int3 last = volume.nodes() - Int3{1, 1, 1};
     for (const Key& key : leaves) {
@@ -146,7 +146,7 @@ Leaves crossed(const Leaves& leaves, const MemoryVolume<float>& volume, double i
 }
 
 /// Those without a missing value: whether others are of interest, nobody needs to know.
-Leaves complete(const Leaves& leaves, const MemoryVolume<float>& volume) {
+Leaves complete(const Leaves& leaves, const FunctionVolume<float>& volume) {
     Leaves out;
     for (const Key& key : leaves) {
         if (std::all_of(key.begin(), key.end(), [&](const auto& v) {

@@ -40,7 +40,7 @@ struct Subject {
     }
     [[nodiscard]] const Lattice& lattice() const { return store->layout().lattice(); }
     TemporaryFolder folder;
-    MemoryVolume<float> volume;
+    FunctionVolume<float> volume;
     std::optional<StoreReader> store;
 };
 

@@ -42,8 +42,8 @@ struct Subject {
         return read_mesh(path);
     }
     TemporaryFolder folder;
-    MemoryVolume<double> volume;
-    MemoryVolume<double> other;
+    FunctionVolume<double> volume;
+    FunctionVolume<double> other;
     std::optional<Store> store;
     std::optional<Store> values;
 };

@@ -43,7 +43,7 @@ using StopTest = std::variant<ErrorBound, FieldThreshold>;
 struct BackfaceCulling {
     Double3 direction{};
     /// normal_turn_plus or grad_linf_plus; whichever the store has.
-    std::optional<Field> field;
+    std::optional<Field> field = {};
 };
 
 // What to extract. `focus` and `camera` loosen the stop test with the distance, `box` cuts what is
@@ -54,52 +54,52 @@ struct BackfaceCulling {
 /// lines {U = iso}.
 struct SurfaceQuery {
     double iso = 0;
-    StopTest stop;
-    std::optional<Focus> focus;
-    std::optional<Camera> camera;
-    std::optional<WorldBox> box;
+    StopTest stop = {};
+    std::optional<Focus> focus = {};
+    std::optional<Camera> camera = {};
+    std::optional<WorldBox> box = {};
     /// By which elements without surface are left out; the tightest that the store has.
-    std::optional<Field> bound;
-    std::optional<BackfaceCulling> culling;  ///< of a volume alone
-    bool normals = false;                    ///< from the data's gradient
+    std::optional<Field> bound = {};
+    std::optional<BackfaceCulling> culling = {};  ///< of a volume alone
+    bool normals = false;                         ///< from the data's gradient
     const Store* vertex_values = nullptr;
-    std::optional<Field> vertex_error;
+    std::optional<Field> vertex_error = {};
 };
 
 /// The part of a plane inside the volume, triangles that face against its normal and have the
 /// attribute "value".
 struct SliceQuery {
-    WorldPlane plane;
-    StopTest stop;
-    std::optional<Focus> focus;
-    std::optional<Camera> camera;
-    std::optional<WorldBox> box;
+    WorldPlane plane = {};
+    StopTest stop = {};
+    std::optional<Focus> focus = {};
+    std::optional<Camera> camera = {};
+    std::optional<WorldBox> box = {};
     bool normals = false;  ///< from the data's gradient
     const Store* vertex_values = nullptr;
-    std::optional<Field> vertex_error;
+    std::optional<Field> vertex_error = {};
 };
 
 /// The lines in a plane on which the data have one of `values` (at most 1000), with the attribute
 /// "value".
 struct ContourQuery {
-    WorldPlane plane;
-    std::vector<double> values;
-    StopTest stop;
-    std::optional<Focus> focus;
-    std::optional<Camera> camera;
-    std::optional<WorldBox> box;
+    WorldPlane plane = {};
+    std::vector<double> values = {};
+    StopTest stop = {};
+    std::optional<Focus> focus = {};
+    std::optional<Camera> camera = {};
+    std::optional<WorldBox> box = {};
 };
 
 /// Of a store with one node along z: the surface z = scale U, facing up.
 struct GraphQuery {
     double scale = 1;
-    StopTest stop;
-    std::optional<Focus> focus;
-    std::optional<Camera> camera;
-    std::optional<WorldBox> box;
+    StopTest stop = {};
+    std::optional<Focus> focus = {};
+    std::optional<Camera> camera = {};
+    std::optional<WorldBox> box = {};
     bool normals = false;  ///< of the graph
     const Store* vertex_values = nullptr;
-    std::optional<Field> vertex_error;
+    std::optional<Field> vertex_error = {};
 };
 
 struct ExtractOptions {
@@ -107,7 +107,7 @@ struct ExtractOptions {
     int threads = 0;                                 ///< 0 = all cores
     /// Where what does not fit into the memory goes, in files without names; empty = the system's
     /// folder for temporary files.
-    std::filesystem::path scratch;
+    std::filesystem::path scratch = {};
 };
 
 struct ExtractReport {

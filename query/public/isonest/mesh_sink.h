@@ -17,7 +17,8 @@ namespace isonest {
 
 /// Numbers that every vertex of a mesh carries.
 struct VertexAttribute {
-    std::string name;  ///< "normal" (3 components, unit length), "value" or "error" (1 component)
+    std::string name =
+        {};  ///< "normal" (3 components, unit length), "value" or "error" (1 component)
     int components = 1;
     bool is_double = false;  ///< float64, where float32 would round them; else float32
     std::size_t offset = 0;  ///< bytes from the beginning of a vertex's row
@@ -32,7 +33,7 @@ struct MeshLayout {
     std::uint64_t vertices = 0;
     std::uint64_t elements = 0;  ///< triangles, or lines
     int corners = 3;             ///< of an element: 3, or 2 for lines
-    std::vector<VertexAttribute> attributes;
+    std::vector<VertexAttribute> attributes = {};
     std::size_t row_bytes = 0;  ///< of all attributes of one vertex
     /// The smallest box that holds all vertices; lo > hi if there is none.
     std::array<float, 3> lo{};
@@ -46,9 +47,9 @@ struct MeshLayout {
 /// valid during the call.
 struct VertexBatch {
     std::uint64_t first = 0;
-    std::span<const std::array<float, 3>> positions;  ///< world coordinates x, y, z
+    std::span<const std::array<float, 3>> positions = {};  ///< world coordinates x, y, z
     /// One row for each vertex, packed, native byte order; without alignment beyond 4 bytes.
-    std::span<const std::byte> attributes;
+    std::span<const std::byte> attributes = {};
     std::size_t row_bytes = 0;  ///< as in the layout
 
     /// A component of an attribute of the vertex number first + i.
@@ -61,11 +62,11 @@ struct VertexBatch {
 struct ElementBatch {
     std::uint64_t first = 0;
     /// Vertex numbers in the whole mesh. Of a line the third repeats the second.
-    std::span<const std::array<std::uint64_t, 3>> corners;
+    std::span<const std::array<std::uint64_t, 3>> corners = {};
     /// The same corners once more, for whoever draws without keeping vertices: as places in
     /// `nearby`, whose vertices have no numbers of their own (its `first` means nothing).
-    std::span<const std::array<std::uint32_t, 3>> nearby_corners;
-    VertexBatch nearby;
+    std::span<const std::array<std::uint32_t, 3>> nearby_corners = {};
+    VertexBatch nearby = {};
 };
 
 /// Receives a mesh: prepare(), then (the work) begin(), all batches, end(). Every vertex and
