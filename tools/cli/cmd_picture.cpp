@@ -25,8 +25,7 @@ struct Arguments {
 
 Result run(const Arguments& a, Progress& progress) {
     if (!is_png(a.png)) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: a picture's name must end with .png", a.png));
+        throw Error(ErrorKind::invalid_argument, {a.png}, "a picture's name must end with .png");
     }
     check_output(a.png, true, {a.mesh});
     const PlyMesh mesh(a.mesh);

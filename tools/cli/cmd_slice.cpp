@@ -96,10 +96,8 @@ Result run(Arguments& a, Progress& progress) {
     const bool picture = is_png(a.extract.mesh);
     const bool lines = !picture && !a.picture.contours.empty();
     if (!picture && a.picture.grid) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: --grid is drawn into a picture; give a name that ends with "
-                                ".png",
-                                a.extract.mesh));
+        throw Error(ErrorKind::invalid_argument, {a.extract.mesh},
+                    "--grid is drawn into a picture; give a name that ends with .png");
     }
     ExtractReport r;
     if (picture) {

@@ -140,8 +140,8 @@ class Folder {
         std::filesystem::create_directories(path, error);
         if (error) {
             remove_empty();
-            throw Error(ErrorKind::io, fmt::format("{}: cannot make this folder: {}", path.string(),
-                                                   error.message()));
+            throw Error(ErrorKind::io, {path.string()},
+                        fmt::format("cannot make this folder: {}", error.message()));
         }
     }
     Folder(const Folder&) = delete;

@@ -209,7 +209,7 @@ std::string message_of(const Error& error, const HasOption& has) {
     for (const Remedy& remedy : error.remedies()) {
         texts.push_back(text_of(remedy, has));
     }
-    const std::string what = error.what();
+    std::string what = error.what();
     if (texts.empty()) {
         return what;
     }

@@ -121,8 +121,8 @@ class Canvas {
             osmesa().OSMesaMakeCurrent(context_.get(), pixels_.data(), GL_UNSIGNED_BYTE, width,
                                        height) != GL_TRUE) {
             throw Error(ErrorKind::limit,
-                        fmt::format("OSMesa cannot draw {} x {} pixels: give a smaller --size",
-                                    width, height));
+                        fmt::format("OSMesa cannot draw {} x {} pixels", width, height),
+                        {{RemedyKind::smaller_picture}});
         }
         osmesa().OSMesaPixelStore(OSMESA_Y_UP, 0);  // rows from the top
     }

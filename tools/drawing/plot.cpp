@@ -174,8 +174,8 @@ cairo_status_t append(void* bytes, const unsigned char* data, unsigned length) {
 void draw_plot(const std::filesystem::path& path, const Plot& plot) {
     const std::filesystem::path end = path.extension();
     if (end != ".svg" && end != ".png") {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}: a plot's name must end with .svg or .png", path.string()));
+        throw Error(ErrorKind::invalid_argument, {path.string()},
+                    "a plot's name must end with .svg or .png");
     }
     std::string bytes;
     bool good = false;
@@ -192,7 +192,7 @@ void draw_plot(const std::filesystem::path& path, const Plot& plot) {
                                CAIRO_STATUS_SUCCESS;
     }
     if (!good) {
-        throw Error(ErrorKind::io, fmt::format("{}: cannot draw the plot", path.string()));
+        throw Error(ErrorKind::io, {path.string()}, "cannot draw the plot");
     }
     OutputFile file(path, true);
     file.write_at(0, std::as_bytes(std::span(bytes)));

@@ -75,24 +75,24 @@ struct PlyMesh::Header {
     bool signed_indices = true;
     bool more_elements = false;
 
-    void add_vertex_property(const std::vector<std::string_view>& words, const std::string& line);
-    void add_face_property(const std::vector<std::string_view>& words, const std::string& line);
+    void add_vertex_property(const std::vector<std::string_view>& words, const ErrorPlace& line);
+    void add_face_property(const std::vector<std::string_view>& words, const ErrorPlace& line);
 };
 
 void PlyMesh::Header::add_vertex_property(const std::vector<std::string_view>& words,
-                                          const std::string& line) {
+                                          const ErrorPlace& line) {
     const std::uint64_t size = words.size() == 3 ? size_of_type(words[1]) : 0;
     if (size == 0) {
-        throw Error(ErrorKind::unsupported,
-                    line + ": only vertex properties of fixed size can be read");
+        throw Error(ErrorKind::unsupported, line,
+                    "only vertex properties of fixed size can be read");
     }
     const std::size_t axis = std::string_view("xyz").find(words[2]);
     if (axis != std::string_view::npos && words[2].size() == 1) {
         const bool is_float = words[1].starts_with("float") || size == 8;
         if (!is_float) {
-            throw Error(ErrorKind::unsupported, line +
-                                                    ": only float or double coordinates can be "
-                                                    "read");
+            throw Error(ErrorKind::unsupported, line,
+                        "only float or double coordinates can be "
+                        "read");
         }
         coordinates.at(axis) = Property{std::string(words[2]), vertex_stride, size == 8};
     }
@@ -103,7 +103,7 @@ void PlyMesh::Header::add_vertex_property(const std::vector<std::string_view>& w
 }
 
 void PlyMesh::Header::add_face_property(const std::vector<std::string_view>& words,
-                                        const std::string& line) {
+                                        const ErrorPlace& line) {
     if (words.size() == 3 && size_of_type(words[1]) > 0) {
         face_stride += size_of_type(words[1]);
         return;
@@ -114,10 +114,9 @@ void PlyMesh::Header::add_face_property(const std::vector<std::string_view>& wor
                       words[3].find("int") != std::string_view::npos &&
                       (words[4] == "vertex_indices" || words[4] == "vertex_index");
     if (!list) {
-        throw Error(ErrorKind::unsupported,
-                    line +
-                        ": faces must have one list, 'list uchar int vertex_indices' or 'list "
-                        "uchar uint vertex_indices', and else properties of fixed size");
+        throw Error(ErrorKind::unsupported, line,
+                    "faces must have one list, 'list uchar int vertex_indices' or 'list "
+                    "uchar uint vertex_indices', and else properties of fixed size");
     }
     list_offset = face_stride;
     signed_indices = !words[3].starts_with('u');
@@ -126,7 +125,7 @@ void PlyMesh::Header::add_face_property(const std::vector<std::string_view>& wor
 
 PlyMesh::Header PlyMesh::parse(std::string_view text, const std::string& name) {
     const auto corrupt = [&](const std::string& what) {
-        return Error(ErrorKind::corrupt, fmt::format("{}: {}", name, what));
+        return Error(ErrorKind::corrupt, {name}, what);
     };
     Header header;
     enum class Element { none, vertex, face, other } element = Element::none;
@@ -141,8 +140,8 @@ PlyMesh::Header PlyMesh::parse(std::string_view text, const std::string& name) {
             throw corrupt("the PLY header has no end");
         }
         const std::vector<std::string_view> words = words_of(text.substr(begin, end - begin));
-        const std::string line =
-            fmt::format("{}: header line {} '{}'", name, line_number, fmt::join(words, " "));
+        const ErrorPlace line{
+            name, fmt::format("header line {} '{}'", line_number, fmt::join(words, " "))};
         begin = end + 1;
         if (line_number == 1 || words.empty() || words[0] == "comment" || words[0] == "obj_info") {
             continue;
@@ -153,15 +152,15 @@ PlyMesh::Header PlyMesh::parse(std::string_view text, const std::string& name) {
         if (words[0] == "format") {
             has_format = true;
             if (words.size() != 3 || words[1] != "binary_little_endian") {
-                throw Error(ErrorKind::unsupported, line +
-                                                        ": only binary_little_endian PLY files "
-                                                        "can be read");
+                throw Error(ErrorKind::unsupported, line,
+                            "only binary_little_endian PLY files "
+                            "can be read");
             }
         } else if (words[0] == "element") {
             const std::optional<std::uint64_t> count =
                 words.size() == 3 ? count_of(words[2]) : std::nullopt;
             if (!count) {
-                throw Error(ErrorKind::corrupt, line + ": needs a name and a number");
+                throw Error(ErrorKind::corrupt, line, "needs a name and a number");
             }
             if (words[1] == "vertex" && element == Element::none) {
                 element = Element::vertex;
@@ -173,9 +172,9 @@ PlyMesh::Header PlyMesh::parse(std::string_view text, const std::string& name) {
                 element = Element::other;
                 header.more_elements = true;
             } else {
-                throw Error(ErrorKind::unsupported, line +
-                                                        ": the elements must begin with vertex "
-                                                        "and face");
+                throw Error(ErrorKind::unsupported, line,
+                            "the elements must begin with vertex "
+                            "and face");
             }
         } else if (words[0] == "property" && element != Element::none) {
             if (element == Element::vertex) {
@@ -184,7 +183,7 @@ PlyMesh::Header PlyMesh::parse(std::string_view text, const std::string& name) {
                 header.add_face_property(words, line);
             }
         } else {
-            throw Error(ErrorKind::corrupt, line + ": this does not belong into a PLY header");
+            throw Error(ErrorKind::corrupt, line, "this does not belong into a PLY header");
         }
     }
     header.bytes = begin;
@@ -230,12 +229,11 @@ PlyMesh::PlyMesh(const std::filesystem::path& path) : name_(path.string()), file
                (header.more_elements || rest == triangles_ * face_stride_);
     }
     if (!fits) {
-        throw Error(
-            ErrorKind::corrupt,
-            fmt::format("{}: {} vertices of {} bytes and {} triangles of {} do not fill the "
-                        "{} bytes behind the header: the file is cut off, or holds other "
-                        "faces than triangles",
-                        name_, vertices_, vertex_stride_, triangles_, face_stride_, data));
+        throw Error(ErrorKind::corrupt, {name_},
+                    fmt::format("{} vertices of {} bytes and {} triangles of {} do not fill the "
+                                "{} bytes behind the header: the file is cut off, or holds other "
+                                "faces than triangles",
+                                vertices_, vertex_stride_, triangles_, face_stride_, data));
     }
     vertex_begin_ = header.bytes;
     face_begin_ = vertex_begin_ + vertices_ * vertex_stride_;
@@ -262,8 +260,8 @@ Double3 PlyMesh::vertex(std::uint64_t i) const {
     for (std::size_t axis = 0; axis < 3; ++axis) {
         position[axis] = number_at(at + coordinate_offset_[axis], coordinate_is_double_[axis]);
         if (!std::isfinite(position[axis])) {
-            throw Error(ErrorKind::corrupt,
-                        fmt::format("{}: vertex {} has a coordinate that is not finite", name_, i));
+            throw Error(ErrorKind::corrupt, {name_, fmt::format("vertex {}", i)},
+                        "has a coordinate that is not finite");
         }
     }
     return position;
@@ -281,17 +279,17 @@ std::array<std::uint32_t, 3> PlyMesh::triangle(std::uint64_t i) const {
     const std::byte* const at =
         file_.bytes().data() + face_begin_ + i * face_stride_ + list_offset_;
     if (*at != std::byte{3}) {
-        throw Error(ErrorKind::unsupported,
-                    fmt::format("{}: face {} has {} corners; only triangles can be read", name_, i,
-                                std::to_integer<int>(*at)));
+        throw Error(
+            ErrorKind::unsupported, {name_, fmt::format("face {}", i)},
+            fmt::format("has {} corners; only triangles can be read", std::to_integer<int>(*at)));
     }
     std::array<std::uint32_t, 3> corners{};
     std::memcpy(corners.data(), at + 1, sizeof(corners));
     for (const std::uint32_t v : corners) {
         // A negative int is >= 2^31 here; that many vertices are fine with uint only.
         if (v >= vertices_ || (signed_indices_ && v > 0x7FFFFFFFU)) {
-            throw Error(ErrorKind::corrupt,
-                        fmt::format("{}: face {} names vertex {}, but there are {}", name_, i,
+            throw Error(ErrorKind::corrupt, {name_, fmt::format("face {}", i)},
+                        fmt::format("names vertex {}, but there are {}",
                                     signed_indices_
                                         ? static_cast<std::int64_t>(static_cast<std::int32_t>(v))
                                         : static_cast<std::int64_t>(v),

@@ -103,7 +103,7 @@ void PngFile::fail() {
     if (state_->failure != nullptr) {
         std::rethrow_exception(state_->failure);
     }
-    throw Error(ErrorKind::limit, fmt::format("{}: cannot be encoded as PNG", path_.string()));
+    throw Error(ErrorKind::limit, {path_.string()}, "cannot be encoded as PNG");
 }
 
 void PngFile::write(std::span<const std::uint8_t> rgb) {
