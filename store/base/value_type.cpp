@@ -19,6 +19,7 @@ constexpr std::array<Names, 8> kNames{{{"uint8", "u8", "uchar"},
                                        {"int32", "i32", "int"},
                                        {"float32", "f32", "float"},
                                        {"float64", "f64", "double"}}};
+// NOLINTNEXTLINE(bugprone-macro-parentheses): a term of a sum
 #define ISONEST_COUNT(tag, T) +1
 static_assert(kNames.size() == 0 ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_COUNT));
 #undef ISONEST_COUNT
