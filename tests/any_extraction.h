@@ -34,7 +34,7 @@ struct Extraction {
     std::uint64_t memory = std::uint64_t{1} << 30U;
     int threads = 0;
 
-    [[nodiscard]] StopTest stop_test() const {
+    [[nodiscard]] isonest::StopTest stop_test() const {
         if (stop) {
             return FieldThreshold{*stop, threshold, threshold_relative};
         }

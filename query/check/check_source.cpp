@@ -205,12 +205,11 @@ void require_same_shape(const StoreReader& store, const VolumeSource& source) {
     const StoreHeader& h = store.layout().header();
     const Int3& n = volume.nodes;
     if (n != h.nodes || volume.type != h.type) {
-        throw Error(
-            ErrorKind::invalid_argument,
-            fmt::format("{} is {} x {} x {} {}, but {} was made from {} x {} x {} {}: give "
-                        "the file (and --dataset) it was made from",
-                        volume.name, n.x, n.y, n.z, name_of(volume.type), store.path().string(),
-                        h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type)));
+        throw Error(ErrorKind::invalid_argument, {volume.name},
+                    fmt::format("is {} x {} x {} {}, but {} was made from {} x {} x {} {}", n.x,
+                                n.y, n.z, name_of(volume.type), store.path().string(), h.nodes.x,
+                                h.nodes.y, h.nodes.z, name_of(h.type)),
+                    {{RemedyKind::choose_dataset}});
     }
 }
 

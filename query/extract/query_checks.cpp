@@ -138,7 +138,7 @@ void require_contours(std::span<const double> values) {
     }
 }
 
-Stop stop_of(const StoreReader& store, const StopTest& test) {
+Stop stop_of(const StoreReader& store, const isonest::StopTest& test) {
     return std::visit([&](const auto& asked) { return stop_of(store, asked); }, test);
 }
 

@@ -28,7 +28,7 @@ struct Stop {
     Field field;
     double threshold;
 };
-Stop stop_of(const StoreReader& store, const StopTest& test);
+Stop stop_of(const StoreReader& store, const isonest::StopTest& test);
 
 /// Throws Error{limit} where the mesh would need numbers beyond float32: coordinates, heights,
 /// values that the mesh holds as float32.

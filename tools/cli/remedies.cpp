@@ -107,6 +107,12 @@ Phrase phrase_of(RemedyKind kind) {
         case RemedyKind::less_memory:
             return {"less_memory", "--memory", "give a smaller --memory", "",
                     "close other programs"};
+        case RemedyKind::other_scale:
+            return {"other_scale", "--scale", "give another --scale", "", "give another scale"};
+        case RemedyKind::scale_values:
+            return {"scale_values", "", "scale the data before preprocessing", "", ""};
+        case RemedyKind::graph:
+            return {"graph", "", "draw data in a plane with extract --graph --scale 0", "", ""};
     }
     return {"unknown", "", "{}", "", ""};
 }
