@@ -69,7 +69,7 @@ void StoreReader::compare_range(std::uint64_t has_missing) const {
     std::uint64_t missing = 0;
     const ArrayInfo& values = layout_.array(0, Field::values);
     for (std::int64_t i = 0; i < values.grid.product(); ++i) {
-        const ChunkRow chunk = row(values, values.grid.unlinear(i));
+        const ChunkRow chunk = StoreReader::row(values, values.grid.unlinear(i));
         low = std::fmin(low, chunk.min);
         high = std::fmax(high, chunk.max);
         missing |= chunk.flags & kChunkHasMissing;
