@@ -61,7 +61,7 @@ concept InterestTest = requires(const Test& test, const Element<D>& t, double nu
 /// The stop test. `field()`: as above; if there is none, nothing stops above the finest level.
 /// stops(t, eta) is the same for all elements with one refinement node.
 template <class Test, int D>
-concept StopTest = requires(const Test& test, const Element<D>& t, double eta) {
+concept IsStopTest = requires(const Test& test, const Element<D>& t, double eta) {
     { test.field() } -> std::same_as<std::optional<Field>>;
     { test.stops(t, eta) } -> std::same_as<bool>;
 };
@@ -90,7 +90,7 @@ struct VisitCounts {
 /// See the top of this file. Children are visited in the order of Element::bisect(). One per
 /// thread.
 template <int D, NodeNumbers Numbers, RegionOf<D> Region, InterestTest<D> Interest,
-          StopTest<D> Stop>
+          IsStopTest<D> Stop>
 class AdaptTraverse {
   public:
     AdaptTraverse(Numbers& numbers, const Region& region, const Interest& interest,

@@ -159,7 +159,7 @@ class Tasks {
 /// Heap besides that of `numbers` and the sink: about 3 MiB per thread, whatever the volume's size.
 /// `threads`: 0 = as many as the machine has. REQUIRES: lattice.dimension() == D. Throws what
 /// numbers and sink throw, and Error{cancelled}.
-template <int D, NodeNumbers Numbers, RegionOf<D> Region, StopTest<D> Stop>
+template <int D, NodeNumbers Numbers, RegionOf<D> Region, IsStopTest<D> Stop>
 VisitCounts for_each_leaf(const Lattice& lattice, const Numbers& numbers, const Region& region,
                           const Stop& stop, const LeafSink<D>& sink, int threads,
                           Progress& progress) {
@@ -196,7 +196,7 @@ class StoreNumbers {
 
 /// The same of a store, through its cache. `box`: lattice coordinates, infinite along axes without
 /// extent; volume_box() is all. The chunks that a thread holds on to are few per level.
-template <int D, StopTest<D> Stop>
+template <int D, IsStopTest<D> Stop>
 VisitCounts for_each_leaf(ChunkCache& cache, const Stop& stop, const ClipBox& box,
                           const LeafSink<D>& sink, int threads, Progress& progress) {
     return for_each_leaf<D>(cache.source().layout().lattice(), StoreNumbers(cache), InBox{box},
