@@ -268,7 +268,8 @@ std::string volume_text(const Store& store) {
 
 ExtractOptions options_of(const ExtractArguments& a) {
     ExtractOptions options = a.options;
-    options.scratch = std::filesystem::path(a.mesh).parent_path();
+    const std::filesystem::path folder = std::filesystem::path(a.mesh).parent_path();
+    options.scratch = folder.empty() ? "." : folder;
     return options;
 }
 
