@@ -17,6 +17,16 @@ MAY_INCLUDE = {
     "tools": {"tools", "preprocess", "query", "store"},
     "tests": {"tests", "tools", "preprocess", "query", "store"},
 }
+# The rooms of a folder, each with those that it may include beside itself and public headers.
+ROOMS = {
+    "store": {"base": set(), "files": {"base"}, "lattice": {"base"},
+              "container": {"base", "files", "lattice"}},
+    "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
+                   "synthetic": set()},
+    "query": {"view": set(), "march": {"view"}, "mesh": {"view", "march"},
+              "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
+              "extract": {"view", "march", "mesh", "traverse"}},
+}
 STORAGE_HEADERS = re.compile(r"(hdf5|hdf5_hl|H5\w+|zstd\w*)\.h")
 STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/sources/hdf5_")
 TOP_LEVEL = {*MAY_INCLUDE, "CMakeLists.txt", "README.md", "CONTRIBUTING.md", "LICENSE",
@@ -52,6 +62,11 @@ def find_faults(root):
                     faults.append(f"{place}; public headers include public ones alone")
                 if quote == '"' and target.split("/")[0] not in may:
                     faults.append(f"{place}; {folder}/ may include {', '.join(sorted(may))}")
+                rooms = ROOMS.get(folder, {})
+                room, of = name.split("/")[1], target.split("/")[:2]
+                if quote == '"' and room in rooms and of[0] == folder \
+                        and of[1] not in {room, *rooms[room]}:
+                    faults.append(f"{place}; {folder}/{room}/ may include {sorted(rooms[room])}")
                 if PUBLIC.fullmatch(target) and owner.get(target) not in may:
                     faults.append(f"{place}, of {owner.get(target)}; {folder}/ may include "
                                   f"{', '.join(sorted(may))}")
@@ -78,6 +93,7 @@ PLANTED = {
     "query/mesh/planted_public.cpp": "#include <isonest/preprocess.h>",
     "store/public/isonest/planted.h": '#include "store/base/box.h"',
     "query/mesh/planted_names.h": "namespace isonest {",
+    "query/view/planted_room.h": '#include "query/traverse/interest.h"',
     "query/planted_hdf5.cpp": "#include <hdf5.h>",
     "preprocess/planted_hdf5.cpp": "#include <hdf5.h>",
     "tools/planted.cpp": '#include "tests/test_support.h"',

@@ -46,7 +46,7 @@ void require_same(const Extracted& a, const Extracted& b) {
 
 TEST_CASE("two extractions from one store at once report what each reports alone") {
     FunctionVolume<float> volume({129, 97, 65},
-                               [](const Int3& p) { return static_cast<float>(smooth(p)); });
+                                 [](const Int3& p) { return static_cast<float>(smooth(p)); });
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(16));
     const Store store(folder / "s");

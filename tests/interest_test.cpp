@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-#include "query/view/cube_nodes.h"
+#include "query/traverse/cube_nodes.h"
 
 namespace isonest::detail {
 namespace {

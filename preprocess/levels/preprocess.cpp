@@ -29,10 +29,10 @@
 #include "store/base/in_order.h"
 #include "store/base/workers.h"
 #include "store/container/chunk_cache.h"
+#include "store/container/extent.h"
 #include "store/container/format.h"
 #include "store/container/writer.h"
 #include "store/files/output_file.h"
-#include "store/lattice/extent.h"
 
 namespace isonest {
 using namespace detail;

@@ -85,9 +85,10 @@ NrrdFields::NrrdFields(std::string_view text, std::string name) : name_(std::mov
             break;
         }
         if (line.find('\r') != std::string_view::npos) {
-            corrupt(fmt::format("line {} has a carriage return in its middle, which some programs "
-                                "take for the end of a line and others do not",
-                                number));
+            corrupt(
+                fmt::format("line {} has a carriage return in its middle, which some programs "
+                            "take for the end of a line and others do not",
+                            number));
         }
         add(line, number);
     }

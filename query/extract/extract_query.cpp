@@ -9,7 +9,7 @@
 #include <isonest/error.h>
 
 #include "query/extract/query_checks.h"
-#include "store/lattice/extent.h"
+#include "store/container/extent.h"
 
 namespace isonest::detail {
 namespace {

@@ -10,7 +10,7 @@
 
 #include <isonest/error.h>
 
-#include "query/march/contour_lines.h"
+#include "query/extract/contour_lines.h"
 
 namespace isonest::detail {
 namespace {

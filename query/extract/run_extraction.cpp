@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-#include "query/march/contour_lines.h"
+#include "query/extract/contour_lines.h"
 #include "query/mesh/emit_mesh.h"
 #include "query/traverse/planar.h"
 #include "query/traverse/traversal_budget.h"

@@ -10,7 +10,7 @@
 
 #include "query/march/crossing.h"
 #include "query/march/cube_cases.h"
-#include "query/traverse/topology.h"
+#include "query/view/topology.h"
 
 namespace isonest::detail {
 namespace {

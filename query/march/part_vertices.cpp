@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "query/march/cube_cases.h"
-#include "query/traverse/topology.h"
+#include "query/view/topology.h"
 
 namespace isonest::detail {
 namespace {

@@ -9,11 +9,11 @@
 #include <array>
 #include <cstdint>
 
+#include "query/traverse/cube_nodes.h"
 #include "query/traverse/culling.h"
 #include "query/traverse/interest.h"
 #include "query/traverse/lattice_plane.h"
 #include "query/traverse/traversal_run.h"
-#include "query/view/cube_nodes.h"
 #include "query/view/field_view.h"
 
 namespace isonest::detail {

@@ -13,8 +13,8 @@
 #include <isonest/field.h>
 #include <isonest/int3.h>
 
-#include "query/traverse/topology.h"
 #include "query/view/finest_indicators.h"
+#include "query/view/topology.h"
 
 namespace isonest::detail {
 

@@ -5,8 +5,8 @@
 
 #include "query/march/clip.h"
 #include "query/traverse/brick_parts.h"
+#include "query/traverse/cube_nodes.h"
 #include "query/traverse/leaf_march.h"
-#include "query/view/cube_nodes.h"
 
 namespace isonest::detail {
 namespace {

@@ -14,8 +14,8 @@
 
 #include <isonest/field.h>
 
-#include "query/traverse/topology.h"
 #include "query/view/finest_indicators.h"
+#include "query/view/topology.h"
 
 namespace isonest::detail {
 

@@ -5,8 +5,8 @@
 
 #include <isonest/int3.h>
 
-#include "query/traverse/topology.h"
 #include "query/view/finest_indicators.h"
+#include "query/view/topology.h"
 
 namespace isonest::detail {
 

@@ -8,8 +8,8 @@
 #include <functional>
 #include <optional>
 
+#include "query/traverse/cube_nodes.h"
 #include "query/traverse/traversal_run.h"
-#include "query/view/cube_nodes.h"
 
 namespace isonest::detail {
 

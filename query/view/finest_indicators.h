@@ -12,7 +12,7 @@
 #include <cstdint>
 #include <limits>
 
-#include "query/traverse/topology.h"
+#include "query/view/topology.h"
 #include "store/base/box.h"
 #include "store/base/outward.h"
 #include "store/lattice/lattice.h"

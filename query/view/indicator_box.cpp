@@ -1,8 +1,8 @@
 #include "query/view/indicator_box.h"
 
-#include "query/traverse/topology.h"
 #include "query/view/brick_view.h"
 #include "query/view/finest_indicators.h"
+#include "query/view/topology.h"
 #include "store/container/gather.h"
 
 namespace isonest::detail {

@@ -7,8 +7,8 @@
 
 #include <isonest/error.h>
 
+#include "store/container/extent.h"
 #include "store/container/indicator_code.h"
-#include "store/lattice/extent.h"
 
 namespace isonest::detail {
 namespace {

@@ -9,8 +9,8 @@
 #include <isonest/extract.h>
 #include <isonest/mesh_file.h>
 
+#include "store/container/extent.h"
 #include "store/container/reader.h"
-#include "store/lattice/extent.h"
 #include "tools/cli/command.h"
 #include "tools/cli/extract_options.h"
 #include "tools/cli/fields.h"

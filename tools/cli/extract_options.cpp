@@ -6,8 +6,8 @@
 
 #include <isonest/error.h>
 
+#include "store/container/extent.h"
 #include "store/container/reader.h"
-#include "store/lattice/extent.h"
 #include "tools/cli/fields.h"
 #include "tools/cli/leftovers.h"
 #include "tools/cli/units.h"

@@ -1,4 +1,4 @@
-#include "store/lattice/extent.h"
+#include "store/container/extent.h"
 
 #include <fmt/format.h>
 

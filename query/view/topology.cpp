@@ -1,4 +1,4 @@
-#include "query/traverse/topology.h"
+#include "query/view/topology.h"
 
 #include <algorithm>
 

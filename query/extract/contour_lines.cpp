@@ -1,4 +1,4 @@
-#include "query/march/contour_lines.h"
+#include "query/extract/contour_lines.h"
 
 #include <tsl/robin_map.h>
 
