@@ -275,7 +275,8 @@ Raster& SlicePicture::raster() {
 void SlicePicture::elements(const ElementBatch& batch) {
     constexpr double kFilled = 0.98;
     const Plane plane(options_.normal);
-    const auto& [low, high] = extent_;
+    const auto& low = extent_.low;
+    const auto& high = extent_.high;
     const double w = options_.width * Raster::kStep;
     const double h = options_.height * Raster::kStep;
     const double scale = kFilled * std::min(w / std::max(high[0] - low[0], 1e-300),
