@@ -24,8 +24,9 @@ ROOMS = {
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
                    "synthetic": set()},
     "query": {"view": set(), "march": {"view"}, "mesh": {"view", "march"},
+              "simplify": {"mesh"},
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
-              "extract": {"view", "march", "mesh", "traverse"}},
+              "extract": {"view", "march", "mesh", "simplify", "traverse"}},
 }
 STORAGE_HEADERS = re.compile(r"(hdf5|hdf5_hl|H5\w+|zstd\w*)\.h")
 STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/sources/hdf5_")

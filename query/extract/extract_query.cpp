@@ -182,6 +182,25 @@ void choose_attributes(const StoreReader& store, const Query& query, bool needs_
     }
 }
 
+/// A distance is the same everywhere.
+void require_no_place(const SurfaceQuery& query) {
+    if (query.focus || query.camera) {
+        throw Error(ErrorKind::invalid_argument,
+                    "a distance holds everywhere: it goes with neither focus nor camera");
+    }
+}
+
+double world_distance(const StoreReader& store, const DistanceBound& asked) {
+    const StoreHeader& header = store.layout().header();
+    double voxel = kInfinity;
+    for (int axis = 0; axis < 3; ++axis) {
+        if (header.nodes[axis] > 1) {
+            voxel = std::min(voxel, header.spacing[static_cast<std::size_t>(axis)]);
+        }
+    }
+    return asked.voxels && std::isfinite(voxel) ? asked.value * voxel : asked.value;
+}
+
 ExtractQuery finished(const StoreReader& store, ExtractQuery asked) {
     keep_on_border(store, asked.traversal);
     require_float32(store, asked);
@@ -204,6 +223,10 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     asked.traversal.bound = bound_of(store, query.bound);
     if (query.culling) {
         asked.traversal.culling = culling_of(store, *query.culling);
+    }
+    if (const auto* const distance = std::get_if<DistanceBound>(&query.stop)) {
+        require_no_place(query);
+        asked.distance = world_distance(store, *distance);
     }
     choose_attributes(store, query, false, float64, asked);
     return finished(store, std::move(asked));

@@ -1,6 +1,7 @@
 // What a query asks of a store, in lattice terms: one form for all products.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include <isonest/extract.h>
@@ -23,6 +24,7 @@ struct ExtractQuery {
     double coordinate_rounding = 0;       ///< as in the report
     const StoreReader* values = nullptr;  ///< where vertex values are from, if not the store
     double graph_scale = 1;               ///< of a graph
+    std::optional<double> distance;       ///< of a surface, world units
     std::vector<double> contours;         ///< values of contour lines
 
     /// Corners of an element.

@@ -64,6 +64,12 @@ Stop stop_of(const StoreReader& store, const FieldThreshold& asked) {
     return {asked.field, asked.value * (asked.relative ? largest_of(store, asked.field) : 1.0)};
 }
 
+/// The surface at full resolution is what a distance is measured from.
+Stop stop_of(const StoreReader& store, const DistanceBound& asked) {
+    require_not_negative(asked.value, "distance");
+    return stop_of(store, ErrorBound{});
+}
+
 void require_float32(const StoreReader& store, double number, const std::string& what,
                      Remedy remedy) {
     constexpr float kLargest = std::numeric_limits<float>::max();
@@ -139,6 +145,10 @@ void require_contours(std::span<const double> values) {
 }
 
 Stop stop_of(const StoreReader& store, const isonest::StopTest& test) {
+    return std::visit([&](const auto& asked) { return stop_of(store, asked); }, test);
+}
+
+Stop stop_of(const StoreReader& store, const SurfaceStop& test) {
     return std::visit([&](const auto& asked) { return stop_of(store, asked); }, test);
 }
 

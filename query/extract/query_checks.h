@@ -29,6 +29,7 @@ struct Stop {
     double threshold;
 };
 Stop stop_of(const StoreReader& store, const isonest::StopTest& test);
+Stop stop_of(const StoreReader& store, const SurfaceStop& test);
 
 /// Throws Error{limit} where the mesh would need numbers beyond float32: coordinates, heights,
 /// values that the mesh holds as float32.

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "query/extract/contour_lines.h"
+#include "query/extract/whole_mesh.h"
 #include "query/mesh/emit_mesh.h"
 #include "query/traverse/planar.h"
 #include "query/traverse/traversal_budget.h"
@@ -67,6 +68,9 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
     const AttributeChoice& attributes = asked.traversal.attributes;
     const MeshLayout layout = layout_of(attributes, asked.corners());
     sink.prepare(layout, inputs);
+    if (changes_whole_mesh(asked)) {
+        whole_mesh_threads(store, asked, options);
+    }
     const TraversalBudget budget = share_memory(store, asked.traversal, asked.values,
                                                 options.memory, 0, options.threads, true);
     const std::filesystem::path scratch =
@@ -75,6 +79,7 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
     ExtractReport report;
     report.dimension = store.layout().lattice().dimension();
     report.tolerance = asked.threshold;
+    report.distance = asked.distance;
     report.coordinate_rounding = asked.coordinate_rounding;
     report.stop = asked.traversal.stop;
     report.bound = asked.traversal.bound;
@@ -83,12 +88,20 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
     }
     const StoreReader& values = asked.values != nullptr ? *asked.values : store;
     report.value_range = std::max(values.max_value() - values.min_value(), 0.0);
+    std::optional<ScratchMesh> whole;
+    if (changes_whole_mesh(asked)) {
+        whole.emplace(scratch);
+    }
     Workers(budget.threads).execute([&] {
         PartStore parts(scratch, asked.spacing, asked.origin, budget.parts, attributes.width());
         fill_parts(store, asked, budget, parts, report, progress);
         parts.seal();
         progress.check();
         const Weld weld(parts, scratch);
+        if (whole) {
+            emit_mesh(parts, weld, layout, *whole, progress);
+            return;
+        }
         if (asked.product != Product::contours) {
             emit(parts, weld, layout, sink, report, progress);
             const bool lines = asked.product == Product::isolines;
@@ -105,6 +118,11 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
         emit(line_parts, line_weld, layout, sink, report, progress);
         report.value_rounding += contour_rounding(asked.contours, attributes);
     });
+    if (whole) {
+        Workers(whole_mesh_threads(store, asked, options)).execute([&] {
+            emit_whole_mesh(store, asked, *whole, sink, scratch, report, progress);
+        });
+    }
     if (asked.product != Product::surface && asked.product != Product::isolines) {
         report.error_bound += report.value_rounding;
     }

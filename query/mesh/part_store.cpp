@@ -3,21 +3,12 @@
 #include <algorithm>
 #include <cstring>
 
+#include "query/mesh/zero_area.h"
+
 namespace isonest::detail {
 namespace {
 
 using Point = std::array<float, 3>;
-
-/// Whether the corners lie on a line, or some are equal.
-bool has_no_area(const Point& a, const Point& b, const Point& c) {
-    const auto d = [&a](const Point& q, std::size_t i) {
-        return static_cast<double>(q[i]) - static_cast<double>(a[i]);
-    };
-    const auto parallel = [&](std::size_t i, std::size_t j) {
-        return d(b, i) * d(c, j) == d(b, j) * d(c, i);
-    };
-    return parallel(1, 2) && parallel(2, 0) && parallel(0, 1);
-}
 
 std::uint64_t aligned(std::uint64_t bytes) {
     return (bytes + 7) / 8 * 8;

@@ -21,8 +21,19 @@ struct Arguments {
     double scale = 1;  ///< of the graph
     std::optional<Field> bound;
     std::optional<BackfaceCulling> culling;
+    std::optional<DistanceBound> distance;
     std::string values;  ///< a second store, or empty
 };
+
+/// "0.5", "0.5mm" or "0.5voxel".
+DistanceBound parse_distance(const std::string& option, const std::string& text) {
+    DistanceBound distance;
+    const std::size_t unit = text.find_first_not_of("+-.0123456789eE");
+    const std::string name = unit == std::string::npos ? "" : text.substr(unit);
+    distance.voxels = name == "voxel" || name == "voxels";
+    distance.value = parse_number(option, text.substr(0, unit));
+    return distance;
+}
 
 /// REQUIRES: the option needs --view.
 BackfaceCulling& culling_of(Arguments& a) {
@@ -80,6 +91,9 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
     SurfaceQuery query = with_attributes(a.query<SurfaceQuery>());
     query.iso = arguments.iso;
     query.bound = arguments.bound;
+    if (arguments.distance) {
+        query.stop = *arguments.distance;
+    }
     query.culling = arguments.culling;
     return extract(store, query, *sink, options_of(a), progress);
 }
@@ -144,6 +158,13 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     CLI::Option* const graph =
         c->add_flag("--graph", a->extract.is_graph,
                     "of data in a plane: the surface z = value in place of isolines");
+    add_parsed(
+        c, "--distance",
+        [a](const std::string& text) { a->distance = parse_distance("--distance", text); },
+        "largest distance from the surface at full resolution, in both\n"
+        "directions, in world units, or in voxels: 0.5voxel; simplifies",
+        "D[voxel]")
+        ->excludes(graph);
     add_parsed(
         c, "--scale", [a](const std::string& text) { a->scale = parse_number("--scale", text); },
         "of the graph: z = S times the value [1]", "S")

@@ -25,11 +25,15 @@ struct ExtractArguments {
     bool is_slice = false;  ///< or contour lines
     bool is_graph = false;
 
+    template <class Stop>
+    [[nodiscard]] Stop stop_test() const {
+        return stop ? Stop(*stop) : Stop(error);
+    }
     /// What all queries have.
     template <class Query>
     [[nodiscard]] Query query() const {
         Query query;
-        query.stop = stop ? StopTest(*stop) : StopTest(error);
+        query.stop = stop_test<decltype(query.stop)>();
         query.focus = focus;
         query.camera = camera;
         query.box = box;

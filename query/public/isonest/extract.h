@@ -39,6 +39,16 @@ struct FieldThreshold {
 
 using StopTest = std::variant<ErrorBound, FieldThreshold>;
 
+/// How far the mesh of a surface may be from the surface at full resolution, anywhere and in both
+/// directions (their Hausdorff distance); the triangles are as few as are found within that.
+struct DistanceBound {
+    double value = 0;     ///< >= 0; 0 = full resolution
+    bool voxels = false;  ///< value is in distances of neighbouring nodes (along the axis where
+                          ///< they are nearest), not in world units
+};
+
+using SurfaceStop = std::variant<ErrorBound, FieldThreshold, DistanceBound>;
+
 /// Leaves out what faces away from a viewer who looks in `direction` (section 5 of the paper).
 struct BackfaceCulling {
     Double3 direction{};
@@ -54,7 +64,7 @@ struct BackfaceCulling {
 /// lines {U = iso}.
 struct SurfaceQuery {
     double iso = 0;
-    StopTest stop = {};
+    SurfaceStop stop = {};  ///< a distance goes with neither focus nor camera
     std::optional<Focus> focus = {};
     std::optional<Camera> camera = {};
     std::optional<WorldBox> box = {};
@@ -131,9 +141,16 @@ struct ExtractReport {
     /// Most by which a coordinate is rounded to float32, in distances of neighbouring nodes: on top
     /// of the error.
     double coordinate_rounding = 0;
-    std::uint64_t chunks_read = 0;   ///< by this call alone, those read twice counted twice
-    std::uint64_t chunks_total = 0;  ///< of the store
-    std::uint64_t bytes_read = 0;    ///< stored bytes of the chunks read
+    /// If a distance was asked for: it, in world units.
+    std::optional<double> distance = {};
+    /// Proven: at most the one asked for. Coordinates rounded to float32 count in.
+    double distance_bound = 0;
+    /// Triangles (or lines) of the surface at full resolution.
+    std::uint64_t full_triangles = 0;
+    std::uint64_t scratch_bytes = 0;  ///< of temporary files of what changes the whole mesh
+    std::uint64_t chunks_read = 0;    ///< by this call alone, those read twice counted twice
+    std::uint64_t chunks_total = 0;   ///< of the store
+    std::uint64_t bytes_read = 0;     ///< stored bytes of the chunks read
     std::uint64_t peak_cache_bytes = 0;
     std::uint64_t bricks = 0;
     double seconds = 0;

@@ -1,0 +1,184 @@
+#include "query/mesh/scratch_mesh.h"
+
+#include <tsl/robin_map.h>
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+#include <vector>
+
+#include "query/mesh/zero_area.h"
+
+namespace isonest::detail {
+namespace {
+
+using Point = std::array<float, 3>;
+constexpr std::uint64_t kNone = std::numeric_limits<std::uint64_t>::max();
+constexpr std::size_t kBatch = std::size_t{1} << 13U;
+
+/// The vertices that elements name, in the order of their first naming.
+class UsedVertices {
+  public:
+    UsedVertices(const ScratchMesh& mesh, std::span<const ElementCorners> elements,
+                 const std::filesystem::path& folder, Progress& progress)
+        : number_file_(folder), vertex_file_(folder) {
+        number_file_.map(mesh.layout().vertices * sizeof(std::uint64_t));
+        vertex_file_.map(mesh.layout().vertices * sizeof(std::uint64_t));
+        const auto number = number_file_.as<std::uint64_t>();
+        const auto vertex = vertex_file_.as<std::uint64_t>();
+        for (std::size_t i = 0; i < elements.size(); ++i) {
+            if (i % kBatch == 0) {
+                progress.check();
+            }
+            for (const std::uint64_t v : elements[i]) {
+                if (number[v] == 0) {
+                    vertex[count_] = v;
+                    number[v] = ++count_;
+                }
+            }
+        }
+    }
+    [[nodiscard]] std::uint64_t count() const { return count_; }
+    [[nodiscard]] std::uint64_t number_of(std::uint64_t vertex) const {
+        return number_file_.as<std::uint64_t>()[vertex] - 1;
+    }
+    [[nodiscard]] std::span<const std::uint64_t> vertices() const {
+        return {vertex_file_.as<std::uint64_t>().data(), count_};
+    }
+
+  private:
+    ScratchFile number_file_;  ///< from 1 on; 0 = not named
+    ScratchFile vertex_file_;
+    std::uint64_t count_ = 0;
+};
+
+/// Copies of vertices, one after the other.
+struct Copies {
+    std::vector<Point> positions;
+    std::vector<std::byte> rows;
+
+    void clear() {
+        positions.clear();
+        rows.clear();
+    }
+    void add(const ScratchMesh& mesh, std::uint64_t v) {
+        positions.push_back(mesh.positions()[v]);
+        const auto row = mesh.row(v);
+        rows.insert(rows.end(), row.begin(), row.end());
+    }
+    [[nodiscard]] VertexBatch batch(std::uint64_t first, std::size_t row_bytes) const {
+        return {first, positions, rows, row_bytes};
+    }
+};
+
+void emit_vertices(const ScratchMesh& mesh, const UsedVertices& used, MeshSink& sink,
+                   Progress& progress) {
+    Copies copies;
+    const auto vertices = used.vertices();
+    for (std::size_t at = 0; at < vertices.size(); at += kBatch) {
+        progress.check();
+        copies.clear();
+        for (const std::uint64_t v : vertices.subspan(at, std::min(kBatch, vertices.size() - at))) {
+            copies.add(mesh, v);
+        }
+        sink.vertices(copies.batch(at, mesh.layout().row_bytes));
+    }
+}
+
+void emit_batches(const ScratchMesh& mesh, std::span<const ElementCorners> elements,
+                  const UsedVertices& used, MeshSink& sink, Progress& progress) {
+    Copies nearby;
+    std::vector<ElementCorners> corners;
+    std::vector<std::array<std::uint32_t, 3>> nearby_corners;
+    tsl::robin_map<std::uint64_t, std::uint32_t> place;
+    for (std::size_t at = 0; at < elements.size(); at += kBatch) {
+        progress.check();
+        nearby.clear();
+        corners.clear();
+        nearby_corners.clear();
+        place.clear();
+        for (const ElementCorners& e :
+             elements.subspan(at, std::min(kBatch, elements.size() - at))) {
+            ElementCorners numbered{};
+            std::array<std::uint32_t, 3> near{};
+            for (std::size_t i = 0; i < 3; ++i) {
+                numbered[i] = used.number_of(e[i]);
+                const auto [slot, is_new] =
+                    place.try_emplace(e[i], static_cast<std::uint32_t>(nearby.positions.size()));
+                near[i] = slot->second;
+                if (is_new) {
+                    nearby.add(mesh, e[i]);
+                }
+            }
+            corners.push_back(numbered);
+            nearby_corners.push_back(near);
+        }
+        sink.elements({at, corners, nearby_corners, nearby.batch(kNone, mesh.layout().row_bytes)});
+        progress.advance(corners.size());
+    }
+}
+
+}  // namespace
+
+ScratchMesh::ScratchMesh(std::filesystem::path folder)
+    : position_file_(folder), row_file_(folder), corner_file_(folder) {}
+
+void ScratchMesh::begin(const MeshLayout& layout) {
+    layout_ = layout;
+    position_file_.map(layout.vertices * sizeof(Point));
+    row_file_.map(layout.vertices * layout.row_bytes);
+    corner_file_.map(layout.elements * sizeof(ElementCorners));
+}
+
+void ScratchMesh::vertices(const VertexBatch& batch) {
+    std::copy(batch.positions.begin(), batch.positions.end(),
+              position_file_.as<Point>().begin() + static_cast<std::ptrdiff_t>(batch.first));
+    if (!batch.attributes.empty()) {
+        std::memcpy(row_file_.as<std::byte>().data() + batch.first * layout_.row_bytes,
+                    batch.attributes.data(), batch.attributes.size());
+    }
+}
+
+void ScratchMesh::elements(const ElementBatch& batch) {
+    std::copy(batch.corners.begin(), batch.corners.end(),
+              corner_file_.as<ElementCorners>().begin() + static_cast<std::ptrdiff_t>(batch.first));
+}
+
+std::uint64_t ScratchMesh::bytes() const {
+    return layout_.vertices * (sizeof(Point) + layout_.row_bytes) +
+           layout_.elements * sizeof(ElementCorners);
+}
+
+EmittedMesh emit_elements(const ScratchMesh& mesh, std::span<const ElementCorners> elements,
+                          const std::filesystem::path& folder, MeshSink& sink, Progress& progress) {
+    const UsedVertices used(mesh, elements, folder, progress);
+    MeshLayout layout = mesh.layout();
+    layout.vertices = used.count();
+    layout.elements = elements.size();
+    constexpr float kMost = std::numeric_limits<float>::max();
+    layout.lo = {kMost, kMost, kMost};
+    layout.hi = {-kMost, -kMost, -kMost};
+    for (const std::uint64_t v : used.vertices()) {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            layout.lo[axis] = std::min(layout.lo[axis], mesh.positions()[v][axis]);
+            layout.hi[axis] = std::max(layout.hi[axis], mesh.positions()[v][axis]);
+        }
+    }
+    EmittedMesh emitted{used.count(), elements.size(), 0};
+    if (layout.corners == 3) {
+        const auto at = mesh.positions();
+        for (const ElementCorners& e : elements) {
+            emitted.zero_area_triangles += has_no_area(at[e[0]], at[e[1]], at[e[2]]) ? 1 : 0;
+        }
+    }
+    sink.begin(layout);
+    do {
+        progress.begin("write mesh", elements.size(), "triangles");
+        emit_vertices(mesh, used, sink, progress);
+        emit_batches(mesh, elements, used, sink, progress);
+    } while (sink.again());
+    sink.end();
+    return emitted;
+}
+
+}  // namespace isonest::detail

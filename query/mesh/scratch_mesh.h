@@ -1,0 +1,66 @@
+// A whole mesh in temporary files: what the stages work on that change a mesh after its vertices
+// have been welded.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+
+#include <isonest/mesh_sink.h>
+#include <isonest/progress.h>
+
+#include "store/files/scratch_file.h"
+
+namespace isonest::detail {
+
+using ElementCorners = std::array<std::uint64_t, 3>;
+
+/// A sink that keeps the mesh in mapped temporary files, which are no heap. Thread-safety: that of
+/// a concurrent sink; once end() was called, that of constant data.
+class ScratchMesh : public MeshSink {
+  public:
+    explicit ScratchMesh(std::filesystem::path folder);
+
+    void begin(const MeshLayout& layout) override;
+    void vertices(const VertexBatch& batch) override;
+    void elements(const ElementBatch& batch) override;
+    [[nodiscard]] bool concurrent() const override { return true; }
+
+    [[nodiscard]] const MeshLayout& layout() const { return layout_; }
+    [[nodiscard]] std::span<const std::array<float, 3>> positions() const {
+        return {position_file_.as<std::array<float, 3>>().data(), layout_.vertices};
+    }
+    /// The attributes of vertex `v`.
+    [[nodiscard]] std::span<const std::byte> row(std::uint64_t v) const {
+        return row_file_.as<const std::byte>().subspan(v * layout_.row_bytes, layout_.row_bytes);
+    }
+    /// Of a line the third corner repeats the second.
+    [[nodiscard]] std::span<const ElementCorners> corners() const {
+        return {corner_file_.as<ElementCorners>().data(), layout_.elements};
+    }
+    /// Bytes of its files.
+    [[nodiscard]] std::uint64_t bytes() const;
+
+  private:
+    ScratchFile position_file_;
+    ScratchFile row_file_;
+    ScratchFile corner_file_;
+    MeshLayout layout_;
+};
+
+/// Vertices and elements of what emit_elements() handed over, and where float32 left no area.
+struct EmittedMesh {
+    std::uint64_t vertices = 0;
+    std::uint64_t elements = 0;
+    std::uint64_t zero_area_triangles = 0;
+};
+
+/// Hands `elements`, whose corners are vertices of `mesh`, to a sink: begin(), all batches as often
+/// as the sink asks for them, end(). Only vertices that they name, numbered in the order in which
+/// they are first named. What grows with the mesh lies in temporary files in `folder`. Throws
+/// Error{io, cancelled} and what the sink throws.
+EmittedMesh emit_elements(const ScratchMesh& mesh, std::span<const ElementCorners> elements,
+                          const std::filesystem::path& folder, MeshSink& sink, Progress& progress);
+
+}  // namespace isonest::detail

@@ -1,0 +1,105 @@
+#include "query/simplify/block_grid.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "store/base/box.h"
+
+namespace isonest::detail {
+namespace {
+
+/// Of a node at `shift`, seen from the octree's corner.
+Int3 cells_with(const Int3& nodes, const Int3& shift, std::int64_t cell) {
+    const Int3 last = nodes - Int3{1, 1, 1} + shift;
+    return {last.x / cell + 1, last.y / cell + 1, last.z / cell + 1};
+}
+
+}  // namespace
+
+BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh, int thirds,
+                     std::uint32_t most, const std::filesystem::path& folder, Progress& progress)
+    : lattice_(lattice), positions_(mesh.positions()), file_(folder) {
+    const std::int64_t longest = std::max({lattice.nodes.x, lattice.nodes.y, lattice.nodes.z});
+    // Twice as large as the volume: shifted by two thirds it still holds all.
+    const auto whole = 2 * static_cast<std::int64_t>(
+                               std::bit_ceil(static_cast<std::uint64_t>(std::max(longest, kCell))));
+    size_ = 2 * whole / kCell;
+    const std::int64_t by = whole * thirds / 3;
+    shift_ = {by, by, by};
+    cells_ = cells_with(lattice.nodes, shift_, kCell);
+    file_.map(static_cast<std::uint64_t>(cells_.product()) * sizeof(std::uint32_t));
+    const auto cells = file_.as<std::uint32_t>();
+    std::uint64_t i = 0;
+    for (const ElementCorners& triangle : mesh.corners()) {
+        constexpr std::uint64_t kOften = 1U << 16U;
+        if (i++ % kOften == 0) {
+            progress.check();
+        }
+        ++cells[cell_of(triangle)];
+    }
+    divide({0, 0, 0}, size_, most);
+}
+
+std::size_t BlockGrid::cell_of(const ElementCorners& triangle) const {
+    Int3 cell;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        double sum = 0;
+        for (const std::uint64_t v : triangle) {
+            sum += static_cast<double>(positions_[v][a]);
+        }
+        const double at = (sum / 3 - lattice_.origin[a]) / lattice_.spacing[a];
+        const double last = static_cast<double>(lattice_.nodes[axis] - 1);
+        const auto node = static_cast<std::int64_t>(std::floor(std::clamp(at, 0.0, last)));
+        cell[axis] = (node + shift_[axis]) / kCell;
+    }
+    return static_cast<std::size_t>((cell.z * cells_.y + cell.y) * cells_.x + cell.x);
+}
+
+std::uint64_t BlockGrid::count_in(const Int3& low, std::int64_t size) const {
+    const auto cells = file_.as<const std::uint32_t>();
+    const Int3 end = min(low + Int3{size, size, size}, cells_);
+    std::uint64_t count = 0;
+    for (std::int64_t z = low.z; z < end.z; ++z) {
+        for (std::int64_t y = low.y; y < end.y; ++y) {
+            const std::int64_t row = (z * cells_.y + y) * cells_.x;
+            for (std::int64_t x = low.x; x < end.x; ++x) {
+                count += cells[static_cast<std::size_t>(row + x)];
+            }
+        }
+    }
+    return count;
+}
+
+void BlockGrid::divide(const Int3& low, std::int64_t size, std::uint32_t most) {
+    if (min(low, cells_ - Int3{1, 1, 1}) != low) {
+        return;
+    }
+    const std::uint64_t count = count_in(low, size);
+    if (count > most && size > 1) {
+        const std::int64_t half = size / 2;
+        for (std::int64_t octant = 0; octant < 8; ++octant) {
+            divide(low + Int3{2, 2, 2}.unlinear(octant) * half, half, most);
+        }
+        return;
+    }
+    // Nothing of the mesh is here, but a triangle of a coarser one may be: the block before has it.
+    const std::uint32_t block = count > 0 ? blocks_++ : std::max(blocks_, 1U) - 1;
+    const auto cells = file_.as<std::uint32_t>();
+    const Int3 end = min(low + Int3{size, size, size}, cells_);
+    for (std::int64_t z = low.z; z < end.z; ++z) {
+        for (std::int64_t y = low.y; y < end.y; ++y) {
+            const std::int64_t row = (z * cells_.y + y) * cells_.x;
+            for (std::int64_t x = low.x; x < end.x; ++x) {
+                cells[static_cast<std::size_t>(row + x)] = block;
+            }
+        }
+    }
+}
+
+std::uint32_t BlockGrid::block_of(const ElementCorners& triangle) const {
+    return file_.as<const std::uint32_t>()[cell_of(triangle)];
+}
+
+}  // namespace isonest::detail

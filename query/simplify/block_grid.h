@@ -1,0 +1,55 @@
+// A partition of space into cubes of bounded work.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+
+#include <isonest/int3.h>
+#include <isonest/progress.h>
+
+#include "query/mesh/scratch_mesh.h"
+#include "store/files/scratch_file.h"
+
+namespace isonest::detail {
+
+/// The lattice in the world: world = origin + spacing * position.
+struct WorldLattice {
+    Double3 origin{};
+    Double3 spacing{1, 1, 1};
+    Int3 nodes{1, 1, 1};
+};
+
+/// Octree cells with at most a number of triangles, or of the smallest size. Where the cells begin
+/// is shifted, so that the borders of two grids with different shifts cross but do not run along
+/// each other. Source of shifts by thirds: T. Chan, "Approximate nearest neighbor queries
+/// revisited", Discrete and Computational Geometry 20 (1998). The cells are the same for the same
+/// mesh. Its table lies in a temporary file. Thread-safety: constant once it is made.
+class BlockGrid {
+  public:
+    /// `thirds`: of the whole grid's size, by which it is shifted: 0, 1 or 2. `most`: triangles in
+    /// a block.
+    BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh, int thirds, std::uint32_t most,
+              const std::filesystem::path& folder, Progress& progress);
+
+    [[nodiscard]] std::uint32_t blocks() const { return blocks_; }
+    /// The block that a triangle's centroid lies in.
+    [[nodiscard]] std::uint32_t block_of(const ElementCorners& triangle) const;
+
+  private:
+    static constexpr std::int64_t kCell = 8;  ///< nodes along an edge of the smallest cell
+    [[nodiscard]] std::size_t cell_of(const ElementCorners& triangle) const;
+    std::uint64_t count_in(const Int3& low, std::int64_t size) const;
+    void divide(const Int3& low, std::int64_t size, std::uint32_t most);
+
+    WorldLattice lattice_;
+    std::span<const std::array<float, 3>> positions_;
+    Int3 shift_;
+    std::int64_t size_;  ///< of the octree, in cells
+    Int3 cells_;
+    ScratchFile file_;  ///< triangles of each cell, and then its block
+    std::uint32_t blocks_ = 0;
+};
+
+}  // namespace isonest::detail

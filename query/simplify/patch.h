@@ -1,0 +1,36 @@
+// A piece of a surface that is simplified by itself.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "query/simplify/point_triangle.h"
+
+namespace isonest::detail {
+
+using PatchTriangle = std::array<std::uint32_t, 3>;
+
+/// Vertices are places in `positions`; all triangles are oriented alike.
+struct Patch {
+    std::vector<std::array<float, 3>> positions;  ///< world coordinates
+    /// Vertices that triangles outside of the patch have, too: they and the edges between them
+    /// stay.
+    std::vector<bool> shared;
+    std::vector<PatchTriangle> triangles;
+    std::vector<bool> kept;           ///< triangles that have to stay
+    std::vector<PatchTriangle> fine;  ///< the full surface near the patch
+    /// Whether this fine triangle has to be within the limit of the patch. Others are there to be
+    /// near to.
+    std::vector<bool> attached;
+
+    [[nodiscard]] Double3 point(std::uint32_t v) const {
+        const auto& p = positions[v];
+        return {static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])};
+    }
+    [[nodiscard]] Triangle at(const PatchTriangle& t) const {
+        return {point(t[0]), point(t[1]), point(t[2])};
+    }
+};
+
+}  // namespace isonest::detail

@@ -1,0 +1,40 @@
+// Fewer triangles for a patch, none of them and nothing of the full surface further from the other
+// than a distance.
+//
+// The collapses are proposals (query/simplify/collapse.h): each is measured and compared with the
+// topology before, and where it misses, the triangles around that place stay as they were, and the
+// rest is proposed anew. So the errors that the proposals estimate play no part in the bound.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "query/simplify/patch.h"
+
+namespace isonest::detail {
+
+struct SimplifiedPatch {
+    std::vector<PatchTriangle> triangles;
+    /// Of each fine triangle those that it is near to: places in `triangles`. None, if it is not
+    /// attached.
+    std::vector<std::uint32_t> first_server;  ///< one more than there are fine triangles
+    std::vector<std::uint32_t> servers;
+    double largest = 0;  ///< distance that was met; at most the limit
+
+    [[nodiscard]] std::span<const std::uint32_t> servers_of(std::size_t fine) const {
+        return std::span(servers).subspan(first_server[fine],
+                                          first_server[fine + 1] - first_server[fine]);
+    }
+};
+
+/// Heap per triangle and per fine triangle of a patch, at most, that simplify_patch() takes beside
+/// the patch.
+inline constexpr std::size_t kSimplifyBytesPerTriangle = 600;
+
+/// `limit`: world units, > 0. REQUIRES: the attached fine triangles are within the limit of the
+/// patch's, and those of the fine ones. Thread-safe.
+SimplifiedPatch simplify_patch(const Patch& patch, double limit);
+
+}  // namespace isonest::detail

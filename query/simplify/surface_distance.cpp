@@ -1,0 +1,136 @@
+#include "query/simplify/surface_distance.h"
+
+#include <cmath>
+
+namespace isonest::detail {
+namespace {
+
+constexpr int kMostCuts = 24;  ///< each halves a triangle at its longest edge
+constexpr int kMostServerCuts = 12;
+/// A piece is cut until its radius is this share of the limit; then something is near its centre
+/// more often than not.
+constexpr double kNearEnough = 0.9;
+
+Double3 middle(const Double3& a, const Double3& b) {
+    return {(a[0] + b[0]) / 2, (a[1] + b[1]) / 2, (a[2] + b[2]) / 2};
+}
+
+Double3 centroid(const Triangle& t) {
+    return {(t[0][0] + t[1][0] + t[2][0]) / 3, (t[0][1] + t[1][1] + t[2][1]) / 3,
+            (t[0][2] + t[1][2] + t[2][2]) / 3};
+}
+
+/// Cut at the middle of the longest edge.
+std::array<Triangle, 2> halves(const Triangle& t) {
+    std::size_t longest = 0;
+    double most = -1;
+    for (std::size_t i = 0; i < 3; ++i) {
+        if (const double size = square(minus(t[(i + 1) % 3], t[i])); size > most) {
+            most = size;
+            longest = i;
+        }
+    }
+    const Double3& a = t[longest];
+    const Double3& b = t[(longest + 1) % 3];
+    const Double3& c = t[(longest + 2) % 3];
+    const Double3 m = middle(a, b);
+    return {Triangle{a, m, c}, Triangle{m, b, c}};
+}
+
+}  // namespace
+
+bool SurfaceDistance::served_by(const Triangle& t, std::uint32_t server) {
+    const Triangle by = surface_.triangle(server);
+    double most = 0;
+    for (const Double3& corner : t) {
+        const double d = square_distance(corner, by);
+        if (d > square_limit_) {
+            return false;
+        }
+        most = std::max(most, d);
+    }
+    largest_ = std::max(largest_, std::sqrt(most));
+    return true;
+}
+
+bool SurfaceDistance::serve(const Triangle& t, int depth) {
+    const auto take = [&](std::uint32_t server) {
+        if (!served_by(t, server)) {
+            return false;
+        }
+        if (std::find(servers_.begin(), servers_.end(), server) == servers_.end()) {
+            servers_.push_back(server);
+        }
+        last_ = server;
+        return true;
+    };
+    if (last_ != TriangleTree::kNone && take(last_)) {
+        return true;
+    }
+    const Double3 centre = centroid(t);
+    bool any = false;
+    if (surface_.near(centre, square_limit_, [&](std::uint32_t server) {
+            any = true;
+            return take(server);
+        })) {
+        return true;
+    }
+    if (!any || depth == kMostServerCuts) {
+        miss_.at = centre;
+        return false;
+    }
+    const auto parts = halves(t);
+    return serve(parts[0], depth + 1) && serve(parts[1], depth + 1);
+}
+
+bool SurfaceDistance::serves(const Triangle& t) {
+    servers_.clear();
+    return serve(t, 0);
+}
+
+bool SurfaceDistance::cover(const Triangle& t, int depth) {
+    const Double3 centre = centroid(t);
+    double radius = 0;
+    for (const Double3& corner : t) {
+        radius = std::max(radius, square(minus(corner, centre)));
+    }
+    radius = std::sqrt(radius);
+    const auto cut = [&] {
+        const auto parts = halves(t);
+        return cover(parts[0], depth + 1) && cover(parts[1], depth + 1);
+    };
+    if (radius > limit_ && depth < kMostCuts) {
+        return cut();
+    }
+    // Any triangle that is near enough will do; the nearest only where it has to be small.
+    if (radius < limit_ * kNearEnough) {
+        const double enough = limit_ - radius;
+        double d = 0;
+        if (surface_.near(centre, enough * enough, [&](std::uint32_t i) {
+                d = square_distance(centre, surface_.triangle(i));
+                return d <= enough * enough;
+            })) {
+            largest_ = std::max(largest_, std::min(std::sqrt(d) + radius, limit_));
+            return true;
+        }
+    }
+    const TriangleTree::Found found = surface_.nearest(centre, square_limit_);
+    if (found.triangle == TriangleTree::kNone) {
+        miss_.at = centre;
+        return false;
+    }
+    if (served_by(t, found.triangle)) {
+        return true;
+    }
+    if (depth == kMostCuts) {
+        miss_.at = centre;
+        return false;
+    }
+    return cut();
+}
+
+bool SurfaceDistance::covers(const Triangle& t) {
+    return cover(t, 0);
+}
+
+}  // namespace isonest::detail
