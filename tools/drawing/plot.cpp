@@ -1,30 +1,24 @@
 #include "tools/drawing/plot.h"
 
-#include <cairo-svg.h>
-#include <cairo.h>
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
-#include <memory>
 
-#include <isonest/error.h>
-
-#include "store/files/output_file.h"
+#include "tools/drawing/canvas.h"
 
 namespace isonest::detail::cli {
 namespace {
 
-constexpr double kWidth = 790;
-constexpr double kHeight = 480;
+constexpr int kWidth = 790;
+constexpr int kHeight = 480;
 constexpr double kLeft = 84;
 constexpr double kRight = 200;
 constexpr double kTop = 40;
 constexpr double kBottom = 58;
 
-using Color = std::array<double, 3>;
 // P. Tol's bright, muted and vibrant schemes: to be told apart by all eyes.
 constexpr std::array<Color, 12> kColors{{{0.27, 0.47, 0.67},
                                          {0.93, 0.40, 0.47},
@@ -55,48 +49,7 @@ struct Axis {
     [[nodiscard]] double at(double v) const { return (std::log10(v) - low) / (high - low); }
 };
 
-class Drawing {
-  public:
-    explicit Drawing(cairo_surface_t* surface)
-        : surface_(surface, cairo_surface_destroy), cr_(cairo_create(surface), cairo_destroy) {
-        cairo_select_font_face(cr_.get(), "sans-serif", CAIRO_FONT_SLANT_NORMAL,
-                               CAIRO_FONT_WEIGHT_NORMAL);
-        color({1, 1, 1});
-        cairo_paint(cr_.get());
-    }
-    [[nodiscard]] cairo_surface_t* surface() const { return surface_.get(); }
-    [[nodiscard]] bool good() const { return cairo_status(cr_.get()) == CAIRO_STATUS_SUCCESS; }
-    void color(const Color& c) { cairo_set_source_rgb(cr_.get(), c[0], c[1], c[2]); }
-    void line(double x0, double y0, double x1, double y1, double width) {
-        cairo_set_line_width(cr_.get(), width);
-        cairo_move_to(cr_.get(), x0, y0);
-        cairo_line_to(cr_.get(), x1, y1);
-        cairo_stroke(cr_.get());
-    }
-    void dot(double x, double y) {
-        cairo_arc(cr_.get(), x, y, 2.2, 0, 6.2832);
-        cairo_fill(cr_.get());
-    }
-    /// `anchor`: 0 = begins at x, 0.5 = centred, 1 = ends there.
-    void text(double x, double y, const std::string& words, double size, double anchor,
-              double turn = 0) {
-        cairo_set_font_size(cr_.get(), size);
-        cairo_text_extents_t extents{};
-        cairo_text_extents(cr_.get(), words.c_str(), &extents);
-        cairo_save(cr_.get());
-        cairo_translate(cr_.get(), x, y);
-        cairo_rotate(cr_.get(), turn);
-        cairo_move_to(cr_.get(), -anchor * extents.x_advance, 0);
-        cairo_show_text(cr_.get(), words.c_str());
-        cairo_restore(cr_.get());
-    }
-
-  private:
-    std::unique_ptr<cairo_surface_t, decltype(&cairo_surface_destroy)> surface_;
-    std::unique_ptr<cairo_t, decltype(&cairo_destroy)> cr_;
-};
-
-void draw(Drawing& d, const Plot& plot) {
+void draw(Canvas& d, const Plot& plot) {
     Axis x;
     Axis y;
     const auto shown = [](const std::pair<double, double>& p) {
@@ -163,40 +116,10 @@ void draw(Drawing& d, const Plot& plot) {
     }
 }
 
-/// Cairo's output, into a std::string.
-cairo_status_t append(void* bytes, const unsigned char* data, unsigned length) {
-    static_cast<std::string*>(bytes)->append(reinterpret_cast<const char*>(data), length);
-    return CAIRO_STATUS_SUCCESS;
-}
-
 }  // namespace
 
 void draw_plot(const std::filesystem::path& path, const Plot& plot) {
-    const std::filesystem::path end = path.extension();
-    if (end != ".svg" && end != ".png") {
-        throw Error(ErrorKind::invalid_argument, {path.string()},
-                    "a plot's name must end with .svg or .png");
-    }
-    std::string bytes;
-    bool good = false;
-    if (end == ".svg") {
-        Drawing d(cairo_svg_surface_create_for_stream(&append, &bytes, kWidth, kHeight));
-        draw(d, plot);
-        cairo_surface_finish(d.surface());
-        good = d.good() && cairo_surface_status(d.surface()) == CAIRO_STATUS_SUCCESS;
-    } else {
-        Drawing d(cairo_image_surface_create(CAIRO_FORMAT_RGB24, static_cast<int>(kWidth),
-                                             static_cast<int>(kHeight)));
-        draw(d, plot);
-        good = d.good() && cairo_surface_write_to_png_stream(d.surface(), &append, &bytes) ==
-                               CAIRO_STATUS_SUCCESS;
-    }
-    if (!good) {
-        throw Error(ErrorKind::io, {path.string()}, "cannot draw the plot");
-    }
-    OutputFile file(path, true);
-    file.write_at(0, std::as_bytes(std::span(bytes)));
-    file.publish_as_named();
+    draw_canvas(path, kWidth, kHeight, [&](Canvas& canvas) { draw(canvas, plot); });
 }
 
 }  // namespace isonest::detail::cli

@@ -1,0 +1,40 @@
+// What plots are drawn on: lines, areas and words, as SVG or PNG.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <functional>
+#include <string>
+
+struct _cairo;
+
+namespace isonest::detail::cli {
+
+using Color = std::array<double, 3>;  ///< red, green, blue, 0 to 1
+
+/// Coordinates in pixels, from the top left. Thread-safety: one thread.
+class Canvas {
+  public:
+    explicit Canvas(_cairo* context);
+    /// Of all that follows.
+    void color(const Color& c);
+    void line(double x0, double y0, double x1, double y1, double width, bool dashed = false);
+    void area(double x0, double y0, double x1, double y1);
+    void dot(double x, double y);
+    /// `anchor`: 0 = begins at x, 0.5 = centred, 1 = ends there; `turn` in radians.
+    void text(double x, double y, const std::string& words, double size, double anchor,
+              double turn = 0);
+
+  private:
+    _cairo* context_;
+};
+
+/// Whether draw_canvas() can write a file of that name: it ends with .svg or .png.
+bool is_canvas(const std::filesystem::path& path);
+
+/// Draws on white; the file appears whole or not at all. Throws Error{io}, Error{invalid_argument}
+/// if the name ends otherwise.
+void draw_canvas(const std::filesystem::path& path, int width, int height,
+                 const std::function<void(Canvas&)>& draw);
+
+}  // namespace isonest::detail::cli
