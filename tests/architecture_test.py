@@ -26,6 +26,7 @@ ROOMS = {
     "query": {"view": set(), "march": {"view"}, "mesh": {"view", "march"},
               "simplify": {"mesh"},
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
+              "statistics": set(),
               "extract": {"view", "march", "mesh", "simplify", "traverse"}},
 }
 STORAGE_HEADERS = re.compile(r"(hdf5|hdf5_hl|H5\w+|zstd\w*)\.h")

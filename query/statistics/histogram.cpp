@@ -1,0 +1,182 @@
+#include "query/statistics/histogram.h"
+
+#include <oneapi/tbb/enumerable_thread_specific.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "query/statistics/value_counts.h"
+#include "store/base/in_order.h"
+#include "store/base/memory_budget.h"
+#include "store/base/workers.h"
+#include "store/container/gather.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr Int3 kOne{1, 1, 1};
+
+Int3 nodes_in_volume(const Lattice& lattice, int level) {
+    return ceil_div(lattice.nodes(), kOne * (std::int64_t{1} << level));
+}
+
+int level_for(const Lattice& lattice) {
+    int level = 0;
+    while (nodes_in_volume(lattice, level).product() > kMostHistogramNodes) {
+        ++level;
+    }
+    return level;
+}
+
+/// How the memory is shared; fewer threads run where there is little.
+struct Shares {
+    int threads;
+    std::uint64_t cache;
+};
+
+Shares share(const StoreReader& store, const ArrayInfo& array, const HistogramOptions& options) {
+    const std::uint64_t chunk = array.chunk_bytes();
+    const auto box = static_cast<std::uint64_t>((array.chunk + kOne).product()) *
+                     (array.codec.element_size + sizeof(BinCode));
+    // One chunk is decoded by itself or held, two are in the cache besides.
+    const std::uint64_t each = decode_heap(chunk) + 3 * chunk + box;
+    require_memory(store.path().string(), options.memory, kLibraryHeap + each,
+                   "this store's chunks");
+    const std::uint64_t usable = options.memory - kLibraryHeap;
+    const auto threads = std::clamp<std::uint64_t>(
+        usable / each, 1, static_cast<std::uint64_t>(Workers::count_of(options.threads)));
+    return {static_cast<int>(threads), usable - threads * (each - 3 * chunk)};
+}
+
+class Counting {
+  public:
+    Counting(const StoreReader& store, const ArrayInfo& array, const ValueBins& bins,
+             const Shares& shares, Progress& progress)
+        : store_(store),
+          array_(array),
+          bins_(bins),
+          shares_(shares),
+          progress_(progress),
+          counts_(bins.count()) {}
+
+    void values() {
+        ChunkCache cache(store_, shares_.cache);
+        for_all("histogram", array_.grid.product(), "chunks", [&](std::int64_t i) {
+            dispatch(store_.layout().header().type, [&](auto tag) {
+                block<typename decltype(tag)::type>(cache, array_.grid.unlinear(i));
+            });
+        });
+    }
+
+    void ranges(int level) {
+        const Int3 cubes = store_.layout().lattice().cells_at(level);
+        for_all("cube ranges", bins_.count() > 0 ? cubes.z : 0, "planes", [&](std::int64_t z) {
+            const BinFinder bin_of(bins_);
+            for (std::int64_t i = 0; i < cubes.x * cubes.y; ++i) {
+                const CubeRange range = *store_.cube_range(level, {i % cubes.x, i / cubes.x, z});
+                if (range.low <= range.high) {
+                    counts_.local().add_cube(bin_of(static_cast<double>(range.low)),
+                                             bin_of(static_cast<double>(range.high)));
+                }
+            }
+        });
+    }
+
+    ValueCounts sum() {
+        ValueCounts all(bins_.count());
+        counts_.combine_each([&](const ValueCounts& counts) { all.add(counts); });
+        return all;
+    }
+
+  private:
+    /// In order, so that neighbours are still in the cache.
+    template <class F>
+    void for_all(const char* phase, std::int64_t count, const char* unit, const F& f) {
+        progress_.begin(phase, static_cast<std::uint64_t>(count), unit);
+        const auto compute = [&](std::int64_t i) {
+            progress_.check();
+            f(i);
+            return i;
+        };
+        in_order(count, shares_.threads, compute,
+                 [&](std::int64_t /*i*/, std::int64_t /*same*/) { progress_.advance(1); });
+    }
+
+    /// The nodes of a chunk, and of the finest level the cubes that begin in it.
+    template <class T>
+    void block(ChunkCache& cache, const Int3& chunk) {
+        const Int3 first = array_.first_node(chunk);
+        const Int3 nodes = nodes_in_volume(store_.layout().lattice(), array_.level);
+        const Int3 own = max(min(array_.chunk, nodes - first), {0, 0, 0});
+        const bool finest = array_.level == 0;
+        const Int3 size = finest ? min(own + kOne, nodes - first) : own;
+        if (size.product() == 0) {
+            return;  // beyond the volume
+        }
+        Box<T> values(first, size);
+        gather_values(cache, array_, values);
+        Box<BinCode> codes(first, size);
+        if (bins_.count() > 0) {
+            const BinFinder bin_of(bins_);
+            std::transform(values.data.begin(), values.data.end(), codes.data.begin(), [&](T v) {
+                const auto value = static_cast<double>(v);
+                return std::isfinite(value) ? static_cast<BinCode>(bin_of(value) + 1)
+                                            : kMissingCode;
+            });
+        }
+        ValueCounts& counts = counts_.local();
+        counts.add_nodes(codes, own);
+        if (finest) {
+            // None begins in the last node; along a flat axis they have no extent.
+            Int3 cells = size - kOne;
+            for (int axis = 0; axis < 3; ++axis) {
+                cells[axis] = nodes[axis] == 1 ? 1 : std::min(cells[axis], own[axis]);
+            }
+            counts.add_cubes(codes, cells);
+        }
+    }
+
+    const StoreReader& store_;
+    const ArrayInfo& array_;
+    const ValueBins& bins_;
+    const Shares& shares_;
+    Progress& progress_;
+    tbb::enumerable_thread_specific<ValueCounts> counts_;
+};
+
+}  // namespace
+
+Histogram histogram(const StoreReader& store, const HistogramOptions& options, Progress& progress) {
+    const StoreLayout& layout = store.layout();
+    const int level = options.level ? *options.level : level_for(layout.lattice());
+    const ArrayInfo& array = layout.array(level, Field::values);
+    const ValueBins bins(layout.header().type, store.min_value(), store.max_value());
+    const Shares shares = share(store, array, options);
+    std::optional<int> cube_level;
+    if (level == 0 || layout.has_cube_ranges(kFirstRangeLevel)) {
+        cube_level = level == 0 ? 0 : kFirstRangeLevel;
+    }
+    Counting counting(store, array, bins, shares, progress);
+    Workers(shares.threads).execute([&] {
+        counting.values();
+        if (cube_level && level > 0) {
+            counting.ranges(*cube_level);
+        }
+    });
+    const ValueCounts counts = counting.sum();
+    Histogram result;
+    result.dimension = layout.lattice().dimension();
+    result.level = level;
+    result.looked = static_cast<std::uint64_t>(nodes_in_volume(layout.lattice(), level).product());
+    result.missing = counts.missing();
+    result.bins = bins;
+    result.nodes = counts.nodes();
+    result.cube_level = cube_level;
+    if (cube_level) {
+        result.cubes = counts.cubes();
+        result.suggested = suggest_isovalues(bins, result.nodes, result.cubes);
+    }
+    return result;
+}
+
+}  // namespace isonest::detail
