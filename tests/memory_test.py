@@ -92,6 +92,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
                  "1500x1500"],
                 ["export", store, "--field", "values", "-o", folder / "e.nrrd", "--force"],
                 ["export", store, "--field", "deviation_bar", "-o", folder / "e.h5", "--force"],
+                ["info", store, "--histogram", "-o", folder / "h.svg"],
                 ["check", store],
                 ["check", store, "--deep", "--source", volume],
                 ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar",

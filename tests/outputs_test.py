@@ -50,6 +50,7 @@ def cases(here, big=False):
         Case("slice, picture", "o.png", ["slice", store, "--plane", "0,0,1,3"], [store]),
         Case("slice, contours", "o.obj", ["slice", store, "--plane", "0,0,1,3", "--contours", "0.4"],
              [store]),
+        Case("info, plot", "o.png", ["info", store, "--histogram"], [store]),
         Case("picture", "o.png", ["picture", mesh], [mesh]),
         Case("study, table", "study.csv", ["study", store, "--steps", "3"], [store], folder=True),
         Case("study, plot", "linf.svg", ["study", store, "--steps", "3"], [store], folder=True),
@@ -434,6 +435,7 @@ class Stopped(unittest.TestCase):
                             ["slice", "s.isonest", "--plane", "0,0,1,5", "-o", "o.png"],
                             ["make-volume", "noise", "--size", "9", "-o", "o.h5"],
                             ["study", "s.isonest", "-o", "o", "--steps", "2"],
+                            ["info", "s.isonest", "--histogram"],
                             ["check", "s.isonest"]):
                 for most in (1, 2, 3):
                     with self.subTest(command=command[0], most=most):

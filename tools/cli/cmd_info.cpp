@@ -4,9 +4,17 @@
 
 #include <memory>
 
+#include <isonest/error.h>
+
 #include "query/extract/info.h"
+#include "query/statistics/histogram.h"
+#include "store/files/output_file.h"
 #include "tools/cli/command.h"
+#include "tools/cli/histogram_text.h"
+#include "tools/cli/leftovers.h"
 #include "tools/cli/units.h"
+#include "tools/drawing/canvas.h"
+#include "tools/drawing/histogram_plot.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -26,8 +34,39 @@ Json to_json(const Int3& v) {
     return Json{v.x, v.y, v.z};
 }
 
-Result run(const std::string& path) {
+struct Arguments {
+    std::string store;
+    std::string plot;
+    bool histogram = false;
+    HistogramOptions options;
+};
+
+void add_histogram(const StoreReader& store, const Arguments& a, Result& result,
+                   Progress& progress) {
+    const Histogram h = histogram(store, a.options, progress);
+    result.json["histogram"] = histogram_json(h);
+    result.text += "\n" + histogram_text(h);
+    if (a.plot.empty()) {
+        return;
+    }
+    draw_histogram(a.plot, store.path().filename().string(), h,
+                   [&](double value) { return value_text(h, value); });
+    const std::string leftovers = leftovers_of(a.plot);
+    result.warning += result.warning.empty() || leftovers.empty() ? leftovers : "\n" + leftovers;
+    result.json["output"] = a.plot;
+    result.text += fmt::format("{}: the same as a plot\n", a.plot);
+}
+
+Result run(const Arguments& a, Progress& progress) {
+    const std::string& path = a.store;
     const StoreReader store(path);
+    if (!a.plot.empty()) {
+        if (!is_canvas(a.plot)) {
+            throw Error(ErrorKind::invalid_argument, {a.plot},
+                        "a plot's name must end with .svg or .png");
+        }
+        check_output(a.plot, true, {store.path()});
+    }
     const StoreHeader& h = store.layout().header();
     const std::vector<ArrayReport> arrays = describe_arrays(store);
     Result result;
@@ -93,22 +132,48 @@ Result run(const std::string& path) {
                         r.alias ? "shared" : human_bytes(static_cast<double>(r.stored_bytes)),
                         r.alias ? "" : fmt::format("{:.2f}", ratio(r)), human_range(r.min, r.max));
     }
+    if (a.histogram) {
+        add_histogram(store, a, result, progress);
+    }
     return result;
 }
 
 }  // namespace
 
 void add_info(CLI::App& app, Invocation& chosen) {
-    const auto path = std::make_shared<std::string>();
-    CLI::App* const c =
-        add_command(app, chosen, "info",
-                    {"Say what a store holds: size, type, range, levels, fields, compression",
-                     "Reads the header and the chunk table only.",
-                     "isonest info scan.isonest\n"
-                     "isonest info scan.isonest --json"});
-    c->add_option("STORE", *path, "made by isonest preprocess")->required();
+    const auto a = std::make_shared<Arguments>();
+    CLI::App* const c = add_command(
+        app, chosen, "info",
+        {"Say what a store holds: size, type, range, levels, fields, compression",
+         "Reads the header and the chunk table only. With --histogram it also reads the values "
+         "and\n"
+         "says how often they occur, how much surface each isovalue has, and which isovalues are\n"
+         "likely to show something: where the surface is at its sharpest.",
+         "isonest info scan.isonest\n"
+         "isonest info scan.isonest --histogram\n"
+         "isonest info scan.isonest --histogram --json -o histogram.png"});
+    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    CLI::Option* const histogram = c->add_flag(
+        "--histogram", a->histogram, "the values, the surface of each isovalue, and suggestions");
+    HistogramOptions& o = a->options;
+    add_parsed(
+        c, "--level",
+        [&o](const std::string& text) {
+            constexpr int kMost = 20;
+            o.level = static_cast<int>(parse_integer("--level", text, 0, kMost));
+        },
+        fmt::format("of the values; 0 = all [the finest with at most {} M nodes]",
+                    kMostHistogramNodes >> 20),
+        "L");
+    c->add_option("-o,--output", a->plot, "draw it into this file, .png or .svg")
+        ->type_name("PLOT");
+    add_memory(c, o.memory);
+    add_threads(c, o.threads);
+    for (const char* const name : {"--level", "--output", "--memory", "--threads"}) {
+        c->get_option(name)->needs(histogram);
+    }
     c->callback(
-        [path, &chosen] { chosen.run = [path](Progress& /*progress*/) { return run(*path); }; });
+        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
 }
 
 }  // namespace isonest::detail::cli

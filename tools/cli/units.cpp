@@ -185,6 +185,15 @@ std::string human_range(double low, double high) {
     }
 }
 
+std::string human_value(double value, double apart) {
+    constexpr int kFewest = 6;
+    constexpr int kMost = 17;
+    const double digits = std::ceil(std::log10(std::fabs(value) / apart)) + 1;
+    const bool known = apart > 0 && std::isfinite(digits);
+    return fmt::format("{:.{}g}", value,
+                       known ? std::clamp(static_cast<int>(digits), kFewest, kMost) : kFewest);
+}
+
 std::string human_seconds(double seconds) {
     if (seconds < 10) {
         return fmt::format("{:.{}f} s", seconds, seconds < 0.1 ? 3 : 1);
