@@ -108,6 +108,7 @@ std::vector<SuggestedIsovalue> suggest_isovalues(const ValueBins& bins,
                      [](const Peak& a, const Peak& b) { return a.prominence > b.prominence; });
     peaks.resize(std::min(peaks.size(), kMostSuggested));
     std::vector<SuggestedIsovalue> suggested;
+    suggested.reserve(peaks.size());
     for (const Peak& peak : peaks) {
         // No integer lies between: the same cubes, and the surface passes through no node.
         suggested.push_back({bins.low[peak.middle] - (bins.integer ? 0.5 : 0), cubes[peak.middle]});

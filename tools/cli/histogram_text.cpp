@@ -48,7 +48,8 @@ std::string bar(std::uint64_t count, std::uint64_t most) {
     }
     const double part =
         std::log1p(static_cast<double>(count)) / std::log1p(static_cast<double>(most));
-    return std::string(std::max<std::size_t>(1, static_cast<std::size_t>(kSigns * part)), '#');
+    std::string signs(std::max<std::size_t>(1, static_cast<std::size_t>(kSigns * part)), '#');
+    return signs;
 }
 
 std::string rows(const Histogram& h) {
