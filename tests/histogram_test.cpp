@@ -268,6 +268,8 @@ TEST_CASE("a mask is cut in its middle, and where there is no surface nothing is
     const auto two = [](const Int3& p) { return p.x + p.y < 9 ? 0.0 : 1.0; };
     CHECK(suggested_for(two, 17) == std::vector<double>{0.5});
     CHECK(suggested_for([](const Int3&) { return 7.0; }, 17).empty());
+    // A ramp is as sharp everywhere: one of its isovalues, not all.
+    CHECK(suggested_for([](const Int3& p) { return 5.0 * p.x; }, 17).size() == 1);
 }
 
 TEST_CASE("a histogram stops when it is told to, and says when memory or a level is not there") {

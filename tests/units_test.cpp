@@ -107,6 +107,11 @@ TEST_CASE("a range is written with the digits that tell its ends apart") {
     CHECK(human_range(-1.98695969581604, 3.0251314640045166) == "-1.98696 to 3.02513");
     CHECK(human_range(1e9, 1e9 + 3) == "1000000000 to 1000000003");
     CHECK(human_range(5, 5) == "5 to 5");
+    CHECK(human_value(616.5, 0.5) == "616.5");
+    CHECK(human_value(1.0 / 3, 0.01) == "0.333333");
+    CHECK(human_value(4294967294.5, 0.5) == "4294967294.5");
+    CHECK(human_value(0, 0) == "0");
+    CHECK(human_value(-1e308, 1e306) == "-1e+308");
     CHECK(human_range(-1e16, -1e16 + 2) == "-1e+16 to -9999999999999998");
     CHECK(human_range(-1e308, 1e308) == "-1e+308 to 1e+308");
     const double infinity = std::numeric_limits<double>::infinity();

@@ -130,7 +130,7 @@ class Counting {
             // None begins in the last node; along a flat axis they have no extent.
             Int3 cells = size - kOne;
             for (int axis = 0; axis < 3; ++axis) {
-                cells[axis] = nodes[axis] == 1 ? 1 : std::min(cells[axis], own[axis]);
+                cells[axis] = nodes[axis] == 1 ? 1 : cells[axis];
             }
             counts.add_cubes(codes, cells);
         }
