@@ -155,7 +155,7 @@ class OtherFileSystems(InFolder):
         self.assertIn(b"taken over", done.stdout)
         self.assertEqual((self.small / "s").read_bytes(), store.read_bytes())
         (self.small / "s").unlink()
-        for output in ("m.ply", "m.vtp", "m.vtkhdf", "m.glb", "m.obj", "m.stl"):
+        for output in ("m.ply", "m.vtp", "m.vtkhdf", "m.glb", "m.obj", "m.stl", "m.3mf"):
             filler.write_bytes(b"")
             space = os.statvfs(self.small)
             filler.write_bytes(b"x" * (space.f_bavail * space.f_frsize - 100000))

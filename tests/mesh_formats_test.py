@@ -1,4 +1,4 @@
-"""Every mesh format, read by programs that are not ours: VTK, h5py, and glTF by its specification.
+"""Every mesh format, read by programs that are not ours: VTK, h5py, and glTF and 3MF by their specifications.
 
 Usage: mesh_formats_test.py ISONEST PLUGIN_FOLDER
 """
@@ -8,6 +8,8 @@ import struct
 import subprocess
 import sys
 import tempfile
+import xml.etree.ElementTree as ElementTree
+import zipfile
 
 import h5py
 import numpy as np
@@ -68,6 +70,39 @@ def glb(path):
     return out
 
 
+def three_mf(path):
+    """Vertices as they are printed, triangles; or None without an object."""
+    with zipfile.ZipFile(path) as z:
+        assert z.testzip() is None
+        entries = z.infolist()
+        assert [e.filename for e in entries] == ["[Content_Types].xml", "_rels/.rels", "3D/3dmodel.model"]
+        for e in entries:
+            assert e.date_time == (1980, 1, 1, 0, 0, 0) and e.compress_type == zipfile.ZIP_DEFLATED
+            assert e.extract_version == 20 and e.flag_bits == 0 and e.extra == b""
+        types, relations, model = (ElementTree.fromstring(z.read(e)) for e in entries)
+    package = "{http://schemas.openxmlformats.org/package/2006/%s}"
+    kinds = {t.get("Extension"): t.get("ContentType") for t in types.iter(package % "content-types" + "Default")}
+    assert kinds == {"rels": "application/vnd.openxmlformats-package.relationships+xml",
+                     "model": "application/vnd.ms-package.3dmanufacturing-3dmodel+xml"}
+    (start,) = relations
+    assert start.tag == package % "relationships" + "Relationship" and start.get("Target") == "/3D/3dmodel.model"
+    assert start.get("Type") == "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+    core = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
+    assert model.tag == core + "model" and model.get("unit") == "millimeter"
+    assert [e.tag for e in model if e.tag != core + "metadata"] == [core + "resources", core + "build"]
+    resources, build = model.find(core + "resources"), model.find(core + "build")
+    if len(resources) == 0:
+        assert len(build) == 0
+        return None
+    (thing,), (item,) = resources, build
+    assert thing.tag == core + "object" and thing.get("id") == item.get("objectid") == "1"
+    ((vertices, triangles),) = thing
+    assert vertices.tag == core + "vertices" and triangles.tag == core + "triangles"
+    assert {v.tag for v in vertices} == {core + "vertex"} and {t.tag for t in triangles} == {core + "triangle"}
+    return ([[v.get(a) for a in "xyz"] for v in vertices],
+            np.array([[int(t.get(a)) for a in ("v1", "v2", "v3")] for t in triangles]))
+
+
 with tempfile.TemporaryDirectory() as name:
     folder = pathlib.Path(name)
     store = folder / "s"
@@ -83,7 +118,7 @@ with tempfile.TemporaryDirectory() as name:
     normals = vtk_to_numpy(data.GetPointData().GetNormals())
     assert np.allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
 
-    for end in ("stl", "obj", "vtp", "vtkhdf", "glb"):
+    for end in ("stl", "obj", "vtp", "vtkhdf", "glb", "3mf"):
         again = run(*common, "-o", folder / f"m.{end}")
         assert again["triangles"] == report["triangles"]
 
@@ -124,12 +159,28 @@ with tempfile.TemporaryDirectory() as name:
     assert np.array_equal(g["indices"].reshape(-1, 3), polys)
     assert np.array_equal(g["_VALUE"][:, 0], value) and np.array_equal(g["_ERROR"][:, 0], error)
 
+    # The printed digits are those of the same float32, and no fewer would be; larger meshes than one piece.
+    printed, triangles = three_mf(folder / "m.3mf")
+    assert np.array_equal(np.array(printed, "f4"), points) and np.array_equal(triangles, polys)
+    full = ("extract", store, "--iso", 0.5, "--json", "-o")
+    assert run(*full, folder / "f.ply")["vertices"] > 5000
+    points, polys, _ = vtk_mesh(vtkPLYReader(), folder / "f.ply")
+    for options in ((), ("--threads", 1), ("--threads", 3, "--memory", "20M")):
+        run(*full, folder / "f.3mf", *options)
+        assert options == () or (folder / "f.3mf").read_bytes() == first, options
+        first = (folder / "f.3mf").read_bytes()
+    printed, triangles = three_mf(folder / "f.3mf")
+    assert np.array_equal(np.array(printed, "f4"), points) and np.array_equal(triangles, polys)
+    digits = lambda text: len(text.lstrip("-").partition("e")[0].replace(".", "").strip("0"))
+    for text, number in zip(np.ravel(printed), points.ravel()):
+        assert digits(text) == digits(np.format_float_scientific(number)), (text, number)
+
     # Empty meshes are files of their kind too.
-    for end in ("ply", "stl", "obj", "vtp", "vtkhdf", "glb"):
+    for end in ("ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf"):
         r = run("extract", store, "--iso", 99, "-o", folder / f"e.{end}", "--json")
         assert r["triangles"] == 0 and (folder / f"e.{end}").stat().st_size > 0
     assert vtk_mesh(vtkXMLPolyDataReader(), folder / "e.vtp")[2].GetNumberOfPolys() == 0
-    assert glb(folder / "e.glb") is None
+    assert glb(folder / "e.glb") is None and three_mf(folder / "e.3mf") is None
     refusals = []
     for end, whole in (("e.glb", False), ("m.glb", True)):
         reader = vtkGLTFReader()
@@ -192,6 +243,8 @@ with tempfile.TemporaryDirectory() as name:
     run("slice", folder / "far", "--plane", "0,0,1,4", "-o", folder / "far.png")
 
     message = run("extract", folder / "f", "--iso", 200, "-o", folder / "l.ply", expect=2)
+    assert ".vtp or .obj" in message, message
+    message = run("extract", folder / "f", "--iso", 200, "-o", folder / "l.3mf", expect=2)
     assert ".vtp or .obj" in message, message
     message = run("extract", store, "--iso", 0.5, "-o", folder / "m.xyz", expect=2)
     assert ".vtkhdf" in message, message

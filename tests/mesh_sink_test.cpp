@@ -222,6 +222,32 @@ TEST_CASE("a sink that throws ends the extraction with what it threw, and a file
     CHECK(subject.folder.names().size() == before);
 }
 
+TEST_CASE("what a format cannot number is refused before there is a file") {
+    const TemporaryFolder folder;
+    const auto is_refused = [&](const char* name, std::uint64_t vertices, std::uint64_t triangles) {
+        MeshLayout layout;
+        layout.vertices = vertices;
+        layout.elements = triangles;
+        bool refused = false;
+        try {
+            open_mesh_file(folder / name)->begin(layout);
+        } catch (const Error& e) {
+            refused = e.kind() == ErrorKind::limit && !e.remedies().empty();
+        }
+        CHECK(folder.names().empty());
+        return refused;
+    };
+    constexpr std::uint64_t kSigned = std::uint64_t{1} << 31U;
+    constexpr std::uint64_t kUnsigned = std::uint64_t{1} << 32U;
+    CHECK(!is_refused("m.3mf", kSigned - 1, kSigned - 1));
+    CHECK(is_refused("m.3mf", kSigned, 1));
+    CHECK(is_refused("m.3mf", 3, kSigned));
+    CHECK(!is_refused("m.stl", 3, kUnsigned - 1));
+    CHECK(is_refused("m.stl", 3, kUnsigned));
+    CHECK(!is_refused("m.ply", kUnsigned - 1, 1));
+    CHECK(is_refused("m.ply", kUnsigned, 1));
+}
+
 TEST_CASE("a file that exists is replaced only if that was asked for, and never the store") {
     const Subject subject;
     const auto kind_of = [&](const char* name, bool replace) {

@@ -56,7 +56,7 @@ def cases(here, big=False):
         Case("study, plot", "linf.svg", ["study", store, "--steps", "3"], [store], folder=True),
         Case("study, plot over elements", "l2_by_leaves.png", ["study", store, "--steps", "3"],
              [store], folder=True)]
-    for end in ("ply", "stl", "obj", "vtp", "vtkhdf", "glb"):
+    for end in ("ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf"):
         writing.append(Case(f"extract to {end}", f"o.{end}", extract, [store]))
     for end in ("h5", "nrrd", "raw"):
         writing.append(Case(f"export to {end}", f"o.{end}", ["export", store, "--field", "values"],

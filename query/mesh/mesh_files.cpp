@@ -16,12 +16,13 @@ struct Format {
     std::string_view extension;
     Open open;
 };
-constexpr std::array<Format, 6> kFormats{{{".ply", detail::ply_file},
+constexpr std::array<Format, 7> kFormats{{{".ply", detail::ply_file},
                                           {".stl", detail::stl_file},
                                           {".obj", detail::obj_file},
                                           {".vtp", detail::vtp_file},
                                           {".vtkhdf", detail::vtkhdf_file},
-                                          {".glb", detail::glb_file}}};
+                                          {".glb", detail::glb_file},
+                                          {".3mf", detail::threemf_file}}};
 
 }  // namespace
 
@@ -36,7 +37,7 @@ std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
         }
     }
     throw Error(ErrorKind::invalid_argument, {path.string()},
-                "a mesh's name must end with .ply, .stl, .obj, .vtp, .vtkhdf or .glb, which "
+                "a mesh's name must end with .ply, .stl, .obj, .vtp, .vtkhdf, .glb or .3mf, which "
                 "chooses its format");
 }
 
@@ -61,11 +62,12 @@ void MeshFile::end() {
     file_.reset();
 }
 
-void MeshFile::require_32_bits(std::uint64_t count, const char* what, const char* format) const {
-    if (count > 0xFFFFFFFFULL) {
+void MeshFile::require_bits(unsigned bits, std::uint64_t count, const char* what,
+                            const char* format) const {
+    if (count >= std::uint64_t{1} << bits) {
         throw Error(ErrorKind::limit, {path_.string()},
-                    fmt::format("the surface has {} {}, more than {} can number (2^32 - 1)", count,
-                                what, format),
+                    fmt::format("the surface has {} {}, more than {} can number (2^{} - 1)", count,
+                                what, format, bits),
                     {{RemedyKind::other_format, ".vtp,.vtkhdf"},
                      {RemedyKind::smaller_box},
                      {RemedyKind::larger_error}});

@@ -27,8 +27,9 @@ class MeshFile : public MeshSink {
     OutputFile& create(
         const std::function<void(const std::filesystem::path& temporary)>& prepare = {});
     [[nodiscard]] OutputFile& file() { return *file_; }
-    /// Throws Error{limit} if the count ("vertices", say) is more than 32 bits can number.
-    void require_32_bits(std::uint64_t count, const char* what, const char* format) const;
+    /// Throws Error{limit} if the count ("vertices", say) is not below 2^bits.
+    void require_bits(unsigned bits, std::uint64_t count, const char* what,
+                      const char* format) const;
 
   private:
     std::filesystem::path path_;
@@ -42,5 +43,6 @@ std::unique_ptr<MeshSink> obj_file(const std::filesystem::path& path, const Mesh
 std::unique_ptr<MeshSink> vtp_file(const std::filesystem::path& path, const MeshFileOptions& o);
 std::unique_ptr<MeshSink> vtkhdf_file(const std::filesystem::path& path, const MeshFileOptions& o);
 std::unique_ptr<MeshSink> glb_file(const std::filesystem::path& path, const MeshFileOptions& o);
+std::unique_ptr<MeshSink> threemf_file(const std::filesystem::path& path, const MeshFileOptions& o);
 
 }  // namespace isonest::detail

@@ -42,7 +42,7 @@ class GlbFile : public SectionedFile {
     using SectionedFile::SectionedFile;
     [[nodiscard]] bool holds_float64() const override { return false; }
     void begin(const MeshLayout& layout) override {
-        require_32_bits(layout.vertices, "vertices", "glTF");
+        require_bits(32, layout.vertices, "vertices", "glTF");
         Arrays arrays;
         Sections sections;
         const std::string names = layout.elements > 0 ? add_arrays(layout, arrays, sections) : "";
@@ -63,7 +63,7 @@ class GlbFile : public SectionedFile {
         json.resize(padded(json.size()), ' ');
         const std::uint64_t head = 12 + 8 + json.size() + 8;
         const std::uint64_t total = head + arrays.end;
-        require_32_bits(total, "bytes of mesh", "glTF binary");
+        require_bits(32, total, "bytes of mesh", "glTF binary");
         const OutputFile& out = create();
         std::vector<std::uint32_t> words{0x46546C67, 2, static_cast<std::uint32_t>(total),
                                          static_cast<std::uint32_t>(json.size()), 0x4E4F534A};

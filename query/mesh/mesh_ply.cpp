@@ -18,7 +18,7 @@ class PlyFile : public SectionedFile {
   public:
     using SectionedFile::SectionedFile;
     void begin(const MeshLayout& layout) override {
-        require_32_bits(layout.vertices, "vertices", "PLY");
+        require_bits(32, layout.vertices, "vertices", "PLY");
         std::string header = fmt::format(
             "ply\nformat binary_little_endian 1.0\ncomment isonest\nelement vertex {}\n"
             "property float x\nproperty float y\nproperty float z\n",

@@ -33,7 +33,7 @@ class StlFile : public SectionedFile {
     void begin(const MeshLayout& layout) override {
         constexpr std::size_t kHeader = 80;
         constexpr std::size_t kRow = 50;
-        require_32_bits(layout.elements, "triangles", "STL");
+        require_bits(32, layout.elements, "triangles", "STL");
         std::array<char, kHeader + sizeof(std::uint32_t)> header{"binary STL, isonest"};
         const auto count = static_cast<std::uint32_t>(layout.elements);
         std::memcpy(header.data() + kHeader, &count, sizeof(count));

@@ -140,8 +140,8 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "larger\n"
          "error gives fewer triangles and reads less; error 0 gives the surface at full "
          "resolution.\n"
-         "The name of the mesh chooses its format: .ply .stl .obj .vtp .vtkhdf .glb. Data in a "
-         "plane\n"
+         "The name of the mesh chooses its format: .ply .stl .obj .vtp .vtkhdf .glb .3mf. Data "
+         "in a plane\n"
          "(one node along an axis) give isolines (.vtp .obj), or their graph.",
          "isonest extract scan.isonest --iso 120 -o full.ply\n"
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.glb --normals\n"

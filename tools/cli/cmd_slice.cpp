@@ -147,7 +147,7 @@ void add_slice(CLI::App& app, Invocation& chosen) {
          "vertices\n"
          "have the value. Ending with .png the output is a picture, else a mesh (.ply .vtp "
          ".vtkhdf\n"
-         ".glb; .stl and .obj hold no values).",
+         ".glb; .stl, .obj and .3mf hold no values).",
          "isonest slice scan.isonest --plane 0,0,1,35 --error 2 -o slice.png --grid\n"
          "isonest slice scan.isonest --plane 1,1,0,90 --error-relative 0.02 -o oblique.vtp\n"
          "isonest slice scan.isonest --plane 0,1,0,40 -o lines.png --contours 80,120,160\n"
