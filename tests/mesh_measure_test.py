@@ -142,7 +142,7 @@ def spheres():
     small, u = sphere(0, (5, 0, 0))
     both = write("b.ply", np.concatenate([v, small]), np.concatenate([t, u + len(v)]))
     near(run("distance", a, both)["b_to_a"]["max"], 5, 2e-3)
-    assert run("distance", a, both, "--min-component", 9)["max_at_most"] < 0.001
+    assert run("distance", both, a, "--min-component", 9)["max_at_most"] < 0.001
     one, two = (run("distance", a, both, "--threads", n) for n in (1, 2))
     assert one == two, (one, two)
     empty = write("e.ply", v[:0], t[:0])

@@ -1,8 +1,7 @@
 // How far two meshes are from each other, in both directions, by none of isonest's code.
 //
 // usage: isonest_mesh_distance A.ply B.ply [--min-component N] [--spacing S] [--epsilon E]
-// [--stop-above X]
-//                                          [--threads T]
+//                              [--stop-above X] [--threads T] [--max-only]
 //
 // Distances are those of points of one mesh to the nearest point of the other's triangles, in the
 // meshes' unit. The points are every vertex that a triangle uses, and ten of every triangle: its
@@ -17,37 +16,29 @@
 // the part's corners; parts are quartered, the one with the largest bound first, until the bound is
 // within E (by default S / 1000) of what was found, or 20 million points were asked.
 //
-// --min-component drops the components of fewer than N triangles from both first. With --stop-above
-// the program ends as soon as a vertex is farther than X, and says "stopped". Prints JSON; a
-// distance is null where one of the meshes has no triangle. Memory: about 200 bytes for each
-// triangle.
+// --min-component first drops the components of fewer than N triangles from A, the full mesh (in a
+// simplified one few triangles are no sign of a speck). With --stop-above the program ends as soon
+// as a vertex is farther than X and says "stopped", and does not quarter parts that are not. With
+// --max-only it leaves out the ten points, and so mean and quantiles; the bound is as good.
+// Prints JSON; a distance is null where one of the meshes has no triangle. Memory: about 200 bytes
+// for each triangle.
 #include <atomic>
 #include <limits>
 #include <queue>
 #include <thread>
 
-#include "triangle_tree.h"
+#include "tools/bench/triangle_tree.h"
+
+using namespace bench;
 
 namespace {
-
-using bench::Corners;
-using bench::corners_of;
-using bench::cross;
-using bench::dot;
-using bench::length;
-using bench::Mesh;
-using bench::Point;
-using bench::Tree;
-using bench::Triangle;
-using bench::operator-;
-using bench::operator+;
-using bench::operator*;
 
 struct Options {
     double spacing = 0;
     double epsilon = 0;
     double stop_above = std::numeric_limits<double>::infinity();
     unsigned threads = 1;
+    bool max_only = false;
 };
 
 struct Direction {
@@ -58,6 +49,7 @@ struct Direction {
     double p99 = 0;
     double p999 = 0;
     std::size_t points = 0;
+    bool sampled = false;  ///< mean and quantiles are known
     bool stopped = false;
 
     void take(double distance, const Point& p) {
@@ -212,6 +204,7 @@ void ask_triangles(const Mesh& from, const Tree& to, const Options& options,
             areas[0].add(areas[thread]);
         }
     }
+    found.sampled = true;
     found.mean = areas[0].mean();
     found.p99 = areas[0].quantile(0.99);
     found.p999 = areas[0].quantile(0.999);
@@ -226,8 +219,9 @@ void bound_max(const Mesh& from, const Tree& to, const Options& options,
         std::array<Tree::Nearest, 3> nearest;
         bool operator<(const Part& other) const { return bound < other.bound; }
     };
-    // The largest distance of the corners to one triangle bounds that of the whole part; so does,
-    // for each point, a corner's distance and the way there.
+    // What bounds a part: the largest distance of its corners to one triangle; and the largest of
+    // theirs to any, and the way to the nearest corner, which is at most 1 / sqrt(3) of the longest
+    // side.
     const auto bound = [&](Part& part) {
         double best = std::numeric_limits<double>::infinity();
         for (const Tree::Nearest& candidate : part.nearest) {
@@ -237,12 +231,23 @@ void bound_max(const Mesh& from, const Tree& to, const Options& options,
             }
             best = std::min(best, worst);
         }
-        part.bound = std::sqrt(best);
+        double reach = 0;
+        double corner = 0;
+        for (std::size_t i = 0; i < 3; ++i) {
+            reach = std::max(reach,
+                             length(part.corners[i] - part.corners[(i + 1) % 3]) / std::sqrt(3.0));
+            corner = std::max(corner, part.nearest[i].squared);
+        }
+        part.bound = std::min(std::sqrt(best), std::sqrt(corner) + reach);
+    };
+    const auto enough = [&] {
+        return std::max(found.max + options.epsilon,
+                        std::isfinite(options.stop_above) ? options.stop_above : 0);
     };
     std::priority_queue<Part> open;
     const auto consider = [&](Part part) {
         bound(part);
-        if (part.bound > found.max + options.epsilon) {
+        if (part.bound > enough()) {
             open.push(part);
         } else {
             found.max_at_most = std::max(found.max_at_most, part.bound);
@@ -252,8 +257,7 @@ void bound_max(const Mesh& from, const Tree& to, const Options& options,
         const Triangle& t = from.triangles[i];
         consider({0, corners_of(from, i), {nearest[t[0]], nearest[t[1]], nearest[t[2]]}});
     }
-    for (int asked = 0;
-         !open.empty() && open.top().bound > found.max + options.epsilon && asked < 20'000'000;
+    for (int asked = 0; !open.empty() && open.top().bound > enough() && asked < 20'000'000;
          asked += 3) {
         const Part part = open.top();
         open.pop();
@@ -280,7 +284,9 @@ Direction measure(const Mesh& from, const Tree& to, const Options& options) {
     Direction found;
     const std::vector<Tree::Nearest> nearest = ask_vertices(from, to, options, found);
     if (!found.stopped) {
-        ask_triangles(from, to, options, nearest, found);
+        if (!options.max_only) {
+            ask_triangles(from, to, options, nearest, found);
+        }
         bound_max(from, to, options, nearest, found);
     }
     return found;
@@ -298,14 +304,16 @@ double mean_edge(const Mesh& mesh) {
 void print(const char* name, const Direction& d) {
     std::printf("\"%s\": {\"max\": %.9g, \"max_at_most\": %.9g, \"at\": [%.9g, %.9g, %.9g], ", name,
                 d.max, d.max_at_most, d.at[0], d.at[1], d.at[2]);
-    std::printf("\"mean\": %.6g, \"p99\": %.6g, \"p99.9\": %.6g, \"points\": %zu}", d.mean, d.p99,
-                d.p999, d.points);
+    if (d.sampled) {
+        std::printf("\"mean\": %.6g, \"p99\": %.6g, \"p99.9\": %.6g, ", d.mean, d.p99, d.p999);
+    }
+    std::printf("\"points\": %zu}", d.points);
 }
 
 int run(std::span<char*> arguments) {
     constexpr const char* kUsage =
         "usage: isonest_mesh_distance A.ply B.ply [--min-component N] [--spacing S] [--epsilon E] "
-        "[--stop-above X] [--threads T]";
+        "[--stop-above X] [--threads T] [--max-only]";
     std::vector<std::string> files;
     Options options{.threads = std::max(1U, std::thread::hardware_concurrency())};
     std::size_t least = 0;
@@ -313,6 +321,10 @@ int run(std::span<char*> arguments) {
         const std::string word = arguments[i];
         if (!word.starts_with("--")) {
             files.push_back(word);
+            continue;
+        }
+        options.max_only = options.max_only || word == "--max-only";
+        if (word == "--max-only") {
             continue;
         }
         if (++i == arguments.size()) {
@@ -336,10 +348,8 @@ int run(std::span<char*> arguments) {
     if (files.size() != 2) {
         throw std::runtime_error(kUsage);
     }
-    std::array<Mesh, 2> meshes{bench::read_ply(files[0]), bench::read_ply(files[1])};
-    for (Mesh& mesh : meshes) {
-        bench::drop_small_components(mesh, least);
-    }
+    std::array<Mesh, 2> meshes{read_ply(files[0]), read_ply(files[1])};
+    drop_small_components(meshes[0], least);
     std::printf("{\"triangles\": [%zu, %zu], ", meshes[0].triangles.size(),
                 meshes[1].triangles.size());
     if (meshes[0].triangles.empty() || meshes[1].triangles.empty()) {
@@ -357,8 +367,11 @@ int run(std::span<char*> arguments) {
         std::printf("\"stopped\": true}\n");
         return 0;
     }
-    std::printf("\"max_at_most\": %.9g, \"p99.9\": %.6g, \"stopped\": false, ",
-                std::max(forth.max_at_most, back.max_at_most), std::max(forth.p999, back.p999));
+    std::printf("\"max_at_most\": %.9g, \"stopped\": false, ",
+                std::max(forth.max_at_most, back.max_at_most));
+    if (forth.sampled) {
+        std::printf("\"p99.9\": %.6g, ", std::max(forth.p999, back.p999));
+    }
     print("a_to_b", forth);
     std::printf(", ");
     print("b_to_a", back);

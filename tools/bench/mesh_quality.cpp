@@ -16,17 +16,11 @@
 #include <numbers>
 #include <span>
 
-#include "ply_mesh.h"
+#include "tools/bench/ply_mesh.h"
+
+using namespace bench;
 
 namespace {
-
-using bench::cross;
-using bench::dot;
-using bench::length;
-using bench::Mesh;
-using bench::Point;
-using bench::Triangle;
-using bench::operator-;
 
 double smallest_angle(const Mesh& mesh, const Triangle& t) {
     double smallest = 180;
@@ -91,7 +85,7 @@ Edges edges_of(const Mesh& mesh, std::span<const double> box) {
         return side.corner / 3 * 3 + (side.corner + 1) % 3;
     };
     Edges found;
-    bench::Sets fans(3 * mesh.triangles.size());
+    Sets fans(3 * mesh.triangles.size());
     for (std::size_t first = 0; first < sides.size();) {
         std::size_t last = first + 1;
         for (; last < sides.size() && sides[last].ends == sides[first].ends; ++last) {
@@ -125,7 +119,7 @@ Edges edges_of(const Mesh& mesh, std::span<const double> box) {
 
 void print(const Mesh& mesh, std::span<const double> box) {
     std::vector<char> used(mesh.points.size());
-    bench::Sets sets(mesh.points.size());
+    Sets sets(mesh.points.size());
     std::vector<Triangle> sorted = mesh.triangles;
     std::vector<double> angles;
     std::size_t flat = 0;
@@ -208,8 +202,8 @@ int run(std::span<char*> arguments) {
         }
     }
     usage(!path.empty());
-    Mesh mesh = bench::read_ply(path);
-    bench::drop_small_components(mesh, least);
+    Mesh mesh = read_ply(path);
+    drop_small_components(mesh, least);
     print(mesh, box);
     return 0;
 }

@@ -9,8 +9,6 @@ seconds and of the rounds' ratios, with the smallest and the largest. The residu
 vertices and at three random points of every triangle, U being the finest piecewise linear function.
 Neither side's seconds contain the start of its program. Prints JSON. Needs memory for the volume and the meshes.
 """
-import ctypes
-import ctypes.util
 import json
 import pathlib
 import statistics
@@ -29,39 +27,8 @@ import numpy as np
 from vtk.util import numpy_support
 
 from flying_edges import flying_edges, read_image
+from peers import simplify, write_ply
 from verify_surfaces import read_ply, residual
-
-meshoptimizer = ctypes.CDLL(ctypes.util.find_library("meshoptimizer") or "libmeshoptimizer.so.2d")
-meshoptimizer.meshopt_simplify.restype = ctypes.c_size_t
-meshoptimizer.meshopt_simplifyScale.restype = ctypes.c_float
-
-
-def simplify(v, t, error):
-    """Triangles of the simplified mesh; `error` is an absolute distance."""
-    f = v.astype(np.float32)
-    scale = meshoptimizer.meshopt_simplifyScale(f.ctypes.data_as(ctypes.c_void_p),
-                                                ctypes.c_size_t(len(f)), ctypes.c_size_t(12))
-    index, out = t.astype(np.uint32).reshape(-1), np.empty(t.size, np.uint32)
-    n = meshoptimizer.meshopt_simplify(
-        out.ctypes.data_as(ctypes.c_void_p), index.ctypes.data_as(ctypes.c_void_p),
-        ctypes.c_size_t(index.size), f.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(len(f)),
-        ctypes.c_size_t(12), ctypes.c_size_t(0), ctypes.c_float(error / scale), ctypes.c_uint(0),
-        None)
-    return out[:n].reshape(-1, 3)
-
-
-def write_ply(path, v, t):
-    used = np.zeros(len(v), bool)
-    used[t.reshape(-1)] = True
-    faces = np.empty(len(t), np.dtype([("n", "u1"), ("i", "<u4", 3)]))
-    faces["n"], faces["i"] = 3, (np.cumsum(used) - 1)[t]
-    with open(path, "wb") as file:
-        file.write(b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float x\n"
-                   b"property float y\nproperty float z\nelement face %d\nproperty list uchar uint "
-                   b"vertex_indices\nend_header\n" % (np.count_nonzero(used), len(t)))
-        file.write(v[used].astype("<f4").tobytes())
-        file.write(faces.tobytes())
-
 
 def main():
     isonest, store, volume, iso, relative = sys.argv[1:6]
