@@ -4,7 +4,7 @@
 usage: peers.py STORE ISOVALUE ERROR OUT.ply [MIN_COMPONENT]
 
 Writes what meshoptimizer's simplification makes of Flying Edges' mesh of the values in STORE, its target error being
-ERROR in the store's unit, and prints JSON. Components of fewer than MIN_COMPONENT triangles are dropped before.
+ERROR in the store's unit (`full`: the mesh as it is), and prints JSON. Components of fewer than MIN_COMPONENT triangles are dropped before.
 """
 import ctypes
 import ctypes.util
@@ -123,7 +123,7 @@ def main():
     full, start = len(t), time.perf_counter()
     t = drop_small_components(v, t, int(least[0]) if least else 0)
     dropped = time.perf_counter()
-    simple = simplify(v, t, float(error))
+    simple = t if error == "full" else simplify(v, t, float(error))
     simplified = time.perf_counter()
     write_ply(out, v, simple)
     print(json.dumps({"full_triangles": full, "kept_triangles": len(t), "triangles": len(simple),
