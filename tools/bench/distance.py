@@ -138,8 +138,8 @@ class Peer:
                 found = self.bench.distance(self.full, self.mesh, self.voxel, *options)
                 ok = not found["stopped"] and found[key] <= limit
                 if ok and (best is None or triangles < best["triangles"]):
-                    best = {"error": error, "triangles": triangles, "seconds": seconds, key: found[key],
-                            "locked": lock_border, "mesh": self.bench.quality(self.mesh)}
+                    best = {"error": error, "triangles": triangles, "seconds": seconds, "locked": lock_border,
+                            "mesh": self.bench.quality(self.mesh)}
                 return ok
 
             low = high = limit / 4
@@ -151,6 +151,10 @@ class Peer:
             for _ in range(steps):
                 middle = math.sqrt(low * high)
                 low, high = (middle, high) if good(middle) else (low, middle)
+        if best:  # with --stop-above the maximum is known no better than that it is below
+            self.simplified(best["error"], best["locked"])
+            best[key] = self.bench.distance(self.full, self.mesh, self.voxel,
+                                            *(["--max-only"] if key == "max" else []))[key]
         return best
 
 
