@@ -34,7 +34,9 @@ struct Extraction {
     std::uint64_t memory = std::uint64_t{1} << 30U;
     int threads = 0;
 
-    [[nodiscard]] isonest::StopTest stop_test() const {
+    /// StopTest or SurfaceStop.
+    template <class Stop>
+    [[nodiscard]] Stop stop_test() const {
         if (stop) {
             return FieldThreshold{*stop, threshold, threshold_relative};
         }
@@ -45,7 +47,7 @@ struct Extraction {
 
 inline ExtractQuery query_of(const StoreReader& store, const Extraction& e, bool float64) {
     const auto start = [&](auto query) {
-        query.stop = e.stop_test();
+        query.stop = e.stop_test<decltype(query.stop)>();
         query.focus = e.focus;
         query.camera = e.camera;
         query.box = e.box;

@@ -31,7 +31,17 @@ DistanceBound parse_distance(const std::string& option, const std::string& text)
     const std::size_t unit = text.find_first_not_of("+-.0123456789eE");
     const std::string name = unit == std::string::npos ? "" : text.substr(unit);
     distance.voxels = name == "voxel" || name == "voxels";
+    if (!distance.voxels && !name.empty() && name != "mm") {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} '{}': the unit {} is none that is known; give world units "
+                                "(nothing, or mm) or voxel",
+                                option, text, name));
+    }
     distance.value = parse_number(option, text.substr(0, unit));
+    if (distance.value < 0) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} '{}': give a number >= 0", option, text));
+    }
     return distance;
 }
 
