@@ -181,9 +181,11 @@ Outcome outcome_of(const BlockPatch& b, const SimplifiedPatch& simplified, const
     const auto global = [&](const PatchTriangle& t) {
         return ElementCorners{b.vertex[t[0]], b.vertex[t[1]], b.vertex[t[2]]};
     };
-    for (const PatchTriangle& t : simplified.triangles) {
-        const ElementCorners corners = global(t);
-        outcome.mesh.push_back({corners, next != nullptr ? next->block_of(corners) : 0, 0});
+    for (std::size_t i = 0; i < simplified.triangles.size(); ++i) {
+        const ElementCorners corners = global(simplified.triangles[i]);
+        // Once kept, always: nobody looks any more at what is near to it.
+        outcome.mesh.push_back({corners, next != nullptr ? next->block_of(corners) : 0,
+                                simplified.kept[i] ? 1U : 0U});
     }
     if (next == nullptr) {
         return outcome;

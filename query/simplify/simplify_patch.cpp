@@ -78,19 +78,18 @@ class PatchSimplifier {
         now_ = state_of(sorted);
         covered_.assign(now_.triangles.size(), true);
         topology_.emplace(patch, now_.triangles);
-        for (std::size_t i = 0; i < now_.triangles.size(); ++i) {
-            for (const std::uint32_t v : now_.triangles[i]) {
-                if (topology_->links()[v].shape == LinkShape::tangled) {
-                    now_.kept[i] = true;
-                }
-            }
-        }
     }
 
     /// Whether it is worth going on.
     bool step(double error) {
         const std::size_t before = now_.triangles.size();
         std::vector<bool> stays = now_.kept;
+        for (std::size_t i = 0; i < stays.size(); ++i) {
+            const PatchTriangle& t = now_.triangles[i];
+            stays[i] = stays[i] || std::any_of(t.begin(), t.end(), [&](std::uint32_t v) {
+                           return topology_->links()[v].shape == LinkShape::tangled;
+                       });
+        }
         std::optional<TriangleTree> tree;
         double reach = limit_;
         for (int round = 0; round < kMostRounds; ++round, reach *= kFurther) {
@@ -153,6 +152,7 @@ class PatchSimplifier {
         simplified.first_server.push_back(static_cast<std::uint32_t>(servers.size()));
         simplified.largest = std::max(largest_, distance.largest());
         simplified.triangles = std::move(now_.triangles);
+        simplified.kept = std::move(now_.kept);
         return simplified;
     }
 

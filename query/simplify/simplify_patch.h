@@ -17,6 +17,7 @@ namespace isonest::detail {
 
 struct SimplifiedPatch {
     std::vector<PatchTriangle> triangles;
+    std::vector<bool> kept;  ///< those that had to stay in the patch
     /// Of each fine triangle those that it is near to: places in `triangles`. None, if it is not
     /// attached.
     std::vector<std::uint32_t> first_server;  ///< one more than there are fine triangles

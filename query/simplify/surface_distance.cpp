@@ -99,7 +99,7 @@ bool SurfaceDistance::cover(const Triangle& t, int depth) {
         const auto parts = halves(t);
         return cover(parts[0], depth + 1) && cover(parts[1], depth + 1);
     };
-    if (radius > limit_ && depth < kMostCuts) {
+    if (radius > std::max(limit_, size_) && depth < kMostCuts) {
         return cut();
     }
     // Any triangle that is near enough will do; the nearest only where it has to be small.
@@ -114,15 +114,14 @@ bool SurfaceDistance::cover(const Triangle& t, int depth) {
             return true;
         }
     }
-    const TriangleTree::Found found = surface_.nearest(centre, square_limit_);
-    if (found.triangle == TriangleTree::kNone) {
-        miss_.at = centre;
-        return false;
-    }
-    if (served_by(t, found.triangle)) {
+    if (surface_.near(centre, square_limit_,
+                      [&](std::uint32_t i) { return served_by(t, i); })) {
         return true;
     }
-    if (depth == kMostCuts) {
+    const bool is_small = radius < limit_ * kNearEnough;
+    if (depth == kMostCuts || (is_small && !surface_.near(centre, square_limit_, [&](auto i) {
+            return square_distance(centre, surface_.triangle(i)) <= square_limit_;
+        }))) {
         miss_.at = centre;
         return false;
     }

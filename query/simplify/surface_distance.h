@@ -24,7 +24,10 @@ class SurfaceDistance {
   public:
     /// `limit`: > 0.
     SurfaceDistance(const TriangleTree& surface, double limit)
-        : surface_(surface), limit_(limit), square_limit_(limit * limit) {}
+        : surface_(surface),
+          limit_(limit),
+          square_limit_(limit * limit),
+          size_(kReach * surface.typical_edge()) {}
 
     /// Whether every point of `t` is within the limit of the surface. REQUIRES: nothing of
     /// triangles much larger than the surface's.
@@ -45,7 +48,10 @@ class SurfaceDistance {
 
     const TriangleTree& surface_;
     double limit_;
+    /// In edges of the surface: pieces of a larger radius are cut before anything else is tried.
+    static constexpr double kReach = 0.8;
     double square_limit_;
+    double size_;
     std::vector<std::uint32_t> servers_;
     std::uint32_t last_ = TriangleTree::kNone;  ///< served the triangle before
     Miss miss_;
