@@ -227,6 +227,11 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     if (const auto* const distance = std::get_if<DistanceBound>(&query.stop)) {
         require_no_place(query);
         asked.distance = world_distance(store, *distance);
+    } else if (const auto* const budget = std::get_if<TriangleBudget>(&query.stop)) {
+        require_no_place(query);
+        asked.triangles = budget->most;
+        asked.distance = budget->within ? world_distance(store, *budget->within)
+                                        : diagonal_of(store.layout().header());
     }
     choose_attributes(store, query, false, float64, asked);
     return finished(store, std::move(asked));

@@ -24,8 +24,11 @@ struct ExtractQuery {
     double coordinate_rounding = 0;       ///< as in the report
     const StoreReader* values = nullptr;  ///< where vertex values are from, if not the store
     double graph_scale = 1;               ///< of a graph
-    std::optional<double> distance;       ///< of a surface, world units
-    std::vector<double> contours;         ///< values of contour lines
+    /// Of a surface: the distance within which it is simplified, world units, and how many
+    /// triangles it may have.
+    std::optional<double> distance;
+    std::optional<std::uint64_t> triangles;
+    std::vector<double> contours;  ///< values of contour lines
 
     /// Corners of an element.
     [[nodiscard]] int corners() const {

@@ -70,6 +70,13 @@ Stop stop_of(const StoreReader& store, const DistanceBound& asked) {
     return stop_of(store, ErrorBound{});
 }
 
+Stop stop_of(const StoreReader& store, const TriangleBudget& asked) {
+    if (asked.most == 0) {
+        throw Error(ErrorKind::invalid_argument, "a mesh of no triangles is no surface");
+    }
+    return stop_of(store, asked.within.value_or(DistanceBound{}));
+}
+
 void require_float32(const StoreReader& store, double number, const std::string& what,
                      Remedy remedy) {
     constexpr float kLargest = std::numeric_limits<float>::max();

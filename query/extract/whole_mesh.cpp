@@ -8,9 +8,10 @@
 
 #include <isonest/error.h>
 
-#include "query/simplify/simplify_mesh.h"
+#include "query/simplify/triangle_budget.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
+#include "store/container/extent.h"
 
 namespace isonest::detail {
 namespace {
@@ -32,6 +33,23 @@ double limit_of(const StoreReader& store, const ExtractQuery& query) {
                                 moved, *query.distance));
     }
     return limit;
+}
+
+BudgetResult simplified(const StoreReader& store, const ExtractQuery& query,
+                        MeshSimplifier& simplifier, double limit) {
+    if (!query.triangles) {
+        return {simplifier.within(simplifier.full(), limit), limit, true};
+    }
+    const double voxel = std::min({query.spacing[0], query.spacing[1], query.spacing[2]});
+    BudgetResult result = within_budget(simplifier, *query.triangles, voxel / 4, limit);
+    const bool anywhere = *query.distance >= diagonal_of(store.layout().header());
+    if (!result.is_met && anywhere) {
+        throw Error(ErrorKind::limit, {store.path().string()},
+                    fmt::format("the surface has at least {} triangles, whatever the distance: its "
+                                "parts and holes stay",
+                                result.mesh.triangles));
+    }
+    return result;
 }
 
 }  // namespace
@@ -57,13 +75,20 @@ void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const 
     report.scratch_bytes = mesh.bytes();
     const double limit = limit_of(store, query);
     const WorldLattice lattice{query.origin, query.spacing, store.layout().header().nodes};
-    const SimplifiedMesh simplified(mesh, lattice, limit, scratch, progress);
-    const EmittedMesh emitted = emit_elements(mesh, simplified.corners(), scratch, sink, progress);
+    MeshSimplifier simplifier(mesh, mesh.corners(), lattice, scratch, progress);
+    const BudgetResult result = simplified(store, query, simplifier, limit);
+    const ScratchFile corners = simplifier.corners(result.mesh);
+    const EmittedMesh emitted =
+        emit_elements(mesh, std::span(corners.as<ElementCorners>()), scratch, sink, progress);
     report.vertices = emitted.vertices;
     report.triangles = emitted.elements;
     report.zero_area_triangles = emitted.zero_area_triangles;
-    report.distance_bound = simplified.bound() + most_moved(query);
-    report.scratch_bytes += simplified.scratch_bytes();
+    report.distance_bound = result.mesh.bound + most_moved(query);
+    report.scratch_bytes += simplifier.scratch_bytes();
+    if (query.triangles) {
+        report.within_budget = result.is_met;
+        report.distance = result.limit + (result.limit > 0 ? most_moved(query) : 0);
+    }
 }
 
 }  // namespace isonest::detail

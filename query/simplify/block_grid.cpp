@@ -17,8 +17,9 @@ Int3 cells_with(const Int3& nodes, const Int3& shift, std::int64_t cell) {
 
 }  // namespace
 
-BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh, int thirds,
-                     std::uint32_t most, const std::filesystem::path& folder, Progress& progress)
+BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
+                     std::span<const ElementCorners> triangles, int thirds, std::uint32_t most,
+                     const std::filesystem::path& folder, Progress& progress)
     : lattice_(lattice), positions_(mesh.positions()), file_(folder) {
     const std::int64_t longest = std::max({lattice.nodes.x, lattice.nodes.y, lattice.nodes.z});
     // Twice as large as the volume: shifted by two thirds it still holds all.
@@ -31,7 +32,7 @@ BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh, int t
     file_.map(static_cast<std::uint64_t>(cells_.product()) * sizeof(std::uint32_t));
     const auto cells = file_.as<std::uint32_t>();
     std::uint64_t i = 0;
-    for (const ElementCorners& triangle : mesh.corners()) {
+    for (const ElementCorners& triangle : triangles) {
         constexpr std::uint64_t kOften = 1U << 16U;
         if (i++ % kOften == 0) {
             progress.check();

@@ -28,9 +28,10 @@ struct WorldLattice {
 /// mesh. Its table lies in a temporary file. Thread-safety: constant once it is made.
 class BlockGrid {
   public:
-    /// `thirds`: of the whole grid's size, by which it is shifted: 0, 1 or 2. `most`: triangles in
-    /// a block.
-    BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh, int thirds, std::uint32_t most,
+    /// `thirds`: of the whole grid's size, by which it is shifted: 0, 1 or 2. `most`: of
+    /// `triangles` in a block; their corners are vertices of `mesh`.
+    BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
+              std::span<const ElementCorners> triangles, int thirds, std::uint32_t most,
               const std::filesystem::path& folder, Progress& progress);
 
     [[nodiscard]] std::uint32_t blocks() const { return blocks_; }

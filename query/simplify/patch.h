@@ -1,6 +1,7 @@
 // A piece of a surface that is simplified by itself.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -11,6 +12,13 @@ namespace isonest::detail {
 
 using PatchTriangle = std::array<std::uint32_t, 3>;
 
+/// The same triangle, its smallest corner first.
+template <class T>
+std::array<T, 3> from_smallest(const std::array<T, 3>& t) {
+    const auto at = static_cast<std::size_t>(std::min_element(t.begin(), t.end()) - t.begin());
+    return {t[at], t[(at + 1) % 3], t[(at + 2) % 3]};
+}
+
 /// Vertices are places in `positions`; all triangles are oriented alike.
 struct Patch {
     std::vector<std::array<float, 3>> positions;  ///< world coordinates
@@ -18,7 +26,8 @@ struct Patch {
     /// stay.
     std::vector<bool> shared;
     std::vector<PatchTriangle> triangles;
-    std::vector<bool> kept;           ///< triangles that have to stay
+    std::vector<bool> kept;           ///< triangles that have to stay, for good
+    std::vector<bool> held;           ///< triangles that have to stay for now
     std::vector<PatchTriangle> fine;  ///< the full surface near the patch
     /// Whether this fine triangle has to be within the limit of the patch. Others are there to be
     /// near to.

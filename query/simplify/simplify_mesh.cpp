@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "query/simplify/block_triangles.h"
 #include "query/simplify/simplify_patch.h"
 #include "store/base/in_order.h"
 
@@ -15,84 +16,16 @@ namespace {
 
 /// Fine triangles in a block.
 constexpr std::uint32_t kMostInBlock = 1U << 15U;
+constexpr int kShifts = 3;  ///< of the blocks
 constexpr int kPasses = 3;
 
-/// A triangle on its way into a block.
-struct Sorted {
+/// A fine triangle that is near to triangles of several blocks: none of these can see alone that it
+/// stays so. So they stay as long as they lie in several blocks.
+struct Split {
+    static constexpr std::size_t kMost = 4;
     ElementCorners corners{};
-    std::uint32_t block = 0;
-    /// Of the mesh: it has to stay. Of the full surface: it has to be near to what becomes of its
-    /// block's triangles.
-    std::uint32_t mark = 0;
-};
-
-/// A sequence of triangles that grows, and then is sorted by blocks. Not thread-safe.
-class BlockTriangles {
-  public:
-    explicit BlockTriangles(const std::filesystem::path& folder)
-        : folder_(folder), file_(folder), sorted_(folder), begin_(folder) {}
-
-    void append(const Sorted& triangle) {
-        waiting_.push_back(triangle);
-        if (waiting_.size() == kWaiting) {
-            flush();
-        }
-    }
-    void append(std::span<const Sorted> triangles) {
-        for (const Sorted& t : triangles) {
-            append(t);
-        }
-    }
-    /// Sorts what was appended; those of a block stay in their order.
-    void sort(std::uint32_t blocks) {
-        flush();
-        file_.map(count_ * sizeof(Sorted));
-        sorted_.map(count_ * sizeof(Sorted));
-        begin_.map((std::uint64_t{blocks} + 2) * sizeof(std::uint64_t));
-        const auto from = std::span(file_.as<Sorted>()).first(count_);
-        const auto to = sorted_.as<Sorted>();
-        const auto begin = begin_.as<std::uint64_t>();
-        for (const Sorted& t : from) {
-            ++begin[t.block + 2];
-        }
-        for (std::size_t i = 2; i < begin.size(); ++i) {
-            begin[i] += begin[i - 1];
-        }
-        for (const Sorted& t : from) {
-            to[begin[t.block + 1]++] = t;
-        }
-    }
-    [[nodiscard]] std::span<const Sorted> of(std::uint32_t block) const {
-        const auto begin = begin_.as<const std::uint64_t>();
-        return {sorted_.as<Sorted>().data() + begin[block],
-                static_cast<std::size_t>(begin[block + 1] - begin[block])};
-    }
-    [[nodiscard]] std::uint64_t count() const { return count_; }
-    [[nodiscard]] std::span<const Sorted> all() const {
-        return {sorted_.as<Sorted>().data(), static_cast<std::size_t>(count_)};
-    }
-    [[nodiscard]] std::uint64_t bytes() const { return 2 * count_ * sizeof(Sorted); }
-
-  private:
-    static constexpr std::size_t kWaiting = std::size_t{1} << 14U;
-    void flush() {
-        file_.write_at(count_ * sizeof(Sorted), std::as_bytes(std::span(waiting_)));
-        count_ += waiting_.size();
-        waiting_.clear();
-    }
-    std::filesystem::path folder_;
-    ScratchFile file_;
-    ScratchFile sorted_;
-    ScratchFile begin_;
-    std::vector<Sorted> waiting_;
-    std::uint64_t count_ = 0;
-};
-
-/// The mesh and the full surface, at the beginning of a pass.
-struct Pass {
-    explicit Pass(const std::filesystem::path& folder) : mesh(folder), fine(folder) {}
-    BlockTriangles mesh;
-    BlockTriangles fine;
+    std::uint64_t count = 0;
+    std::array<ElementCorners, kMost> servers{};
 };
 
 /// How many triangles of the mesh have each vertex.
@@ -123,8 +56,9 @@ struct BlockPatch {
     std::vector<std::uint64_t> vertex;
 };
 
-BlockPatch patch_of(const ScratchMesh& mesh, const Valences& valences, const Pass& pass,
-                    std::uint32_t block) {
+BlockPatch patch_of(const ScratchMesh& mesh, const Valences& valences,
+                    std::span<const Sorted> triangles, std::span<const Sorted> fine,
+                    std::span<const Sorted> held) {
     BlockPatch b;
     Patch& patch = b.patch;
     struct Hash {
@@ -147,11 +81,17 @@ BlockPatch patch_of(const ScratchMesh& mesh, const Valences& valences, const Pas
         }
         return t;
     };
-    for (const Sorted& t : pass.mesh.of(block)) {
+    std::vector<ElementCorners> held_corners(held.size());
+    std::transform(held.begin(), held.end(), held_corners.begin(),
+                   [](const Sorted& t) { return from_smallest(t.corners); });
+    std::sort(held_corners.begin(), held_corners.end());
+    for (const Sorted& t : triangles) {
         patch.triangles.push_back(local(t.corners));
         patch.kept.push_back(t.mark != 0);
+        patch.held.push_back(
+            std::binary_search(held_corners.begin(), held_corners.end(), from_smallest(t.corners)));
     }
-    for (const Sorted& t : pass.fine.of(block)) {
+    for (const Sorted& t : fine) {
         patch.fine.push_back(local(t.corners));
         patch.attached.push_back(t.mark != 0);
     }
@@ -171,43 +111,46 @@ BlockPatch patch_of(const ScratchMesh& mesh, const Valences& valences, const Pas
 struct Outcome {
     std::vector<Sorted> mesh;
     std::vector<Sorted> fine;
+    std::vector<Split> splits;
     double largest = 0;
 };
 
-/// `next`: the blocks of the next pass; null after the last.
-Outcome outcome_of(const BlockPatch& b, const SimplifiedPatch& simplified, const BlockGrid* next) {
+/// `next`: the blocks of the next pass.
+Outcome outcome_of(const BlockPatch& b, const SimplifiedPatch& simplified, const BlockGrid& next) {
     Outcome outcome;
     outcome.largest = simplified.largest;
     const auto global = [&](const PatchTriangle& t) {
         return ElementCorners{b.vertex[t[0]], b.vertex[t[1]], b.vertex[t[2]]};
     };
-    for (std::size_t i = 0; i < simplified.triangles.size(); ++i) {
-        const ElementCorners corners = global(simplified.triangles[i]);
-        // Once kept, always: nobody looks any more at what is near to it.
-        outcome.mesh.push_back({corners, next != nullptr ? next->block_of(corners) : 0,
-                                simplified.kept[i] ? 1U : 0U});
+    for (const PatchTriangle& t : simplified.triangles) {
+        const ElementCorners corners = global(t);
+        outcome.mesh.push_back({corners, next.block_of(corners), 0});
     }
-    if (next == nullptr) {
-        return outcome;
-    }
-    std::vector<std::uint32_t> blocks;
     for (std::size_t i = 0; i < b.patch.fine.size(); ++i) {
-        blocks.clear();
-        for (const std::uint32_t server : simplified.servers_of(i)) {
-            blocks.push_back(outcome.mesh[server].block);
+        const auto servers = simplified.servers_of(i);
+        if (servers.empty()) {
+            continue;
         }
-        std::sort(blocks.begin(), blocks.end());
-        blocks.erase(std::unique(blocks.begin(), blocks.end()), blocks.end());
-        const bool one = blocks.size() == 1;
-        for (const std::uint32_t block : blocks) {
-            outcome.fine.push_back({global(b.patch.fine[i]), block, one ? 1U : 0U});
-        }
-        if (!one) {
-            // Nobody will look at it again: those that it is near to stay.
-            for (const std::uint32_t server : simplified.servers_of(i)) {
-                outcome.mesh[server].mark = 1;
+        const std::uint32_t block = outcome.mesh[servers.front()].block;
+        const ElementCorners corners = global(b.patch.fine[i]);
+        if (std::all_of(servers.begin(), servers.end(),
+                        [&](std::uint32_t s) { return outcome.mesh[s].block == block; })) {
+            outcome.fine.push_back({corners, block, 1});
+        } else if (servers.size() <= Split::kMost) {
+            Split split{corners, servers.size(), {}};
+            std::transform(servers.begin(), servers.end(), split.servers.begin(),
+                           [&](std::uint32_t s) { return outcome.mesh[s].corners; });
+            outcome.splits.push_back(split);
+        } else {
+            // Nobody will look at it again: those that it is near to stay for good.
+            for (const std::uint32_t s : servers) {
+                outcome.mesh[s].mark = 1;
             }
         }
+    }
+    // Those that had to stay for good still do.
+    for (std::size_t i = 0; i < simplified.kept.size(); ++i) {
+        outcome.mesh[i].mark |= simplified.kept[i] ? 1U : 0U;
     }
     return outcome;
 }
@@ -218,57 +161,124 @@ std::uint64_t simplify_heap() {
     return std::uint64_t{kMostInBlock} * 2 * kSimplifyBytesPerTriangle;
 }
 
-SimplifiedMesh::SimplifiedMesh(const ScratchMesh& mesh, const WorldLattice& lattice, double limit,
-                               const std::filesystem::path& folder, Progress& progress)
-    : corner_file_(folder) {
-    std::optional<BlockGrid> grid;
-    grid.emplace(lattice, mesh, 0, kMostInBlock, folder, progress);
-    std::optional<Pass> pass;
-    pass.emplace(folder);
-    for (const ElementCorners& corners : mesh.corners()) {
-        const Sorted t{corners, grid->block_of(corners), 0};
-        pass->mesh.append(t);
-        pass->fine.append({t.corners, t.block, 1});
+struct MeshSimplifier::Run {
+    explicit Run(const std::filesystem::path& folder)
+        : mesh(folder), fine(folder), held(folder), splits(folder) {}
+    /// `grid`: of the blocks of the next pass.
+    void add(const Split& split, const BlockGrid& grid);
+    BlockTriangles mesh;  ///< marked: it has to stay, for good
+    /// The full surface; marked: near to triangles of its block alone. Others are there to be near
+    /// to.
+    BlockTriangles fine;
+    BlockTriangles held;  ///< triangles of the mesh that stay in the next pass
+    GrowingFile<Split> splits;
+    int third = 0;  ///< the shift of the blocks that they are sorted into next
+    double bound = 0;
+};
+
+void MeshSimplifier::Run::add(const Split& split, const BlockGrid& grid) {
+    const auto servers = std::span(split.servers).first(split.count);
+    const std::uint32_t block = grid.block_of(servers.front());
+    if (std::all_of(servers.begin(), servers.end(),
+                    [&](const ElementCorners& s) { return grid.block_of(s) == block; })) {
+        fine.append({split.corners, block, 1});
+        return;
     }
-    for (int p = 0; p < kPasses; ++p) {
-        std::optional<BlockGrid> after;
-        if (p + 1 < kPasses) {
-            after.emplace(lattice, mesh, p + 1, kMostInBlock, folder, progress);
-        }
-        pass->mesh.sort(grid->blocks());
-        pass->fine.sort(grid->blocks());
-        const Valences valences(mesh.layout().vertices, pass->mesh.all(), folder);
-        std::optional<Pass> next;
-        next.emplace(folder);
-        progress.begin("simplify", pass->mesh.count(), "triangles");
-        in_order(
-            grid->blocks(), tbb::this_task_arena::max_concurrency() + 1,
-            [&](std::int64_t i) {
-                progress.check();
-                const auto block = static_cast<std::uint32_t>(i);
-                const BlockPatch b = patch_of(mesh, valences, *pass, block);
-                const Outcome outcome =
-                    b.patch.triangles.empty()
-                        ? Outcome{}
-                        : outcome_of(b, simplify_patch(b.patch, limit), after ? &*after : nullptr);
-                progress.advance(b.patch.triangles.size());
-                return outcome;
-            },
-            [&](std::int64_t /*i*/, const Outcome& outcome) {
-                next->mesh.append(outcome.mesh);
-                next->fine.append(outcome.fine);
-                bound_ = std::max(bound_, outcome.largest);
-            });
-        scratch_bytes_ = std::max(scratch_bytes_, 2 * (pass->mesh.bytes() + pass->fine.bytes()));
-        pass = std::move(next);
-        grid = std::move(after);
+    splits.append(split);
+    for (const ElementCorners& server : servers) {
+        const std::uint32_t of = grid.block_of(server);
+        held.append({server, of, 0});
+        fine.append({split.corners, of, 0});
     }
-    pass->mesh.sort(1);
-    count_ = pass->mesh.count();
-    corner_file_.map(count_ * sizeof(ElementCorners));
-    const auto all = pass->mesh.all();
-    std::transform(all.begin(), all.end(), corner_file_.as<ElementCorners>().begin(),
+}
+
+MeshSimplifier::MeshSimplifier(const ScratchMesh& mesh, std::span<const ElementCorners> triangles,
+                               const WorldLattice& lattice, std::filesystem::path folder,
+                               Progress& progress)
+    : mesh_(mesh), folder_(std::move(folder)), progress_(progress) {
+    for (int third = 0; third < kShifts; ++third) {
+        grids_.push_back(std::make_unique<BlockGrid>(lattice, mesh, triangles, third, kMostInBlock,
+                                                     folder_, progress));
+    }
+    full_ = std::make_shared<Run>(folder_);
+    for (const ElementCorners& corners : triangles) {
+        const std::uint32_t block = grids_.front()->block_of(corners);
+        full_->mesh.append({corners, block, 0});
+        full_->fine.append({corners, block, 1});
+    }
+    finish(*full_);
+}
+
+MeshSimplifier::~MeshSimplifier() = default;
+
+void MeshSimplifier::finish(Run& run) {
+    const std::uint32_t blocks = grids_[static_cast<std::size_t>(run.third)]->blocks();
+    run.mesh.sort(blocks);
+    run.fine.sort(blocks);
+    run.held.sort(blocks);
+    run.splits.seal();
+    // One run is made from another, and both are written twice while they are sorted.
+    scratch_bytes_ = std::max(scratch_bytes_, 2 * (run.mesh.bytes() + run.fine.bytes() +
+                                                   run.held.bytes() + run.splits.bytes()));
+}
+
+std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from, double limit) {
+    const BlockGrid& grid = *grids_[static_cast<std::size_t>(from.third)];
+    auto next = std::make_shared<Run>(folder_);
+    next->third = (from.third + 1) % kShifts;
+    next->bound = from.bound;
+    const BlockGrid& after = *grids_[static_cast<std::size_t>(next->third)];
+    const Valences valences(mesh_.layout().vertices, from.mesh.all(), folder_);
+    progress_.begin("simplify", from.mesh.count(), "triangles");
+    in_order(
+        grid.blocks(), tbb::this_task_arena::max_concurrency() + 1,
+        [&](std::int64_t i) {
+            progress_.check();
+            const auto block = static_cast<std::uint32_t>(i);
+            const auto triangles = from.mesh.of(block);
+            if (triangles.empty()) {
+                return Outcome{};
+            }
+            const BlockPatch b =
+                patch_of(mesh_, valences, triangles, from.fine.of(block), from.held.of(block));
+            const Outcome outcome = outcome_of(b, simplify_patch(b.patch, limit), after);
+            progress_.advance(triangles.size());
+            return outcome;
+        },
+        [&](std::int64_t /*i*/, const Outcome& outcome) {
+            next->mesh.append(outcome.mesh);
+            next->fine.append(outcome.fine);
+            for (const Split& split : outcome.splits) {
+                next->add(split, after);
+            }
+            next->bound = std::max(next->bound, outcome.largest);
+        });
+    for (const Split& split : from.splits.all()) {
+        next->add(split, after);
+    }
+    finish(*next);
+    return next;
+}
+
+Simplified MeshSimplifier::full() const {
+    return {full_, full_->mesh.count(), 0};
+}
+
+Simplified MeshSimplifier::within(const Simplified& from, double limit) {
+    std::shared_ptr<const Run> run = from.run;
+    for (int i = 0; i < kPasses; ++i) {
+        run = pass(*run, limit);
+    }
+    return {run, run->mesh.count(), run->bound};
+}
+
+ScratchFile MeshSimplifier::corners(const Simplified& of) const {
+    ScratchFile file(folder_);
+    const auto all = of.run->mesh.all();
+    file.map(all.size() * sizeof(ElementCorners));
+    std::transform(all.begin(), all.end(), file.as<ElementCorners>().begin(),
                    [](const Sorted& t) { return t.corners; });
+    return file;
 }
 
 }  // namespace isonest::detail

@@ -7,7 +7,9 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <span>
+#include <vector>
 
 #include <isonest/progress.h>
 
@@ -19,29 +21,50 @@ namespace isonest::detail {
 /// Heap that one thread needs for a block.
 std::uint64_t simplify_heap();
 
-/// Triangles that name vertices of the mesh that was simplified.
-class SimplifiedMesh {
-  public:
-    /// `limit`: world units, > 0; both directions, between the triangles of `mesh` as they are
-    /// in float32 and those of the result. The topology is that of `mesh`, and the result the same
-    /// for any number of threads. REQUIRES: mesh.layout().corners == 3, and is called within an
-    /// arena of as many threads as there is memory for. Throws Error{io, cancelled}.
-    SimplifiedMesh(const ScratchMesh& mesh, const WorldLattice& lattice, double limit,
-                   const std::filesystem::path& folder, Progress& progress);
+struct Simplified;
 
-    [[nodiscard]] std::span<const ElementCorners> corners() const {
-        return {corner_file_.as<ElementCorners>().data(), count_};
-    }
-    /// The largest distance that was met, at most the limit; 0 if nothing was simplified.
-    [[nodiscard]] double bound() const { return bound_; }
-    /// Bytes of all temporary files, at most.
+/// Simplifies a mesh within distances from it, each result from the mesh itself or from a result
+/// within a smaller distance. Distances are always from the full mesh, as its vertices are in
+/// float32; the topology stays; the results are the same for any number of threads. Not
+/// thread-safe; it works in the arena of its caller, which has as many threads as there is memory
+/// for.
+class MeshSimplifier {
+  public:
+    /// `triangles`: the full surface, whose corners are vertices of `mesh`; both have to stay.
+    /// REQUIRES: mesh.layout().corners == 3. Throws Error{io, cancelled}, as all members do.
+    MeshSimplifier(const ScratchMesh& mesh, std::span<const ElementCorners> triangles,
+                   const WorldLattice& lattice, std::filesystem::path folder, Progress& progress);
+    ~MeshSimplifier();
+    MeshSimplifier(const MeshSimplifier&) = delete;
+    MeshSimplifier& operator=(const MeshSimplifier&) = delete;
+
+    [[nodiscard]] Simplified full() const;
+    /// `limit`: world units, > 0 and at least that within which `from` is.
+    Simplified within(const Simplified& from, double limit);
+    /// An array of ElementCorners.
+    [[nodiscard]] ScratchFile corners(const Simplified& of) const;
+    /// Bytes of temporary files at a time, at most, while one result is made from another.
     [[nodiscard]] std::uint64_t scratch_bytes() const { return scratch_bytes_; }
 
   private:
-    ScratchFile corner_file_;
-    std::uint64_t count_ = 0;
-    double bound_ = 0;
+    friend struct Simplified;
+    struct Run;
+    std::shared_ptr<Run> pass(const Run& from, double limit);
+    void finish(Run& run);
+
+    const ScratchMesh& mesh_;
+    std::filesystem::path folder_;
+    Progress& progress_;
+    std::vector<std::unique_ptr<BlockGrid>> grids_;
+    std::shared_ptr<Run> full_;
     std::uint64_t scratch_bytes_ = 0;
+};
+
+/// A mesh near to the full one; its temporary files go with the last copy.
+struct Simplified {
+    std::shared_ptr<const MeshSimplifier::Run> run;
+    std::uint64_t triangles = 0;
+    double bound = 0;  ///< the largest distance that was met, at most the limit
 };
 
 }  // namespace isonest::detail

@@ -27,11 +27,6 @@ constexpr double kFurther = 1.5;
 constexpr double kWorthwhile = 0.97;
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
 
-PatchTriangle from_smallest(const PatchTriangle& t) {
-    const auto at = static_cast<std::size_t>(std::min_element(t.begin(), t.end()) - t.begin());
-    return {t[at], t[(at + 1) % 3], t[(at + 2) % 3]};
-}
-
 struct TriangleHash {
     std::size_t operator()(const PatchTriangle& t) const {
         std::uint64_t h = (std::uint64_t{t[0]} << 32U | t[1]) * 0x9E3779B97F4A7C15ULL;
@@ -74,7 +69,11 @@ class PatchSimplifier {
         sorted.reserve(patch.triangles.size());
         for (std::size_t i = 0; i < patch.triangles.size(); ++i) {
             sorted.emplace_back(from_smallest(patch.triangles[i]), patch.kept[i]);
+            if (patch.held[i]) {
+                held_.push_back(sorted.back().first);
+            }
         }
+        std::sort(held_.begin(), held_.end());
         now_ = state_of(sorted);
         covered_.assign(now_.triangles.size(), true);
         topology_.emplace(patch, now_.triangles);
@@ -86,7 +85,8 @@ class PatchSimplifier {
         std::vector<bool> stays = now_.kept;
         for (std::size_t i = 0; i < stays.size(); ++i) {
             const PatchTriangle& t = now_.triangles[i];
-            stays[i] = stays[i] || std::any_of(t.begin(), t.end(), [&](std::uint32_t v) {
+            stays[i] = stays[i] || std::binary_search(held_.begin(), held_.end(), t) ||
+                       std::any_of(t.begin(), t.end(), [&](std::uint32_t v) {
                            return topology_->links()[v].shape == LinkShape::tangled;
                        });
         }
@@ -254,6 +254,7 @@ class PatchSimplifier {
     TriangleTree fine_;
     KnownTriangles known_;
     State now_;
+    std::vector<PatchTriangle> held_;    ///< sorted
     std::vector<bool> covered_;          ///< by number: near to the fine surface
     std::vector<std::uint32_t> server_;  ///< of each fine triangle: one that it is near to
     std::optional<PatchTopology> topology_;

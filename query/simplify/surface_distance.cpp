@@ -114,8 +114,7 @@ bool SurfaceDistance::cover(const Triangle& t, int depth) {
             return true;
         }
     }
-    if (surface_.near(centre, square_limit_,
-                      [&](std::uint32_t i) { return served_by(t, i); })) {
+    if (surface_.near(centre, square_limit_, [&](std::uint32_t i) { return served_by(t, i); })) {
         return true;
     }
     const bool is_small = radius < limit_ * kNearEnough;

@@ -35,4 +35,10 @@ std::string why_no_place(const Int3& nodes, const Double3& spacing, const Double
     return {};
 }
 
+double diagonal_of(const StoreHeader& header) {
+    const Double3 last = last_position(header);
+    return std::hypot(last[0] - header.origin[0], last[1] - header.origin[1],
+                      last[2] - header.origin[2]);
+}
+
 }  // namespace isonest::detail

@@ -28,4 +28,7 @@ inline Double3 last_position(const StoreHeader& header) {
     return last;
 }
 
+/// Length of the volume's diagonal in the world.
+double diagonal_of(const StoreHeader& header);
+
 }  // namespace isonest::detail

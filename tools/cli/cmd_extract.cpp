@@ -8,6 +8,7 @@
 #include <isonest/mesh_file.h>
 
 #include "tools/cli/command.h"
+#include "tools/cli/distance_options.h"
 #include "tools/cli/extract_options.h"
 #include "tools/cli/fields.h"
 #include "tools/cli/units.h"
@@ -21,29 +22,9 @@ struct Arguments {
     double scale = 1;  ///< of the graph
     std::optional<Field> bound;
     std::optional<BackfaceCulling> culling;
-    std::optional<DistanceBound> distance;
+    DistanceArguments distance;
     std::string values;  ///< a second store, or empty
 };
-
-/// "0.5", "0.5mm" or "0.5voxel".
-DistanceBound parse_distance(const std::string& option, const std::string& text) {
-    DistanceBound distance;
-    const std::size_t unit = text.find_first_not_of("+-.0123456789eE");
-    const std::string name = unit == std::string::npos ? "" : text.substr(unit);
-    distance.voxels = name == "voxel" || name == "voxels";
-    if (!distance.voxels && !name.empty() && name != "mm") {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} '{}': the unit {} is none that is known; give world units "
-                                "(nothing, or mm) or voxel",
-                                option, text, name));
-    }
-    distance.value = parse_number(option, text.substr(0, unit));
-    if (distance.value < 0) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} '{}': give a number >= 0", option, text));
-    }
-    return distance;
-}
 
 /// REQUIRES: the option needs --view.
 BackfaceCulling& culling_of(Arguments& a) {
@@ -101,9 +82,7 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
     SurfaceQuery query = with_attributes(a.query<SurfaceQuery>());
     query.iso = arguments.iso;
     query.bound = arguments.bound;
-    if (arguments.distance) {
-        query.stop = *arguments.distance;
-    }
+    query.stop = arguments.distance.stop().value_or(query.stop);
     query.culling = arguments.culling;
     return extract(store, query, *sink, options_of(a), progress);
 }
@@ -120,14 +99,16 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
     Result result;
     result.warning = extract_warning(a, r);
     result.json = extract_json(a, r);
+    add_distance_json(result.json, r);
     if (has_iso) {
         result.json["iso"] = arguments.iso;
     }
     result.text =
         fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh,
                     r.triangles, r.dimension == 2 && !a.is_graph ? "line segments" : "triangles",
-                    r.vertices, human_seconds(r.seconds), guarantee_text(a, r), r.chunks_read,
-                    r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
+                    r.vertices, human_seconds(r.seconds),
+                    r.distance ? distance_text(arguments.distance, r) : guarantee_text(a, r),
+                    r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
     if (r.triangles == 0) {
         result.text += empty_surface(store, arguments, r);
     }
@@ -155,6 +136,8 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "(one node along an axis) give isolines (.vtp .obj), or their graph.",
          "isonest extract scan.isonest --iso 120 -o full.ply\n"
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.glb --normals\n"
+         "isonest extract scan.isonest --iso 120 --distance 0.5voxel -o small.stl\n"
+         "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"
          "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply\n"
          "isonest extract scan.isonest --iso 120 --error 1 --focus 30,40,20 --falloff 0.1 -o "
          "near.ply\n"
@@ -169,17 +152,13 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         c->add_flag("--graph", a->extract.is_graph,
                     "of data in a plane: the surface z = value in place of isolines");
     add_parsed(
-        c, "--distance",
-        [a](const std::string& text) { a->distance = parse_distance("--distance", text); },
-        "largest distance from the surface at full resolution, in both\n"
-        "directions, in world units, or in voxels: 0.5voxel; simplifies",
-        "D[voxel]")
-        ->excludes(graph);
-    add_parsed(
         c, "--scale", [a](const std::string& text) { a->scale = parse_number("--scale", text); },
         "of the graph: z = S times the value [1]", "S")
         ->needs(graph);
     iso->excludes(graph);
+    add_distance_options(
+        c, a->distance,
+        {"--error", "--error-relative", "--guarantee", "--stop", "--focus", "--camera", "--graph"});
     add_parsed(
         c, "--bound", [a](const std::string& text) { a->bound = parse_field("--bound", text); },
         "the field by which elements without surface are left out\n"

@@ -47,7 +47,14 @@ struct DistanceBound {
                           ///< they are nearest), not in world units
 };
 
-using SurfaceStop = std::variant<ErrorBound, FieldThreshold, DistanceBound>;
+/// The smallest distance that is found at which a surface has so few triangles.
+struct TriangleBudget {
+    std::uint64_t most = 0;  ///< > 0
+    /// If a mesh within this distance has more triangles, it is the result.
+    std::optional<DistanceBound> within = {};
+};
+
+using SurfaceStop = std::variant<ErrorBound, FieldThreshold, DistanceBound, TriangleBudget>;
 
 /// Leaves out what faces away from a viewer who looks in `direction` (section 5 of the paper).
 struct BackfaceCulling {
@@ -141,9 +148,12 @@ struct ExtractReport {
     /// Most by which a coordinate is rounded to float32, in distances of neighbouring nodes: on top
     /// of the error.
     double coordinate_rounding = 0;
-    /// If a distance was asked for: it, in world units.
+    /// If a distance or a number of triangles was asked for: the distance within which the mesh was
+    /// to be, in world units.
     std::optional<double> distance = {};
-    /// Proven: at most the one asked for. Coordinates rounded to float32 count in.
+    /// If a number of triangles was asked for: whether the mesh has no more.
+    std::optional<bool> within_budget = {};
+    /// Proven: at most `distance`. Coordinates rounded to float32 count in.
     double distance_bound = 0;
     /// Triangles (or lines) of the surface at full resolution.
     std::uint64_t full_triangles = 0;

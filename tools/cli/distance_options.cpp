@@ -1,0 +1,97 @@
+#include "tools/cli/distance_options.h"
+
+#include <fmt/format.h>
+
+#include <limits>
+
+#include <isonest/error.h>
+
+#include "tools/cli/units.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+/// "0.5", "0.5mm" or "0.5voxel".
+DistanceBound parse_distance(const std::string& option, const std::string& text) {
+    DistanceBound distance;
+    const std::size_t unit = text.find_first_of("mv");
+    const std::string name = unit == std::string::npos ? "" : text.substr(unit);
+    distance.voxels = name == "voxel" || name == "voxels";
+    if (!distance.voxels && !name.empty() && name != "mm") {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} '{}': the unit {} is none that is known; give world units "
+                                "(0.5 or 0.5mm) or voxels (0.5voxel)",
+                                option, text, name));
+    }
+    distance.value = parse_number(option, text.substr(0, unit));
+    if (distance.value < 0) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} '{}': give a number >= 0", option, text));
+    }
+    return distance;
+}
+
+}  // namespace
+
+std::optional<SurfaceStop> DistanceArguments::stop() const {
+    if (triangles > 0) {
+        return TriangleBudget{triangles, distance};
+    }
+    return distance ? std::optional<SurfaceStop>(*distance) : std::nullopt;
+}
+
+void add_distance_options(CLI::App* c, DistanceArguments& a,
+                          const std::vector<std::string>& others) {
+    CLI::Option* const distance = add_parsed(
+        c, "--distance",
+        [&a](const std::string& text) { a.distance = parse_distance("--distance", text); },
+        "in place of the error: simplify, at most this far from the\n"
+        "surface at full resolution, anywhere and in both directions;\n"
+        "world units, or voxels: 0.5voxel",
+        "D[mm|voxel]");
+    CLI::Option* const triangles = add_parsed(
+        c, "--triangles",
+        [&a](const std::string& text) {
+            a.triangles = static_cast<std::uint64_t>(
+                parse_integer("--triangles", text, 1, std::numeric_limits<std::int64_t>::max()));
+        },
+        "in place of the error: at most so many triangles, at the\n"
+        "smallest distance that is found; with --distance: whichever\n"
+        "is reached first",
+        "N");
+    for (const std::string& other : others) {
+        distance->excludes(c->get_option(other));
+        triangles->excludes(c->get_option(other));
+    }
+}
+
+std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
+    if (r.full_triangles == 0) {
+        return "the surface at full resolution";
+    }
+    const std::string within = fmt::format(
+        "within {:.4g} of the surface at full resolution, which has {} {}", r.distance_bound,
+        r.full_triangles, r.dimension == 2 ? "line segments" : "triangles");
+    if (!r.within_budget) {
+        return within + fmt::format(" (asked for {:.4g})", *r.distance);
+    }
+    return within + (*r.within_budget
+                         ? fmt::format(" (asked for {} triangles)", a.triangles)
+                         : fmt::format(" (the distance {:.4g} was reached before {} triangles)",
+                                       *r.distance, a.triangles));
+}
+
+void add_distance_json(Json& json, const ExtractReport& r) {
+    if (!r.distance) {
+        return;
+    }
+    json["distance"] = *r.distance;
+    json["distance_bound"] = r.distance_bound;
+    json["full_triangles"] = r.full_triangles;
+    json["scratch_bytes"] = r.scratch_bytes;
+    if (r.within_budget) {
+        json["within_budget"] = *r.within_budget;
+    }
+}
+
+}  // namespace isonest::detail::cli

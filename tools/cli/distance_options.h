@@ -1,0 +1,31 @@
+// The options of extract that ask for a distance or for a number of triangles.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <isonest/extract.h>
+
+#include "tools/cli/command.h"
+
+namespace isonest::detail::cli {
+
+struct DistanceArguments {
+    std::optional<DistanceBound> distance;
+    std::uint64_t triangles = 0;  ///< 0: not asked for
+
+    /// In place of an error; nothing if neither was given.
+    [[nodiscard]] std::optional<SurfaceStop> stop() const;
+};
+
+/// The options exclude all of `others`.
+void add_distance_options(CLI::App* command, DistanceArguments& a,
+                          const std::vector<std::string>& others);
+
+/// "within 0.49 of the surface ... (asked for 0.5)"; REQUIRES: r.distance.
+std::string distance_text(const DistanceArguments& a, const ExtractReport& r);
+/// Adds what the report has of them.
+void add_distance_json(Json& json, const ExtractReport& r);
+
+}  // namespace isonest::detail::cli
