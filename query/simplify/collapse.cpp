@@ -1,68 +1,236 @@
 #include "query/simplify/collapse.h"
 
-#include <meshoptimizer.h>
-
 #include <algorithm>
-#include <limits>
+#include <cmath>
+#include <queue>
+
+#include "query/simplify/quadric.h"
 
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+/// A triangle's normal may not turn further than to this cosine by one collapse.
+constexpr double kLeastCosine = 0.1;
+constexpr double kBorderWeight = 1;  ///< of the plane that stands on a border edge
+
+struct Candidate {
+    double square_error;
+    std::uint32_t from;
+    std::uint32_t to;
+    std::uint32_t version;  ///< of `from`
+
+    /// The queue's top is the smallest.
+    bool operator<(const Candidate& other) const {
+        return square_error != other.square_error ? square_error > other.square_error
+               : from != other.from               ? from > other.from
+                                                  : to > other.to;
+    }
+};
+
+class Collapser {
+  public:
+    Collapser(const Patch& patch, std::span<const PatchTriangle> triangles,
+              const std::vector<bool>& locked, double error)
+        : patch_(patch),
+          locked_(locked),
+          square_error_(error * error),
+          triangles_(triangles.begin(), triangles.end()),
+          around_(patch.positions.size()),
+          quadrics_(patch.positions.size()),
+          version_(patch.positions.size()) {
+        origin_ = patch.point(triangles.front()[0]);
+        for (std::uint32_t i = 0; i < triangles_.size(); ++i) {
+            for (const std::uint32_t v : triangles_[i]) {
+                around_[v].push_back(i);
+            }
+        }
+        for (const PatchTriangle& t : triangles_) {
+            add_quadrics(t);
+        }
+        for (std::uint32_t v = 0; v < around_.size(); ++v) {
+            if (!locked_[v] && !around_[v].empty()) {
+                push_all(v);
+            }
+        }
+    }
+
+    std::vector<PatchTriangle> run() {
+        while (!queue_.empty()) {
+            const Candidate next = queue_.top();
+            queue_.pop();
+            if (next.version == version_[next.from] && is_allowed(next.from, next.to)) {
+                collapse(next.from, next.to);
+            }
+        }
+        std::vector<PatchTriangle> left;
+        for (std::uint32_t i = 0; i < triangles_.size(); ++i) {
+            const PatchTriangle& t = triangles_[i];
+            if (t[0] != t[1]) {
+                left.push_back(t);
+            }
+        }
+        return left;
+    }
+
+  private:
+    [[nodiscard]] Double3 at(std::uint32_t v) const { return minus(patch_.point(v), origin_); }
+    [[nodiscard]] Double3 normal(const PatchTriangle& t) const {
+        return cross(minus(at(t[1]), at(t[0])), minus(at(t[2]), at(t[0])));
+    }
+    static bool has(const PatchTriangle& t, std::uint32_t v) {
+        return t[0] == v || t[1] == v || t[2] == v;
+    }
+    /// Triangles with both.
+    [[nodiscard]] int shared_triangles(std::uint32_t a, std::uint32_t b) const {
+        return static_cast<int>(
+            std::count_if(around_[a].begin(), around_[a].end(),
+                          [&](std::uint32_t i) { return has(triangles_[i], b); }));
+    }
+    void neighbours_of(std::uint32_t v, std::vector<std::uint32_t>& found) const {
+        found.clear();
+        for (const std::uint32_t i : around_[v]) {
+            for (const std::uint32_t w : triangles_[i]) {
+                if (w != v) {
+                    found.push_back(w);
+                }
+            }
+        }
+        std::sort(found.begin(), found.end());
+        found.erase(std::unique(found.begin(), found.end()), found.end());
+    }
+
+    void add_quadrics(const PatchTriangle& t) {
+        Double3 n = normal(t);
+        const double area = length(n);
+        if (!(area > 0)) {
+            return;
+        }
+        n = {n[0] / area, n[1] / area, n[2] / area};
+        for (std::size_t i = 0; i < 3; ++i) {
+            const std::uint32_t a = t[i];
+            const std::uint32_t b = t[(i + 1) % 3];
+            quadrics_[a].add_plane(n, at(a), area);
+            const Double3 edge = minus(at(b), at(a));
+            if (shared_triangles(a, b) == 1 && square(edge) > 0) {
+                const Double3 side = cross(edge, n);
+                const double size = length(side);
+                const Double3 upright{side[0] / size, side[1] / size, side[2] / size};
+                quadrics_[a].add_plane(upright, at(a), kBorderWeight * square(edge));
+                quadrics_[b].add_plane(upright, at(a), kBorderWeight * square(edge));
+            }
+        }
+    }
+
+    void push(std::uint32_t from, std::uint32_t to) {
+        const double error = quadrics_[from].mean(at(to));
+        if (error <= square_error_) {
+            queue_.push({error, from, to, version_[from]});
+        }
+    }
+    void push_all(std::uint32_t from) {
+        neighbours_of(from, near_);
+        for (const std::uint32_t to : near_) {
+            push(from, to);
+        }
+    }
+
+    /// Whether the surface stays the same but for its shape, and nothing turns over.
+    bool is_allowed(std::uint32_t from, std::uint32_t to) {
+        const int edge = shared_triangles(from, to);
+        if (edge == 0) {
+            return false;
+        }
+        neighbours_of(from, near_);
+        neighbours_of(to, far_);
+        common_.clear();
+        std::set_intersection(near_.begin(), near_.end(), far_.begin(), far_.end(),
+                              std::back_inserter(common_));
+        const bool is_border = near_.size() != around_[from].size();
+        if (static_cast<int>(common_.size()) != edge || (is_border && edge != 1)) {
+            return false;
+        }
+        if (locked_[to] && std::any_of(near_.begin(), near_.end(), [&](std::uint32_t v) {
+                return v != to && locked_[v] &&
+                       !std::binary_search(common_.begin(), common_.end(), v);
+            })) {
+            return false;
+        }
+        return std::none_of(around_[from].begin(), around_[from].end(), [&](std::uint32_t i) {
+            return !has(triangles_[i], to) && (turns(i, from, to) || is_double(i, from, to));
+        });
+    }
+    [[nodiscard]] bool turns(std::uint32_t i, std::uint32_t from, std::uint32_t to) const {
+        const Double3 before = normal(triangles_[i]);
+        const Double3 after = normal(moved(triangles_[i], from, to));
+        const double size = square(after);
+        return !(size > 0) || dot(before, after) < kLeastCosine * std::sqrt(size * square(before));
+    }
+    /// Whether there is a triangle with these corners already.
+    [[nodiscard]] bool is_double(std::uint32_t i, std::uint32_t from, std::uint32_t to) const {
+        const PatchTriangle next = moved(triangles_[i], from, to);
+        return std::any_of(around_[to].begin(), around_[to].end(), [&](std::uint32_t other) {
+            return std::all_of(next.begin(), next.end(),
+                               [&](std::uint32_t v) { return has(triangles_[other], v); });
+        });
+    }
+    static PatchTriangle moved(PatchTriangle t, std::uint32_t from, std::uint32_t to) {
+        std::replace(t.begin(), t.end(), from, to);
+        return t;
+    }
+
+    void collapse(std::uint32_t from, std::uint32_t to) {
+        for (const std::uint32_t i : around_[from]) {
+            PatchTriangle& t = triangles_[i];
+            if (!has(t, to)) {
+                t = moved(t, from, to);
+                around_[to].push_back(i);
+                continue;
+            }
+            for (const std::uint32_t v : t) {
+                if (v != from) {
+                    auto& of = around_[v];
+                    of.erase(std::find(of.begin(), of.end(), i));
+                }
+            }
+            t = {0, 0, 0};
+        }
+        around_[from].clear();
+        around_[from].shrink_to_fit();
+        ++version_[from];
+        quadrics_[to].add(quadrics_[from]);
+        ++version_[to];
+        neighbours_of(to, far_);
+        for (const std::uint32_t v : far_) {
+            if (!locked_[v]) {
+                push(v, to);
+            }
+            if (!locked_[to]) {
+                push(to, v);
+            }
+        }
+    }
+
+    const Patch& patch_;
+    const std::vector<bool>& locked_;
+    double square_error_;
+    Double3 origin_{};
+    std::vector<PatchTriangle> triangles_;            ///< {0, 0, 0}: gone
+    std::vector<std::vector<std::uint32_t>> around_;  ///< triangles of each vertex
+    std::vector<Quadric> quadrics_;
+    std::vector<std::uint32_t> version_;  ///< of the quadric
+    std::priority_queue<Candidate> queue_;
+    std::vector<std::uint32_t> near_;
+    std::vector<std::uint32_t> far_;
+    std::vector<std::uint32_t> common_;
+};
 
 }  // namespace
 
 std::vector<PatchTriangle> collapse_edges(const Patch& patch,
                                           std::span<const PatchTriangle> triangles,
                                           const std::vector<bool>& locked, double error) {
-    // Vertices without triangles would count in meshoptimizer's scale and in its time.
-    std::vector<std::uint32_t> number(patch.positions.size(), kNone);
-    std::vector<std::uint32_t> vertex;
-    std::vector<std::array<float, 3>> positions;
-    std::vector<std::uint32_t> indices;
-    indices.reserve(3 * triangles.size());
-    std::array<float, 3> lo = patch.positions[triangles.front()[0]];
-    std::array<float, 3> hi = lo;
-    for (const PatchTriangle& t : triangles) {
-        for (const std::uint32_t v : t) {
-            if (number[v] == kNone) {
-                number[v] = static_cast<std::uint32_t>(vertex.size());
-                vertex.push_back(v);
-                positions.push_back(patch.positions[v]);
-                for (std::size_t a = 0; a < 3; ++a) {
-                    lo[a] = std::min(lo[a], patch.positions[v][a]);
-                    hi[a] = std::max(hi[a], patch.positions[v][a]);
-                }
-            }
-            indices.push_back(number[v]);
-        }
-    }
-    // It leaves a vertex alone that has several border edges: so each locked one gets two fins,
-    // whose other corners are two vertices more.
-    const auto first = static_cast<std::uint32_t>(vertex.size());
-    positions.push_back(lo);
-    positions.push_back(hi);
-    for (std::uint32_t v = 0; v < first; ++v) {
-        if (locked[vertex[v]]) {
-            indices.insert(indices.end(), {v, first, first + 1, v, first, first + 1});
-        }
-    }
-    const float scale =
-        meshopt_simplifyScale(positions.front().data(), positions.size(), sizeof(positions[0]));
-    if (!(scale > 0)) {
-        return {triangles.begin(), triangles.end()};
-    }
-    std::vector<std::uint32_t> left(indices.size());
-    left.resize(meshopt_simplify(left.data(), indices.data(), indices.size(),
-                                 positions.front().data(), positions.size(), sizeof(positions[0]),
-                                 0, static_cast<float>(error) / scale, 0, nullptr));
-    std::vector<PatchTriangle> result;
-    for (std::size_t i = 0; i < left.size(); i += 3) {
-        if (std::max({left[i], left[i + 1], left[i + 2]}) < first) {
-            result.push_back({vertex[left[i]], vertex[left[i + 1]], vertex[left[i + 2]]});
-        }
-    }
-    return result;
+    return triangles.empty() ? std::vector<PatchTriangle>{}
+                             : Collapser(patch, triangles, locked, error).run();
 }
 
 }  // namespace isonest::detail
