@@ -201,6 +201,18 @@ double world_distance(const StoreReader& store, const DistanceBound& asked) {
     return asked.voxels && std::isfinite(voxel) ? asked.value * voxel : asked.value;
 }
 
+void require_sense(const ComponentChoice& choice, Product product) {
+    if (!(choice.least_volume >= 0) || !std::isfinite(choice.least_volume)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("least volume {}: must be a finite number, 0 or more",
+                                choice.least_volume));
+    }
+    if (choice.least_volume > 0 && product == Product::isolines) {
+        throw Error(ErrorKind::invalid_argument,
+                    "isolines of data in a plane have no volume; give the least number of lines");
+    }
+}
+
 ExtractQuery finished(const StoreReader& store, ExtractQuery asked) {
     keep_on_border(store, asked.traversal);
     require_float32(store, asked);
@@ -232,6 +244,10 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
         asked.triangles = budget->most;
         asked.distance = budget->within ? world_distance(store, *budget->within)
                                         : diagonal_of(store.layout().header());
+    }
+    if (query.components) {
+        require_sense(*query.components, product);
+        asked.components = query.components;
     }
     choose_attributes(store, query, false, float64, asked);
     return finished(store, std::move(asked));

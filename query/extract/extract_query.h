@@ -28,6 +28,7 @@ struct ExtractQuery {
     /// triangles it may have.
     std::optional<double> distance;
     std::optional<std::uint64_t> triangles;
+    std::optional<ComponentChoice> components;
     std::vector<double> contours;  ///< values of contour lines
 
     /// Corners of an element.

@@ -8,6 +8,7 @@
 
 #include <isonest/error.h>
 
+#include "query/mesh/components.h"
 #include "query/simplify/triangle_budget.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
@@ -52,14 +53,21 @@ BudgetResult simplified(const StoreReader& store, const ExtractQuery& query,
     return result;
 }
 
-}  // namespace
-
-bool changes_whole_mesh(const ExtractQuery& query) {
+bool simplifies(const ExtractQuery& query) {
     return query.distance.value_or(0) > 0;
 }
 
-int whole_mesh_threads(const StoreReader& store, const ExtractQuery& /*query*/,
+}  // namespace
+
+bool changes_whole_mesh(const ExtractQuery& query) {
+    return simplifies(query) || query.components;
+}
+
+int whole_mesh_threads(const StoreReader& store, const ExtractQuery& query,
                        const ExtractOptions& options) {
+    if (!simplifies(query)) {
+        return Workers::count_of(options.threads);
+    }
     const std::uint64_t each = simplify_heap();
     require_memory(store.path().string(), options.memory, kLibraryHeap + each,
                    "simplification within a distance");
@@ -71,24 +79,38 @@ int whole_mesh_threads(const StoreReader& store, const ExtractQuery& /*query*/,
 void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const ScratchMesh& mesh,
                      MeshSink& sink, const std::filesystem::path& scratch, ExtractReport& report,
                      Progress& progress) {
-    report.full_triangles = mesh.layout().elements;
     report.scratch_bytes = mesh.bytes();
-    const double limit = limit_of(store, query);
-    const WorldLattice lattice{query.origin, query.spacing, store.layout().header().nodes};
-    MeshSimplifier simplifier(mesh, mesh.corners(), lattice, scratch, progress);
-    const BudgetResult result = simplified(store, query, simplifier, limit);
-    const ScratchFile corners = simplifier.corners(result.mesh);
-    const EmittedMesh emitted =
-        emit_elements(mesh, std::span(corners.as<ElementCorners>()), scratch, sink, progress);
+    std::span<const ElementCorners> elements = mesh.corners();
+    std::optional<KeptComponents> kept;
+    if (query.components) {
+        kept.emplace(mesh, *query.components, scratch, progress);
+        elements = kept->corners();
+        report.components = kept->components();
+        report.dropped_components = kept->dropped();
+        report.dropped_triangles = kept->dropped_elements();
+        report.largest_dropped = kept->largest_dropped();
+        report.scratch_bytes += kept->scratch_bytes();
+    }
+    std::optional<ScratchFile> corners;
+    if (simplifies(query)) {
+        const double limit = limit_of(store, query);
+        const WorldLattice lattice{query.origin, query.spacing, store.layout().header().nodes};
+        MeshSimplifier simplifier(mesh, elements, lattice, scratch, progress);
+        const BudgetResult result = simplified(store, query, simplifier, limit);
+        corners.emplace(simplifier.corners(result.mesh));
+        elements = {corners->as<ElementCorners>().data(), result.mesh.triangles};
+        report.full_triangles = mesh.layout().elements;
+        report.distance_bound = result.mesh.bound + most_moved(query);
+        report.scratch_bytes += simplifier.scratch_bytes();
+        if (query.triangles) {
+            report.within_budget = result.is_met;
+            report.distance = result.limit + (result.limit > 0 ? most_moved(query) : 0);
+        }
+    }
+    const EmittedMesh emitted = emit_elements(mesh, elements, scratch, sink, progress);
     report.vertices = emitted.vertices;
     report.triangles = emitted.elements;
     report.zero_area_triangles = emitted.zero_area_triangles;
-    report.distance_bound = result.mesh.bound + most_moved(query);
-    report.scratch_bytes += simplifier.scratch_bytes();
-    if (query.triangles) {
-        report.within_budget = result.is_met;
-        report.distance = result.limit + (result.limit > 0 ? most_moved(query) : 0);
-    }
 }
 
 }  // namespace isonest::detail

@@ -63,6 +63,19 @@ struct BackfaceCulling {
     std::optional<Field> field = {};
 };
 
+/// Which connected components of a surface are kept; two that share a vertex are one. All tests
+/// have to be passed; `largest` chooses among those that pass the others. It happens before a
+/// distance simplifies: what is measured from is the surface without those that are dropped.
+struct ComponentChoice {
+    std::uint64_t largest = 0;          ///< only so many, those with most triangles; 0 = all. Of
+                                        ///< equally large ones those whose vertices come first
+    std::uint64_t least_triangles = 0;  ///< (or lines) as extracted, before a simplification
+    /// Of the space within, be it below or above the isovalue, in cubic world units; >= 0. A
+    /// component with a border (where the volume, the box or missing values cut it) has no volume
+    /// and passes. Of a volume alone.
+    double least_volume = 0;
+};
+
 // What to extract. `focus` and `camera` loosen the stop test with the distance, `box` cuts what is
 // extracted at its faces. `vertex_values`: the attribute "value" from another store with the same
 // nodes, which has to live as long as the call. `vertex_error`: this field as attribute "error".
@@ -81,6 +94,8 @@ struct SurfaceQuery {
     bool normals = false;                         ///< from the data's gradient
     const Store* vertex_values = nullptr;
     std::optional<Field> vertex_error = {};
+    /// Drops specks; without a value components are not looked for.
+    std::optional<ComponentChoice> components = {};
 };
 
 /// The part of a plane inside the volume, triangles that face against its normal and have the
@@ -155,12 +170,17 @@ struct ExtractReport {
     std::optional<bool> within_budget = {};
     /// Proven: at most `distance`. Coordinates rounded to float32 count in.
     double distance_bound = 0;
-    /// Triangles (or lines) of the surface at full resolution.
+    /// Triangles (or lines) of the surface at full resolution, with all its components.
     std::uint64_t full_triangles = 0;
-    std::uint64_t scratch_bytes = 0;  ///< of temporary files of what changes the whole mesh
-    std::uint64_t chunks_read = 0;    ///< by this call alone, those read twice counted twice
-    std::uint64_t chunks_total = 0;   ///< of the store
-    std::uint64_t bytes_read = 0;     ///< stored bytes of the chunks read
+    /// If components were asked for: how many there are, and what was dropped.
+    std::uint64_t components = 0;
+    std::uint64_t dropped_components = 0;
+    std::uint64_t dropped_triangles = 0;  ///< or lines; as extracted
+    std::uint64_t largest_dropped = 0;    ///< triangles (or lines) of the largest of them
+    std::uint64_t scratch_bytes = 0;      ///< of temporary files of what changes the whole mesh
+    std::uint64_t chunks_read = 0;        ///< by this call alone, those read twice counted twice
+    std::uint64_t chunks_total = 0;       ///< of the store
+    std::uint64_t bytes_read = 0;         ///< stored bytes of the chunks read
     std::uint64_t peak_cache_bytes = 0;
     std::uint64_t bricks = 0;
     double seconds = 0;

@@ -1,0 +1,204 @@
+// Components by union-find, each set's lowest vertex its root, with path halving: R. E. Tarjan and
+// J. van Leeuwen, "Worst-case analysis of set union algorithms", Journal of the ACM 31 (1984).
+// The volume within a closed surface is a sum over its triangles: C. Zhang and T. Chen, "Efficient
+// feature extraction for 2D/3D objects in mesh representation", ICIP 2001.
+#include "query/mesh/components.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+namespace isonest::detail {
+namespace {
+
+struct Component {
+    std::uint64_t elements = 0;
+    std::uint64_t first_vertex = 0;
+    double volume = 0;       ///< of a closed one; positive if it faces outward
+    std::uint32_t open = 0;  ///< whether it has a border
+    std::uint32_t kept = 0;
+};
+
+/// visit(element) for all, with progress.
+template <class Visit>
+void each_element(const ScratchMesh& mesh, Progress& progress, const Visit& visit) {
+    constexpr std::size_t kOften = std::size_t{1} << 16U;
+    const auto all = mesh.corners();
+    for (std::size_t at = 0; at < all.size(); at += kOften) {
+        progress.check();
+        const auto some = all.subspan(at, std::min(kOften, all.size() - at));
+        std::for_each(some.begin(), some.end(), visit);
+        progress.advance(some.size());
+    }
+}
+
+/// The component of each vertex, numbered by their lowest vertices.
+class Labels {
+  public:
+    Labels(const ScratchMesh& mesh, const std::filesystem::path& folder, Progress& progress)
+        : file_(folder) {
+        file_.map(mesh.layout().vertices * sizeof(std::uint64_t));
+        const auto parent = file_.as<std::uint64_t>();
+        std::iota(parent.begin(), parent.end(), std::uint64_t{0});
+        const auto root = [parent](std::uint64_t v) {
+            while (parent[v] != v) {
+                parent[v] = parent[parent[v]];
+                v = parent[v];
+            }
+            return v;
+        };
+        each_element(mesh, progress, [&](const ElementCorners& e) {
+            std::uint64_t a = root(e[0]);
+            for (const std::uint64_t v : {e[1], e[2]}) {
+                const std::uint64_t b = root(v);
+                parent[std::max(a, b)] = std::min(a, b);
+                a = std::min(a, b);
+            }
+        });
+        // A parent is lower than its child, so it has its number already.
+        for (std::uint64_t v = 0; v < parent.size(); ++v) {
+            parent[v] = parent[v] == v ? count_++ : parent[parent[v]];
+        }
+    }
+    [[nodiscard]] std::uint64_t count() const { return count_; }
+    [[nodiscard]] std::span<const std::uint64_t> of_vertex() const {
+        return file_.as<const std::uint64_t>();
+    }
+    [[nodiscard]] std::uint64_t of(const ElementCorners& e) const { return of_vertex()[e[0]]; }
+
+  private:
+    ScratchFile file_;
+    std::uint64_t count_ = 0;
+};
+
+/// A bijection that leaves no pattern (the end of splitmix64).
+std::uint64_t mixed(std::uint64_t v) {
+    v += 0x9E3779B97F4A7C15ULL;
+    v = (v ^ (v >> 30U)) * 0xBF58476D1CE4E5B9ULL;
+    v = (v ^ (v >> 27U)) * 0x94D049BB133111EBULL;
+    return v ^ (v >> 31U);
+}
+
+/// Six times the signed volume of the tetrahedron over a triangle.
+double six_volumes(const ScratchMesh& mesh, const ElementCorners& e, std::uint64_t apex) {
+    const auto at = mesh.positions();
+    const auto from_apex = [&](std::uint64_t v) {
+        Double3 d{};
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            d[axis] = static_cast<double>(at[v][axis]) - static_cast<double>(at[apex][axis]);
+        }
+        return d;
+    };
+    const Double3 a = from_apex(e[0]);
+    const Double3 b = from_apex(e[1]);
+    const Double3 c = from_apex(e[2]);
+    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
+           a[2] * (b[0] * c[1] - b[1] * c[0]);
+}
+
+/// Fills in volumes and borders. Around a vertex within a closed surface every neighbour is as
+/// often the first of a triangle's two as it is the second: so a sum of their mixed numbers, with
+/// signs, is 0 there. At the end of a border it is a difference of two, which is not.
+void measure(const ScratchMesh& mesh, const Labels& labels, std::span<Component> components,
+             const std::filesystem::path& folder, Progress& progress) {
+    constexpr double kOfParallelepiped = 1.0 / 6;
+    ScratchFile balance_file(folder);
+    balance_file.map(mesh.layout().vertices * sizeof(std::uint64_t));
+    const auto balance = balance_file.as<std::uint64_t>();
+    progress.begin("measure components", mesh.layout().elements, "triangles");
+    each_element(mesh, progress, [&](const ElementCorners& e) {
+        Component& c = components[labels.of(e)];
+        c.volume += six_volumes(mesh, e, c.first_vertex) * kOfParallelepiped;
+        const ElementCorners m{mixed(e[0]), mixed(e[1]), mixed(e[2])};
+        balance[e[0]] += m[2] - m[1];
+        balance[e[1]] += m[0] - m[2];
+        balance[e[2]] += m[1] - m[0];
+    });
+    for (std::uint64_t v = 0; v < balance.size(); ++v) {
+        if (balance[v] != 0) {
+            components[labels.of_vertex()[v]].open = 1;
+        }
+    }
+}
+
+/// Keeps the `most` largest of those that are kept, of equal ones those with lower vertices.
+/// Returns bytes of temporary files.
+std::uint64_t keep_largest(std::span<Component> components, std::uint64_t most,
+                           const std::filesystem::path& folder) {
+    if (components.size() <= most) {
+        return 0;
+    }
+    ScratchFile file(folder);
+    file.map(components.size() * sizeof(std::uint64_t));
+    const auto places = file.as<std::uint64_t>();
+    auto end = places.begin();
+    for (std::uint64_t i = 0; i < components.size(); ++i) {
+        if (components[i].kept != 0) {
+            *end++ = i;
+        }
+    }
+    if (static_cast<std::uint64_t>(end - places.begin()) > most) {
+        const auto middle = places.begin() + static_cast<std::ptrdiff_t>(most);
+        std::nth_element(places.begin(), middle, end, [&](std::uint64_t a, std::uint64_t b) {
+            const Component& c = components[a];
+            const Component& d = components[b];
+            return c.elements != d.elements ? c.elements > d.elements : a < b;
+        });
+        std::for_each(middle, end, [&](std::uint64_t i) { components[i].kept = 0; });
+    }
+    return places.size_bytes();
+}
+
+}  // namespace
+
+KeptComponents::KeptComponents(const ScratchMesh& mesh, const ComponentChoice& choice,
+                               const std::filesystem::path& folder, Progress& progress)
+    : corner_file_(folder), corners_(mesh.corners()) {
+    progress.begin("find components", 2 * mesh.layout().elements, "triangles");
+    const Labels labels(mesh, folder, progress);
+    components_ = labels.count();
+    ScratchFile file(folder);
+    file.map(components_ * sizeof(Component));
+    const auto components = file.as<Component>();
+    for (std::uint64_t v = mesh.layout().vertices; v-- > 0;) {
+        components[labels.of_vertex()[v]].first_vertex = v;
+    }
+    each_element(mesh, progress,
+                 [&](const ElementCorners& e) { ++components[labels.of(e)].elements; });
+    scratch_bytes_ = labels.of_vertex().size_bytes() + components.size_bytes();
+    if (choice.least_volume > 0) {
+        measure(mesh, labels, components, folder, progress);
+        scratch_bytes_ += labels.of_vertex().size_bytes();
+    }
+    for (Component& c : components) {
+        const bool large =
+            choice.least_volume <= 0 || c.open != 0 || std::fabs(c.volume) >= choice.least_volume;
+        c.kept = large && c.elements >= choice.least_triangles ? 1 : 0;
+    }
+    if (choice.largest > 0) {
+        scratch_bytes_ += keep_largest(components, choice.largest, folder);
+    }
+    for (const Component& c : components) {
+        if (c.kept == 0) {
+            ++dropped_;
+            dropped_elements_ += c.elements;
+            largest_dropped_ = std::max(largest_dropped_, c.elements);
+        }
+    }
+    if (dropped_ == 0) {
+        return;
+    }
+    corner_file_.map((mesh.layout().elements - dropped_elements_) * sizeof(ElementCorners));
+    const auto kept = corner_file_.as<ElementCorners>();
+    auto to = kept.begin();
+    progress.begin("drop components", mesh.layout().elements, "triangles");
+    each_element(mesh, progress, [&](const ElementCorners& e) {
+        if (components[labels.of(e)].kept != 0) {
+            *to++ = e;
+        }
+    });
+    corners_ = kept;
+    scratch_bytes_ += kept.size_bytes();
+}
+
+}  // namespace isonest::detail
