@@ -8,6 +8,7 @@
 #include <isonest/mesh_file.h>
 
 #include "tools/cli/command.h"
+#include "tools/cli/component_options.h"
 #include "tools/cli/distance_options.h"
 #include "tools/cli/extract_options.h"
 #include "tools/cli/fields.h"
@@ -23,6 +24,7 @@ struct Arguments {
     std::optional<Field> bound;
     std::optional<BackfaceCulling> culling;
     DistanceArguments distance;
+    std::optional<ComponentChoice> components;
     std::string values;  ///< a second store, or empty
 };
 
@@ -84,6 +86,7 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
     query.bound = arguments.bound;
     query.stop = arguments.distance.stop().value_or(query.stop);
     query.culling = arguments.culling;
+    query.components = arguments.components;
     return extract(store, query, *sink, options_of(a), progress);
 }
 
@@ -109,7 +112,11 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
                     r.vertices, human_seconds(r.seconds),
                     r.distance ? distance_text(arguments.distance, r) : guarantee_text(a, r),
                     r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
-    if (r.triangles == 0) {
+    if (arguments.components) {
+        add_component_json(r, result.json);
+        result.text += component_text(r);
+    }
+    if (r.triangles == 0 && r.dropped_components == 0) {
         result.text += empty_surface(store, arguments, r);
     }
     if (r.zero_area_triangles > 0) {
@@ -151,6 +158,9 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     CLI::Option* const graph =
         c->add_flag("--graph", a->extract.is_graph,
                     "of data in a plane: the surface z = value in place of isolines");
+    for (CLI::Option* const option : add_component_options(c, a->components)) {
+        option->excludes(graph);
+    }
     add_parsed(
         c, "--scale", [a](const std::string& text) { a->scale = parse_number("--scale", text); },
         "of the graph: z = S times the value [1]", "S")
