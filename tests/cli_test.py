@@ -539,6 +539,45 @@ class Cli(unittest.TestCase):
         for path in self.here.glob("peak.*"):
             path.unlink()
 
+    def test_components_are_dropped_and_the_report_says_which(self):
+        import h5py
+        import numpy
+        u = numpy.zeros((17, 17, 17))
+        u[3:9, 3:9, 3:9] = 1
+        u[12, 12, 4] = u[12, 4, 12] = u[4, 12, 12] = 1
+        with h5py.File(self.here / "specks.h5", "w") as file:
+            file["u"] = u
+        self.ok("preprocess", "specks.h5", "-o", "specks.s", "--chunk", 8)
+        extract = ("extract", "specks.s", "--iso", 0.5, "-o", "specks.ply")
+        all_of_it = self.json(*extract)
+        self.assertNotIn("components", all_of_it)
+        for options in (("--components", "largest"), ("--components", 1), ("--min-component", 100),
+                        ("--min-volume", "10mm3"), ("--min-volume", 10)):
+            report = self.json(*extract, *options)
+            self.assertEqual((report["components"], report["dropped_components"]), (4, 3))
+            self.assertEqual(report["triangles"] + report["dropped_triangles"], all_of_it["triangles"])
+            self.assertEqual(3 * report["largest_dropped"], report["dropped_triangles"])
+            self.assertRegex(self.ok(*extract, *options).stdout.decode(),
+                             r"(?m)^dropped 3 of 4 components with \d+ triangles, the largest of \d+$")
+        self.assertIn("4 components, none dropped", self.ok(*extract, "--components", "all").stdout.decode())
+        self.assertIn("the distance is to the surface without them",
+                      self.ok(*extract, "--components", 2, "--distance", "0.2voxel").stdout.decode())
+        self.assertIn("all components of the surface were dropped, 4 with",
+                      self.ok(*extract, "--min-component", 10000).stdout.decode())
+        for path in self.here.glob("specks.p*"):
+            path.unlink()
+        for options, words in ((("--components", 0), "how many of the largest"),
+                               (("--components", -3), "how many of the largest"),
+                               (("--components", "most"), "how many of the largest"),
+                               (("--min-component", -1), "give an integer from 0"),
+                               (("--min-component", 2.5), "give an integer from 0"),
+                               (("--min-volume", -1), "give a number >= 0"),
+                               (("--min-volume", "much"), "give a finite number"),
+                               (("--min-volume", "3cm3"), "the unit cm3 is none that is known")):
+            self.assertIn(words, self.fails(2, *extract, *options))
+        for path in self.here.glob("specks.*"):
+            path.unlink()
+
     def test_ranges_tell_their_ends_apart(self):
         import h5py
         import numpy
