@@ -291,7 +291,7 @@ TEST_CASE("isolines have components as well, but no volume") {
 }
 
 TEST_CASE("what is kept does not depend on threads, memory and chunks") {
-    FunctionVolume<float> volume({26, 33, 21}, grains);
+    FunctionVolume<float> volume({22, 25, 18}, grains);
     SurfaceQuery query;
     query.iso = 0.5;
     query.components = ComponentChoice{25, 9, 0.1};
