@@ -9,6 +9,7 @@
 #include <isonest/error.h>
 
 #include "query/mesh/components.h"
+#include "query/simplify/simplify_lines.h"
 #include "query/simplify/triangle_budget.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
@@ -23,7 +24,7 @@ double most_moved(const ExtractQuery& query) {
     return std::sqrt(3.0) * query.coordinate_rounding * longest;
 }
 
-/// What is left for the triangles.
+/// What is left for the triangles, or lines.
 double limit_of(const StoreReader& store, const ExtractQuery& query) {
     const double moved = most_moved(query);
     const double limit = *query.distance - moved;
@@ -34,6 +35,11 @@ double limit_of(const StoreReader& store, const ExtractQuery& query) {
                                 moved, *query.distance));
     }
     return limit;
+}
+
+/// Of data in a plane.
+int flat_axis(const Int3& nodes) {
+    return nodes.x == 1 ? 0 : nodes.y == 1 ? 1 : 2;
 }
 
 BudgetResult simplified(const StoreReader& store, const ExtractQuery& query,
@@ -68,7 +74,7 @@ int whole_mesh_threads(const StoreReader& store, const ExtractQuery& query,
     if (!simplifies(query)) {
         return Workers::count_of(options.threads);
     }
-    const std::uint64_t each = simplify_heap();
+    const std::uint64_t each = query.corners() == 2 ? simplify_lines_heap() : simplify_heap();
     require_memory(store.path().string(), options.memory, kLibraryHeap + each,
                    "simplification within a distance");
     return static_cast<int>(
@@ -92,7 +98,15 @@ void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const 
         report.scratch_bytes += kept->scratch_bytes();
     }
     std::optional<ScratchFile> corners;
-    if (simplifies(query)) {
+    std::optional<SimplifiedLines> lines;
+    if (simplifies(query) && query.corners() == 2) {
+        lines.emplace(mesh, elements, flat_axis(store.layout().header().nodes),
+                      limit_of(store, query), scratch, progress);
+        elements = lines->corners();
+        report.full_triangles = mesh.layout().elements;
+        report.distance_bound = lines->bound() + most_moved(query);
+        report.scratch_bytes += lines->scratch_bytes();
+    } else if (simplifies(query)) {
         const double limit = limit_of(store, query);
         const WorldLattice lattice{query.origin, query.spacing, store.layout().header().nodes};
         MeshSimplifier simplifier(mesh, elements, lattice, scratch, progress);

@@ -1,51 +1,15 @@
 // Sequences that grow with a mesh, in temporary files.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <span>
-#include <vector>
 
 #include "query/mesh/scratch_mesh.h"
+#include "query/simplify/growing_file.h"
 #include "store/files/scratch_file.h"
 
 namespace isonest::detail {
-
-/// A sequence that is appended to, and then read. Not thread-safe; constant once it is sealed.
-template <class T>
-class GrowingFile {
-  public:
-    explicit GrowingFile(const std::filesystem::path& folder) : file_(folder) {}
-
-    void append(const T& item) {
-        waiting_.push_back(item);
-        if (waiting_.size() == kWaiting) {
-            flush();
-        }
-    }
-    void seal() {
-        flush();
-        file_.map(count_ * sizeof(T));
-    }
-    /// REQUIRES: seal() was called.
-    [[nodiscard]] std::span<const T> all() const {
-        return {file_.template as<T>().data(), static_cast<std::size_t>(count_)};
-    }
-    [[nodiscard]] std::uint64_t count() const { return count_; }
-    [[nodiscard]] std::uint64_t bytes() const { return count_ * sizeof(T); }
-
-  private:
-    static constexpr std::size_t kWaiting = std::size_t{1} << 12U;
-    void flush() {
-        file_.write_at(count_ * sizeof(T), std::as_bytes(std::span(waiting_)));
-        count_ += waiting_.size();
-        waiting_.clear();
-    }
-    ScratchFile file_;
-    std::vector<T> waiting_;
-    std::uint64_t count_ = 0;
-};
 
 /// A triangle on its way into a block.
 struct Sorted {
@@ -89,9 +53,9 @@ class BlockTriangles {
         return all().subspan(begin[block], begin[block + 1] - begin[block]);
     }
     [[nodiscard]] std::span<const Sorted> all() const {
-        return {sorted_.as<Sorted>().data(), static_cast<std::size_t>(file_.count())};
+        return {sorted_.as<Sorted>().data(), static_cast<std::size_t>(file_.size())};
     }
-    [[nodiscard]] std::uint64_t count() const { return file_.count(); }
+    [[nodiscard]] std::uint64_t count() const { return file_.size(); }
     [[nodiscard]] std::uint64_t bytes() const { return 2 * file_.bytes(); }
 
   private:
