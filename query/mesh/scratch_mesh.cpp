@@ -173,7 +173,8 @@ EmittedMesh emit_elements(const ScratchMesh& mesh, std::span<const ElementCorner
     }
     sink.begin(layout);
     do {
-        progress.begin("write mesh", elements.size(), "triangles");
+        progress.begin("write mesh", elements.size(),
+                       layout.corners == 2 ? "line segments" : "triangles");
         emit_vertices(mesh, used, sink, progress);
         emit_batches(mesh, elements, used, sink, progress);
     } while (sink.again());

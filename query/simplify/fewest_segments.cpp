@@ -94,6 +94,15 @@ double square_distance_to_segment(const PlanePoint& p, const PlanePoint& a, cons
 void FewestSegments::shortest_path(std::span<const PlanePoint> points, std::uint32_t first,
                                    double limit) {
     const auto n = static_cast<std::uint32_t>(points.size());
+    const auto are_near = [&](std::uint32_t i, std::uint32_t j) {
+        return std::all_of(points.begin() + i + 1, points.begin() + j, [&](const PlanePoint& p) {
+            return square_distance_to_segment(p, points[i], points[j]) <= limit * limit;
+        });
+    };
+    if (points.front() != points.back() && are_near(0, n - 1)) {
+        kept_.push_back(first + n - 1);  // straight lines, where the search takes longest
+        return;
+    }
     const std::size_t words = (points.size() + 63) / 64;
     near_.assign(words * n, 0);
     for (std::uint32_t i = 0; i + 1 < n; ++i) {
@@ -130,12 +139,7 @@ void FewestSegments::shortest_path(std::span<const PlanePoint> points, std::uint
     for (std::uint32_t j = n - 1; j > 0;) {
         const std::uint32_t i = before_[j];
         kept_.push_back(first + j);
-        bool is_near = true;
-        for (std::uint32_t k = i + 1; k < j; ++k) {
-            is_near = is_near &&
-                      square_distance_to_segment(points[k], points[i], points[j]) <= limit * limit;
-        }
-        j = is_near ? i : j - 1;
+        j = are_near(i, j) ? i : j - 1;
     }
     std::reverse(kept_.begin() + static_cast<std::ptrdiff_t>(begin), kept_.end());
 }

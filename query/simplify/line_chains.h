@@ -17,9 +17,9 @@ struct Chain {
     std::uint64_t first = 0;     ///< place of its first vertex in LineChains::vertices()
     std::uint64_t vertices = 0;  ///< each once; of a loop the last is connected with the first
     std::uint32_t closed = 0;    ///< a loop
-    /// Segments without which the topology would change: 3 of a loop, also of one that begins and
-    /// ends at the same vertex with more segments; 2 between two vertices that other chains
-    /// connect, too. No more than there are.
+    /// Segments without which the topology may change: 3 of a loop, also of one that begins and
+    /// ends at the same vertex with other segments; 2 where neither end is the end of all lines
+    /// there, as another chain may connect the same two. No more than there are.
     std::uint32_t least = 1;
 
     [[nodiscard]] std::uint64_t segments() const { return vertices - 1 + closed; }

@@ -40,7 +40,8 @@ struct FieldThreshold {
 using StopTest = std::variant<ErrorBound, FieldThreshold>;
 
 /// How far the mesh of a surface may be from the surface at full resolution, anywhere and in both
-/// directions (their Hausdorff distance); the triangles are as few as are found within that.
+/// directions (their Hausdorff distance); the triangles or lines are as few as are found within
+/// that.
 struct DistanceBound {
     double value = 0;     ///< >= 0; 0 = full resolution
     bool voxels = false;  ///< value is in distances of neighbouring nodes (along the axis where
