@@ -241,6 +241,10 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
         asked.distance = world_distance(store, *distance);
     } else if (const auto* const budget = std::get_if<TriangleBudget>(&query.stop)) {
         require_no_place(query);
+        if (flat) {
+            throw Error(ErrorKind::invalid_argument,
+                        "isolines have no triangles; ask for a distance");
+        }
         asked.triangles = budget->most;
         asked.distance = budget->within ? world_distance(store, *budget->within)
                                         : diagonal_of(store.layout().header());

@@ -18,7 +18,7 @@ namespace {
 
 /// Errors to be proposed, in shares of the limit. Found by trial on scans: the first makes few
 /// misses, so that most of the triangles are gone when those come that make many.
-constexpr std::array<double, 3> kErrors{0.2, 0.5, 1};
+constexpr std::array<double, 5> kErrors{0.2, 0.4, 0.6, 0.8, 1};
 constexpr int kMostRounds = 8;     ///< of measuring
 constexpr int kMostAttempts = 12;  ///< at the same topology in each of them
 /// How much further around a miss triangles stay in the next round.
