@@ -199,9 +199,15 @@ std::vector<std::uint32_t> PatchTopology::changes(std::span<const PatchTriangle>
     }
     // Where links changed, so may the characteristic: that is no more to be mended than those.
     const std::vector<std::int64_t> now = characteristics(after);
+    // A torus or a tube that is gone has the characteristic 0 that it had.
+    std::vector<bool> left(component_.size());
+    for (const PatchTriangle& t : after) {
+        left[component_[t[0]]] = true;
+    }
     for (std::uint32_t v = 0; v < links.size(); ++v) {
         const std::uint32_t c = component_[v];
-        if (now[c] != characteristic_[c] && !found[c]) {
+        const bool gone = links_[v].shape != LinkShape::none && !left[c];
+        if ((now[c] != characteristic_[c] || gone) && !found[c]) {
             changed.push_back(v);
         }
     }

@@ -39,7 +39,8 @@ class PatchTopology {
 
     [[nodiscard]] const std::vector<Link>& links() const { return links_; }
     /// Vertices where the topology of `after` is another one; all of a component whose Euler
-    /// characteristic is. REQUIRES: its triangles name vertices of `before`.
+    /// characteristic is, or of which nothing is left. REQUIRES: its triangles name vertices of
+    /// `before`.
     [[nodiscard]] std::vector<std::uint32_t> changes(std::span<const PatchTriangle> after) const;
 
   private:
