@@ -9,10 +9,9 @@
 namespace isonest::detail {
 namespace {
 
-/// Of a node at `shift`, seen from the octree's corner.
-Int3 cells_with(const Int3& nodes, const Int3& shift, std::int64_t cell) {
-    const Int3 last = nodes - Int3{1, 1, 1} + shift;
-    return {last.x / cell + 1, last.y / cell + 1, last.z / cell + 1};
+/// That a node lies in, seen from the octree's corner.
+Int3 cell_at(const Int3& node, std::int64_t cell) {
+    return {node.x / cell, node.y / cell, node.z / cell};
 }
 
 }  // namespace
@@ -28,7 +27,8 @@ BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
     size_ = 2 * whole / kCell;
     const std::int64_t by = whole * thirds / 3;
     shift_ = {by, by, by};
-    cells_ = cells_with(lattice.nodes, shift_, kCell);
+    first_ = cell_at(shift_, kCell);
+    cells_ = cell_at(lattice.nodes - Int3{1, 1, 1} + shift_, kCell) - first_ + Int3{1, 1, 1};
     file_.map(static_cast<std::uint64_t>(cells_.product()) * sizeof(std::uint32_t));
     const auto cells = file_.as<std::uint32_t>();
     std::uint64_t i = 0;
@@ -53,19 +53,20 @@ std::size_t BlockGrid::cell_of(const ElementCorners& triangle) const {
         const double at = (sum / 3 - lattice_.origin[a]) / lattice_.spacing[a];
         const double last = static_cast<double>(lattice_.nodes[axis] - 1);
         const auto node = static_cast<std::int64_t>(std::floor(std::clamp(at, 0.0, last)));
-        cell[axis] = (node + shift_[axis]) / kCell;
+        cell[axis] = (node + shift_[axis]) / kCell - first_[axis];
     }
     return static_cast<std::size_t>((cell.z * cells_.y + cell.y) * cells_.x + cell.x);
 }
 
 std::uint64_t BlockGrid::count_in(const Int3& low, std::int64_t size) const {
     const auto cells = file_.as<const std::uint32_t>();
-    const Int3 end = min(low + Int3{size, size, size}, cells_);
+    const Int3 begin = max(low - first_, {0, 0, 0});
+    const Int3 end = min(low - first_ + Int3{size, size, size}, cells_);
     std::uint64_t count = 0;
-    for (std::int64_t z = low.z; z < end.z; ++z) {
-        for (std::int64_t y = low.y; y < end.y; ++y) {
+    for (std::int64_t z = begin.z; z < end.z; ++z) {
+        for (std::int64_t y = begin.y; y < end.y; ++y) {
             const std::int64_t row = (z * cells_.y + y) * cells_.x;
-            for (std::int64_t x = low.x; x < end.x; ++x) {
+            for (std::int64_t x = begin.x; x < end.x; ++x) {
                 count += cells[static_cast<std::size_t>(row + x)];
             }
         }
@@ -74,7 +75,9 @@ std::uint64_t BlockGrid::count_in(const Int3& low, std::int64_t size) const {
 }
 
 void BlockGrid::divide(const Int3& low, std::int64_t size, std::uint32_t most) {
-    if (min(low, cells_ - Int3{1, 1, 1}) != low) {
+    const Int3 begin = max(low - first_, {0, 0, 0});
+    const Int3 end = min(low - first_ + Int3{size, size, size}, cells_);
+    if (min(begin, end - Int3{1, 1, 1}) != begin) {
         return;
     }
     const std::uint64_t count = count_in(low, size);
@@ -88,11 +91,10 @@ void BlockGrid::divide(const Int3& low, std::int64_t size, std::uint32_t most) {
     // Nothing of the mesh is here, but a triangle of a coarser one may be: the block before has it.
     const std::uint32_t block = count > 0 ? blocks_++ : std::max(blocks_, 1U) - 1;
     const auto cells = file_.as<std::uint32_t>();
-    const Int3 end = min(low + Int3{size, size, size}, cells_);
-    for (std::int64_t z = low.z; z < end.z; ++z) {
-        for (std::int64_t y = low.y; y < end.y; ++y) {
+    for (std::int64_t z = begin.z; z < end.z; ++z) {
+        for (std::int64_t y = begin.y; y < end.y; ++y) {
             const std::int64_t row = (z * cells_.y + y) * cells_.x;
-            for (std::int64_t x = low.x; x < end.x; ++x) {
+            for (std::int64_t x = begin.x; x < end.x; ++x) {
                 cells[static_cast<std::size_t>(row + x)] = block;
             }
         }

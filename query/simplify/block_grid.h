@@ -48,8 +48,9 @@ class BlockGrid {
     std::span<const std::array<float, 3>> positions_;
     Int3 shift_;
     std::int64_t size_;  ///< of the octree, in cells
-    Int3 cells_;
-    ScratchFile file_;  ///< triangles of each cell, and then its block
+    Int3 first_;         ///< cell of the table
+    Int3 cells_;         ///< of the table, which has only those that the volume touches
+    ScratchFile file_;   ///< triangles of each cell, and then its block
     std::uint32_t blocks_ = 0;
 };
 
