@@ -272,7 +272,7 @@ def verify(bench, distances):
 
 def main():
     given = needs.arguments(3, __doc__)
-    parser = argparse.ArgumentParser(usage=__doc__)
+    parser = argparse.ArgumentParser(usage=__doc__.replace("%", "%%"))
     parser.add_argument("isonest", type=pathlib.Path)
     parser.add_argument("plugin")
     parser.add_argument("mode", choices=("compare", "targets", "verify"))
