@@ -281,6 +281,7 @@ TEST_CASE("spirals, noise and lines in any plane stay within the distance") {
     }
     full.add(spiral, false);
     std::vector<Point> walk;
+    walk.reserve(1500);
     for (int i = 0; i < 1500; ++i) {
         walk.push_back(
             {static_cast<float>(60 + 0.05 * i), static_cast<float>(3 * noise({i, 1, 0})), 0});
@@ -303,6 +304,7 @@ TEST_CASE("spirals, noise and lines in any plane stay within the distance") {
 TEST_CASE("a straight line is one segment however long it is") {
     Drawing full;
     std::vector<Point> line;
+    line.reserve(9000);
     for (int i = 0; i < 9000; ++i) {
         line.push_back({static_cast<float>(i), static_cast<float>(i % 2), 0});
     }

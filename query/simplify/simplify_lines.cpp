@@ -18,6 +18,8 @@ constexpr std::uint64_t kRun = 1024;
 /// A chain that does not fit into one run is cut into at least so many. Each keeps a segment, and
 /// so does each part across a border, so that a loop keeps three.
 constexpr std::uint64_t kFewestRuns = 3;
+/// Segments of the result on either side of a border that are looked at once more.
+constexpr std::size_t kAround = 8;
 /// Segments of the mesh that one segment is tried to replace in the end, at most: what bounds the
 /// time on straight lines.
 constexpr std::uint64_t kMostReplaced = 16 * kRun;
@@ -85,46 +87,24 @@ class Simplifier {
             const std::uint64_t from = border(chain, run.number);
             const std::uint64_t to = border(chain, run.number + 1);
             progress.advance(to - from);
-            if (runs_of(chain) == 1 && chain.closed != 0) {
-                simplify_loop(chain, worker);
-                return;
+            const bool is_whole = runs_of(chain) == 1;
+            const auto places = fewest(chain, from, to, is_whole ? chain.least : 1, worker);
+            keep_inside(chain, from, places);
+            if (is_whole && chain.closed != 0 && places.size() > std::size_t{chain.least} + 1) {
+                simplify_start(chain, places, worker);
             }
-            keep_inside(chain, from,
-                        fewest(chain, from, to, runs_of(chain) == 1 ? chain.least : 1, worker));
         });
     }
 
-    /// Around the borders, between vertices that stayed.
+    /// Around the borders.
     void simplify_borders(Progress& progress) {
         for_each(runs_.all(), progress, [&](const Run& run, Worker& worker) {
             const Chain& chain = chains_[run.chain];
-            if (runs_of(chain) == 1 || (run.number == 0 && chain.closed == 0)) {
-                return;
-            }
-            const std::uint64_t half = chain.segments() / runs_of(chain) / 2;
-            const std::uint64_t middle =
-                border(chain, run.number) + (run.number == 0 ? chain.vertices : 0);
-            std::uint64_t from = middle - half;
-            std::uint64_t to = middle + half;
-            while (!is_kept(chain, from)) {
-                ++from;
-            }
-            while (!is_kept(chain, to)) {
-                --to;
-            }
-            std::size_t before = 0;
-            for (std::uint64_t i = from; i <= to; ++i) {
-                before += is_kept(chain, i) ? 1 : 0;
-            }
-            if (before < 3) {
-                return;
-            }
-            const auto places = fewest(chain, from, to, 1, worker);
-            if (places.size() < before) {
-                for (std::uint64_t i = from + 1; i < to; ++i) {
-                    kept_[chain.place(i)] = 0;
-                }
-                keep_inside(chain, from, places);
+            const std::uint64_t runs = runs_of(chain);
+            if (runs > 1 && (run.number > 0 || chain.closed != 0)) {
+                simplify_around(chain,
+                                border(chain, run.number) + (run.number == 0 ? chain.vertices : 0),
+                                chain.segments() / runs / 2, worker);
             }
         });
     }
@@ -226,22 +206,54 @@ class Simplifier {
         }
     }
 
-    /// A loop that is a run: from where it begins, and from the vertex amid those that stay then.
-    void simplify_loop(const Chain& chain, Worker& worker) {
-        auto places = fewest(chain, 0, chain.vertices, chain.least, worker);
-        std::vector<std::uint32_t> best(places.begin(), places.end());
-        std::uint64_t from = 0;
-        if (best.size() > std::size_t{chain.least} + 1) {
-            const std::uint64_t other = best[best.size() / 2];
-            places = fewest(chain, other, other + chain.vertices, chain.least, worker);
-            if (places.size() < best.size()) {
-                best.assign(places.begin(), places.end());
-                from = other;
+    /// Anew between two vertices that stayed, kAround segments before `middle` and behind it, but
+    /// not further than `most` vertices.
+    void simplify_around(const Chain& chain, std::uint64_t middle, std::uint64_t most,
+                         Worker& worker) {
+        std::uint64_t from = middle;
+        std::uint64_t to = middle;
+        std::size_t before = 0;
+        for (std::uint64_t i = 1, n = 0; i <= most && n < kAround; ++i) {
+            if (is_kept(chain, middle - i)) {
+                from = middle - i;
+                ++n;
+                ++before;
             }
         }
-        kept_[chain.place(0)] = 0;
-        kept_[chain.place(from)] = 1;
-        keep_inside(chain, from, best);
+        for (std::uint64_t i = 1, n = 0; i <= most && n < kAround; ++i) {
+            if (is_kept(chain, middle + i)) {
+                to = middle + i;
+                ++n;
+                ++before;
+            }
+        }
+        if (from == middle || to == middle) {
+            return;
+        }
+        const auto places = fewest(chain, from, to, 1, worker);
+        if (places.size() - 1 < before) {
+            for (std::uint64_t i = from + 1; i < to; ++i) {
+                kept_[chain.place(i)] = 0;
+            }
+            keep_inside(chain, from, places);
+        }
+    }
+
+    /// Of a loop that is one run. `places`: of what stayed, the first and the last being the start.
+    void simplify_start(const Chain& chain, std::span<const std::uint32_t> places, Worker& worker) {
+        const std::size_t before = places.size();
+        if (before > 2 * kAround + chain.least) {
+            simplify_around(chain, chain.vertices, chain.vertices / 2, worker);
+            return;
+        }
+        const std::uint64_t other = places[before / 2];
+        const auto better = fewest(chain, other, other + chain.vertices, chain.least, worker);
+        if (better.size() < before) {
+            const auto kept = kept_.subspan(chain.first, chain.vertices);
+            std::fill(kept.begin(), kept.end(), std::uint8_t{0});
+            kept[other] = 1;
+            keep_inside(chain, other, better);
+        }
     }
 
     /// Whether vertex `middle`, which is kept, and all others between are near to the segment.
