@@ -30,9 +30,6 @@ class Cone {
     }
     /// `to`: from the point that the rays begin at. False if nothing is left.
     bool add(const PlanePoint& to) {
-        if (!all_ && is_near(right_, to) && is_near(left_, to)) {
-            return true;  // most of them: all rays between are near, too
-        }
         const double square = to[0] * to[0] + to[1] * to[1];
         const double along = square - limit_ * limit_;
         if (!(along > 0)) {
@@ -41,10 +38,8 @@ class Cone {
         const double s = std::sqrt(along);
         Cone other(limit_);
         other.all_ = false;
-        other.left_ = {(to[0] * s - to[1] * limit_) / square,
-                       (to[0] * limit_ + to[1] * s) / square};
-        other.right_ = {(to[0] * s + to[1] * limit_) / square,
-                        (to[1] * s - to[0] * limit_) / square};
+        other.left_ = {to[0] * s - to[1] * limit_, to[0] * limit_ + to[1] * s};
+        other.right_ = {to[0] * s + to[1] * limit_, to[1] * s - to[0] * limit_};
         if (all_) {
             *this = other;
             return true;
@@ -63,13 +58,9 @@ class Cone {
     }
 
   private:
-    [[nodiscard]] bool is_near(const PlanePoint& ray, const PlanePoint& to) const {
-        return std::fabs(cross(ray, to)) <= limit_ && ray[0] * to[0] + ray[1] * to[1] >= 0;
-    }
-
     double limit_;
     bool all_ = true;
-    PlanePoint left_{};  ///< of unit length
+    PlanePoint left_{};
     PlanePoint right_{};
 };
 
