@@ -184,7 +184,8 @@ Simplified simplify(const Drawing& full, double limit, int threads = 2, int flat
     mesh.end();
     Simplified s;
     Workers(threads).execute([&] {
-        const SimplifiedLines lines(mesh, mesh.corners(), flat_axis, limit, folder, silent_progress());
+        const SimplifiedLines lines(mesh, mesh.corners(), flat_axis, limit, folder,
+                                    silent_progress());
         MeshCollector collector;
         emit_elements(mesh, lines.corners(), folder, collector, silent_progress());
         s = {drawing_of(collector), lines.bound()};
