@@ -1,0 +1,183 @@
+"""extract --distance of small and odd volumes: the promised distance and topology, and the same bytes.
+
+Usage: distance_test.py ISONEST PLUGIN_FOLDER    (the programs that measure meshes lie beside ISONEST)
+"""
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+try:
+    import numpy as np
+except ImportError:
+    print("numpy is not there")
+    sys.exit(77)
+
+ISONEST = pathlib.Path(sys.argv[1]).resolve()
+RNG = np.random.default_rng(5)
+failures = []
+
+
+def run(*arguments, program=ISONEST):
+    return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, timeout=300)
+
+
+def measure(program, *arguments):
+    return json.loads(run(*arguments, program=ISONEST.with_name(f"isonest_mesh_{program}")).stdout)
+
+
+def require(good, what):
+    if not good:
+        failures.append(what)
+        print("FAILED:", what, flush=True)
+
+
+def store_of(folder, name, u, *options):
+    path, store = folder / f"{name}.raw", folder / f"{name}.isonest"
+    np.ascontiguousarray(u, "f4").tofile(path)
+    done = run("preprocess", path, "--dims", ",".join(str(n) for n in u.shape[::-1]), "--type", "float32", "-o", store,
+               "--force", "-q", *options)
+    assert done.returncode == 0, done.stderr
+    return store
+
+
+def read_ply(path):
+    """(vertices, triangles)"""
+    text = path.read_bytes()
+    end = text.index(b"end_header\n") + 11
+    count = [int(text[:end].split(b"element " + kind)[1].split()[0]) for kind in (b"vertex", b"face")]
+    v = np.frombuffer(text, "<f4", 3 * count[0], end).reshape(-1, 3)
+    t = np.frombuffer(text, np.dtype([("n", "u1"), ("i", "<u4", 3)]), count[1], end + v.nbytes)["i"]
+    return v, t.astype(np.int64)
+
+
+def topology(v, t):
+    """Components, Euler characteristic, loops of the border, edges of more than two triangles, repeated triangles."""
+    directed = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    edges, uses = np.unique(np.sort(directed, 1), axis=0, return_counts=True)
+
+    def parts(pairs):
+        root = np.arange(len(v))
+        while len(pairs):
+            a, b = root[pairs[:, 0]], root[pairs[:, 1]]
+            low = np.minimum(a, b)
+            before = root.copy()
+            np.minimum.at(root, a, low)
+            np.minimum.at(root, b, low)
+            root = root[root]
+            if (before == root).all():
+                break
+        return len(np.unique(root[np.unique(pairs)])) if len(pairs) else 0
+
+    return {"components": parts(edges), "euler": len(np.unique(t)) - len(edges) + len(t),
+            "border loops": parts(edges[uses == 1]), "bad edges": int((uses > 2).sum()),
+            "repeated": len(t) - len(np.unique(np.sort(t, 1), axis=0)), "unused": len(v) - len(np.unique(t))}
+
+
+def volumes():
+    """Name, values, isovalue, options, distances (world units)."""
+    z, y, x = np.meshgrid(*(np.arange(n, dtype=float) for n in (23, 26, 29)), indexing="ij")
+    ball = np.sqrt((x - 14) ** 2 + (y - 12) ** 2 + (z - 11) ** 2)
+    yield "2x2x2", RNG.random((2, 2, 2)), 0.5, (), (0.1, 3)
+    yield "2x2xn", RNG.random((40, 2, 2)), 0.5, (), (0.3, 3)
+    yield "noise", RNG.random((14, 15, 16)), 0.5, (), (0.05, 0.5, 2)
+    yield "checkerboard", ((x + y + z) % 2)[:9, :10, :11], 0.5, (), (0.3, 1)
+    yield "sheet", (z == 11)[:, :9, :10], 0.5, (), (0.01, 0.4, 1.5)
+    yield "plateau", np.clip(ball - 6, 0, 1) - (ball < 3), 0, (), (0.3, 1)
+    yield "at the isovalue", np.full((9, 9, 9), 3.0), 3, (), (1,)
+    yield "holes", np.where(RNG.random(ball.shape) < 0.01, np.nan, ball), 8.3, (), (0.2, 1)
+    yield "tiny", ball, 8.3, ("--spacing", "1e-6,1e-6,1e-6"), (1e-7, 1e-6)
+    yield "long voxels", ball, 8.3, ("--spacing", "1,1,10"), (0.3, 3)
+    yield "far", ball, 8.3, ("--origin", "20000,-30000,10000"), (0.3, 1)
+    # Something hollow near a plane is not in the way of the distance, and stays.
+    ring = 1.3 - np.hypot(np.hypot(x - 14.3, y - 12.1) - 4.2, z - 11.2)
+    tube = 1.2 - np.hypot(y - 12.1, z - 10.2)
+    yield "torus near a plane", np.maximum(7.2 - z, ring), 0, (), (0.5, 6, 15)
+    yield "tube near a plane", np.maximum(7.2 - z, tube), 0, (), (0.5, 6, 15)
+
+
+def check(folder, name, u, iso, options, distances):
+    store = store_of(folder, "v", u, *options)
+    full, mesh = folder / "full.ply", folder / "mesh.ply"
+    assert run("extract", store, "--iso", iso, "--error", 0, "-o", full, "-q").returncode == 0
+    before = topology(*read_ply(full))
+    largest = float(np.abs(read_ply(full)[0]).max(initial=0))
+    for d in distances:
+        what = f"{name}, distance {d}"
+        done = run("extract", store, "--iso", iso, "--distance", d, "-o", mesh, "--json")
+        require(done.returncode == 0, f"{what}: {done.stderr}")
+        if done.returncode:
+            continue
+        report = json.loads(done.stdout)
+        require(report["full_triangles"] == len(read_ply(full)[1]), f"{what}: full_triangles")
+        require(report["distance_bound"] <= d, f"{what}: bound {report['distance_bound']}")
+        require(topology(*read_ply(mesh)) == before, f"{what}: {before} -> {topology(*read_ply(mesh))}")
+        if report["full_triangles"]:
+            found = measure("distance", full, mesh, "--max-only", "--epsilon", d / 50)["max"]
+            require(found <= d + 2e-7 * largest, f"{what}: {found} away")
+
+
+def same_bytes(folder):
+    u = RNG.random((19, 21, 23))
+    u[5:15] += np.linspace(-0.4, 0.4, 21)[:, None]
+    meshes = {}
+    for chunk in (16, 64):
+        store = store_of(folder, f"c{chunk}", u, "--chunk", chunk)
+        for options in (("--threads", 1), ("--threads", 4), ("--threads", 4, "--memory", "64M")):
+            mesh = folder / "m.ply"
+            done = run("extract", store, "--iso", 0.7, "--distance", "0.4voxel", "-o", mesh, "-q", *options)
+            require(done.returncode == 0, done.stderr)
+            meshes[chunk, options] = mesh.read_bytes()
+    require(len(set(meshes.values())) == 1, "threads, memory or chunks change the bytes")
+
+
+def arguments(folder):
+    store = store_of(folder, "ball", np.hypot(*np.meshgrid(np.arange(12.0), np.arange(12.0)))[None] +
+                     np.arange(12.0)[:, None, None], "--spacing", "2,3,4")
+    mesh, full = folder / "m.ply", folder / "full.ply"
+
+    def extract(*options):
+        return run("extract", store, "--iso", 9.3, "-o", mesh, "-q", *options)
+
+    for text in ("-1", "-0.5voxel", "nan", "inf", "1parsec", "1voxelss", "", "voxel"):
+        done = extract("--distance", text)
+        require(done.returncode == 2 and "--distance" in done.stderr, f"--distance {text!r}: {done}")
+    for options in (("--error", 0.1), ("--error-relative", 0.1), ("--focus", "1,2,3")):
+        require(extract("--distance", 1, *options).returncode == 2, f"--distance with {options} is accepted")
+    for memory in ("1", "20M"):
+        done = extract("--distance", 1, "--memory", memory)
+        require(done.returncode == 7 and "give at least --memory" in done.stderr, f"{memory}: {done}")
+    assert run("extract", store, "--iso", 9.3, "-o", full, "--error", 0, "-q").returncode == 0
+    require(extract("--distance", 0).returncode == 0, "--distance 0")
+    require(mesh.read_bytes() == full.read_bytes(), "--distance 0 is not the full surface")
+    bytes_of = {}
+    for text in ("2", "2mm", "1voxel", "1e30", "1e300", "1e-3"):
+        done = extract("--distance", text)
+        require(done.returncode == 0, f"--distance {text}: {done.stderr}")
+        bytes_of[text] = mesh.read_bytes()
+    require(bytes_of["2"] == bytes_of["2mm"] == bytes_of["1voxel"], "units differ")
+    # A part of the volume: what it would be without the distance.
+    for box in ("3,3,3,15,20,25", "0,0,0,1e9,1e9,20", "500,500,500,501,501,501"):
+        codes = [run("extract", store, "--iso", 9.3, "--box", box, "-q", "-o", path, *options).returncode
+                 for path, options in ((full, ("--error", 0)), (mesh, ("--distance", 1.5)))]
+        require(codes == [0, 0], f"--box {box}: {codes}")
+        require(topology(*read_ply(full)) == topology(*read_ply(mesh)), f"--box {box}: another topology")
+    # Rounding alone moves vertices further than this.
+    far = store_of(folder, "far", RNG.random((5, 5, 5)), "--origin", "1e6,1e6,1e6")
+    done = run("extract", far, "--iso", 0.5, "--distance", 1e-4, "-o", mesh, "-q")
+    require(done.returncode == 7 and "32-bit" in done.stderr, f"distance below rounding: {done}")
+    flat = folder / "flat.isonest"
+    (folder / "flat.raw").write_bytes(RNG.random((9, 9)).astype("f4").tobytes())
+    assert run("preprocess", folder / "flat.raw", "--dims", "9,9", "--type", "float32", "-o", flat, "-q").returncode == 0
+    done = run("extract", flat, "--iso", 0.5, "--triangles", 9, "-o", folder / "l.obj", "-q")
+    require(done.returncode == 2 and "distance" in done.stderr, f"lines by their triangles: {done}")
+
+
+with tempfile.TemporaryDirectory(prefix="isonest-distance-") as name:
+    arguments(pathlib.Path(name))
+    for volume in volumes():
+        check(pathlib.Path(name), *volume)
+    same_bytes(pathlib.Path(name))
+
+sys.exit(1 if failures else 0)

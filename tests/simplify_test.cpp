@@ -1,0 +1,199 @@
+// Distances between triangles and surfaces, against sampling and against every pair.
+#include <catch2/catch.hpp>
+#include <random>
+
+#include "query/simplify/collapse.h"
+#include "query/simplify/surface_distance.h"
+#include "tests/surface_samples.h"
+
+using namespace isonest;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
+
+namespace {
+
+Triangle triangle_of(std::mt19937& random, int kind, double size) {
+    std::uniform_real_distribution<double> number(-1, 1);
+    const auto point = [&] {
+        return Double3{size * number(random), size * number(random), size * number(random)};
+    };
+    Triangle t{point(), point(), point()};
+    if (kind == 1) {
+        t[2] = t[0];
+    } else if (kind == 2) {
+        t[1] = t[2] = t[0];
+    } else if (kind == 3) {
+        t[2] = along(t[0], number(random) * 2, minus(t[1], t[0]));
+    } else if (kind == 4) {
+        t[2] = along(t[1], 1e-9, t[2]);
+    }
+    return t;
+}
+
+/// Random triangles around a wavy plane.
+struct Surface {
+    std::vector<std::array<float, 3>> positions;
+    std::vector<TriangleTree::Corners> triangles;
+
+    Surface(std::mt19937& random, std::uint32_t count) {
+        for (std::uint32_t i = 0; i < count; ++i) {
+            const Triangle t = triangle_of(random, static_cast<int>(i % 11), 0.4);
+            const Triangle at = triangle_of(random, 0, 3);
+            for (const Double3& p : t) {
+                positions.push_back({static_cast<float>(p[0] + at[0][0]),
+                                     static_cast<float>(p[1] + at[0][1]),
+                                     static_cast<float>(p[2] + at[0][2] / 4)});
+            }
+            triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
+        }
+    }
+};
+
+}  // namespace
+
+TEST_CASE("The distance of a point from a triangle is the smallest that is found by trying") {
+    std::mt19937 random(1);
+    for (int i = 0; i < 3000; ++i) {
+        const Triangle t = triangle_of(random, i % 6, i % 7 == 0 ? 1e-3 : 1);
+        const Double3 p = triangle_of(random, 0, i % 5 == 0 ? 0.1 : 2)[0];
+        const double found = std::sqrt(square_distance(p, t));
+        double least = found + 1;
+        double step = 0;
+        constexpr int kSteps = 24;
+        for_samples(t, kSteps, [&](const Double3& q) {
+            least = std::min(least, std::sqrt(square(minus(p, q))));
+        });
+        for (int e = 0; e < 3; ++e) {
+            step = std::max(step, std::sqrt(square(minus(t[(e + 1) % 3], t[e]))) / kSteps);
+        }
+        // Of a needle double finds a point that is not quite the nearest one.
+        REQUIRE(found <= least + (i % 6 == 4 ? 1e-3 : 1e-9));
+        REQUIRE(found >= least - step - 1e-9);
+        for (int turn = 1; turn < 3; ++turn) {
+            const Triangle turned{t[turn], t[(turn + 1) % 3], t[(turn + 2) % 3]};
+            REQUIRE(std::sqrt(square_distance(p, turned)) ==
+                    Approx(found).margin(i % 6 == 4 ? 1e-3 : 1e-7));
+        }
+    }
+}
+
+TEST_CASE("A tree finds the nearest triangle of all, and visits every near one") {
+    std::mt19937 random(2);
+    for (const std::uint32_t count : {0U, 1U, 4U, 5U, 200U}) {
+        const Surface s(random, count);
+        const TriangleTree tree(s.positions, s.triangles);
+        for (int i = 0; i < 200; ++i) {
+            const Double3 p = triangle_of(random, 0, 3)[0];
+            const double most = i % 3 == 0 ? 1e300 : 0.05 * i;
+            double least = most;
+            std::vector<bool> is_near(count);
+            for (std::uint32_t t = 0; t < count; ++t) {
+                const double d = square_distance(p, tree.triangle(t));
+                least = std::min(least, d);
+                is_near[t] = d <= most;
+            }
+            const TriangleTree::Found found = tree.nearest(p, most);
+            REQUIRE((found.triangle == TriangleTree::kNone) ==
+                    (std::count(is_near.begin(), is_near.end(), true) == 0));
+            if (found.triangle != TriangleTree::kNone) {
+                REQUIRE(found.square_distance == least);
+            }
+            std::vector<bool> visited(count);
+            REQUIRE_FALSE(tree.near(p, most, [&](std::uint32_t t) {
+                REQUIRE_FALSE(visited[t]);
+                visited[t] = true;
+                return false;
+            }));
+            for (std::uint32_t t = 0; t < count; ++t) {
+                REQUIRE((!is_near[t] || visited[t]));
+            }
+        }
+    }
+}
+
+TEST_CASE(
+    "Nothing counts as near of which a sample is further away, and all that clearly is near") {
+    std::mt19937 random(3);
+    int near = 0;
+    int far = 0;
+    for (int i = 0; i < 1500; ++i) {
+        const Surface s(random, i % 4 == 0 ? 3 : 150);
+        const TriangleTree tree(s.positions, s.triangles);
+        const double limit = i % 3 == 0 ? 0.05 : 0.3 + 0.001 * i;
+        SurfaceDistance distance(tree, limit);
+        const auto pick = static_cast<std::uint32_t>(random() % s.triangles.size());
+        Triangle t = tree.triangle(pick);
+        const Triangle moved = triangle_of(random, 0, limit);
+        for (std::size_t c = 0; c < 3; ++c) {
+            t[c] = along(t[c], i % 2 == 0 ? 0.4 : 1, moved[c]);
+        }
+        if (i % 10 == 0) {
+            t = triangle_of(random, i % 5, 2);
+        }
+        double worst = 0;
+        for_samples(t, 20, [&](const Double3& q) {
+            worst = std::max(worst, std::sqrt(tree.nearest(q, 1e300).square_distance));
+        });
+        bool is_within = false;  // of one triangle
+        for (std::uint32_t u = 0; u < s.triangles.size(); ++u) {
+            is_within = is_within || std::all_of(t.begin(), t.end(), [&](const Double3& c) {
+                            return square_distance(c, tree.triangle(u)) <= 0.999 * limit * limit;
+                        });
+        }
+        for (const bool asks_covers : {false, true}) {
+            if (asks_covers ? distance.covers(t) : distance.serves(t)) {
+                REQUIRE(worst <= limit * (1 + 1e-9));
+                REQUIRE(distance.largest() <= limit);
+                REQUIRE(distance.largest() >= worst - 1e-9);
+                ++near;
+            } else {
+                REQUIRE_FALSE(is_within);
+                ++far;
+            }
+        }
+        if (distance.serves(t)) {
+            for_samples(t, 12, [&](const Double3& q) {
+                REQUIRE(std::any_of(
+                    distance.servers().begin(), distance.servers().end(), [&](std::uint32_t u) {
+                        return square_distance(q, tree.triangle(u)) <= limit * limit * (1 + 1e-9);
+                    }));
+            });
+        }
+    }
+    REQUIRE(near > 500);
+    REQUIRE(far > 300);
+}
+
+TEST_CASE("A large flat triangle is covered by many small ones, however small the limit") {
+    const Patch grid = wavy_grid(41, 0);
+    const TriangleTree tree(grid.positions, grid.triangles);
+    for (const double limit : {1.0, 0.1, 0.01, 1e-4, 1e-7}) {
+        SurfaceDistance distance(tree, limit);
+        REQUIRE(distance.covers({Double3{0, 0, 0}, Double3{40, 0, 0}, Double3{0, 40, 0}}));
+        REQUIRE(distance.covers({Double3{0.3, 0.1, 0}, Double3{39.2, 17, 0}, Double3{1, 40, 0}}));
+        const double out = 40 + 2 * limit;
+        REQUIRE_FALSE(distance.covers({Double3{0, 0, 0}, Double3{out, 0, 0}, Double3{0, 40, 0}}));
+        REQUIRE_FALSE(distance.covers(
+            {Double3{0, 0, 0}, Double3{40, 0, 2 * limit}, Double3{0, 40, 2 * limit}}));
+    }
+}
+
+TEST_CASE("Collapses leave locked vertices and what hangs together through them") {
+    const Patch grid = wavy_grid(30, 0.3);
+    std::vector<bool> locked(grid.positions.size());
+    std::mt19937 random(4);
+    for (std::size_t v = 0; v < locked.size(); ++v) {
+        locked[v] = random() % 5 == 0;
+    }
+    const auto left = collapse_edges(grid, grid.triangles, locked, 100);
+    REQUIRE(left.size() < grid.triangles.size());
+    std::vector<bool> used(locked.size());
+    for (const PatchTriangle& t : left) {
+        for (const std::uint32_t v : t) {
+            used[v] = true;
+        }
+    }
+    for (std::size_t v = 0; v < locked.size(); ++v) {
+        REQUIRE((!locked[v] || used[v]));
+    }
+}
