@@ -60,7 +60,9 @@ inline double square_distance(const Double3& p, const Triangle& t) {
     const double b = d5 * d2 - d1 * d6;
     const double a = d3 * d6 - d5 * d4;
     const double area = a + b + c;
-    if (a > 0 && b > 0 && c > 0 && area > 0) {
+    // Of a needle, rounding alone says where inside.
+    constexpr double kNeedle = 1e-12;
+    if (a > 0 && b > 0 && c > 0 && area > kNeedle * square(ab) * square(ac)) {
         // Inside: a point of the triangle, so that rounding makes the distance larger at most.
         return square(minus(p, along(along(t[0], b / area, ab), c / area, ac)));
     }

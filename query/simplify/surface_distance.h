@@ -54,7 +54,7 @@ class SurfaceDistance {
     double size_;
     std::vector<std::uint32_t> servers_;
     std::uint32_t last_ = TriangleTree::kNone;  ///< served the triangle before
-    int cuts_ = 0;  ///< of the triangle that is being covered
+    int cuts_ = 0;                              ///< of the triangle that is being covered
     Miss miss_;
     double largest_ = 0;
 };
