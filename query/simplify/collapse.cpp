@@ -146,7 +146,8 @@ class Collapser {
         std::set_intersection(near_.begin(), near_.end(), far_.begin(), far_.end(),
                               std::back_inserter(common_));
         const bool is_border = near_.size() != around_[from].size();
-        if (static_cast<int>(common_.size()) != edge || (is_border && edge != 1)) {
+        if (static_cast<int>(common_.size()) != edge ||
+            (is_border && (edge != 1 || !stays_in_face(from, to)))) {
             return false;
         }
         if (locked_[to] && std::any_of(near_.begin(), near_.end(), [&](std::uint32_t v) {
@@ -157,6 +158,25 @@ class Collapser {
         }
         return std::none_of(around_[from].begin(), around_[from].end(), [&](std::uint32_t i) {
             return !has(triangles_[i], to) && (turns(i, from, to) || is_double(i, from, to));
+        });
+    }
+    /// Along which axes the two have the same coordinate, as bits.
+    [[nodiscard]] unsigned same_axes(std::uint32_t a, std::uint32_t b) const {
+        unsigned axes = 0;
+        for (unsigned axis = 0; axis < 3; ++axis) {
+            axes |= patch_.positions[a][axis] == patch_.positions[b][axis] ? 1U << axis : 0U;
+        }
+        return axes;
+    }
+    /// A border that lies in a face of the box, or of the volume, stays in it.
+    [[nodiscard]] bool stays_in_face(std::uint32_t from, std::uint32_t to) const {
+        const unsigned axes = same_axes(from, to);
+        return std::all_of(near_.begin(), near_.end(), [&](std::uint32_t v) {
+            if (v == to || shared_triangles(from, v) != 1) {
+                return true;
+            }
+            const unsigned others = same_axes(from, v);
+            return (axes & others) != 0 || (axes == 0 && others == 0);
         });
     }
     [[nodiscard]] bool turns(std::uint32_t i, std::uint32_t from, std::uint32_t to) const {

@@ -19,6 +19,9 @@ namespace {
 /// Errors to be proposed, in shares of the limit. Found by trial on scans: the first makes few
 /// misses, so that most of the triangles are gone when those come that make many.
 constexpr std::array<double, 5> kErrors{0.2, 0.4, 0.6, 0.8, 1};
+constexpr double kFirst = 0.25;   ///< the first error, in edges of the fine triangles, at most
+constexpr int kMostHalvings = 6;  ///< of the first of them
+constexpr int kMostRetries = 2;
 constexpr int kMostRounds = 8;     ///< of measuring
 constexpr int kMostAttempts = 12;  ///< at the same topology in each of them
 /// How much further around a miss triangles stay in the next round.
@@ -79,8 +82,11 @@ class PatchSimplifier {
         topology_.emplace(patch, now_.triangles);
     }
 
-    /// Whether it is worth going on.
-    bool step(double error) {
+    /// Of the fine triangles.
+    [[nodiscard]] double typical_edge() const { return fine_.typical_edge(); }
+    enum class Gain : std::uint8_t { none, little, much };
+    /// None: all proposals missed.
+    Gain step(double error) {
         const std::size_t before = now_.triangles.size();
         std::vector<bool> stays = now_.kept;
         for (std::size_t i = 0; i < stays.size(); ++i) {
@@ -95,13 +101,15 @@ class PatchSimplifier {
         for (int round = 0; round < kMostRounds; ++round, reach *= kFurther) {
             const std::optional<State> next = propose_alike(stays, error);
             if (!next) {
-                return false;
+                return Gain::none;
             }
             const std::vector<Double3> bad = misses(*next);
             if (bad.empty()) {
                 now_ = *next;
                 return static_cast<double>(now_.triangles.size()) <
-                       kWorthwhile * static_cast<double>(before);
+                               kWorthwhile * static_cast<double>(before)
+                           ? Gain::much
+                           : Gain::little;
             }
             if (!tree) {
                 tree.emplace(patch_.positions, now_.triangles);
@@ -113,7 +121,7 @@ class PatchSimplifier {
                 });
             }
         }
-        return false;
+        return Gain::none;
     }
 
     SimplifiedPatch result() {
@@ -265,8 +273,26 @@ class PatchSimplifier {
 
 SimplifiedPatch simplify_patch(const Patch& patch, double limit) {
     PatchSimplifier simplifier(patch, limit);
-    for (const double share : kErrors) {
-        if (!simplifier.step(share * limit)) {
+    using Gain = PatchSimplifier::Gain;
+    // From small steps to large ones, whose proposals then start from larger triangles. Where the
+    // first error misses everywhere, a smaller one is the first.
+    double share = kErrors.front();
+    for (int i = 0; i < kMostHalvings && share * limit > kFirst * simplifier.typical_edge(); ++i) {
+        share /= 2;
+    }
+    Gain gain = simplifier.step(share * limit);
+    for (int i = 0; gain == Gain::none && i < kMostRetries; ++i) {
+        share /= 2;
+        gain = simplifier.step(share * limit);
+    }
+    while (gain != Gain::none && 2 * share <= kErrors.front()) {
+        share *= 2;
+        gain = simplifier.step(share * limit);
+    }
+    for (std::size_t i = 1; i < kErrors.size() && gain != Gain::none; ++i) {
+        const bool was_little = gain == Gain::little;
+        gain = simplifier.step(kErrors[i] * limit);
+        if (was_little && gain == Gain::little) {
             break;
         }
     }
