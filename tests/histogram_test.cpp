@@ -170,7 +170,8 @@ void require_counts(const Int3& n, const std::function<T(const Int3&)>& f) {
 template <class T>
 void require_counts_of_shapes() {
     const auto value = [](const Int3& p) {
-        return static_cast<T>(100 * noise(p) + 40 * (smooth(p) + 1.3));
+        constexpr double kMost = 127;  // within every type
+        return static_cast<T>(std::clamp(100 * noise(p) + 40 * (smooth(p) + 1.3), 0.0, kMost));
     };
     for (const Int3 n : {Int3{17, 17, 17}, Int3{18, 9, 25}, Int3{2, 3, 70}, Int3{40, 33, 1},
                          Int3{1, 20, 17}, Int3{1, 1, 30}, Int3{30, 1, 1}, Int3{1, 1, 1}}) {
