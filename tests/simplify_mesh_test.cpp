@@ -148,8 +148,7 @@ TEST_CASE("Patches stay within the limit and of the same shape") {
             partly.shared[v] = v % 7 == 0;
         }
         for (std::size_t i = 0; i < partly.fine.size(); ++i) {
-            partly.kept[i] = i % 31 == 0;
-            partly.held[i] = i % 37 == 0;
+            partly.stay[i] = i % 31 == 0 ? Stay::forever : i % 37 == 0 ? Stay::now : Stay::no;
         }
         require_within(partly, limit);
         const SimplifiedPatch s = simplify_patch(partly, limit);
@@ -162,8 +161,8 @@ TEST_CASE("Patches stay within the limit and of the same shape") {
         const std::set<PatchTriangle> there(s.triangles.begin(), s.triangles.end());
         for (std::size_t i = 0; i < partly.triangles.size(); ++i) {
             const PatchTriangle t = from_smallest(partly.triangles[i]);
-            REQUIRE(kept.contains(t) == partly.kept[i]);
-            REQUIRE((!partly.held[i] || there.contains(t)));
+            REQUIRE(kept.contains(t) == (partly.stay[i] == Stay::forever));
+            REQUIRE((partly.stay[i] == Stay::no || there.contains(t)));
         }
     }
 }

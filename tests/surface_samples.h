@@ -28,8 +28,8 @@ void for_samples(const Triangle& t, int steps, const Visit& visit) {
 
 inline void finish(Patch& patch) {
     patch.shared.assign(patch.positions.size(), false);
-    patch.kept.assign(patch.triangles.size(), false);
-    patch.held.assign(patch.triangles.size(), false);
+    patch.stay.assign(patch.triangles.size(), Stay::no);
+    patch.tried.assign(patch.triangles.size(), false);
     patch.fine = patch.triangles;
     patch.attached.assign(patch.fine.size(), true);
 }

@@ -19,6 +19,13 @@ std::array<T, 3> from_smallest(const std::array<T, 3>& t) {
     return {t[at], t[(at + 1) % 3], t[(at + 2) % 3]};
 }
 
+/// Whether a triangle has to stay.
+enum class Stay : std::uint8_t {
+    no,
+    now,     ///< in this pass
+    forever  ///< and in all that follow
+};
+
 /// Vertices are places in `positions`; all triangles are oriented alike.
 struct Patch {
     std::vector<std::array<float, 3>> positions;  ///< world coordinates
@@ -26,8 +33,9 @@ struct Patch {
     /// stay.
     std::vector<bool> shared;
     std::vector<PatchTriangle> triangles;
-    std::vector<bool> kept;           ///< triangles that have to stay, for good
-    std::vector<bool> held;           ///< triangles that have to stay for now
+    std::vector<Stay> stay;           ///< of each triangle
+    /// Of each triangle: whether the edges of its corners have all been tried within this limit.
+    std::vector<bool> tried;
     std::vector<PatchTriangle> fine;  ///< the full surface near the patch
     /// Whether this fine triangle has to be within the limit of the patch. Others are there to be
     /// near to.

@@ -19,6 +19,10 @@ constexpr std::uint32_t kMostInBlock = 1U << 15U;
 constexpr int kShifts = 3;  ///< of the blocks
 constexpr int kPasses = 3;
 
+// Marks of triangles of the mesh.
+constexpr std::uint32_t kForever = 1;  ///< it has to stay
+constexpr std::uint32_t kTried = 2;    ///< Patch::tried
+
 /// A fine triangle that is near to triangles of several blocks: none of these can see alone that it
 /// stays so. So they stay as long as they lie in several blocks.
 struct Split {
@@ -56,9 +60,10 @@ struct BlockPatch {
     std::vector<std::uint64_t> vertex;
 };
 
+/// `afresh`: what was tried was so within another limit.
 BlockPatch patch_of(const ScratchMesh& mesh, const Valences& valences,
                     std::span<const Sorted> triangles, std::span<const Sorted> fine,
-                    std::span<const Sorted> held) {
+                    std::span<const Sorted> held, bool afresh) {
     BlockPatch b;
     Patch& patch = b.patch;
     struct Hash {
@@ -87,9 +92,12 @@ BlockPatch patch_of(const ScratchMesh& mesh, const Valences& valences,
     std::sort(held_corners.begin(), held_corners.end());
     for (const Sorted& t : triangles) {
         patch.triangles.push_back(local(t.corners));
-        patch.kept.push_back(t.mark != 0);
-        patch.held.push_back(
-            std::binary_search(held_corners.begin(), held_corners.end(), from_smallest(t.corners)));
+        const bool is_held =
+            std::binary_search(held_corners.begin(), held_corners.end(), from_smallest(t.corners));
+        patch.stay.push_back((t.mark & kForever) != 0 ? Stay::forever
+                             : is_held                ? Stay::now
+                                                      : Stay::no);
+        patch.tried.push_back(!afresh && (t.mark & kTried) != 0);
     }
     for (const Sorted& t : fine) {
         patch.fine.push_back(local(t.corners));
@@ -144,13 +152,14 @@ Outcome outcome_of(const BlockPatch& b, const SimplifiedPatch& simplified, const
         } else {
             // Nobody will look at it again: those that it is near to stay for good.
             for (const std::uint32_t s : servers) {
-                outcome.mesh[s].mark = 1;
+                outcome.mesh[s].mark |= kForever;
             }
         }
     }
     // Those that had to stay for good still do.
     for (std::size_t i = 0; i < simplified.kept.size(); ++i) {
-        outcome.mesh[i].mark |= simplified.kept[i] ? 1U : 0U;
+        outcome.mesh[i].mark |=
+            (simplified.kept[i] ? kForever : 0U) | (simplified.tried[i] ? kTried : 0U);
     }
     return outcome;
 }
@@ -166,7 +175,7 @@ struct MeshSimplifier::Run {
         : mesh(folder), fine(folder), held(folder), splits(folder) {}
     /// `grid`: of the blocks of the next pass.
     void add(const Split& split, const BlockGrid& grid);
-    BlockTriangles mesh;  ///< marked: it has to stay, for good
+    BlockTriangles mesh;
     /// The full surface; marked: near to triangles of its block alone. Others are there to be near
     /// to.
     BlockTriangles fine;
@@ -222,7 +231,7 @@ void MeshSimplifier::finish(Run& run) {
                                                    run.held.bytes() + run.splits.bytes()));
 }
 
-std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from, double limit) {
+std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from, double limit, bool afresh) {
     const BlockGrid& grid = *grids_[static_cast<std::size_t>(from.third)];
     auto next = std::make_shared<Run>(folder_);
     next->third = (from.third + 1) % kShifts;
@@ -240,7 +249,7 @@ std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from, doubl
                 return Outcome{};
             }
             const BlockPatch b =
-                patch_of(mesh_, valences, triangles, from.fine.of(block), from.held.of(block));
+                patch_of(mesh_, valences, triangles, from.fine.of(block), from.held.of(block), afresh);
             const Outcome outcome = outcome_of(b, simplify_patch(b.patch, limit), after);
             progress_.advance(triangles.size());
             return outcome;
@@ -267,7 +276,7 @@ Simplified MeshSimplifier::full() const {
 Simplified MeshSimplifier::within(const Simplified& from, double limit) {
     std::shared_ptr<const Run> run = from.run;
     for (int i = 0; i < kPasses; ++i) {
-        run = pass(*run, limit);
+        run = pass(*run, limit, i == 0);
     }
     return {run, run->mesh.count(), run->bound};
 }

@@ -49,7 +49,7 @@ class MeshSimplifier {
   private:
     friend struct Simplified;
     struct Run;
-    std::shared_ptr<Run> pass(const Run& from, double limit);
+    std::shared_ptr<Run> pass(const Run& from, double limit, bool afresh);
     void finish(Run& run);
 
     const ScratchMesh& mesh_;

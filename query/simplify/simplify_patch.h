@@ -1,9 +1,11 @@
 // Fewer triangles for a patch, none of them and nothing of the full surface further from the other
 // than a distance.
 //
-// The collapses are proposals (query/simplify/collapse.h): each is measured and compared with the
-// topology before, and where it misses, the triangles around that place stay as they were, and the
-// rest is proposed anew. So the errors that the proposals estimate play no part in the bound.
+// Edges are collapsed one after the other (query/simplify/collapse_order.h), each only after it was
+// measured: all that the triangles around it were near to is near to those that replace them
+// (query/simplify/server_lists.h), and these are near to the full surface
+// (query/simplify/surface_distance.h). So the errors by which the collapses are ordered play no
+// part in the bound.
 #pragma once
 
 #include <array>
@@ -17,7 +19,8 @@ namespace isonest::detail {
 
 struct SimplifiedPatch {
     std::vector<PatchTriangle> triangles;
-    std::vector<bool> kept;  ///< those that had to stay in the patch
+    std::vector<bool> kept;   ///< those that stay forever
+    std::vector<bool> tried;  ///< as in the patch, for the pass that comes
     /// Of each fine triangle those that it is near to: places in `triangles`. None, if it is not
     /// attached.
     std::vector<std::uint32_t> first_server;  ///< one more than there are fine triangles

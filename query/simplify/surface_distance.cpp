@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "query/simplify/halves.h"
+
 namespace isonest::detail {
 namespace {
 
@@ -15,32 +17,6 @@ constexpr double kMuchLarger = 8;
 /// A piece is cut until its radius is this share of the limit; then something is near its centre
 /// more often than not.
 constexpr double kNearEnough = 0.9;
-
-Double3 middle(const Double3& a, const Double3& b) {
-    return {(a[0] + b[0]) / 2, (a[1] + b[1]) / 2, (a[2] + b[2]) / 2};
-}
-
-Double3 centroid(const Triangle& t) {
-    return {(t[0][0] + t[1][0] + t[2][0]) / 3, (t[0][1] + t[1][1] + t[2][1]) / 3,
-            (t[0][2] + t[1][2] + t[2][2]) / 3};
-}
-
-/// Cut at the middle of the longest edge.
-std::array<Triangle, 2> halves(const Triangle& t) {
-    std::size_t longest = 0;
-    double most = -1;
-    for (std::size_t i = 0; i < 3; ++i) {
-        if (const double size = square(minus(t[(i + 1) % 3], t[i])); size > most) {
-            most = size;
-            longest = i;
-        }
-    }
-    const Double3& a = t[longest];
-    const Double3& b = t[(longest + 1) % 3];
-    const Double3& c = t[(longest + 2) % 3];
-    const Double3 m = middle(a, b);
-    return {Triangle{a, m, c}, Triangle{m, b, c}};
-}
 
 /// Cut along the edge of `by` that `t` reaches beyond furthest, if that is more than `least`.
 /// The union of the parts is `t`.
@@ -121,7 +97,7 @@ bool SurfaceDistance::serve(const Triangle& t, int depth) {
         return true;
     }
     if (!any || depth == kMostServerCuts) {
-        miss_.at = centre;
+        miss_ = centre;
         return false;
     }
     const auto parts = halves(t);
@@ -141,10 +117,11 @@ bool SurfaceDistance::cover(const Triangle& t, int depth) {
     }
     radius = std::sqrt(radius);
     const auto miss = [&] {
-        miss_.at = centre;
+        miss_ = centre;
         return false;
     };
-    const bool is_last = depth == kMostCuts || ++cuts_ > kMostPieces;
+    ++pieces_;
+    const bool is_last = depth == kMostCuts || pieces_ > kMostPieces;
     const auto cut = [&] {
         const auto parts = halves(t);
         return cover(parts[0], depth + 1) && cover(parts[1], depth + 1);
@@ -194,7 +171,7 @@ bool SurfaceDistance::cover(const Triangle& t, int depth) {
 }
 
 bool SurfaceDistance::covers(const Triangle& t) {
-    cuts_ = 0;
+    pieces_ = 0;
     return cover(t, 0);
 }
 

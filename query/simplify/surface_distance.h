@@ -14,11 +14,6 @@
 
 namespace isonest::detail {
 
-/// Where a surface is not within the limit of another one.
-struct Miss {
-    Double3 at{};
-};
-
 /// Distances from one surface. Not thread-safe.
 class SurfaceDistance {
   public:
@@ -37,7 +32,7 @@ class SurfaceDistance {
     /// The same question for a triangle that may be much larger than those of the surface.
     [[nodiscard]] bool covers(const Triangle& t);
     /// Where, after one of the two was false.
-    [[nodiscard]] const Miss& miss() const { return miss_; }
+    [[nodiscard]] const Double3& miss() const { return miss_; }
     /// No point asked about with success was further away than this; at most the limit.
     [[nodiscard]] double largest() const { return largest_; }
 
@@ -54,8 +49,8 @@ class SurfaceDistance {
     double size_;
     std::vector<std::uint32_t> servers_;
     std::uint32_t last_ = TriangleTree::kNone;  ///< served the triangle before
-    int cuts_ = 0;                              ///< of the triangle that is being covered
-    Miss miss_;
+    int pieces_ = 0;                            ///< of the triangle that is being covered
+    Double3 miss_{};
     double largest_ = 0;
 };
 

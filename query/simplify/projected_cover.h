@@ -1,0 +1,80 @@
+// Whether a triangle lies near to a surface that has its corners, by looking straight down on it.
+//
+// The surface is followed from a corner of the triangle, across all edges whose projection to the
+// triangle's plane meets the triangle. If none of these is a border, the projection of what was
+// followed has no border inside the triangle, so the number of times (front sides minus back
+// sides) that it lies over a point is the same for all points of the triangle: the degree of a
+// map (J. Milnor, "Topology from the Differentiable Viewpoint", 1965, section 5). If it is not 0
+// at one point, it is not 0 anywhere: then each point of the triangle has a point of the surface
+// straight above or below it, no higher than what was followed is over the triangle.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "query/simplify/patch.h"
+
+namespace isonest::detail {
+
+/// Not thread-safe.
+class ProjectedCover {
+  public:
+    /// `positions` and `surface` have to stay; limit: > 0, world units.
+    ProjectedCover(std::span<const std::array<float, 3>> positions,
+                   std::span<const PatchTriangle> surface, double limit);
+
+    /// Whether it is certain that no point of the triangle is further than the limit from the
+    /// surface. REQUIRES: it has an area.
+    [[nodiscard]] bool covers(const PatchTriangle& triangle);
+    /// No point of a triangle that was covered was further away; at most the limit.
+    [[nodiscard]] double largest() const { return largest_; }
+
+  private:
+    /// Seen from above: where in the plane, how far inside of the three edges, and how high.
+    struct Seen {
+        double u, v, height;
+        std::array<double, 3> inside;
+    };
+    using SeenTriangle = std::array<const Seen*, 3>;
+    struct Polygon {
+        std::array<Seen, 10> corner{};
+        std::size_t count = 0;
+    };
+    void look_at(const std::array<Double3, 3>& t);
+    const Seen& seen(std::uint32_t vertex);
+    [[nodiscard]] bool meets(const Seen& p, const Seen& q, double inside) const;
+    template <class Inside>
+    static void cut(Polygon& polygon, const Inside& inside);
+    [[nodiscard]] double height_over(const SeenTriangle& t) const;
+    [[nodiscard]] int turns_around_middle(const SeenTriangle& t) const;
+    [[nodiscard]] std::uint32_t beyond(std::uint32_t triangle, std::size_t edge) const;
+    std::uint32_t start(std::uint32_t vertex);
+    void visit(std::uint32_t triangle);
+
+    std::span<const std::array<float, 3>> positions_;
+    std::span<const PatchTriangle> surface_;
+    double limit_;
+    std::vector<std::uint32_t> first_;   ///< of each vertex, in around_
+    std::vector<std::uint32_t> around_;  ///< triangles of each vertex
+    std::vector<std::array<std::uint32_t, 3>> beyond_;  ///< each edge, from corner i to i + 1
+
+    // The triangle that is looked at.
+    Double3 origin_{};
+    Double3 along_{};
+    Double3 across_{};
+    Double3 up_{};
+    std::array<std::array<double, 2>, 3> corner_{};
+    std::array<std::array<double, 3>, 3> edge_{};  ///< inside = e[0] u + e[1] v + e[2]
+    std::array<double, 2> middle_{};
+    double tiny_ = 0;
+    std::uint32_t question_ = 0;
+    std::vector<std::uint32_t> visited_in_;
+    std::vector<std::uint32_t> seen_in_;
+    std::vector<Seen> seen_;  ///< vertices
+    std::vector<std::uint32_t> stack_;
+    double largest_ = 0;
+};
+
+}  // namespace isonest::detail

@@ -1,0 +1,87 @@
+// What each triangle of the full surface is near to, while edges of a patch are collapsed.
+//
+// A fine triangle is near to the patch if its *servers*, triangles of the patch, are together near
+// to all of its points. A collapse changes triangles around one vertex: so only those that these
+// serve have to be looked at again, and only the changed triangles are asked for them.
+#pragma once
+
+#include <tsl/robin_map.h>
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "query/simplify/patch.h"
+
+namespace isonest::detail {
+
+/// A triangle of the patch, as it will be.
+struct Server {
+    std::uint32_t triangle = 0;  ///< its place
+    Triangle corners{};
+};
+
+/// Not thread-safe.
+class ServerLists {
+  public:
+    /// `limit`: > 0, world units. `patch` has to stay.
+    ServerLists(const Patch& patch, double limit);
+
+    /// The fine triangle is near to these, of the patch. Once for each.
+    void set(std::uint32_t fine, std::span<const std::uint32_t> servers);
+    /// None: it is not attached.
+    [[nodiscard]] std::span<const std::uint32_t> servers_of(std::uint32_t fine) const;
+
+    /// Whether all that the triangles `before` serve is near to the mesh still when they are
+    /// replaced by `after`, whose places are some of theirs. `moved`: a vertex of the full surface
+    /// that is gone then; where it is far, the answer comes soon. `triangles`: of the patch before.
+    /// May be false where a search among more triangles than these found something.
+    bool fits(std::uint32_t moved, std::span<const std::uint32_t> before,
+              std::span<const Server> after, const std::vector<PatchTriangle>& triangles);
+    /// After fits() was true: whether one of the first few fine triangles that this one then serves
+    /// is by itself near to all of it.
+    bool is_served_back(const Server& server);
+    /// They were replaced. REQUIRES: fits() was true, and asked last.
+    void take();
+
+    /// No point of a fine triangle is further than this from the servers that it got by take().
+    [[nodiscard]] double largest() const { return largest_; }
+
+  private:
+    struct Plan {
+        std::uint32_t fine;
+        std::uint32_t first;  ///< in planned_
+        std::uint32_t count;
+    };
+    void gather(std::span<const std::uint32_t> before);
+    bool fits_one(std::uint32_t fine, const std::vector<PatchTriangle>& triangles);
+    bool fits_cut(const Triangle& t, int depth);
+    double square_to(std::uint32_t vertex, std::size_t server);
+    bool serves_alone(const PatchTriangle& t, std::size_t server);
+    [[nodiscard]] bool is_changed(std::uint32_t triangle) const;
+
+    const Patch& patch_;
+    double square_limit_;
+    std::vector<std::uint32_t> only_;  ///< of each fine triangle: its server, kNone or kSeveral
+    tsl::robin_map<std::uint32_t, std::vector<std::uint32_t>> several_;
+    std::vector<std::vector<std::uint32_t>> served_;  ///< of each triangle of the patch
+
+    // The question that fits() is about.
+    std::span<const std::uint32_t> before_;
+    std::vector<Server> servers_;  ///< those that replace others, then what else the fine one has
+    std::size_t changed_ = 0;      ///< of them, how many replace others
+    std::size_t last_ = 0;         ///< the one that served last
+    std::uint32_t question_ = 0;
+    std::vector<std::uint32_t> gathered_in_;  ///< question, of each fine triangle
+    std::vector<std::uint32_t> gathered_;
+    std::vector<std::uint32_t> measured_in_;  ///< question, of each vertex
+    std::vector<std::uint32_t> row_;          ///< of each vertex, in squares_
+    std::vector<double> squares_;             ///< of distances from the changed ones; < 0: unknown
+    std::vector<Plan> plans_;
+    std::vector<std::uint32_t> planned_;
+    std::vector<std::uint32_t> found_;
+    double worst_ = 0;  ///< square
+    double largest_ = 0;
+};
+
+}  // namespace isonest::detail
