@@ -2,7 +2,9 @@
 #include <catch2/catch.hpp>
 #include <random>
 
+#include "query/mesh/zero_area.h"
 #include "query/simplify/collapse_order.h"
+#include "query/simplify/projected_cover.h"
 #include "query/simplify/surface_distance.h"
 #include "tests/surface_samples.h"
 
@@ -176,6 +178,54 @@ TEST_CASE("A large flat triangle is covered by many small ones, however small th
         REQUIRE_FALSE(distance.covers(
             {Double3{0, 0, 0}, Double3{40, 0, 2 * limit}, Double3{0, 40, 2 * limit}}));
     }
+}
+
+TEST_CASE("What covers a triangle by projection is near to all samples of it") {
+    std::mt19937 random(5);
+    int covered = 0;
+    for (const double height : {0.0, 0.2, 0.6, 1.5}) {
+        for (const bool is_grid : {true, false}) {
+            const Patch surface = is_grid ? wavy_grid(21, height) : torus(30, 12, 5, 1.5, height / 4);
+            const TriangleTree tree(surface.positions, surface.triangles);
+            for (const double limit : {0.05, 0.4, 3.0}) {
+                ProjectedCover cover(surface.positions, surface.triangles, limit);
+                for (int i = 0; i < 400; ++i) {
+                    // Corners that are a few steps from each other.
+                    PatchTriangle t{};
+                    t[0] = static_cast<std::uint32_t>(random() % surface.positions.size());
+                    for (std::size_t c = 1; c < 3; ++c) {
+                        t[c] = static_cast<std::uint32_t>(
+                            (t[0] + random() % 5 + (is_grid ? 21 : 12) * (random() % 5)) %
+                            surface.positions.size());
+                    }
+                    const auto& p = surface.positions;
+                    if (has_no_area(p[t[0]], p[t[1]], p[t[2]]) || !cover.covers(t)) {
+                        continue;
+                    }
+                    ++covered;
+                    REQUIRE(cover.largest() <= limit);
+                    for_samples(surface.at(t), 12, [&](const Double3& q) {
+                        REQUIRE(tree.nearest(q, 1e300).square_distance <=
+                                limit * limit * (1 + 1e-9));
+                    });
+                }
+            }
+        }
+    }
+    REQUIRE(covered > 1000);
+}
+
+TEST_CASE("A hole or a border under a triangle is not covered by projection") {
+    Patch grid = wavy_grid(9, 0);
+    const auto covers = [&](const PatchTriangle& t) {
+        return ProjectedCover(grid.positions, grid.triangles, 100).covers(t);
+    };
+    REQUIRE(covers({0, 8, 72}));  // its edges lie along the border
+    REQUIRE(covers({8, 80, 72}));
+    REQUIRE_FALSE(covers({0, 72, 8}));  // seen from behind
+    grid.triangles.erase(grid.triangles.begin() + 2 * 20);
+    REQUIRE_FALSE(covers({0, 8, 72}));
+    REQUIRE(covers({8, 80, 72}));
 }
 
 TEST_CASE("Collapses leave locked vertices and what hangs together through them") {
