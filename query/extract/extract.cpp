@@ -1,5 +1,6 @@
 #include <isonest/extract.h>
 
+#include "query/extract/error_budget.h"
 #include "query/extract/run_extraction.h"
 
 namespace isonest {
@@ -17,6 +18,9 @@ ExtractReport run(const Store& store, const Query& query, MeshSink& sink,
 
 ExtractReport extract(const Store& store, const SurfaceQuery& query, MeshSink& sink,
                       const ExtractOptions& options, Progress& progress) {
+    if (std::holds_alternative<ErrorBudget>(query.stop)) {
+        return detail::extract_within_error_budget(store, query, sink, options, progress);
+    }
     return run(store, query, sink, options, progress);
 }
 ExtractReport extract(const Store& store, const SliceQuery& query, MeshSink& sink,

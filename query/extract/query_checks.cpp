@@ -77,6 +77,11 @@ Stop stop_of(const StoreReader& store, const TriangleBudget& asked) {
     return stop_of(store, asked.within.value_or(DistanceBound{}));
 }
 
+/// Errors are tried before (query/extract/error_budget.h).
+Stop stop_of(const StoreReader& store, const ErrorBudget& asked) {
+    return stop_of(store, ErrorBound{0, false, asked.guarantee});
+}
+
 void require_float32(const StoreReader& store, double number, const std::string& what,
                      Remedy remedy) {
     constexpr float kLargest = std::numeric_limits<float>::max();

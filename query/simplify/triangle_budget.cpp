@@ -9,7 +9,16 @@ namespace {
 
 /// A mesh with this share of the triangles asked for is near enough.
 constexpr double kNearlyAll = 0.9;
+constexpr double kAim = 0.96;
 constexpr int kMostTries = 4;  ///< after the first limit that is large enough
+/// A guess stays so far from both ends, in shares of what lies between them.
+constexpr double kInside = 0.1;
+
+/// The limit that leaves `aim` triangles, of which limits `a` and `b` leave more and fewer.
+double between(double a, double at_a, double b, double at_b, double aim) {
+    const double share = std::log(at_a / aim) / std::log(at_a / at_b);
+    return a * std::pow(b / a, std::clamp(share, kInside, 1 - kInside));
+}
 
 }  // namespace
 
@@ -43,10 +52,11 @@ BudgetResult within_budget(MeshSimplifier& simplifier, std::uint64_t triangles, 
         }
         limit = std::min(limit * factor, most);
     }
-    // Between the two.
+    // Between the two, as if the triangles went with a power of the distance.
     for (int i = 0; i < kMostTries && !is_near(*enough); ++i) {
         const double low = std::max(below.limit, first / 16);
-        const double limit = std::sqrt(low * enough->limit);
+        const double limit = between(low, static_cast<double>(below.mesh.triangles), enough->limit,
+                                     static_cast<double>(enough->mesh.triangles), kAim * asked);
         if (!(limit > low) || !(limit < enough->limit)) {
             break;
         }

@@ -84,6 +84,10 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
     SurfaceQuery query = with_attributes(a.query<SurfaceQuery>());
     query.iso = arguments.iso;
     query.bound = arguments.bound;
+    if (arguments.distance.by_error && arguments.distance.distance) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--by error goes without --distance: the triangles are the nested grid's");
+    }
     query.stop = arguments.distance.stop().value_or(query.stop);
     query.culling = arguments.culling;
     query.components = arguments.components;
@@ -110,7 +114,8 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
         fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh,
                     r.triangles, r.dimension == 2 && !a.is_graph ? "line segments" : "triangles",
                     r.vertices, human_seconds(r.seconds),
-                    r.distance ? distance_text(arguments.distance, r) : guarantee_text(a, r),
+                    r.distance || r.within_budget ? distance_text(arguments.distance, r)
+                                                  : guarantee_text(a, r),
                     r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
     if (arguments.components) {
         add_component_json(r, result.json);

@@ -34,6 +34,9 @@ DistanceBound parse_distance(const std::string& option, const std::string& text)
 }  // namespace
 
 std::optional<SurfaceStop> DistanceArguments::stop() const {
+    if (by_error) {
+        return ErrorBudget{triangles};
+    }
     if (triangles > 0) {
         return TriangleBudget{triangles, distance};
     }
@@ -59,6 +62,19 @@ void add_distance_options(CLI::App* c, DistanceArguments& a,
         "smallest distance that is found; with --distance: whichever\n"
         "is reached first",
         "N");
+    CLI::Option* const by = add_parsed(
+        c, "--by",
+        [&a](const std::string& text) {
+            if (text != "distance" && text != "error") {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--by '{}': give distance or error", text));
+            }
+            a.by_error = text == "error";
+        },
+        "what --triangles makes small: the distance (if not given), or\n"
+        "the error of the values, with triangles of the nested grid",
+        "distance|error");
+    by->needs(triangles);
     for (const std::string& other : others) {
         distance->excludes(c->get_option(other));
         triangles->excludes(c->get_option(other));
@@ -66,6 +82,10 @@ void add_distance_options(CLI::App* c, DistanceArguments& a,
 }
 
 std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
+    if (!r.distance) {
+        return fmt::format("error at most {:.6g} (asked for {} triangles)", r.error_bound,
+                           a.triangles);
+    }
     if (r.full_triangles == 0) {
         return "the surface at full resolution";
     }
@@ -82,6 +102,9 @@ std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
 }
 
 void add_distance_json(Json& json, const ExtractReport& r) {
+    if (r.within_budget) {
+        json["within_budget"] = *r.within_budget;
+    }
     if (!r.distance) {
         return;
     }
@@ -89,9 +112,6 @@ void add_distance_json(Json& json, const ExtractReport& r) {
     json["distance_bound"] = r.distance_bound;
     json["full_triangles"] = r.full_triangles;
     json["scratch_bytes"] = r.scratch_bytes;
-    if (r.within_budget) {
-        json["within_budget"] = *r.within_budget;
-    }
 }
 
 }  // namespace isonest::detail::cli

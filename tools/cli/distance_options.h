@@ -14,6 +14,7 @@ namespace isonest::detail::cli {
 struct DistanceArguments {
     std::optional<DistanceBound> distance;
     std::uint64_t triangles = 0;  ///< 0: not asked for
+    bool by_error = false;        ///< the error is what the number of triangles makes small
 
     /// In place of an error; nothing if neither was given.
     [[nodiscard]] std::optional<SurfaceStop> stop() const;
@@ -23,7 +24,7 @@ struct DistanceArguments {
 void add_distance_options(CLI::App* command, DistanceArguments& a,
                           const std::vector<std::string>& others);
 
-/// "within 0.49 of the surface ... (asked for 0.5)"; REQUIRES: r.distance.
+/// "within 0.49 of the surface ... (asked for 0.5)"; REQUIRES: r.distance or r.within_budget.
 std::string distance_text(const DistanceArguments& a, const ExtractReport& r);
 /// Adds what the report has of them.
 void add_distance_json(Json& json, const ExtractReport& r);

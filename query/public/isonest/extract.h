@@ -55,7 +55,15 @@ struct TriangleBudget {
     std::optional<DistanceBound> within = {};
 };
 
-using SurfaceStop = std::variant<ErrorBound, FieldThreshold, DistanceBound, TriangleBudget>;
+/// The smallest error that is found at which a surface has so few triangles, its elements being
+/// those of the nested grid.
+struct ErrorBudget {
+    std::uint64_t most = 0;  ///< > 0; or lines
+    Guarantee guarantee = Guarantee::deviation;
+};
+
+using SurfaceStop =
+    std::variant<ErrorBound, FieldThreshold, DistanceBound, TriangleBudget, ErrorBudget>;
 
 /// Leaves out what faces away from a viewer who looks in `direction` (section 5 of the paper).
 struct BackfaceCulling {
@@ -167,7 +175,8 @@ struct ExtractReport {
     /// If a distance or a number of triangles was asked for: the distance within which the mesh was
     /// to be, in world units.
     std::optional<double> distance = {};
-    /// If a number of triangles was asked for: whether the mesh has no more.
+    /// If a number of triangles was asked for: whether the mesh has no more. (An ErrorBudget that
+    /// cannot be met is an error; the error that was found is `tolerance`.)
     std::optional<bool> within_budget = {};
     /// Proven: at most `distance`. Coordinates rounded to float32 count in.
     double distance_bound = 0;
