@@ -1,5 +1,4 @@
-// Components by union-find, each set's lowest vertex its root, with path halving: R. E. Tarjan and
-// J. van Leeuwen, "Worst-case analysis of set union algorithms", Journal of the ACM 31 (1984).
+// Components by union-find (store/base/union_find.h), each set's lowest vertex its root.
 // The volume within a closed surface is a sum over its triangles: C. Zhang and T. Chen, "Efficient
 // feature extraction for 2D/3D objects in mesh representation", ICIP 2001.
 #include "query/mesh/components.h"
@@ -7,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+
+#include "store/base/union_find.h"
 
 namespace isonest::detail {
 namespace {
@@ -40,20 +41,8 @@ class Labels {
         file_.map(mesh.layout().vertices * sizeof(std::uint64_t));
         const auto parent = file_.as<std::uint64_t>();
         std::iota(parent.begin(), parent.end(), std::uint64_t{0});
-        const auto root = [parent](std::uint64_t v) {
-            while (parent[v] != v) {
-                parent[v] = parent[parent[v]];
-                v = parent[v];
-            }
-            return v;
-        };
         each_element(mesh, progress, [&](const ElementCorners& e) {
-            std::uint64_t a = root(e[0]);
-            for (const std::uint64_t v : {e[1], e[2]}) {
-                const std::uint64_t b = root(v);
-                parent[std::max(a, b)] = std::min(a, b);
-                a = std::min(a, b);
-            }
+            unite(parent, unite(parent, e[0], e[1]), e[2]);
         });
         // A parent is lower than its child, so it has its number already.
         for (std::uint64_t v = 0; v < parent.size(); ++v) {

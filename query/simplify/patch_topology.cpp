@@ -5,6 +5,8 @@
 #include <limits>
 #include <numeric>
 
+#include "store/base/union_find.h"
+
 namespace isonest::detail {
 namespace {
 
@@ -80,14 +82,6 @@ Link link_of(std::vector<std::array<std::uint32_t, 2>>& edges) {
     return {at == first && edges.size() > 2 ? LinkShape::cycle : LinkShape::tangled};
 }
 
-std::uint32_t root(std::vector<std::uint32_t>& parent, std::uint32_t v) {
-    while (parent[v] != v) {
-        parent[v] = parent[parent[v]];
-        v = parent[v];
-    }
-    return v;
-}
-
 }  // namespace
 
 std::vector<Link> links_of(std::size_t vertices, std::span<const PatchTriangle> triangles) {
@@ -109,9 +103,7 @@ PatchTopology::PatchTopology(const Patch& patch, std::span<const PatchTriangle> 
     std::iota(component_.begin(), component_.end(), 0U);
     for (const PatchTriangle& t : before) {
         for (std::size_t i = 0; i < 3; ++i) {
-            const std::uint32_t a = root(component_, t[i]);
-            const std::uint32_t b = root(component_, t[(i + 1) % 3]);
-            component_[std::max(a, b)] = std::min(a, b);
+            unite(std::span(component_), t[i], t[(i + 1) % 3]);
             if (shared_[t[i]] && shared_[t[(i + 1) % 3]]) {
                 shared_edges_.push_back(edge_key(t[i], t[(i + 1) % 3]));
             }
