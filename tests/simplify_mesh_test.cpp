@@ -200,7 +200,7 @@ TEST_CASE("Whole meshes of many blocks stay within the limit, the same for any t
             std::vector<ElementCorners> result;
             double bound = 0;
             Workers(threads).execute([&] {
-                MeshSimplifier simplifier(mesh, mesh.corners(), lattice, folder.path(),
+                MeshSimplifier simplifier(mesh, mesh.corners(), lattice, {}, folder.path(),
                                           silent_progress());
                 const Simplified s = simplifier.within(simplifier.full(), limit);
                 bound = s.bound;

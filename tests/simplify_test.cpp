@@ -228,6 +228,22 @@ TEST_CASE("A hole or a border under a triangle is not covered by projection") {
     REQUIRE(covers({8, 80, 72}));
 }
 
+TEST_CASE("A border does not leave the face of the box that it lies in") {
+    Patch corner;
+    corner.positions = {{0, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 1}};
+    corner.triangles = {{0, 1, 3}, {2, 0, 3}};
+    finish(corner);
+    const std::vector<bool> locked(4);
+    const auto is_allowed = [&] { return CollapsingPatch(corner, locked).is_allowed(0, 1); };
+    // From 2 to 1: through the inside, although all three have the same x.
+    corner.box.lo = {-5, 0, 0};
+    REQUIRE_FALSE(is_allowed());
+    corner.box.lo = {0, 0, 0};
+    REQUIRE(is_allowed());
+    corner.box.lo = {-5, -5, -5};  // a border somewhere inside, at missing values
+    REQUIRE(is_allowed());
+}
+
 TEST_CASE("Collapses leave locked vertices and what hangs together through them") {
     const Patch grid = wavy_grid(30, 0.3);
     std::vector<bool> locked(grid.positions.size());

@@ -24,6 +24,20 @@ double most_moved(const ExtractQuery& query) {
     return std::sqrt(3.0) * query.coordinate_rounding * longest;
 }
 
+/// The box to which the surface is cut, as its vertices are.
+PatchBox world_box(const ExtractQuery& query) {
+    const ClipBox& box = query.traversal.box;
+    PatchBox world;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const auto at = [&](double x) {
+            return static_cast<float>(query.origin[axis] + query.spacing[axis] * x);
+        };
+        world.lo[axis] = at(box.lo[axis]);
+        world.hi[axis] = at(box.hi[axis]);
+    }
+    return world;
+}
+
 /// What is left for the triangles, or lines.
 double limit_of(const StoreReader& store, const ExtractQuery& query) {
     const double moved = most_moved(query);
@@ -109,7 +123,7 @@ void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const 
     } else if (simplifies(query)) {
         const double limit = limit_of(store, query);
         const WorldLattice lattice{query.origin, query.spacing, store.layout().header().nodes};
-        MeshSimplifier simplifier(mesh, elements, lattice, scratch, progress);
+        MeshSimplifier simplifier(mesh, elements, lattice, world_box(query), scratch, progress);
         const BudgetResult result = simplified(store, query, simplifier, limit);
         corners.emplace(simplifier.corners(result.mesh));
         elements = {corners->as<ElementCorners>().data(), result.mesh.triangles};

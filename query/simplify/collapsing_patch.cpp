@@ -80,24 +80,28 @@ bool CollapsingPatch::joins_locked(std::uint32_t to) const {
     });
 }
 
-/// Along which axes the two have the same coordinate, as bits.
-unsigned CollapsingPatch::same_axes(std::uint32_t a, std::uint32_t b) const {
-    unsigned axes = 0;
+/// The faces of the box that both lie in, as bits.
+unsigned CollapsingPatch::common_faces(std::uint32_t a, std::uint32_t b) const {
+    unsigned faces = 0;
     for (unsigned axis = 0; axis < 3; ++axis) {
-        axes |= patch_.positions[a][axis] == patch_.positions[b][axis] ? 1U << axis : 0U;
+        const float x = patch_.positions[a][axis];
+        if (x == patch_.positions[b][axis]) {
+            faces |= x == patch_.box.lo[axis] ? 1U << (2 * axis) : 0U;
+            faces |= x == patch_.box.hi[axis] ? 2U << (2 * axis) : 0U;
+        }
     }
-    return axes;
+    return faces;
 }
 
-/// A border that lies in a face of the box, or of the volume, stays in it.
+/// A border that lies in a face of the box stays in it.
 bool CollapsingPatch::stays_in_face(std::uint32_t from, std::uint32_t to) const {
-    const unsigned axes = same_axes(from, to);
+    const unsigned faces = common_faces(from, to);
     return std::all_of(near_.begin(), near_.end(), [&](std::uint32_t v) {
         if (v == to || shared_triangles(from, v) != 1) {
             return true;
         }
-        const unsigned others = same_axes(from, v);
-        return (axes & others) != 0 || (axes == 0 && others == 0);
+        const unsigned others = common_faces(from, v);
+        return (faces & others) != 0 || (faces == 0 && others == 0);
     });
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "query/simplify/point_triangle.h"
@@ -26,9 +27,18 @@ enum class Stay : std::uint8_t {
     forever  ///< and in all that follow
 };
 
+/// Where a surface is cut: borders in its faces stay there. As vertices are: world coordinates,
+/// float32.
+struct PatchBox {
+    static constexpr float kNowhere = std::numeric_limits<float>::quiet_NaN();
+    std::array<float, 3> lo{kNowhere, kNowhere, kNowhere};
+    std::array<float, 3> hi{kNowhere, kNowhere, kNowhere};
+};
+
 /// Vertices are places in `positions`; all triangles are oriented alike.
 struct Patch {
     std::vector<std::array<float, 3>> positions;  ///< world coordinates
+    PatchBox box;
     /// Vertices that triangles outside of the patch have, too: they and the edges between them
     /// stay.
     std::vector<bool> shared;

@@ -202,9 +202,9 @@ void MeshSimplifier::Run::add(const Split& split, const BlockGrid& grid) {
 }
 
 MeshSimplifier::MeshSimplifier(const ScratchMesh& mesh, std::span<const ElementCorners> triangles,
-                               const WorldLattice& lattice, std::filesystem::path folder,
-                               Progress& progress)
-    : mesh_(mesh), folder_(std::move(folder)), progress_(progress) {
+                               const WorldLattice& lattice, const PatchBox& box,
+                               std::filesystem::path folder, Progress& progress)
+    : mesh_(mesh), box_(box), folder_(std::move(folder)), progress_(progress) {
     for (int third = 0; third < kShifts; ++third) {
         grids_.push_back(std::make_unique<BlockGrid>(lattice, mesh, triangles, third, kMostInBlock,
                                                      folder_, progress));
@@ -248,8 +248,9 @@ std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from, doubl
             if (triangles.empty()) {
                 return Outcome{};
             }
-            const BlockPatch b =
-                patch_of(mesh_, valences, triangles, from.fine.of(block), from.held.of(block), afresh);
+            BlockPatch b = patch_of(mesh_, valences, triangles, from.fine.of(block),
+                                    from.held.of(block), afresh);
+            b.patch.box = box_;
             const Outcome outcome = outcome_of(b, simplify_patch(b.patch, limit), after);
             progress_.advance(triangles.size());
             return outcome;

@@ -15,6 +15,7 @@
 
 #include "query/mesh/scratch_mesh.h"
 #include "query/simplify/block_grid.h"
+#include "query/simplify/patch.h"
 
 namespace isonest::detail {
 
@@ -31,9 +32,11 @@ struct Simplified;
 class MeshSimplifier {
   public:
     /// `triangles`: the full surface, whose corners are vertices of `mesh`; both have to stay.
+    /// `box`: to which it is cut.
     /// REQUIRES: mesh.layout().corners == 3. Throws Error{io, cancelled}, as all members do.
     MeshSimplifier(const ScratchMesh& mesh, std::span<const ElementCorners> triangles,
-                   const WorldLattice& lattice, std::filesystem::path folder, Progress& progress);
+                   const WorldLattice& lattice, const PatchBox& box, std::filesystem::path folder,
+                   Progress& progress);
     ~MeshSimplifier();
     MeshSimplifier(const MeshSimplifier&) = delete;
     MeshSimplifier& operator=(const MeshSimplifier&) = delete;
@@ -53,6 +56,7 @@ class MeshSimplifier {
     void finish(Run& run);
 
     const ScratchMesh& mesh_;
+    PatchBox box_;
     std::filesystem::path folder_;
     Progress& progress_;
     std::vector<std::unique_ptr<BlockGrid>> grids_;
