@@ -31,6 +31,7 @@ struct Extraction {
     std::optional<Field> vertex_error;
     const Store* values = nullptr;
     std::optional<WorldBox> box;
+    std::optional<Outside> close;
     std::uint64_t memory = std::uint64_t{1} << 30U;
     int threads = 0;
 
@@ -78,6 +79,7 @@ inline ExtractQuery query_of(const StoreReader& store, const Extraction& e, bool
     SurfaceQuery query = with_attributes(start(SurfaceQuery{}));
     query.iso = e.iso;
     query.bound = e.bound;
+    query.close = e.close;
     if (e.view) {
         query.culling = BackfaceCulling{*e.view, e.cull_by};
     }

@@ -236,6 +236,17 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     if (query.culling) {
         asked.traversal.culling = culling_of(store, *query.culling);
     }
+    if (query.close && flat) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                    "data in a plane have isolines, which caps cannot close; closing needs a "
+                    "volume");
+    }
+    if (query.close && query.culling) {
+        throw Error(ErrorKind::invalid_argument,
+                    "a surface without its backfaces cannot be closed: give a direction of view, "
+                    "or close the surface");
+    }
+    asked.traversal.box.close = query.close;
     if (const auto* const distance = std::get_if<DistanceBound>(&query.stop)) {
         require_no_place(query);
         asked.distance = world_distance(store, *distance);

@@ -80,6 +80,7 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
     report.dimension = store.layout().lattice().dimension();
     report.tolerance = asked.threshold;
     report.distance = asked.distance;
+    report.closed = asked.traversal.box.close;
     report.coordinate_rounding = asked.coordinate_rounding;
     report.stop = asked.traversal.stop;
     report.bound = asked.traversal.bound;

@@ -9,10 +9,12 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <optional>
 #include <tuple>
 #include <vector>
 
 #include <isonest/int3.h>
+#include <isonest/world.h>
 
 namespace isonest::detail {
 
@@ -20,6 +22,8 @@ namespace isonest::detail {
 struct ClipBox {
     Double3 lo{};
     Double3 hi{};
+    /// If set, the surface is closed by caps in the box's faces.
+    std::optional<Outside> close = {};
 };
 
 class ClipContext {
@@ -71,6 +75,7 @@ class ClipContext {
 };
 
 /// How the box from `low` to `high` lies to `box`; along an axis without extent `box` is infinite.
+/// If `box` is to be closed, what touches it from inside crosses it: it has a share in the caps.
 enum class Overlap { outside, crossing, inside };
 
 inline Overlap overlap_of(const ClipBox& box, const Int3& low, const Int3& high) {
@@ -82,7 +87,8 @@ inline Overlap overlap_of(const ClipBox& box, const Int3& low, const Int3& high)
         if (hi <= box.lo[a] || lo >= box.hi[a]) {
             return Overlap::outside;
         }
-        inside = inside && lo >= box.lo[a] && hi <= box.hi[a];
+        inside = inside && (box.close ? lo > box.lo[a] && hi < box.hi[a]
+                                      : lo >= box.lo[a] && hi <= box.hi[a]);
     }
     return inside ? Overlap::inside : Overlap::crossing;
 }

@@ -93,6 +93,11 @@ class Finisher {
         vertices_.for_incomplete([&](const VertexKey& key, std::uint32_t v) {
             part_.names.push_back({key, shared_of(vertices_.root(v))});
         });
+        vertices_.for_cuts([&](const VertexKey& key, std::uint32_t v) {
+            if (open[v] != 0) {
+                part_.names.push_back({key, shared_of(v)});
+            }
+        });
     }
 
     [[nodiscard]] MeshPart take() { return std::move(part_); }

@@ -62,8 +62,8 @@ void LocalMesh::march_one_below(const Corner& q, const std::array<const Corner*,
         const Corner& a = *above[order[i]];
         const Corner& b = *above[order[(i + 1) % 3]];
         const Corner& c = *above[order[(i + 2) % 3]];
-        v[i] = a.value == iso ? fan(a, b, q, c, q) : edge_vertex(a, q, iso);
-        if (a.value == iso && b.value == iso && !single_sheet_) {
+        v[i] = is_hit(a, iso) ? fan(a, b, q, c, q) : edge_vertex(a, q, iso);
+        if (is_hit(a, iso) && is_hit(b, iso) && !single_sheet_) {
             mid[i] = vertices_.run(a.node, b.node, q.node);
         }
     }
@@ -72,8 +72,8 @@ void LocalMesh::march_one_below(const Corner& q, const std::array<const Corner*,
 
 void LocalMesh::march_two_below(const Corner& a, const Corner& b, const Corner& q1,
                                 const Corner& q2, bool positive, double iso, bool cut) {
-    const bool a_hit = a.value == iso;
-    const bool b_hit = b.value == iso;
+    const bool a_hit = is_hit(a, iso);
+    const bool b_hit = is_hit(b, iso);
     if (a_hit && b_hit) {
         if (single_sheet_) {
             return;  // what else is there comes from other tetrahedra
@@ -105,6 +105,12 @@ void LocalMesh::march_two_below(const Corner& a, const Corner& b, const Corner& 
 }
 
 void LocalMesh::march(const std::array<Corner, 4>& corners, bool positive, double iso, bool cut) {
+    if (cut && caps_) {
+        if (caps_->touches(vertices_, corners)) {
+            return caps_->march(vertices_, corners, positive, iso, triangles_);
+        }
+        cut = false;
+    }
     unsigned mask = 0;
     for (unsigned i = 0; i < 4; ++i) {
         mask |= corners[i].value < iso ? 1U << i : 0U;
@@ -116,7 +122,7 @@ void LocalMesh::march(const std::array<Corner, 4>& corners, bool positive, doubl
         march_one_below(at(0), {&at(1), &at(2), &at(3)}, outward, iso, cut);
     } else if (crossing.below == 2) {
         march_two_below(at(0), at(1), at(2), at(3), outward, iso, cut);
-    } else if (crossing.below == 3 && at(0).value != iso) {
+    } else if (crossing.below == 3 && !is_hit(at(0), iso)) {
         const std::uint32_t v0 = edge_vertex(at(0), at(1), iso);
         const std::uint32_t v1 = edge_vertex(at(0), at(outward ? 2 : 3), iso);
         add(v0, v1, edge_vertex(at(0), at(outward ? 3 : 2), iso), cut);

@@ -3,20 +3,17 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include <isonest/int3.h>
 
+#include "query/march/capped_tetrahedron.h"
+#include "query/march/corner.h"
 #include "query/march/finish_part.h"
 #include "query/march/part_vertices.h"
 
 namespace isonest::detail {
-
-/// A corner of a tetrahedron that is marched.
-struct Corner {
-    Int3 node;     ///< of the lattice of LocalMesh::place(), else of the finest
-    double value;  ///< REQUIRES: finite
-};
 
 /// Collects triangles of marched tetrahedra. Not thread-safe; one per thread, reused.
 class LocalMesh {
@@ -26,6 +23,11 @@ class LocalMesh {
     /// vertex, and a face in it one triangle.
     explicit LocalMesh(AttributeSampler* attributes, bool single_sheet = false)
         : single_sheet_(single_sheet), vertices_(attributes) {}
+    /// The surface closed at the faces of `box`. Where it passes exactly through nodes it has a
+    /// vertex on each edge to a smaller value there, and triangles may have zero area.
+    /// REQUIRES: box.close.
+    LocalMesh(AttributeSampler* attributes, const ClipBox& box)
+        : caps_(box), vertices_(attributes) {}
 
     /// From now on all corners are nodes of the lattice of edge 2^level, and in the box of `cells`
     /// from node `low` on; vertices are then found faster. REQUIRES: empty().
@@ -36,14 +38,14 @@ class LocalMesh {
     /// Marches one leaf tetrahedron: a node is inside if value >= iso; the triangles' normals point
     /// to the smaller values. Where the surface passes exactly through nodes, no triangle of zero
     /// area arises and the mesh stays a manifold. `cut` says that the tetrahedron may reach out of
-    /// the box. `positive`: det(v1 - v0, v2 - v0, v3 - v0) > 0.
+    /// the box, or touch a closed one's faces. `positive`: det(v1 - v0, v2 - v0, v3 - v0) > 0.
     void march(const std::array<Corner, 4>& corners, bool positive, double iso, bool cut);
 
     /// Marches the six tetrahedra of a cube; how many of them the surface crosses. REQUIRES:
-    /// place() was called; no corner has the isovalue.
+    /// place() was called; no corner has the isovalue, unless a box is closed, and then the cube does
+    /// not touch its faces.
     unsigned march_cube(const Cube& cube, double iso, bool cut);
-    /// One of them (kAxisOrders). REQUIRES: place() was called; none of its corners has the
-    /// isovalue.
+    /// One of them (kAxisOrders). REQUIRES: as above, of its own corners.
     unsigned march_in_cube(const Cube& cube, std::size_t order, double iso, bool cut);
 
     /// Adds the line {U = iso} in a leaf triangle of a plane, where there is one: a "triangle"
@@ -77,7 +79,14 @@ class LocalMesh {
     void march_two_below(const Corner& a, const Corner& b, const Corner& q1, const Corner& q2,
                          bool positive, double iso, bool cut);
 
-    bool single_sheet_;
+    /// Whether what touches in a node on the surface is kept apart there, or is one vertex; else
+    /// the edges to it have the vertices.
+    [[nodiscard]] bool is_hit(const Corner& c, double iso) const {
+        return c.value == iso && !caps_;
+    }
+
+    bool single_sheet_ = false;
+    std::optional<CappedTetrahedron> caps_;  ///< if a box is closed
     bool lines_ = false;
     PartVertices vertices_;
     std::vector<CollectedTriangle> triangles_;

@@ -48,6 +48,7 @@ void PartVertices::clear() {
     fans_.clear();
     runs_.clear();
     rare_.clear();
+    cuts_.clear();
     parents_.clear();
     keys_.clear();
     positions_.clear();
@@ -105,27 +106,31 @@ std::uint32_t PartVertices::edge_of_cube(const Cube& cube, std::size_t edge, dou
 }
 
 /// The ends in a fixed order: the same bits from whichever tetrahedron.
-std::uint32_t PartVertices::add_edge(const Int3& a, double a_value, const Int3& b, double b_value,
-                                     double iso) {
+PartVertices::OnEdge PartVertices::on_edge(const Int3& a, double a_value, const Int3& b,
+                                           double b_value, double iso) const {
     const bool in_order = precedes(a, b);
-    const Int3 p = finest(in_order ? a : b);
-    const Int3 q = finest(in_order ? b : a);
+    OnEdge at{finest(in_order ? a : b), finest(in_order ? b : a), 0, {}};
     const double p_value = in_order ? a_value : b_value;
     const double q_value = in_order ? b_value : a_value;
-    double t = (iso - p_value) / (q_value - p_value);
+    at.t = (iso - p_value) / (q_value - p_value);
     if (!std::isfinite(q_value - p_value)) {
-        t = (iso / 4 - p_value / 4) / (q_value / 4 - p_value / 4);
+        at.t = (iso / 4 - p_value / 4) / (q_value / 4 - p_value / 4);
     }
-    const Double3 from = as_point(p);
-    const Double3 to = as_point(q);
-    Double3 position{};
+    const Double3 from = as_point(at.from);
+    const Double3 to = as_point(at.to);
     for (std::size_t axis = 0; axis < 3; ++axis) {
-        position[axis] = from[axis] + t * (to[axis] - from[axis]);
+        at.position[axis] = from[axis] + at.t * (to[axis] - from[axis]);
     }
+    return at;
+}
+
+std::uint32_t PartVertices::add_edge(const Int3& a, double a_value, const Int3& b, double b_value,
+                                     double iso) {
+    const OnEdge at = on_edge(a, a_value, b, b_value, iso);
     if (attributes_ != nullptr) {
-        values_.push_back(attributes_->edge(p, q, t));
+        values_.push_back(attributes_->edge(at.from, at.to, at.t));
     }
-    return add(key_of(a + b), position);
+    return add(key_of(a + b), at.position);
 }
 
 std::uint32_t PartVertices::node(const Int3& node, std::optional<double> height) {
@@ -276,6 +281,35 @@ std::uint32_t PartVertices::centre(const std::array<std::uint32_t, 3>& v) {
         values_.push_back(attributes_->mean(values_[v[0]], values_[v[1]], values_[v[2]]));
     }
     return vertex;
+}
+
+std::uint32_t PartVertices::edge_cut(const Int3& a, const Int3& b, std::uint32_t planes, double t,
+                                     const Double3& position) {
+    const VertexKey key{key_of(a + b), 0, VertexKind::edge, planes};
+    const auto [it, is_new] = cuts_.try_emplace(key, static_cast<std::uint32_t>(size()));
+    if (is_new) {
+        if (attributes_ != nullptr) {
+            values_.push_back(attributes_->edge(finest(a), finest(b), t));
+        }
+        add(kNoKey, position);
+    }
+    return it->second;
+}
+
+std::uint32_t PartVertices::face_cut(std::array<Int3, 3> face, std::uint32_t planes,
+                                     const Between& between, const Double3& position) {
+    std::sort(face.begin(), face.end(), precedes);
+    const VertexKey key{key_of(face[0] + face[1]), key_of(face[2] * 2), VertexKind::face, planes};
+    const auto [it, is_new] = cuts_.try_emplace(key, static_cast<std::uint32_t>(size()));
+    return is_new ? inner_cut(between, position) : it->second;
+}
+
+std::uint32_t PartVertices::inner_cut(const Between& between, const Double3& position) {
+    if (attributes_ != nullptr) {
+        values_.push_back(
+            attributes_->mix(values_[between.from], values_[between.to], between.t));
+    }
+    return add(kNoKey, position);
 }
 
 }  // namespace isonest::detail

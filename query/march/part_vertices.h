@@ -47,6 +47,15 @@ class PartVertices {
 
     /// Where the surface crosses the edge from a to b, their values not being equal.
     std::uint32_t edge(const Int3& a, double a_value, const Int3& b, double b_value, double iso);
+    /// The place of such a vertex, without making it: the same bits.
+    struct OnEdge {
+        Int3 from;  ///< the edge's ends in the finest lattice, in an order of their own
+        Int3 to;
+        double t;  ///< the vertex is from + t (to - from)
+        Double3 position;
+    };
+    [[nodiscard]] OnEdge on_edge(const Int3& a, double a_value, const Int3& b, double b_value,
+                                 double iso) const;
     /// The same for an edge (kCubeEdge) of a cube. REQUIRES: place() was called.
     std::uint32_t edge_of_cube(const Cube& cube, std::size_t edge, double iso);
     /// In a node through which one sheet passes at most, or at `height` (z) there. Not together
@@ -61,13 +70,30 @@ class PartVertices {
     void run_between(const Int3& a, const Int3& b, const Int3& below1, const Int3& below2);
     /// One that no other tetrahedron names: the centre of three vertices.
     std::uint32_t centre(const std::array<std::uint32_t, 3>& v);
+    /// Where the faces `planes` (bits, as VertexKey::planes) of a closed box cut the edge from a to
+    /// b, at a + t (b - a).
+    std::uint32_t edge_cut(const Int3& a, const Int3& b, std::uint32_t planes, double t,
+                           const Double3& position);
+    /// At `from` + t (`to` - `from`), which are vertices; asked for attributes alone.
+    struct Between {
+        std::uint32_t from;
+        std::uint32_t to;
+        double t;
+    };
+    /// Where they cut a triangle of the grid.
+    std::uint32_t face_cut(std::array<Int3, 3> face, std::uint32_t planes, const Between& between,
+                           const Double3& position);
+    /// One that no other tetrahedron names.
+    std::uint32_t inner_cut(const Between& between, const Double3& position);
+    /// A node in coordinates of the finest lattice.
+    [[nodiscard]] Int3 finest(const Int3& p) const { return p * (std::int64_t{1} << level_); }
     /// Makes root() of all vertices known. No more vertices until clear().
     void flatten();
 
     [[nodiscard]] std::size_t size() const { return parents_.size(); }
     /// What is held, in units of a vertex.
     [[nodiscard]] std::size_t weight() const {
-        return parents_.size() + 2 * fans_.size() + runs_.size();
+        return parents_.size() + 2 * fans_.size() + runs_.size() + cuts_.size();
     }
     /// The number that holds for the vertex. REQUIRES: flatten() was called.
     [[nodiscard]] std::uint32_t root(std::uint32_t v) const { return parents_[v]; }
@@ -90,6 +116,13 @@ class PartVertices {
     /// have given.
     template <class F>
     void for_incomplete(const F& f) const;
+    /// Calls f(name, vertex) for all that faces of a closed box cut out of edges and triangles.
+    template <class F>
+    void for_cuts(const F& f) const {
+        for (const auto& [key, vertex] : cuts_) {
+            f(key, vertex);
+        }
+    }
 
   private:
     /// What has a name of kind fan or run: nothing yet (kNone), a vertex, or a vertex and
@@ -111,7 +144,6 @@ class PartVertices {
         std::array<Use, kMost> uses{};
     };
 
-    [[nodiscard]] Int3 finest(const Int3& p) const { return p * (std::int64_t{1} << level_); }
     /// Of twice a node, or the sum of an edge's ends.
     [[nodiscard]] std::uint64_t key_of(const Int3& p) const { return half_lattice_key(finest(p)); }
     std::uint32_t add(std::uint64_t key, const Double3& position);
@@ -140,6 +172,7 @@ class PartVertices {
     std::vector<FanLink> fans_;
     std::vector<RunLink> runs_;
     tsl::robin_map<VertexKey, Use, VertexKeyHash> rare_;  ///< what has no place in the links
+    tsl::robin_map<VertexKey, std::uint32_t, VertexKeyHash> cuts_;
     std::vector<std::uint32_t> parents_;
     std::vector<std::uint64_t> keys_;
     std::vector<Double3> positions_;

@@ -18,7 +18,9 @@ inline std::uint64_t half_lattice_key(const Int3& p) {
 
 /// What a vertex is the crossing of.
 enum class VertexKind : std::uint32_t {
-    edge,  ///< first: midpoint of the tetrahedron edge that the surface crosses
+    /// first: midpoint of the tetrahedron edge that the surface crosses, or that a face of a closed
+    /// box cuts.
+    edge,
     /// The surface passes exactly through a node; its sheets there are separate vertices. first:
     /// the node; second: midpoint of the edge opposite to it in a tetrahedron face that the sheet
     /// crosses.
@@ -26,13 +28,19 @@ enum class VertexKind : std::uint32_t {
     /// Midpoint of an edge whose two nodes both lie on the surface; one for each sheet through the
     /// edge. first: midpoint of the edge; second: the third node of a face at the edge, below the
     /// isovalue.
-    run
+    run,
+    /// Where a face of a closed box cuts a triangle of the grid. first: midpoint of one of the
+    /// triangle's edges; second: its third node, opposite to that edge.
+    face
 };
 
 struct VertexKey {
     std::uint64_t first = 0;
     std::uint64_t second = 0;
     VertexKind kind = VertexKind::edge;
+    /// Bits of the faces of a closed box (2 axis + (0 low, 1 high)) in which the vertex lies as well,
+    /// and bit 6 if it lies on the surface in a triangle.
+    std::uint32_t planes = 0;
     bool operator==(const VertexKey&) const = default;
     auto operator<=>(const VertexKey&) const = default;  // NOLINT(modernize-use-nullptr)
 };
@@ -48,7 +56,8 @@ struct VertexKeyHash {
     std::size_t operator()(const VertexKey& key) const {
         std::uint64_t h = key.first * 0x9E3779B97F4A7C15ULL;
         h = (h ^ (h >> 29U) ^ (key.second * 0xBF58476D1CE4E5B9ULL)) * 0x94D049BB133111EBULL;
-        return static_cast<std::size_t>(h ^ (h >> 32U) ^ static_cast<std::uint64_t>(key.kind));
+        return static_cast<std::size_t>(h ^ (h >> 32U) ^ static_cast<std::uint64_t>(key.kind) ^
+                                        (std::uint64_t{key.planes} << 8U));
     }
 };
 

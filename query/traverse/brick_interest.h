@@ -8,6 +8,8 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
+#include <utility>
 
 #include "query/traverse/cube_nodes.h"
 #include "query/traverse/culling.h"
@@ -49,6 +51,7 @@ class IsovalueByBound {
     IsovalueByBound(TraversalRun& run, const BrickPlace& at)
         : source_(run.cache.source()),
           iso_(run.query.iso),
+          close_(run.query.box.close),
           level_(at.level),
           bound_(field_view(run, run.query.bound, at)),
           scale_(bound_scale(run.query.bound, at.level, run.layout().header().spacing)),
@@ -65,7 +68,7 @@ class IsovalueByBound {
     }
     [[nodiscard]] bool may_hold(const CubeNodes& nodes, const TopologyTetrahedron& t,
                                 double number) const {
-        return may_cross(nodes.value, t, number * parents_scale_, iso_);
+        return holds(range_of(nodes.value, t), number * parents_scale_, nodes.cut);
     }
     /// On which sides of the isovalue the finest function can be: above level 0 that takes the
     /// centres of the subcubes.
@@ -80,29 +83,36 @@ class IsovalueByBound {
         return sides_of(nodes.value, bound, iso_);
     }
 
-    /// Whether the range of a cube's values excludes it.
-    [[nodiscard]] bool excludes(const Int3& cube) const {
+    /// Whether the range of a cube's values excludes it. `cut`: it reaches across the box.
+    [[nodiscard]] bool excludes(const Int3& cube, bool cut) const {
         if (!ranged_) {
             return false;
         }
         const auto range = source_.cube_range(level_, cube);
-        return range && !range->may_hold(iso_);
+        return range && !range->may_hold(iso_) &&
+               !(cut && close_ && may_be_solid(range->low, range->high, 0, iso_, *close_));
     }
     /// The bound's field at a cube's centre. REQUIRES: the level is not 0.
     [[nodiscard]] double centre(const Int3& cube) const { return bound_.centre(cube); }
     /// Of tetrahedra of a subcube with these vertices in all: whether one may hold it.
     [[nodiscard]] bool one_may_hold(const CubeNodes& nodes, std::uint32_t vertices,
-                                    double centre) const {
-        return may_cross_any(nodes.value, vertices, centre * scale_, iso_);
+                                    double centre, bool cut) const {
+        return holds(range_of(nodes.value, vertices), centre * scale_, cut);
     }
     [[nodiscard]] bool may_hold_below(const CubeNodes& nodes, const TopologyTetrahedron& t,
-                                      double centre) const {
-        return may_cross(nodes.value, t, centre * scale_, iso_);
+                                      double centre, bool cut) const {
+        return holds(range_of(nodes.value, t), centre * scale_, cut);
     }
 
   private:
+    [[nodiscard]] bool holds(const std::pair<double, double>& range, double beta, bool cut) const {
+        return may_reach(range.first, range.second, beta, iso_) ||
+               (cut && close_ && may_be_solid(range.first, range.second, beta, iso_, *close_));
+    }
+
     const ChunkSource& source_;
     double iso_;
+    std::optional<Outside> close_;
     int level_;
     FieldView bound_;
     double scale_;
@@ -136,14 +146,14 @@ class PlaneByDistance {
         return true;
     }
     [[nodiscard]] static Sides sides(const CubeNodes& nodes) { return sides_of(nodes.distance, 0); }
-    [[nodiscard]] static bool excludes(const Int3& /*cube*/) { return false; }
+    [[nodiscard]] static bool excludes(const Int3& /*cube*/, bool /*cut*/) { return false; }
     [[nodiscard]] static double centre(const Int3& /*cube*/) { return 0; }
     [[nodiscard]] static bool one_may_hold(const CubeNodes& nodes, std::uint32_t vertices,
-                                           double /*centre*/) {
+                                           double /*centre*/, bool /*cut*/) {
         return may_cross_any(nodes.distance, vertices, 0, 0);
     }
     [[nodiscard]] static bool may_hold_below(const CubeNodes& nodes, const TopologyTetrahedron& t,
-                                             double /*centre*/) {
+                                             double /*centre*/, bool /*cut*/) {
         return may_cross(nodes.distance, t, 0, 0);
     }
 

@@ -24,7 +24,7 @@ BrickTraversal<Interest>::BrickTraversal(TraversalRun& run, int level, const Int
 template <class Interest>
 auto BrickTraversal<Interest>::question(const CubeNodes& nodes, const TopologyTetrahedron& t) const
     -> Question {
-    if (!nodes.sides.both_in(t) || culling_.all_below(nodes, t)) {
+    if (!sides_of(nodes, nodes.cut).both_in(t) || culling_.all_below(nodes, t)) {
         return {};
     }
     if (Interest::kExact || at_.level == 0) {
@@ -108,7 +108,7 @@ void BrickTraversal<Interest>::edge(CubeNodes& nodes, std::size_t index) {
     }
     if (!nodes.sharp) {
         sharpen(nodes);
-        if (!nodes.sides.both_in(t)) {
+        if (!sides_of(nodes, nodes.cut).both_in(t)) {
             return;
         }
     }
@@ -152,7 +152,7 @@ void BrickTraversal<Interest>::face(CubeNodes& nodes, std::size_t index) {
 /// The tetrahedra in `mask` that may hold the surface.
 template <class Interest>
 std::uint8_t BrickTraversal<Interest>::visit_cube(const CubeNodes& nodes, std::uint8_t mask) {
-    if (!nodes.sides.both_in(nodes_of(topology_.cube, mask))) {
+    if (!sides_of(nodes, nodes.cut).both_in(nodes_of(topology_.cube, mask))) {
         return 0;
     }
     std::uint8_t in = 0;
@@ -172,8 +172,9 @@ void BrickTraversal<Interest>::skip_to_subcubes(CubeNodes& nodes,
     if (!nodes.sharp) {
         sharpen(nodes);
     }
+    const Sides sides = sides_of(nodes, nodes.cut);
     for (std::size_t corner = 0; corner < 8; ++corner) {
-        if (nodes.sides.both_in(topology_.corners[corner])) {
+        if (sides.both_in(topology_.corners[corner])) {
             subcubes_[corner] |= below[corner];
         }
     }
@@ -191,7 +192,7 @@ void BrickTraversal<Interest>::subcube(const CubeNodes& nodes, unsigned corner, 
         }
         cut = overlap == Overlap::crossing;
     }
-    if (interest_.excludes(cube)) {
+    if (interest_.excludes(cube, cut)) {
         return;
     }
     const bool finest = at_.level == 0;
@@ -204,8 +205,9 @@ void BrickTraversal<Interest>::subcube(const CubeNodes& nodes, unsigned corner, 
     }
     const auto& tetrahedra = topology_.subcube[corner];
     const std::uint32_t vertices = nodes_of(tetrahedra, mask);
-    if (finest ? !nodes.sides.both_in(vertices)
-               : !interest_.one_may_hold(nodes, vertices, number)) {
+    const Sides sides = sides_of(nodes, cut);
+    if (finest ? !sides.both_in(vertices)
+               : !interest_.one_may_hold(nodes, vertices, number, cut)) {
         return;
     }
     // Which of those that are refined are in question, the next finer values say better.
@@ -217,7 +219,7 @@ void BrickTraversal<Interest>::subcube(const CubeNodes& nodes, unsigned corner, 
         const TopologyTetrahedron& t = tetrahedra[order];
         if (leaf) {
             ++counts_.visited;
-            if (finest ? nodes.sides.both_in(t) : interest_.may_hold_below(nodes, t, number)) {
+            if (finest ? sides.both_in(t) : interest_.may_hold_below(nodes, t, number, cut)) {
                 march(nodes, t, eta, cut);
             }
         } else if (culling_.all_below(nodes, t, cube)) {

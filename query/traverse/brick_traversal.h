@@ -52,6 +52,11 @@ class BrickTraversal {
                                                 const TopologyTetrahedron& t,
                                                 std::optional<double> number) const;
     [[nodiscard]] bool edges_refine(CubeNodes& nodes, const TopologyTetrahedron& face) const;
+    /// Of a cube, or a subcube, that reaches across the box or not: what is beyond a closed one's
+    /// face counts.
+    [[nodiscard]] Sides sides_of(const CubeNodes& nodes, bool cut) const {
+        return cut && query_.box.close ? nodes.sides.with(*query_.box.close) : nodes.sides;
+    }
     [[nodiscard]] std::uint8_t refined_to_subcubes(CubeNodes& nodes, std::uint8_t mask) const;
 
     // What is done about them.

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <bit>
+#include <optional>
 
 #include "query/march/clip.h"
 #include "query/traverse/brick_parts.h"
@@ -11,18 +12,24 @@
 namespace isonest::detail {
 namespace {
 
+/// Of what reaches across the box, or not: what is beyond a closed one's face counts.
+Sides sides_at(const Sides& sides, bool cut, const std::optional<Outside>& close) {
+    return cut && close ? sides.with(*close) : sides;
+}
+
 /// The tetrahedra of one subcube, each by itself.
 class ByTetrahedra {
   public:
     ByTetrahedra(TraversalRun& run, LocalMesh& mesh)
         : culling_(run.query.culling ? &*run.query.culling : nullptr),
+          close_(run.query.box.close),
           counts_(run.counts.local()),
           action_(run, mesh, 0, run.query.iso) {}
 
     static void prepare(CubeNodes& /*nodes*/) {}
     void subcube(const CubeNodes& nodes, unsigned corner, std::uint8_t mask, bool cut) {
         const auto& tetrahedra = topology().subcube[corner];
-        if (!nodes.sides.both_in(nodes_of(tetrahedra, mask))) {
+        if (!sides_at(nodes.sides, cut, close_).both_in(nodes_of(tetrahedra, mask))) {
             return;
         }
         for (unsigned order = 0; order < 6; ++order) {
@@ -34,7 +41,7 @@ class ByTetrahedra {
     }
     /// If the surface passes through it and is wanted.
     void march(const CubeNodes& nodes, const TopologyTetrahedron& t, bool cut) {
-        if (!nodes.sides.both_in(t)) {
+        if (!sides_at(nodes.sides, cut, close_).both_in(t)) {
             return;
         }
         const auto corners = complete_corners(nodes, nodes.value, t);
@@ -49,6 +56,7 @@ class ByTetrahedra {
     }
 
     const Culling* culling_;
+    std::optional<Outside> close_;
     TraversalCounts& counts_;
     LeafMarch action_;
 };
@@ -57,10 +65,19 @@ class ByTetrahedra {
 class ByCubes {
   public:
     ByCubes(TraversalRun& run, LocalMesh& mesh)
-        : iso_(run.query.iso), mesh_(mesh), counts_(run.counts.local()), single_(run, mesh) {}
+        : iso_(run.query.iso),
+          is_closed_(run.query.box.close.has_value()),
+          mesh_(mesh),
+          counts_(run.counts.local()),
+          single_(run, mesh) {}
 
-    void prepare(CubeNodes& nodes) const { nodes.special = special_nodes(nodes.value, iso_); }
+    void prepare(CubeNodes& nodes) const {
+        nodes.special = is_closed_ ? missing_nodes(nodes.value) : special_nodes(nodes.value, iso_);
+    }
     void subcube(const CubeNodes& nodes, unsigned corner, std::uint8_t mask, bool cut) {
+        if (cut && is_closed_) {
+            return single_.subcube(nodes, corner, mask, cut);
+        }
         counts_.visited += static_cast<std::uint64_t>(std::popcount(mask));
         Cube cube{nodes.subcube(corner), nodes.mirror ^ corner, 0, {}};
         for (unsigned i = 0; i < 8; ++i) {
@@ -85,6 +102,7 @@ class ByCubes {
 
   private:
     double iso_;
+    bool is_closed_;
     const Topology& topology_ = topology();
     LocalMesh& mesh_;
     TraversalCounts& counts_;
@@ -118,20 +136,21 @@ class FinestBrick {
         values_.load(nodes, parent);
         nodes.cut = cut;
         nodes.sides = sides_of(nodes.value, query_.iso);
-        if (!nodes.sides.both_in(nodes_of(topology_.cube, mask))) {
+        const Sides sides = sides_at(nodes.sides, cut, query_.box.close);
+        if (!sides.both_in(nodes_of(topology_.cube, mask))) {
             return;
         }
         march_.prepare(nodes);
         std::array<std::uint8_t, 8> below{};
         for (unsigned order = 0; order < 6; ++order) {
-            if ((mask >> order & 1U) != 0 && nodes.sides.both_in(topology_.cube[order])) {
+            if ((mask >> order & 1U) != 0 && sides.both_in(topology_.cube[order])) {
                 for (unsigned corner = 0; corner < 8; ++corner) {
                     below[corner] |= topology_.below_cube[order][corner];
                 }
             }
         }
         for (unsigned corner = 0; corner < 8; ++corner) {
-            if (below[corner] != 0 && nodes.sides.both_in(topology_.corners[corner])) {
+            if (below[corner] != 0 && sides.both_in(topology_.corners[corner])) {
                 subcube(nodes, corner, below[corner]);
             }
         }

@@ -11,8 +11,10 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <utility>
 
 #include <isonest/field.h>
+#include <isonest/world.h>
 
 #include "query/view/finest_indicators.h"
 #include "query/view/topology.h"
@@ -23,6 +25,12 @@ namespace isonest::detail {
 /// values, where beta is infinite, never exclude anything.
 inline bool may_reach(double low, double high, double beta, double iso) {
     return !(low - beta > iso) && !(high + beta < iso);
+}
+
+/// Whether an element at a closed face of the box can have a share in the cap there: what is between
+/// `low` and `high`, or up to beta beyond, need not all be like the outside.
+inline bool may_be_solid(double low, double high, double beta, double iso, Outside outside) {
+    return outside == Outside::below ? !(high + beta < iso) : !(low - beta > iso);
 }
 
 /// By what the bound field at the refinement node of an element has to be multiplied to bound
@@ -37,22 +45,19 @@ inline double bound_scale(Field bound, int level, const Double3& spacing) {
     return std::ldexp(std::hypot(spacing[0], spacing[1], spacing[2]), level);
 }
 
-/// By the tetrahedron's own vertices and bound.
-inline bool may_cross(const CubeValues& value, const TopologyTetrahedron& t, double beta,
-                      double iso) {
+/// Smallest and largest value in a tetrahedron's vertices.
+inline std::pair<double, double> range_of(const CubeValues& value, const TopologyTetrahedron& t) {
     double low = value[t.vertices[0]];
     double high = low;
     for (std::size_t i = 1; i < 4; ++i) {
         low = std::min(low, value[t.vertices[i]]);
         high = std::max(high, value[t.vertices[i]]);
     }
-    return may_reach(low, high, beta, iso);
+    return {low, high};
 }
 
-/// The same of several tetrahedra with one bound and a diagonal in common, `nodes` being the bits
-/// of all their vertices. One of them may cross if and only if all together may: where none does,
-/// each is wholly on one side, and the diagonal says that it is the same.
-inline bool may_cross_any(const CubeValues& value, std::uint32_t nodes, double beta, double iso) {
+/// In several of the 27 nodes (bits).
+inline std::pair<double, double> range_of(const CubeValues& value, std::uint32_t nodes) {
     double low = std::numeric_limits<double>::infinity();
     double high = -low;
     for (; nodes != 0; nodes &= nodes - 1) {
@@ -60,6 +65,21 @@ inline bool may_cross_any(const CubeValues& value, std::uint32_t nodes, double b
         low = std::min(low, v);
         high = std::max(high, v);
     }
+    return {low, high};
+}
+
+/// By the tetrahedron's own vertices and bound.
+inline bool may_cross(const CubeValues& value, const TopologyTetrahedron& t, double beta,
+                      double iso) {
+    const auto [low, high] = range_of(value, t);
+    return may_reach(low, high, beta, iso);
+}
+
+/// The same of several tetrahedra with one bound and a diagonal in common, `nodes` being the bits
+/// of all their vertices. One of them may cross if and only if all together may: where none does,
+/// each is wholly on one side, and the diagonal says that it is the same.
+inline bool may_cross_any(const CubeValues& value, std::uint32_t nodes, double beta, double iso) {
+    const auto [low, high] = range_of(value, nodes);
     return may_reach(low, high, beta, iso);
 }
 
@@ -78,6 +98,10 @@ struct Sides {
         return (nodes & below) != 0 && (nodes & not_below) != 0;
     }
     [[nodiscard]] bool both_in(const TopologyTetrahedron& t) const { return both_in(t.nodes); }
+    /// Of an element at a closed face of the box: what is beyond counts.
+    [[nodiscard]] Sides with(Outside outside) const {
+        return outside == Outside::below ? Sides{~0U, not_below} : Sides{below, ~0U};
+    }
 };
 
 namespace interest {
@@ -107,6 +131,15 @@ inline Sides sides_of(const CubeValues& value, double iso) {
         sides.not_below |= (value[p] >= iso ? 1U : 0U) << p;
     }
     return sides;
+}
+
+/// Bits of the node positions whose value is missing.
+inline std::uint32_t missing_nodes(const CubeValues& value) {
+    std::uint32_t missing = 0;
+    for (std::size_t p = 0; p < value.size(); ++p) {
+        missing |= (!std::isfinite(value[p]) ? 1U : 0U) << p;
+    }
+    return missing;
 }
 
 /// Bits of the node positions whose value is the isovalue or missing.

@@ -126,11 +126,22 @@ class NodeSides {
     std::array<Piece, 8> pieces_;
 };
 
+/// The side on which everything beyond the faces of a closed box is, of what reaches across it.
+std::uint8_t side_beyond(const ClipBox& box, const Int3& low, std::int64_t size) {
+    if (!box.close || overlap_of(box, low, low + Int3{size, size, size}) != Overlap::crossing) {
+        return 0;
+    }
+    return *box.close == Outside::below ? kBelow : kNotBelow;
+}
+
 template <class T>
-std::unique_ptr<MaskList> cubes_on_both_sides(ChunkCache& cache, const Int3& brick, double iso) {
+std::unique_ptr<MaskList> cubes_on_both_sides(ChunkCache& cache, const Int3& brick, double iso,
+                                              const ClipBox& box) {
     const NodeSides<T> nodes(cache, brick, iso);
     const std::int64_t half = cache.source().layout().header().chunk / 2;
     const std::int64_t n = nodes.row_size();
+    const Int3 base = brick * (2 * half);
+    const std::uint8_t beyond = side_beyond(box, base, 2 * half);
     std::array<std::vector<std::uint8_t>, 3> planes;
     std::vector<std::uint8_t> line(static_cast<std::size_t>(n));
     std::unique_ptr<MaskList> masks;
@@ -148,7 +159,10 @@ std::unique_ptr<MaskList> cubes_on_both_sides(ChunkCache& cache, const Int3& bri
             }
             for (std::int64_t x = 0; x < half; ++x) {
                 const std::uint8_t* const at = line.data() + 2 * x;
-                if ((at[0] | at[1] | at[2]) != kBoth) {
+                const auto sides = static_cast<std::uint8_t>(at[0] | at[1] | at[2]);
+                if (sides != kBoth &&
+                    ((sides | beyond) != kBoth ||
+                     (sides | side_beyond(box, base + Int3{x, y, z} * 2, 2)) != kBoth)) {
                     continue;
                 }
                 if (masks == nullptr) {
@@ -164,21 +178,24 @@ std::unique_ptr<MaskList> cubes_on_both_sides(ChunkCache& cache, const Int3& bri
 
 }  // namespace
 
-bool may_hold_surface(const ChunkSource& source, const Int3& brick, double iso) {
+bool may_hold_surface(const ChunkSource& source, const Int3& brick, double iso,
+                      const ClipBox& box) {
     const ArrayInfo& array = source.layout().array(0, Field::values);
-    std::uint8_t sides = 0;
+    const std::int64_t chunk = source.layout().header().chunk;
+    std::uint8_t sides = side_beyond(box, brick * chunk, chunk);
     for (std::int64_t i = 0; i < 8 && sides != kBoth; ++i) {
         sides |= sides_of_chunk(source, array, brick + kTwo.unlinear(i), iso);
     }
     return sides == kBoth;
 }
 
-std::unique_ptr<MaskList> surface_cubes(ChunkCache& cache, const Int3& brick, double iso) {
-    if (!may_hold_surface(cache.source(), brick, iso)) {
+std::unique_ptr<MaskList> surface_cubes(ChunkCache& cache, const Int3& brick, double iso,
+                                        const ClipBox& box) {
+    if (!may_hold_surface(cache.source(), brick, iso, box)) {
         return nullptr;
     }
     return dispatch(cache.source().layout().header().type, [&](auto tag) {
-        return cubes_on_both_sides<typename decltype(tag)::type>(cache, brick, iso);
+        return cubes_on_both_sides<typename decltype(tag)::type>(cache, brick, iso, box);
     });
 }
 

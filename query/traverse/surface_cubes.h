@@ -8,6 +8,7 @@
 
 #include <memory>
 
+#include "query/march/clip.h"
 #include "query/traverse/traversal.h"
 
 namespace isonest::detail {
@@ -16,12 +17,14 @@ namespace isonest::detail {
 using MaskList = std::vector<std::uint8_t>;
 
 /// Whether the values of the brick's chunk and of those that its last cubes reach into lie on both
-/// sides of the isovalue, by the chunk table alone. Throws what the chunk source throws.
-bool may_hold_surface(const ChunkSource& source, const Int3& brick, double iso);
+/// sides of the isovalue, by the chunk table alone. At the faces of a closed box what is beyond
+/// counts. Throws what the chunk source throws.
+bool may_hold_surface(const ChunkSource& source, const Int3& brick, double iso, const ClipBox& box);
 
 /// The cubes of level 1 in a brick of level 0 with nodes below the isovalue and nodes not below it;
-/// null if there are none. Decodes only chunks with values on both sides. Thread-safe. Throws what
-/// the chunk source throws.
-std::unique_ptr<MaskList> surface_cubes(ChunkCache& cache, const Int3& brick, double iso);
+/// null if there are none. At the faces of a closed box what is beyond counts. Decodes only chunks
+/// with values on both sides. Thread-safe. Throws what the chunk source throws.
+std::unique_ptr<MaskList> surface_cubes(ChunkCache& cache, const Int3& brick, double iso,
+                                        const ClipBox& box);
 
 }  // namespace isonest::detail

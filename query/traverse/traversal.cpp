@@ -154,7 +154,7 @@ void run_finest_bricks(TraversalRun& run, const Int3& first, std::int64_t size,
                        std::uint64_t progress_share) {
     run.progress.check();
     if (size == 1) {
-        if (const auto cubes = surface_cubes(run.cache, first, run.query.iso)) {
+        if (const auto cubes = surface_cubes(run.cache, first, run.query.iso, run.query.box)) {
             ++run.counts.local().bricks;
             march_finest_brick(run, first, *cubes);
         }
@@ -176,7 +176,7 @@ void run_finest_bricks(TraversalRun& run, const Int3& first, std::int64_t size,
         active[octant] = max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
                          overlap_of(run.query.box, low, low + Int3{chunk, chunk, chunk} * half) !=
                              Overlap::outside &&
-                         (half > 1 || may_hold_surface(source, child, run.query.iso));
+                         (half > 1 || may_hold_surface(source, child, run.query.iso, run.query.box));
         if (active[octant] && half == 1) {
             source.prefetch(values, child);
         }

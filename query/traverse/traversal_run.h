@@ -27,7 +27,10 @@ struct TraversalRun {
           progress(reports),
           attributes(
               [this] { return AttributeSampler(query.attributes, cache, query.attribute_values); }),
-          meshes([this] { return LocalMesh(&attributes.local(), query.plane.has_value()); }) {}
+          meshes([this] {
+              return query.box.close ? LocalMesh(&attributes.local(), query.box)
+                                     : LocalMesh(&attributes.local(), query.plane.has_value());
+          }) {}
 
     [[nodiscard]] const StoreLayout& layout() const { return cache.source().layout(); }
 

@@ -105,6 +105,12 @@ struct SurfaceQuery {
     std::optional<Field> vertex_error = {};
     /// Drops specks; without a value components are not looked for.
     std::optional<ComponentChoice> components = {};
+    /// Closes the surface by caps where it meets the faces of the volume or of the box, so that
+    /// every edge has two triangles; only at missing values it stays open. The caps face as the
+    /// surface does: out of the solid with Outside::below, into it with Outside::above. Where nodes
+    /// have the isovalue exactly, triangles without area arise. Of a volume alone; not together
+    /// with `culling`.
+    std::optional<Outside> close = {};
 };
 
 /// The part of a plane inside the volume, triangles that face against its normal and have the
@@ -187,6 +193,7 @@ struct ExtractReport {
     std::uint64_t dropped_components = 0;
     std::uint64_t dropped_triangles = 0;  ///< or lines; as extracted
     std::uint64_t largest_dropped = 0;    ///< triangles (or lines) of the largest of them
+    std::optional<Outside> closed = {};   ///< as in the query
     std::uint64_t scratch_bytes = 0;      ///< of temporary files of what changes the whole mesh
     std::uint64_t chunks_read = 0;        ///< by this call alone, those read twice counted twice
     std::uint64_t chunks_total = 0;       ///< of the store

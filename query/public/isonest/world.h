@@ -1,6 +1,8 @@
 // Places in world units: boxes, planes, and where somebody looks from.
 #pragma once
 
+#include <cstdint>
+
 #include <isonest/int3.h>
 
 namespace isonest {
@@ -9,6 +11,12 @@ namespace isonest {
 struct WorldBox {
     Double3 lo{};
     Double3 hi{};
+};
+
+/// What lies outside of a volume, or of a box in it, if the surface is to be closed there.
+enum class Outside : std::uint8_t {
+    below,  ///< counts as below the isovalue: what is not below it becomes a solid
+    above   ///< counts as not below it: what is below it becomes a solid
 };
 
 /// The plane {normal . x = offset}. The normal need not have length 1.
