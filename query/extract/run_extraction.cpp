@@ -7,6 +7,7 @@
 
 #include "query/extract/contour_lines.h"
 #include "query/extract/whole_mesh.h"
+#include "query/mesh/border_count.h"
 #include "query/mesh/emit_mesh.h"
 #include "query/traverse/planar.h"
 #include "query/traverse/traversal_budget.h"
@@ -107,6 +108,9 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
             emit(parts, weld, layout, sink, report, progress);
             const bool lines = asked.product == Product::isolines;
             report.zero_area_triangles = lines ? 0 : parts.zero_area_triangles();
+            if (report.closed && store.has_missing()) {
+                report.border_vertices = border_vertices(parts, weld, scratch, progress);
+            }
             return;
         }
         PartStore line_parts(scratch, {1, 1, 1}, {0, 0, 0}, budget.cache / 2, attributes.width());

@@ -8,6 +8,7 @@
 
 #include <isonest/error.h>
 
+#include "query/mesh/border_count.h"
 #include "query/mesh/components.h"
 #include "query/simplify/simplify_lines.h"
 #include "query/simplify/triangle_budget.h"
@@ -134,6 +135,9 @@ void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const 
             report.within_budget = result.is_met;
             report.distance = result.limit + (result.limit > 0 ? most_moved(query) : 0);
         }
+    }
+    if (report.closed && store.has_missing()) {
+        report.border_vertices = border_vertices(mesh, elements, scratch, progress);
     }
     const EmittedMesh emitted = emit_elements(mesh, elements, scratch, sink, progress);
     report.vertices = emitted.vertices;

@@ -7,6 +7,7 @@
 #include <isonest/extract.h>
 #include <isonest/mesh_file.h>
 
+#include "tools/cli/close_option.h"
 #include "tools/cli/command.h"
 #include "tools/cli/component_options.h"
 #include "tools/cli/distance_options.h"
@@ -25,6 +26,7 @@ struct Arguments {
     std::optional<BackfaceCulling> culling;
     DistanceArguments distance;
     std::optional<ComponentChoice> components;
+    std::optional<Outside> close;
     std::string values;  ///< a second store, or empty
 };
 
@@ -44,7 +46,10 @@ std::string empty_surface(const Store& store, const Arguments& arguments, const 
     if (!(store.min_value() <= store.max_value())) {
         return "The surface is empty: all values are missing.\n";
     }
-    if (!a.is_graph && !(store.min_value() < iso && iso <= store.max_value())) {
+    // What is closed is a solid, and may fill the whole volume.
+    const bool some_below = store.min_value() < iso || arguments.close == Outside::below;
+    const bool some_above = iso <= store.max_value() || arguments.close == Outside::above;
+    if (!a.is_graph && !(some_below && some_above)) {
         return fmt::format("The surface is empty: {} value is below {}; they are {}.\n",
                            iso <= store.min_value() ? "no" : "every", iso, range);
     }
@@ -91,6 +96,7 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
     query.stop = arguments.distance.stop().value_or(query.stop);
     query.culling = arguments.culling;
     query.components = arguments.components;
+    query.close = arguments.close;
     return extract(store, query, *sink, options_of(a), progress);
 }
 
@@ -121,6 +127,10 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
         add_component_json(r, result.json);
         result.text += component_text(r);
     }
+    if (arguments.close) {
+        add_close_json(r, result.json);
+        result.text += r.triangles > 0 ? close_text(r, a.box.has_value()) : "";
+    }
     if (r.triangles == 0 && r.dropped_components == 0) {
         result.text += empty_surface(store, arguments, r);
     }
@@ -150,6 +160,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.glb --normals\n"
          "isonest extract scan.isonest --iso 120 --distance 0.5voxel -o small.stl\n"
          "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"
+         "isonest extract scan.isonest --iso 120.5 --close --components largest -o print.3mf\n"
          "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply\n"
          "isonest extract scan.isonest --iso 120 --error 1 --focus 30,40,20 --falloff 0.1 -o "
          "near.ply\n"
@@ -166,6 +177,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     for (CLI::Option* const option : add_component_options(c, a->components)) {
         option->excludes(graph);
     }
+    add_close_option(c, a->close)->excludes(graph);
     add_parsed(
         c, "--scale", [a](const std::string& text) { a->scale = parse_number("--scale", text); },
         "of the graph: z = S times the value [1]", "S")

@@ -194,6 +194,8 @@ struct ExtractReport {
     std::uint64_t dropped_triangles = 0;  ///< or lines; as extracted
     std::uint64_t largest_dropped = 0;    ///< triangles (or lines) of the largest of them
     std::optional<Outside> closed = {};   ///< as in the query
+    /// If it was closed: vertices on borders that are left, around missing values.
+    std::uint64_t border_vertices = 0;
     std::uint64_t scratch_bytes = 0;      ///< of temporary files of what changes the whole mesh
     std::uint64_t chunks_read = 0;        ///< by this call alone, those read twice counted twice
     std::uint64_t chunks_total = 0;       ///< of the store

@@ -1,0 +1,37 @@
+// Whether a mesh of triangles is closed: how many of its vertices lie on borders.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+
+#include <isonest/progress.h>
+
+#include "query/mesh/scratch_mesh.h"
+#include "query/mesh/weld.h"
+
+namespace isonest::detail {
+
+/// Counts vertices around which triangles do not close up, in a table of 8 bytes for each vertex,
+/// a mapped temporary file. Not thread-safe.
+class BorderCount {
+  public:
+    /// Throws Error{io}.
+    BorderCount(std::uint64_t vertices, const std::filesystem::path& folder);
+
+    /// REQUIRES: corners are numbers below `vertices`.
+    void add(const ElementCorners& triangle);
+    [[nodiscard]] std::uint64_t vertices() const;
+
+  private:
+    ScratchFile file_;
+    std::span<std::uint64_t> balance_;
+};
+
+/// Of a welded mesh, and of triangles with vertices of a whole one. Throw Error{io, cancelled}.
+std::uint64_t border_vertices(const PartStore& parts, const Weld& weld,
+                              const std::filesystem::path& folder, Progress& progress);
+std::uint64_t border_vertices(const ScratchMesh& mesh, std::span<const ElementCorners> triangles,
+                              const std::filesystem::path& folder, Progress& progress);
+
+}  // namespace isonest::detail
