@@ -578,6 +578,51 @@ class Cli(unittest.TestCase):
         for path in self.here.glob("specks.*"):
             path.unlink()
 
+    def test_a_surface_is_closed_on_either_side_and_the_report_says_so(self):
+        import h5py
+        import numpy
+        u = numpy.zeros((9, 9, 9))
+        u[2:7, 2:7, 4:] = 1
+        with h5py.File(self.here / "solid.h5", "w") as file:
+            file["u"] = u
+            file["holes"] = numpy.where(u == 0, numpy.nan, u)
+            file["flat"] = u[4]
+        for name in ("u", "holes", "flat"):
+            self.ok("preprocess", "solid.h5", "--dataset", name, "-o", f"solid-{name}.s", "--chunk", 8)
+        extract = ("extract", "solid-u.s", "--iso", 0.5, "-o", "solid.ply")
+        is_open = self.json(*extract)
+        self.assertNotIn("closed", is_open)
+        for options, side in ((["--close"], "below"), (["--close=below"], "below"), (["--close=above"], "above")):
+            report = self.json(*extract, *options)
+            self.assertEqual((report["closed"], report["border_vertices"]), (side, 0))
+            self.assertGreater(report["triangles"], is_open["triangles"])
+            self.assertEqual(report["triangles"], 2 * report["vertices"] - 4)  # a sphere
+            self.assertIn("closed at the faces of the volume: every edge has two triangles",
+                          self.ok(*extract, *options).stdout.decode())
+        self.assertIn("closed at the faces of the box",
+                      self.ok(*extract, "--close", "--box", "1,1,1,5,5,5").stdout.decode())
+        # The option's value never is the next argument.
+        self.assertEqual(self.json("extract", "--iso", 0.5, "--close", "solid-u.s", "-o", "solid.ply")["closed"],
+                         "below")
+        full = ("extract", "solid-u.s", "--iso", -1, "--close", "-o", "solid.ply")
+        self.assertEqual(self.json(*full)["triangles"], 6 * 8 * 8 * 2)
+        self.assertIn("no value is below -1", self.ok(*full[:4], "--close=above", *full[5:]).stdout.decode())
+        self.assertIn("every value is below 2",
+                      self.ok("extract", "solid-u.s", "--iso", 2, "--close", "-o", "solid.ply").stdout.decode())
+        holes = ("extract", "solid-holes.s", "--iso", 0.5, "--close", "-o", "solid.ply")
+        self.assertGreater(self.json(*holes)["border_vertices"], 0)
+        self.assertRegex(self.ok(*holes).stdout.decode(), r"open at missing values: \d+ vertices lie on borders")
+        for path in self.here.glob("solid.ply"):
+            path.unlink()
+        self.assertIn("give below or above", self.fails(2, *extract, "--close=left"))
+        self.assertIn("closing needs a volume",
+                      self.fails(2, "extract", "solid-flat.s", "--iso", 0.5, "--close", "-o", "solid.vtp"))
+        self.fails(2, *extract, "--close", "--view", "0,0,1")
+        self.fails(2, "extract", "solid-flat.s", "--graph", "--close", "-o", "solid.ply")
+        self.fails(2, "slice", "solid-u.s", "--plane", "0,0,1,4", "--close", "-o", "solid.ply")
+        for path in self.here.glob("solid*"):
+            path.unlink()
+
     def test_ranges_tell_their_ends_apart(self):
         import h5py
         import numpy

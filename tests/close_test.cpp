@@ -2,6 +2,9 @@
 // itself.
 #include <catch2/catch.hpp>
 #include <functional>
+#include <map>
+#include <random>
+#include <set>
 
 #include <isonest/error.h>
 
@@ -15,6 +18,7 @@ using namespace isonest::detail::test;
 namespace {
 
 constexpr Double3 kFar{1e9, 1e9, 1e9};
+constexpr int kRounds = 100;  // of random volumes
 using Corners = std::array<Double3, 4>;
 
 double at(const Double3& p, const Double3& q, double t, std::size_t i) {
@@ -224,7 +228,8 @@ void require_solid(const StoreReader& store, double iso, const Settings& with) {
     const double sign = with.outside == Outside::below ? 1 : -1;
     double all = cell;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-        all *= box.hi[axis] - box.lo[axis];
+        // Coordinates are rounded to float32.
+        all *= box.hi[axis] - box.lo[axis] + 0.1;
     }
     CHECK(sign * enclosed(r.mesh) == Approx(expected).margin(1e-5 * all));
 }
@@ -386,6 +391,61 @@ TEST_CASE("caps lie in the faces and face outward") {
     }
 }
 
+TEST_CASE("random volumes, isovalues, tolerances and boxes are closed") {
+    std::mt19937_64 random(20);
+    const auto below = [&](std::int64_t n) {
+        return static_cast<std::int64_t>(random() % static_cast<std::uint64_t>(n));
+    };
+    const auto fraction = [&] { return static_cast<double>(random() >> 11U) * 0x1p-53; };
+    for (int round = 0; round < kRounds; ++round) {
+        const Int3 n{2 + below(12), 2 + below(12), 2 + below(12)};
+        const auto levels = static_cast<double>(1 + below(6));
+        const std::uint64_t seed = random();
+        const bool smoothed = below(2) == 0;
+        FunctionVolume<float> volume(n, [&](const Int3& p) {
+            const double u = smoothed ? smooth(p) + 0.1 * noise(p, seed) : noise(p, seed);
+            return static_cast<float>(std::floor(levels * u));
+        });
+        const TemporaryFolder folder;
+        make_store(volume, folder / "s", with_chunk(8));
+        const StoreReader store(folder / "s");
+        for (int query = 0; query < 4; ++query) {
+            const double iso =
+                below(2) == 0 ? static_cast<double>(below(7)) - 2 : levels * fraction();
+            Settings with;
+            with.error = below(2) == 0 ? 0 : levels * fraction();
+            with.outside = below(2) == 0 ? Outside::below : Outside::above;
+            if (below(4) != 0) {
+                WorldBox box;
+                for (std::size_t axis = 0; axis < 3; ++axis) {
+                    const auto last = static_cast<double>(n[static_cast<int>(axis)] - 1);
+                    const auto end = [&] {
+                        const double x = (1.2 * fraction() - 0.1) * last;
+                        switch (below(4)) {
+                            case 0:
+                                return std::round(x);
+                            case 1:
+                                return std::round(2 * x) / 2;
+                            case 2:
+                                return std::round(x) + (fraction() - 0.5) * 1e-12;
+                            default:
+                                return x;
+                        }
+                    };
+                    do {
+                        box.lo[axis] = end();
+                        box.hi[axis] = end();
+                    } while (
+                        !(box.lo[axis] < box.hi[axis] && box.lo[axis] < last && box.hi[axis] > 0));
+                }
+                with.box = box;
+            }
+            CAPTURE(round, query, n.x, n.y, n.z, iso, with.error, static_cast<int>(with.outside));
+            require_solid(store, iso, with);
+        }
+    }
+}
+
 TEST_CASE("a closed mesh does not depend on chunks, threads and memory") {
     const auto all_levels = [](const Int3& p) {
         return static_cast<std::uint8_t>(40 + 9 * smooth(p) + 3 * noise(p));
@@ -414,4 +474,73 @@ TEST_CASE("a closed mesh does not depend on chunks, threads and memory") {
             }
         }
     }
+}
+
+TEST_CASE("what is closed stays open at missing values alone, and the report says so") {
+    const auto f = [](const Int3& p) {
+        const bool missing = p == Int3{7, 6, 5} || p == Int3{0, 3, 3};
+        return missing ? std::numeric_limits<float>::quiet_NaN() : smooth_f(p);
+    };
+    FunctionVolume<float> volume({14, 12, 11}, f);
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(8));
+    const Store store(folder / "s");
+    for (const double error : {0.0, 0.3}) {
+        for (const bool components : {false, true}) {
+            SurfaceQuery query{.iso = -0.1};
+            query.stop = ErrorBound{error};
+            query.close = Outside::below;
+            if (components) {
+                query.components.emplace();
+            }
+            MeshCollector mesh;
+            const ExtractReport report = extract(store, query, mesh);
+            CHECK(report.closed == Outside::below);
+            std::map<std::pair<std::uint32_t, std::uint32_t>, int> edges;
+            for (const auto& t : mesh.triangles) {
+                for (std::size_t i = 0; i < 3; ++i) {
+                    ++edges[{t[i], t[(i + 1) % 3]}];
+                }
+            }
+            std::set<std::uint32_t> border;
+            for (const auto& [edge, count] : edges) {
+                CHECK(count == 1);
+                if (edges.count({edge.second, edge.first}) == 0) {
+                    for (const std::uint32_t v : {edge.first, edge.second}) {
+                        border.insert(v);
+                        // No further from a missing node than the tetrahedra around it.
+                        const auto near = [&](const Int3& p) {
+                            bool all = true;
+                            for (std::size_t axis = 0; axis < 3; ++axis) {
+                                const auto x = static_cast<double>(mesh.positions[v][axis]);
+                                const auto at = static_cast<double>(p[static_cast<int>(axis)]);
+                                all = all && std::fabs(x - at) <= 1;
+                            }
+                            return all;
+                        };
+                        CHECK((near({7, 6, 5}) || near({0, 3, 3})));
+                    }
+                }
+            }
+            CHECK(!border.empty());
+            CHECK(report.border_vertices == border.size());
+        }
+    }
+}
+
+TEST_CASE("what cannot be closed is refused") {
+    const TemporaryFolder folder;
+    FunctionVolume<float> flat({9, 8, 1}, smooth_f);
+    make_store(flat, folder / "flat", with_chunk(8));
+    FunctionVolume<float> volume({9, 8, 7}, smooth_f);
+    PreprocessOptions options = with_chunk(8);
+    options.fields = {Field::deviation_bar, Field::normal_turn_plus};
+    make_store(volume, folder / "s", options);
+    MeshCollector mesh;
+    SurfaceQuery query{.iso = 0};
+    query.close = Outside::above;
+    CHECK_THROWS_AS(extract(Store(folder / "flat"), query, mesh), Error);
+    CHECK_NOTHROW(extract(Store(folder / "s"), query, mesh));
+    query.culling = BackfaceCulling{{0, 0, 1}};
+    CHECK_THROWS_AS(extract(Store(folder / "s"), query, mesh), Error);
 }

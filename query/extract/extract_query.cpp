@@ -201,6 +201,18 @@ double world_distance(const StoreReader& store, const DistanceBound& asked) {
     return asked.voxels && std::isfinite(voxel) ? asked.value * voxel : asked.value;
 }
 
+void require_closable(const StoreReader& store, const SurfaceQuery& query) {
+    if (store.layout().lattice().dimension() < 3) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                    "closing needs a volume, with more than one node along each axis");
+    }
+    if (query.culling) {
+        throw Error(ErrorKind::invalid_argument,
+                    "a surface is open where its backfaces are left out: it cannot be closed and "
+                    "culled");
+    }
+}
+
 void require_sense(const ComponentChoice& choice, Product product) {
     if (!(choice.least_volume >= 0) || !std::isfinite(choice.least_volume)) {
         throw Error(ErrorKind::invalid_argument,
@@ -226,27 +238,20 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     const bool flat = store.layout().lattice().dimension() == 2;
     const Product product = flat ? Product::isolines : Product::surface;
     require_dimension(store, product, query.culling.has_value());
+    if (query.close) {
+        require_closable(store, query);
+    }
     if (!std::isfinite(query.iso)) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("isovalue {}: must be a finite number", query.iso));
     }
     ExtractQuery asked = begun(store, product, query);
     asked.traversal.iso = query.iso;
+    asked.traversal.box.close = query.close;
     asked.traversal.bound = bound_of(store, query.bound);
     if (query.culling) {
         asked.traversal.culling = culling_of(store, *query.culling);
     }
-    if (query.close && flat) {
-        throw Error(ErrorKind::invalid_argument, {store.path().string()},
-                    "data in a plane have isolines, which caps cannot close; closing needs a "
-                    "volume");
-    }
-    if (query.close && query.culling) {
-        throw Error(ErrorKind::invalid_argument,
-                    "a surface without its backfaces cannot be closed: give a direction of view, "
-                    "or close the surface");
-    }
-    asked.traversal.box.close = query.close;
     if (const auto* const distance = std::get_if<DistanceBound>(&query.stop)) {
         require_no_place(query);
         asked.distance = world_distance(store, *distance);

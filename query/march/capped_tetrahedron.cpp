@@ -51,8 +51,7 @@ void CappedTetrahedron::begin(const PartVertices& vertices, const std::array<Cor
         {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
     for (const auto& face : kOutward) {
         const std::size_t at = corners_.size();
-        corners_.insert(corners_.end(),
-                        {face[0], face[positive ? 1 : 2], face[positive ? 2 : 1]});
+        corners_.insert(corners_.end(), {face[0], face[positive ? 1 : 2], face[positive ? 2 : 1]});
         facets_.push_back({kNone, at, corners_.size()});
     }
 }
@@ -149,10 +148,10 @@ void CappedTetrahedron::cut_at_iso(const PartVertices& vertices,
     }
     cut(kIso, [&](std::uint32_t a, std::uint32_t b) {
         Vertex v;
-        v.position = vertices
-                         .on_edge(corners[a].node, corners[a].value, corners[b].node,
-                                  corners[b].value, iso)
-                         .position;
+        v.position =
+            vertices
+                .on_edge(corners[a].node, corners[a].value, corners[b].node, corners[b].value, iso)
+                .position;
         v.nodes = 1U << a | 1U << b;
         v.from = a;
         v.to = b;
@@ -239,10 +238,10 @@ std::uint32_t CappedTetrahedron::number_of(PartVertices& vertices,
                                    at.position);
     } else if (nodes == 3) {
         const std::size_t opposite = first_of(kAllCorners & ~at.nodes);
-        number = vertices.face_cut({corners[(opposite + 1) % 4].node,
-                                    corners[(opposite + 2) % 4].node,
-                                    corners[(opposite + 3) % 4].node},
-                                   at.cuts, between(), at.position);
+        number =
+            vertices.face_cut({corners[(opposite + 1) % 4].node, corners[(opposite + 2) % 4].node,
+                               corners[(opposite + 3) % 4].node},
+                              at.cuts, between(), at.position);
     } else {
         number = vertices.inner_cut(between(), at.position);
     }

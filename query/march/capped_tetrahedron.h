@@ -1,11 +1,11 @@
-// What the boundary of a solid has in one leaf tetrahedron: the isosurface, and the caps in the faces
-// of the box at which the surface is closed.
+// What the boundary of a solid has in one leaf tetrahedron: the isosurface, and the caps in the
+// faces of the box at which the surface is closed.
 //
 // Source: a convex polytope is cut by one half-space after the other, as in I. Sutherland, G.
 // Hodgman, "Reentrant polygon clipping", CACM 17 (1974), with all its facets at once. What decides
-// are combinatorics and, where an element lies in a plane, integers, in the manner of H. Edelsbrunner,
-// E. P. Muecke, "Simulation of simplicity", ACM Trans. Graphics 9 (1990): a value that is the
-// isovalue counts as a little larger, and the box as smaller by much less than that.
+// are combinatorics and, where an element lies in a plane, integers, in the manner of H.
+// Edelsbrunner, E. P. Muecke, "Simulation of simplicity", ACM Trans. Graphics 9 (1990): a value
+// that is the isovalue counts as a little larger, and the box as smaller by much less than that.
 #pragma once
 
 #include <array>

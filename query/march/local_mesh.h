@@ -42,8 +42,8 @@ class LocalMesh {
     void march(const std::array<Corner, 4>& corners, bool positive, double iso, bool cut);
 
     /// Marches the six tetrahedra of a cube; how many of them the surface crosses. REQUIRES:
-    /// place() was called; no corner has the isovalue, unless a box is closed, and then the cube does
-    /// not touch its faces.
+    /// place() was called; no corner has the isovalue, unless a box is closed, and then the cube
+    /// does not touch its faces.
     unsigned march_cube(const Cube& cube, double iso, bool cut);
     /// One of them (kAxisOrders). REQUIRES: as above, of its own corners.
     unsigned march_in_cube(const Cube& cube, std::size_t order, double iso, bool cut);

@@ -38,8 +38,8 @@ struct VertexKey {
     std::uint64_t first = 0;
     std::uint64_t second = 0;
     VertexKind kind = VertexKind::edge;
-    /// Bits of the faces of a closed box (2 axis + (0 low, 1 high)) in which the vertex lies as well,
-    /// and bit 6 if it lies on the surface in a triangle.
+    /// Bits of the faces of a closed box (2 axis + (0 low, 1 high)) in which the vertex lies as
+    /// well, and bit 6 if it lies on the surface in a triangle.
     std::uint32_t planes = 0;
     bool operator==(const VertexKey&) const = default;
     auto operator<=>(const VertexKey&) const = default;  // NOLINT(modernize-use-nullptr)

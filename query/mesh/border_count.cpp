@@ -1,6 +1,6 @@
-// Around a vertex without a border every neighbour is as often the first as the second of a triangle's
-// other two corners, so that a sum of their mixed numbers, with signs, is 0. At a border it is a
-// difference of at least two, which is 0 with a probability of 2^-64.
+// Around a vertex without a border every neighbour is as often the first as the second of a
+// triangle's other two corners, so that a sum of their mixed numbers, with signs, is 0. At a border
+// it is a difference of at least two, which is 0 with a probability of 2^-64.
 #include "query/mesh/border_count.h"
 
 #include <algorithm>

@@ -95,8 +95,8 @@ class IsovalueByBound {
     /// The bound's field at a cube's centre. REQUIRES: the level is not 0.
     [[nodiscard]] double centre(const Int3& cube) const { return bound_.centre(cube); }
     /// Of tetrahedra of a subcube with these vertices in all: whether one may hold it.
-    [[nodiscard]] bool one_may_hold(const CubeNodes& nodes, std::uint32_t vertices,
-                                    double centre, bool cut) const {
+    [[nodiscard]] bool one_may_hold(const CubeNodes& nodes, std::uint32_t vertices, double centre,
+                                    bool cut) const {
         return holds(range_of(nodes.value, vertices), centre * scale_, cut);
     }
     [[nodiscard]] bool may_hold_below(const CubeNodes& nodes, const TopologyTetrahedron& t,

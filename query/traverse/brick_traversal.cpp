@@ -206,8 +206,7 @@ void BrickTraversal<Interest>::subcube(const CubeNodes& nodes, unsigned corner, 
     const auto& tetrahedra = topology_.subcube[corner];
     const std::uint32_t vertices = nodes_of(tetrahedra, mask);
     const Sides sides = sides_of(nodes, cut);
-    if (finest ? !sides.both_in(vertices)
-               : !interest_.one_may_hold(nodes, vertices, number, cut)) {
+    if (finest ? !sides.both_in(vertices) : !interest_.one_may_hold(nodes, vertices, number, cut)) {
         return;
     }
     // Which of those that are refined are in question, the next finer values say better.

@@ -27,8 +27,8 @@ inline bool may_reach(double low, double high, double beta, double iso) {
     return !(low - beta > iso) && !(high + beta < iso);
 }
 
-/// Whether an element at a closed face of the box can have a share in the cap there: what is between
-/// `low` and `high`, or up to beta beyond, need not all be like the outside.
+/// Whether an element at a closed face of the box can have a share in the cap there: what is
+/// between `low` and `high`, or up to beta beyond, need not all be like the outside.
 inline bool may_be_solid(double low, double high, double beta, double iso, Outside outside) {
     return outside == Outside::below ? !(high + beta < iso) : !(low - beta > iso);
 }

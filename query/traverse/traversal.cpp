@@ -173,10 +173,11 @@ void run_finest_bricks(TraversalRun& run, const Int3& first, std::int64_t size,
     for (std::size_t octant = 0; octant < 8; ++octant) {
         const Int3 child = child_of(octant);
         const Int3 low = child * chunk;
-        active[octant] = max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
-                         overlap_of(run.query.box, low, low + Int3{chunk, chunk, chunk} * half) !=
-                             Overlap::outside &&
-                         (half > 1 || may_hold_surface(source, child, run.query.iso, run.query.box));
+        active[octant] =
+            max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
+            overlap_of(run.query.box, low, low + Int3{chunk, chunk, chunk} * half) !=
+                Overlap::outside &&
+            (half > 1 || may_hold_surface(source, child, run.query.iso, run.query.box));
         if (active[octant] && half == 1) {
             source.prefetch(values, child);
         }

@@ -196,10 +196,10 @@ struct ExtractReport {
     std::optional<Outside> closed = {};   ///< as in the query
     /// If it was closed: vertices on borders that are left, around missing values.
     std::uint64_t border_vertices = 0;
-    std::uint64_t scratch_bytes = 0;      ///< of temporary files of what changes the whole mesh
-    std::uint64_t chunks_read = 0;        ///< by this call alone, those read twice counted twice
-    std::uint64_t chunks_total = 0;       ///< of the store
-    std::uint64_t bytes_read = 0;         ///< stored bytes of the chunks read
+    std::uint64_t scratch_bytes = 0;  ///< of temporary files of what changes the whole mesh
+    std::uint64_t chunks_read = 0;    ///< by this call alone, those read twice counted twice
+    std::uint64_t chunks_total = 0;   ///< of the store
+    std::uint64_t bytes_read = 0;     ///< stored bytes of the chunks read
     std::uint64_t peak_cache_bytes = 0;
     std::uint64_t bricks = 0;
     double seconds = 0;
