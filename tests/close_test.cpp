@@ -544,3 +544,91 @@ TEST_CASE("what cannot be closed is refused") {
     query.culling = BackfaceCulling{{0, 0, 1}};
     CHECK_THROWS_AS(extract(Store(folder / "s"), query, mesh), Error);
 }
+
+namespace {
+
+Mesh mesh_of(const MeshCollector& collected) {
+    Mesh mesh;
+    mesh.vertices = collected.positions;
+    mesh.triangles = collected.triangles;
+    return mesh;
+}
+
+}  // namespace
+
+TEST_CASE("vertices of caps carry the function's value and its gradient's direction") {
+    FunctionVolume<float> volume({14, 17, 12}, smooth_f);
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(8));
+    const Store store(folder / "s");
+    SurfaceQuery query{.iso = 0.1};
+    query.close = Outside::below;
+    query.normals = true;
+    query.vertex_values = &store;
+    query.box = WorldBox{{1, 2.25, 3.5}, {9.75, 12.5, 20}};
+    MeshCollector mesh;
+    extract(store, query, mesh);
+    REQUIRE(!mesh.positions.empty());
+    std::size_t above = 0;
+    for (std::size_t v = 0; v < mesh.positions.size(); ++v) {
+        Double3 p{};
+        std::copy(mesh.positions[v].begin(), mesh.positions[v].end(), p.begin());
+        CHECK(mesh.values[v] == Approx(fine_value(volume, p)).margin(1e-5));
+        CHECK(mesh.values[v] > 0.1 - 1e-5);
+        above += mesh.values[v] > 0.1 + 1e-5 ? 1 : 0;
+        const auto& n = mesh.normals[v];
+        CHECK(std::hypot(n[0], n[1], n[2]) == Approx(1).margin(1e-5));
+        // A node within the box: central differences.
+        const Int3 node{std::llround(p[0]), std::llround(p[1]), std::llround(p[2])};
+        const Double3 at{static_cast<double>(node.x), static_cast<double>(node.y),
+                         static_cast<double>(node.z)};
+        if (p == at && node.z < 11) {
+            Double3 g{};
+            for (int axis = 0; axis < 3; ++axis) {
+                Int3 next = node;
+                Int3 before = node;
+                ++next[axis];
+                --before[axis];
+                g[static_cast<std::size_t>(axis)] = volume.at(before) - volume.at(next);
+            }
+            const double size = std::hypot(g[0], g[1], g[2]);
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                CHECK(static_cast<double>(n[axis]) == Approx(g[axis] / size).margin(1e-4));
+            }
+        }
+    }
+    CHECK(above > 100);
+}
+
+TEST_CASE("a closed surface stays closed within a distance, by place, and without its specks") {
+    const auto f = [](const Int3& p) {
+        const bool speck = p.x % 6 == 5 && p.y % 6 == 5 && p.z % 6 == 5;
+        return speck ? 1.0F : smooth_f(p);
+    };
+    FunctionVolume<float> volume({24, 21, 26}, f);
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(8));
+    const Store store(folder / "s");
+    SurfaceQuery query{.iso = 0.1};
+    query.close = Outside::below;
+    query.box = WorldBox{{1, 2.25, 3.5}, {19.75, 20, 30}};
+    MeshCollector full;
+    extract(store, query, full);
+    const double solid = enclosed(mesh_of(full));
+    require_watertight(mesh_of(full));
+    std::vector<SurfaceQuery> queries(4, query);
+    queries[0].stop = DistanceBound{0.2};
+    queries[1].components.emplace().largest = 1;
+    queries[2].stop = ErrorBound{0.01};
+    queries[2].focus = Focus{{4, 4, 4}, {6, 6, 6}, 0.5};
+    queries[3].camera = Camera{{-5, 3, 40}, 40, 64, 16};
+    for (const SurfaceQuery& q : queries) {
+        CAPTURE(&q - queries.data());
+        MeshCollector mesh;
+        const ExtractReport report = extract(store, q, mesh);
+        CHECK(report.closed == Outside::below);
+        CHECK(mesh.triangles.size() < full.triangles.size());
+        require_watertight(mesh_of(mesh));
+        CHECK(enclosed(mesh_of(mesh)) == Approx(solid).epsilon(0.2));
+    }
+}

@@ -87,6 +87,8 @@ with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
                 full,
                 [*full, "--error-relative", 0.1, "--normals", "--vertex-error", "deviation_bar"],
                 [*full, "--normals", "--vertex-values", store],
+                [*full, "--close", "--normals", "--box", "1.5,2,3.25,120.5,90,100"],
+                [*full, "--close", "--error-relative", 0.1],
                 ["extract", store, "--iso", 0.5, "-o", folder / "m.3mf"],
                 ["slice", store, "--plane", "1,2,3,300", "-o", mesh, "--error-relative", 0.1],
                 ["slice", store, "--plane", "1,2,3,300", "-o", folder / "s.png", "--size",

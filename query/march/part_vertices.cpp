@@ -306,7 +306,8 @@ std::uint32_t PartVertices::face_cut(std::array<Int3, 3> face, std::uint32_t pla
 
 std::uint32_t PartVertices::inner_cut(const Between& between, const Double3& position) {
     if (attributes_ != nullptr) {
-        values_.push_back(attributes_->mix(values_[between.from], values_[between.to], between.t));
+        values_.push_back(attributes_->with_unit_normal(
+            attributes_->mix(values_[between.from], values_[between.to], between.t)));
     }
     return add(kNoKey, position);
 }

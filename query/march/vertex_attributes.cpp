@@ -211,4 +211,15 @@ VertexAttributes AttributeSampler::mean(const VertexAttributes& a, const VertexA
     return out;
 }
 
+VertexAttributes AttributeSampler::with_unit_normal(const VertexAttributes& a) const {
+    VertexAttributes out = a;
+    if (choice_.normal) {
+        const double size = std::hypot(float_of(a[0]), float_of(a[1]), float_of(a[2]));
+        for (std::size_t i = 0; i < 3 && size > 0; ++i) {
+            out[i] = word_of(float_of(a[i]) / size);
+        }
+    }
+    return out;
+}
+
 }  // namespace isonest::detail

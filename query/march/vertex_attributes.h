@@ -75,6 +75,8 @@ class AttributeSampler {
                                        double t);
     [[nodiscard]] VertexAttributes mean(const VertexAttributes& a, const VertexAttributes& b,
                                         const VertexAttributes& c);
+    /// The same attributes with a normal of unit length, which a mixed one has not.
+    [[nodiscard]] VertexAttributes with_unit_normal(const VertexAttributes& a) const;
     /// Most by which a value that was computed so far is off because it was rounded.
     [[nodiscard]] double value_rounding() const { return at_edges_ + kMostCuts * at_cuts_; }
 
