@@ -309,6 +309,11 @@ TEST_CASE("what has the isovalue exactly is closed as well") {
         require_solids<std::uint8_t>(
             n, [](const Int3& p) { return static_cast<std::uint8_t>(p.z / 2); }, {1, 2}, {0, 0.6});
     }
+    // Large enough to have nodes that no leaf at a face reaches.
+    require_solids<std::uint8_t>({35, 26, 37}, few_levels, {2}, {0, 2.5});
+    require_solids<std::uint8_t>(
+        {35, 26, 37}, [](const Int3& p) { return static_cast<std::uint8_t>(9 + 4 * smooth(p)); },
+        {9}, {0, 1, 3});
 }
 
 TEST_CASE("values all but at the isovalue are closed") {

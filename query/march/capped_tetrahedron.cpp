@@ -36,6 +36,20 @@ bool CappedTetrahedron::touches(const PartVertices& vertices,
     return touched;
 }
 
+bool CappedTetrahedron::is_far_from_faces(const Int3& node) const {
+    const auto bits = static_cast<std::uint64_t>(node.x | node.y | node.z);
+    if (bits == 0) {
+        return false;
+    }
+    const auto reach = static_cast<double>(std::uint64_t{2} << std::countr_zero(bits));
+    const Double3 p = as_point(node);
+    bool far = true;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        far = far && p[axis] - box_.lo[axis] > reach && box_.hi[axis] - p[axis] > reach;
+    }
+    return far;
+}
+
 void CappedTetrahedron::begin(const PartVertices& vertices, const std::array<Corner, 4>& corners,
                               bool positive) {
     vertices_.clear();

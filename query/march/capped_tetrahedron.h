@@ -39,6 +39,10 @@ class CappedTetrahedron {
     /// Whether the box's faces cut or touch a tetrahedron with these corners.
     [[nodiscard]] bool touches(const PartVertices& vertices, const std::array<Corner, 4>& corners);
 
+    /// Whether no leaf with this node (of the finest lattice) as a corner can touch the faces: a
+    /// pure function of the node. Elements at a node of scale s reach no further than 2 s.
+    [[nodiscard]] bool is_far_from_faces(const Int3& node) const;
+
     /// Adds the tetrahedron's triangles: of the isosurface those that face smaller values, and the
     /// caps so that all of them face the same side of the solid. `positive`: as in
     /// LocalMesh::march(). REQUIRES: touches() was just called for the corners.

@@ -63,7 +63,7 @@ void LocalMesh::march_one_below(const Corner& q, const std::array<const Corner*,
         const Corner& b = *above[order[(i + 1) % 3]];
         const Corner& c = *above[order[(i + 2) % 3]];
         v[i] = is_hit(a, iso) ? fan(a, b, q, c, q) : edge_vertex(a, q, iso);
-        if (is_hit(a, iso) && is_hit(b, iso) && !single_sheet_) {
+        if (!single_sheet_ && is_hit(a, iso) && is_hit(b, iso)) {
             mid[i] = vertices_.run(a.node, b.node, q.node);
         }
     }

@@ -23,8 +23,8 @@ class LocalMesh {
     /// vertex, and a face in it one triangle.
     explicit LocalMesh(AttributeSampler* attributes, bool single_sheet = false)
         : single_sheet_(single_sheet), vertices_(attributes) {}
-    /// The surface closed at the faces of `box`. Where it passes exactly through nodes it has a
-    /// vertex on each edge to a smaller value there, and triangles may have zero area.
+    /// The surface closed at the faces of `box`. Where it passes exactly through nodes near them it
+    /// has a vertex on each edge to a smaller value there, and triangles may have zero area.
     /// REQUIRES: box.close.
     LocalMesh(AttributeSampler* attributes, const ClipBox& box)
         : caps_(box), vertices_(attributes) {}
@@ -42,8 +42,8 @@ class LocalMesh {
     void march(const std::array<Corner, 4>& corners, bool positive, double iso, bool cut);
 
     /// Marches the six tetrahedra of a cube; how many of them the surface crosses. REQUIRES:
-    /// place() was called; no corner has the isovalue, unless a box is closed, and then the cube
-    /// does not touch its faces.
+    /// place() was called; no corner has the isovalue, and the cube touches no face of a closed
+    /// box.
     unsigned march_cube(const Cube& cube, double iso, bool cut);
     /// One of them (kAxisOrders). REQUIRES: as above, of its own corners.
     unsigned march_in_cube(const Cube& cube, std::size_t order, double iso, bool cut);
@@ -79,10 +79,10 @@ class LocalMesh {
     void march_two_below(const Corner& a, const Corner& b, const Corner& q1, const Corner& q2,
                          bool positive, double iso, bool cut);
 
-    /// Whether what touches in a node on the surface is kept apart there, or is one vertex; else
-    /// the edges to it have the vertices.
+    /// Whether a node on the surface has vertices of its own; else, near the faces of a closed box,
+    /// the edges to it have.
     [[nodiscard]] bool is_hit(const Corner& c, double iso) const {
-        return c.value == iso && !caps_;
+        return c.value == iso && (!caps_ || caps_->is_far_from_faces(vertices_.finest(c.node)));
     }
 
     bool single_sheet_ = false;

@@ -71,9 +71,7 @@ class ByCubes {
           counts_(run.counts.local()),
           single_(run, mesh) {}
 
-    void prepare(CubeNodes& nodes) const {
-        nodes.special = is_closed_ ? missing_nodes(nodes.value) : special_nodes(nodes.value, iso_);
-    }
+    void prepare(CubeNodes& nodes) const { nodes.special = special_nodes(nodes.value, iso_); }
     void subcube(const CubeNodes& nodes, unsigned corner, std::uint8_t mask, bool cut) {
         if (cut && is_closed_) {
             return single_.subcube(nodes, corner, mask, cut);

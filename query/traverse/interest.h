@@ -133,15 +133,6 @@ inline Sides sides_of(const CubeValues& value, double iso) {
     return sides;
 }
 
-/// Bits of the node positions whose value is missing.
-inline std::uint32_t missing_nodes(const CubeValues& value) {
-    std::uint32_t missing = 0;
-    for (std::size_t p = 0; p < value.size(); ++p) {
-        missing |= (!std::isfinite(value[p]) ? 1U : 0U) << p;
-    }
-    return missing;
-}
-
 /// Bits of the node positions whose value is the isovalue or missing.
 inline std::uint32_t special_nodes(const CubeValues& value, double iso) {
     std::uint32_t special = 0;
