@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cassert>
 
 namespace isonest::detail {
 namespace {
@@ -266,6 +267,9 @@ std::uint32_t CappedTetrahedron::number_of(PartVertices& vertices,
 void CappedTetrahedron::march(PartVertices& vertices, const std::array<Corner, 4>& corners,
                               bool positive, double iso,
                               std::vector<CollectedTriangle>& triangles) {
+    assert(std::none_of(corners.begin(), corners.end(), [&](const Corner& c) {
+        return is_far_from_faces(vertices.finest(c.node));
+    }));
     begin(vertices, corners, positive);
     cut_at_iso(vertices, corners, iso);
     for (std::uint32_t plane = 0; plane < kPlanes && !facets_.empty(); ++plane) {

@@ -173,7 +173,8 @@ struct ExtractReport {
     Field bound = Field::deviation_bar;
     std::optional<Field> culled_by;
     std::uint64_t visited_tetrahedra = 0;
-    std::uint64_t leaf_tetrahedra = 0;      ///< visited, not refined further, and holding surface
+    std::uint64_t leaf_tetrahedra =
+        0;  ///< visited, not refined further, and holding surface or cap
     std::uint64_t zero_area_triangles = 0;  ///< left where coordinates round to the same place
     /// Most by which a coordinate is rounded to float32, in distances of neighbouring nodes: on top
     /// of the error.
