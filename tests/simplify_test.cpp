@@ -185,7 +185,8 @@ TEST_CASE("What covers a triangle by projection is near to all samples of it") {
     int covered = 0;
     for (const double height : {0.0, 0.2, 0.6, 1.5}) {
         for (const bool is_grid : {true, false}) {
-            const Patch surface = is_grid ? wavy_grid(21, height) : torus(30, 12, 5, 1.5, height / 4);
+            const Patch surface =
+                is_grid ? wavy_grid(21, height) : torus(30, 12, 5, 1.5, height / 4);
             const TriangleTree tree(surface.positions, surface.triangles);
             for (const double limit : {0.05, 0.4, 3.0}) {
                 ProjectedCover cover(surface.positions, surface.triangles, limit);

@@ -1,6 +1,6 @@
-// The error indicators are saturated, so a smaller error makes no fewer triangles but for a few. The
-// search comes from large errors, whose meshes cost little to make: all that it tries together cost
-// a few times what the result does, however large the volume is.
+// The error indicators are saturated, so a smaller error makes no fewer triangles but for a few.
+// The search comes from large errors, whose meshes cost little to make: all that it tries together
+// cost a few times what the result does, however large the volume is.
 #include "query/extract/error_budget.h"
 
 #include <fmt/format.h>
@@ -77,8 +77,7 @@ ExtractReport extract_within_error_budget(const Store& store, const SurfaceQuery
     for (int i = 0; i < kMostTries && too_small >= 0 &&
                     static_cast<double>(count) < kNearlyAll * static_cast<double>(budget.most);
          ++i) {
-        const double middle =
-            too_small > 0 ? std::sqrt(too_small * enough) : enough / kStep;
+        const double middle = too_small > 0 ? std::sqrt(too_small * enough) : enough / kStep;
         const std::uint64_t n = triangles(middle);
         if (n > budget.most) {
             too_small = middle;

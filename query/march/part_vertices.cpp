@@ -5,6 +5,7 @@
 
 #include "query/march/cube_cases.h"
 #include "query/view/topology.h"
+#include "store/base/union_find.h"
 
 namespace isonest::detail {
 namespace {
@@ -53,20 +54,6 @@ void PartVertices::clear() {
     keys_.clear();
     positions_.clear();
     values_.clear();
-}
-
-std::uint32_t PartVertices::find(std::uint32_t v) {
-    while (parents_[v] != v) {
-        parents_[v] = parents_[parents_[v]];
-        v = parents_[v];
-    }
-    return v;
-}
-
-void PartVertices::unite(std::uint32_t a, std::uint32_t b) {
-    a = find(a);
-    b = find(b);
-    parents_[std::max(a, b)] = std::min(a, b);
 }
 
 void PartVertices::flatten() {
@@ -181,7 +168,7 @@ std::uint32_t PartVertices::join(Use& a, Use& b, const Make& make) {
     const std::uint32_t vertex = b & ~kComplete;
     b |= kComplete;
     if (const std::uint32_t other = use(a, [&] { return vertex; }); other != vertex) {
-        unite(other, vertex);
+        unite(std::span(parents_), other, vertex);
     }
     return vertex;
 }

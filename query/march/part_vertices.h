@@ -163,8 +163,6 @@ class PartVertices {
     std::uint32_t use(Use& use, const Make& make);
     template <class Make>
     std::uint32_t join(Use& a, Use& b, const Make& make);
-    [[nodiscard]] std::uint32_t find(std::uint32_t v);
-    void unite(std::uint32_t a, std::uint32_t b);
 
     AttributeSampler* attributes_;
     int level_ = 0;

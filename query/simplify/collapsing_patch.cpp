@@ -15,10 +15,7 @@ constexpr double kLeastCosine = 0.1;
 }  // namespace
 
 CollapsingPatch::CollapsingPatch(const Patch& patch, const std::vector<bool>& locked)
-    : patch_(patch),
-      locked_(locked),
-      triangles_(patch.triangles),
-      around_(patch.positions.size()) {
+    : patch_(patch), locked_(locked), triangles_(patch.triangles), around_(patch.positions.size()) {
     origin_ = patch.point(triangles_.front()[0]);
     for (std::uint32_t i = 0; i < triangles_.size(); ++i) {
         for (const std::uint32_t v : triangles_[i]) {
@@ -28,9 +25,8 @@ CollapsingPatch::CollapsingPatch(const Patch& patch, const std::vector<bool>& lo
 }
 
 int CollapsingPatch::shared_triangles(std::uint32_t a, std::uint32_t b) const {
-    return static_cast<int>(
-        std::count_if(around_[a].begin(), around_[a].end(),
-                      [&](std::uint32_t i) { return has(triangles_[i], b); }));
+    return static_cast<int>(std::count_if(around_[a].begin(), around_[a].end(),
+                                          [&](std::uint32_t i) { return has(triangles_[i], b); }));
 }
 
 void CollapsingPatch::neighbours_of(std::uint32_t v, std::vector<std::uint32_t>& found) const {
@@ -58,8 +54,7 @@ bool CollapsingPatch::is_allowed(std::uint32_t from, std::uint32_t to) {
                           std::back_inserter(common_));
     const bool is_border = near_.size() != around_[from].size();
     if (static_cast<int>(common_.size()) != edge ||
-        (is_border &&
-         (edge != 1 || !stays_in_face(from, to) || is_last_triangle(from, to))) ||
+        (is_border && (edge != 1 || !stays_in_face(from, to) || is_last_triangle(from, to))) ||
         (locked_[to] && joins_locked(to))) {
         return false;
     }

@@ -43,7 +43,7 @@ struct Patch {
     /// stay.
     std::vector<bool> shared;
     std::vector<PatchTriangle> triangles;
-    std::vector<Stay> stay;           ///< of each triangle
+    std::vector<Stay> stay;  ///< of each triangle
     /// Of each triangle: whether the edges of its corners have all been tried within this limit.
     std::vector<bool> tried;
     std::vector<PatchTriangle> fine;  ///< the full surface near the patch

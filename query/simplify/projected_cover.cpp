@@ -61,8 +61,8 @@ std::uint32_t ProjectedCover::beyond(std::uint32_t triangle, std::size_t edge) c
         if (around_[i] == triangle || (t[0] != b && t[1] != b && t[2] != b)) {
             continue;
         }
-        const bool other_way = (t[0] == b && t[1] == a) || (t[1] == b && t[2] == a) ||
-                               (t[2] == b && t[0] == a);
+        const bool other_way =
+            (t[0] == b && t[1] == a) || (t[1] == b && t[2] == a) || (t[2] == b && t[0] == a);
         if (!other_way || found != kNone) {
             return kNone;
         }
@@ -150,8 +150,10 @@ void ProjectedCover::cut(Polygon& polygon, const Inside& inside) {
         if ((a > 0 && b < 0) || (a < 0 && b > 0)) {
             const double w = a / (a - b);
             Seen& c = kept.corner[kept.count++];
-            c = {p.u + w * (q.u - p.u), p.v + w * (q.v - p.v),
-                 p.height + w * (q.height - p.height), {}};
+            c = {p.u + w * (q.u - p.u),
+                 p.v + w * (q.v - p.v),
+                 p.height + w * (q.height - p.height),
+                 {}};
             for (std::size_t k = 0; k < 3; ++k) {
                 c.inside[k] = p.inside[k] + w * (q.inside[k] - p.inside[k]);
             }

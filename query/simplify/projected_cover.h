@@ -56,8 +56,8 @@ class ProjectedCover {
     std::span<const std::array<float, 3>> positions_;
     std::span<const PatchTriangle> surface_;
     double limit_;
-    std::vector<std::uint32_t> first_;   ///< of each vertex, in around_
-    std::vector<std::uint32_t> around_;  ///< triangles of each vertex
+    std::vector<std::uint32_t> first_;                  ///< of each vertex, in around_
+    std::vector<std::uint32_t> around_;                 ///< triangles of each vertex
     std::vector<std::array<std::uint32_t, 3>> beyond_;  ///< each edge, from corner i to i + 1
 
     // The triangle that is looked at.

@@ -137,8 +137,7 @@ bool ServerLists::fits_one(std::uint32_t fine, const std::vector<PatchTriangle>&
 }
 
 bool ServerLists::fits(std::uint32_t moved, std::span<const std::uint32_t> before,
-                       std::span<const Server> after,
-                       const std::vector<PatchTriangle>& triangles) {
+                       std::span<const Server> after, const std::vector<PatchTriangle>& triangles) {
     before_ = before;
     servers_.assign(after.begin(), after.end());
     changed_ = after.size();

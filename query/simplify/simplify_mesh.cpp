@@ -231,7 +231,8 @@ void MeshSimplifier::finish(Run& run) {
                                                    run.held.bytes() + run.splits.bytes()));
 }
 
-std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from, double limit, bool afresh) {
+std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from, double limit,
+                                                          bool afresh) {
     const BlockGrid& grid = *grids_[static_cast<std::size_t>(from.third)];
     auto next = std::make_shared<Run>(folder_);
     next->third = (from.third + 1) % kShifts;

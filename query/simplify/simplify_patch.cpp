@@ -107,7 +107,8 @@ class PatchSimplifier {
             }
         }
         simplified.first_server.push_back(static_cast<std::uint32_t>(servers.size()));
-        simplified.largest = std::max({largest_, servers_.largest(), to_fine_.largest(), above_.largest()});
+        simplified.largest =
+            std::max({largest_, servers_.largest(), to_fine_.largest(), above_.largest()});
         return simplified;
     }
 
@@ -158,7 +159,8 @@ class PatchSimplifier {
                std::all_of(after_.begin(), after_.end(), [&](const Server& s) {
                    const PatchTriangle t =
                        CollapsingPatch::moved(mesh_->triangles()[s.triangle], from, to);
-                   return servers_.is_served_back(s) || above_.covers(t) || to_fine_.covers(s.corners);
+                   return servers_.is_served_back(s) || above_.covers(t) ||
+                          to_fine_.covers(s.corners);
                });
     }
 
