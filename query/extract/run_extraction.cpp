@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "query/extract/contour_lines.h"
+#include "query/extract/mend_mesh.h"
 #include "query/extract/whole_mesh.h"
 #include "query/mesh/border_count.h"
 #include "query/mesh/emit_mesh.h"
@@ -94,23 +95,26 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
     if (changes_whole_mesh(asked)) {
         whole.emplace(scratch);
     }
+    bool mends = false;
     Workers(budget.threads).execute([&] {
         PartStore parts(scratch, asked.spacing, asked.origin, budget.parts, attributes.width());
         fill_parts(store, asked, budget, parts, report, progress);
         parts.seal();
         progress.check();
         const Weld weld(parts, scratch);
+        mends = asked.corners() == 3 && parts.zero_area_triangles() > 0;
+        if (mends && !whole) {
+            whole.emplace(scratch);
+        }
+        if (report.closed && store.has_missing()) {
+            report.border_vertices = border_vertices(parts, weld, scratch, progress);
+        }
         if (whole) {
             emit_mesh(parts, weld, layout, *whole, progress);
             return;
         }
         if (asked.product != Product::contours) {
             emit(parts, weld, layout, sink, report, progress);
-            const bool lines = asked.product == Product::isolines;
-            report.zero_area_triangles = lines ? 0 : parts.zero_area_triangles();
-            if (report.closed && store.has_missing()) {
-                report.border_vertices = border_vertices(parts, weld, scratch, progress);
-            }
             return;
         }
         PartStore line_parts(scratch, {1, 1, 1}, {0, 0, 0}, budget.cache / 2, attributes.width());
@@ -124,6 +128,9 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
         report.value_rounding += contour_rounding(asked.contours, attributes);
     });
     if (whole) {
+        if (mends) {
+            mend_mesh(asked, *whole, scratch, report, progress);
+        }
         Workers(whole_mesh_threads(store, asked, options)).execute([&] {
             emit_whole_mesh(store, asked, *whole, sink, scratch, report, progress);
         });

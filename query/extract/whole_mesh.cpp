@@ -100,7 +100,7 @@ int whole_mesh_threads(const StoreReader& store, const ExtractQuery& query,
 void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const ScratchMesh& mesh,
                      MeshSink& sink, const std::filesystem::path& scratch, ExtractReport& report,
                      Progress& progress) {
-    report.scratch_bytes = mesh.bytes();
+    report.scratch_bytes += mesh.bytes();
     std::span<const ElementCorners> elements = mesh.corners();
     std::optional<KeptComponents> kept;
     if (query.components) {

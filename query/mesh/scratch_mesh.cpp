@@ -149,6 +149,42 @@ std::uint64_t ScratchMesh::bytes() const {
            layout_.elements * sizeof(ElementCorners);
 }
 
+void ScratchMesh::compact(const std::filesystem::path& folder, Progress& progress) {
+    ScratchFile number_file(folder);
+    number_file.map(layout_.vertices * sizeof(std::uint64_t));
+    const auto number = number_file.as<std::uint64_t>();
+    const auto corners = changeable_corners();
+    std::uint64_t elements = 0;
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+        if (i % kBatch == 0) {
+            progress.check();
+        }
+        const ElementCorners e = corners[i];
+        if (e[0] != kNoVertex) {
+            corners[elements++] = e;
+            number[e[0]] = number[e[1]] = number[e[2]] = 1;
+        }
+    }
+    const auto positions = changeable_positions();
+    std::byte* const rows = row_file_.as<std::byte>().data();
+    std::uint64_t vertices = 0;
+    for (std::uint64_t v = 0; v < layout_.vertices; ++v) {
+        if (number[v] != 0) {
+            positions[vertices] = positions[v];
+            if (layout_.row_bytes > 0 && vertices != v) {
+                std::memcpy(rows + vertices * layout_.row_bytes, rows + v * layout_.row_bytes,
+                            layout_.row_bytes);
+            }
+            number[v] = vertices++;
+        }
+    }
+    layout_.elements = elements;
+    layout_.vertices = vertices;
+    for (ElementCorners& e : changeable_corners()) {
+        e = {number[e[0]], number[e[1]], number[e[2]]};
+    }
+}
+
 EmittedMesh emit_elements(const ScratchMesh& mesh, std::span<const ElementCorners> elements,
                           const std::filesystem::path& folder, MeshSink& sink, Progress& progress) {
     const UsedVertices used(mesh, elements, folder, progress);

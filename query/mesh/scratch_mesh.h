@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <span>
 
 #include <isonest/mesh_sink.h>
@@ -41,6 +42,19 @@ class ScratchMesh : public MeshSink {
     }
     /// Bytes of its files.
     [[nodiscard]] std::uint64_t bytes() const;
+
+    /// As a corner: the element is to go.
+    static constexpr std::uint64_t kNoVertex = std::numeric_limits<std::uint64_t>::max();
+    /// For whoever changes the mesh; the box of its layout stays as it is.
+    [[nodiscard]] std::span<std::array<float, 3>> changeable_positions() {
+        return {position_file_.as<std::array<float, 3>>().data(), layout_.vertices};
+    }
+    [[nodiscard]] std::span<ElementCorners> changeable_corners() {
+        return {corner_file_.as<ElementCorners>().data(), layout_.elements};
+    }
+    /// Takes elements out whose first corner is kNoVertex, and vertices that none of the others
+    /// names. The order stays. Spans from before are invalid. Throws Error{io, cancelled}.
+    void compact(const std::filesystem::path& folder, Progress& progress);
 
   private:
     ScratchFile position_file_;

@@ -173,11 +173,14 @@ struct ExtractReport {
     Field bound = Field::deviation_bar;
     std::optional<Field> culled_by;
     std::uint64_t visited_tetrahedra = 0;
-    std::uint64_t leaf_tetrahedra =
-        0;  ///< visited, not refined further, and holding surface or cap
-    std::uint64_t zero_area_triangles = 0;  ///< left where coordinates round to the same place
-    /// Most by which a coordinate is rounded to float32, in distances of neighbouring nodes: on top
-    /// of the error.
+    /// Visited, not refined further, and holding surface or cap.
+    std::uint64_t leaf_tetrahedra = 0;
+    /// Triangles that had no area since coordinates are rounded to float32: those that were taken
+    /// out, or changed so that they have one, and those that nothing helped.
+    std::uint64_t mended_triangles = 0;
+    std::uint64_t zero_area_triangles = 0;
+    /// Most by which a coordinate is off, in distances of neighbouring nodes: on top of the error.
+    /// It is rounded to float32, and a few may be moved to give triangles an area.
     double coordinate_rounding = 0;
     /// If a distance or a number of triangles was asked for: the distance within which the mesh was
     /// to be, in world units.

@@ -1,0 +1,373 @@
+#include "query/mesh/mend_triangles.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "query/mesh/link_condition.h"
+#include "query/mesh/nudge_vertex.h"
+#include "query/mesh/vertex_stars.h"
+#include "query/mesh/zero_area.h"
+
+namespace isonest::detail {
+namespace {
+
+using Point = std::array<float, 3>;
+constexpr std::uint64_t kNone = ScratchMesh::kNoVertex;
+constexpr std::uint64_t kBatch = std::uint64_t{1} << 13U;
+
+/// Where a vertex was before it was moved.
+struct Start {
+    Point position;
+    std::uint32_t was_moved;
+};
+
+/// Vertices with more triangles are left as they are: what is looked at stays small.
+constexpr std::size_t kMostAround = std::size_t{1} << 12U;
+constexpr int kMostSteps = 4;  ///< of a move, along an axis
+
+/// Triangles that wait, each once, first in first out.
+class Waiting {
+  public:
+    Waiting(std::uint64_t triangles, const std::filesystem::path& folder) : file_(folder) {
+        file_.map(triangles * sizeof(std::uint64_t));
+        next_ = file_.as<std::uint64_t>();
+    }
+    void push(std::uint64_t t) {
+        if (next_[t] != 0) {
+            return;
+        }
+        next_[t] = kLast;
+        if (first_ == kNone) {
+            first_ = t;
+        } else {
+            next_[last_] = t + kFirst;
+        }
+        last_ = t;
+    }
+    [[nodiscard]] bool empty() const { return first_ == kNone; }
+    std::uint64_t pop() {
+        const std::uint64_t t = first_;
+        first_ = next_[t] == kLast ? kNone : next_[t] - kFirst;
+        next_[t] = 0;
+        return t;
+    }
+    [[nodiscard]] std::uint64_t scratch_bytes() const { return next_.size_bytes(); }
+
+  private:
+    static constexpr std::uint64_t kLast = 1;   ///< 0: does not wait
+    static constexpr std::uint64_t kFirst = 2;  ///< stands for triangle 0
+    ScratchFile file_;
+    std::span<std::uint64_t> next_;
+    std::uint64_t first_ = kNone;
+    std::uint64_t last_ = 0;
+};
+
+class Mender {
+  public:
+    Mender(ScratchMesh& mesh, const Double3& least_step, const std::filesystem::path& folder,
+           Progress& progress)
+        : positions_(mesh.changeable_positions()),
+          corners_(mesh.changeable_corners()),
+          stars_(positions_.size(), corners_.size(), folder),
+          waiting_(corners_.size(), folder),
+          start_file_(folder),
+          range_{least_step, mesh.layout().lo, mesh.layout().hi},
+          progress_(progress) {
+        start_file_.map(positions_.size() * sizeof(Start));
+        each([&](std::uint64_t t) {
+            if (lacks_area(t)) {
+                ++result_.found;
+                waiting_.push(t);
+                for (const std::uint64_t v : corners_[t]) {
+                    stars_.mark(v);
+                }
+            }
+        });
+        each([&](std::uint64_t t) {
+            for (std::size_t i = 0; i < 3; ++i) {
+                stars_.add(3 * t + i, corners_[t][i]);
+            }
+        });
+        result_.scratch_bytes = stars_.scratch_bytes() + waiting_.scratch_bytes() +
+                                positions_.size() * sizeof(Start);
+    }
+
+    MendedTriangles run() {
+        while (mend_in_place() > 0) {
+            each([&](std::uint64_t t) { look_again_at(t); });
+        }
+        each([&](std::uint64_t t) {
+            while (lacks_area(t) && move_one_of(t)) {
+                mend_in_place();
+            }
+        });
+        each([&](std::uint64_t t) { result_.left += lacks_area(t) ? 1 : 0; });
+        return result_;
+    }
+
+  private:
+    template <class Work>
+    void each(const Work& work) {
+        for (std::uint64_t t = 0; t < corners_.size(); ++t) {
+            if (t % kBatch == 0) {
+                progress_.check();
+                progress_.advance(std::min<std::uint64_t>(kBatch, corners_.size() - t));
+            }
+            work(t);
+        }
+    }
+    [[nodiscard]] bool is_there(std::uint64_t t) const { return corners_[t][0] != kNone; }
+    [[nodiscard]] bool lacks_area(const ElementCorners& c) const {
+        return has_no_area(positions_[c[0]], positions_[c[1]], positions_[c[2]]);
+    }
+    [[nodiscard]] bool lacks_area(std::uint64_t t) const {
+        return is_there(t) && lacks_area(corners_[t]);
+    }
+    [[nodiscard]] bool has(std::uint64_t t, std::uint64_t v) const {
+        return corners_[t][0] == v || corners_[t][1] == v || corners_[t][2] == v;
+    }
+    /// The corner's vertex, and those after it in its triangle.
+    [[nodiscard]] std::uint64_t vertex_of(std::uint64_t corner, std::uint64_t after = 0) const {
+        return corners_[corner / 3][(corner % 3 + after) % 3];
+    }
+
+    /// False if it is none of one ring.
+    bool link_of(std::uint64_t v, LinkEdges& link) {
+        stars_.corners_of(v, around_);
+        if (around_.size() > kMostAround) {
+            return false;
+        }
+        link.clear();
+        for (const std::uint64_t corner : around_) {
+            link.push_back({vertex_of(corner, 1), vertex_of(corner, 2)});
+        }
+        return close_link(link);
+    }
+
+    void look_again_at(std::uint64_t t) {
+        if (lacks_area(t)) {
+            waiting_.push(t);
+        }
+    }
+    /// What changed at a vertex may let another triangle be mended.
+    void look_again_around(std::uint64_t v) {
+        if (!stars_.is_marked(v)) {
+            return;
+        }
+        stars_.corners_of(v, around_);
+        for (const std::uint64_t corner : around_) {
+            look_again_at(corner / 3);
+        }
+    }
+
+    void drop(std::uint64_t t) {
+        for (std::size_t i = 0; i < 3; ++i) {
+            stars_.remove(3 * t + i, corners_[t][i]);
+        }
+        corners_[t] = {kNone, kNone, kNone};
+    }
+
+    void rename(std::uint64_t corner, std::uint64_t to) {
+        std::uint64_t& v = corners_[corner / 3][corner % 3];
+        stars_.remove(corner, v);
+        v = to;
+        stars_.add(corner, v);
+    }
+
+    /// Those that wait, without moves. Returns how often that worked.
+    std::uint64_t mend_in_place() {
+        std::uint64_t mended = 0;
+        while (!waiting_.empty()) {
+            const std::uint64_t t = waiting_.pop();
+            if (!lacks_area(t)) {
+                continue;
+            }
+            const ElementCorners c = corners_[t];
+            if (!collapsed(t) && !flipped(t)) {
+                continue;
+            }
+            ++mended;
+            progress_.check();
+            for (const std::uint64_t v : c) {
+                look_again_around(v);
+            }
+        }
+        return mended;
+    }
+
+    bool collapsed(std::uint64_t t) {
+        const ElementCorners c = corners_[t];
+        for (std::size_t i = 0; i < 3; ++i) {
+            const std::uint64_t kept = std::min(c[i], c[(i + 1) % 3]);
+            const std::uint64_t gone = std::max(c[i], c[(i + 1) % 3]);
+            if (positions_[kept] == positions_[gone] && link_of(kept, link_) &&
+                link_of(gone, other_link_) && may_collapse(link_, other_link_)) {
+                collapse(gone, kept);
+                return true;
+            }
+        }
+        return false;
+    }
+
+    void collapse(std::uint64_t gone, std::uint64_t kept) {
+        stars_.corners_of(gone, around_);
+        for (const std::uint64_t corner : around_) {
+            if (has(corner / 3, kept)) {
+                drop(corner / 3);
+            }
+        }
+        stars_.corners_of(gone, around_);
+        stars_.remove_all(gone);
+        for (const std::uint64_t corner : around_) {
+            corners_[corner / 3][corner % 3] = kept;
+            stars_.add(corner, kept);
+        }
+    }
+
+    /// The corner between the other two of a triangle that is a segment; kNone if two are equal.
+    [[nodiscard]] std::uint64_t middle_of(std::uint64_t t) const {
+        const ElementCorners& c = corners_[t];
+        std::array<double, 3> side{};  // opposite to each corner
+        for (std::size_t i = 0; i < 3; ++i) {
+            const Point& a = positions_[c[(i + 1) % 3]];
+            const Point& b = positions_[c[(i + 2) % 3]];
+            if (a == b) {
+                return kNone;
+            }
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                const double d = static_cast<double>(b[axis]) - static_cast<double>(a[axis]);
+                side[i] += d * d;
+            }
+        }
+        const auto longest = std::max_element(side.begin(), side.end());
+        return 3 * t + static_cast<std::uint64_t>(longest - side.begin());
+    }
+
+    /// Also if the longest side was a border and the triangle is gone.
+    bool flipped(std::uint64_t t) {
+        const std::uint64_t corner = middle_of(t);
+        if (corner == kNone) {
+            return false;
+        }
+        const std::uint64_t middle = vertex_of(corner);
+        const std::uint64_t a = vertex_of(corner, 1);
+        const std::uint64_t b = vertex_of(corner, 2);
+        stars_.corners_of(a, around_);
+        std::uint64_t across = kNone;  // the neighbour's corner opposite to the side
+        std::size_t at_side = 0;
+        for (const std::uint64_t at_a : around_) {
+            at_side += has(at_a / 3, b) ? 1 : 0;
+            if (at_a / 3 != t && vertex_of(at_a, 2) == b) {
+                across = at_a / 3 * 3 + (at_a + 1) % 3;
+            }
+        }
+        if (at_side == 1) {
+            if (!link_of(middle, link_) || link_.back()[0] == kBeyondBorder) {
+                return false;
+            }
+            drop(t);
+            return true;
+        }
+        return at_side == 2 && across != kNone && side_flipped(corner, across);
+    }
+
+    bool side_flipped(std::uint64_t corner, std::uint64_t across) {
+        const std::uint64_t middle = vertex_of(corner);
+        const std::uint64_t a = vertex_of(corner, 1);
+        const std::uint64_t b = vertex_of(corner, 2);
+        const std::uint64_t d = vertex_of(across);
+        stars_.corners_of(middle, around_);
+        const bool is_edge = std::any_of(around_.begin(), around_.end(), [&](std::uint64_t other) {
+            return has(other / 3, d);
+        });
+        if (is_edge || lacks_area(ElementCorners{middle, a, d}) ||
+            lacks_area(ElementCorners{middle, d, b})) {
+            return false;
+        }
+        const auto place = [](std::uint64_t of, std::uint64_t after) {
+            return of / 3 * 3 + (of + after) % 3;
+        };
+        rename(place(corner, 2), d);       // (middle, a, b) to (middle, a, d)
+        rename(place(across, 2), middle);  // (d, b, a) to (d, b, middle)
+        return true;
+    }
+
+    /// Moves that corner of `t`, by as few steps, that turns fewest triangles.
+    bool move_one_of(std::uint64_t t) {
+        for (const bool keep_faces : {true, false}) {
+            std::optional<Nudge> best;
+            std::uint64_t moved = kNone;
+            for (int steps = 1; steps <= kMostSteps && (!best || best->turned > 0); ++steps) {
+                for (const std::uint64_t v : corners_[t]) {
+                    const std::optional<Nudge> next = nudge_of(v, steps, keep_faces);
+                    if (next && (!best || next->turned < best->turned)) {
+                        best = next;
+                        moved = v;
+                    }
+                }
+            }
+            if (best) {
+                move(moved, best->to);
+                return true;
+            }
+        }
+        return false;
+    }
+
+    std::optional<Nudge> nudge_of(std::uint64_t v, int steps, bool keep_faces) {
+        stars_.corners_of(v, around_);
+        if (around_.size() > kMostAround) {
+            return {};
+        }
+        std::vector<OppositeSide> sides;
+        sides.reserve(around_.size());
+        for (const std::uint64_t corner : around_) {
+            sides.push_back({positions_[vertex_of(corner, 1)], positions_[vertex_of(corner, 2)]});
+        }
+        return nudged(positions_[v], sides, range_, steps, keep_faces);
+    }
+
+    void move(std::uint64_t v, const Point& to) {
+        Start& start = start_file_.as<Start>()[v];
+        if (start.was_moved == 0) {
+            start = {positions_[v], 1};
+            ++result_.moved_vertices;
+        }
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            const double by =
+                static_cast<double>(to[axis]) - static_cast<double>(start.position[axis]);
+            result_.moved[axis] = std::max(result_.moved[axis], std::fabs(by));
+        }
+        positions_[v] = to;
+        look_again_around(v);
+    }
+
+    std::span<Point> positions_;
+    std::span<ElementCorners> corners_;
+    VertexStars stars_;
+    Waiting waiting_;
+    ScratchFile start_file_;
+    NudgeRange range_;
+    Progress& progress_;
+    MendedTriangles result_;
+    LinkEdges link_;
+    LinkEdges other_link_;
+    std::vector<std::uint64_t> around_;
+};
+
+}  // namespace
+
+MendedTriangles mend_triangles(ScratchMesh& mesh, const Double3& least_step,
+                               const std::filesystem::path& folder, Progress& progress) {
+    constexpr std::uint64_t kPasses = 4;
+    progress.begin("mend triangles", kPasses * mesh.layout().elements, "triangles");
+    MendedTriangles result = Mender(mesh, least_step, folder, progress).run();
+    result.scratch_bytes =
+        std::max(result.scratch_bytes, mesh.layout().vertices * sizeof(std::uint64_t));
+    mesh.compact(folder, progress);
+    return result;
+}
+
+}  // namespace isonest::detail

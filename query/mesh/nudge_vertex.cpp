@@ -1,0 +1,107 @@
+#include "query/mesh/nudge_vertex.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+#include <vector>
+
+#include "query/mesh/zero_area.h"
+#include "store/base/vector3.h"
+
+namespace isonest::detail {
+namespace {
+
+using Point = std::array<float, 3>;
+
+Double3 normal_of(const Point& a, const OppositeSide& side) {
+    const auto from_a = [&a](const Point& p) {
+        Double3 d{};
+        for (std::size_t i = 0; i < 3; ++i) {
+            d[i] = static_cast<double>(p[i]) - static_cast<double>(a[i]);
+        }
+        return d;
+    };
+    return cross(from_a(side[0]), from_a(side[1]));
+}
+
+/// How the triangles face before the move.
+std::vector<Double3> facings(const Point& vertex, std::span<const OppositeSide> around) {
+    std::vector<Double3> normals;
+    normals.reserve(around.size());
+    Double3 sum{};
+    for (const OppositeSide& side : around) {
+        normals.push_back(normal_of(vertex, side));
+        for (std::size_t i = 0; i < 3; ++i) {
+            sum[i] += normals.back()[i];
+        }
+    }
+    for (std::size_t i = 0; i < around.size(); ++i) {
+        if (missing_dimensions(vertex, around[i][0], around[i][1]) > 0) {
+            normals[i] = sum;
+        }
+    }
+    return normals;
+}
+
+float stepped(float from, double least, int steps) {
+    constexpr float kInfinity = std::numeric_limits<float>::infinity();
+    const float size = std::fabs(from);
+    const double unit = static_cast<double>(std::nextafter(size, kInfinity)) - size;
+    return static_cast<float>(from + steps * std::max(unit, least));
+}
+
+}  // namespace
+
+int missing_dimensions(const Point& a, const Point& b, const Point& c) {
+    return !has_no_area(a, b, c) ? 0 : a == b && b == c ? 2 : 1;
+}
+
+std::optional<Nudge> nudged(const Point& vertex, std::span<const OppositeSide> around,
+                            const NudgeRange& range, int steps, bool keep_faces) {
+    const std::vector<Double3> facing = facings(vertex, around);
+    std::vector<int> missing(around.size());
+    std::transform(around.begin(), around.end(), missing.begin(), [&](const OppositeSide& side) {
+        return missing_dimensions(vertex, side[0], side[1]);
+    });
+    std::array<std::vector<float>, 3> places;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const float at = vertex[axis];
+        const bool stays = keep_faces && (at == range.lo[axis] || at == range.hi[axis]);
+        for (int s = -steps; s <= steps; ++s) {
+            places[axis].push_back(
+                stays ? at
+                      : std::clamp(stepped(at, range.least_step[axis], s), range.lo[axis],
+                                   range.hi[axis]));
+        }
+    }
+    std::optional<Nudge> best;
+    const auto count = static_cast<std::size_t>(2 * steps + 1);
+    const auto is_end = [&](std::size_t i) { return i == 0 || i + 1 == count; };
+    for (std::size_t z = 0; z < count; ++z) {
+        for (std::size_t y = 0; y < count; ++y) {
+            for (std::size_t x = 0; x < count; ++x) {
+                if (!is_end(x) && !is_end(y) && !is_end(z)) {
+                    continue;
+                }
+                Nudge next{{places[0][x], places[1][y], places[2][z]}};
+                bool none_lost = true;
+                for (std::size_t i = 0; none_lost && i < around.size(); ++i) {
+                    const int gained =
+                        missing[i] - missing_dimensions(next.to, around[i][0], around[i][1]);
+                    none_lost = gained >= 0;
+                    next.mended += gained;
+                    next.turned += dot(normal_of(next.to, around[i]), facing[i]) < 0 ? 1 : 0;
+                }
+                if (none_lost && next.mended > 0 &&
+                    (!best || next.turned < best->turned ||
+                     (next.turned == best->turned && next.mended > best->mended))) {
+                    best = next;
+                }
+            }
+        }
+    }
+    return best;
+}
+
+}  // namespace isonest::detail
