@@ -10,6 +10,7 @@
 #include "query/extract/whole_mesh.h"
 #include "query/mesh/border_count.h"
 #include "query/mesh/emit_mesh.h"
+#include "query/mesh/measuring_sink.h"
 #include "query/traverse/planar.h"
 #include "query/traverse/traversal_budget.h"
 #include "store/base/workers.h"
@@ -62,6 +63,14 @@ void emit(const PartStore& parts, const Weld& weld, const MeshLayout& layout, Me
 
 ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
                              const ExtractOptions& options, Progress& progress) {
+    if (options.quality && asked.corners() == 3) {
+        MeasuringSink measuring(sink);
+        ExtractOptions rest = options;
+        rest.quality = false;
+        ExtractReport report = run_extraction(store, std::move(asked), measuring, rest, progress);
+        report.quality = measuring.quality();
+        return report;
+    }
     const auto start = std::chrono::steady_clock::now();
     std::vector<std::filesystem::path> inputs{store.path()};
     if (asked.values != nullptr) {

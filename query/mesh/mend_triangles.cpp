@@ -90,8 +90,8 @@ class Mender {
                 stars_.add(3 * t + i, corners_[t][i]);
             }
         });
-        result_.scratch_bytes = stars_.scratch_bytes() + waiting_.scratch_bytes() +
-                                positions_.size() * sizeof(Start);
+        result_.scratch_bytes =
+            stars_.scratch_bytes() + waiting_.scratch_bytes() + positions_.size() * sizeof(Start);
     }
 
     MendedTriangles run() {
@@ -279,9 +279,8 @@ class Mender {
         const std::uint64_t b = vertex_of(corner, 2);
         const std::uint64_t d = vertex_of(across);
         stars_.corners_of(middle, around_);
-        const bool is_edge = std::any_of(around_.begin(), around_.end(), [&](std::uint64_t other) {
-            return has(other / 3, d);
-        });
+        const bool is_edge = std::any_of(around_.begin(), around_.end(),
+                                         [&](std::uint64_t other) { return has(other / 3, d); });
         if (is_edge || lacks_area(ElementCorners{middle, a, d}) ||
             lacks_area(ElementCorners{middle, d, b})) {
             return false;
@@ -296,12 +295,13 @@ class Mender {
 
     /// Moves that corner of `t`, by as few steps, that turns fewest triangles.
     bool move_one_of(std::uint64_t t) {
-        for (const bool keep_faces : {true, false}) {
+        for (const NudgeFreedom freedom :
+             {NudgeFreedom::stay_on_faces, NudgeFreedom::stay_in_box, NudgeFreedom::anywhere}) {
             std::optional<Nudge> best;
             std::uint64_t moved = kNone;
             for (int steps = 1; steps <= kMostSteps && (!best || best->turned > 0); ++steps) {
                 for (const std::uint64_t v : corners_[t]) {
-                    const std::optional<Nudge> next = nudge_of(v, steps, keep_faces);
+                    const std::optional<Nudge> next = nudge_of(v, steps, freedom);
                     if (next && (!best || next->turned < best->turned)) {
                         best = next;
                         moved = v;
@@ -316,7 +316,7 @@ class Mender {
         return false;
     }
 
-    std::optional<Nudge> nudge_of(std::uint64_t v, int steps, bool keep_faces) {
+    std::optional<Nudge> nudge_of(std::uint64_t v, int steps, NudgeFreedom freedom) {
         stars_.corners_of(v, around_);
         if (around_.size() > kMostAround) {
             return {};
@@ -326,7 +326,7 @@ class Mender {
         for (const std::uint64_t corner : around_) {
             sides.push_back({positions_[vertex_of(corner, 1)], positions_[vertex_of(corner, 2)]});
         }
-        return nudged(positions_[v], sides, range_, steps, keep_faces);
+        return nudged(positions_[v], sides, range_, steps, freedom);
     }
 
     void move(std::uint64_t v, const Point& to) {

@@ -58,7 +58,7 @@ int missing_dimensions(const Point& a, const Point& b, const Point& c) {
 }
 
 std::optional<Nudge> nudged(const Point& vertex, std::span<const OppositeSide> around,
-                            const NudgeRange& range, int steps, bool keep_faces) {
+                            const NudgeRange& range, int steps, NudgeFreedom freedom) {
     const std::vector<Double3> facing = facings(vertex, around);
     std::vector<int> missing(around.size());
     std::transform(around.begin(), around.end(), missing.begin(), [&](const OppositeSide& side) {
@@ -67,12 +67,15 @@ std::optional<Nudge> nudged(const Point& vertex, std::span<const OppositeSide> a
     std::array<std::vector<float>, 3> places;
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const float at = vertex[axis];
-        const bool stays = keep_faces && (at == range.lo[axis] || at == range.hi[axis]);
+        const bool on_face = at == range.lo[axis] || at == range.hi[axis];
         for (int s = -steps; s <= steps; ++s) {
-            places[axis].push_back(
-                stays ? at
-                      : std::clamp(stepped(at, range.least_step[axis], s), range.lo[axis],
-                                   range.hi[axis]));
+            float to = stepped(at, range.least_step[axis], s);
+            if (freedom == NudgeFreedom::stay_on_faces && on_face) {
+                to = at;
+            } else if (freedom != NudgeFreedom::anywhere) {
+                to = std::clamp(to, range.lo[axis], range.hi[axis]);
+            }
+            places[axis].push_back(to);
         }
     }
     std::optional<Nudge> best;

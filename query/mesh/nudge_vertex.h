@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <optional>
 #include <span>
 
@@ -13,12 +14,18 @@ namespace isonest::detail {
 int missing_dimensions(const std::array<float, 3>& a, const std::array<float, 3>& b,
                        const std::array<float, 3>& c);
 
-/// How far and where a vertex may go.
+/// What a vertex may do at the box around the mesh.
+enum class NudgeFreedom : std::uint8_t {
+    stay_on_faces,  ///< what lies on a face stays in it; nothing leaves the box
+    stay_in_box,
+    anywhere
+};
+
 struct NudgeRange {
     /// Steps along an axis are units in the last place of the coordinate, but at least this;
     /// world units.
     Double3 least_step{};
-    /// No vertex leaves this box; one on its face leaves the face only if nothing else helps.
+    /// The box.
     std::array<float, 3> lo{};
     std::array<float, 3> hi{};
 };
@@ -38,6 +45,6 @@ using OppositeSide = std::array<std::array<float, 3>, 2>;
 /// Nothing if no place gains without a loss elsewhere. `around`: the triangles around the vertex.
 std::optional<Nudge> nudged(const std::array<float, 3>& vertex,
                             std::span<const OppositeSide> around, const NudgeRange& range,
-                            int steps, bool keep_faces);
+                            int steps, NudgeFreedom freedom);
 
 }  // namespace isonest::detail

@@ -133,10 +133,25 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
     if (r.triangles == 0 && r.dropped_components == 0) {
         result.text += empty_surface(store, arguments, r);
     }
+    if (r.mended_triangles > 0) {
+        result.text += fmt::format(
+            "{} triangles whose corners 32-bit floats round to one place or line were taken out or "
+            "mended.\n",
+            r.mended_triangles);
+    }
     if (r.zero_area_triangles > 0) {
-        result.text +=
-            fmt::format("{} triangles have no area; removing them would open the mesh.\n",
-                        r.zero_area_triangles);
+        result.text += fmt::format(
+            "{} triangles have no area; nothing that keeps the mesh whole "
+            "mends them.\n",
+            r.zero_area_triangles);
+    }
+    if (r.quality && r.triangles > 0) {
+        constexpr double kPercent = 100;
+        result.text += fmt::format(
+            "Smallest angles of the triangles: {:.2g} degrees at least, {:.3g} in the middle; "
+            "{:.2g} % are below {}.\n",
+            r.quality->least, r.quality->median, kPercent * r.quality->narrow_share,
+            TriangleQuality::kNarrow);
     }
     return result;
 }
@@ -213,6 +228,8 @@ void add_extract(CLI::App& app, Invocation& chosen) {
             a->extract.vertex_error = parse_field("--vertex-error", text);
         },
         "this field at the vertices: how far they may be off", "FIELD");
+    c->add_flag("--quality", a->extract.options.quality,
+                "say which angles the triangles have, from their smallest one on");
     c->add_option("-o,--output", a->extract.mesh, "the mesh to write")
         ->required()
         ->type_name("MESH");

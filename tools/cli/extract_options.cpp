@@ -285,6 +285,7 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
                  {"guaranteed", is_guaranteed(r)},
                  {"visited_tetrahedra", r.visited_tetrahedra},
                  {"leaf_tetrahedra", r.leaf_tetrahedra},
+                 {"mended_triangles", r.mended_triangles},
                  {"zero_area_triangles", r.zero_area_triangles},
                  {"coordinate_rounding", r.coordinate_rounding},
                  {"chunks_read", r.chunks_read},
@@ -293,6 +294,12 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
                  {"peak_cache_bytes", r.peak_cache_bytes},
                  {"bricks", r.bricks},
                  {"seconds", r.seconds}};
+    if (r.quality) {
+        json["smallest_angle"] = {
+            {"min", r.quality->least},     {"q0.1%", r.quality->per_mille},
+            {"q1%", r.quality->percent},   {"q5%", r.quality->five_percent},
+            {"median", r.quality->median}, {"share_below_5", r.quality->narrow_share}};
+    }
     if (r.culled_by) {
         json["culled_by"] = name_of(*r.culled_by);
     }

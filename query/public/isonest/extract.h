@@ -155,6 +155,20 @@ struct ExtractOptions {
     /// Where what does not fit into the memory goes, in files without names; empty = the system's
     /// folder for temporary files.
     std::filesystem::path scratch = {};
+    bool quality = false;  ///< the report says which angles the triangles have
+};
+
+/// The smallest angles of a mesh's triangles, degrees, 0 ... 60. Quantiles are rounded down to a
+/// hundredth.
+struct TriangleQuality {
+    static constexpr double kNarrow = 5;  ///< degrees
+
+    double least = 0;         ///< not rounded
+    double per_mille = 0;     ///< one in a thousand triangles has a smaller one
+    double percent = 0;       ///< one in a hundred
+    double five_percent = 0;  ///< one in twenty
+    double median = 0;
+    double narrow_share = 0;  ///< of the triangles, those with an angle below kNarrow; 0 ... 1
 };
 
 struct ExtractReport {
@@ -179,6 +193,8 @@ struct ExtractReport {
     /// out, or changed so that they have one, and those that nothing helped.
     std::uint64_t mended_triangles = 0;
     std::uint64_t zero_area_triangles = 0;
+    /// If it was asked for, and the mesh has triangles as elements.
+    std::optional<TriangleQuality> quality = {};
     /// Most by which a coordinate is off, in distances of neighbouring nodes: on top of the error.
     /// It is rounded to float32, and a few may be moved to give triangles an area.
     double coordinate_rounding = 0;
@@ -198,7 +214,8 @@ struct ExtractReport {
     std::uint64_t dropped_triangles = 0;  ///< or lines; as extracted
     std::uint64_t largest_dropped = 0;    ///< triangles (or lines) of the largest of them
     std::optional<Outside> closed = {};   ///< as in the query
-    /// If it was closed: vertices on borders that are left, around missing values.
+    /// If it was closed: vertices of the surface, as extracted, on borders that are left, around
+    /// missing values.
     std::uint64_t border_vertices = 0;
     std::uint64_t scratch_bytes = 0;  ///< of temporary files of what changes the whole mesh
     std::uint64_t chunks_read = 0;    ///< by this call alone, those read twice counted twice

@@ -1,0 +1,61 @@
+// The shape of a mesh's triangles, measured while they are handed over.
+#pragma once
+
+#include <array>
+#include <mutex>
+#include <vector>
+
+#include <isonest/extract.h>
+#include <isonest/mesh_sink.h>
+
+namespace isonest::detail {
+
+/// The smallest angle of a triangle, degrees, 0 ... 60; 0 where it has no area.
+double smallest_angle(const std::array<float, 3>& a, const std::array<float, 3>& b,
+                      const std::array<float, 3>& c);
+
+/// How often which smallest angle occurs. The same for any order. Thread-safety: none.
+class AngleCounts {
+  public:
+    AngleCounts();
+    void add(double angle);
+    void add(const AngleCounts& other);
+    /// All 0 if there are no triangles.
+    [[nodiscard]] TriangleQuality quality() const;
+
+  private:
+    [[nodiscard]] double quantile(double share) const;
+    std::vector<std::uint64_t> counts_;  ///< of a hundredth of a degree each
+    std::uint64_t triangles_ = 0;
+    std::uint64_t narrow_ = 0;  ///< below TriangleQuality::kNarrow
+    double least_;
+};
+
+/// Hands everything to another sink and measures the triangles of the first pass. Thread-safety: as
+/// the other sink's.
+class MeasuringSink : public MeshSink {
+  public:
+    explicit MeasuringSink(MeshSink& sink) : sink_(sink) {}
+
+    void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override {
+        sink_.prepare(layout, inputs);
+    }
+    void begin(const MeshLayout& layout) override { sink_.begin(layout); }
+    void vertices(const VertexBatch& batch) override { sink_.vertices(batch); }
+    void elements(const ElementBatch& batch) override;
+    [[nodiscard]] bool again() override;
+    void end() override { sink_.end(); }
+    [[nodiscard]] bool concurrent() const override { return sink_.concurrent(); }
+    [[nodiscard]] bool holds_float64() const override { return sink_.holds_float64(); }
+
+    /// After end().
+    [[nodiscard]] TriangleQuality quality() const { return counts_.quality(); }
+
+  private:
+    MeshSink& sink_;
+    std::mutex mutex_;
+    AngleCounts counts_;
+    bool is_first_pass_ = true;
+};
+
+}  // namespace isonest::detail
