@@ -322,6 +322,14 @@ TEST_CASE(
     CHECK(dropped.result.moved_vertices == 0);
 }
 
+TEST_CASE("a side is not flipped into an edge that is there already") {
+    // Around vertex 1 are three triangles; 0 lies between 1 and 2, and shares an edge with 3.
+    const Mended m = require_mended(
+        Triangles{{{1, 0, 0}, {0, 0, 0}, {2, 0, 0}, {1, 2, 0}}, {{0, 1, 2}, {2, 1, 3}, {1, 0, 3}}});
+    CHECK(m.mesh.corners.size() == 3);
+    CHECK(m.result.moved_vertices == 1);
+}
+
 TEST_CASE("a closed component at one point, or on a segment, gets a volume and stays closed") {
     for (const float origin : {0.0F, 1.0F, -3e6F}) {
         for (const float stretch : {0.0F, 4.0F}) {
