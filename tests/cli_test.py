@@ -312,6 +312,26 @@ class Cli(unittest.TestCase):
         self.assertIn(f"element face {report['triangles']}\n", header)
         (self.here / "e.ply").unlink()
 
+    def test_reports_say_which_triangles_there_are(self):
+        ask = ["extract", "b.isonest", "--iso", "0.5", "-o", "a.ply"]
+        self.assertNotIn("smallest_angle", self.json(*ask))
+        report = self.json(*ask, "--quality")
+        angles = [report["smallest_angle"][key] for key in ("min", "q0.1%", "q1%", "q5%", "median")]
+        self.assertEqual(angles, sorted(angles))
+        self.assertGreater(angles[0], 0)
+        self.assertLessEqual(angles[-1], 60)
+        self.assertTrue(0 <= report["smallest_angle"]["share_below_5"] < 1)
+        self.assertIn(b"Smallest angles of the triangles: ", self.ok(*ask, "--quality").stdout)
+        self.assertEqual((report["mended_triangles"], report["zero_area_triangles"]), (0, 0))
+        self.ok("preprocess", "b.h5", "--origin", "1e6,1e6,1e6", "--spacing", "1,1,1", "-o", "far.isonest")
+        ask[1] = "far.isonest"
+        report = json.loads(self.ok(*ask, "--json").stdout)  # beside a warning
+        self.assertGreater(report["mended_triangles"], 0)
+        self.assertEqual(report["zero_area_triangles"], 0)
+        self.assertIn(f"{report['mended_triangles']} triangles whose corners".encode(), self.ok(*ask).stdout)
+        for name in ("a.ply", "far.isonest"):
+            (self.here / name).unlink()
+
     def test_json_is_json_whatever_the_file_is_called(self):
         done = run("info", b"\xff\xfe.isonest", "--json", cwd=self.here)
         self.assertEqual(done.returncode, 3)
