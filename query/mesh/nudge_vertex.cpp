@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "query/mesh/zero_area.h"
@@ -51,6 +52,46 @@ float stepped(float from, double least, int steps) {
     return static_cast<float>(from + steps * std::max(unit, least));
 }
 
+double square_height(const Point& a, const OppositeSide& side, const Double3& normal) {
+    double longest = 0;
+    for (const auto& [p, q] :
+         {std::pair{a, side[0]}, std::pair{a, side[1]}, std::pair{side[0], side[1]}}) {
+        double square = 0;
+        for (std::size_t i = 0; i < 3; ++i) {
+            const double d = static_cast<double>(q[i]) - static_cast<double>(p[i]);
+            square += d * d;
+        }
+        longest = std::max(longest, square);
+    }
+    return longest > 0 ? dot(normal, normal) / longest : 0;
+}
+
+/// The vertex at `to`; nothing if no dimension is gained, or a triangle loses one. `missing`,
+/// `facing`: of the triangles before.
+std::optional<Nudge> tried(const Point& to, std::span<const OppositeSide> around,
+                           const std::vector<int>& missing, const std::vector<Double3>& facing) {
+    Nudge next{to, 0, 0, std::numeric_limits<double>::infinity()};
+    for (std::size_t i = 0; i < around.size(); ++i) {
+        const int left = missing_dimensions(to, around[i][0], around[i][1]);
+        if (left > missing[i]) {
+            return {};
+        }
+        next.mended += missing[i] - left;
+        const Double3 normal = normal_of(to, around[i]);
+        next.turned += dot(normal, facing[i]) < 0 ? 1 : 0;
+        if (left == 0) {
+            next.square_height = std::min(next.square_height, square_height(to, around[i], normal));
+        }
+    }
+    return next.mended > 0 ? std::optional(next) : std::nullopt;
+}
+
+bool is_better(const Nudge& a, const Nudge& b) {
+    return a.turned != b.turned   ? a.turned < b.turned
+           : a.mended != b.mended ? a.mended > b.mended
+                                  : a.square_height > b.square_height;
+}
+
 }  // namespace
 
 int missing_dimensions(const Point& a, const Point& b, const Point& c) {
@@ -87,18 +128,9 @@ std::optional<Nudge> nudged(const Point& vertex, std::span<const OppositeSide> a
                 if (!is_end(x) && !is_end(y) && !is_end(z)) {
                     continue;
                 }
-                Nudge next{{places[0][x], places[1][y], places[2][z]}};
-                bool none_lost = true;
-                for (std::size_t i = 0; none_lost && i < around.size(); ++i) {
-                    const int gained =
-                        missing[i] - missing_dimensions(next.to, around[i][0], around[i][1]);
-                    none_lost = gained >= 0;
-                    next.mended += gained;
-                    next.turned += dot(normal_of(next.to, around[i]), facing[i]) < 0 ? 1 : 0;
-                }
-                if (none_lost && next.mended > 0 &&
-                    (!best || next.turned < best->turned ||
-                     (next.turned == best->turned && next.mended > best->mended))) {
+                const std::optional<Nudge> next =
+                    tried({places[0][x], places[1][y], places[2][z]}, around, missing, facing);
+                if (next && (!best || is_better(*next, *best))) {
                     best = next;
                 }
             }

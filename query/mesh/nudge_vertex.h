@@ -35,13 +35,16 @@ struct Nudge {
     std::array<float, 3> to{};
     int mended = 0;  ///< dimensions that the triangles gain, > 0
     int turned = 0;  ///< triangles that face against what was around them
+    /// Square of the smallest height among the triangles around that have an area then.
+    double square_height = 0;
 };
 
 /// The corners of a triangle at the vertex: those that come after it.
 using OppositeSide = std::array<std::array<float, 3>, 2>;
 
 /// The best place at `steps` steps along at least one axis and no more along any: with the fewest
-/// triangles turned, of these with the most dimensions gained, of these the first in a fixed order.
+/// triangles turned, of these with the most dimensions gained, of these with the largest of the
+/// smallest heights, of these the first in a fixed order.
 /// Nothing if no place gains without a loss elsewhere. `around`: the triangles around the vertex.
 std::optional<Nudge> nudged(const std::array<float, 3>& vertex,
                             std::span<const OppositeSide> around, const NudgeRange& range,
