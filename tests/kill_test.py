@@ -39,7 +39,9 @@ with tempfile.TemporaryDirectory(prefix="isonest-kill-") as name:
     seconds = shortest([*command, "--force"])
     whole = store.read_bytes()
     killed = finished = warned = resumed = taken_over = 0
-    for i in range(kills):
+    for i in range(4 * kills):
+        if i >= kills and taken_over > 0:
+            break  # on a busy machine, most are killed before there is anything to go on with
         replacing = i % 2 == 1
         for old in folder.glob(".*"):
             old.unlink()
