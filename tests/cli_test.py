@@ -598,6 +598,33 @@ class Cli(unittest.TestCase):
         for path in self.here.glob("specks.*"):
             path.unlink()
 
+    def test_distances_and_numbers_of_triangles_are_read_and_reported(self):
+        import h5py
+        import numpy
+        z, y, x = numpy.mgrid[:17, :17, :17]
+        with h5py.File(self.here / "wave.h5", "w") as file:
+            file["u"] = z + numpy.sin(x / 3) + 0.1 * numpy.sin(x + 2 * y)
+        self.ok("preprocess", "wave.h5", "-o", "wave.s", "--chunk", 8)
+        extract = ("extract", "wave.s", "--iso", 8.2, "-o", "wave.ply")
+        full = self.json(*extract)["triangles"]
+        report = self.json(*extract, "--triangles", full // 2, "--by", "error")
+        self.assertTrue(report["within_budget"])
+        self.assertLessEqual(report["triangles"], full // 2)
+        self.assertGreater(report["error_bound"], 0)
+        self.assertIn(f"asked for {full // 2} triangles",
+                      self.ok(*extract, "--triangles", full // 2, "--by", "error").stdout.decode())
+        same = [self.json(*extract, "--distance", d)["triangles"] for d in ("0.2", "0.2mm", "0.2voxel")]
+        self.assertEqual(len(set(same)), 1)
+        for options, words in ((("--distance", "1furlong"), "the unit furlong is none that is known"),
+                               (("--distance", "nan"), "give a finite number"),
+                               (("--distance", "-1mm"), "give a number >= 0"),
+                               (("--triangles", 9, "--by", "size"), "give distance or error"),
+                               (("--by", "error"), "requires --triangles"),
+                               (("--triangles", 9, "--by", "error", "--distance", 1), "goes without --distance")):
+            self.assertIn(words, self.fails(2, *extract, *options))
+        for path in self.here.glob("wave.*"):
+            path.unlink()
+
     def test_a_surface_is_closed_on_either_side_and_the_report_says_so(self):
         import h5py
         import numpy

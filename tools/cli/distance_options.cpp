@@ -14,8 +14,9 @@ namespace {
 /// "0.5", "0.5mm" or "0.5voxel".
 DistanceBound parse_distance(const std::string& option, const std::string& text) {
     DistanceBound distance;
-    const std::size_t unit = text.find_first_of("mv");
-    const std::string name = unit == std::string::npos ? "" : text.substr(unit);
+    const std::size_t last_digit = text.find_last_of("0123456789.");
+    const std::size_t unit = last_digit == std::string::npos ? text.size() : last_digit + 1;
+    const std::string name = text.substr(unit);
     distance.voxels = name == "voxel" || name == "voxels";
     if (!distance.voxels && !name.empty() && name != "mm") {
         throw Error(ErrorKind::invalid_argument,

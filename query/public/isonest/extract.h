@@ -108,8 +108,8 @@ struct SurfaceQuery {
     /// Closes the surface by caps where it meets the faces of the volume or of the box, so that
     /// every edge has two triangles; only at missing values it stays open. The caps face as the
     /// surface does: out of the solid with Outside::below, into it with Outside::above. Where nodes
-    /// near those faces have the isovalue exactly, triangles without area arise. Of a volume alone;
-    /// not together with `culling`.
+    /// near those faces have the isovalue exactly, triangles without area arise, and are mended. Of
+    /// a volume alone; not together with `culling`.
     std::optional<Outside> close = {};
 };
 
