@@ -239,10 +239,33 @@ TEST_CASE("A border does not leave the face of the box that it lies in") {
     // From 2 to 1: through the inside, although all three have the same x.
     corner.box.lo = {-5, 0, 0};
     REQUIRE_FALSE(is_allowed());
-    corner.box.lo = {0, 0, 0};
+    corner.box.lo = {0, -5, -5};
     REQUIRE(is_allowed());
+    corner.box.lo = {0, 0, 0};  // a corner of the box stays
+    REQUIRE_FALSE(is_allowed());
     corner.box.lo = {-5, -5, -5};  // a border somewhere inside, at missing values
     REQUIRE(is_allowed());
+}
+
+TEST_CASE("A cap does not leave the face of the box that it lies in") {
+    // A square pyramid on the plane z = 0, whose base has a vertex in the middle.
+    Patch solid;
+    solid.positions = {{0, 0, 0}, {2, 0, 0}, {2, 2, 0}, {0, 2, 0}, {1, 1, 0}, {1, 1, 1}};
+    solid.triangles = {{1, 0, 4}, {2, 1, 4}, {3, 2, 4}, {0, 3, 4},
+                       {0, 1, 5}, {1, 2, 5}, {2, 3, 5}, {3, 0, 5}};
+    finish(solid);
+    solid.box.lo = {-5, -5, 0};
+    const std::vector<bool> locked(solid.positions.size());
+    const auto is_allowed = [&](std::uint32_t from, std::uint32_t to) {
+        return CollapsingPatch(solid, locked).is_allowed(from, to);
+    };
+    REQUIRE(is_allowed(4, 0));
+    REQUIRE_FALSE(is_allowed(0, 5));
+    solid.positions[5] = {0.1F, 0.1F, 1};
+    solid.box.lo = {-5, -5, -5};
+    REQUIRE(is_allowed(0, 5));
+    solid.box.lo = {-5, -5, 0};
+    REQUIRE_FALSE(is_allowed(0, 5));
 }
 
 TEST_CASE("Collapses leave locked vertices and what hangs together through them") {

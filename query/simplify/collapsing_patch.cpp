@@ -44,7 +44,7 @@ void CollapsingPatch::neighbours_of(std::uint32_t v, std::vector<std::uint32_t>&
 
 bool CollapsingPatch::is_allowed(std::uint32_t from, std::uint32_t to) {
     const int edge = shared_triangles(from, to);
-    if (edge == 0) {
+    if (edge == 0 || !stays_in_faces(from, to)) {
         return false;
     }
     neighbours_of(from, near_);
@@ -54,7 +54,7 @@ bool CollapsingPatch::is_allowed(std::uint32_t from, std::uint32_t to) {
                           std::back_inserter(common_));
     const bool is_border = near_.size() != around_[from].size();
     if (static_cast<int>(common_.size()) != edge ||
-        (is_border && (edge != 1 || !stays_in_face(from, to) || is_last_triangle(from, to))) ||
+        (is_border && (edge != 1 || !border_stays_in_face(from, to) || is_last_triangle(from, to))) ||
         (locked_[to] && joins_locked(to))) {
         return false;
     }
@@ -75,27 +75,30 @@ bool CollapsingPatch::joins_locked(std::uint32_t to) const {
     });
 }
 
-/// The faces of the box that both lie in, as bits.
-unsigned CollapsingPatch::common_faces(std::uint32_t a, std::uint32_t b) const {
+/// The faces of the box that a vertex lies in, as bits.
+unsigned CollapsingPatch::faces_of(std::uint32_t v) const {
     unsigned faces = 0;
     for (unsigned axis = 0; axis < 3; ++axis) {
-        const float x = patch_.positions[a][axis];
-        if (x == patch_.positions[b][axis]) {
-            faces |= x == patch_.box.lo[axis] ? 1U << (2 * axis) : 0U;
-            faces |= x == patch_.box.hi[axis] ? 2U << (2 * axis) : 0U;
-        }
+        const float x = patch_.positions[v][axis];
+        faces |= x == patch_.box.lo[axis] ? 1U << (2 * axis) : 0U;
+        faces |= x == patch_.box.hi[axis] ? 2U << (2 * axis) : 0U;
     }
     return faces;
 }
 
-/// A border that lies in a face of the box stays in it.
-bool CollapsingPatch::stays_in_face(std::uint32_t from, std::uint32_t to) const {
-    const unsigned faces = common_faces(from, to);
+/// What lies in a face of the box, a border or a cap, stays in it.
+bool CollapsingPatch::stays_in_faces(std::uint32_t from, std::uint32_t to) const {
+    return (faces_of(from) & ~faces_of(to)) == 0;
+}
+
+/// A border goes on in the face in which it comes to `from`.
+bool CollapsingPatch::border_stays_in_face(std::uint32_t from, std::uint32_t to) const {
+    const unsigned faces = faces_of(from) & faces_of(to);
     return std::all_of(near_.begin(), near_.end(), [&](std::uint32_t v) {
         if (v == to || shared_triangles(from, v) != 1) {
             return true;
         }
-        const unsigned others = common_faces(from, v);
+        const unsigned others = faces_of(from) & faces_of(v);
         return (faces & others) != 0 || (faces == 0 && others == 0);
     });
 }

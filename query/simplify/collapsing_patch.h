@@ -55,8 +55,9 @@ class CollapsingPatch {
     [[nodiscard]] int shared_triangles(std::uint32_t a, std::uint32_t b) const;
     [[nodiscard]] bool is_last_triangle(std::uint32_t from, std::uint32_t to) const;
     [[nodiscard]] bool joins_locked(std::uint32_t to) const;
-    [[nodiscard]] unsigned common_faces(std::uint32_t a, std::uint32_t b) const;
-    [[nodiscard]] bool stays_in_face(std::uint32_t from, std::uint32_t to) const;
+    [[nodiscard]] unsigned faces_of(std::uint32_t v) const;
+    [[nodiscard]] bool stays_in_faces(std::uint32_t from, std::uint32_t to) const;
+    [[nodiscard]] bool border_stays_in_face(std::uint32_t from, std::uint32_t to) const;
     [[nodiscard]] bool turns(std::uint32_t i, std::uint32_t from, std::uint32_t to) const;
     [[nodiscard]] bool is_double(std::uint32_t i, std::uint32_t from, std::uint32_t to) const;
 

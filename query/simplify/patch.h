@@ -27,8 +27,8 @@ enum class Stay : std::uint8_t {
     forever  ///< and in all that follow
 };
 
-/// Where a surface is cut: borders in its faces stay there. As vertices are: world coordinates,
-/// float32.
+/// Where a surface is cut, or closed: borders and caps in its faces stay there. As vertices are:
+/// world coordinates, float32.
 struct PatchBox {
     static constexpr float kNowhere = std::numeric_limits<float>::quiet_NaN();
     std::array<float, 3> lo{kNowhere, kNowhere, kNowhere};
