@@ -54,7 +54,8 @@ bool CollapsingPatch::is_allowed(std::uint32_t from, std::uint32_t to) {
                           std::back_inserter(common_));
     const bool is_border = near_.size() != around_[from].size();
     if (static_cast<int>(common_.size()) != edge ||
-        (is_border && (edge != 1 || !border_stays_in_face(from, to) || is_last_triangle(from, to))) ||
+        (is_border &&
+         (edge != 1 || !border_stays_in_face(from, to) || is_last_triangle(from, to))) ||
         (locked_[to] && joins_locked(to))) {
         return false;
     }
@@ -65,7 +66,7 @@ bool CollapsingPatch::is_allowed(std::uint32_t from, std::uint32_t to) {
 
 /// Whether all three edges of the only triangle of `from` are borders.
 bool CollapsingPatch::is_last_triangle(std::uint32_t from, std::uint32_t to) const {
-    return around_[from].size() == 1 && common_.size() == 1 && this->is_border(to, common_.front());
+    return around_[from].size() == 1 && common_.size() == 1 && is_border(to, common_.front());
 }
 
 /// Whether an edge between two locked vertices would arise.
