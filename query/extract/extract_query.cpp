@@ -8,6 +8,7 @@
 
 #include <isonest/error.h>
 
+#include "query/extract/kept_analysis.h"
 #include "query/extract/query_checks.h"
 #include "store/container/extent.h"
 
@@ -201,6 +202,22 @@ double world_distance(const StoreReader& store, const DistanceBound& asked) {
     return asked.voxels && std::isfinite(voxel) ? asked.value * voxel : asked.value;
 }
 
+void require_analysable(const StoreReader& store, const SurfaceQuery& query, bool flat) {
+    if (flat) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                    "analyses are kept of surfaces; lines are simplified fast enough without");
+    }
+    if (!std::holds_alternative<DistanceBound>(query.stop) &&
+        !std::holds_alternative<TriangleBudget>(query.stop)) {
+        throw Error(ErrorKind::invalid_argument,
+                    "an analysis is kept for a distance or a number of triangles; ask for one");
+    }
+    if (query.culling) {
+        throw Error(ErrorKind::invalid_argument,
+                    "an analysis is kept of a whole surface, not of what a viewer sees of it");
+    }
+}
+
 void require_closable(const StoreReader& store, const SurfaceQuery& query) {
     if (store.layout().lattice().dimension() < 3) {
         throw Error(ErrorKind::invalid_argument, {store.path().string()},
@@ -264,6 +281,11 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
         asked.triangles = budget->most;
         asked.distance = budget->within ? world_distance(store, *budget->within)
                                         : diagonal_of(store.layout().header());
+    }
+    if (query.analysis) {
+        require_analysable(store, query, flat);
+        asked.analysis_folder = query.analysis->folder.empty() ? folder_of(store.path())
+                                                               : query.analysis->folder;
     }
     if (query.components) {
         require_sense(*query.components, product);

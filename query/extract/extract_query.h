@@ -1,6 +1,7 @@
 // What a query asks of a store, in lattice terms: one form for all products.
 #pragma once
 
+#include <filesystem>
 #include <optional>
 #include <vector>
 
@@ -29,6 +30,8 @@ struct ExtractQuery {
     std::optional<double> distance;
     std::optional<std::uint64_t> triangles;
     std::optional<ComponentChoice> components;
+    /// The folder of a kept analysis, if there is to be one.
+    std::optional<std::filesystem::path> analysis_folder;
     std::vector<double> contours;  ///< values of contour lines
 
     /// Corners of an element.

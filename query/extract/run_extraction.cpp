@@ -6,6 +6,8 @@
 #include <vector>
 
 #include "query/extract/contour_lines.h"
+#include "query/extract/distance_limits.h"
+#include "query/extract/extract_analysed.h"
 #include "query/extract/mend_mesh.h"
 #include "query/extract/whole_mesh.h"
 #include "query/mesh/border_count.h"
@@ -71,6 +73,14 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
         report.quality = measuring.quality();
         return report;
     }
+    std::optional<AnalysisUse> analysis;
+    if (asked.analysis_folder && simplifies(asked)) {
+        if (std::optional<ExtractReport> report =
+                extract_analysed(store, asked, sink, options, progress)) {
+            return *report;
+        }
+        analysis = AnalysisUse::not_used;
+    }
     const auto start = std::chrono::steady_clock::now();
     std::vector<std::filesystem::path> inputs{store.path()};
     if (asked.values != nullptr) {
@@ -88,6 +98,7 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
         options.scratch.empty() ? std::filesystem::temp_directory_path() : options.scratch;
 
     ExtractReport report;
+    report.analysis = analysis;
     report.dimension = store.layout().lattice().dimension();
     report.tolerance = asked.threshold;
     report.distance = asked.distance;

@@ -1,56 +1,18 @@
 #include "query/extract/whole_mesh.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
-#include <cmath>
 #include <optional>
 
-#include <isonest/error.h>
-
+#include "query/extract/distance_limits.h"
 #include "query/mesh/border_count.h"
 #include "query/mesh/components.h"
 #include "query/simplify/simplify_lines.h"
 #include "query/simplify/triangle_budget.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
-#include "store/container/extent.h"
 
 namespace isonest::detail {
 namespace {
-
-/// Most by which float32 moves a vertex, in world units.
-double most_moved(const ExtractQuery& query) {
-    const double longest = std::max({query.spacing[0], query.spacing[1], query.spacing[2]});
-    return std::sqrt(3.0) * query.coordinate_rounding * longest;
-}
-
-/// The box to which the surface is cut, as its vertices are.
-PatchBox world_box(const ExtractQuery& query) {
-    const ClipBox& box = query.traversal.box;
-    PatchBox world;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        const auto at = [&](double x) {
-            return static_cast<float>(query.origin[axis] + query.spacing[axis] * x);
-        };
-        world.lo[axis] = at(box.lo[axis]);
-        world.hi[axis] = at(box.hi[axis]);
-    }
-    return world;
-}
-
-/// What is left for the triangles, or lines.
-double limit_of(const StoreReader& store, const ExtractQuery& query) {
-    const double moved = most_moved(query);
-    const double limit = *query.distance - moved;
-    if (!(limit > 0)) {
-        throw Error(ErrorKind::limit, {store.path().string()},
-                    fmt::format("32-bit floats round coordinates so far from 0 by up to {:.3g}, "
-                                "more than the distance {:.3g} allows",
-                                moved, *query.distance));
-    }
-    return limit;
-}
 
 /// Of data in a plane.
 int flat_axis(const Int3& nodes) {
@@ -62,20 +24,11 @@ BudgetResult simplified(const StoreReader& store, const ExtractQuery& query,
     if (!query.triangles) {
         return {simplifier.within(simplifier.full(), limit), limit, true};
     }
-    const double voxel = std::min({query.spacing[0], query.spacing[1], query.spacing[2]});
-    BudgetResult result = within_budget(simplifier, *query.triangles, voxel / 4, limit);
-    const bool anywhere = *query.distance >= diagonal_of(store.layout().header());
-    if (!result.is_met && anywhere) {
-        throw Error(ErrorKind::limit, {store.path().string()},
-                    fmt::format("the surface has at least {} triangles, whatever the distance: its "
-                                "parts and holes stay",
-                                result.mesh.triangles));
+    BudgetResult result = within_budget(simplifier, *query.triangles, voxel_of(query) / 4, limit);
+    if (!result.is_met && any_distance(store, query)) {
+        refuse_budget(store, result.mesh.triangles);
     }
     return result;
-}
-
-bool simplifies(const ExtractQuery& query) {
-    return query.distance.value_or(0) > 0;
 }
 
 }  // namespace
@@ -123,8 +76,8 @@ void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const 
         report.scratch_bytes += lines->scratch_bytes();
     } else if (simplifies(query)) {
         const double limit = limit_of(store, query);
-        const WorldLattice lattice{query.origin, query.spacing, store.layout().header().nodes};
-        MeshSimplifier simplifier(mesh, elements, lattice, world_box(query), scratch, progress);
+        MeshSimplifier simplifier(mesh, elements, world_lattice(store, query), world_box(query),
+                                  scratch, progress);
         const BudgetResult result = simplified(store, query, simplifier, limit);
         corners.emplace(simplifier.corners(result.mesh));
         elements = {corners->as<ElementCorners>().data(), result.mesh.triangles};

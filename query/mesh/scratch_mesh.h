@@ -36,6 +36,10 @@ class ScratchMesh : public MeshSink {
     [[nodiscard]] std::span<const std::byte> row(std::uint64_t v) const {
         return row_file_.as<const std::byte>().subspan(v * layout_.row_bytes, layout_.row_bytes);
     }
+    /// The attributes of all vertices.
+    [[nodiscard]] std::span<const std::byte> rows() const {
+        return row_file_.as<const std::byte>().first(layout_.vertices * layout_.row_bytes);
+    }
     /// Of a line the third corner repeats the second.
     [[nodiscard]] std::span<const ElementCorners> corners() const {
         return {corner_file_.as<ElementCorners>().data(), layout_.elements};

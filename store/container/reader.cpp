@@ -62,6 +62,10 @@ void StoreReader::map_table(std::int64_t root) {
     }
 }
 
+std::uint64_t StoreReader::identity() const {
+    return checksum_of(table_);
+}
+
 /// The header's range and has_missing are those of the chunk table.
 void StoreReader::compare_range(std::uint64_t has_missing) const {
     double low = std::numeric_limits<double>::infinity();

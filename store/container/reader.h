@@ -27,6 +27,9 @@ class StoreReader : public ChunkSource {
     [[nodiscard]] double min_value() const { return range_[0]; }
     [[nodiscard]] double max_value() const { return range_[1]; }
     [[nodiscard]] bool has_missing() const { return has_missing_; }
+    /// XXH64 of the chunk table, which holds the checksums of all chunks: tells stores of other
+    /// values apart.
+    [[nodiscard]] std::uint64_t identity() const;
 
     /// The row, checked against the file's size. Throws Error{corrupt}.
     [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override;

@@ -9,6 +9,7 @@
 #include <isonest/open_volume.h>
 
 #include "query/check/check.h"
+#include "tools/cli/analyses.h"
 #include "tools/cli/command.h"
 #include "tools/cli/source_options.h"
 #include "tools/cli/units.h"
@@ -31,6 +32,19 @@ std::uint64_t stored_chunks(const StoreLayout& layout) {
     return static_cast<std::uint64_t>(count);
 }
 
+/// Damaged analyses are findings; stale ones are not, as nobody uses them.
+void check_analyses(const StoreReader& store, Result& result) {
+    result.json["analyses"] = Json::array();
+    for (const FoundAnalysis& found : all_analyses(store, AnalysisDepth::bytes)) {
+        result.json["analyses"].push_back(analysis_json(found));
+        result.text += "analysis " + analysis_line(found);
+        if (found.state == AnalysisState::damaged) {
+            result.json["ok"] = false;
+            result.exit_code = static_cast<int>(ErrorKind::corrupt);
+        }
+    }
+}
+
 Result run(Arguments& a, Progress& progress) {
     const StoreReader store(a.store);
     std::unique_ptr<VolumeSource> source;
@@ -45,6 +59,7 @@ Result run(Arguments& a, Progress& progress) {
     result.json = {{"store", a.store},         {"ok", r.failures == 0}, {"chunks", r.chunks},
                    {"nodes", r.nodes},         {"cubes", r.cubes},      {"failures", r.failures},
                    {"findings", Json::array()}};
+    check_analyses(store, result);
     for (const Finding& f : r.findings) {
         Json finding{{"test", f.test},   {"level", f.level},
                      {"field", f.field}, {"chunk", {f.chunk.x, f.chunk.y, f.chunk.z}},

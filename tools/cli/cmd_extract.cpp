@@ -97,6 +97,11 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
     query.culling = arguments.culling;
     query.components = arguments.components;
     query.close = arguments.close;
+    if (arguments.distance.analysis && !arguments.distance.stop()) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--keep-analysis goes with --distance or --triangles");
+    }
+    query.analysis = arguments.distance.analysis;
     return extract(store, query, *sink, options_of(a), progress);
 }
 
@@ -122,6 +127,7 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
         human_seconds(r.seconds),
         r.distance || r.within_budget ? distance_text(arguments.distance, r) : guarantee_text(a, r),
         r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
+    result.text += analysis_text(r);
     if (arguments.components) {
         add_component_json(r, result.json);
         result.text += component_text(r);

@@ -9,6 +9,7 @@
 #include "query/extract/info.h"
 #include "query/statistics/histogram.h"
 #include "store/files/output_file.h"
+#include "tools/cli/analyses.h"
 #include "tools/cli/command.h"
 #include "tools/cli/histogram_text.h"
 #include "tools/cli/leftovers.h"
@@ -55,6 +56,27 @@ void add_histogram(const StoreReader& store, const Arguments& a, Result& result,
     result.warning += result.warning.empty() || leftovers.empty() ? leftovers : "\n" + leftovers;
     result.json["output"] = a.plot;
     result.text += fmt::format("{}: the same as a plot\n", a.plot);
+}
+
+void add_analyses(const StoreReader& store, Result& result) {
+    result.json["analyses"] = Json::array();
+    for (const FoundAnalysis& found : all_analyses(store, AnalysisDepth::attributes)) {
+        Json json = analysis_json(found);
+        std::string steps;
+        if (found.file) {
+            json["file_bytes"] = found.file->file_bytes();
+            json["steps"] = Json::array();
+            for (const AnalysisStep& step : found.file->steps()) {
+                json["steps"].push_back({{"distance", step.bound}, {"triangles", step.triangles}});
+                steps += fmt::format("{:>14.4g} {:>12}\n", step.bound, step.triangles);
+            }
+        }
+        result.text += "\nanalysis " + analysis_line(found);
+        if (!steps.empty()) {
+            result.text += fmt::format("{:>14} {:>12}\n", "distance", "triangles") + steps;
+        }
+        result.json["analyses"].push_back(std::move(json));
+    }
 }
 
 Result run(const Arguments& a, Progress& progress) {
@@ -132,6 +154,7 @@ Result run(const Arguments& a, Progress& progress) {
                         r.alias ? "shared" : human_bytes(static_cast<double>(r.stored_bytes)),
                         r.alias ? "" : fmt::format("{:.2f}", ratio(r)), human_range(r.min, r.max));
     }
+    add_analyses(store, result);
     if (a.histogram) {
         add_histogram(store, a, result, progress);
     }

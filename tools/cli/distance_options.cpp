@@ -76,10 +76,44 @@ void add_distance_options(CLI::App* c, DistanceArguments& a,
         "the error of the values, with triangles of the nested grid",
         "distance|error");
     by->needs(triangles);
+    // A flag's value comes behind "=" alone, so that it never takes the name of a store.
+    CLI::Option* const keep = c->add_flag("--keep-analysis")
+                                  ->description(
+                                      "keep an analysis of the surface beside the store, or in\n"
+                                      "--keep-analysis=FOLDER: made once, in several times the time;\n"
+                                      "other distances and numbers of triangles then take little")
+                                  ->each([&a](const std::string& text) {
+                                      a.analysis.emplace();
+                                      if (text != "true") {
+                                          a.analysis->folder = text;
+                                      }
+                                  });
     for (const std::string& other : others) {
+        keep->excludes(c->get_option(other));
         distance->excludes(c->get_option(other));
         triangles->excludes(c->get_option(other));
     }
+}
+
+std::string analysis_text(const ExtractReport& r) {
+    if (!r.analysis) {
+        return "";
+    }
+    const std::string file = r.analysis_file.string();
+    switch (*r.analysis) {
+        case AnalysisUse::made:
+            return fmt::format("{}: the analysis of this surface, made and kept\n", file);
+        case AnalysisUse::found:
+            return fmt::format("{}: made from this analysis\n", file);
+        case AnalysisUse::replaced_stale:
+            return fmt::format("{}: was of another store or version, and made anew\n", file);
+        case AnalysisUse::replaced_damaged:
+            return fmt::format("{}: was damaged, and made anew\n", file);
+        case AnalysisUse::not_used:
+            break;
+    }
+    return "No analysis was used: what is asked for is finer than an analysis holds, an eighth of a "
+           "voxel.\n";
 }
 
 std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
@@ -102,12 +136,36 @@ std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
                                        *r.distance, a.triangles));
 }
 
+namespace {
+
+const char* analysis_name(AnalysisUse use) {
+    switch (use) {
+        case AnalysisUse::made:
+            return "made";
+        case AnalysisUse::found:
+            return "found";
+        case AnalysisUse::replaced_stale:
+            return "replaced_stale";
+        case AnalysisUse::replaced_damaged:
+            return "replaced_damaged";
+        case AnalysisUse::not_used:
+            break;
+    }
+    return "not_used";
+}
+
+}  // namespace
+
 void add_distance_json(Json& json, const ExtractReport& r) {
     if (r.within_budget) {
         json["within_budget"] = *r.within_budget;
     }
     if (!r.distance) {
         return;
+    }
+    if (r.analysis) {
+        json["analysis"] = analysis_name(*r.analysis);
+        json["analysis_file"] = r.analysis_file.string();
     }
     json["distance"] = *r.distance;
     json["distance_bound"] = r.distance_bound;

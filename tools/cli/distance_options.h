@@ -14,6 +14,7 @@ namespace isonest::detail::cli {
 struct DistanceArguments {
     std::optional<DistanceBound> distance;
     std::uint64_t triangles = 0;  ///< 0: not asked for
+    std::optional<KeptAnalysis> analysis;
     bool by_error = false;        ///< the error is what the number of triangles makes small
 
     /// In place of an error; nothing if neither was given.
@@ -26,6 +27,8 @@ void add_distance_options(CLI::App* command, DistanceArguments& a,
 
 /// "within 0.49 of the surface ... (asked for 0.5)"; REQUIRES: r.distance or r.within_budget.
 std::string distance_text(const DistanceArguments& a, const ExtractReport& r);
+/// What was done with a kept analysis, in one line; or empty.
+std::string analysis_text(const ExtractReport& r);
 /// Adds what the report has of them.
 void add_distance_json(Json& json, const ExtractReport& r);
 

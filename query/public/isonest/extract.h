@@ -85,6 +85,25 @@ struct ComponentChoice {
     double least_volume = 0;
 };
 
+/// An analysis of a surface that is kept in a file of its own: meshes of it within distances from an
+/// eighth of a voxel to four voxels. The first query that asks for one makes the file, which takes
+/// several times as long as the query alone; others of the same surface, whatever their distances
+/// and numbers of triangles, are made from these meshes and need the store no more. They have
+/// somewhat more triangles than without; distances below an eighth of a voxel are made without.
+/// The file is made anew where the store has changed, or where it is damaged.
+struct KeptAnalysis {
+    std::filesystem::path folder = {};  ///< empty: beside the store
+};
+
+/// What was done with a kept analysis.
+enum class AnalysisUse : std::uint8_t {
+    made,
+    found,
+    replaced_stale,    ///< of another store, or made by another version
+    replaced_damaged,  ///< its checksums do not agree
+    not_used           ///< the distance is too small, or the number of triangles too large
+};
+
 // What to extract. `focus` and `camera` loosen the stop test with the distance, `box` cuts what is
 // extracted at its faces. `vertex_values`: the attribute "value" from another store with the same
 // nodes, which has to live as long as the call. `vertex_error`: this field as attribute "error".
@@ -111,6 +130,8 @@ struct SurfaceQuery {
     /// near those faces have the isovalue exactly, triangles without area arise, and are mended. Of
     /// a volume alone; not together with `culling`.
     std::optional<Outside> close = {};
+    /// Of a volume alone, with a DistanceBound or TriangleBudget, without `culling`.
+    std::optional<KeptAnalysis> analysis = {};
 };
 
 /// The part of a plane inside the volume, triangles that face against its normal and have the
@@ -217,6 +238,8 @@ struct ExtractReport {
     /// If it was closed: vertices of the surface, as extracted, on borders that are left, around
     /// missing values.
     std::uint64_t border_vertices = 0;
+    std::optional<AnalysisUse> analysis = {};     ///< if one was asked for
+    std::filesystem::path analysis_file = {};
     std::uint64_t scratch_bytes = 0;  ///< of temporary files of what changes the whole mesh
     std::uint64_t chunks_read = 0;    ///< by this call alone, those read twice counted twice
     std::uint64_t chunks_total = 0;   ///< of the store

@@ -1,0 +1,67 @@
+#include "query/extract/distance_limits.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include <isonest/error.h>
+
+#include "store/container/extent.h"
+
+namespace isonest::detail {
+
+bool simplifies(const ExtractQuery& query) {
+    return query.distance.value_or(0) > 0;
+}
+
+double voxel_of(const ExtractQuery& query) {
+    return std::min({query.spacing[0], query.spacing[1], query.spacing[2]});
+}
+
+double most_moved(const ExtractQuery& query) {
+    const double longest = std::max({query.spacing[0], query.spacing[1], query.spacing[2]});
+    return std::sqrt(3.0) * query.coordinate_rounding * longest;
+}
+
+double limit_of(const StoreReader& store, const ExtractQuery& query) {
+    const double moved = most_moved(query);
+    const double limit = *query.distance - moved;
+    if (!(limit > 0)) {
+        throw Error(ErrorKind::limit, {store.path().string()},
+                    fmt::format("32-bit floats round coordinates so far from 0 by up to {:.3g}, "
+                                "more than the distance {:.3g} allows",
+                                moved, *query.distance));
+    }
+    return limit;
+}
+
+WorldLattice world_lattice(const StoreReader& store, const ExtractQuery& query) {
+    return {query.origin, query.spacing, store.layout().header().nodes};
+}
+
+PatchBox world_box(const ExtractQuery& query) {
+    const ClipBox& box = query.traversal.box;
+    PatchBox world;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const auto at = [&](double x) {
+            return static_cast<float>(query.origin[axis] + query.spacing[axis] * x);
+        };
+        world.lo[axis] = at(box.lo[axis]);
+        world.hi[axis] = at(box.hi[axis]);
+    }
+    return world;
+}
+
+void refuse_budget(const StoreReader& store, std::uint64_t triangles) {
+    throw Error(ErrorKind::limit, {store.path().string()},
+                fmt::format("the surface has at least {} triangles, whatever the distance: its "
+                            "parts and holes stay",
+                            triangles));
+}
+
+bool any_distance(const StoreReader& store, const ExtractQuery& query) {
+    return *query.distance >= diagonal_of(store.layout().header());
+}
+
+}  // namespace isonest::detail

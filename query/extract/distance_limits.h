@@ -1,0 +1,34 @@
+// What a distance that was asked for leaves for the triangles.
+#pragma once
+
+#include "query/extract/extract_query.h"
+#include "query/simplify/block_grid.h"
+#include "query/simplify/patch.h"
+
+namespace isonest::detail {
+
+/// Whether the query asks for a distance other than 0, or for a number of triangles.
+bool simplifies(const ExtractQuery& query);
+
+/// The least distance of neighbouring nodes, world units.
+double voxel_of(const ExtractQuery& query);
+
+/// Most by which float32 moves a vertex, in world units.
+double most_moved(const ExtractQuery& query);
+
+/// The distance asked for, without what float32 may take of it. REQUIRES: simplifies(query). Throws
+/// Error{limit} if nothing is left.
+double limit_of(const StoreReader& store, const ExtractQuery& query);
+
+WorldLattice world_lattice(const StoreReader& store, const ExtractQuery& query);
+
+/// The box to which the surface is cut, as its vertices are.
+PatchBox world_box(const ExtractQuery& query);
+
+/// Throws Error{limit}: the mesh with the fewest triangles that was found has `triangles`.
+[[noreturn]] void refuse_budget(const StoreReader& store, std::uint64_t triangles);
+
+/// Whether the query asks for a number of triangles at any distance.
+bool any_distance(const StoreReader& store, const ExtractQuery& query);
+
+}  // namespace isonest::detail
