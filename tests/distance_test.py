@@ -102,13 +102,18 @@ def check(folder, name, u, iso, options, distances):
     full, mesh = folder / "full.ply", folder / "mesh.ply"
     assert run("extract", store, "--iso", iso, "--error", 0, "-o", full, "-q").returncode == 0
     before = topology(*read_ply(full))
+    before_options = None
     largest = float(np.abs(read_ply(full)[0]).max(initial=0))
-    for d in distances:
-        what = f"{name}, distance {d}"
-        done = run("extract", store, "--iso", iso, "--distance", d, "-o", mesh, "--json")
+    # Without an analysis, from one that is made, and from one that is there.
+    for d, kept in ((d, kept) for d in distances for kept in ((), ("--keep-analysis",), ("--keep-analysis",))):
+        what = f"{name}, distance {d} {' '.join(kept)}"
+        made = mesh.read_bytes() if kept and before_options == (d, kept) else None
+        before_options = (d, kept)
+        done = run("extract", store, "--iso", iso, "--distance", d, "-o", mesh, "--json", *kept)
         require(done.returncode == 0, f"{what}: {done.stderr}")
         if done.returncode:
             continue
+        require(made in (None, mesh.read_bytes()), f"{what}: other bytes than when it was made")
         report = json.loads(done.stdout)
         require(report["full_triangles"] == len(read_ply(full)[1]), f"{what}: full_triangles")
         require(report["distance_bound"] <= d, f"{what}: bound {report['distance_bound']}")

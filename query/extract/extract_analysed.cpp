@@ -81,8 +81,7 @@ std::optional<FromStep> step_for_triangles(const AnalysisFile& analysis, std::ui
         if (steps[i].triangles <= triangles) {
             break;
         }
-        const double end =
-            i + 1 < steps.size() ? std::min(limit, steps[i + 1].bound) : limit;
+        const double end = i + 1 < steps.size() ? std::min(limit, steps[i + 1].bound) : limit;
         chosen = FromStep{i, end - steps[i].bound, triangles};
     }
     return chosen;
@@ -225,9 +224,9 @@ std::optional<ExtractReport> extract_analysed(const StoreReader& store, const Ex
     ExtractQuery query = asked;
     query.coordinate_rounding = analysis.surface().coordinate_rounding;
     const double limit = limit_of(store, query);
-    const std::optional<FromStep> from =
-        query.triangles ? step_for_triangles(analysis, *query.triangles, limit)
-                        : step_for_distance(analysis, limit);
+    const std::optional<FromStep> from = query.triangles
+                                             ? step_for_triangles(analysis, *query.triangles, limit)
+                                             : step_for_distance(analysis, limit);
     if (!from) {
         return std::nullopt;
     }

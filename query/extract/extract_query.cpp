@@ -284,8 +284,8 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     }
     if (query.analysis) {
         require_analysable(store, query, flat);
-        asked.analysis_folder = query.analysis->folder.empty() ? folder_of(store.path())
-                                                               : query.analysis->folder;
+        asked.analysis_folder =
+            query.analysis->folder.empty() ? folder_of(store.path()) : query.analysis->folder;
     }
     if (query.components) {
         require_sense(*query.components, product);

@@ -22,8 +22,9 @@ constexpr std::size_t kBatch = std::size_t{1} << 13U;
 std::string store_key(const StoreReader& store) {
     const StoreHeader& h = store.layout().header();
     return fmt::format("isonest {}, store {:016x}, {} x {} x {}, spacing {} {} {}, origin {} {} {}",
-                       ISONEST_VERSION, store.identity(), h.nodes.x, h.nodes.y, h.nodes.z, h.spacing[0],
-                       h.spacing[1], h.spacing[2], h.origin[0], h.origin[1], h.origin[2]);
+                       ISONEST_VERSION, store.identity(), h.nodes.x, h.nodes.y, h.nodes.z,
+                       h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1],
+                       h.origin[2]);
 }
 
 /// All that the meshes depend on beside the store.
@@ -98,8 +99,8 @@ FoundAnalysis open(const StoreReader& store, std::filesystem::path path, Analysi
             throw;
         }
         found.file.reset();
-        found.state = e.kind() == ErrorKind::corrupt ? AnalysisState::damaged
-                                                     : AnalysisState::stale;
+        found.state =
+            e.kind() == ErrorKind::corrupt ? AnalysisState::damaged : AnalysisState::stale;
         found.problem = e.problem();
         return found;
     }
@@ -186,8 +187,7 @@ void keep_analysis(const StoreReader& store, const ExtractQuery& query, Analysed
         const MeshLayout& layout = step.mesh->layout();
         surface.row_bytes = layout.row_bytes;
         steps.push_back({step.bound, layout.vertices, layout.elements,
-                         analysis_checksum(std::as_bytes(step.mesh->positions()),
-                                           step.mesh->rows(),
+                         analysis_checksum(std::as_bytes(step.mesh->positions()), step.mesh->rows(),
                                            std::as_bytes(step.mesh->corners()))});
     }
     std::vector<AnalysisOffsets> offsets;
@@ -215,10 +215,9 @@ void load_step(const AnalysisFile& analysis, std::size_t step, MeshLayout layout
                                                        positions.size() * layout.row_bytes),
                            layout.row_bytes});
         });
-    each_batch<ElementCorners>(analysis.corners(step),
-                               [&](std::size_t first, const auto& corners) {
-                                   mesh.elements({first, corners, {}, {}});
-                               });
+    each_batch<ElementCorners>(analysis.corners(step), [&](std::size_t first, const auto& corners) {
+        mesh.elements({first, corners, {}, {}});
+    });
 }
 
 }  // namespace isonest::detail

@@ -111,8 +111,8 @@ AnalysisFile::AnalysisFile(const std::filesystem::path& path) : path_(path), fil
         damaged("an attribute is missing");
     }
     const auto& c = *counts;
-    surface_ = {*key, c[0], c[1], c[2], c[3], c[4], c[5], c[6], (*rounding)[0], (*rounding)[1],
-                c[7]};
+    surface_ = {*key, c[0], c[1],           c[2],           c[3], c[4],
+                c[5], c[6], (*rounding)[0], (*rounding)[1], c[7]};
     for (std::size_t i = 0; i < (*steps)[0]; ++i) {
         arrays_.push_back(arrays_of(file.get(), i));
     }

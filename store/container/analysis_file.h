@@ -1,5 +1,5 @@
-// The file that keeps the analysis of one surface: meshes near to it, each within a proven distance.
-// Its format is in FORMAT.md, "Analyses". Private to the library.
+// The file that keeps the analysis of one surface: meshes near to it, each within a proven
+// distance. Its format is in FORMAT.md, "Analyses". Private to the library.
 #pragma once
 
 #include <array>
@@ -56,8 +56,8 @@ class AnalysisFile {
     /// Most meshes in a file.
     static constexpr std::uint64_t kMostSteps = 64;
 
-    /// Throws Error{not_found, io}, Error{corrupt} (not such a file, or damaged), Error{unsupported}
-    /// (another version of the format).
+    /// Throws Error{not_found, io}, Error{corrupt} (not such a file, or damaged),
+    /// Error{unsupported} (another version of the format).
     explicit AnalysisFile(const std::filesystem::path& path);
 
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
@@ -91,6 +91,7 @@ class AnalysisFile {
 
 /// XXH64 of a mesh's arrays one after the other.
 std::uint64_t analysis_checksum(std::span<const std::byte> positions,
-                                std::span<const std::byte> rows, std::span<const std::byte> corners);
+                                std::span<const std::byte> rows,
+                                std::span<const std::byte> corners);
 
 }  // namespace isonest::detail

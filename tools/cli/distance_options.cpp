@@ -32,6 +32,22 @@ DistanceBound parse_distance(const std::string& option, const std::string& text)
     return distance;
 }
 
+const char* analysis_name(AnalysisUse use) {
+    switch (use) {
+        case AnalysisUse::made:
+            return "made";
+        case AnalysisUse::found:
+            return "found";
+        case AnalysisUse::replaced_stale:
+            return "replaced_stale";
+        case AnalysisUse::replaced_damaged:
+            return "replaced_damaged";
+        case AnalysisUse::not_used:
+            break;
+    }
+    return "not_used";
+}
+
 }  // namespace
 
 std::optional<SurfaceStop> DistanceArguments::stop() const {
@@ -77,17 +93,18 @@ void add_distance_options(CLI::App* c, DistanceArguments& a,
         "distance|error");
     by->needs(triangles);
     // A flag's value comes behind "=" alone, so that it never takes the name of a store.
-    CLI::Option* const keep = c->add_flag("--keep-analysis")
-                                  ->description(
-                                      "keep an analysis of the surface beside the store, or in\n"
-                                      "--keep-analysis=FOLDER: made once, in several times the time;\n"
-                                      "other distances and numbers of triangles then take little")
-                                  ->each([&a](const std::string& text) {
-                                      a.analysis.emplace();
-                                      if (text != "true") {
-                                          a.analysis->folder = text;
-                                      }
-                                  });
+    CLI::Option* const keep =
+        c->add_flag("--keep-analysis")
+            ->description(
+                "keep an analysis of the surface beside the store, or in\n"
+                "--keep-analysis=FOLDER: made once, in several times the time;\n"
+                "other distances and numbers of triangles then take little")
+            ->each([&a](const std::string& text) {
+                a.analysis.emplace();
+                if (text != "true") {
+                    a.analysis->folder = text;
+                }
+            });
     for (const std::string& other : others) {
         keep->excludes(c->get_option(other));
         distance->excludes(c->get_option(other));
@@ -112,7 +129,8 @@ std::string analysis_text(const ExtractReport& r) {
         case AnalysisUse::not_used:
             break;
     }
-    return "No analysis was used: what is asked for is finer than an analysis holds, an eighth of a "
+    return "No analysis was used: what is asked for is finer than an analysis holds, an eighth of "
+           "a "
            "voxel.\n";
 }
 
@@ -135,26 +153,6 @@ std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
                          : fmt::format(" (the distance {:.4g} was reached before {} triangles)",
                                        *r.distance, a.triangles));
 }
-
-namespace {
-
-const char* analysis_name(AnalysisUse use) {
-    switch (use) {
-        case AnalysisUse::made:
-            return "made";
-        case AnalysisUse::found:
-            return "found";
-        case AnalysisUse::replaced_stale:
-            return "replaced_stale";
-        case AnalysisUse::replaced_damaged:
-            return "replaced_damaged";
-        case AnalysisUse::not_used:
-            break;
-    }
-    return "not_used";
-}
-
-}  // namespace
 
 void add_distance_json(Json& json, const ExtractReport& r) {
     if (r.within_budget) {

@@ -15,7 +15,7 @@ struct DistanceArguments {
     std::optional<DistanceBound> distance;
     std::uint64_t triangles = 0;  ///< 0: not asked for
     std::optional<KeptAnalysis> analysis;
-    bool by_error = false;        ///< the error is what the number of triangles makes small
+    bool by_error = false;  ///< the error is what the number of triangles makes small
 
     /// In place of an error; nothing if neither was given.
     [[nodiscard]] std::optional<SurfaceStop> stop() const;

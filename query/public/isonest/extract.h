@@ -85,12 +85,12 @@ struct ComponentChoice {
     double least_volume = 0;
 };
 
-/// An analysis of a surface that is kept in a file of its own: meshes of it within distances from an
-/// eighth of a voxel to four voxels. The first query that asks for one makes the file, which takes
-/// several times as long as the query alone; others of the same surface, whatever their distances
-/// and numbers of triangles, are made from these meshes and need the store no more. They have
-/// somewhat more triangles than without; distances below an eighth of a voxel are made without.
-/// The file is made anew where the store has changed, or where it is damaged.
+/// An analysis of a surface that is kept in a file of its own: meshes of it within distances from
+/// an eighth of a voxel to four voxels. The first query that asks for one makes the file, which
+/// takes several times as long as the query alone; others of the same surface, whatever their
+/// distances and numbers of triangles, are made from these meshes and need the store no more. They
+/// have somewhat more triangles than without; distances below an eighth of a voxel are made
+/// without. The file is made anew where the store has changed, or where it is damaged.
 struct KeptAnalysis {
     std::filesystem::path folder = {};  ///< empty: beside the store
 };
@@ -238,7 +238,7 @@ struct ExtractReport {
     /// If it was closed: vertices of the surface, as extracted, on borders that are left, around
     /// missing values.
     std::uint64_t border_vertices = 0;
-    std::optional<AnalysisUse> analysis = {};     ///< if one was asked for
+    std::optional<AnalysisUse> analysis = {};  ///< if one was asked for
     std::filesystem::path analysis_file = {};
     std::uint64_t scratch_bytes = 0;  ///< of temporary files of what changes the whole mesh
     std::uint64_t chunks_read = 0;    ///< by this call alone, those read twice counted twice
