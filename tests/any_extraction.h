@@ -32,6 +32,7 @@ struct Extraction {
     const Store* values = nullptr;
     std::optional<WorldBox> box;
     std::optional<Outside> close;
+    VertexPlace vertices = VertexPlace::linear;
     std::uint64_t memory = std::uint64_t{1} << 30U;
     int threads = 0;
 
@@ -80,6 +81,7 @@ inline ExtractQuery query_of(const StoreReader& store, const Extraction& e, bool
     query.iso = e.iso;
     query.bound = e.bound;
     query.close = e.close;
+    query.vertices = e.vertices;
     if (e.view) {
         query.culling = BackfaceCulling{*e.view, e.cull_by};
     }

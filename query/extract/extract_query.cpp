@@ -218,6 +218,20 @@ void require_analysable(const StoreReader& store, const SurfaceQuery& query, boo
     }
 }
 
+void require_place_of_vertices(const SurfaceQuery& query) {
+    if (query.close) {
+        throw Error(ErrorKind::invalid_argument,
+                    "caps are cut out of linear functions: a closed surface has linear vertices, "
+                    "or, at full resolution and within a distance, exact ones in any case");
+    }
+    if (std::holds_alternative<DistanceBound>(query.stop) ||
+        std::holds_alternative<TriangleBudget>(query.stop)) {
+        throw Error(ErrorKind::invalid_argument,
+                    "within a distance all vertices lie on the surface at full resolution in any "
+                    "case");
+    }
+}
+
 void require_closable(const StoreReader& store, const SurfaceQuery& query) {
     if (store.layout().lattice().dimension() < 3) {
         throw Error(ErrorKind::invalid_argument, {store.path().string()},
@@ -286,6 +300,10 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
         require_analysable(store, query, flat);
         asked.analysis_folder =
             query.analysis->folder.empty() ? folder_of(store.path()) : query.analysis->folder;
+    }
+    if (query.vertices == VertexPlace::exact) {
+        require_place_of_vertices(query);
+        asked.traversal.vertices = query.vertices;
     }
     if (query.components) {
         require_sense(*query.components, product);

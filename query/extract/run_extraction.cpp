@@ -44,7 +44,10 @@ void fill_parts(const StoreReader& store, ExtractQuery& asked, const TraversalBu
     report.visited_tetrahedra = counts.visited;
     report.leaf_tetrahedra = counts.leaves;
     report.bricks = counts.bricks;
-    report.error_bound = counts.error_bound;
+    const Indicator indicator = indicator_of(query.stop);
+    const bool is_error = indicator == Indicator::deviation || indicator == Indicator::linf;
+    report.error_bound = query.vertices == VertexPlace::exact && is_error ? 2 * counts.error_bound
+                                                                          : counts.error_bound;
     report.value_rounding = counts.value_rounding;
     if (is_graph && counts.height_rounding > 0) {
         report.value_rounding = counts.height_rounding / std::fabs(asked.graph_scale);

@@ -19,10 +19,12 @@ namespace isonest::detail {
 class LocalMesh {
   public:
     /// With attributes of the vertices; `attributes` must outlive the mesh.
+    /// `finest`: as PartVertices takes it.
     /// `single_sheet`: the surface never touches itself (a plane), so that a node on it is one
     /// vertex, and a face in it one triangle.
-    explicit LocalMesh(AttributeSampler* attributes, bool single_sheet = false)
-        : single_sheet_(single_sheet), vertices_(attributes) {}
+    explicit LocalMesh(AttributeSampler* attributes, bool single_sheet = false,
+                       FinestCrossing* finest = nullptr)
+        : single_sheet_(single_sheet), vertices_(attributes, finest) {}
     /// The surface closed at the faces of `box`. Where it passes exactly through nodes near them it
     /// has a vertex on each edge to a smaller value there, and triangles may have zero area.
     /// REQUIRES: box.close.

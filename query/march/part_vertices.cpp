@@ -95,10 +95,14 @@ std::uint32_t PartVertices::edge_of_cube(const Cube& cube, std::size_t edge, dou
 /// The ends in a fixed order: the same bits from whichever tetrahedron.
 PartVertices::OnEdge PartVertices::on_edge(const Int3& a, double a_value, const Int3& b,
                                            double b_value, double iso) const {
-    const bool in_order = precedes(a, b);
-    OnEdge at{finest(in_order ? a : b), finest(in_order ? b : a), 0, {}};
-    const double p_value = in_order ? a_value : b_value;
-    const double q_value = in_order ? b_value : a_value;
+    return precedes(a, b) ? crossing({finest(a), finest(b), a_value, b_value}, iso)
+                          : crossing({finest(b), finest(a), b_value, a_value}, iso);
+}
+
+PartVertices::OnEdge PartVertices::crossing(const FinestCrossing::Edge& edge, double iso) {
+    OnEdge at{edge.from, edge.to, 0, {}};
+    const double p_value = edge.from_value;
+    const double q_value = edge.to_value;
     at.t = (iso - p_value) / (q_value - p_value);
     if (!std::isfinite(q_value - p_value)) {
         at.t = (iso / 4 - p_value / 4) / (q_value / 4 - p_value / 4);
@@ -113,7 +117,10 @@ PartVertices::OnEdge PartVertices::on_edge(const Int3& a, double a_value, const 
 
 std::uint32_t PartVertices::add_edge(const Int3& a, double a_value, const Int3& b, double b_value,
                                      double iso) {
-    const OnEdge at = on_edge(a, a_value, b, b_value, iso);
+    const OnEdge at =
+        finest_ == nullptr ? on_edge(a, a_value, b, b_value, iso)
+        : precedes(a, b) ? crossing(finest_->finest({finest(a), finest(b), a_value, b_value}), iso)
+                         : crossing(finest_->finest({finest(b), finest(a), b_value, a_value}), iso);
     if (attributes_ != nullptr) {
         values_.push_back(attributes_->edge(at.from, at.to, at.t));
     }

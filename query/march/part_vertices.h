@@ -10,6 +10,7 @@
 
 #include <isonest/int3.h>
 
+#include "query/march/finest_crossing.h"
 #include "query/march/point_table.h"
 #include "query/march/vertex_attributes.h"
 #include "query/march/vertex_key.h"
@@ -33,9 +34,11 @@ inline constexpr std::uint8_t kLinkEdges = 98;
 /// number holds. Not thread-safe.
 class PartVertices {
   public:
-    /// `attributes` (may be null) must outlive the vertices.
-    explicit PartVertices(AttributeSampler* attributes)
-        : attributes_(attributes != nullptr && attributes->width() > 0 ? attributes : nullptr) {}
+    /// `attributes` and `finest` (may be null) must outlive the vertices. `finest`: where vertices
+    /// on edges are; null: linear between the ends.
+    explicit PartVertices(AttributeSampler* attributes, FinestCrossing* finest = nullptr)
+        : attributes_(attributes != nullptr && attributes->width() > 0 ? attributes : nullptr),
+          finest_(finest) {}
 
     /// From now on all nodes are of the lattice of edge 2^level, and in the box of `cells` from
     /// node `low` on; see PointTable::place. Before, the lattice is the finest. REQUIRES: empty.
@@ -47,7 +50,7 @@ class PartVertices {
 
     /// Where the surface crosses the edge from a to b, their values not being equal.
     std::uint32_t edge(const Int3& a, double a_value, const Int3& b, double b_value, double iso);
-    /// The place of such a vertex, without making it: the same bits.
+    /// The place of such a vertex, linear between the ends, without making it: the same bits.
     struct OnEdge {
         Int3 from;  ///< the edge's ends in the finest lattice, in an order of their own
         Int3 to;
@@ -146,6 +149,7 @@ class PartVertices {
 
     /// Of twice a node, or the sum of an edge's ends.
     [[nodiscard]] std::uint64_t key_of(const Int3& p) const { return half_lattice_key(finest(p)); }
+    [[nodiscard]] static OnEdge crossing(const FinestCrossing::Edge& edge, double iso);
     std::uint32_t add(std::uint64_t key, const Double3& position);
     std::uint32_t add_edge(const Int3& a, double a_value, const Int3& b, double b_value,
                            double iso);
@@ -165,6 +169,7 @@ class PartVertices {
     std::uint32_t join(Use& a, Use& b, const Make& make);
 
     AttributeSampler* attributes_;
+    FinestCrossing* finest_;
     int level_ = 0;
     PointTable points_;
     std::vector<FanLink> fans_;

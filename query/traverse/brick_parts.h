@@ -27,6 +27,9 @@ class BrickParts {
         if (attributes_ != nullptr) {
             attributes_->leave();
         }
+        if (run_.query.vertices == VertexPlace::exact) {
+            run_.crossings.local().leave();
+        }
     }
 
     [[nodiscard]] LocalMesh& mesh() { return mesh_; }

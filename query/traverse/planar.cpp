@@ -46,7 +46,8 @@ class PlanarAction {
           part_vertices_(part_vertices),
           sink_(sink),
           progress_(progress),
-          mesh_(&attributes_) {}
+          crossing_(cache, query.iso),
+          mesh_(&attributes_, false, query.vertices == VertexPlace::exact ? &crossing_ : nullptr) {}
     PlanarAction(const PlanarAction&) = delete;
     PlanarAction& operator=(const PlanarAction&) = delete;
 
@@ -95,6 +96,7 @@ class PlanarAction {
     const PartSink& sink_;
     Progress& progress_;
     std::uint64_t parts_ = 0;
+    FinestCrossing crossing_;
 
   protected:
     TraversalCounts counts_;

@@ -262,6 +262,9 @@ std::uint64_t chunk_heap(const StoreLayout& layout, const TraversalQuery& query,
         const bool values_too = query.attributes.value && !values_elsewhere;
         heap += NodeSampler::kMostValueChunks * values * (values_too ? 2 : 1);
     }
+    if (query.vertices == VertexPlace::exact) {
+        heap += FinestCrossing::most_chunks(layout.lattice().top() + 1) * values;
+    }
     if (query.attributes.error) {
         heap += NodeSampler::kMostIndicatorChunks * largest_chunk(layout, *query.attributes.error);
     }

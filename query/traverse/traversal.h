@@ -35,6 +35,8 @@ struct TraversalQuery {
     Field stop = Field::deviation_bar;
     Field bound = Field::deviation_bar;  ///< REQUIRES: is_bound(bound)
     std::optional<Culling> culling;
+    /// Of vertices on edges. REQUIRES: linear if there is a plane, or the box is to be closed.
+    VertexPlace vertices = VertexPlace::linear;
     AttributeChoice attributes;
     ChunkCache* attribute_values = nullptr;  ///< another store of the same nodes; null: this one
     ClipBox box;                             ///< inside the volume

@@ -27,9 +27,13 @@ struct TraversalRun {
           progress(reports),
           attributes(
               [this] { return AttributeSampler(query.attributes, cache, query.attribute_values); }),
+          crossings([this] { return FinestCrossing(cache, query.iso); }),
           meshes([this] {
-              return query.box.close ? LocalMesh(&attributes.local(), query.box)
-                                     : LocalMesh(&attributes.local(), query.plane.has_value());
+              return query.box.close
+                         ? LocalMesh(&attributes.local(), query.box)
+                         : LocalMesh(
+                               &attributes.local(), query.plane.has_value(),
+                               query.vertices == VertexPlace::exact ? &crossings.local() : nullptr);
           }) {}
 
     [[nodiscard]] const StoreLayout& layout() const { return cache.source().layout(); }
@@ -40,6 +44,7 @@ struct TraversalRun {
     const PartSink& sink;
     Progress& progress;
     tbb::enumerable_thread_specific<AttributeSampler> attributes;
+    tbb::enumerable_thread_specific<FinestCrossing> crossings;
     tbb::enumerable_thread_specific<LocalMesh> meshes;
     tbb::enumerable_thread_specific<TraversalCounts> counts;
 };

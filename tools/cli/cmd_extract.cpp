@@ -27,6 +27,7 @@ struct Arguments {
     DistanceArguments distance;
     std::optional<ComponentChoice> components;
     std::optional<Outside> close;
+    VertexPlace vertices = VertexPlace::linear;
     std::string values;  ///< a second store, or empty
 };
 
@@ -36,6 +37,14 @@ BackfaceCulling& culling_of(Arguments& a) {
         a.culling.emplace();
     }
     return *a.culling;
+}
+
+VertexPlace parse_vertices(const std::string& text) {
+    if (text != "linear" && text != "exact") {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("--vertices '{}': give linear or exact", text));
+    }
+    return text == "exact" ? VertexPlace::exact : VertexPlace::linear;
 }
 
 /// Why there is none.
@@ -97,6 +106,7 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
     query.culling = arguments.culling;
     query.components = arguments.components;
     query.close = arguments.close;
+    query.vertices = arguments.vertices;
     if (arguments.distance.analysis && !arguments.distance.stop()) {
         throw Error(ErrorKind::invalid_argument,
                     "--keep-analysis goes with --distance or --triangles");
@@ -224,6 +234,13 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         [a](const std::string& text) { culling_of(*a).field = parse_field("--cull-by", text); },
         "which of the two [normal_turn_plus if there]", "FIELD")
         ->needs(view);
+    add_parsed(
+        c, "--vertices", [a](const std::string& text) { a->vertices = parse_vertices(text); },
+        "where the surface crosses an edge: linear between its ends,\n"
+        "or exact, where the data have the isovalue at full resolution;\n"
+        "the bound is then twice the error [linear]",
+        "linear|exact")
+        ->excludes(graph);
     c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
     c->add_option("--vertex-values", a->values,
                   "vertex values from this other store of the same lattice")

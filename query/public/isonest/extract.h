@@ -122,6 +122,8 @@ struct SurfaceQuery {
     bool normals = false;                         ///< from the data's gradient
     const Store* vertex_values = nullptr;
     std::optional<Field> vertex_error = {};
+    /// Exact ones go with neither `close` nor a distance, whose vertices are exact in any case.
+    VertexPlace vertices = VertexPlace::linear;
     /// Drops specks; without a value components are not looked for.
     std::optional<ComponentChoice> components = {};
     /// Closes the surface by caps where it meets the faces of the volume or of the box, so that
@@ -198,7 +200,9 @@ struct ExtractReport {
     std::uint64_t triangles = 0;  ///< or lines
     double tolerance = 0;         ///< the error or threshold asked for, not as a fraction
     /// Largest indicator at which a visited leaf stopped; of a slice, its contours and a graph with
-    /// value_rounding on top.
+    /// value_rounding on top. With exact vertices twice that: a leaf's linear function is
+    /// within the error of the isovalue at the triangle's corners, hence on all of it, and the data
+    /// are within the error of that function.
     double error_bound = 0;
     /// Most by which a value of a vertex, or a graph's height, is off because it was rounded, in
     /// units of the data.

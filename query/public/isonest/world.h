@@ -41,4 +41,14 @@ struct Camera {
     double pixels = 1;
 };
 
+/// Where a surface, or isoline, crosses an edge of the nested grid.
+enum class VertexPlace : std::uint8_t {
+    linear,  ///< linear between the edge's ends
+    /// Where the finest function has the isovalue, whatever the level: the vertices lie on the
+    /// surface at full resolution (but for those that faces of the volume or a box cut out of
+    /// coarse triangles). The values of the triangles between them are then within twice
+    /// the error.
+    exact
+};
+
 }  // namespace isonest
