@@ -24,7 +24,7 @@ ROOMS = {
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
                    "synthetic": set()},
     "query": {"view": set(), "march": {"view"}, "mesh": {"view", "march"},
-              "simplify": {"mesh"},
+              "simplify": {"view", "mesh", "traverse"},
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "statistics": set(),
               "extract": {"view", "march", "mesh", "simplify", "traverse"}},

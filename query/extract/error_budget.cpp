@@ -48,8 +48,12 @@ ExtractReport extract_within_error_budget(const Store& store, const SurfaceQuery
     const double range = std::max(store.max_value() - store.min_value(), 0.0);
     SurfaceQuery tried = query;
     ExtractReport report;
+    const auto stop_within = [&](double error) {
+        const ErrorBound bound{error, false, budget.guarantee};
+        return budget.simplified ? SurfaceStop(SimplifiedErrorBound{bound}) : SurfaceStop(bound);
+    };
     const auto triangles = [&](double error) {
-        tried.stop = ErrorBound{error, false, budget.guarantee};
+        tried.stop = stop_within(error);
         CountingSink counter(sink);
         report = extract(store, tried, counter, options, progress);
         return counter.elements();
@@ -86,7 +90,7 @@ ExtractReport extract_within_error_budget(const Store& store, const SurfaceQuery
             count = n;
         }
     }
-    tried.stop = ErrorBound{enough, false, budget.guarantee};
+    tried.stop = stop_within(enough);
     report = extract(store, tried, sink, options, progress);
     report.within_budget = true;
     return report;

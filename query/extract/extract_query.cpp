@@ -10,6 +10,7 @@
 
 #include "query/extract/kept_analysis.h"
 #include "query/extract/query_checks.h"
+#include "query/extract/value_simplification.h"
 #include "store/container/extent.h"
 
 namespace isonest::detail {
@@ -191,6 +192,27 @@ void require_no_place(const SurfaceQuery& query) {
     }
 }
 
+/// The error within which the surface is simplified; nothing if that is 0.
+std::optional<double> value_limit(const StoreReader& store, const SurfaceQuery& query, double error,
+                                  bool flat) {
+    const ErrorBound& bound = std::get<SimplifiedErrorBound>(query.stop).bound;
+    if (flat) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                    "isolines are not simplified within an error; ask for a distance");
+    }
+    if (query.focus || query.camera) {
+        throw Error(ErrorKind::invalid_argument,
+                    "a surface is simplified within one error everywhere: it goes with neither "
+                    "focus nor camera");
+    }
+    if (bound.guarantee == Guarantee::estimate) {
+        throw Error(ErrorKind::invalid_argument,
+                    "an estimate proves nothing about the triangles of a simplified surface; the "
+                    "other guarantees do");
+    }
+    return error > 0 ? std::optional(error) : std::nullopt;
+}
+
 double world_distance(const StoreReader& store, const DistanceBound& asked) {
     const StoreHeader& header = store.layout().header();
     double voxel = kInfinity;
@@ -295,6 +317,11 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
         asked.triangles = budget->most;
         asked.distance = budget->within ? world_distance(store, *budget->within)
                                         : diagonal_of(store.layout().header());
+    }
+    if (std::holds_alternative<SimplifiedErrorBound>(query.stop)) {
+        asked.value_limit = value_limit(store, query, asked.threshold, flat);
+        asked.traversal.tolerance = Tolerance(kNestedShare * asked.threshold, {}, {}, asked.spacing,
+                                              asked.origin);
     }
     if (query.analysis) {
         require_analysable(store, query, flat);

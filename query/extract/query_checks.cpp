@@ -101,6 +101,10 @@ std::array<double, 2> value_range(const StoreReader& store) {
     return {store.min_value(), store.max_value()};
 }
 
+Stop stop_of(const StoreReader& store, const SimplifiedErrorBound& asked) {
+    return stop_of(store, asked.bound);
+}
+
 }  // namespace
 
 void require_field(const StoreReader& store, Field field, const std::string& what) {

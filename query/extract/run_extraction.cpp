@@ -155,7 +155,7 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
             mend_mesh(asked, *whole, scratch, report, progress);
         }
         Workers(whole_mesh_threads(store, asked, options)).execute([&] {
-            emit_whole_mesh(store, asked, *whole, sink, scratch, report, progress);
+            emit_whole_mesh(store, asked, *whole, sink, options, scratch, report, progress);
         });
     }
     if (asked.product != Product::surface && asked.product != Product::isolines) {

@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "query/extract/distance_limits.h"
+#include "query/extract/value_simplification.h"
 #include "query/mesh/border_count.h"
 #include "query/mesh/components.h"
 #include "query/simplify/simplify_lines.h"
@@ -34,11 +35,14 @@ BudgetResult simplified(const StoreReader& store, const ExtractQuery& query,
 }  // namespace
 
 bool changes_whole_mesh(const ExtractQuery& query) {
-    return simplifies(query) || query.components;
+    return simplifies(query) || query.value_limit || query.components;
 }
 
 int whole_mesh_threads(const StoreReader& store, const ExtractQuery& query,
                        const ExtractOptions& options) {
+    if (query.value_limit) {
+        return value_simplification_threads(store, query, options);
+    }
     if (!simplifies(query)) {
         return Workers::count_of(options.threads);
     }
@@ -51,7 +55,8 @@ int whole_mesh_threads(const StoreReader& store, const ExtractQuery& query,
 }
 
 void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const ScratchMesh& mesh,
-                     MeshSink& sink, const std::filesystem::path& scratch, ExtractReport& report,
+                     MeshSink& sink, const ExtractOptions& options,
+                     const std::filesystem::path& scratch, ExtractReport& report,
                      Progress& progress) {
     report.scratch_bytes += mesh.bytes();
     std::span<const ElementCorners> elements = mesh.corners();
@@ -88,6 +93,14 @@ void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const 
             report.within_budget = result.is_met;
             report.distance = result.limit + (result.limit > 0 ? most_moved(query) : 0);
         }
+    }
+    std::optional<SimplifiedByValue> by_value;
+    if (query.value_limit) {
+        by_value.emplace(simplify_by_value(store, query, mesh, elements, options, scratch, progress));
+        elements = by_value->corners();
+        report.nested_triangles = mesh.layout().elements;
+        report.error_bound = std::max(report.error_bound, by_value->largest());
+        report.scratch_bytes += by_value->scratch_bytes();
     }
     if (report.closed && store.has_missing()) {
         report.border_vertices = border_vertices(mesh, elements, scratch, progress);

@@ -19,7 +19,8 @@ int whole_mesh_threads(const StoreReader& store, const ExtractQuery& query,
 /// whole_mesh_threads(). Throws Error{limit} (a distance that
 /// float32 does not hold), Error{io, cancelled}, and what the sink throws.
 void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const ScratchMesh& mesh,
-                     MeshSink& sink, const std::filesystem::path& scratch, ExtractReport& report,
+                     MeshSink& sink, const ExtractOptions& options,
+                     const std::filesystem::path& scratch, ExtractReport& report,
                      Progress& progress);
 
 }  // namespace isonest::detail

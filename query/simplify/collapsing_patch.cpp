@@ -76,7 +76,6 @@ bool CollapsingPatch::joins_locked(std::uint32_t to) const {
     });
 }
 
-/// The faces of the box that a vertex lies in, as bits.
 unsigned CollapsingPatch::faces_of(std::uint32_t v) const {
     unsigned faces = 0;
     for (unsigned axis = 0; axis < 3; ++axis) {

@@ -40,6 +40,9 @@ class CollapsingPatch {
         return shared_triangles(a, b) == 1;
     }
 
+    /// The faces of the box that a vertex lies in, as bits.
+    [[nodiscard]] unsigned faces_of(std::uint32_t v) const;
+
     /// Whether the surface stays the same but for its shape if `from` moves to `to`, no triangle
     /// turns over or loses its area, and what lies in a face of the box stays there. False if there
     /// is no such edge. REQUIRES: `from` is not locked.
@@ -55,7 +58,6 @@ class CollapsingPatch {
     [[nodiscard]] int shared_triangles(std::uint32_t a, std::uint32_t b) const;
     [[nodiscard]] bool is_last_triangle(std::uint32_t from, std::uint32_t to) const;
     [[nodiscard]] bool joins_locked(std::uint32_t to) const;
-    [[nodiscard]] unsigned faces_of(std::uint32_t v) const;
     [[nodiscard]] bool stays_in_faces(std::uint32_t from, std::uint32_t to) const;
     [[nodiscard]] bool border_stays_in_face(std::uint32_t from, std::uint32_t to) const;
     [[nodiscard]] bool turns(std::uint32_t i, std::uint32_t from, std::uint32_t to) const;

@@ -1,12 +1,12 @@
 #include "query/simplify/simplify_mesh.h"
 
 #include <oneapi/tbb/task_arena.h>
-#include <tsl/robin_map.h>
 
 #include <algorithm>
 #include <optional>
 #include <vector>
 
+#include "query/simplify/block_patch.h"
 #include "query/simplify/block_triangles.h"
 #include "query/simplify/simplify_patch.h"
 #include "store/base/in_order.h"
@@ -32,60 +32,14 @@ struct Split {
     std::array<ElementCorners, kMost> servers{};
 };
 
-/// How many triangles of the mesh have each vertex.
-class Valences {
-  public:
-    Valences(std::uint64_t vertices, std::span<const Sorted> triangles,
-             const std::filesystem::path& folder)
-        : file_(folder) {
-        file_.map(vertices * sizeof(std::uint32_t));
-        const auto count = file_.as<std::uint32_t>();
-        for (const Sorted& t : triangles) {
-            for (const std::uint64_t v : t.corners) {
-                ++count[v];
-            }
-        }
-    }
-    [[nodiscard]] std::uint32_t of(std::uint64_t vertex) const {
-        return file_.as<const std::uint32_t>()[vertex];
-    }
-
-  private:
-    ScratchFile file_;
-};
-
-/// A patch and the numbers of its vertices in the mesh.
-struct BlockPatch {
-    Patch patch;
-    std::vector<std::uint64_t> vertex;
-};
-
 /// `afresh`: what was tried was so within another limit.
 BlockPatch patch_of(const ScratchMesh& mesh, const Valences& valences,
                     std::span<const Sorted> triangles, std::span<const Sorted> fine,
                     std::span<const Sorted> held, bool afresh) {
     BlockPatch b;
     Patch& patch = b.patch;
-    struct Hash {
-        std::size_t operator()(std::uint64_t v) const {
-            const std::uint64_t h = v * 0x9E3779B97F4A7C15ULL;
-            return static_cast<std::size_t>(h ^ (h >> 32U));
-        }
-    };
-    tsl::robin_map<std::uint64_t, std::uint32_t, Hash> place;
-    const auto local = [&](const ElementCorners& corners) {
-        PatchTriangle t{};
-        for (std::size_t i = 0; i < 3; ++i) {
-            const auto [slot, is_new] =
-                place.try_emplace(corners[i], static_cast<std::uint32_t>(b.vertex.size()));
-            t[i] = slot->second;
-            if (is_new) {
-                b.vertex.push_back(corners[i]);
-                patch.positions.push_back(mesh.positions()[corners[i]]);
-            }
-        }
-        return t;
-    };
+    PatchNumbering numbering(mesh, b);
+    const auto local = [&](const ElementCorners& corners) { return numbering.local(corners); };
     std::vector<ElementCorners> held_corners(held.size());
     std::transform(held.begin(), held.end(), held_corners.begin(),
                    [](const Sorted& t) { return from_smallest(t.corners); });
@@ -103,15 +57,7 @@ BlockPatch patch_of(const ScratchMesh& mesh, const Valences& valences,
         patch.fine.push_back(local(t.corners));
         patch.attached.push_back(t.mark != 0);
     }
-    std::vector<std::uint32_t> here(b.vertex.size());
-    for (const PatchTriangle& t : patch.triangles) {
-        for (const std::uint32_t v : t) {
-            ++here[v];
-        }
-    }
-    for (std::size_t v = 0; v < here.size(); ++v) {
-        patch.shared.push_back(here[v] > 0 && here[v] != valences.of(b.vertex[v]));
-    }
+    find_shared(valences, b);
     return b;
 }
 

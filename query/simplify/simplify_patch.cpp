@@ -5,8 +5,7 @@
 #include <limits>
 #include <optional>
 
-#include "query/simplify/collapse_order.h"
-#include "query/simplify/patch_topology.h"
+#include "query/simplify/collapse_edges.h"
 #include "query/simplify/projected_cover.h"
 #include "query/simplify/server_lists.h"
 #include "query/simplify/surface_distance.h"
@@ -20,23 +19,6 @@ constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
 /// Edges of which the estimate says that they are further off, in limits, are not tried. Those
 /// between one and two limits are worth it: without them up to 1.8 times as many triangles stay.
 constexpr double kFurthest = 3;
-
-/// Locks all vertices of triangles that have to stay, and of those at vertices around which the
-/// triangles are neither a disk nor half of one.
-std::vector<bool> locked_vertices(const Patch& patch, const std::vector<Link>& links) {
-    std::vector<bool> locked = patch.shared;
-    for (std::size_t i = 0; i < patch.triangles.size(); ++i) {
-        const PatchTriangle& t = patch.triangles[i];
-        if (patch.stay[i] != Stay::no || std::any_of(t.begin(), t.end(), [&](std::uint32_t v) {
-                return links[v].shape == LinkShape::tangled;
-            })) {
-            for (const std::uint32_t v : t) {
-                locked[v] = true;
-            }
-        }
-    }
-    return locked;
-}
 
 class PatchSimplifier {
   public:
@@ -54,36 +36,14 @@ class PatchSimplifier {
     }
 
     void run() {
-        std::vector<bool> waits(patch_.positions.size());
-        for (std::size_t i = 0; i < patch_.triangles.size(); ++i) {
-            for (const std::uint32_t v : patch_.triangles[i]) {
-                waits[v] = waits[v] || (!patch_.tried[i] && !locked_[v]);
-            }
-        }
-        for (std::uint32_t v = 0; v < waits.size(); ++v) {
-            if (waits[v]) {
-                order_->add(v);
-            }
-        }
-        while (const auto next = order_->next()) {
-            if (mesh_->is_allowed(next->from, next->to) && stays_near(next->from, next->to)) {
-                servers_.take();
-                mesh_->collapse(next->from, next->to);
-                order_->collapsed(next->from, next->to);
-            }
-        }
+        collapse_edges(
+            patch_, locked_, *mesh_, *order_,
+            [this](std::uint32_t from, std::uint32_t to) { return stays_near(from, to); },
+            [this] { servers_.take(); });
     }
 
     /// Of the patch as it is now.
-    [[nodiscard]] std::vector<PatchTriangle> triangles() const {
-        std::vector<PatchTriangle> left;
-        for (const PatchTriangle& t : mesh_->triangles()) {
-            if (!CollapsingPatch::is_gone(t)) {
-                left.push_back(from_smallest(t));
-            }
-        }
-        return left;
-    }
+    [[nodiscard]] std::vector<PatchTriangle> triangles() const { return triangles_left(*mesh_); }
 
     [[nodiscard]] SimplifiedPatch result() const {
         SimplifiedPatch simplified;
@@ -180,27 +140,9 @@ class PatchSimplifier {
 }  // namespace
 
 SimplifiedPatch simplify_patch(const Patch& patch, double limit) {
-    std::vector<PatchTriangle> before(patch.triangles.size());
-    std::transform(patch.triangles.begin(), patch.triangles.end(), before.begin(),
-                   from_smallest<std::uint32_t>);
-    const PatchTopology topology(patch, before);
-    std::vector<bool> locked = locked_vertices(patch, topology.links());
-    // Collapses that are allowed leave the topology; this is where it is seen.
-    while (true) {
-        PatchSimplifier simplifier(patch, limit, locked);
-        simplifier.run();
-        const std::vector<std::uint32_t> changes = topology.changes(simplifier.triangles());
-        if (changes.empty()) {
-            return simplifier.result();
-        }
-        if (std::all_of(changes.begin(), changes.end(),
-                        [&](std::uint32_t v) { return locked[v]; })) {
-            locked.assign(locked.size(), true);
-        }
-        for (const std::uint32_t v : changes) {
-            locked[v] = true;
-        }
-    }
+    return with_same_topology(patch, [&](const std::vector<bool>& locked) {
+        return PatchSimplifier(patch, limit, locked);
+    });
 }
 
 }  // namespace isonest::detail

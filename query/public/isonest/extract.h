@@ -30,6 +30,14 @@ struct ErrorBound {
     Guarantee guarantee = Guarantee::deviation;
 };
 
+/// The same error, kept by fewer triangles: those that the nested grid has within a part of it are
+/// simplified as long as the values on all of the new ones are proven to be within all of it. The
+/// topology stays that of the nested grid's surface. Of a volume; it goes with neither focus nor
+/// camera. Nothing is simplified if the error is 0.
+struct SimplifiedErrorBound {
+    ErrorBound bound;  ///< its guarantee: deviation or plus
+};
+
 /// In place of an error: nodes at which this field of the store is below the value are not refined.
 struct FieldThreshold {
     Field field = Field::deviation_bar;
@@ -55,15 +63,15 @@ struct TriangleBudget {
     std::optional<DistanceBound> within = {};
 };
 
-/// The smallest error that is found at which a surface has so few triangles, its elements being
-/// those of the nested grid.
+/// The smallest error that is found at which a surface has so few triangles.
 struct ErrorBudget {
     std::uint64_t most = 0;  ///< > 0; or lines
     Guarantee guarantee = Guarantee::deviation;
+    bool simplified = false;  ///< the mesh is that of a SimplifiedErrorBound, not of an ErrorBound
 };
 
-using SurfaceStop =
-    std::variant<ErrorBound, FieldThreshold, DistanceBound, TriangleBudget, ErrorBudget>;
+using SurfaceStop = std::variant<ErrorBound, FieldThreshold, DistanceBound, TriangleBudget,
+                                 ErrorBudget, SimplifiedErrorBound>;
 
 /// Leaves out what faces away from a viewer who looks in `direction` (section 5 of the paper).
 struct BackfaceCulling {
@@ -199,10 +207,11 @@ struct ExtractReport {
     std::uint64_t vertices = 0;
     std::uint64_t triangles = 0;  ///< or lines
     double tolerance = 0;         ///< the error or threshold asked for, not as a fraction
-    /// Largest indicator at which a visited leaf stopped; of a slice, its contours and a graph with
-    /// value_rounding on top. With exact vertices twice that: a leaf's linear function is
-    /// within the error of the isovalue at the triangle's corners, hence on all of it, and the data
-    /// are within the error of that function.
+    /// Largest indicator at which a visited leaf stopped, or, if the mesh was simplified within an
+    /// error, that the proof met; of a slice, its contours and a graph with value_rounding on top.
+    /// With exact vertices twice that indicator: a leaf's linear function is within the error of
+    /// the isovalue at the triangle's corners, hence on all of it, and the data are within the
+    /// error of that function.
     double error_bound = 0;
     /// Most by which a value of a vertex, or a graph's height, is off because it was rounded, in
     /// units of the data.
@@ -233,6 +242,9 @@ struct ExtractReport {
     double distance_bound = 0;
     /// Triangles (or lines) of the surface at full resolution, with all its components.
     std::uint64_t full_triangles = 0;
+    /// If it was simplified within an error: triangles of the nested grid before, with all
+    /// components.
+    std::uint64_t nested_triangles = 0;
     /// If components were asked for: how many there are, and what was dropped.
     std::uint64_t components = 0;
     std::uint64_t dropped_components = 0;

@@ -1,0 +1,79 @@
+#include "query/extract/value_simplification.h"
+
+#include <oneapi/tbb/task_arena.h>
+
+#include <algorithm>
+
+#include "query/extract/distance_limits.h"
+#include "query/view/node_sampler.h"
+#include "store/base/memory_budget.h"
+#include "store/base/workers.h"
+
+namespace isonest::detail {
+double nested_share() {
+    static const double share = getenv("SHARE") ? atof(getenv("SHARE")) : 0.5;
+    return share;
+}
+namespace {
+
+/// A store's numbers, through its cache.
+class StoreGridNumbers : public GridNumbers {
+  public:
+    StoreGridNumbers(ChunkCache& cache, Field field) : sampler_(cache), field_(field) {}
+    double value(const Int3& node, int level) override { return sampler_.value(node, level); }
+    double deviation(const Int3& node) override { return sampler_.grid_indicator(node, field_); }
+    void rest() override { sampler_.leave(); }
+
+  private:
+    NodeSampler sampler_;
+    Field field_;
+};
+
+/// Heap of the chunks that one thread holds while it looks at a block: one of values and one of the
+/// field at each level.
+std::uint64_t held_heap(const StoreReader& store, Field field) {
+    std::uint64_t heap = 0;
+    for (const ArrayInfo& array : store.layout().arrays()) {
+        if (array.field == Field::values || array.field == field) {
+            heap += array.chunk_bytes();
+        }
+    }
+    return heap;
+}
+
+/// Heap that one thread needs outside of the cache.
+std::uint64_t own_heap(const StoreReader& store) {
+    return simplify_by_value_heap() + decode_heap(largest_chunk_bytes(store.layout()));
+}
+
+}  // namespace
+
+int value_simplification_threads(const StoreReader& store, const ExtractQuery& query,
+                                 const ExtractOptions& options) {
+    const std::uint64_t each = own_heap(store) + held_heap(store, query.traversal.stop);
+    require_memory(store.path().string(), options.memory, kLibraryHeap + each,
+                   "simplification within an error");
+    return static_cast<int>(
+        std::min((options.memory - kLibraryHeap) / each,
+                 static_cast<std::uint64_t>(Workers::count_of(options.threads))));
+}
+
+SimplifiedByValue simplify_by_value(const StoreReader& store, const ExtractQuery& query,
+                                    const ScratchMesh& mesh,
+                                    std::span<const ElementCorners> triangles,
+                                    const ExtractOptions& options,
+                                    const std::filesystem::path& scratch, Progress& progress) {
+    const auto threads = static_cast<std::uint64_t>(tbb::this_task_arena::max_concurrency());
+    // What is held lies in the cache.
+    ChunkCache cache(store, options.memory - kLibraryHeap - threads * own_heap(store));
+    const ValueLimit limit{query.traversal.iso, *query.value_limit,
+                           [&] {
+                               return std::make_unique<StoreGridNumbers>(cache,
+                                                                         query.traversal.stop);
+                           },
+                           query.traversal.box.close.has_value()};
+    return {mesh,  triangles, world_lattice(store, query), world_box(query), limit, scratch,
+            progress};
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,30 @@
+// A surface that is simplified within an error of the values: its share of that error, its memory.
+#pragma once
+
+#include <filesystem>
+#include <span>
+
+#include "query/extract/extract_query.h"
+#include "query/simplify/simplify_mesh_by_value.h"
+
+namespace isonest::detail {
+
+double nested_share();
+/// The part of the error that the triangles of the nested grid may have before they are
+/// simplified.
+#define kNestedShare nested_share()
+
+/// For how many threads there is memory. REQUIRES: query.value_limit. Throws Error{limit} if there
+/// is for none.
+int value_simplification_threads(const StoreReader& store, const ExtractQuery& query,
+                                 const ExtractOptions& options);
+
+/// REQUIRES: query.value_limit; `triangles` are of a traversal within kNestedShare of it; is called
+/// within an arena of value_simplification_threads(). Throws Error{io, corrupt, cancelled}.
+SimplifiedByValue simplify_by_value(const StoreReader& store, const ExtractQuery& query,
+                                    const ScratchMesh& mesh,
+                                    std::span<const ElementCorners> triangles,
+                                    const ExtractOptions& options,
+                                    const std::filesystem::path& scratch, Progress& progress);
+
+}  // namespace isonest::detail

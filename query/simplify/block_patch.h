@@ -1,0 +1,93 @@
+// A block of a mesh as a patch, with its own numbers of vertices.
+#pragma once
+
+#include <tsl/robin_map.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <vector>
+
+#include "query/mesh/scratch_mesh.h"
+#include "query/simplify/block_triangles.h"
+#include "query/simplify/patch.h"
+#include "store/files/scratch_file.h"
+
+namespace isonest::detail {
+
+/// How many triangles of the mesh have each vertex, in a temporary file. Thread-safety: constant
+/// once it is made.
+class Valences {
+  public:
+    Valences(std::uint64_t vertices, std::span<const Sorted> triangles,
+             const std::filesystem::path& folder)
+        : file_(folder) {
+        file_.map(vertices * sizeof(std::uint32_t));
+        const auto count = file_.as<std::uint32_t>();
+        for (const Sorted& t : triangles) {
+            for (const std::uint64_t v : t.corners) {
+                ++count[v];
+            }
+        }
+    }
+    [[nodiscard]] std::uint32_t of(std::uint64_t vertex) const {
+        return file_.as<const std::uint32_t>()[vertex];
+    }
+
+  private:
+    ScratchFile file_;
+};
+
+/// A patch and the numbers of its vertices in the mesh.
+struct BlockPatch {
+    Patch patch;
+    std::vector<std::uint64_t> vertex;
+};
+
+/// Gives the vertices of a mesh numbers in a patch, in the order in which they come. Not
+/// thread-safe.
+class PatchNumbering {
+  public:
+    /// Both have to stay.
+    PatchNumbering(const ScratchMesh& mesh, BlockPatch& block) : mesh_(mesh), block_(block) {}
+
+    PatchTriangle local(const ElementCorners& corners) {
+        PatchTriangle t{};
+        for (std::size_t i = 0; i < 3; ++i) {
+            const auto [slot, is_new] =
+                place_.try_emplace(corners[i], static_cast<std::uint32_t>(block_.vertex.size()));
+            t[i] = slot->second;
+            if (is_new) {
+                block_.vertex.push_back(corners[i]);
+                block_.patch.positions.push_back(mesh_.positions()[corners[i]]);
+            }
+        }
+        return t;
+    }
+
+  private:
+    struct Hash {
+        std::size_t operator()(std::uint64_t v) const {
+            const std::uint64_t h = v * 0x9E3779B97F4A7C15ULL;
+            return static_cast<std::size_t>(h ^ (h >> 32U));
+        }
+    };
+    const ScratchMesh& mesh_;
+    BlockPatch& block_;
+    tsl::robin_map<std::uint64_t, std::uint32_t, Hash> place_;
+};
+
+/// Sets `shared` of a patch that has all its triangles.
+inline void find_shared(const Valences& valences, BlockPatch& block) {
+    std::vector<std::uint32_t> here(block.vertex.size());
+    for (const PatchTriangle& t : block.patch.triangles) {
+        for (const std::uint32_t v : t) {
+            ++here[v];
+        }
+    }
+    for (std::size_t v = 0; v < here.size(); ++v) {
+        block.patch.shared.push_back(here[v] > 0 && here[v] != valences.of(block.vertex[v]));
+    }
+}
+
+}  // namespace isonest::detail
