@@ -102,6 +102,14 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
         throw Error(ErrorKind::invalid_argument,
                     "--by error goes without --distance: the triangles are the nested grid's");
     }
+    if (arguments.distance.simplify && !arguments.distance.by_error) {
+        if (a.error.value == 0) {
+            throw Error(ErrorKind::invalid_argument,
+                        "--simplify goes with --error or --error-relative, above 0, or with "
+                        "--triangles N --by error; --distance simplifies by itself");
+        }
+        query.stop = SimplifiedErrorBound{a.error};
+    }
     query.stop = arguments.distance.stop().value_or(query.stop);
     query.culling = arguments.culling;
     query.components = arguments.components;
@@ -135,7 +143,8 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
         "{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh, r.triangles,
         r.dimension == 2 && !a.is_graph ? "line segments" : "triangles", r.vertices,
         human_seconds(r.seconds),
-        r.distance || r.within_budget ? distance_text(arguments.distance, r) : guarantee_text(a, r),
+        r.distance || r.within_budget ? distance_text(arguments.distance, r)
+                                      : guarantee_text(a, r) + simplified_text(r),
         r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
     result.text += analysis_text(r);
     if (arguments.components) {
@@ -189,6 +198,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract scan.isonest --iso 120 -o full.ply\n"
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.glb --normals\n"
          "isonest extract scan.isonest --iso 120 --distance 0.5voxel -o small.stl\n"
+         "isonest extract scan.isonest --iso 120 --error-relative 0.01 --simplify -o light.glb\n"
          "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"
          "isonest extract scan.isonest --iso 120.5 --close --components largest -o print.3mf\n"
          "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply\n"

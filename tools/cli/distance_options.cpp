@@ -52,7 +52,7 @@ const char* analysis_name(AnalysisUse use) {
 
 std::optional<SurfaceStop> DistanceArguments::stop() const {
     if (by_error) {
-        return ErrorBudget{triangles};
+        return ErrorBudget{.most = triangles, .simplified = simplify};
     }
     if (triangles > 0) {
         return TriangleBudget{triangles, distance};
@@ -89,9 +89,15 @@ void add_distance_options(CLI::App* c, DistanceArguments& a,
             a.by_error = text == "error";
         },
         "what --triangles makes small: the distance (if not given), or\n"
-        "the error of the values, with triangles of the nested grid",
+        "the error of the values, with triangles of the nested grid, or\n"
+        "with those that --simplify makes",
         "distance|error");
     by->needs(triangles);
+    CLI::Option* const simplify =
+        c->add_flag("--simplify", a.simplify,
+                    "with --error, or --by error: fewer triangles than the nested grid\n"
+                    "has, the error proven on them; takes longer");
+    simplify->excludes(distance);
     // A flag's value comes behind "=" alone, so that it never takes the name of a store.
     CLI::Option* const keep =
         c->add_flag("--keep-analysis")
@@ -105,6 +111,9 @@ void add_distance_options(CLI::App* c, DistanceArguments& a,
                     a.analysis->folder = text;
                 }
             });
+    for (const char* const other : {"--stop", "--focus", "--camera", "--graph"}) {
+        simplify->excludes(c->get_option(other));
+    }
     for (const std::string& other : others) {
         keep->excludes(c->get_option(other));
         distance->excludes(c->get_option(other));
@@ -136,8 +145,8 @@ std::string analysis_text(const ExtractReport& r) {
 
 std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
     if (!r.distance) {
-        return fmt::format("error at most {:.6g} (asked for {} triangles)", r.error_bound,
-                           a.triangles);
+        return fmt::format("error at most {:.6g} (asked for {} triangles){}", r.error_bound,
+                           a.triangles, simplified_text(r));
     }
     if (r.full_triangles == 0) {
         return "the surface at full resolution";
@@ -154,9 +163,19 @@ std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
                                        *r.distance, a.triangles));
 }
 
+std::string simplified_text(const ExtractReport& r) {
+    return r.nested_triangles > 0
+               ? fmt::format(", simplified from {} triangles", r.nested_triangles)
+               : "";
+}
+
 void add_distance_json(Json& json, const ExtractReport& r) {
     if (r.within_budget) {
         json["within_budget"] = *r.within_budget;
+    }
+    if (r.nested_triangles > 0) {
+        json["nested_triangles"] = r.nested_triangles;
+        json["scratch_bytes"] = r.scratch_bytes;
     }
     if (!r.distance) {
         return;

@@ -16,6 +16,7 @@ struct DistanceArguments {
     std::uint64_t triangles = 0;  ///< 0: not asked for
     std::optional<KeptAnalysis> analysis;
     bool by_error = false;  ///< the error is what the number of triangles makes small
+    bool simplify = false;  ///< within the error
 
     /// In place of an error; nothing if neither was given.
     [[nodiscard]] std::optional<SurfaceStop> stop() const;
@@ -29,6 +30,8 @@ void add_distance_options(CLI::App* command, DistanceArguments& a,
 std::string distance_text(const DistanceArguments& a, const ExtractReport& r);
 /// What was done with a kept analysis, in one line; or empty.
 std::string analysis_text(const ExtractReport& r);
+/// ", simplified from 1000 triangles"; or empty.
+std::string simplified_text(const ExtractReport& r);
 /// Adds what the report has of them.
 void add_distance_json(Json& json, const ExtractReport& r);
 
