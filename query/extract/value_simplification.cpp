@@ -10,10 +10,6 @@
 #include "store/base/workers.h"
 
 namespace isonest::detail {
-double nested_share() {
-    static const double share = getenv("SHARE") ? atof(getenv("SHARE")) : 0.5;
-    return share;
-}
 namespace {
 
 /// A store's numbers, through its cache.
@@ -66,14 +62,12 @@ SimplifiedByValue simplify_by_value(const StoreReader& store, const ExtractQuery
     const auto threads = static_cast<std::uint64_t>(tbb::this_task_arena::max_concurrency());
     // What is held lies in the cache.
     ChunkCache cache(store, options.memory - kLibraryHeap - threads * own_heap(store));
-    const ValueLimit limit{query.traversal.iso, *query.value_limit,
-                           [&] {
-                               return std::make_unique<StoreGridNumbers>(cache,
-                                                                         query.traversal.stop);
-                           },
-                           query.traversal.box.close.has_value()};
-    return {mesh,  triangles, world_lattice(store, query), world_box(query), limit, scratch,
-            progress};
+    const ValueLimit limit{
+        query.traversal.iso, *query.value_limit,
+        [&] { return std::make_unique<StoreGridNumbers>(cache, query.traversal.stop); },
+        query.traversal.box.close.has_value()};
+    return {mesh,    triangles, world_lattice(store, query), world_box(query), limit,
+            scratch, progress};
 }
 
 }  // namespace isonest::detail

@@ -9,10 +9,10 @@
 
 namespace isonest::detail {
 
-double nested_share();
-/// The part of the error that the triangles of the nested grid may have before they are
-/// simplified.
-#define kNestedShare nested_share()
+/// The part of the error that the triangles of the nested grid may have before they are simplified.
+/// The smaller it is, the more of them there are, and the longer it takes; fewer triangles come out
+/// of it on hardly any surface (query/DISTANCE.md has figures).
+inline constexpr double kNestedShare = 0.75;
 
 /// For how many threads there is memory. REQUIRES: query.value_limit. Throws Error{limit} if there
 /// is for none.

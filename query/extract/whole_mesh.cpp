@@ -96,7 +96,8 @@ void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const 
     }
     std::optional<SimplifiedByValue> by_value;
     if (query.value_limit) {
-        by_value.emplace(simplify_by_value(store, query, mesh, elements, options, scratch, progress));
+        by_value.emplace(
+            simplify_by_value(store, query, mesh, elements, options, scratch, progress));
         elements = by_value->corners();
         report.nested_triangles = mesh.layout().elements;
         report.error_bound = std::max(report.error_bound, by_value->largest());

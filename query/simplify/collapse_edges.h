@@ -29,8 +29,8 @@ inline std::vector<bool> locked_vertices(const Patch& patch, const std::vector<L
     return locked;
 }
 
-/// Collapses what is allowed, in the order's order, until no edge waits: fits(from, to) says whether
-/// a collapse that leaves the topology may be made, took() that it is being made.
+/// Collapses what is allowed, in the order's order, until no edge waits: fits(from, to) says
+/// whether a collapse that leaves the topology may be made, took() that it is being made.
 template <class Fits, class Took>
 void collapse_edges(const Patch& patch, const std::vector<bool>& locked, CollapsingPatch& mesh,
                     CollapseOrder& order, const Fits& fits, const Took& took) {

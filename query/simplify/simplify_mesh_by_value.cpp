@@ -89,8 +89,8 @@ SimplifiedByValue::SimplifiedByValue(const ScratchMesh& mesh,
                 if (block.empty()) {
                     return outcome;
                 }
-                std::unique_ptr<Worker>& worker = workers[static_cast<std::size_t>(
-                    tbb::this_task_arena::current_thread_index())];
+                std::unique_ptr<Worker>& worker =
+                    workers[static_cast<std::size_t>(tbb::this_task_arena::current_thread_index())];
                 if (!worker) {
                     worker = std::make_unique<Worker>(limit, lattice);
                 }

@@ -58,16 +58,10 @@ bool cut(const Polygon& polygon, const F& f, const AtCut& at_cut, Polygon& part)
 ValueCover::ValueCover(ValueTree& tree, const WorldLattice& lattice, double limit)
     : tree_(tree), lattice_(lattice), limit_(limit), top_(tree.at(0).level) {
     scale_ = std::ldexp(1.0, -top_);
-}
-
-/// By how much rounding may move a point, in barycentric coordinates of a tetrahedron of this
-/// level. A position is rounded when it becomes a coordinate of the coarsest cube, and by each cut
-/// and each bisection, by less than eight units of 2^-53 of the size of the tetrahedron that is
-/// bisected; these sizes are a geometric series. So all of it together is below 2^-46 of the
-/// coarsest cube, and that is 2^(top - level) times as much of a tetrahedron of this level.
-double ValueCover::slack_at(int level) const {
-    constexpr int kBits = 46;
-    return std::ldexp(1.0, top_ - level - kBits);
+    for (int level = 0; level <= top_; ++level) {
+        constexpr int kBits = 46;
+        slack_.at(static_cast<std::size_t>(level)) = std::ldexp(1.0, top_ - level - kBits);
+    }
 }
 
 bool ValueCover::covers(const Triangle& t) {
@@ -90,7 +84,7 @@ bool ValueCover::covers(const Triangle& t) {
 
 ValueCover::Answer ValueCover::ask(const std::array<Double3, 3>& unit) {
     largest_ = 0;
-    const double slack = slack_at(top_);
+    const double slack = slack_of(top_);
     for (std::uint32_t root = 0; root < ValueTree::kRoots; ++root) {
         Polygon polygon;
         polygon.count = 3;
@@ -115,7 +109,8 @@ ValueCover::Answer ValueCover::ask(const std::array<Double3, 3>& unit) {
             }
             if (f(*low) < 0) {
                 Polygon part;
-                if (!cut(polygon, f, [side](Corner& c) { c[side] = 0; }, part)) {
+                if (!cut(
+                        polygon, f, [side](Corner& c) { c[side] = 0; }, part)) {
                     return Answer::no;
                 }
                 polygon = part;
@@ -150,7 +145,7 @@ ValueCover::Answer ValueCover::inside(std::uint32_t tetrahedron, const Polygon& 
                                             c[2] * t.value[2] + c[3] * t.value[3]));
         }
         // A corner that rounding put outside has a negative coordinate, for each of two sides.
-        const double slack = 4 * slack_at(t.level) * t.most;
+        const double slack = 4 * slack_of(t.level) * t.most;
         const double bound = most + t.deviation + slack;
         if (bound <= limit_) {
             largest_ = std::max(largest_, bound);
@@ -165,7 +160,7 @@ ValueCover::Answer ValueCover::inside(std::uint32_t tetrahedron, const Polygon& 
 
 ValueCover::Answer ValueCover::inside_children(std::uint32_t tetrahedron, const Polygon& polygon) {
     const std::size_t end = 3 - static_cast<std::size_t>(tree_.at(tetrahedron).kind);
-    const double slack = slack_at(tree_.at(tetrahedron).level);
+    const double slack = slack_of(tree_.at(tetrahedron).level);
     const auto first = tree_.children_of(tetrahedron);
     if (!first) {
         return Answer::no_room;
@@ -201,7 +196,8 @@ ValueCover::Answer ValueCover::inside_children(std::uint32_t tetrahedron, const 
     if (!all_first) {
         if (all_second) {
             part = polygon;
-        } else if (!cut(polygon, [&](const Corner& c) { return -f(c); }, at_cut, part)) {
+        } else if (!cut(
+                       polygon, [&](const Corner& c) { return -f(c); }, at_cut, part)) {
             return Answer::no;
         }
         for (std::size_t i = 0; i < part.count; ++i) {

@@ -24,15 +24,16 @@ class ValueCover {
     /// `limit`: in units of the data, > 0. `tree` has to stay.
     ValueCover(ValueTree& tree, const WorldLattice& lattice, double limit);
 
-    /// Whether |U - iso| is at most the limit on all of the triangle (world coordinates). What of
-    /// it lies outside of the volume is moved to the volume's border. False as well where values
-    /// are missing, and where only rounding could make it true. A triangle may be a segment or a
-    /// point.
+    /// Whether |U - iso| is at most the limit on all of the triangle (world coordinates): its
+    /// corners moved to the volume's border if they lie outside, its points moved by up to 2^-46
+    /// of the edge of the coarsest cube, because computing rounds. False as well where values are
+    /// missing, and where only rounding could make it true. A triangle may be a segment or a point.
     [[nodiscard]] bool covers(const Triangle& t);
     /// |U - iso| was not larger on the triangle, after covers() was true; at most the limit.
     [[nodiscard]] double largest() const { return largest_; }
 
   private:
+    static constexpr std::size_t kLevels = 22;
     enum class Answer : std::uint8_t { yes, no, no_room };
     using Barycentric = std::array<double, 4>;
     /// In a tetrahedron; convex, so that each cut adds one corner at most.
@@ -44,13 +45,21 @@ class ValueCover {
     Answer ask(const std::array<Double3, 3>& unit);
     Answer inside(std::uint32_t tetrahedron, const Polygon& polygon);
     Answer inside_children(std::uint32_t tetrahedron, const Polygon& polygon);
-    [[nodiscard]] double slack_at(int level) const;
+    [[nodiscard]] double slack_of(int level) const {
+        return slack_[static_cast<std::size_t>(level)];
+    }
 
     ValueTree& tree_;
     WorldLattice lattice_;
     double limit_;
     double scale_;  ///< from lattice coordinates to the edge of the coarsest cube
     int top_;
+    /// By how much rounding may move a point, in barycentric coordinates of a tetrahedron of each
+    /// level. A position is rounded when it becomes a coordinate of the coarsest cube, and by each
+    /// cut and each bisection, by less than eight units of 2^-53 of the size of the tetrahedron
+    /// that is bisected; these sizes are a geometric series. So all of it together is below 2^-46
+    /// of the coarsest cube, and that is 2^(top - level) times as much of a tetrahedron of a level.
+    std::array<double, kLevels> slack_{};
     double largest_ = 0;
 };
 

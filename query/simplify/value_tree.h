@@ -48,7 +48,7 @@ struct ValueTetrahedron {
 /// Not thread-safe.
 class ValueTree {
   public:
-    /// Tetrahedra at a time. Blocks of the meshes of CT scans and simulations meet up to a third.
+    /// Tetrahedra at a time.
     static constexpr std::uint32_t kMost = 1U << 17U;
     static constexpr std::uint64_t kBytes = std::uint64_t{kMost} * sizeof(ValueTetrahedron);
 

@@ -139,13 +139,13 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
     if (has_iso) {
         result.json["iso"] = arguments.iso;
     }
-    result.text = fmt::format(
-        "{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh, r.triangles,
-        r.dimension == 2 && !a.is_graph ? "line segments" : "triangles", r.vertices,
-        human_seconds(r.seconds),
-        r.distance || r.within_budget ? distance_text(arguments.distance, r)
-                                      : guarantee_text(a, r) + simplified_text(r),
-        r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
+    result.text =
+        fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh,
+                    r.triangles, r.dimension == 2 && !a.is_graph ? "line segments" : "triangles",
+                    r.vertices, human_seconds(r.seconds),
+                    r.distance || r.within_budget ? distance_text(arguments.distance, r)
+                                                  : guarantee_text(a, r) + simplified_text(r),
+                    r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
     result.text += analysis_text(r);
     if (arguments.components) {
         add_component_json(r, result.json);
