@@ -89,6 +89,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
                 [*full, "--normals", "--vertex-values", store],
                 [*full, "--close", "--normals", "--box", "1.5,2,3.25,120.5,90,100"],
                 [*full, "--close", "--error-relative", 0.1],
+                [*full, "--error-relative", 0.2, "--simplify", "--box", "10,10,10,40,40,40"],
                 ["extract", store, "--iso", 0.5, "-o", folder / "m.3mf"],
                 ["slice", store, "--plane", "1,2,3,300", "-o", mesh, "--error-relative", 0.1],
                 ["slice", store, "--plane", "1,2,3,300", "-o", folder / "s.png", "--size",

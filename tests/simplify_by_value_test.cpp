@@ -63,7 +63,7 @@ SurfaceQuery within(double iso, double error) {
 /// What is simplified.
 SurfaceQuery nested(SurfaceQuery query) {
     const double error = std::get<SimplifiedErrorBound>(query.stop).bound.value;
-    query.stop = ErrorBound{kNestedShare * error};
+    query.stop = ErrorBound{nested_share(query.vertices) * error};
     return query;
 }
 
@@ -163,8 +163,10 @@ double value_beside_missing(const FunctionVolume<T>& volume, const Double3& p) {
 
 template <class T>
 void require_within(const Volume<T>& volume, double iso, double error,
-                    const std::optional<WorldBox>& box = {}) {
+                    const std::optional<WorldBox>& box = {},
+                    VertexPlace vertices = VertexPlace::linear) {
     SurfaceQuery query = within(iso, error);
+    query.vertices = vertices;
     query.box = box;
     const Simple mesh = extracted(*volume.store, query);
     const Simple before = extracted(*volume.store, nested(query));
@@ -333,6 +335,7 @@ TEST_CASE(
     const Volume<double> waves({37, 22, 41}, [](const Int3& p) { return bumpy(p); });
     for (const double error : {0.3, 2.0, 8.0}) {
         require_within(waves, 1.7, error);
+        require_within(waves, 1.7, error, {}, VertexPlace::exact);
         require_within(waves, 1.7, error, WorldBox{{2.5, 3, 4.25}, {31, 18.75, 36.5}});
     }
 }
@@ -426,20 +429,19 @@ TEST_CASE("The mesh does not depend on chunks, threads and memory") {
         const TemporaryFolder folder;
         make_store(volume, folder / "s", with_chunk(chunk));
         const Store store(folder / "s");
-        for (const int threads : {1, 3}) {
-            for (const std::uint64_t memory : {80U << 20U, 1U << 30U}) {
-                ExtractOptions options;
-                options.threads = threads;
-                options.memory = memory;
-                const auto sink = open_mesh_file(folder / "m.ply", {.replace = true});
-                const ExtractReport r = extract(store, within(1.7, 0.5), *sink, options);
-                CAPTURE(chunk, threads, memory);
-                // Several blocks.
-                REQUIRE(r.nested_triangles > 90000);
-                const std::string bytes = read_file(folder / "m.ply");
-                first = first.empty() ? bytes : first;
-                REQUIRE(bytes == first);
-            }
+        for (const auto& [threads, memory] :
+             {std::pair{1, std::uint64_t{1} << 30U}, std::pair{3, std::uint64_t{80} << 20U}}) {
+            ExtractOptions options;
+            options.threads = threads;
+            options.memory = memory;
+            const auto sink = open_mesh_file(folder / "m.ply", {.replace = true});
+            const ExtractReport r = extract(store, within(1.7, 0.5), *sink, options);
+            CAPTURE(chunk, threads, memory);
+            // Several blocks.
+            REQUIRE(r.nested_triangles > 90000);
+            const std::string bytes = read_file(folder / "m.ply");
+            first = first.empty() ? bytes : first;
+            REQUIRE(bytes == first);
         }
     }
 }

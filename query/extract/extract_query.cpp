@@ -320,8 +320,8 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     }
     if (std::holds_alternative<SimplifiedErrorBound>(query.stop)) {
         asked.value_limit = value_limit(store, query, asked.threshold, flat);
-        asked.traversal.tolerance =
-            Tolerance(kNestedShare * asked.threshold, {}, {}, asked.spacing, asked.origin);
+        asked.traversal.tolerance = Tolerance(nested_share(query.vertices) * asked.threshold, {},
+                                              {}, asked.spacing, asked.origin);
     }
     if (query.analysis) {
         require_analysable(store, query, flat);

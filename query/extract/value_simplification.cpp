@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "query/extract/distance_limits.h"
+#include "query/traverse/traversal_budget.h"
 #include "query/view/node_sampler.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
@@ -47,7 +48,9 @@ std::uint64_t own_heap(const StoreReader& store) {
 int value_simplification_threads(const StoreReader& store, const ExtractQuery& query,
                                  const ExtractOptions& options) {
     const std::uint64_t each = own_heap(store) + held_heap(store, query.traversal.stop);
-    require_memory(store.path().string(), options.memory, kLibraryHeap + each,
+    // The traversal comes before, and needs other memory.
+    const std::uint64_t least = std::max(each, least_heap(store, query.traversal, query.values));
+    require_memory(store.path().string(), options.memory, kLibraryHeap + least,
                    "simplification within an error");
     return static_cast<int>(
         std::min((options.memory - kLibraryHeap) / each,

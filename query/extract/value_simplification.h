@@ -10,9 +10,15 @@
 namespace isonest::detail {
 
 /// The part of the error that the triangles of the nested grid may have before they are simplified.
-/// The smaller it is, the more of them there are, and the longer it takes; fewer triangles come out
-/// of it on hardly any surface (query/DISTANCE.md has figures).
+/// The smaller it is, the more of them there are, and the longer it takes; hardly fewer come out of
+/// it (query/DISTANCE.md has figures).
 inline constexpr double kNestedShare = 0.75;
+
+/// The part of the error at which the traversal stops: triangles with exact vertices have up to
+/// twice the error of their tetrahedra.
+constexpr double nested_share(VertexPlace vertices) {
+    return vertices == VertexPlace::exact ? kNestedShare / 2 : kNestedShare;
+}
 
 /// For how many threads there is memory. REQUIRES: query.value_limit. Throws Error{limit} if there
 /// is for none.

@@ -1,0 +1,67 @@
+"""extract --error E --simplify from outside: what is refused, what is reported, and fewer triangles.
+
+Usage: simplify_error_test.py ISONEST PLUGIN_FOLDER
+"""
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+ISONEST = pathlib.Path(sys.argv[1]).resolve()
+failures = []
+
+
+def run(*arguments):
+    return subprocess.run([ISONEST, *map(str, arguments)], capture_output=True, text=True, timeout=300)
+
+
+def require(good, what):
+    if not good:
+        failures.append(what)
+        print("FAILED:", what, flush=True)
+
+
+with tempfile.TemporaryDirectory(prefix="isonest-simplify-") as name:
+    folder = pathlib.Path(name)
+    store, mesh = folder / "s.isonest", folder / "m.ply"
+    assert run("make-volume", "noise", "--size", 24, "-o", folder / "v.h5").returncode == 0
+    assert run("preprocess", folder / "v.h5", "-o", store, "-q").returncode == 0
+    extract = ["extract", store, "--iso", 0.5, "-o", mesh]
+
+    def refused(why, *options):
+        mesh.unlink(missing_ok=True)
+        done = run(*extract, *options, "-q")
+        require(done.returncode == 2 and why in done.stderr, f"{options}: {done}")
+        require(not mesh.exists(), f"{options}: a mesh is left")
+
+    refused("--error", "--simplify")
+    refused("--error", "--simplify", "--error", 0)
+    refused("--error", "--simplify", "--triangles", 500)
+    refused("--simplify", "--simplify", "--distance", 1)
+    refused("--simplify", "--simplify", "--error", 0.1, "--focus", "1,2,3")
+    refused("--simplify", "--simplify", "--stop", "linf_bar", "--threshold", 0.1)
+    refused("estimate", "--simplify", "--error", 0.1, "--guarantee", "estimate")
+    done = run(*extract, "--error", 0.1, "--simplify", "--memory", "20M")
+    require(done.returncode == 7 and "give at least --memory" in done.stderr, f"20M: {done}")
+
+    plain = json.loads(run(*extract, "--error", 0.2, "--json").stdout)
+    require("nested_triangles" not in plain, "nested_triangles without --simplify")
+    for options in ([], ["--vertices", "exact"], ["--guarantee", "plus"], ["--close"], ["--components", "largest"],
+                    ["--box", "2,3,4.5,20,21,22"]):
+        if "plus" in options:
+            assert run("preprocess", folder / "v.h5", "-o", store, "-q", "--force", "--indicators",
+                       "deviation_bar,linf_plus").returncode == 0
+        done = run(*extract, "--error", 0.2, "--simplify", "--json", *options)
+        require(done.returncode == 0, f"{options}: {done.stderr}")
+        report = json.loads(done.stdout)
+        require(0.1 < report["error_bound"] <= 0.2 and report["guaranteed"], f"{options}: {report}")
+        require(report["triangles"] < report["nested_triangles"], f"{options}: nothing is simplified: {report}")
+    text = run(*extract, "--error", 0.2, "--simplify").stdout
+    require("error at most 0." in text and "simplified from" in text, text)
+    budget = json.loads(run(*extract, "--triangles", plain["triangles"] // 2, "--by", "error", "--simplify",
+                            "--json").stdout)
+    require(budget["triangles"] <= plain["triangles"] // 2 and budget["within_budget"]
+            and budget["nested_triangles"] > budget["triangles"], f"{budget}")
+
+sys.exit(1 if failures else 0)
