@@ -27,9 +27,10 @@ class StoreGridNumbers : public GridNumbers {
 };
 
 /// Heap of the chunks that one thread holds while it looks at a block: one of values and one of the
-/// field at each level.
+/// field at each level. On top of that as many of values as meet at a corner: with fewer in the
+/// cache they are decoded over and over.
 std::uint64_t held_heap(const StoreReader& store, Field field) {
-    std::uint64_t heap = 0;
+    std::uint64_t heap = 8 * store.layout().array(0, Field::values).chunk_bytes();
     for (const ArrayInfo& array : store.layout().arrays()) {
         if (array.field == Field::values || array.field == field) {
             heap += array.chunk_bytes();

@@ -24,7 +24,7 @@ struct ValuePatch {
 };
 
 /// Heap per triangle of a patch, at most, that simplify_patch_by_value() takes, the patch included.
-inline constexpr std::size_t kValuePatchBytesPerTriangle = 1000;
+inline constexpr std::size_t kValuePatchBytesPerTriangle = 800;
 
 /// `has_caps`: whether triangles that lie in a face of the patch's box are caps; other triangles
 /// may lie anywhere. The patch's `stay`, `fine` and `attached` are not looked at. Thread-safe, with
