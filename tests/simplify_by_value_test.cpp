@@ -421,6 +421,62 @@ TEST_CASE("A closed solid holds what is clearly inside and nothing that is clear
     }
 }
 
+TEST_CASE("Caps cover what is clearly inside, once, and nothing that is clearly outside") {
+    const Int3 n{22, 19, 20};
+    const Volume<float> rough(n, [](const Int3& p) {
+        return static_cast<float>(std::sin(0.9 * p.x) + std::cos(0.8 * p.y + p.z) + noise(p));
+    });
+    for (const double error : {0.2, 0.5, 0.8}) {
+        SurfaceQuery query = within(0.6, error);
+        query.close = Outside::below;
+        const Simple mesh = extracted(*rough.store, query);
+        int inside = 0;
+        for (int axis = 0; axis < 3; ++axis) {
+            for (const std::int64_t at : {std::int64_t{0}, n[axis] - 1}) {
+                const auto face = static_cast<std::size_t>(axis);
+                const std::size_t u = (face + 1) % 3;
+                const std::size_t v = (face + 2) % 3;
+                std::vector<Triangle> caps;
+                for (const Corners& t : mesh.triangles) {
+                    const Triangle corners = corners_of(mesh, t, {1, 1, 1});
+                    if (std::all_of(corners.begin(), corners.end(), [&](const Double3& p) {
+                            return p[face] == static_cast<double>(at);
+                        })) {
+                        caps.push_back(corners);
+                    }
+                }
+                for (double a = 0.037; a < static_cast<double>(n[static_cast<int>(u)] - 1);
+                     a += 0.113) {
+                    for (double b = 0.041; b < static_cast<double>(n[static_cast<int>(v)] - 1);
+                         b += 0.117) {
+                        Double3 p{};
+                        p[face] = static_cast<double>(at);
+                        p[u] = a;
+                        p[v] = b;
+                        const double above = fine_value(rough.function, p) - 0.6;
+                        if (std::fabs(above) <= error) {
+                            continue;
+                        }
+                        const auto covering =
+                            std::count_if(caps.begin(), caps.end(), [&](const Triangle& t) {
+                                const auto side = [&](std::size_t i) {
+                                    const Double3 e = minus(t[(i + 1) % 3], t[i]);
+                                    const Double3 d = minus(p, t[i]);
+                                    return e[u] * d[v] - e[v] * d[u] > 0;
+                                };
+                                return side(0) == side(1) && side(1) == side(2);
+                            });
+                        CAPTURE(error, axis, at, a, b, above);
+                        REQUIRE(covering == (above > 0 ? 1 : 0));
+                        inside += above > 0 ? 1 : 0;
+                    }
+                }
+            }
+        }
+        REQUIRE(inside > 100);
+    }
+}
+
 TEST_CASE("The mesh does not depend on chunks, threads and memory") {
     FunctionVolume<float> volume(
         {58, 61, 55}, [](const Int3& p) { return static_cast<float>(bumpy(p) + 2 * noise(p, 3)); });
