@@ -36,6 +36,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-needs-") as name:
                     "simplified_edges.py": [isonest, file, file, 1, 0.1],
                     "peers.py": [file, 1, 0.1, none], "odd_volumes.py": [folder / "odd"],
                     "distance.py": [isonest, none, "verify"],
+                    "distance_peers.py": [isonest, none, "hausdorff"],
                     "verify_surfaces.py": [isonest, none, file], "run": ["--folder", folder / "run"]}
     for script, arguments in with_modules.items():
         lacks("no modules", BENCH / script, *arguments, options=bare, says=["h5py", INSTALL])

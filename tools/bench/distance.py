@@ -89,8 +89,8 @@ class Bench:
         return self.extract(store, iso, [*options, *(["--min-component", str(least)] if least else [])], out)
 
     def distance(self, full, mesh, voxel, *options):
-        """The maxima are found to within a hundredth of a voxel."""
-        options += ("--epsilon", repr(voxel / 100))
+        """The maxima are found to within a hundredth of a voxel, unless the options say otherwise."""
+        options = ("--epsilon", repr(voxel / 100), *options)
         return json.loads(self.run(self.args.isonest.with_name("isonest_mesh_distance"), full, mesh, *options))
 
     def quality(self, mesh, box=(), *options):

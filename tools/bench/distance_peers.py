@@ -215,9 +215,11 @@ def main():
     parser.add_argument("--folder", type=pathlib.Path)
     args = parser.parse_args(given)
     os.environ["HDF5_PLUGIN_PATH"] = args.plugin
-    programs = ["mesh_distance", "mesh_quality", *PROGRAMS[args.mode]]
-    needs.require(needs.program(args.isonest),
-                  *(needs.program(args.isonest.with_name(f"isonest_{p}"), f"isonest_{p}") for p in programs),
+    programs = [f"isonest_{p}" for p in ("mesh_distance", "mesh_quality", *PROGRAMS[args.mode])]
+    missing = [needs.program(args.isonest.with_name(p), p) for p in programs]
+    if any(missing[2:]):
+        missing.append(f"the peers' programs are built where their libraries are: first {needs.INSTALL}")
+    needs.require(needs.program(args.isonest), *missing,
                   needs.module("numpy"), needs.module("h5py"),
                   needs.module("vtk") if args.mode == "quadrics" else None,
                   None if args.data else "give the folder of the volumes with --data")
