@@ -4,10 +4,9 @@
 // usage: isonest_openvdb_mesh VALUES NX NY NZ SX SY SZ OX OY OZ ISOVALUE ADAPTIVITY OUT.ply
 //
 // VALUES: NX * NY * NZ float32, x fastest; spacings and origin as in the store, so that the mesh
-// lies where isonest's does. Outside the box lies a value above or below the isovalue, whichever
-// fewer nodes of the box's faces have on the other side of it: the mesh is closed there. A
-// quadrilateral is two triangles. Prints JSON; the seconds are the processor time of volumeToMesh
-// alone.
+// lies where isonest's does. The surface ends a node before the faces of the box: a mask leaves out
+// what OpenVDB would close it with there. A quadrilateral is two triangles. Prints JSON; the
+// seconds are the processor time of the mesher alone.
 #include <openvdb/openvdb.h>
 #include <openvdb/tools/VolumeToMesh.h>
 
@@ -47,33 +46,26 @@ Volume read_volume(char** arguments) {
     return volume;
 }
 
-openvdb::FloatGrid::Ptr grid_of(const Volume& volume, double iso) {
-    const auto [nx, ny, nz] = volume.nodes;
-    float least = volume.values[0];
-    float most = volume.values[0];
-    long above = 0;
+openvdb::FloatGrid::Ptr grid_of(const Volume& volume) {
+    const auto grid = openvdb::FloatGrid::create(volume.values[0]);
+    auto accessor = grid->getAccessor();
     std::size_t i = 0;
-    const auto each = [&](const auto& visit) {
-        i = 0;
-        for (int z = 0; z < nz; ++z) {
-            for (int y = 0; y < ny; ++y) {
-                for (int x = 0; x < nx; ++x) {
-                    visit(openvdb::Coord(x, y, z), volume.values[i++]);
-                }
+    for (int z = 0; z < volume.nodes[2]; ++z) {
+        for (int y = 0; y < volume.nodes[1]; ++y) {
+            for (int x = 0; x < volume.nodes[0]; ++x) {
+                accessor.setValue(openvdb::Coord(x, y, z), volume.values[i++]);
             }
         }
-    };
-    each([&](const openvdb::Coord& c, float value) {
-        least = std::min(least, value);
-        most = std::max(most, value);
-        const bool face = c.x() == 0 || c.y() == 0 || c.z() == 0 || c.x() == nx - 1 ||
-                          c.y() == ny - 1 || c.z() == nz - 1;
-        above += face ? (value > iso ? 1 : -1) : 0;
-    });
-    const auto grid = openvdb::FloatGrid::create(above > 0 ? most : least);
-    auto accessor = grid->getAccessor();
-    each([&](const openvdb::Coord& c, float value) { accessor.setValue(c, value); });
+    }
     return grid;
+}
+
+/// The nodes that are not on a face of the box.
+openvdb::BoolGrid::Ptr inner_nodes(const Volume& volume) {
+    const auto mask = openvdb::BoolGrid::create(false);
+    const auto [nx, ny, nz] = volume.nodes;
+    mask->denseFill(openvdb::CoordBBox(1, 1, 1, nx - 2, ny - 2, nz - 2), true);
+    return mask;
 }
 
 }  // namespace
@@ -87,16 +79,15 @@ int main(int argc, char** argv) {
         }
         openvdb::initialize();
         const Volume volume = read_volume(argv + 1);
-        const double iso = std::stod(argv[11]);
-        const auto grid = grid_of(volume, iso);
-        std::vector<openvdb::Vec3s> points;
-        std::vector<openvdb::Vec3I> triangles;
-        std::vector<openvdb::Vec4I> quads;
+        const auto grid = grid_of(volume);
+        openvdb::tools::VolumeToMesh mesher(std::stod(argv[11]), std::stod(argv[12]));
+        mesher.setSurfaceMask(inner_nodes(volume));
         const std::clock_t start = std::clock();
-        openvdb::tools::volumeToMesh(*grid, points, triangles, quads, iso, std::stod(argv[12]));
+        mesher(*grid);
         const double seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
         Mesh mesh;
-        for (const openvdb::Vec3s& p : points) {
+        for (std::size_t i = 0; i < mesher.pointListSize(); ++i) {
+            const openvdb::Vec3s& p = mesher.pointList()[i];
             Point at{};
             for (std::size_t axis = 0; axis < 3; ++axis) {
                 at[axis] = volume.origin[axis] +
@@ -104,12 +95,17 @@ int main(int argc, char** argv) {
             }
             mesh.points.push_back(at);
         }
-        for (const openvdb::Vec3I& t : triangles) {
-            mesh.triangles.push_back({t[0], t[1], t[2]});
-        }
-        for (const openvdb::Vec4I& q : quads) {
-            mesh.triangles.push_back({q[0], q[1], q[2]});
-            mesh.triangles.push_back({q[0], q[2], q[3]});
+        for (std::size_t i = 0; i < mesher.polygonPoolListSize(); ++i) {
+            const openvdb::tools::PolygonPool& pool = mesher.polygonPoolList()[i];
+            for (std::size_t k = 0; k < pool.numTriangles(); ++k) {
+                const openvdb::Vec3I& t = pool.triangle(k);
+                mesh.triangles.push_back({t[0], t[1], t[2]});
+            }
+            for (std::size_t k = 0; k < pool.numQuads(); ++k) {
+                const openvdb::Vec4I& q = pool.quad(k);
+                mesh.triangles.push_back({q[0], q[1], q[2]});
+                mesh.triangles.push_back({q[0], q[2], q[3]});
+            }
         }
         write_ply(argv[13], mesh);
         std::printf("{\"triangles\": %zu, \"seconds\": %.3f}\n", mesh.triangles.size(), seconds);
