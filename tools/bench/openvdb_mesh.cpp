@@ -4,9 +4,9 @@
 // usage: isonest_openvdb_mesh VALUES NX NY NZ SX SY SZ OX OY OZ ISOVALUE ADAPTIVITY OUT.ply
 //
 // VALUES: NX * NY * NZ float32, x fastest; spacings and origin as in the store, so that the mesh
-// lies where isonest's does. The surface ends a node before the faces of the box: a mask leaves out
-// what OpenVDB would close it with there. A quadrilateral is two triangles. Prints JSON; the
-// seconds are the processor time of the mesher alone.
+// lies where isonest's does. The surface ends in the outermost cells: a mask leaves out what
+// OpenVDB would close it with there. A quadrilateral is two triangles. Prints JSON; the seconds are
+// the processor time of the mesher alone.
 #include <openvdb/openvdb.h>
 #include <openvdb/tools/VolumeToMesh.h>
 
