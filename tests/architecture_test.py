@@ -27,7 +27,8 @@ ROOMS = {
               "simplify": {"view", "mesh", "traverse"},
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "statistics": set(),
-              "extract": {"view", "march", "mesh", "simplify", "traverse"}},
+              "distance": {"view", "march", "simplify", "traverse"},
+              "extract": {"view", "march", "mesh", "simplify", "traverse", "distance"}},
 }
 STORAGE_HEADERS = re.compile(r"(hdf5|hdf5_hl|H5\w+|zstd\w*)\.h")
 STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/sources/hdf5_")

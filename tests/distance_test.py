@@ -123,6 +123,49 @@ def check(folder, name, u, iso, options, distances):
             require(found <= d + 2e-7 * largest, f"{what}: {found} away")
 
 
+def faults(v, t, size, spacing):
+    """Edges of more than two triangles, edges of one triangle off the volume's faces, two that agree on the way round."""
+    directed = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    edges, uses = np.unique(np.sort(directed, 1), axis=0, return_counts=True)
+    ends = v[edges[uses == 1]] / spacing
+    on_face = ((ends == 0).all(1) | (np.abs(ends - (np.array(size) - 1)) < 1e-4).all(1)).any(1)
+    return int((uses > 2).sum()), int((~on_face).sum()), len(directed) - len(np.unique(directed, axis=0))
+
+
+def check_nested(folder, name, u, iso, options, distances):
+    """The nested grid's own triangles: within the distance, without cracks, the same bytes for any threads and memory."""
+    store = store_of(folder, "n", u, *options)
+    full, mesh = folder / "full.ply", folder / "mesh.ply"
+    assert run("extract", store, "--iso", iso, "--error", 0, "-o", full, "-q").returncode == 0
+    spacing = [float(s) for s in options[1].split(",")] if options[:1] == ("--spacing",) else [1, 1, 1]
+    largest = float(np.abs(read_ply(full)[0]).max(initial=0))
+    counts = []
+    for d in (min(distances) / 1000, *distances):
+        what = f"{name}, nested, distance {d}"
+        made = []
+        for extra in (("--threads", 1), ("--threads", 4, "--memory", "100M")):
+            done = run("extract", store, "--iso", iso, "--distance", d, "--no-simplify", "-o", mesh, "--json", *extra)
+            if done.returncode == 7 and "32-bit" in done.stderr:
+                break  # less than float32 rounds
+            require(done.returncode == 0, f"{what}: {done.stderr}")
+            made.append(mesh.read_bytes())
+        if not made:
+            continue
+        require(len(set(made)) == 1, f"{what}: threads or memory change the bytes")
+        report = json.loads(done.stdout)
+        require(report["distance_bound"] <= d, f"{what}: bound {report['distance_bound']}")
+        v, t = read_ply(mesh)
+        counts.append(len(t))
+        if name != "holes" and name != "far":
+            require(faults(v, t, u.shape[::-1], spacing) == (0, 0, 0),
+                    f"{what}: cracks {faults(v, t, u.shape[::-1], spacing)}")
+        require((len(t) == 0) == (len(read_ply(full)[1]) == 0), f"{what}: {len(t)} triangles")
+        if len(t):
+            found = measure("distance", full, mesh, "--max-only", "--epsilon", min(distances) / 50)["max"]
+            require(found <= d + 2e-7 * largest, f"{what}: {found} away")
+    require(counts == sorted(counts, reverse=True), f"{name}, nested: {counts} triangles")
+
+
 def same_bytes(folder):
     u = RNG.random((19, 21, 23))
     u[5:15] += np.linspace(-0.4, 0.4, 21)[:, None]
@@ -156,6 +199,11 @@ def arguments(folder):
     assert run("extract", store, "--iso", 9.3, "-o", full, "--error", 0, "-q").returncode == 0
     require(extract("--distance", 0).returncode == 0, "--distance 0")
     require(mesh.read_bytes() == full.read_bytes(), "--distance 0 is not the full surface")
+    for options in (("--close",), ("--components", "largest"), ("--triangles", 9), ("--keep-analysis",),
+                    ("--box", "3,3,3,15,20,25"), ("--normals",)):
+        good = options[0] in ("--box", "--normals")
+        done = extract("--distance", 1, "--no-simplify", *options)
+        require(done.returncode == (0 if good else 2), f"--no-simplify with {options}: {done}")
     bytes_of = {}
     for text in ("2", "2mm", "1voxel", "1e30", "1e300", "1e-3"):
         done = extract("--distance", text)
@@ -183,6 +231,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-distance-") as name:
     arguments(pathlib.Path(name))
     for volume in volumes():
         check(pathlib.Path(name), *volume)
+        check_nested(pathlib.Path(name), *volume)
     same_bytes(pathlib.Path(name))
 
 sys.exit(1 if failures else 0)

@@ -24,16 +24,29 @@ double most_moved(const ExtractQuery& query) {
     return std::sqrt(3.0) * query.coordinate_rounding * longest;
 }
 
-double limit_of(const StoreReader& store, const ExtractQuery& query) {
-    const double moved = most_moved(query);
-    const double limit = *query.distance - moved;
-    if (!(limit > 0)) {
+namespace {
+
+/// What is left of a distance.
+double left_of(const StoreReader& store, double distance, double moved) {
+    if (!(distance > moved)) {
         throw Error(ErrorKind::limit, {store.path().string()},
                     fmt::format("32-bit floats round coordinates so far from 0 by up to {:.3g}, "
                                 "more than the distance {:.3g} allows",
-                                moved, *query.distance));
+                                moved, distance));
     }
-    return limit;
+    return distance - moved;
+}
+
+}  // namespace
+
+double limit_of(const StoreReader& store, const ExtractQuery& query) {
+    return left_of(store, *query.distance, most_moved(query));
+}
+
+double nested_limit_of(const StoreReader& store, const ExtractQuery& query) {
+    // Rounding takes half a unit in the last place, mending up to four.
+    constexpr double kMended = 9;
+    return left_of(store, *query.nested_distance, kMended * most_moved(query));
 }
 
 WorldLattice world_lattice(const StoreReader& store, const ExtractQuery& query) {

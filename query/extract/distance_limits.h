@@ -20,6 +20,9 @@ double most_moved(const ExtractQuery& query);
 /// Error{limit} if nothing is left.
 double limit_of(const StoreReader& store, const ExtractQuery& query);
 
+/// The same of query.nested_distance, whose triangles may be mended after they are measured.
+double nested_limit_of(const StoreReader& store, const ExtractQuery& query);
+
 WorldLattice world_lattice(const StoreReader& store, const ExtractQuery& query);
 
 /// The box to which the surface is cut, as its vertices are.

@@ -224,6 +224,27 @@ double world_distance(const StoreReader& store, const DistanceBound& asked) {
     return asked.voxels && std::isfinite(voxel) ? asked.value * voxel : asked.value;
 }
 
+void require_nested_distance(const StoreReader& store, const SurfaceQuery& query, bool flat) {
+    require_no_place(query);
+    const auto refuse = [&](const char* what) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                    fmt::format("{}; simplified, a distance goes with it", what));
+    };
+    if (flat) {
+        refuse("isolines have no nested grid within a distance");
+    }
+    if (query.close) {
+        refuse("caps are cut out of linear functions, not of a nested grid within a distance");
+    }
+    if (query.components) {
+        refuse("components are those of the full surface, which a nested grid does not know");
+    }
+    if (query.culling) {
+        throw Error(ErrorKind::invalid_argument,
+                    "a distance is from the whole surface, not from what a viewer sees of it");
+    }
+}
+
 void require_analysable(const StoreReader& store, const SurfaceQuery& query, bool flat) {
     if (flat) {
         throw Error(ErrorKind::invalid_argument, {store.path().string()},
@@ -322,6 +343,13 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
         asked.value_limit = value_limit(store, query, asked.threshold, flat);
         asked.traversal.tolerance = Tolerance(nested_share(query.vertices) * asked.threshold, {},
                                               {}, asked.spacing, asked.origin);
+    }
+    if (const auto* const nested = std::get_if<NestedDistanceBound>(&query.stop)) {
+        require_nested_distance(store, query, flat);
+        if (const double distance = world_distance(store, nested->bound); distance > 0) {
+            asked.nested_distance = distance;
+            asked.traversal.vertices = VertexPlace::exact;
+        }
     }
     if (query.analysis) {
         require_analysable(store, query, flat);

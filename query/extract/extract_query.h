@@ -29,6 +29,8 @@ struct ExtractQuery {
     /// triangles it may have.
     std::optional<double> distance;
     std::optional<std::uint64_t> triangles;
+    /// Of a surface: the distance at which elements of the nested grid stop, world units; > 0.
+    std::optional<double> nested_distance;
     /// Of a surface: the error within which it is simplified, in units of the data; > 0.
     std::optional<double> value_limit;
     std::optional<ComponentChoice> components;

@@ -70,6 +70,10 @@ Stop stop_of(const StoreReader& store, const DistanceBound& asked) {
     return stop_of(store, ErrorBound{});
 }
 
+Stop stop_of(const StoreReader& store, const NestedDistanceBound& asked) {
+    return stop_of(store, asked.bound);
+}
+
 Stop stop_of(const StoreReader& store, const TriangleBudget& asked) {
     if (asked.most == 0) {
         throw Error(ErrorKind::invalid_argument, "a mesh of no triangles is no surface");

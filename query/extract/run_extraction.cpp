@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "query/distance/traverse_within_distance.h"
 #include "query/extract/contour_lines.h"
 #include "query/extract/distance_limits.h"
 #include "query/extract/extract_analysed.h"
@@ -20,9 +21,36 @@
 namespace isonest::detail {
 namespace {
 
+/// Heap of the threads that go with a distance, in all.
+std::uint64_t distance_heap(const StoreReader& store, const ExtractQuery& query,
+                            const ExtractOptions& options) {
+    if (!query.nested_distance) {
+        return 0;
+    }
+    const std::uint64_t each = distance_traversal_heap(store.layout(), query.traversal);
+    const std::uint64_t most = options.memory / 2 / each;
+    return each * std::clamp<std::uint64_t>(
+                      most, 1, static_cast<std::uint64_t>(Workers::count_of(options.threads)));
+}
+
+TraversalCounts within_distance(const StoreReader& store, const ExtractQuery& asked,
+                                ChunkCache& cache, const TraversalBudget& budget,
+                                const std::filesystem::path& scratch, const PartSink& sink,
+                                ExtractReport& report, Progress& progress) {
+    const DistanceTraversal done =
+        traverse_within_distance(cache, asked.traversal, nested_limit_of(store, asked), scratch,
+                                 budget.part_vertices, sink, progress);
+    report.scratch_bytes += done.scratch_bytes;
+    report.distance_bound = done.counts.error_bound;
+    TraversalCounts counts = done.counts;
+    counts.error_bound = 0;
+    return counts;
+}
+
 /// Traverses and fills `parts`; what that takes beside them is free again afterwards.
 void fill_parts(const StoreReader& store, ExtractQuery& asked, const TraversalBudget& budget,
-                PartStore& parts, ExtractReport& report, Progress& progress) {
+                PartStore& parts, const std::filesystem::path& scratch, ExtractReport& report,
+                Progress& progress) {
     TraversalQuery& query = asked.traversal;
     std::optional<ChunkCache> others;
     if (asked.values != nullptr) {
@@ -36,7 +64,9 @@ void fill_parts(const StoreReader& store, ExtractQuery& asked, const TraversalBu
     };
     const bool is_graph = asked.product == Product::graph;
     const TraversalCounts counts =
-        is_graph || asked.product == Product::isolines
+        asked.nested_distance
+            ? within_distance(store, asked, cache, budget, scratch, sink, report, progress)
+        : is_graph || asked.product == Product::isolines
             ? traverse_planar(cache, query, is_graph ? PlanarKind::graph : PlanarKind::isolines,
                               budget.part_vertices, sink, progress)
             : traverse(cache, query, budget.part_vertices, sink, progress);
@@ -95,8 +125,13 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
     if (changes_whole_mesh(asked)) {
         whole_mesh_threads(store, asked, options);
     }
+    const std::uint64_t distances = distance_heap(store, asked, options);
+    const int threads =
+        distances > 0
+            ? static_cast<int>(distances / distance_traversal_heap(store.layout(), asked.traversal))
+            : options.threads;
     const TraversalBudget budget = share_memory(store, asked.traversal, asked.values,
-                                                options.memory, 0, options.threads, true);
+                                                options.memory, distances, threads, true);
     const std::filesystem::path scratch =
         options.scratch.empty() ? std::filesystem::temp_directory_path() : options.scratch;
 
@@ -104,7 +139,7 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
     report.analysis = analysis;
     report.dimension = store.layout().lattice().dimension();
     report.tolerance = asked.threshold;
-    report.distance = asked.distance;
+    report.distance = asked.nested_distance ? asked.nested_distance : asked.distance;
     report.closed = asked.traversal.box.close;
     report.coordinate_rounding = asked.coordinate_rounding;
     report.stop = asked.traversal.stop;
@@ -121,7 +156,7 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
     bool mends = false;
     Workers(budget.threads).execute([&] {
         PartStore parts(scratch, asked.spacing, asked.origin, budget.parts, attributes.width());
-        fill_parts(store, asked, budget, parts, report, progress);
+        fill_parts(store, asked, budget, parts, scratch, report, progress);
         parts.seal();
         progress.check();
         const Weld weld(parts, scratch);
@@ -157,6 +192,9 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
         Workers(whole_mesh_threads(store, asked, options)).execute([&] {
             emit_whole_mesh(store, asked, *whole, sink, options, scratch, report, progress);
         });
+    }
+    if (asked.nested_distance) {
+        report.distance_bound += most_moved(asked);
     }
     if (asked.product != Product::surface && asked.product != Product::isolines) {
         report.error_bound += report.value_rounding;

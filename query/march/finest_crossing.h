@@ -20,7 +20,12 @@ class FinestCrossing {
         Int3 to;
         double from_value = 0;
         double to_value = 0;
+
+        /// Where along it, from 0 to 1, the linear function has the isovalue.
+        [[nodiscard]] double crossing(double iso) const;
     };
+    /// The edge between two nodes, in an order that depends on the nodes alone.
+    static Edge between(const Int3& a, double a_value, const Int3& b, double b_value);
     /// The finest edge of the chain whose ends are on different sides, from `from` on the first
     /// that halving finds; or the shortest one around a missing value in the middle. Throws what
     /// the cache throws.

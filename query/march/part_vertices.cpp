@@ -95,18 +95,11 @@ std::uint32_t PartVertices::edge_of_cube(const Cube& cube, std::size_t edge, dou
 /// The ends in a fixed order: the same bits from whichever tetrahedron.
 PartVertices::OnEdge PartVertices::on_edge(const Int3& a, double a_value, const Int3& b,
                                            double b_value, double iso) const {
-    return precedes(a, b) ? crossing({finest(a), finest(b), a_value, b_value}, iso)
-                          : crossing({finest(b), finest(a), b_value, a_value}, iso);
+    return crossing(FinestCrossing::between(finest(a), a_value, finest(b), b_value), iso);
 }
 
 PartVertices::OnEdge PartVertices::crossing(const FinestCrossing::Edge& edge, double iso) {
-    OnEdge at{edge.from, edge.to, 0, {}};
-    const double p_value = edge.from_value;
-    const double q_value = edge.to_value;
-    at.t = (iso - p_value) / (q_value - p_value);
-    if (!std::isfinite(q_value - p_value)) {
-        at.t = (iso / 4 - p_value / 4) / (q_value / 4 - p_value / 4);
-    }
+    OnEdge at{edge.from, edge.to, edge.crossing(iso), {}};
     const Double3 from = as_point(at.from);
     const Double3 to = as_point(at.to);
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -117,10 +110,9 @@ PartVertices::OnEdge PartVertices::crossing(const FinestCrossing::Edge& edge, do
 
 std::uint32_t PartVertices::add_edge(const Int3& a, double a_value, const Int3& b, double b_value,
                                      double iso) {
-    const OnEdge at =
-        finest_ == nullptr ? on_edge(a, a_value, b, b_value, iso)
-        : precedes(a, b) ? crossing(finest_->finest({finest(a), finest(b), a_value, b_value}), iso)
-                         : crossing(finest_->finest({finest(b), finest(a), b_value, a_value}), iso);
+    const FinestCrossing::Edge edge =
+        FinestCrossing::between(finest(a), a_value, finest(b), b_value);
+    const OnEdge at = crossing(finest_ != nullptr ? finest_->finest(edge) : edge, iso);
     if (attributes_ != nullptr) {
         values_.push_back(attributes_->edge(at.from, at.to, at.t));
     }

@@ -26,6 +26,7 @@
 #include <limits>
 #include <queue>
 #include <thread>
+#include <tuple>
 
 #include "tools/bench/triangle_tree.h"
 
@@ -52,8 +53,10 @@ struct Direction {
     bool sampled = false;  ///< mean and quantiles are known
     bool stopped = false;
 
+    /// Of several points as far away the first one by its coordinates, whichever thread found it.
     void take(double distance, const Point& p) {
-        if (distance > max) {
+        const bool is_first = std::tie(p[0], p[1], p[2]) < std::tie(at[0], at[1], at[2]);
+        if (distance > max || (distance == max && max > 0 && is_first)) {
             max = distance;
             at = p;
         }

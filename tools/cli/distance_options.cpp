@@ -57,6 +57,9 @@ std::optional<SurfaceStop> DistanceArguments::stop() const {
     if (triangles > 0) {
         return TriangleBudget{triangles, distance};
     }
+    if (distance && nested) {
+        return NestedDistanceBound{*distance};
+    }
     return distance ? std::optional<SurfaceStop>(*distance) : std::nullopt;
 }
 
@@ -114,6 +117,9 @@ void add_distance_options(CLI::App* c, DistanceArguments& a,
     for (const char* const other : {"--stop", "--focus", "--camera", "--graph"}) {
         simplify->excludes(c->get_option(other));
     }
+    CLI::Option* const nested = c->add_flag(
+        "--no-simplify", a.nested, "within the distance, but with the nested grid's own triangles");
+    nested->needs(distance)->excludes(triangles)->excludes(keep);
     for (const std::string& other : others) {
         keep->excludes(c->get_option(other));
         distance->excludes(c->get_option(other));
@@ -147,6 +153,12 @@ std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
     if (!r.distance) {
         return fmt::format("error at most {:.6g} (asked for {} triangles){}", r.error_bound,
                            a.triangles, simplified_text(r));
+    }
+    if (a.nested && r.distance_bound > 0) {
+        return fmt::format(
+            "within {:.4g} of the surface at full resolution (asked for {:.4g}), triangles of the "
+            "nested grid",
+            r.distance_bound, *r.distance);
     }
     if (r.full_triangles == 0) {
         return "the surface at full resolution";

@@ -14,6 +14,7 @@ namespace isonest::detail::cli {
 struct DistanceArguments {
     std::optional<DistanceBound> distance;
     std::uint64_t triangles = 0;  ///< 0: not asked for
+    bool nested = false;          ///< elements of the nested grid, not simplified
     std::optional<KeptAnalysis> analysis;
     bool by_error = false;  ///< the error is what the number of triangles makes small
     bool simplify = false;  ///< within the error

@@ -56,6 +56,15 @@ struct DistanceBound {
                           ///< they are nearest), not in world units
 };
 
+/// The same distance, kept by elements of the nested grid, which are not simplified: the stop test
+/// is the distance of a leaf's triangles, with exact vertices, from the surface at full resolution
+/// within the leaf. Elements that the box or the volume's border cuts, and those of more than 32
+/// cells along an edge, go on. Of a volume; neither closed, nor culled, nor with a choice of
+/// components.
+struct NestedDistanceBound {
+    DistanceBound bound;
+};
+
 /// The smallest distance that is found at which a surface has so few triangles.
 struct TriangleBudget {
     std::uint64_t most = 0;  ///< > 0
@@ -71,7 +80,7 @@ struct ErrorBudget {
 };
 
 using SurfaceStop = std::variant<ErrorBound, FieldThreshold, DistanceBound, TriangleBudget,
-                                 ErrorBudget, SimplifiedErrorBound>;
+                                 ErrorBudget, SimplifiedErrorBound, NestedDistanceBound>;
 
 /// Leaves out what faces away from a viewer who looks in `direction` (section 5 of the paper).
 struct BackfaceCulling {
