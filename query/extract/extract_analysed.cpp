@@ -5,13 +5,14 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <memory>
 
 #include "query/extract/distance_limits.h"
 #include "query/extract/kept_analysis.h"
 #include "query/extract/run_extraction.h"
 #include "query/extract/whole_mesh.h"
 #include "query/mesh/emit_mesh.h"
-#include "query/simplify/triangle_budget.h"
 #include "store/base/workers.h"
 
 namespace isonest::detail {
@@ -19,8 +20,11 @@ namespace {
 
 /// A smaller share of the distance is not worth a simplification.
 constexpr double kWorthwhile = 0.02;
-/// Of a step's distance: the first that is tried to get fewer triangles.
-constexpr double kFirstShare = 0.2;
+/// Of a distance: meshes that are nearer to the surface than that are not tried.
+constexpr double kNearest = 0.5;
+/// A mesh with this share of the triangles asked for is near enough.
+constexpr double kNearlyAll = 0.9;
+constexpr int kMostTries = 3;  ///< between a distance that is too small and one that is not
 
 /// Extracts the surface, makes its ladder and writes the file.
 void make_analysis(const StoreReader& store, const ExtractQuery& query,
@@ -54,38 +58,17 @@ void make_analysis(const StoreReader& store, const ExtractQuery& query,
     });
 }
 
-/// A mesh made from a step of the ladder.
+/// A mesh that was made from a step of the ladder.
 struct FromStep {
-    std::size_t step = 0;
-    double rest = 0;  ///< within which the step is simplified; 0: it stays as it is
-    std::optional<std::uint64_t> triangles = {};  ///< looks for the smallest distance up to `rest`
+    std::unique_ptr<ScratchMesh> mesh;  ///< the step
+    std::unique_ptr<MeshSimplifier> simplifier;
+    std::optional<Simplified> simplified;  ///< nothing: the step as it is
+    double bound = 0;                      ///< from the full surface
+
+    [[nodiscard]] std::uint64_t triangles() const {
+        return simplified ? simplified->triangles : mesh->layout().elements;
+    }
 };
-
-/// The last step that is within the limit.
-std::optional<FromStep> step_for_distance(const AnalysisFile& analysis, double limit) {
-    const auto& steps = analysis.steps();
-    std::optional<FromStep> chosen;
-    for (std::size_t i = 0; i < steps.size() && steps[i].bound <= limit; ++i) {
-        const double rest = limit - steps[i].bound;
-        chosen = FromStep{i, rest > kWorthwhile * limit ? rest : 0, {}};
-    }
-    return chosen;
-}
-
-/// The last step that has too many triangles, simplified up to the next one or the limit.
-std::optional<FromStep> step_for_triangles(const AnalysisFile& analysis, std::uint64_t triangles,
-                                           double limit) {
-    const auto& steps = analysis.steps();
-    std::optional<FromStep> chosen;
-    for (std::size_t i = 0; i < steps.size() && steps[i].bound <= limit; ++i) {
-        if (steps[i].triangles <= triangles) {
-            break;
-        }
-        const double end = i + 1 < steps.size() ? std::min(limit, steps[i + 1].bound) : limit;
-        chosen = FromStep{i, end - steps[i].bound, triangles};
-    }
-    return chosen;
-}
 
 class AnalysedExtraction {
   public:
@@ -99,53 +82,105 @@ class AnalysedExtraction {
           progress_(progress),
           moved_(most_moved(query)) {}
 
-    void run(const FromStep& from, MeshSink& sink, ExtractReport& report) {
-        const AnalysisStep& step = analysis_.steps()[from.step];
-        ScratchMesh mesh(scratch_);
-        load_step(analysis_, from.step, layout_of(query_.traversal.attributes, 3), mesh);
-        report.scratch_bytes += mesh.bytes();
-        if (!(from.rest > 0)) {
-            emit(mesh, mesh.corners(), step.bound, sink, report);
-            return;
+    void within(double limit, MeshSink& sink, ExtractReport& report) {
+        emit(smallest_within(limit), sink, report);
+    }
+
+    /// The smallest distance up to `limit` that is found at which there are so few triangles.
+    void within_budget(std::uint64_t triangles, double limit, MeshSink& sink,
+                       ExtractReport& report) {
+        const auto is_met = [&](const FromStep& from) { return from.triangles() <= triangles; };
+        double too_small = 0;
+        double distance = std::min(first_distance(triangles), limit);
+        FromStep best = smallest_within(distance);
+        while (!is_met(best) && distance < limit) {
+            too_small = distance;
+            distance = std::min(next_distance(distance), limit);
+            best = smallest_within(distance);
         }
-        MeshSimplifier simplifier(mesh, mesh.corners(), world_lattice(store_, query_),
-                                  world_box(query_), scratch_, progress_);
-        if (!from.triangles) {
-            emit(mesh, simplifier, simplifier.within(simplifier.full(), from.rest), step.bound,
-                 sink, report);
-            return;
+        for (int i = 0;
+             i < kMostTries && too_small > 0 && is_met(best) &&
+             static_cast<double>(best.triangles()) < kNearlyAll * static_cast<double>(triangles);
+             ++i) {
+            const double middle = std::sqrt(too_small * distance);
+            FromStep next = smallest_within(middle);
+            if (is_met(next)) {
+                best = std::move(next);
+                distance = middle;
+            } else {
+                too_small = middle;
+            }
         }
-        const BudgetResult result =
-            within_budget(simplifier, *from.triangles,
-                          std::min(from.rest / 2, kFirstShare * step.bound), from.rest);
-        const std::size_t next = from.step + 1;
-        if (!result.is_met && next < analysis_.steps().size() &&
-            analysis_.steps()[next].bound + moved_ <= *query_.distance) {
-            run({next, 0, {}}, sink, report);
-            report.within_budget = analysis_.steps()[next].triangles <= *from.triangles;
-            report.distance = analysis_.steps()[next].bound + moved_;
-            return;
+        if (!is_met(best) && any_distance(store_, query_)) {
+            refuse_budget(store_, best.triangles());
         }
-        if (!result.is_met && any_distance(store_, query_)) {
-            refuse_budget(store_, result.mesh.triangles);
-        }
-        emit(mesh, simplifier, result.mesh, step.bound, sink, report);
-        report.within_budget = result.is_met;
-        report.distance = step.bound + result.limit + moved_;
+        report.within_budget = is_met(best);
+        report.distance = distance + moved_;
+        emit(best, sink, report);
     }
 
   private:
-    void emit(const ScratchMesh& mesh, const MeshSimplifier& simplifier, const Simplified& result,
-              double bound, MeshSink& sink, ExtractReport& report) {
-        const ScratchFile corners = simplifier.corners(result);
-        report.scratch_bytes += simplifier.scratch_bytes();
-        emit(mesh, {corners.as<ElementCorners>().data(), result.triangles}, bound + result.bound,
-             sink, report);
+    /// Where a search begins: two octaves below the first step with so few triangles.
+    [[nodiscard]] double first_distance(std::uint64_t triangles) const {
+        const auto& steps = analysis_.steps();
+        std::size_t few = 0;
+        while (few + 1 < steps.size() && steps[few].triangles > triangles) {
+            ++few;
+        }
+        constexpr std::size_t kSteps = 4;
+        return steps[few < kSteps ? 0 : few - kSteps].bound;
     }
-    void emit(const ScratchMesh& mesh, std::span<const ElementCorners> elements, double bound,
-              MeshSink& sink, ExtractReport& report) {
-        report.distance_bound = bound + moved_;
-        const EmittedMesh emitted = emit_elements(mesh, elements, scratch_, sink, progress_);
+    /// That of the next step, or as much further as from one step to the next.
+    [[nodiscard]] double next_distance(double distance) const {
+        const auto& steps = analysis_.steps();
+        const auto next = std::find_if(steps.begin(), steps.end(), [&](const AnalysisStep& step) {
+            return step.bound > distance;
+        });
+        return next != steps.end() ? next->bound : distance * std::sqrt(2.0);
+    }
+    /// Of the steps between the distance and a half of it, each simplified within what is left, the
+    /// one with the fewest triangles. REQUIRES: the first step is within the limit.
+    [[nodiscard]] FromStep smallest_within(double limit) {
+        const auto& steps = analysis_.steps();
+        std::size_t last = 0;
+        while (last + 1 < steps.size() && steps[last + 1].bound <= limit) {
+            ++last;
+        }
+        FromStep best = from_step(last, limit);
+        for (std::size_t i = last; i > 0 && steps[i - 1].bound >= kNearest * limit; --i) {
+            FromStep next = from_step(i - 1, limit);
+            if (next.triangles() < best.triangles()) {
+                best = std::move(next);
+            }
+        }
+        return best;
+    }
+    [[nodiscard]] FromStep from_step(std::size_t step, double limit) {
+        FromStep from;
+        from.mesh = std::make_unique<ScratchMesh>(scratch_);
+        load_step(analysis_, step, layout_of(query_.traversal.attributes, 3), *from.mesh);
+        from.bound = analysis_.steps()[step].bound;
+        const double rest = limit - from.bound;
+        if (rest > kWorthwhile * limit) {
+            from.simplifier = std::make_unique<MeshSimplifier>(
+                *from.mesh, from.mesh->corners(), world_lattice(store_, query_), world_box(query_),
+                scratch_, progress_);
+            from.simplified = from.simplifier->within(from.simplifier->full(), rest);
+            from.bound += from.simplified->bound;
+        }
+        return from;
+    }
+    void emit(const FromStep& from, MeshSink& sink, ExtractReport& report) {
+        report.scratch_bytes += from.mesh->bytes();
+        std::span<const ElementCorners> elements = from.mesh->corners();
+        std::optional<ScratchFile> corners;
+        if (from.simplified) {
+            corners.emplace(from.simplifier->corners(*from.simplified));
+            elements = {corners->as<ElementCorners>().data(), from.simplified->triangles};
+            report.scratch_bytes += from.simplifier->scratch_bytes();
+        }
+        report.distance_bound = from.bound + moved_;
+        const EmittedMesh emitted = emit_elements(*from.mesh, elements, scratch_, sink, progress_);
         report.vertices = emitted.vertices;
         report.triangles = emitted.elements;
         report.zero_area_triangles = emitted.zero_area_triangles;
@@ -158,6 +193,12 @@ class AnalysedExtraction {
     Progress& progress_;
     double moved_;
 };
+
+/// Whether the meshes of the analysis are too coarse for what is asked.
+bool is_too_fine(const ExtractQuery& query, const AnalysisFile& analysis, double limit) {
+    const AnalysisStep& first = analysis.steps().front();
+    return limit < first.bound || (query.triangles && first.triangles <= *query.triangles);
+}
 
 AnalysisUse use_of(AnalysisState state) {
     switch (state) {
@@ -212,6 +253,7 @@ std::optional<ExtractReport> extract_analysed(const StoreReader& store, const Ex
     }
     sink.prepare(layout_of(asked.traversal.attributes, asked.corners()), inputs);
     if (use != AnalysisUse::found) {
+        require_place(found.path, store);
         found.file.reset();
         make_analysis(store, asked, scratch, options, progress);
         found = find_analysis(store, asked);
@@ -224,10 +266,7 @@ std::optional<ExtractReport> extract_analysed(const StoreReader& store, const Ex
     ExtractQuery query = asked;
     query.coordinate_rounding = analysis.surface().coordinate_rounding;
     const double limit = limit_of(store, query);
-    const std::optional<FromStep> from = query.triangles
-                                             ? step_for_triangles(analysis, *query.triangles, limit)
-                                             : step_for_distance(analysis, limit);
-    if (!from) {
+    if (is_too_fine(query, analysis, limit)) {
         return std::nullopt;
     }
     ExtractReport report;
@@ -238,7 +277,12 @@ std::optional<ExtractReport> extract_analysed(const StoreReader& store, const Ex
     report.value_range = std::max(values.max_value() - values.min_value(), 0.0);
     report.chunks_total = store.layout().rows();
     Workers(threads).execute([&] {
-        AnalysedExtraction(store, query, analysis, scratch, progress).run(*from, sink, report);
+        AnalysedExtraction extraction(store, query, analysis, scratch, progress);
+        if (query.triangles) {
+            extraction.within_budget(*query.triangles, limit, sink, report);
+        } else {
+            extraction.within(limit, sink, report);
+        }
     });
     report.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

@@ -1,6 +1,7 @@
 #include "query/extract/kept_analysis.h"
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -177,6 +178,14 @@ std::string query_text(const AnalysisFile& analysis) {
     const std::string& key = analysis.surface().key;
     const std::size_t end = key.find('\n');
     return end == std::string::npos ? std::string() : key.substr(end + 1);
+}
+
+void require_place(const std::filesystem::path& analysis, const StoreReader& store) {
+    check_output(analysis, true, {store.path()});
+    if (::access(folder_of(analysis).c_str(), W_OK) != 0) {
+        throw Error(ErrorKind::io, {folder_of(analysis).string()},
+                    "nothing can be written there; keep the analysis in another folder");
+    }
 }
 
 void keep_analysis(const StoreReader& store, const ExtractQuery& query, AnalysedSurface surface,

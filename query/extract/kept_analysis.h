@@ -37,6 +37,10 @@ std::filesystem::path folder_of(const std::filesystem::path& file);
 /// The query that an analysis is of, for people.
 std::string query_text(const AnalysisFile& analysis);
 
+/// Whether the file can be written, before any work. Throws Error{io, not_found,
+/// invalid_argument}.
+void require_place(const std::filesystem::path& analysis, const StoreReader& store);
+
 /// Writes the file; what was there under its name is replaced. `surface.key` is filled in. Throws
 /// Error{io, invalid_argument} (something that is no file lies there).
 void keep_analysis(const StoreReader& store, const ExtractQuery& query, AnalysedSurface surface,

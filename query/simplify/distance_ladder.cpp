@@ -23,7 +23,7 @@ std::vector<LadderStep> distance_ladder(MeshSimplifier& simplifier, const Scratc
         ladder.push_back({std::make_unique<ScratchMesh>(folder), next.bound});
         emit_elements(mesh, {corners.as<ElementCorners>().data(), next.triangles}, folder,
                       *ladder.back().mesh, progress);
-        if (static_cast<double>(next.triangles) >
+        if (static_cast<double>(next.triangles) >=
             kNearlyAll * static_cast<double>(last.triangles)) {
             break;
         }

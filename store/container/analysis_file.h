@@ -13,6 +13,7 @@
 
 namespace isonest::detail {
 
+/// Of the format, and of how the meshes are made: to be raised whenever these become others.
 inline constexpr std::uint32_t kAnalysisVersion = 1;
 
 /// What an analysis says of the surface as it was extracted.
