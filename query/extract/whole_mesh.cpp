@@ -1,6 +1,7 @@
 #include "query/extract/whole_mesh.h"
 
 #include <algorithm>
+#include <memory>
 #include <optional>
 
 #include "query/extract/distance_limits.h"
@@ -18,6 +19,17 @@ namespace {
 /// Of data in a plane.
 int flat_axis(const Int3& nodes) {
     return nodes.x == 1 ? 0 : nodes.y == 1 ? 1 : 2;
+}
+
+/// The part of a distance within which the full surface is simplified. Blocks of the full surface
+/// are small beside the triangles of a mesh far away, whose edges at the borders of blocks then are
+/// in the way. So the mesh within this part is simplified once more, within the rest of the
+/// distance, in blocks of its own.
+double first_limit(const ExtractQuery& query, double limit) {
+    constexpr double kFar = 1.75;  // voxels, and the next one, too
+    constexpr double kNear = 0.5;
+    const double voxel = voxel_of(query);
+    return !query.triangles && limit > kFar * voxel ? kNear * voxel : limit;
 }
 
 BudgetResult simplified(const StoreReader& store, const ExtractQuery& query,
@@ -72,6 +84,7 @@ void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const 
     }
     std::optional<ScratchFile> corners;
     std::optional<SimplifiedLines> lines;
+    std::unique_ptr<ScratchMesh> near;  // a mesh within a part of the distance
     if (simplifies(query) && query.corners() == 2) {
         lines.emplace(mesh, elements, flat_axis(store.layout().header().nodes),
                       limit_of(store, query), scratch, progress);
@@ -81,9 +94,10 @@ void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const 
         report.scratch_bytes += lines->scratch_bytes();
     } else if (simplifies(query)) {
         const double limit = limit_of(store, query);
+        const double first = first_limit(query, limit);
         MeshSimplifier simplifier(mesh, elements, world_lattice(store, query), world_box(query),
                                   scratch, progress);
-        const BudgetResult result = simplified(store, query, simplifier, limit);
+        const BudgetResult result = simplified(store, query, simplifier, first);
         corners.emplace(simplifier.corners(result.mesh));
         elements = {corners->as<ElementCorners>().data(), result.mesh.triangles};
         report.full_triangles = mesh.layout().elements;
@@ -93,7 +107,22 @@ void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const 
             report.within_budget = result.is_met;
             report.distance = result.limit + (result.limit > 0 ? most_moved(query) : 0);
         }
+        if (first < limit) {
+            near = std::make_unique<ScratchMesh>(scratch);
+            emit_elements(mesh, elements, scratch, *near, progress);
+        }
     }
+    if (near) {
+        MeshSimplifier simplifier(*near, near->corners(), world_lattice(store, query),
+                                  world_box(query), scratch, progress);
+        const Simplified result = simplifier.within(
+            simplifier.full(), limit_of(store, query) + most_moved(query) - report.distance_bound);
+        corners.emplace(simplifier.corners(result));
+        elements = {corners->as<ElementCorners>().data(), result.triangles};
+        report.distance_bound += result.bound;
+        report.scratch_bytes += near->bytes();
+    }
+    const ScratchMesh& vertices = near ? *near : mesh;
     std::optional<SimplifiedByValue> by_value;
     if (query.value_limit) {
         by_value.emplace(
@@ -104,9 +133,9 @@ void emit_whole_mesh(const StoreReader& store, const ExtractQuery& query, const 
         report.scratch_bytes += by_value->scratch_bytes();
     }
     if (report.closed && store.has_missing()) {
-        report.border_vertices = border_vertices(mesh, elements, scratch, progress);
+        report.border_vertices = border_vertices(vertices, elements, scratch, progress);
     }
-    const EmittedMesh emitted = emit_elements(mesh, elements, scratch, sink, progress);
+    const EmittedMesh emitted = emit_elements(vertices, elements, scratch, sink, progress);
     report.vertices = emitted.vertices;
     report.triangles = emitted.elements;
     report.zero_area_triangles = emitted.zero_area_triangles;
