@@ -128,14 +128,15 @@ TEST_CASE("the study counts and measures what an explicit recursion does") {
             CAPTURE(row.threshold);
             CHECK(row.leaves == c.leaves);
             CHECK(row.visited == c.visited);
-            CHECK(row.linf * (store.max_value() - store.min_value()) ==
+            CHECK(row.norms.linf * (store.max_value() - store.min_value()) ==
                   Approx(c.linf).margin(1e-6));
             // The paper's efficiency counts every visited cell, ours the leaves.
-            CHECK(row.efficiency_of_visited(row.l2) ==
-                  Approx(1 / (static_cast<double>(c.visited) * row.l2)));
-            CHECK(row.efficiency(row.l2) == Approx(1 / (static_cast<double>(c.leaves) * row.l2)));
-            CHECK(row.l1 <= row.l2);
-            CHECK(row.l2 <= row.linf);
+            CHECK(row.efficiency_of_visited(row.norms.l2) ==
+                  Approx(1 / (static_cast<double>(c.visited) * row.norms.l2)));
+            CHECK(row.efficiency(row.norms.l2) ==
+                  Approx(1 / (static_cast<double>(c.leaves) * row.norms.l2)));
+            CHECK(row.norms.l1 <= row.norms.l2);
+            CHECK(row.norms.l2 <= row.norms.linf);
         }
         CHECK(s.rows.front().leaves < s.rows.back().leaves);
         CHECK(s.rows.back().leaves <= s.all_elements);

@@ -57,34 +57,6 @@ Culling culling_of(const StoreReader& store, const BackfaceCulling& asked) {
     return {v, field, store.layout().header().spacing};
 }
 
-/// In lattice coordinates, its normal so that something lies strictly below the plane where the
-/// plane touches the volume: a slice along the volume's border then is not empty.
-LatticePlane lattice_plane(const StoreReader& store, const WorldPlane& world) {
-    const StoreHeader& header = store.layout().header();
-    LatticePlane plane;
-    plane.offset = world.offset;
-    double size = 0;
-    double low = 0;  // of n . p over the volume
-    for (int axis = 0; axis < 3; ++axis) {
-        const auto a = static_cast<std::size_t>(axis);
-        plane.normal[a] = world.normal[a] * header.spacing[a];
-        plane.offset -= world.normal[a] * header.origin[a];
-        size += std::fabs(world.normal[a]);
-        low += std::min(0.0, plane.normal[a] * static_cast<double>(header.nodes[axis] - 1));
-    }
-    if (!(size > 0) || !std::isfinite(size) || !std::isfinite(world.offset)) {
-        throw Error(ErrorKind::invalid_argument,
-                    "plane: the normal must be finite and not zero, the offset finite");
-    }
-    if (low >= plane.offset) {
-        for (double& n : plane.normal) {
-            n = -n;
-        }
-        plane.offset = -plane.offset;
-    }
-    return plane;
-}
-
 ClipBox clip_box(const StoreReader& store, const std::optional<WorldBox>& box) {
     const StoreHeader& header = store.layout().header();
     ClipBox clip;
@@ -371,7 +343,7 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
 ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bool float64) {
     require_dimension(store, Product::slice, false);
     ExtractQuery asked = begun(store, Product::slice, query);
-    asked.traversal.plane = lattice_plane(store, query.plane);
+    asked.traversal.plane = lattice_plane(store.layout().header(), query.plane);
     choose_attributes(store, query, true, float64, asked);
     return finished(store, std::move(asked));
 }
@@ -380,7 +352,7 @@ ExtractQuery extract_query(const StoreReader& store, const ContourQuery& query, 
     require_dimension(store, Product::contours, false);
     require_contours(query.values);
     ExtractQuery asked = begun(store, Product::contours, query);
-    asked.traversal.plane = lattice_plane(store, query.plane);
+    asked.traversal.plane = lattice_plane(store.layout().header(), query.plane);
     asked.contours = query.values;
     // Contours are found among the values, whatever the lines' sink holds.
     asked.traversal.attributes.value = true;

@@ -10,7 +10,9 @@
 #include <vector>
 
 #include <isonest/progress.h>
+#include <isonest/world.h>
 
+#include "query/study/whole_lattice.h"
 #include "store/container/reader.h"
 
 namespace isonest::detail {
@@ -20,6 +22,8 @@ struct StudyOptions {
     int steps = 25;             ///< thresholds from 1 down to `least`, at equal ratios
     double least = 1e-4;        ///< of the field's largest value
     std::optional<double> iso;  ///< also count what the extraction of this isosurface visits
+    /// The mesh and its error on this plane alone. REQUIRES: a volume, and no isosurface.
+    std::optional<WorldPlane> plane;
     std::uint64_t memory = std::uint64_t{1} << 30U;
     int threads = 0;
 };
@@ -27,15 +31,15 @@ struct StudyOptions {
 /// One threshold of one field. P U is the function on the mesh whose nodes below the threshold are
 /// not refined. Norms are over the volume without missing data, by the nodes of the finest lattice
 /// (the trapezoidal rule), and relative to the volume's size and the data's range: so they lie
-/// between 0 and 1.
+/// between 0 and 1. With a plane the elements are those of which it cuts out an area, the visited
+/// cells those of them and of the coarser levels, and the norms are over the plane's part in the
+/// volume (exact, and relative to its area).
 struct StudyRow {
     Field field = Field::linf_bar;
-    double threshold = 0;       ///< of the field's largest finite value
-    std::uint64_t visited = 0;  ///< cells of all levels, the mesh's elements among them
-    std::uint64_t leaves = 0;   ///< the mesh's elements, those too that reach outside
-    double l1 = 0;              ///< ||P U - U||
-    double l2 = 0;
-    double linf = 0;
+    double threshold = 0;           ///< of the field's largest finite value
+    std::uint64_t visited = 0;      ///< cells of all levels, the mesh's elements among them
+    std::uint64_t leaves = 0;       ///< the mesh's elements, those too that reach outside
+    ErrorNorms norms;               ///< ||P U - U||
     std::uint64_t iso_visited = 0;  ///< with StudyOptions::iso
     std::uint64_t iso_leaves = 0;
 
@@ -55,7 +59,8 @@ struct Study {
 };
 
 /// Throws Error{not_found} for a field that the store lacks, Error{limit} if the lattice does not
-/// fit into the memory (about 20 bytes a node), Error{invalid_argument, corrupt, io, cancelled}.
+/// fit into the memory (about 20 bytes a node), Error{invalid_argument} if the plane misses the
+/// volume, and Error{invalid_argument, corrupt, io, cancelled}.
 Study study(const StoreReader& store, const StudyOptions& options, Progress& progress);
 
 }  // namespace isonest::detail

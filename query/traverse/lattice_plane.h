@@ -4,9 +4,11 @@
 #include <cstddef>
 
 #include <isonest/int3.h>
+#include <isonest/world.h>
 
 #include "query/view/finest_indicators.h"
 #include "query/view/topology.h"
+#include "store/container/format.h"
 
 namespace isonest::detail {
 
@@ -29,5 +31,10 @@ struct LatticePlane {
         return out;
     }
 };
+
+/// In lattice coordinates, its normal so that something lies strictly below the plane where the
+/// plane touches the volume: a slice along the volume's border then is not empty. Throws
+/// Error{invalid_argument} if the normal is 0 or a number is not finite.
+LatticePlane lattice_plane(const StoreHeader& header, const WorldPlane& world);
 
 }  // namespace isonest::detail

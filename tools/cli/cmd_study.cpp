@@ -37,21 +37,21 @@ constexpr std::array<Column, 11> kColumns{
     {{"visited", "visited cells, all levels",
       [](const StudyRow& r) { return static_cast<double>(r.visited); }},
      {"leaves", "elements", [](const StudyRow& r) { return static_cast<double>(r.leaves); }},
-     {"l1", "||P U - U||, L1", [](const StudyRow& r) { return r.l1; }},
-     {"l2", "||P U - U||, L2", [](const StudyRow& r) { return r.l2; }},
-     {"linf", "||P U - U||, L infinity", [](const StudyRow& r) { return r.linf; }},
+     {"l1", "||P U - U||, L1", [](const StudyRow& r) { return r.norms.l1; }},
+     {"l2", "||P U - U||, L2", [](const StudyRow& r) { return r.norms.l2; }},
+     {"linf", "||P U - U||, L infinity", [](const StudyRow& r) { return r.norms.linf; }},
      {"efficiency_l1", "1 / (elements error), L1",
-      [](const StudyRow& r) { return r.efficiency(r.l1); }},
+      [](const StudyRow& r) { return r.efficiency(r.norms.l1); }},
      {"efficiency_l2", "1 / (elements error), L2",
-      [](const StudyRow& r) { return r.efficiency(r.l2); }},
+      [](const StudyRow& r) { return r.efficiency(r.norms.l2); }},
      {"efficiency_linf", "1 / (elements error), L infinity",
-      [](const StudyRow& r) { return r.efficiency(r.linf); }},
+      [](const StudyRow& r) { return r.efficiency(r.norms.linf); }},
      {"efficiency_visited_l1", "1 / (visited error), L1",
-      [](const StudyRow& r) { return r.efficiency_of_visited(r.l1); }},
+      [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.l1); }},
      {"efficiency_visited_l2", "1 / (visited error), L2",
-      [](const StudyRow& r) { return r.efficiency_of_visited(r.l2); }},
+      [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.l2); }},
      {"efficiency_visited_linf", "1 / (visited error), L infinity",
-      [](const StudyRow& r) { return r.efficiency_of_visited(r.linf); }}}};
+      [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.linf); }}}};
 constexpr std::array<Column, 2> kIsoColumns{
     {{"iso_visited", "elements visited for the isosurface",
       [](const StudyRow& r) { return static_cast<double>(r.iso_visited); }},
@@ -188,9 +188,9 @@ Result run(Arguments& a, Progress& progress) {
                         {"threshold", r.threshold},
                         {"visited", r.visited},
                         {"leaves", r.leaves},
-                        {"l1", r.l1},
-                        {"l2", r.l2},
-                        {"linf", r.linf},
+                        {"l1", r.norms.l1},
+                        {"l2", r.norms.l2},
+                        {"linf", r.norms.linf},
                         {"iso_visited", r.iso_visited},
                         {"iso_leaves", r.iso_leaves}});
     }
@@ -220,7 +220,8 @@ void add_study(CLI::App& app, Invocation& chosen) {
          "and .png). The volume must fit into the memory, 20 bytes a node.",
          "isonest preprocess map.h5 --indicators all -o map.isonest\n"
          "isonest study map.isonest --out map-study\n"
-         "isonest study head.isonest --fields linf_bar,normal_bar --iso 120 --out head-study"});
+         "isonest study head.isonest --fields linf_bar,normal_bar --iso 120 --out head-study\n"
+         "isonest study head.isonest --plane 0,0,1,40 --out slice-study"});
     c->add_option("STORE", a->store, "made by isonest preprocess")->required();
     c->add_option("-o,--out", a->folder, "the folder for the table and the plots")
         ->required()
@@ -232,6 +233,15 @@ void add_study(CLI::App& app, Invocation& chosen) {
     add_parsed(
         c, "--iso", [&s](const std::string& text) { s.iso = parse_number("--iso", text); },
         "also count what extracting this isosurface visits", "V");
+    add_parsed(
+        c, "--plane",
+        [&s](const std::string& text) {
+            const std::vector<double> v = parse_numbers("--plane", text, 4, "NX,NY,NZ,D");
+            s.plane = WorldPlane{{v[0], v[1], v[2]}, v[3]};
+        },
+        "the mesh of the slice x NX + y NY + z NZ = D and its error, in place\n"
+        "of the whole volume's",
+        "NX,NY,NZ,D");
     add_parsed(
         c, "--steps",
         [&s](const std::string& text) {
