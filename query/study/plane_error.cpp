@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "query/study/finest_elements.h"
@@ -48,9 +49,9 @@ class Section {
     /// Of the cells between the planes z and z + 1 of nodes.
     [[nodiscard]] Sums layer(std::int64_t z) const {
         Sums sums;
-        const Int3 n = whole_.lattice().nodes();
-        for (std::int64_t y = 0; y + 1 < n.y; ++y) {
-            for (std::int64_t x = 0; x + 1 < n.x; ++x) {
+        for (std::int64_t y = 0; y + 1 < whole_.lattice().nodes().y; ++y) {
+            const auto [first, end] = cut_in_row(y, z);
+            for (std::int64_t x = first; x < end; ++x) {
                 if (is_cut({x, y, z})) {
                     for (const AxisWalk<3>& walk : walks_) {
                         add(finest_element<3>({x, y, z}, walk), sums);
@@ -62,6 +63,34 @@ class Section {
     }
 
   private:
+    /// All cells of a row that the plane cuts are among those from the first number to the second.
+    [[nodiscard]] std::pair<std::int64_t, std::int64_t> cut_in_row(std::int64_t y,
+                                                                   std::int64_t z) const {
+        const std::int64_t cells = whole_.lattice().nodes().x - 1;
+        const std::array<double, 4> at{plane_.distance({0, y, z}), plane_.distance({0, y + 1, z}),
+                                       plane_.distance({0, y, z + 1}),
+                                       plane_.distance({0, y + 1, z + 1})};
+        const auto [low, high] = std::minmax_element(at.begin(), at.end());
+        const double slope = plane_.normal[0];
+        const double last = slope * static_cast<double>(cells);
+        // More than sums are rounded by.
+        const double margin = 1e-6 * (*high - *low + std::fabs(slope));
+        if (*low + std::min(0.0, last) > margin || *high + std::max(0.0, last) < -margin) {
+            return {0, 0};
+        }
+        if (std::fabs(last) <= *high - *low) {
+            return {0, cells};
+        }
+        const auto crossing = [&](double distance) {
+            return std::clamp(-distance / slope, -1.0, static_cast<double>(cells));
+        };
+        const double a = crossing(*low);
+        const double b = crossing(*high);
+        const double from = std::min(a, b);
+        const double to = std::max(a, b);
+        return {std::max<std::int64_t>(static_cast<std::int64_t>(std::floor(from)) - 1, 0),
+                std::min(static_cast<std::int64_t>(std::ceil(to)) + 1, cells)};
+    }
     [[nodiscard]] bool is_cut(const Int3& cell) const {
         bool below = false;
         bool not_below = false;

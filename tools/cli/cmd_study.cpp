@@ -52,11 +52,13 @@ constexpr std::array<Column, 11> kColumns{
       [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.l2); }},
      {"efficiency_visited_linf", "1 / (visited error), L infinity",
       [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.linf); }}}};
-constexpr std::array<Column, 2> kIsoColumns{
+constexpr std::array<Column, 3> kIsoColumns{
     {{"iso_visited", "elements visited for the isosurface",
       [](const StudyRow& r) { return static_cast<double>(r.iso_visited); }},
      {"iso_leaves", "elements that hold the isosurface",
-      [](const StudyRow& r) { return static_cast<double>(r.iso_leaves); }}}};
+      [](const StudyRow& r) { return static_cast<double>(r.iso_leaves); }},
+     {"efficiency_iso_visited_l2", "1 / (visited for the isosurface, error), L2",
+      [](const StudyRow& r) { return r.efficiency_of_visited_for_iso(r.norms.l2); }}}};
 
 void write_csv(const std::filesystem::path& path, const Study& study, bool iso) {
     std::string text = "field,threshold";
