@@ -9,6 +9,8 @@
 
 #include <isonest/error.h>
 
+#include "query/study/graph_distance.h"
+#include "query/study/linear_power.h"
 #include "query/study/plane_error.h"
 #include "query/study/whole_lattice.h"
 #include "query/traverse/planar.h"
@@ -103,6 +105,17 @@ void require_sense(const StoreLayout& layout, const StudyOptions& options) {
         throw Error(ErrorKind::invalid_argument,
                     "a study of a slice needs a volume with an extent along all three axes");
     }
+    if (options.power && !(*options.power >= 1 && *options.power <= kMostPower)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("the power of a norm lies between 1 and {}", kMostPower));
+    }
+    if (options.plane && (options.power || options.graphs)) {
+        throw Error(ErrorKind::invalid_argument,
+                    "the norms of the gradient and the distance of graphs are the whole volume's");
+    }
+    if ((options.power || options.graphs) && layout.lattice().dimension() == 0) {
+        throw Error(ErrorKind::invalid_argument, "a single node has no elements");
+    }
     if (options.plane && options.iso) {
         throw Error(ErrorKind::invalid_argument,
                     "a study counts either what a slice visits or what an isosurface does");
@@ -135,6 +148,10 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
                         "the plane misses the volume");
         }
         const double unit = range > 0 ? range : 1;
+        std::optional<TrueError> true_error;
+        if (options.power) {
+            true_error.emplace(whole, layout.header().spacing, unit, *options.power);
+        }
         for (const Field field : options.fields) {
             const double largest = whole.load_indicator(cache, field, progress);
             progress.begin(std::string(name_of(field)), static_cast<std::uint64_t>(options.steps),
@@ -152,6 +169,13 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
                 row.leaves = counts.leaves;
                 row.norms = plane ? plane_error(whole, *plane, layout.header().spacing, unit)
                                   : whole.measure(unit);
+                if (true_error) {
+                    row.true_norms = true_error->measure();
+                }
+                if (options.graphs) {
+                    row.graph_distance =
+                        graph_distance(whole, layout.header().spacing, unit, progress);
+                }
                 if (options.iso) {
                     count_surface(cache, surface_query(store, *options.iso, field, threshold),
                                   shares.part_vertices, row);

@@ -12,6 +12,7 @@
 #include <isonest/progress.h>
 #include <isonest/world.h>
 
+#include "query/study/true_error.h"
 #include "query/study/whole_lattice.h"
 #include "store/container/reader.h"
 
@@ -24,6 +25,9 @@ struct StudyOptions {
     std::optional<double> iso;  ///< also count what the extraction of this isosurface visits
     /// The mesh and its error on this plane alone. REQUIRES: a volume, and no isosurface.
     std::optional<WorldPlane> plane;
+    /// Also the norms of section 3 in L^p, p being this. REQUIRES: no plane.
+    std::optional<double> power;
+    bool graphs = false;  ///< also the distance of the graphs; REQUIRES: no plane
     std::uint64_t memory = std::uint64_t{1} << 30U;
     int threads = 0;
 };
@@ -40,6 +44,8 @@ struct StudyRow {
     std::uint64_t visited = 0;      ///< cells of all levels, the mesh's elements among them
     std::uint64_t leaves = 0;       ///< the mesh's elements, those too that reach outside
     ErrorNorms norms;               ///< ||P U - U||
+    TrueNorms true_norms;           ///< with StudyOptions::power
+    double graph_distance = 0;      ///< with StudyOptions::graphs
     std::uint64_t iso_visited = 0;  ///< with StudyOptions::iso
     std::uint64_t iso_leaves = 0;
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include <isonest/error.h>
@@ -60,12 +61,39 @@ constexpr std::array<Column, 3> kIsoColumns{
      {"efficiency_iso_visited_l2", "1 / (visited for the isosurface, error), L2",
       [](const StudyRow& r) { return r.efficiency_of_visited_for_iso(r.norms.l2); }}}};
 
-void write_csv(const std::filesystem::path& path, const Study& study, bool iso) {
+constexpr std::array<Column, 3> kTrueColumns{
+    {{"value_lp", "||P U - U|| in L^p, integrated",
+      [](const StudyRow& r) { return r.true_norms.value; }},
+     {"gradient_lp", "||grad P U - grad U|| / ||grad U|| in L^p",
+      [](const StudyRow& r) { return r.true_norms.gradient; }},
+     {"gradient_linf", "||grad P U - grad U|| / ||grad U||, L infinity",
+      [](const StudyRow& r) { return r.true_norms.gradient_linf; }}}};
+constexpr Column kGraphColumn{"graph_distance", "distance of the graphs",
+                              [](const StudyRow& r) { return r.graph_distance; }};
+
+/// What there is besides kColumns.
+std::vector<const Column*> further_columns(const StudyOptions& options) {
+    std::vector<const Column*> columns;
+    const auto add = [&](bool wanted, std::span<const Column> group) {
+        for (const Column& column : group) {
+            if (wanted) {
+                columns.push_back(&column);
+            }
+        }
+    };
+    add(options.iso.has_value(), kIsoColumns);
+    add(options.power.has_value(), kTrueColumns);
+    add(options.graphs, {&kGraphColumn, 1});
+    return columns;
+}
+
+void write_csv(const std::filesystem::path& path, const Study& study,
+               const std::vector<const Column*>& further) {
     std::string text = "field,threshold";
     const auto columns = [&](auto&& f) {
         std::for_each(kColumns.begin(), kColumns.end(), f);
-        if (iso) {
-            std::for_each(kIsoColumns.begin(), kIsoColumns.end(), f);
+        for (const Column* column : further) {
+            f(*column);
         }
     };
     columns([&](const Column& c) { text += fmt::format(",{}", c.name); });
@@ -86,7 +114,7 @@ struct PlotFile {
     bool by_leaves;  ///< over the number of elements (quality) in place of the threshold
 };
 
-std::vector<PlotFile> plots_of(bool iso) {
+std::vector<PlotFile> plots_of(const std::vector<const Column*>& further) {
     std::vector<PlotFile> plots;
     for (const Column& column : kColumns) {
         plots.push_back({&column, false});
@@ -94,10 +122,8 @@ std::vector<PlotFile> plots_of(bool iso) {
     for (std::size_t i = 2; i < 5; ++i) {
         plots.push_back({&kColumns.at(i), true});
     }
-    for (const Column& column : kIsoColumns) {
-        if (iso) {
-            plots.push_back({&column, false});
-        }
+    for (const Column* column : further) {
+        plots.push_back({column, false});
     }
     return plots;
 }
@@ -166,8 +192,8 @@ Result run(Arguments& a, Progress& progress) {
     }
     const std::filesystem::path folder = a.folder;
     const Folder made(folder);
-    const bool iso = a.study.iso.has_value();
-    const std::vector<PlotFile> plots = plots_of(iso);
+    const std::vector<const Column*> further = further_columns(a.study);
+    const std::vector<PlotFile> plots = plots_of(further);
     std::vector<std::filesystem::path> outputs{folder / kTable};
     for (const PlotFile& plot : plots) {
         for (const std::string& name : names_of(plot)) {
@@ -178,7 +204,7 @@ Result run(Arguments& a, Progress& progress) {
         check_output(output, true, {store.path()});
     }
     const Study s = study(store, a.study, progress);
-    write_csv(folder / kTable, s, iso);
+    write_csv(folder / kTable, s, further);
     for (const PlotFile& plot : plots) {
         draw(folder, s, plot);
     }
@@ -186,15 +212,15 @@ Result run(Arguments& a, Progress& progress) {
     result.warning = leftovers_of(outputs);
     Json rows = Json::array();
     for (const StudyRow& r : s.rows) {
-        rows.push_back({{"field", name_of(r.field)},
-                        {"threshold", r.threshold},
-                        {"visited", r.visited},
-                        {"leaves", r.leaves},
-                        {"l1", r.norms.l1},
-                        {"l2", r.norms.l2},
-                        {"linf", r.norms.linf},
-                        {"iso_visited", r.iso_visited},
-                        {"iso_leaves", r.iso_leaves}});
+        Json row = {{"field", name_of(r.field)}, {"threshold", r.threshold},
+                    {"visited", r.visited},      {"leaves", r.leaves},
+                    {"l1", r.norms.l1},          {"l2", r.norms.l2},
+                    {"linf", r.norms.linf},      {"iso_visited", r.iso_visited},
+                    {"iso_leaves", r.iso_leaves}};
+        for (const Column* column : further) {
+            row.emplace(column->name, column->of(r));
+        }
+        rows.push_back(std::move(row));
     }
     result.json = {{"folder", a.folder}, {"all_elements", s.all_elements}, {"rows", rows}};
     result.text = fmt::format(
@@ -244,6 +270,12 @@ void add_study(CLI::App& app, Invocation& chosen) {
         "the mesh of the slice x NX + y NY + z NZ = D and its error, in place\n"
         "of the whole volume's",
         "NX,NY,NZ,D");
+    add_parsed(
+        c, "--norm", [&s](const std::string& text) { s.power = parse_number("--norm", text); },
+        "also the errors of value and gradient in L^P, integrated exactly", "P");
+    c->add_flag("--graph-distance", s.graphs,
+                "also the distance of the graphs of the data and of the mesh; takes long\n"
+                "where the error is large");
     add_parsed(
         c, "--steps",
         [&s](const std::string& text) {
