@@ -247,7 +247,7 @@ TEST_CASE("the study of a slice has the elements that the slice has") {
         for (const StudyRow& row : s.rows) {
             Extraction e;
             e.plane = options.plane;
-            e.stop = row.field;
+            e.stop = std::get<Field>(row.field);
             e.threshold = row.threshold;
             e.threshold_relative = true;
             CHECK(extract(store, folder / "m.ply", e, silent_progress()).triangles == row.leaves);

@@ -158,7 +158,7 @@ TEST_CASE("the study of a plane counts the triangles of the graph") {
     for (const StudyRow& row : s.rows) {
         Extraction e;
         e.graph_scale = 1;
-        e.stop = row.field;
+        e.stop = std::get<Field>(row.field);
         e.threshold = row.threshold;
         e.threshold_relative = true;
         CHECK(extract(store, folder / "m.ply", e, silent_progress()).triangles == row.leaves);

@@ -9,6 +9,7 @@
 
 #include <isonest/error.h>
 
+#include "query/study/compute_indicator.h"
 #include "query/study/graph_distance.h"
 #include "query/study/linear_power.h"
 #include "query/study/plane_error.h"
@@ -70,9 +71,10 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
     // One chunk is held, one is in the cache besides.
     const std::uint64_t each = decode_heap(largest) + 2 * largest + kIndicatorBoxHeap;
     std::uint64_t least = each;
-    for (const Field field : options.fields) {
+    for (const StudyField& field : options.fields) {
         if (options.iso) {
-            const TraversalQuery query = surface_query(store, *options.iso, field, 0);
+            const TraversalQuery query =
+                surface_query(store, *options.iso, std::get<Field>(field), 0);
             least = std::max(least, least_heap(store, query, nullptr));
         }
     }
@@ -85,10 +87,10 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
     shares.threads = static_cast<int>(threads);
     shares.cache = usable - threads * (each - 2 * largest);
     if (options.iso) {
-        for (const Field field : options.fields) {
+        for (const StudyField& field : options.fields) {
             const TraversalBudget budget =
-                share_memory(store, surface_query(store, *options.iso, field, 0), nullptr,
-                             options.memory, nodes, shares.threads, false);
+                share_memory(store, surface_query(store, *options.iso, std::get<Field>(field), 0),
+                             nullptr, options.memory, nodes, shares.threads, false);
             shares = {budget.threads, std::min(shares.cache, budget.cache), budget.part_vertices};
         }
     }
@@ -97,6 +99,20 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
 
 /// Throws Error{invalid_argument} for what makes no sense.
 void require_sense(const StoreLayout& layout, const StudyOptions& options) {
+    for (const StudyField& field : options.fields) {
+        if (const Field* const stored = std::get_if<Field>(&field)) {
+            static_cast<void>(layout.array(std::min(1, layout.lattice().top()), *stored));
+        } else if (!std::get<ComputedField>(field).saturation) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("{} is not saturated: a mesh that it stops has cracks; {}_bar "
+                                    "and {}_plus are",
+                                    name_of(field), name_of(field), name_of(field)));
+        } else if (options.iso) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("{} is not in the store, which extracting an isosurface reads",
+                                    name_of(field)));
+        }
+    }
     if (options.steps < 2 || !(options.least > 0) || !(options.least < 1)) {
         throw Error(ErrorKind::invalid_argument,
                     "a study needs at least 2 thresholds, and the least one between 0 and 1");
@@ -124,11 +140,14 @@ void require_sense(const StoreLayout& layout, const StudyOptions& options) {
 
 }  // namespace
 
+std::string name_of(const StudyField& field) {
+    const Field* const stored = std::get_if<Field>(&field);
+    return stored != nullptr ? std::string(name_of(*stored))
+                             : name_of(std::get<ComputedField>(field));
+}
+
 Study study(const StoreReader& store, const StudyOptions& options, Progress& progress) {
     const StoreLayout& layout = store.layout();
-    for (const Field field : options.fields) {
-        static_cast<void>(layout.array(std::min(1, layout.lattice().top()), field));
-    }
     require_sense(layout, options);
     std::optional<LatticePlane> plane;
     if (options.plane) {
@@ -152,10 +171,13 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
         if (options.power) {
             true_error.emplace(whole, layout.header().spacing, unit, *options.power);
         }
-        for (const Field field : options.fields) {
-            const double largest = whole.load_indicator(cache, field, progress);
-            progress.begin(std::string(name_of(field)), static_cast<std::uint64_t>(options.steps),
-                           "thresholds");
+        for (const StudyField& field : options.fields) {
+            const Field* const stored = std::get_if<Field>(&field);
+            const double largest = stored != nullptr
+                                       ? whole.load_indicator(cache, *stored, progress)
+                                       : compute_indicator(whole, std::get<ComputedField>(field),
+                                                           layout.header().spacing, progress);
+            progress.begin(name_of(field), static_cast<std::uint64_t>(options.steps), "thresholds");
             for (int step = 0; step < options.steps; ++step) {
                 progress.check();
                 StudyRow row;
@@ -177,7 +199,7 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
                         graph_distance(whole, layout.header().spacing, unit, progress);
                 }
                 if (options.iso) {
-                    count_surface(cache, surface_query(store, *options.iso, field, threshold),
+                    count_surface(cache, surface_query(store, *options.iso, *stored, threshold),
                                   shares.part_vertices, row);
                 }
                 result.rows.push_back(row);

@@ -7,22 +7,32 @@
 #pragma once
 
 #include <optional>
+#include <string>
+#include <variant>
 #include <vector>
 
 #include <isonest/progress.h>
 #include <isonest/world.h>
 
+#include "query/study/computed_field.h"
 #include "query/study/true_error.h"
 #include "query/study/whole_lattice.h"
 #include "store/container/reader.h"
 
 namespace isonest::detail {
 
+/// What is compared: a field of the store, or one that is computed from the values.
+using StudyField = std::variant<Field, ComputedField>;
+std::string name_of(const StudyField& field);
+
 struct StudyOptions {
-    std::vector<Field> fields;  ///< stop fields; REQUIRES: the store has them
-    int steps = 25;             ///< thresholds from 1 down to `least`, at equal ratios
-    double least = 1e-4;        ///< of the field's largest value
-    std::optional<double> iso;  ///< also count what the extraction of this isosurface visits
+    /// Stop fields. REQUIRES: saturated, and the store has those that it is to have.
+    std::vector<StudyField> fields;
+    int steps = 25;       ///< thresholds from 1 down to `least`, at equal ratios
+    double least = 1e-4;  ///< of the field's largest value
+    /// Also count what the extraction of this isosurface visits. REQUIRES: fields of the store
+    /// alone, which extraction reads.
+    std::optional<double> iso;
     /// The mesh and its error on this plane alone. REQUIRES: a volume, and no isosurface.
     std::optional<WorldPlane> plane;
     /// Also the norms of section 3 in L^p, p being this. REQUIRES: no plane.
@@ -39,7 +49,7 @@ struct StudyOptions {
 /// cells those of them and of the coarser levels, and the norms are over the plane's part in the
 /// volume (exact, and relative to its area).
 struct StudyRow {
-    Field field = Field::linf_bar;
+    StudyField field = Field::linf_bar;
     double threshold = 0;           ///< of the field's largest finite value
     std::uint64_t visited = 0;      ///< cells of all levels, the mesh's elements among them
     std::uint64_t leaves = 0;       ///< the mesh's elements, those too that reach outside

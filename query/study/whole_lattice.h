@@ -45,6 +45,9 @@ class WholeLattice {
 
     [[nodiscard]] const Lattice& lattice() const { return lattice_; }
     [[nodiscard]] double exact(const Int3& p) const { return exact_[number_.of(p)]; }
+    [[nodiscard]] float indicator(const Int3& p) const { return eta_[number_.of(p)]; }
+    /// At different nodes from different threads.
+    void set_indicator(const Int3& p, float eta) { eta_[number_.of(p)] = eta; }
     [[nodiscard]] double projected(const Int3& p) const { return projected_[number_.of(p)]; }
 
   private:

@@ -146,7 +146,7 @@ void draw(const std::filesystem::path& folder, const Study& study, const PlotFil
     plot.y = file.column->axis;
     for (const StudyRow& row : study.rows) {
         if (plot.series.empty() || plot.series.back().name != name_of(row.field)) {
-            plot.series.push_back({std::string(name_of(row.field)), {}});
+            plot.series.push_back({name_of(row.field), {}});
         }
         plot.series.back().points.emplace_back(x(row), file.column->of(row));
     }
@@ -185,10 +185,26 @@ class Folder {
     std::vector<std::filesystem::path> made_;  ///< innermost first
 };
 
+std::vector<StudyField> parse_study_fields(const std::string& text) {
+    std::vector<StudyField> fields;
+    for (std::size_t begin = 0; begin <= text.size();) {
+        const std::size_t end = std::min(text.find(',', begin), text.size());
+        const std::string name = text.substr(begin, end - begin);
+        if (const auto computed = computed_field_from_name(name)) {
+            fields.emplace_back(*computed);
+        } else {
+            fields.emplace_back(parse_field("--fields", name));
+        }
+        begin = end + 1;
+    }
+    return fields;
+}
+
 Result run(Arguments& a, Progress& progress) {
     const StoreReader store(a.store);
     if (a.study.fields.empty()) {
-        a.study.fields = store.layout().header().fields;
+        const std::vector<Field>& all = store.layout().header().fields;
+        a.study.fields.assign(all.begin(), all.end());
     }
     const std::filesystem::path folder = a.folder;
     const Folder made(folder);
@@ -256,8 +272,11 @@ void add_study(CLI::App& app, Invocation& chosen) {
         ->type_name("FOLDER");
     StudyOptions& s = a->study;
     add_parsed(
-        c, "--fields", [&s](const std::string& text) { s.fields = parse_fields("--fields", text); },
-        "the fields to compare, with commas [all of the store]", "NAMES");
+        c, "--fields", [&s](const std::string& text) { s.fields = parse_study_fields(text); },
+        "the fields to compare, with commas [all of the store]; lp:P_bar and\n"
+        "grad_lp:P_bar (any P from 1 to inf), gradient_bar and curvature_bar\n"
+        "(also _plus) are computed from the values",
+        "NAMES");
     add_parsed(
         c, "--iso", [&s](const std::string& text) { s.iso = parse_number("--iso", text); },
         "also count what extracting this isosurface visits", "V");
