@@ -10,6 +10,7 @@
 #include <isonest/error.h>
 
 #include "query/study/compute_indicator.h"
+#include "query/study/export_computed.h"
 #include "query/study/study.h"
 #include "store/base/vector3.h"
 #include "store/lattice/bisection.h"
@@ -242,4 +243,33 @@ TEST_CASE("a computed indicator is infinite at and above what is missing") {
     CHECK(std::isinf(l.whole->indicator({3, 4, 5})));
     CHECK(std::isinf(l.whole->indicator({4, 4, 4})));
     CHECK(std::isfinite(l.whole->indicator({1, 1, 1})));
+}
+
+TEST_CASE("a computed indicator is exported as it is") {
+    const Int3 n{12, 17, 6};
+    Loaded l(
+        n, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); }, with_chunk(8, true));
+    const TemporaryFolder folder;
+    for (const int level : {0, 2}) {
+        export_computed_field(*l.store, folder / "eta.raw", {field_named("lp:inf"), level, true},
+                              silent_progress());
+        const std::string bytes = read_file(folder / "eta.raw");
+        REQUIRE(bytes.size() == static_cast<std::size_t>(n.product()) * sizeof(float));
+        for (std::int64_t i = 0; i < n.product(); ++i) {
+            const Int3 p = n.unlinear(i);
+            const NodeInfo node = describe_node(p, l.whole->lattice().top());
+            float found = 0;
+            std::memcpy(&found, bytes.data() + static_cast<std::size_t>(i) * sizeof(float),
+                        sizeof(float));
+            const bool is_wanted = node.scale > 0 && node.level() >= level;
+            const double offset =
+                is_wanted ? std::fabs(l.volume.at(p) -
+                                      (l.volume.at(node.end0) + l.volume.at(node.end1)) / 2)
+                          : 0;
+            CHECK(static_cast<double>(found) == Approx(offset).margin(1e-6));
+        }
+    }
+    CHECK_THROWS_AS(export_computed_field(*l.store, folder / "x.raw",
+                                          {field_named("lp:1"), 0, false, 1}, silent_progress()),
+                    Error);
 }

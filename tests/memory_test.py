@@ -97,11 +97,16 @@ with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
                  "1500x1500"],
                 ["export", store, "--field", "values", "-o", folder / "e.nrrd", "--force"],
                 ["export", store, "--field", "deviation_bar", "-o", folder / "e.h5", "--force"],
+                ["export", store, "--field", "lp:3", "-o", folder / "e.raw", "--force"],
                 ["info", store, "--histogram", "-o", folder / "h.svg"],
                 ["check", store],
                 ["check", store, "--deep", "--source", volume],
                 ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar",
-                 "--iso", 0.5]]:
+                 "--iso", 0.5],
+                ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "lp:3_bar",
+                 "--norm", 3],
+                ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar",
+                 "--plane", "1,2,3,300"]]:
             check(command, BUDGETS)
         for threads, command in itertools.product([1, 8], [full, ["check", store]]):
             must_stay_within([*command, "--threads", threads], "200M")
