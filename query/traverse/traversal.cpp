@@ -10,6 +10,7 @@
 
 #include "query/march/clip.h"
 #include "query/traverse/brick_traversal.h"
+#include "query/traverse/facing_brick.h"
 #include "query/traverse/finest_brick.h"
 
 namespace isonest::detail {
@@ -154,7 +155,10 @@ void run_finest_bricks(TraversalRun& run, const Int3& first, std::int64_t size,
                        std::uint64_t progress_share) {
     run.progress.check();
     if (size == 1) {
-        if (const auto cubes = surface_cubes(run.cache, first, run.query.iso, run.query.box)) {
+        const bool is_seen = !run.query.culling || may_face_viewer(run, first);
+        const auto cubes =
+            is_seen ? surface_cubes(run.cache, first, run.query.iso, run.query.box) : nullptr;
+        if (cubes != nullptr) {
             ++run.counts.local().bricks;
             march_finest_brick(run, first, *cubes);
         }
@@ -178,7 +182,7 @@ void run_finest_bricks(TraversalRun& run, const Int3& first, std::int64_t size,
             overlap_of(run.query.box, low, low + Int3{chunk, chunk, chunk} * half) !=
                 Overlap::outside &&
             (half > 1 || may_hold_surface(source, child, run.query.iso, run.query.box));
-        if (active[octant] && half == 1) {
+        if (active[octant] && half == 1 && !run.query.culling) {
             source.prefetch(values, child);
         }
     }

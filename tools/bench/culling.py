@@ -4,7 +4,7 @@
 usage: tools/bench/culling.py STORE --iso V [--error E] [--views 100] [--isonest PROGRAM]
 
 STORE needs normal_turn_plus or grad_linf_plus (preprocess --indicators ...). Prints the mean, least and
-largest fraction of visited tetrahedra, triangles and time that is left, for each of the two that it has.
+largest fraction of visited tetrahedra, triangles, bytes read and time that is left, for each of the two that it has.
 """
 import argparse
 import json
@@ -26,7 +26,7 @@ parser.add_argument("--views", type=int, default=100)
 parser.add_argument("--isonest", default=str(root / "build/bin/isonest"))
 args = parser.parse_args()
 needs.require(needs.program(args.isonest), needs.file(args.store, "a store"))
-keys = ("visited_tetrahedra", "triangles", "seconds")
+keys = ("visited_tetrahedra", "triangles", "bytes_read", "seconds")
 
 
 def extract(folder, *options):
