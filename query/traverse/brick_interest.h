@@ -163,23 +163,26 @@ class PlaneByDistance {
 };
 
 /// Whether the surface in a tetrahedron and below it faces away from the viewer; never without a
-/// viewer.
+/// viewer. Of bricks of the two finest levels the bounds are not asked: they are more bytes than
+/// what they leave out, and the leaves there are tested by themselves.
 class CullingInBrick {
   public:
     CullingInBrick(TraversalRun& run, const BrickPlace& at)
-        : culling_(run.query.culling ? &*run.query.culling : nullptr), stride_(at.stride) {
-        if (culling_ != nullptr) {
+        : culling_(run.query.culling ? &*run.query.culling : nullptr),
+          stride_(at.stride),
+          has_bounds_(culling_ != nullptr && at.level >= kLeastLevel) {
+        if (has_bounds_) {
             field_ = field_view(run, culling_->field(), at);
         }
     }
     [[nodiscard]] bool all_below(const CubeNodes& nodes, const TopologyTetrahedron& t) const {
-        return culling_ != nullptr &&
+        return has_bounds_ &&
                faces_away(nodes, t, field_.at(nodes.value, nodes.low, nodes.mirror, t.ref_node));
     }
     /// `t`: a tetrahedron of the subcube `cube`.
     [[nodiscard]] bool all_below(const CubeNodes& nodes, const TopologyTetrahedron& t,
                                  const Int3& cube) const {
-        return culling_ != nullptr && faces_away(nodes, t, field_.centre(cube));
+        return has_bounds_ && faces_away(nodes, t, field_.centre(cube));
     }
     [[nodiscard]] bool leaf(const CubeNodes& nodes, const TopologyTetrahedron& t) const {
         return culling_ != nullptr && faces_away(nodes, t, 0);
@@ -190,8 +193,10 @@ class CullingInBrick {
                                   double beta) const {
         return culling_->faces_away(nodes.value, t, nodes.mirror, stride_, beta);
     }
+    static constexpr int kLeastLevel = 2;
     const Culling* culling_;
     std::int64_t stride_;
+    bool has_bounds_;
     FieldView field_;
 };
 

@@ -116,6 +116,7 @@ struct PlotFile {
 
 std::vector<PlotFile> plots_of(const std::vector<const Column*>& further) {
     std::vector<PlotFile> plots;
+    plots.reserve(kColumns.size() + 3 + further.size());
     for (const Column& column : kColumns) {
         plots.push_back({&column, false});
     }
