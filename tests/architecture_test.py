@@ -26,6 +26,7 @@ ROOMS = {
     "query": {"view": set(), "march": {"view"}, "mesh": {"view", "march"},
               "simplify": {"view", "mesh", "traverse"},
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
+              "finite_elements": {"view", "traverse"},
               "statistics": set(),
               "distance": {"view", "march", "simplify", "traverse"},
               "extract": {"view", "march", "mesh", "simplify", "traverse", "distance"}},

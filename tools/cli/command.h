@@ -41,6 +41,7 @@ CLI::App* add_command(CLI::App& app, Invocation& chosen, const std::string& name
 void add_preprocess(CLI::App& app, Invocation& chosen);
 void add_extract(CLI::App& app, Invocation& chosen);
 void add_slice(CLI::App& app, Invocation& chosen);
+void add_smooth(CLI::App& app, Invocation& chosen);
 void add_study(CLI::App& app, Invocation& chosen);
 void add_info(CLI::App& app, Invocation& chosen);
 void add_export(CLI::App& app, Invocation& chosen);

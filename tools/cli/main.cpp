@@ -106,6 +106,7 @@ void declare(CLI::App& app, Invocation& chosen) {
     add_extract(app, chosen);
     add_slice(app, chosen);
     add_study(app, chosen);
+    add_smooth(app, chosen);
     add_info(app, chosen);
     add_export(app, chosen);
     add_check(app, chosen);

@@ -1,0 +1,178 @@
+// AdaptTraverse within one block: the leaves of an implicit grid, and what each adds to the sums.
+//
+// Source: Gerstner, Rumpf, Weikard (2000), sections 2 and 7. The refinement node of an element is
+// the midpoint of two vertices, so nothing but their places is carried down; the stop test is one
+// number of the block's array. In space the finest elements are left to finest_cells.h.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "query/finite_elements/finest_cells.h"
+#include "query/finite_elements/linear_element.h"
+#include "query/finite_elements/local_block.h"
+
+namespace isonest::detail {
+
+/// What the elements of one kind and level have in common.
+template <class Real>
+struct ElementTerms {
+    Real volume = 0;
+    Real stiffness = 0;             ///< factor times volume
+    std::array<Real, 3> inverse{};  ///< 1 / (edge length)^2 by axis
+    Real inverse_lambda = 0;        ///< 1 / lambda^2
+};
+
+/// Adds one leaf's part. `inverse`: along its own axes.
+template <ElementWork Work, bool Coefficient, int D, int Kind, class Real>
+[[gnu::always_inline]] inline void add_element(
+    const ElementTerms<Real>& terms, const std::array<int, static_cast<std::size_t>(D)>& axes,
+    const std::array<Real, static_cast<std::size_t>(D) + 1>& value,
+    const std::array<Real, static_cast<std::size_t>(D) + 1>& stopping,
+    std::array<Real, static_cast<std::size_t>(D) + 1>& out) {
+    std::array<Real, static_cast<std::size_t>(D)> inverse;
+    for (std::size_t j = 0; j < D; ++j) {
+        inverse[j] = terms.inverse[static_cast<std::size_t>(axes[j])];
+    }
+    if constexpr (Work == ElementWork::lumped_mass) {
+        for (Real& o : out) {
+            o += terms.volume / (D + 1);
+        }
+    } else if constexpr (Work == ElementWork::consistent_mass) {
+        add_mass<D>(terms.volume, value, out);
+    } else {
+        Real scale = terms.stiffness;
+        if constexpr (Coefficient) {
+            scale /= 1 + gradient_squared<D, Kind>(stopping, inverse) * terms.inverse_lambda;
+        }
+        if constexpr (Work == ElementWork::stiffness) {
+            add_stiffness<D, Kind>(scale, inverse, value, out);
+        } else {
+            add_stiffness_diagonal<D, Kind>(scale, inverse, out);
+        }
+    }
+}
+
+/// By kind and level.
+template <class Real, int D>
+using TermsTable = std::array<std::array<ElementTerms<Real>, static_cast<std::size_t>(D)>, 32>;
+
+template <ElementWork Work, bool Coefficient, class Real, int D>
+class BlockElements {
+  public:
+    BlockElements(LocalBlock<Real, D>& block, const TermsTable<Real, D>& terms)
+        : block_(block), terms_(terms) {}
+
+    /// All leaves of an element of kind 0 of the block: the walk along `axes` from the corner
+    /// `even`, which is 0 or `cells` along each axis.
+    void walk(const Int3& even, const std::array<int, static_cast<std::size_t>(D)>& axes,
+              std::int64_t cells, int level) {
+        Vertices v;
+        Int3 p = even;
+        v[0] = vertex(local_node(p));
+        for (std::size_t i = 0; i < D; ++i) {
+            p[axes[i]] = cells - p[axes[i]];
+            v[i + 1] = vertex(local_node(p));
+        }
+        visit<0>(v, axes, level);
+    }
+
+  private:
+    using Axes = std::array<int, static_cast<std::size_t>(D)>;
+    struct Vertex {
+        LocalNode node;
+        std::uint32_t at;
+    };
+    using Vertices = std::array<Vertex, static_cast<std::size_t>(D) + 1>;
+
+    [[nodiscard]] Vertex vertex(LocalNode node) const { return {node, block_.layout.at(node)}; }
+    [[nodiscard]] bool is_active(LocalNode node) const {
+        return block_.active[block_.layout.at(node)] != 0;
+    }
+    /// Whether the block's volume ends before the element does; 2 if it begins there.
+    enum class Reach { within, across, outside };
+    [[nodiscard]] Reach reach(const Vertices& v) const {
+        Reach found = Reach::within;
+        for (int axis = 0; axis < 3; ++axis) {
+            const auto last = block_.last[axis];
+            std::int64_t low = last;
+            std::int64_t high = last;
+            for (const Vertex& x : v) {
+                const std::int64_t at = coordinate(x.node, axis);
+                low = std::min(low, at);
+                high = std::max(high, at);
+            }
+            if (high > last) {
+                if (low == last) {
+                    return Reach::outside;
+                }
+                found = Reach::across;
+            }
+        }
+        return found;
+    }
+
+    template <int Kind>
+    void visit(const Vertices& v, const Axes& axes, int level) {
+        constexpr std::size_t kEnd = D - Kind;
+        constexpr int kNext = (Kind + 1) % D;
+        bool refines = false;
+        if (block_.is_cut) {
+            const Reach r = reach(v);
+            if (r == Reach::outside) {
+                return;
+            }
+            refines = r == Reach::across;
+        }
+        if (level > 0) {
+            const Vertex middle = vertex(midpoint(v[0].node, v[kEnd].node));
+            refines = refines || block_.active[middle.at] != 0;
+            if (refines) {
+                if constexpr (D == 3 && kNext == 0) {
+                    if (level == 1) {
+                        return;
+                    }
+                }
+                if constexpr (D == 3 && Kind == 0) {
+                    if (level == 1 && !block_.is_cut && is_active(midpoint(v[0].node, v[1].node)) &&
+                        is_active(midpoint(v[1].node, v[2].node)) &&
+                        is_active(midpoint(v[2].node, v[3].node))) {
+                        return;
+                    }
+                }
+                const int below = kNext == 0 ? level - 1 : level;
+                Vertices half = v;
+                half[kEnd] = middle;
+                visit<kNext>(half, axes, below);
+                std::copy(v.begin() + 1, v.begin() + kEnd + 1, half.begin());
+                half[kEnd] = middle;
+                visit<kNext>(half, axes_of_second_half<D, Kind>(axes), below);
+                return;
+            }
+        }
+        leaf<Kind>(v, axes, level);
+    }
+
+    template <int Kind>
+    void leaf(const Vertices& v, const Axes& axes, int level) {
+        std::array<Real, static_cast<std::size_t>(D) + 1> value;
+        std::array<Real, static_cast<std::size_t>(D) + 1> stopping;
+        std::array<Real, static_cast<std::size_t>(D) + 1> out{};
+        for (std::size_t i = 0; i <= D; ++i) {
+            value[i] = block_.value[v[i].at];
+            stopping[i] = block_.stopping[v[i].at];
+        }
+        add_element<Work, Coefficient, D, Kind>(
+            terms_[static_cast<std::size_t>(level)][static_cast<std::size_t>(Kind)], axes, value,
+            stopping, out);
+        for (std::size_t i = 0; i <= D; ++i) {
+            block_.sum[v[i].at] += out[i];
+        }
+    }
+
+    LocalBlock<Real, D>& block_;
+    const TermsTable<Real, D>& terms_;
+};
+
+}  // namespace isonest::detail

@@ -1,0 +1,211 @@
+// The product of the finest elements of a block, whole rows of cells at a time.
+//
+// Source: Gerstner, Rumpf, Weikard (2000), section 7. A cell of the finest lattice has six
+// elements, each a walk along three of its edges from the corner with even coordinates to the one
+// with odd coordinates; so six gradients are made of twelve differences, and the six local products
+// of twelve fluxes along the edges. Elements of which the refinement node that made them (the
+// midpoint of a coarser cube's edge: the end of the walk's first step) is not active are not there;
+// their weight is 0.
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+namespace isonest::detail {
+
+/// Cells that one call does: of equal parity along x, side by side.
+inline constexpr std::size_t kCellsPerCall = 8;
+
+/// One of the four rows of nodes at a row of cells: nodes with even and with odd x.
+template <class Real>
+struct NodeRow {
+    const Real* even;
+    const Real* odd;
+};
+
+/// The values at the corners of the cells: rows by the parities of y (1) and z (2).
+template <class Real>
+using CornerRows = std::array<NodeRow<Real>, 4>;
+
+/// What the local matrices are.
+template <class Real>
+struct FinestTerms {
+    Real volume;                  ///< of an element
+    Real stiffness;               ///< factor of the stiffness matrix, times volume
+    std::array<Real, 3> inverse;  ///< 1 / spacing^2
+    Real inverse_lambda;          ///< 1 / lambda^2
+};
+
+/// Sums by corner: x parity 1, y parity 2, z parity 4.
+template <class Real>
+using CornerSums = std::array<std::array<Real, kCellsPerCall>, 8>;
+
+/// `Coefficient`: whether the elements' coefficients are 1 / (1 + |grad stopping|^2 / lambda^2)
+/// in place of 1. `Diagonal`: the stiffness matrix' diagonal in place of its product with value.
+/// `there`: 1 where a cell lies in the volume. Each lane's result depends on that lane alone.
+template <bool Coefficient, bool Diagonal, class Real>
+[[gnu::always_inline]] inline void finest_stiffness(const FinestTerms<Real>& terms,
+                                                    const CornerRows<Real>& value,
+                                                    const CornerRows<Real>& stopping,
+                                                    const CornerRows<Real>& active,
+                                                    const Real* there, CornerSums<Real>& out) {
+    const auto [hx, hy, hz] = terms.inverse;
+    const Real scale = terms.stiffness;
+    const Real lambda = terms.inverse_lambda;
+#pragma GCC ivdep
+    for (std::size_t i = 0; i < kCellsPerCall; ++i) {
+        Real xyz = active[0].odd[i] * there[i];
+        Real yxz = active[1].even[i] * there[i];
+        Real zxy = active[2].even[i] * there[i];
+        Real xzy = xyz;
+        Real yzx = yxz;
+        Real zyx = zxy;
+        if constexpr (Coefficient) {
+            const auto square = [](Real a, Real b, Real h) { return (b - a) * (b - a) * h; };
+            const auto& s = stopping;
+            const Real x00 = square(s[0].even[i], s[0].odd[i], hx);
+            const Real x10 = square(s[1].even[i], s[1].odd[i], hx);
+            const Real x01 = square(s[2].even[i], s[2].odd[i], hx);
+            const Real x11 = square(s[3].even[i], s[3].odd[i], hx);
+            const Real y00 = square(s[0].even[i], s[1].even[i], hy);
+            const Real y10 = square(s[0].odd[i], s[1].odd[i], hy);
+            const Real y01 = square(s[2].even[i], s[3].even[i], hy);
+            const Real y11 = square(s[2].odd[i], s[3].odd[i], hy);
+            const Real z00 = square(s[0].even[i], s[2].even[i], hz);
+            const Real z10 = square(s[0].odd[i], s[2].odd[i], hz);
+            const Real z01 = square(s[1].even[i], s[3].even[i], hz);
+            const Real z11 = square(s[1].odd[i], s[3].odd[i], hz);
+            xyz /= 1 + (x00 + y10 + z11) * lambda;
+            xzy /= 1 + (x00 + z10 + y11) * lambda;
+            yxz /= 1 + (y00 + x10 + z11) * lambda;
+            yzx /= 1 + (y00 + z01 + x11) * lambda;
+            zxy /= 1 + (z00 + x01 + y11) * lambda;
+            zyx /= 1 + (z00 + y01 + x11) * lambda;
+        }
+        const auto& w = value;
+        const auto flux = [](Real weight, Real a, Real b) {
+            return Diagonal ? weight : weight * (b - a);
+        };
+        const Real sx = hx * scale;
+        const Real sy = hy * scale;
+        const Real sz = hz * scale;
+        const Real fx00 = flux((xyz + xzy) * sx, w[0].even[i], w[0].odd[i]);
+        const Real fx10 = flux(yxz * sx, w[1].even[i], w[1].odd[i]);
+        const Real fx01 = flux(zxy * sx, w[2].even[i], w[2].odd[i]);
+        const Real fx11 = flux((yzx + zyx) * sx, w[3].even[i], w[3].odd[i]);
+        const Real fy00 = flux((yxz + yzx) * sy, w[0].even[i], w[1].even[i]);
+        const Real fy10 = flux(xyz * sy, w[0].odd[i], w[1].odd[i]);
+        const Real fy01 = flux(zyx * sy, w[2].even[i], w[3].even[i]);
+        const Real fy11 = flux((xzy + zxy) * sy, w[2].odd[i], w[3].odd[i]);
+        const Real fz00 = flux((zxy + zyx) * sz, w[0].even[i], w[2].even[i]);
+        const Real fz10 = flux(xzy * sz, w[0].odd[i], w[2].odd[i]);
+        const Real fz01 = flux(yzx * sz, w[1].even[i], w[3].even[i]);
+        const Real fz11 = flux((xyz + yxz) * sz, w[1].odd[i], w[3].odd[i]);
+        constexpr Real kStart = Diagonal ? 1 : -1;
+        out[0][i] = kStart * (fx00 + fy00 + fz00);
+        out[1][i] = fx00 + kStart * (fy10 + fz10);
+        out[2][i] = fy00 + kStart * (fx10 + fz01);
+        out[3][i] = fx10 + fy10 + kStart * fz11;
+        out[4][i] = fz00 + kStart * (fx01 + fy01);
+        out[5][i] = fx01 + fz10 + kStart * fy11;
+        out[6][i] = fy01 + fz01 + kStart * fx11;
+        out[7][i] = fx11 + fy11 + fz11;
+    }
+}
+
+/// out += the mass matrix' product with value, or, `Lumped`, its row sums.
+template <bool Lumped, class Real>
+[[gnu::always_inline]] inline void finest_mass(const FinestTerms<Real>& terms,
+                                               const CornerRows<Real>& value,
+                                               const CornerRows<Real>& active, const Real* there,
+                                               CornerSums<Real>& out) {
+    const Real quarter = terms.volume / 4;
+    const Real part = terms.volume / 20;
+#pragma GCC ivdep
+    for (std::size_t i = 0; i < kCellsPerCall; ++i) {
+        const Real x = active[0].odd[i] * there[i];
+        const Real y = active[1].even[i] * there[i];
+        const Real z = active[2].even[i] * there[i];
+        const auto& w = value;
+        if constexpr (Lumped) {
+            out[0][i] += 2 * quarter * (x + y + z);
+            out[1][i] += 2 * quarter * x;
+            out[2][i] += 2 * quarter * y;
+            out[4][i] += 2 * quarter * z;
+            out[3][i] += quarter * (x + y);
+            out[5][i] += quarter * (x + z);
+            out[6][i] += quarter * (y + z);
+            out[7][i] += 2 * quarter * (x + y + z);
+        } else {
+            const Real w0 = w[0].even[i];
+            const Real w7 = w[3].odd[i];
+            const Real both = w0 + w7;
+            const Real xyz = x * (both + w[0].odd[i] + w[1].odd[i]);
+            const Real xzy = x * (both + w[0].odd[i] + w[2].odd[i]);
+            const Real yxz = y * (both + w[1].even[i] + w[1].odd[i]);
+            const Real yzx = y * (both + w[1].even[i] + w[3].even[i]);
+            const Real zxy = z * (both + w[2].even[i] + w[2].odd[i]);
+            const Real zyx = z * (both + w[2].even[i] + w[3].even[i]);
+            const Real all = xyz + xzy + yxz + yzx + zxy + zyx;
+            const Real six = 2 * (x + y + z);
+            out[0][i] += part * (all + six * w0);
+            out[7][i] += part * (all + six * w7);
+            out[1][i] += part * (xyz + xzy + 2 * x * w[0].odd[i]);
+            out[2][i] += part * (yxz + yzx + 2 * y * w[1].even[i]);
+            out[4][i] += part * (zxy + zyx + 2 * z * w[2].even[i]);
+            out[3][i] += part * (xyz + yxz + (x + y) * w[1].odd[i]);
+            out[5][i] += part * (xzy + zxy + (x + z) * w[2].odd[i]);
+            out[6][i] += part * (yzx + zyx + (y + z) * w[3].even[i]);
+        }
+    }
+}
+
+/// Where the sums go: the four rows of nodes, as CornerRows.
+template <class Real>
+struct SumRow {
+    Real* even;
+    Real* odd;
+};
+
+/// Which numbers of the elements are summed at their vertices.
+enum class ElementWork {
+    stiffness,           ///< factor times the stiffness matrix' product with the function
+    stiffness_diagonal,  ///< factor times its diagonal
+    lumped_mass,         ///< the row sums of the mass matrix
+    consistent_mass      ///< its product with the function
+};
+
+/// Adds one call's cells to the sums.
+template <ElementWork Work, bool Coefficient, class Real>
+[[gnu::always_inline]] inline void add_finest(const FinestTerms<Real>& terms,
+                                              const CornerRows<Real>& value,
+                                              const CornerRows<Real>& stopping,
+                                              const CornerRows<Real>& active, const Real* there,
+                                              const std::array<SumRow<Real>, 4>& sums) {
+    alignas(64) CornerSums<Real> out{};
+    if constexpr (Work == ElementWork::stiffness) {
+        finest_stiffness<Coefficient, false>(terms, value, stopping, active, there, out);
+    } else if constexpr (Work == ElementWork::stiffness_diagonal) {
+        finest_stiffness<Coefficient, true>(terms, value, stopping, active, there, out);
+    } else {
+        finest_mass<Work == ElementWork::lumped_mass>(terms, value, active, there, out);
+    }
+    for (std::size_t row = 0; row < 4; ++row) {
+        for (std::size_t i = 0; i < kCellsPerCall; ++i) {
+            sums[row].even[i] += out[2 * row][i];
+        }
+        for (std::size_t i = 0; i < kCellsPerCall; ++i) {
+            sums[row].odd[i] += out[2 * row + 1][i];
+        }
+    }
+}
+
+/// The products, which are what takes the time, for the instructions that the machine has.
+void add_finest_products(const FinestTerms<float>& terms, const CornerRows<float>& value,
+                         const CornerRows<float>& active, const float* there,
+                         const std::array<SumRow<float>, 4>& sums);
+void add_finest_products(const FinestTerms<float>& terms, const CornerRows<float>& value,
+                         const CornerRows<float>& stopping, const CornerRows<float>& active,
+                         const float* there, const std::array<SumRow<float>, 4>& sums);
+
+}  // namespace isonest::detail

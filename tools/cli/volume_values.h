@@ -1,0 +1,38 @@
+// All values of a volume file or of a store in memory.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <isonest/open_volume.h>
+#include <isonest/progress.h>
+
+#include "store/container/reader.h"
+
+namespace isonest::detail::cli {
+
+/// A volume file, or the finest level of a store.
+class VolumeValues {
+  public:
+    /// Throws what open_volume() and StoreReader throw.
+    VolumeValues(const std::string& path, const SourceOptions& options);
+
+    [[nodiscard]] VolumeDescription describe() const;
+    /// Files that are read.
+    [[nodiscard]] std::vector<std::filesystem::path> files() const;
+    /// Bytes that reading takes beside the values.
+    [[nodiscard]] std::uint64_t heap() const;
+    /// The values of all nodes rounded to float32, x fastest. Throws Error{unsupported} if a value
+    /// is missing or too large for float32, what the source throws, and Error{cancelled}.
+    [[nodiscard]] std::vector<float> read(Progress& progress);
+
+  private:
+    std::string path_;
+    std::unique_ptr<StoreReader> store_;
+    std::unique_ptr<VolumeSource> source_;
+};
+
+}  // namespace isonest::detail::cli
