@@ -87,10 +87,7 @@ class BlockElements {
     using Vertices = std::array<Vertex, static_cast<std::size_t>(D) + 1>;
 
     [[nodiscard]] Vertex vertex(LocalNode node) const { return {node, block_.layout.at(node)}; }
-    [[nodiscard]] bool is_active(LocalNode node) const {
-        return block_.active[block_.layout.at(node)] != 0;
-    }
-    /// Whether the block's volume ends before the element does; 2 if it begins there.
+    /// How an element lies to the volume.
     enum class Reach { within, across, outside };
     [[nodiscard]] Reach reach(const Vertices& v) const {
         Reach found = Reach::within;
@@ -99,7 +96,7 @@ class BlockElements {
             std::int64_t low = last;
             std::int64_t high = last;
             for (const Vertex& x : v) {
-                const std::int64_t at = coordinate(x.node, axis);
+                const std::int64_t at = coordinate(x.node, static_cast<std::size_t>(axis));
                 low = std::min(low, at);
                 high = std::max(high, at);
             }
@@ -117,27 +114,20 @@ class BlockElements {
     void visit(const Vertices& v, const Axes& axes, int level) {
         constexpr std::size_t kEnd = D - Kind;
         constexpr int kNext = (Kind + 1) % D;
-        bool refines = false;
-        if (block_.is_cut) {
-            const Reach r = reach(v);
-            if (r == Reach::outside) {
-                return;
+        const Reach where = block_.is_cut ? reach(v) : Reach::within;
+        if (where == Reach::outside) {
+            return;
+        }
+        if constexpr (D == 3 && Kind == 0) {
+            if (level == 1 && where == Reach::within) {
+                return walk_of_level_1(v, axes);
             }
-            refines = r == Reach::across;
         }
         if (level > 0) {
             const Vertex middle = vertex(midpoint(v[0].node, v[kEnd].node));
-            refines = refines || block_.active[middle.at] != 0;
-            if (refines) {
+            if (where == Reach::across || block_.active[middle.at] != 0) {
                 if constexpr (D == 3 && kNext == 0) {
                     if (level == 1) {
-                        return;
-                    }
-                }
-                if constexpr (D == 3 && Kind == 0) {
-                    if (level == 1 && !block_.is_cut && is_active(midpoint(v[0].node, v[1].node)) &&
-                        is_active(midpoint(v[1].node, v[2].node)) &&
-                        is_active(midpoint(v[2].node, v[3].node))) {
                         return;
                     }
                 }
@@ -152,6 +142,38 @@ class BlockElements {
             }
         }
         leaf<Kind>(v, axes, level);
+    }
+
+    /// The same for an element of level 1 and kind 0, step by step: its two halves end at the nodes
+    /// in the middle of two faces, their halves at those in the middle of the walk's three steps.
+    void walk_of_level_1(const Vertices& v, const Axes& axes) {
+        const auto middle = [&](std::size_t i, std::size_t j) {
+            return vertex(midpoint(v[i].node, v[j].node));
+        };
+        const auto stops = [&](const Vertex& x) { return block_.active[x.at] == 0; };
+        const Vertex centre = middle(0, D);
+        if (stops(centre)) {
+            return leaf<0>(v, axes, 1);
+        }
+        const std::array<bool, 3> step{stops(middle(0, 1)), stops(middle(1, 2)),
+                                       stops(middle(2, D))};
+        if (!step[0] && !step[1] && !step[2]) {
+            return;
+        }
+        const auto half = [&](std::size_t i, const Axes& own) {
+            const Vertex face = middle(i, i + 2);
+            if (stops(face)) {
+                return leaf<1>({v[i], v[i + 1], v[i + 2], centre}, own, 1);
+            }
+            if (step[i]) {
+                leaf<D - 1>({v[i], v[i + 1], face, centre}, own, 1);
+            }
+            if (step[i + 1]) {
+                leaf<D - 1>({v[i + 1], v[i + 2], face, centre}, axes_of_second_half<D, 1>(own), 1);
+            }
+        };
+        half(0, axes);
+        half(1, axes_of_second_half<D, 0>(axes));
     }
 
     template <int Kind>

@@ -79,7 +79,7 @@ class BlockProduct {
             std::fill(block_.stopping.begin(), block_.stopping.end(), Real{0});
         }
         row_has_.clear();
-        block_.is_full = !block_.is_cut;
+        block_.is_full = true;
         for_rows([&](std::uint32_t first, const Int3& p, std::int64_t count) {
             const std::uint64_t number = common_.nodes->number_from(p);
             if (count <= 64 && common_.nodes->contains_row(p, count)) {

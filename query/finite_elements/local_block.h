@@ -19,15 +19,17 @@ inline constexpr int kBlockLevel = D == 3   ? 4
                                    : D == 2 ? 6
                                             : 10;
 
-/// A node of a block: bytes of its three coordinates from the block's corner (16 bits each), so
-/// that the sum of two, halved, is their midpoint.
-using LocalNode = std::uint64_t;
+/// A node of a block: its coordinates from the block's corner in 12, 10 and 10 bits, so that the
+/// sum of two, halved, is their midpoint.
+using LocalNode = std::uint32_t;
+inline constexpr std::array<unsigned, 3> kCoordinateShift{0, 12, 22};
 constexpr LocalNode local_node(const Int3& p) {
-    return static_cast<LocalNode>(p.x) | static_cast<LocalNode>(p.y) << 16U |
-           static_cast<LocalNode>(p.z) << 32U;
+    return static_cast<LocalNode>(p.x) | static_cast<LocalNode>(p.y) << kCoordinateShift[1] |
+           static_cast<LocalNode>(p.z) << kCoordinateShift[2];
 }
-constexpr std::uint32_t coordinate(LocalNode node, int axis) {
-    return static_cast<std::uint32_t>(node >> (16U * static_cast<unsigned>(axis)) & 0xFFFFU);
+constexpr std::uint32_t coordinate(LocalNode node, std::size_t axis) {
+    constexpr std::array<std::uint32_t, 3> kMask{0xFFF, 0x3FF, 0x3FF};
+    return node >> kCoordinateShift.at(axis) & kMask.at(axis);
 }
 constexpr LocalNode midpoint(LocalNode a, LocalNode b) {
     return (a + b) >> 1U;
@@ -90,7 +92,7 @@ struct LocalBlock {
     std::vector<Real> value;     ///< of the function that is multiplied
     std::vector<Real> stopping;  ///< of the function whose gradient gives the coefficients
     std::vector<Real> sum;       ///< of the product
-    bool is_full = false;        ///< all its nodes are active
+    bool is_full = false;        ///< all its nodes in the volume are active
     Int3 corner{0, 0, 0};
     Int3 last{0, 0, 0};   ///< the volume's last node, from the corner
     bool is_cut = false;  ///< it reaches out of the volume
