@@ -99,6 +99,11 @@ class Run {
 };
 
 Result run(Arguments& a, Progress& progress) {
+    if (!a.snapshots.empty() && *a.snapshots.rbegin() > a.steps) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("--snapshots {}: there are only {} steps", *a.snapshots.rbegin(), a.steps));
+    }
     const auto start = std::chrono::steady_clock::now();
     a.source.max_heap = a.memory / 4;
     VolumeValues input(a.input, a.source);
