@@ -32,6 +32,7 @@ struct Arguments {
     std::string output;
     std::string grid;
     std::string colors = "viridis";
+    std::vector<int> size{800, 800};
     std::uint64_t memory = std::uint64_t{1} << 30U;
     bool force = false;
 };
@@ -108,7 +109,8 @@ Result run(Arguments& a, Progress& progress) {
     a.source.max_heap = a.memory / 4;
     VolumeValues input(a.input, a.source);
     const VolumeDescription d = input.describe();
-    SmoothedPlace place{Lattice(d.nodes), d.spacing, d.origin, 0, 1, a.colors, a.force};
+    SmoothedPlace place{Lattice(d.nodes), d.spacing, d.origin,  0,      1,
+                        a.colors,         a.size[0], a.size[1], a.force};
     if (place.lattice.dimension() == 0) {
         throw Error(ErrorKind::unsupported, {a.input}, "there is only one node");
     }
@@ -244,6 +246,13 @@ void add_smooth(CLI::App& app, Invocation& chosen) {
                   "a .png of its triangles")
         ->type_name("FILE");
     c->add_option("--colors", a->colors, "of a picture [viridis]")->type_name("NAME");
+    add_parsed(
+        c, "--size",
+        [a](const std::string& text) {
+            constexpr int kMost = 4096;
+            a->size = parse_size("--size", text, kMost);
+        },
+        "of a picture, pixels [800x800]", "WxH");
     c->add_option("-o,--output", a->output,
                   "the file to write: .h5, .nrrd, .raw (float32), in a plane also .png")
         ->required()

@@ -160,6 +160,8 @@ void draw(const std::filesystem::path& path, const SmoothedPlace& place, const N
     options.low = place.low;
     options.high = place.high > place.low ? place.high : place.low + 1;
     options.colors = place.colors;
+    options.width = place.width;
+    options.height = place.height;
     options.grid = edges;
     SlicePicture picture(path, options);
     PlaneMesh(place, grid, values).send(picture);

@@ -21,6 +21,8 @@ struct SmoothedPlace {
     double low = 0;   ///< value of the first colour
     double high = 1;  ///< of the last
     std::string colors = "viridis";
+    int width = 800;  ///< of a picture, pixels
+    int height = 800;
     bool force = false;
 };
 
