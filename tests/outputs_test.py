@@ -59,6 +59,8 @@ def cases(here, big=False):
     for end in ("ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf"):
         writing.append(Case(f"extract to {end}", f"o.{end}", extract, [store]))
     for end in ("h5", "nrrd", "raw"):
+        writing.append(Case(f"smooth to {end}", f"o.{end}",
+                            ["smooth", store, "--steps", "1", "--tau", "1", "--lambda", "1"], [store], True))
         writing.append(Case(f"export to {end}", f"o.{end}", ["export", store, "--field", "values"],
                             [store], True))
         writing.append(Case(f"make-volume to {end}", f"o.{end}",
@@ -278,6 +280,7 @@ class Stopped(unittest.TestCase):
             Case("picture", "o.png", ["picture", here / "m.ply"], []),
             Case("export", "o.h5", ["export", store, "--field", "deviation_bar"], [], True),
             Case("export to raw", "o.raw", ["export", store, "--field", "deviation_bar"], [], True),
+            Case("smooth", "o.h5", ["smooth", store, "--steps", "4", "--tau", "1", "--lambda", "1"], [], True),
             Case("make-volume", "o.h5", ["make-volume", "noise", "--size", "150"], [], True),
             Case("make-volume to nrrd", "o.nrrd", ["make-volume", "noise", "--size", "150"], [], True),
             Case("study", "study.csv", ["study", store, "--steps", "4"], [], folder=True)]

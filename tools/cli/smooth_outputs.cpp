@@ -234,7 +234,7 @@ void check_smoothed(const std::filesystem::path& path, const SmoothedPlace& plac
             ErrorKind::invalid_argument, {path.string()}, "the name says no format",
             {{RemedyKind::other_format, plane ? ".h5, .nrrd, .raw, .png" : ".h5, .nrrd, .raw"}});
     }
-    check_output(path, place.force || ending == ".png", inputs);
+    check_output(path, place.force, inputs);
 }
 
 }  // namespace isonest::detail::cli
