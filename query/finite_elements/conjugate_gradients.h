@@ -36,7 +36,10 @@ template <class Real, class Multiply>
 SolverReport conjugate_gradients(const Multiply& multiply, std::span<const Real> diagonal,
                                  const SolverVectors<Real>& v, double tolerance, int most,
                                  Progress& progress) {
-    const auto [x, r, p, z] = v;
+    const std::span<Real> x = v.x;
+    const std::span<Real> r = v.r;
+    const std::span<Real> p = v.p;
+    const std::span<Real> z = v.z;
     const std::size_t n = x.size();
     double rho = sum_of(n, [&](std::size_t i) {
         p[i] = r[i] / diagonal[i];

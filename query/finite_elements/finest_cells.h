@@ -52,7 +52,6 @@ template <bool Coefficient, bool Diagonal, class Real>
     const auto [hx, hy, hz] = terms.inverse;
     const Real scale = terms.stiffness;
     const Real lambda = terms.inverse_lambda;
-#pragma GCC ivdep
     for (std::size_t i = 0; i < kCellsPerCall; ++i) {
         Real xyz = active[0].odd[i] * there[i];
         Real yxz = active[1].even[i] * there[i];
@@ -121,7 +120,6 @@ template <bool Lumped, class Real>
                                                CornerSums<Real>& out) {
     const Real quarter = terms.volume / 4;
     const Real part = terms.volume / 20;
-#pragma GCC ivdep
     for (std::size_t i = 0; i < kCellsPerCall; ++i) {
         const Real x = active[0].odd[i] * there[i];
         const Real y = active[1].even[i] * there[i];

@@ -26,6 +26,7 @@ std::vector<float> weights_of(double sigma, std::int64_t nodes) {
         sum += i == 0 ? w[i] : 2 * w[i];
     }
     std::vector<float> out;
+    out.reserve(w.size());
     for (const double weight : w) {
         out.push_back(static_cast<float>(weight / sum));
     }
