@@ -33,6 +33,7 @@ struct Extraction {
     std::optional<WorldBox> box;
     std::optional<Outside> close;
     VertexPlace vertices = VertexPlace::linear;
+    Cells cells = Cells::tetrahedra;
     std::uint64_t memory = std::uint64_t{1} << 30U;
     int threads = 0;
 
@@ -82,6 +83,7 @@ inline ExtractQuery query_of(const StoreReader& store, const Extraction& e, bool
     query.bound = e.bound;
     query.close = e.close;
     query.vertices = e.vertices;
+    query.cells = e.cells;
     if (e.view) {
         query.culling = BackfaceCulling{*e.view, e.cull_by};
     }

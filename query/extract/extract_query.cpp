@@ -360,6 +360,10 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
         require_place_of_vertices(query);
         asked.traversal.vertices = query.vertices;
     }
+    if (query.cells == Cells::hexahedra) {
+        require_hexahedra(store, query);
+        asked.traversal.cells = query.cells;
+    }
     if (query.components) {
         require_sense(*query.components, product);
         asked.components = query.components;

@@ -148,6 +148,29 @@ void require_dimension(const StoreReader& store, Product product, bool culls) {
     }
 }
 
+void require_hexahedra(const StoreReader& store, const SurfaceQuery& query) {
+    const auto refuse = [&](const char* what) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                    fmt::format("{}; tetrahedra do", what));
+    };
+    const auto* const error = std::get_if<ErrorBound>(&query.stop);
+    if (store.layout().lattice().dimension() < 3) {
+        refuse("hexahedral cells need a volume, and give no isolines of data in a plane");
+    }
+    if (error == nullptr || error->value != 0 || query.focus || query.camera) {
+        refuse("hexahedral cells give the surface at full resolution alone, with an error of 0");
+    }
+    if (query.close) {
+        refuse("hexahedral cells give no caps");
+    }
+    if (query.culling) {
+        refuse("hexahedral cells leave out no backfaces");
+    }
+    if (query.vertices == VertexPlace::exact) {
+        refuse("hexahedral cells have no exact vertices of another kind than linear ones");
+    }
+}
+
 void require_contours(std::span<const double> values) {
     if (values.empty()) {
         throw Error(ErrorKind::invalid_argument, "contours: no values are given");

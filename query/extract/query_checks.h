@@ -19,6 +19,9 @@ void require_field(const StoreReader& store, Field field, const std::string& wha
 /// surfaces and slices, data in a plane isolines and a graph.
 void require_dimension(const StoreReader& store, Product product, bool culls);
 
+/// Throws Error{invalid_argument} if hexahedral cells do not give what the query asks for.
+void require_hexahedra(const StoreReader& store, const SurfaceQuery& query);
+
 /// Throws Error{invalid_argument, limit}.
 void require_contours(std::span<const double> values);
 

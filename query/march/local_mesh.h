@@ -50,6 +50,10 @@ class LocalMesh {
     /// One of them (kAxisOrders). REQUIRES: as above, of its own corners.
     unsigned march_in_cube(const Cube& cube, std::size_t order, double iso, bool cut);
 
+    /// Marches a hexahedral cell (march_hexahedron.h). `hits`: whether a corner has the isovalue.
+    /// REQUIRES: as there, and the mesh is not closed.
+    bool march_hexahedron(const Cube& cube, bool hits, double iso, bool cut);
+
     /// Adds the line {U = iso} in a leaf triangle of a plane, where there is one: a "triangle"
     /// whose last two corners are equal. One mesh holds lines or triangles, not both.
     void march_line(const std::array<Corner, 3>& corners, double iso, bool cut);

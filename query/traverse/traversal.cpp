@@ -11,6 +11,7 @@
 #include "query/march/clip.h"
 #include "query/traverse/brick_traversal.h"
 #include "query/traverse/finest_brick.h"
+#include "query/traverse/finest_hexahedra.h"
 
 namespace isonest::detail {
 namespace {
@@ -156,7 +157,11 @@ void run_finest_bricks(TraversalRun& run, const Int3& first, std::int64_t size,
     if (size == 1) {
         if (const auto cubes = surface_cubes(run.cache, first, run.query.iso, run.query.box)) {
             ++run.counts.local().bricks;
-            march_finest_brick(run, first, *cubes);
+            if (run.query.cells == Cells::hexahedra) {
+                march_finest_hexahedra(run, first, *cubes);
+            } else {
+                march_finest_brick(run, first, *cubes);
+            }
         }
         leave(run, 0, first);
         run.progress.advance(progress_share);

@@ -141,6 +141,11 @@ struct SurfaceQuery {
     std::optional<Field> vertex_error = {};
     /// Exact ones go with neither `close` nor a distance, whose vertices are exact in any case.
     VertexPlace vertices = VertexPlace::linear;
+    /// Hexahedra give about a third of the triangles that tetrahedra give: those of marching cubes,
+    /// where the corners of a face on alternate sides keep the values below the isovalue apart.
+    /// Cells with a missing corner have no surface. Of a volume alone, at full resolution (an error
+    /// of 0), and neither closed nor culled.
+    Cells cells = Cells::tetrahedra;
     /// Drops specks; without a value components are not looked for.
     std::optional<ComponentChoice> components = {};
     /// Closes the surface by caps where it meets the faces of the volume or of the box, so that
@@ -229,7 +234,7 @@ struct ExtractReport {
     Field stop = Field::deviation_bar;
     Field bound = Field::deviation_bar;
     std::optional<Field> culled_by;
-    std::uint64_t visited_tetrahedra = 0;
+    std::uint64_t visited_tetrahedra = 0;  ///< or hexahedra
     /// Visited, not refined further, and holding surface or cap.
     std::uint64_t leaf_tetrahedra = 0;
     /// Triangles that had no area since coordinates are rounded to float32: those that were taken
