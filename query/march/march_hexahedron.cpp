@@ -29,7 +29,8 @@ class PolygonWithHits {
           iso_(iso),
           edge_(c.edge.data() + c.first[number]),
           face_(c.face.data() + c.first[number]),
-          size_(static_cast<std::size_t>(c.first[number + 1] - c.first[number])) {}
+          size_(static_cast<std::size_t>(c.first[number + 1] - c.first[number])),
+          alone_(c.polygons == 1) {}
 
     void march(bool cut, std::vector<CollectedTriangle>& triangles) {
         std::size_t start = 0;
@@ -83,6 +84,14 @@ class PolygonWithHits {
     [[nodiscard]] bool stays_in_node(std::size_t i) const {
         return above(i) == above(i + 1) && is_hit(i);
     }
+    /// Whether the surface may have another side between the same two nodes, which are at the ends
+    /// of the side from corner i: on an edge of the grid by any face at it, on the diagonal of a
+    /// face if that face has both.
+    [[nodiscard]] bool may_be_double(unsigned from, unsigned to, std::size_t i) const {
+        const unsigned along = from ^ to;
+        const unsigned other = from ^ to ^ below(i);
+        return (along & (along - 1U)) == 0 || (cube_.below >> other & 1U) != 0;
+    }
     /// Names a side at the node on the surface in which corner i lies: by the two nodes of its face
     /// that no edge of the corner's ends in, or that is the one below.
     [[nodiscard]] Int3 side_name(std::size_t i, unsigned face) const {
@@ -100,6 +109,7 @@ class PolygonWithHits {
                 before.last = place.last;
                 const Place kept = before;
                 before = {place.first, last};
+                alone_ = false;
                 march_places(i, cut, triangles);
                 place_[i] = kept;
                 places_ = i + 1;
@@ -143,8 +153,8 @@ class PolygonWithHits {
         corner.vertex = vertices_.fan(
             node(at), side_name(place.first, face_[(place.first + size_ - 1) % size_]),
             side_name(place.last, face_[place.last % size_]));
-        if (is_hit(next.first)) {
-            const unsigned to = above(next.first);
+        const unsigned to = above(next.first);
+        if (is_hit(next.first) && may_be_double(at, to, place.last)) {
             Corner& middle = corner_[count_++];
             middle = {kNoVertex, run_count_, corner.faces & faces_at(to), false};
             runs_[run_count_++] = {node(at), node(to),
@@ -155,7 +165,7 @@ class PolygonWithHits {
     [[nodiscard]] double cost(std::size_t i, std::size_t j) const {
         const Corner& a = corner_[i];
         const Corner& b = corner_[j];
-        if ((a.faces & b.faces) != 0 || !(a.own || b.own)) {
+        if ((a.faces & b.faces) != 0 || !(a.own || b.own || alone_)) {
             return std::numeric_limits<double>::infinity();
         }
         const Double3& p = vertices_.position(a.vertex);
@@ -194,6 +204,7 @@ class PolygonWithHits {
     const std::uint8_t* edge_;
     const std::uint8_t* face_;
     std::size_t size_;
+    bool alone_;  ///< the cell has no other polygon
     std::array<Corner, kMostPolygonCorners> corner_{};
     std::size_t count_ = 0;
     std::array<Place, 12> place_{};
