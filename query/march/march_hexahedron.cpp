@@ -32,6 +32,15 @@ class PolygonWithHits {
           size_(static_cast<std::size_t>(c.first[number + 1] - c.first[number])),
           alone_(c.polygons == 1) {}
 
+    /// Whether one of its corners lies in a node.
+    [[nodiscard]] bool has_hits() const {
+        for (std::size_t i = 0; i < size_; ++i) {
+            if (is_hit(i)) {
+                return true;
+            }
+        }
+        return false;
+    }
     void march(bool cut, std::vector<CollectedTriangle>& triangles) {
         std::size_t start = 0;
         while (start < size_ && stays_in_node(start + size_ - 1)) {
@@ -58,10 +67,10 @@ class PolygonWithHits {
         std::size_t last;
     };
     struct Corner {
-        std::uint32_t vertex = kNoVertex;  ///< kNoVertex: that of a run
-        std::size_t run = 0;
-        unsigned faces = 0;  ///< of the cell in which it lies (bits)
-        bool own = false;    ///< no other polygon of the cell can have it
+        std::uint32_t vertex;  ///< kNoVertex: that of a run
+        std::size_t run;
+        unsigned faces;  ///< of the cell in which it lies (bits)
+        bool own;        ///< no other polygon of the cell can have it
     };
     /// A side between two nodes on the surface.
     struct Run {
@@ -143,16 +152,15 @@ class PolygonWithHits {
     void add_corner(const Place& place, const Place& next) {
         Corner& corner = corner_[count_++];
         if (!is_hit(place.first)) {
-            corner.vertex = vertices_.edge_of_cube(cube_, edge_[place.first % size_], iso_);
-            corner.faces = faces_at(edge(place.first));
-            corner.own = true;
+            corner = {vertices_.edge_of_cube(cube_, edge_[place.first % size_], iso_), 0,
+                      faces_at(edge(place.first)), true};
             return;
         }
         const unsigned at = above(place.first);
-        corner.faces = faces_at(at);
-        corner.vertex = vertices_.fan(
+        const std::uint32_t fan = vertices_.fan(
             node(at), side_name(place.first, face_[(place.first + size_ - 1) % size_]),
             side_name(place.last, face_[place.last % size_]));
+        corner = {fan, 0, faces_at(at), false};
         const unsigned to = above(next.first);
         if (is_hit(next.first) && may_be_double(at, to, place.last)) {
             Corner& middle = corner_[count_++];
@@ -205,13 +213,29 @@ class PolygonWithHits {
     const std::uint8_t* face_;
     std::size_t size_;
     bool alone_;  ///< the cell has no other polygon
-    std::array<Corner, kMostPolygonCorners> corner_{};
+    // What is beyond the counts is never read.
+    std::array<Corner, kMostPolygonCorners> corner_;
     std::size_t count_ = 0;
-    std::array<Place, 12> place_{};
+    std::array<Place, 12> place_;
     std::size_t places_ = 0;
-    std::array<Run, kMostPolygonCorners / 2> runs_{};
+    std::array<Run, kMostPolygonCorners / 2> runs_;
     std::size_t run_count_ = 0;
 };
+
+/// Polygon `number` of a cell, as the table has it.
+void march_polygon(PartVertices& vertices, const Cube& cube, double iso, const HexahedronCase& c,
+                   std::size_t number, bool cut, std::vector<CollectedTriangle>& triangles) {
+    const std::size_t begin = c.first[number];
+    const std::size_t end = c.first[number + 1];
+    std::array<std::uint32_t, 12> v{};
+    for (std::size_t i = begin; i < end; ++i) {
+        v[i] = vertices.edge_of_cube(cube, c.edge[i], iso);
+    }
+    for (std::size_t i = begin - 2 * number; i < end - 2 * (number + 1); ++i) {
+        const auto& t = c.triangle[i];
+        triangles.push_back({{v[t[0]], v[t[1]], v[t[2]]}, cut});
+    }
+}
 
 }  // namespace
 
@@ -233,7 +257,12 @@ bool march_hexahedron(PartVertices& vertices, const Cube& cube, double iso, bool
                       std::vector<CollectedTriangle>& triangles) {
     const HexahedronCase& c = hexahedron_cases()[cube.below];
     for (std::size_t i = 0; i < c.polygons; ++i) {
-        PolygonWithHits(vertices, cube, iso, c, i).march(cut, triangles);
+        PolygonWithHits polygon(vertices, cube, iso, c, i);
+        if (polygon.has_hits()) {
+            polygon.march(cut, triangles);
+        } else {
+            march_polygon(vertices, cube, iso, c, i, cut, triangles);
+        }
     }
     return c.triangles > 0;
 }

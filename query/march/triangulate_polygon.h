@@ -18,10 +18,17 @@ inline constexpr std::size_t kMostPolygonCorners = 24;
 /// choice depends on n and the costs alone. REQUIRES: 3 <= n <= kMostPolygonCorners.
 template <class Cost, class AddTriangle>
 bool triangulate_polygon(std::size_t n, const Cost& cost, const AddTriangle& triangle) {
+    if (n == 3) {
+        triangle(0U, 1U, 2U);
+        return true;
+    }
     constexpr double kForbidden = std::numeric_limits<double>::infinity();
     // Of the part of the polygon between corners i and j: its diagonals but that one.
-    std::array<std::array<double, kMostPolygonCorners>, kMostPolygonCorners> least{};
-    std::array<std::array<std::uint8_t, kMostPolygonCorners>, kMostPolygonCorners> apex{};
+    std::array<std::array<double, kMostPolygonCorners>, kMostPolygonCorners> least;
+    std::array<std::array<std::uint8_t, kMostPolygonCorners>, kMostPolygonCorners> apex;
+    for (std::size_t i = 0; i + 1 < n; ++i) {
+        least[i][i + 1] = 0;
+    }
     for (std::size_t span = 2; span < n; ++span) {
         for (std::size_t i = 0; i + span < n; ++i) {
             const std::size_t j = i + span;
@@ -40,7 +47,7 @@ bool triangulate_polygon(std::size_t n, const Cost& cost, const AddTriangle& tri
     if (!(least[0][n - 1] < kForbidden)) {
         return false;
     }
-    std::array<std::array<std::uint8_t, 2>, kMostPolygonCorners> open{};
+    std::array<std::array<std::uint8_t, 2>, kMostPolygonCorners> open;
     std::size_t count = 0;
     open[count++] = {0, static_cast<std::uint8_t>(n - 1)};
     while (count > 0) {
