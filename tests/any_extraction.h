@@ -71,6 +71,7 @@ inline ExtractQuery query_of(const StoreReader& store, const Extraction& e, bool
     if (e.plane) {
         SliceQuery query = with_attributes(start(SliceQuery{}));
         query.plane = *e.plane;
+        query.cells = e.cells;
         return extract_query(store, query, float64);
     }
     if (e.graph_scale) {

@@ -348,6 +348,12 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
 Study study(const StoreReader& store, const StudyOptions& options, Progress& progress) {
     const StoreLayout& layout = store.layout();
     for (const Field field : options.fields) {
+        if (is_of_cells(field)) {
+            throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                        fmt::format("a study compares fields of nodes; {} is one of hexahedral "
+                                    "cells",
+                                    name_of(field)));
+        }
         static_cast<void>(layout.array(std::min(1, layout.lattice().top()), field));
     }
     if (options.steps < 2 || !(options.least > 0) || !(options.least < 1)) {

@@ -12,6 +12,7 @@
 #include "query/traverse/brick_traversal.h"
 #include "query/traverse/finest_brick.h"
 #include "query/traverse/finest_hexahedra.h"
+#include "query/traverse/traverse_hexahedra.h"
 
 namespace isonest::detail {
 namespace {
@@ -201,6 +202,9 @@ bool is_finest(const StoreLayout& layout, const TraversalQuery& query) {
 
 TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
                          const PartSink& sink, Progress& progress) {
+    if (query.cells == Cells::hexahedra && !is_finest(cache.source().layout(), query)) {
+        return traverse_hexahedra(cache, query, part_vertices, sink, progress);
+    }
     TraversalRun run(cache, query, part_vertices, sink, progress);
     const StoreLayout& layout = run.layout();
     progress.begin("extract", kWholeProgress, "");

@@ -54,7 +54,7 @@ void add_export(CLI::App& app, Invocation& chosen) {
     add_parsed(
         c, "--field",
         [&e](const std::string& text) { e.field = parse_field_or_values("--field", text); },
-        fmt::format("values, {}", list_names(all_indicators())), "NAME")
+        fmt::format("values, {}", list_names(all_fields())), "NAME")
         ->required();
     add_parsed(
         c, "--level",

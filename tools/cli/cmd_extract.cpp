@@ -28,7 +28,6 @@ struct Arguments {
     std::optional<ComponentChoice> components;
     std::optional<Outside> close;
     VertexPlace vertices = VertexPlace::linear;
-    Cells cells = Cells::tetrahedra;
     std::string values;  ///< a second store, or empty
 };
 
@@ -46,14 +45,6 @@ VertexPlace parse_vertices(const std::string& text) {
                     fmt::format("--vertices '{}': give linear or exact", text));
     }
     return text == "exact" ? VertexPlace::exact : VertexPlace::linear;
-}
-
-Cells parse_cells(const std::string& text) {
-    if (text != "tet" && text != "hex") {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("--cells '{}': give tet or hex", text));
-    }
-    return text == "hex" ? Cells::hexahedra : Cells::tetrahedra;
 }
 
 /// Why there is none.
@@ -124,7 +115,7 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
     query.components = arguments.components;
     query.close = arguments.close;
     query.vertices = arguments.vertices;
-    query.cells = arguments.cells;
+    query.cells = a.cells;
     if (arguments.distance.analysis && !arguments.distance.stop()) {
         throw Error(ErrorKind::invalid_argument,
                     "--keep-analysis goes with --distance or --triangles");
@@ -261,12 +252,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         "the bound is then twice the error [linear]",
         "linear|exact")
         ->excludes(graph);
-    add_parsed(
-        c, "--cells", [a](const std::string& text) { a->cells = parse_cells(text); },
-        "cells of the nested grid: tetrahedra, or hexahedra, which give\n"
-        "a third of the triangles, at full resolution alone [tet]",
-        "tet|hex")
-        ->excludes(graph);
+    add_cells_option(c, a->extract)->excludes(graph);
     c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
     c->add_option("--vertex-values", a->values,
                   "vertex values from this other store of the same lattice")

@@ -161,6 +161,7 @@ Result run(Arguments& a, Progress& progress) {
     const StoreReader store(a.store);
     if (a.study.fields.empty()) {
         a.study.fields = store.layout().header().fields;
+        std::erase_if(a.study.fields, is_of_cells);
     }
     const std::filesystem::path folder = a.folder;
     const Folder made(folder);

@@ -143,8 +143,10 @@ struct SurfaceQuery {
     VertexPlace vertices = VertexPlace::linear;
     /// Hexahedra give about a third of the triangles that tetrahedra give: those of marching cubes,
     /// where the corners of a face on alternate sides keep the values below the isovalue apart.
-    /// Cells with a missing corner have no surface. Of a volume alone, at full resolution (an error
-    /// of 0), and neither closed nor culled.
+    /// Cells with a missing corner have no surface. An error, or the threshold of a field of cells,
+    /// needs that field (hex_deviation, hex_linf for an estimate), and bounds how far the data are
+    /// from the function whose surface is shown, which is trilinear in each cell. Of a volume
+    /// alone, for one error everywhere, neither closed nor culled, with linear vertices.
     Cells cells = Cells::tetrahedra;
     /// Drops specks; without a value components are not looked for.
     std::optional<ComponentChoice> components = {};
@@ -169,6 +171,7 @@ struct SliceQuery {
     bool normals = false;  ///< from the data's gradient
     const Store* vertex_values = nullptr;
     std::optional<Field> vertex_error = {};
+    Cells cells = Cells::tetrahedra;  ///< as in SurfaceQuery
 };
 
 /// The lines in a plane on which the data have one of `values` (at most 1000), with the attribute
