@@ -34,7 +34,7 @@ PreprocessOptions with_cells(int chunk) {
     return options;
 }
 
-struct Leaf {
+struct HexLeaf {
     int level;
     Int3 at;
     std::array<double, 8> value;
@@ -67,9 +67,9 @@ struct Leaf {
     }
 };
 
-void find_leaves(HexProjection& grid, int level, const Int3& at, std::vector<Leaf>& leaves) {
+void find_leaves(HexProjection& grid, int level, const Int3& at, std::vector<HexLeaf>& leaves) {
     if (level == 0 || !grid.is_refined(level, at)) {
-        Leaf leaf{level, at, {}};
+        HexLeaf leaf{level, at, {}};
         for (unsigned c = 0; c < 8; ++c) {
             leaf.value[c] = grid.value((at + corner_offset(c)) * leaf.edge());
         }
@@ -121,7 +121,7 @@ void require_whole(const Mesh& mesh, const Int3& n) {
 
 /// Trilinear in unit cells.
 template <class T>
-double finest(const FunctionVolume<T>& volume, const std::array<float, 3>& p) {
+double trilinear_value(const FunctionVolume<T>& volume, const std::array<float, 3>& p) {
     Int3 low;
     for (int axis = 0; axis < 3; ++axis) {
         low[axis] = static_cast<std::int64_t>(std::floor(p[static_cast<std::size_t>(axis)]));
@@ -154,7 +154,7 @@ TEST_CASE("the projection is the same on both sides of every face between cells 
             for (const double error : {0.02, 0.1, 0.4, 1.5}) {
                 CAPTURE(n.x, n.y, n.z, error);
                 HexProjection grid(cache, Field::hex_deviation, error);
-                std::vector<Leaf> leaves;
+                std::vector<HexLeaf> leaves;
                 const int top = grid.lattice().top();
                 const Int3 roots = grid.lattice().elements_at(top);
                 for (std::int64_t i = 0; i < roots.product(); ++i) {
@@ -163,8 +163,8 @@ TEST_CASE("the projection is the same on both sides of every face between cells 
                 double jump = 0;
                 int levels_apart = 0;
                 std::size_t faces = 0;
-                for (const Leaf& a : leaves) {
-                    for (const Leaf& b : leaves) {
+                for (const HexLeaf& a : leaves) {
+                    for (const HexLeaf& b : leaves) {
                         if (b.level <= a.level) {
                             continue;
                         }
@@ -208,7 +208,7 @@ TEST_CASE("the projection is within the error of the data in every node") {
             for (const double error : {0.02, 0.1, 0.4, 1.5}) {
                 CAPTURE(n.x, n.y, n.z, error);
                 HexProjection grid(cache, Field::hex_deviation, error);
-                std::vector<Leaf> leaves;
+                std::vector<HexLeaf> leaves;
                 const int top = grid.lattice().top();
                 const Int3 roots = grid.lattice().elements_at(top);
                 for (std::int64_t i = 0; i < roots.product(); ++i) {
@@ -216,7 +216,7 @@ TEST_CASE("the projection is within the error of the data in every node") {
                 }
                 double most = 0;
                 std::int64_t covered = 0;
-                for (const Leaf& leaf : leaves) {
+                for (const HexLeaf& leaf : leaves) {
                     covered += leaf.edge() * leaf.edge() * leaf.edge();
                     const Int3 nodes = Int3{1, 1, 1} * (leaf.edge() + 1);
                     for (std::int64_t i = 0; i < nodes.product(); ++i) {
@@ -255,7 +255,8 @@ TEST_CASE("adaptive hexahedral surfaces have no cracks, and their vertices are w
                                 cut || v[axis] == static_cast<float>(n[static_cast<int>(axis)] - 1);
                         }
                         // At the border a coarse triangle's side is cut, not the function.
-                        most = cut ? most : std::max(most, std::fabs(finest(volume, v) - iso));
+                        most = cut ? most
+                                   : std::max(most, std::fabs(trilinear_value(volume, v) - iso));
                     }
                     // Vertices lie on edges of cells, polygons' centres elsewhere.
                     CHECK(most < 2 * error + 1e-4);

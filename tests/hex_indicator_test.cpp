@@ -122,7 +122,7 @@ void require_agreement(FunctionVolume<T>& volume, int chunk, bool exact, double 
         }
     }
     CAPTURE(volume.nodes().x, volume.nodes().y, volume.nodes().z);
-    CHECK(compared > 0);
+    CHECK((compared > 0 || layout.lattice().top() == 0));
     CHECK(wrong == 0);
 }
 

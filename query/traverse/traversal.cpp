@@ -58,7 +58,10 @@ void leave(TraversalRun& run, int level, const Int3& brick) {
         return;
     }
     const auto keep = [&](int of_level, Field field) {
-        run.cache.keep_sides(layout.array(of_level, field), brick);
+        // At full resolution nothing stops, and the store need not have the field.
+        if (layout.has(field)) {
+            run.cache.keep_sides(layout.array(of_level, field), brick);
+        }
     };
     keep(level, Field::values);
     if (level < layout.lattice().top()) {
