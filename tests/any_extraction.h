@@ -33,6 +33,7 @@ struct Extraction {
     std::optional<WorldBox> box;
     std::optional<Outside> close;
     VertexPlace vertices = VertexPlace::linear;
+    Cells cells = Cells::tetrahedra;
     std::uint64_t memory = std::uint64_t{1} << 30U;
     int threads = 0;
 
@@ -70,6 +71,7 @@ inline ExtractQuery query_of(const StoreReader& store, const Extraction& e, bool
     if (e.plane) {
         SliceQuery query = with_attributes(start(SliceQuery{}));
         query.plane = *e.plane;
+        query.cells = e.cells;
         return extract_query(store, query, float64);
     }
     if (e.graph_scale) {
@@ -82,6 +84,7 @@ inline ExtractQuery query_of(const StoreReader& store, const Extraction& e, bool
     query.bound = e.bound;
     query.close = e.close;
     query.vertices = e.vertices;
+    query.cells = e.cells;
     if (e.view) {
         query.culling = BackfaceCulling{*e.view, e.cull_by};
     }

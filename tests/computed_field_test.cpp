@@ -65,7 +65,7 @@ struct Loaded {
     std::optional<ChunkCache> cache;
 };
 
-PreprocessOptions all_fields() {
+PreprocessOptions all_computed_fields() {
     PreprocessOptions options = with_chunk(8, true);
     options.fields = all_indicators();
     return options;
@@ -80,7 +80,7 @@ TEST_CASE("computed indicators with the store's powers are those of the store") 
         {"grad_lp:2", Indicator::grad_l2}, {"grad_lp:inf", Indicator::grad_linf}};
     for (const Int3& n : {Int3{17, 17, 17}, Int3{12, 17, 6}, Int3{17, 1, 11}, Int3{1, 21, 1}}) {
         Loaded l(
-            n, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); }, all_fields());
+            n, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); }, all_computed_fields());
         WholeLattice stored(l.store->layout());
         stored.load_values(*l.cache);
         for (const auto& [name, indicator] : same) {
@@ -210,7 +210,8 @@ TEST_CASE("names of computed fields are read and written") {
 
 TEST_CASE("a study of a computed indicator is that of the store's") {
     Loaded l(
-        {17, 17, 17}, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); }, all_fields());
+        {17, 17, 17}, [](const Int3& p) { return smooth(p) + 0.2 * noise(p); },
+        all_computed_fields());
     StudyOptions options;
     options.fields = {Field::l2_bar, field_named("lp:2_bar")};
     options.steps = 5;

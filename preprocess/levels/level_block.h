@@ -13,6 +13,7 @@
 #include <isonest/value_type.h>
 
 #include "preprocess/indicators/deviation.h"
+#include "preprocess/indicators/hex_offset.h"
 #include "preprocess/indicators/linf.h"
 #include "preprocess/indicators/missing.h"
 #include "preprocess/indicators/normal_indicators.h"
@@ -141,11 +142,16 @@ class Measures {
             if (offset && indicator != Indicator::linf && !norms_) {
                 norms_.emplace(task.spacing, task.level, task.flat);
             }
-            normal_wanted_ = normal_wanted_ || indicator >= Indicator::normal;
+            cell_wanted_ = cell_wanted_ || is_of_cells(f.field);
+            normal_wanted_ =
+                normal_wanted_ || (indicator >= Indicator::normal && !is_of_cells(f.field));
         }
         if (offset_wanted_) {
             planes_.fill(SplitPlane<Real>(task.range));
             eta_ = Layer<Real>(nx, ny);
+        }
+        if (cell_wanted_) {
+            cell_ = Layer<Real>(nx, ny);
         }
         if (task.values->has_missing && (offset_wanted_ || normal_wanted_)) {
             missing_ = missing_at_half_edge(task);
@@ -181,6 +187,12 @@ class Measures {
         if (normals_) {
             normal_changes(k, last);
         }
+        if (cell_wanted_) {
+            cell_.clear();
+            if (has_odd || (task_.flat & 4U) != 0) {
+                hex_offsets(task_.range, k, task_.flat, task_.step, task_.values->values, cell_);
+            }
+        }
     }
 
     /// Copies the measure of a field, or takes it where no other field needs it.
@@ -206,6 +218,8 @@ class Measures {
         switch (indicator) {
             case Indicator::deviation:
                 return deviation_;
+            case Indicator::hex_offset:
+                return cell_;
             case Indicator::normal:
                 return changes_[0];
             case Indicator::normal_edge:
@@ -298,6 +312,8 @@ class Measures {
     std::optional<OffsetNorms> norms_;  ///< where a field is a multiple of |U_delta|
     bool offset_wanted_ = false;
     bool normal_wanted_ = false;
+    bool cell_wanted_ = false;
+    Layer<Real> cell_;
     std::array<SplitPlane<Real>, 3> planes_;
     Layer<Real> eta_;
     Layer<Real> deviation_;
@@ -331,7 +347,9 @@ void run_level(const LevelTask<T>& task, Emit&& emit) {
             Layer<Real>& layer = layers[f][now];
             Layer<Real>& below = layers[f][1 - now];
             measures.hand_out(f, k, layer);
-            if (saturation_of(field) == Saturation::bar) {
+            if (is_of_cells(field)) {
+                saturate_cells(range, k, task.flat, centres, saturation_of(field), layer);
+            } else if (saturation_of(field) == Saturation::bar) {
                 saturate_even_plane<SaturateBar>(range, k, centres, layer);
             } else {
                 saturate_even_plane<SaturatePlus>(range, k, centres, layer);
@@ -339,7 +357,9 @@ void run_level(const LevelTask<T>& task, Emit&& emit) {
             if (k == range.lo.z) {
                 continue;
             }
-            if (saturation_of(field) == Saturation::bar) {
+            if (is_of_cells(field)) {
+                // Complete by itself.
+            } else if (saturation_of(field) == Saturation::bar) {
                 saturate_odd_plane<SaturateBar>(range, k - 1, centres, layer, below);
             } else {
                 saturate_odd_plane<SaturatePlus>(range, k - 1, centres, layer, below);

@@ -66,6 +66,18 @@ class LevelChecks {
         for_each_block(first_of(array, chunk), count_of(array, chunk), halves(array), block, kEdge);
     }
 
+    /// The same of cells: each is at least all cells of the finer level that share a node with it.
+    void saturation_of_cells(const ArrayInfo& array, const Int3& chunk) {
+        const auto block = [&](const Int3& base, const Int3& n) {
+            if (layout_.header().exact) {
+                saturation_of_cell_block<float>(array, chunk, base, n);
+            } else {
+                saturation_of_cell_block<IndicatorCode>(array, chunk, base, n);
+            }
+        };
+        for_each_block(first_of(array, chunk), count_of(array, chunk), halves(array), block, kEdge);
+    }
+
   private:
     /// Blocks of a chunk are so large along each axis, so that what is gathered for one is small.
     static constexpr std::int64_t kEdge = 16;
@@ -158,6 +170,43 @@ class LevelChecks {
         findings_.count(compared);
     }
 
+    template <class T>
+    void saturation_of_cell_block(const ArrayInfo& array, const Int3& chunk, const Int3& base,
+                                  const Int3& n) {
+        if (array.level == 1) {
+            return;
+        }
+        const Int3 cells = layout_.lattice().elements_at(array.level);
+        const Int3 finer_cells = layout_.lattice().elements_at(array.level - 1);
+        const Int3 two{2, 2, 2};
+        const Int3 one{1, 1, 1};
+        const auto own = gather<T>(array, base, base + n, 0, 1);
+        const auto finer = gather<T>(layout_.array(array.level - 1, array.field), base * 2 - one,
+                                     (base + n) * 2 + one, 0, 1);
+        std::int64_t compared = 0;
+        for (std::int64_t i = 0; i < n.product(); ++i) {
+            const Int3 cell = base + n.unlinear(i);
+            if (max(cell + one, cells) != cells) {
+                continue;
+            }
+            const Int3 first = max(cell * 2 - one, {0, 0, 0});
+            const Int3 count = min(cell * 2 + two + one, finer_cells) - first;
+            for (std::int64_t c = 0; c < count.product(); ++c) {
+                const Int3 at = first + count.unlinear(c);
+                ++compared;
+                if (!(own.at(cell, 0) >= finer.at(at, 0))) {
+                    findings_.add("saturation", array, chunk,
+                                  cell * (std::int64_t{1} << array.level),
+                                  fmt::format("{} is less than {} in its neighbour or part {} {} "
+                                              "{} of level {}",
+                                              own.at(cell, 0), finer.at(at, 0), at.x, at.y, at.z,
+                                              array.level - 1));
+                }
+            }
+        }
+        findings_.count(compared);
+    }
+
     /// The centres of the up to eight cubes of the finer level around the edge midpoint p.
     template <class T, class F>
     void finer_centres(int level, const Int3& p, const Gathered<T>& finer, F&& against) {
@@ -225,6 +274,8 @@ void check_levels(ChunkCache& cache, Findings& findings, const ArrayInfo& array,
     LevelChecks checks(cache, findings);
     if (array.field == Field::values) {
         checks.injection(array, chunk);
+    } else if (is_of_cells(array.field)) {
+        checks.saturation_of_cells(array, chunk);
     } else if (array.level == 1 && centre_suffices_at_level_1(array.field)) {
         checks.finest_bounds(array, chunk);
     } else {

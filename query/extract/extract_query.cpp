@@ -121,7 +121,15 @@ ExtractQuery begun(const StoreReader& store, Product product, const Query& query
     asked.product = product;
     asked.spacing = header.spacing;
     asked.origin = header.origin;
-    const Stop stop = stop_of(store, query.stop);
+    const Stop stop = [&] {
+        if constexpr (requires { query.cells; }) {
+            if (query.cells == Cells::hexahedra) {
+                asked.traversal.cells = query.cells;
+                return stop_of_cells(store, query);
+            }
+        }
+        return stop_of(store, query.stop);
+    }();
     asked.threshold = stop.threshold;
     asked.traversal.stop = stop.field;
     // Where nothing is searched the bound is not used.
@@ -294,7 +302,9 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     ExtractQuery asked = begun(store, product, query);
     asked.traversal.iso = query.iso;
     asked.traversal.box.close = query.close;
-    asked.traversal.bound = bound_of(store, query.bound);
+    if (query.cells == Cells::tetrahedra) {
+        asked.traversal.bound = bound_of(store, query.bound);
+    }
     if (query.culling) {
         asked.traversal.culling = culling_of(store, *query.culling);
     }

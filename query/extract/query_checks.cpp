@@ -34,6 +34,19 @@ double largest_of(const StoreReader& store, Field field) {
     return largest;
 }
 
+/// In the data's units.
+double error_of(const StoreReader& store, const ErrorBound& asked) {
+    double error = asked.value;
+    if (asked.relative) {
+        // Each part by itself: the range of doubles may be beyond them.
+        error = store.max_value() > store.min_value()
+                    ? error * store.max_value() - error * store.min_value()
+                    : error * 0;
+    }
+    require_not_negative(error, "error");
+    return error;
+}
+
 Stop stop_of(const StoreReader& store, const ErrorBound& asked) {
     Field field = Field::deviation_bar;
     switch (asked.guarantee) {
@@ -47,15 +60,7 @@ Stop stop_of(const StoreReader& store, const ErrorBound& asked) {
             break;
     }
     require_field(store, field, "this guarantee");
-    double error = asked.value;
-    if (asked.relative) {
-        // Each part by itself: the range of doubles may be beyond them.
-        error = store.max_value() > store.min_value()
-                    ? error * store.max_value() - error * store.min_value()
-                    : error * 0;
-    }
-    require_not_negative(error, "error");
-    return {field, error};
+    return {field, error_of(store, asked)};
 }
 
 Stop stop_of(const StoreReader& store, const FieldThreshold& asked) {
@@ -111,7 +116,7 @@ Stop stop_of(const StoreReader& store, const SimplifiedErrorBound& asked) {
 
 }  // namespace
 
-void require_field(const StoreReader& store, Field field, const std::string& what) {
+void require_stored(const StoreReader& store, Field field, const std::string& what) {
     const StoreLayout& layout = store.layout();
     if (layout.has(field) || layout.lattice().top() == 0) {
         return;
@@ -124,6 +129,15 @@ void require_field(const StoreReader& store, Field field, const std::string& wha
                             there.empty() ? "none" : list_names(there)),
                 {{RemedyKind::make_fields, fmt::format("{}", fmt::join(names_of(wanted), ","))},
                  {RemedyKind::other_field, fmt::format("{}", fmt::join(names_of(there), ","))}});
+}
+
+void require_field(const StoreReader& store, Field field, const std::string& what) {
+    if (is_of_cells(field)) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                    fmt::format("{} needs a field of nodes; {} is one of hexahedral cells", what,
+                                name_of(field)));
+    }
+    require_stored(store, field, what);
 }
 
 void require_dimension(const StoreReader& store, Product product, bool culls) {
@@ -170,6 +184,65 @@ Stop stop_of(const StoreReader& store, const isonest::StopTest& test) {
 
 Stop stop_of(const StoreReader& store, const SurfaceStop& test) {
     return std::visit([&](const auto& asked) { return stop_of(store, asked); }, test);
+}
+
+namespace {
+
+[[noreturn]] void refuse_cells(const StoreReader& store, const char* what) {
+    throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                fmt::format("hexahedral cells {}; tetrahedra do", what));
+}
+
+/// `finest_needs_none`: an error of 0 needs no field. Test: ErrorBound or FieldThreshold.
+template <class Query>
+Stop stop_of_cells(const StoreReader& store, const Query& query, bool finest_needs_none) {
+    if (store.layout().lattice().dimension() < 3) {
+        refuse_cells(store, "give nothing of data in a plane");
+    }
+    if (query.focus || query.camera) {
+        refuse_cells(store, "know neither focus nor camera");
+    }
+    Stop stop{Field::hex_deviation, 0};
+    if (const auto* const error = std::get_if<ErrorBound>(&query.stop)) {
+        stop.field = error->guarantee == Guarantee::estimate ? Field::hex_linf : stop.field;
+        stop.threshold = error_of(store, *error);
+    } else if (const auto* const test = std::get_if<FieldThreshold>(&query.stop)) {
+        if (!is_of_cells(test->field)) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("hexahedral cells stop by a field of cells, {}; {} is none",
+                                    "hex_linf or hex_deviation", name_of(test->field)),
+                        {{RemedyKind::other_field, "hex_linf,hex_deviation"}});
+        }
+        require_not_negative(test->value, "threshold");
+        stop.field = test->field;
+        stop.threshold = test->value * (test->relative ? largest_of(store, test->field) : 1.0);
+    } else {
+        refuse_cells(store,
+                     "stop by an error alone, neither by a distance nor by a number of "
+                     "triangles, and are not simplified");
+    }
+    if (stop.threshold > 0 || !finest_needs_none) {
+        require_stored(store, stop.field, "hexahedral cells");
+    }
+    return stop;
+}
+
+}  // namespace
+
+Stop stop_of_cells(const StoreReader& store, const SurfaceQuery& query) {
+    if (query.close) {
+        refuse_cells(store, "give no caps");
+    }
+    if (query.culling) {
+        refuse_cells(store, "leave out no backfaces");
+    }
+    if (query.vertices == VertexPlace::exact) {
+        refuse_cells(store, "have no exact vertices");
+    }
+    return stop_of_cells(store, query, true);
+}
+Stop stop_of_cells(const StoreReader& store, const SliceQuery& query) {
+    return stop_of_cells(store, query, false);
 }
 
 void require_float32(const StoreReader& store, const ExtractQuery& query) {

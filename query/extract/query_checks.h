@@ -13,6 +13,8 @@
 namespace isonest::detail {
 
 /// Throws Error{not_found} if the store lacks the field that `what` needs.
+void require_stored(const StoreReader& store, Field field, const std::string& what);
+/// The same of a field of nodes; throws Error{invalid_argument} if it is one of cells.
 void require_field(const StoreReader& store, Field field, const std::string& what);
 
 /// Throws Error{invalid_argument} unless the product is one of the store's data: volumes have
@@ -30,6 +32,9 @@ struct Stop {
 };
 Stop stop_of(const StoreReader& store, const isonest::StopTest& test);
 Stop stop_of(const StoreReader& store, const SurfaceStop& test);
+/// The same of hexahedral cells.
+Stop stop_of_cells(const StoreReader& store, const SurfaceQuery& query);
+Stop stop_of_cells(const StoreReader& store, const SliceQuery& query);
 
 /// Throws Error{limit} where the mesh would need numbers beyond float32: coordinates, heights,
 /// values that the mesh holds as float32.

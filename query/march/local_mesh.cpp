@@ -10,6 +10,7 @@
 
 #include "query/march/crossing.h"
 #include "query/march/cube_cases.h"
+#include "query/march/march_hexahedron.h"
 #include "query/view/topology.h"
 
 namespace isonest::detail {
@@ -153,6 +154,11 @@ unsigned LocalMesh::march_in_cube(const Cube& cube, std::size_t order, double is
         add(v0, v1, vertex(2), cut);
     }
     return c.first[order] < c.first[order + 1] ? 1 : 0;
+}
+
+bool LocalMesh::march_hexahedron(const Cube& cube, bool hits, double iso, bool cut) {
+    return hits ? detail::march_hexahedron(vertices_, cube, iso, cut, triangles_)
+                : march_hexahedron_without_hits(vertices_, cube, iso, cut, triangles_);
 }
 
 void LocalMesh::march_line(const std::array<Corner, 3>& corners, double iso, bool cut) {

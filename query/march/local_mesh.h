@@ -11,6 +11,7 @@
 #include "query/march/capped_tetrahedron.h"
 #include "query/march/corner.h"
 #include "query/march/finish_part.h"
+#include "query/march/hex_cell.h"
 #include "query/march/part_vertices.h"
 
 namespace isonest::detail {
@@ -49,6 +50,16 @@ class LocalMesh {
     unsigned march_cube(const Cube& cube, double iso, bool cut);
     /// One of them (kAxisOrders). REQUIRES: as above, of its own corners.
     unsigned march_in_cube(const Cube& cube, std::size_t order, double iso, bool cut);
+
+    /// Marches a hexahedral cell (march_hexahedron.h). `hits`: whether a corner has the isovalue.
+    /// REQUIRES: as there, and the mesh is not closed.
+    bool march_hexahedron(const Cube& cube, bool hits, double iso, bool cut);
+
+    /// Marches a cell of an adaptive hexahedral grid (hex_cell.h). REQUIRES: place() was not
+    /// called, and the mesh is not closed.
+    bool march_hex_cell(const HexCell& cell, double iso, bool cut) {
+        return detail::march_hex_cell(vertices_, cell, iso, cut, triangles_);
+    }
 
     /// Adds the line {U = iso} in a leaf triangle of a plane, where there is one: a "triangle"
     /// whose last two corners are equal. One mesh holds lines or triangles, not both.

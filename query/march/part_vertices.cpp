@@ -269,6 +269,25 @@ std::uint32_t PartVertices::centre(const std::array<std::uint32_t, 3>& v) {
     return vertex;
 }
 
+std::uint32_t PartVertices::centre(std::span<const std::uint32_t> v) {
+    Double3 position{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        for (const std::uint32_t at : v) {
+            position[axis] += positions_[at][axis];
+        }
+        position[axis] /= static_cast<double>(v.size());
+    }
+    const std::uint32_t vertex = add(kNoKey, position);
+    if (attributes_ != nullptr) {
+        VertexAttributes mean = values_[v[0]];
+        for (std::size_t i = 1; i < v.size(); ++i) {
+            mean = attributes_->mix(mean, values_[v[i]], 1 / static_cast<double>(i + 1));
+        }
+        values_.push_back(attributes_->with_unit_normal(mean));
+    }
+    return vertex;
+}
+
 std::uint32_t PartVertices::edge_cut(const Int3& a, const Int3& b, std::uint32_t planes, double t,
                                      const Double3& position) {
     const VertexKey key{key_of(a + b), 0, VertexKind::edge, planes};

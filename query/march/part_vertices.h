@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include <isonest/int3.h>
@@ -73,6 +74,8 @@ class PartVertices {
     void run_between(const Int3& a, const Int3& b, const Int3& below1, const Int3& below2);
     /// One that no other tetrahedron names: the centre of three vertices.
     std::uint32_t centre(const std::array<std::uint32_t, 3>& v);
+    /// The same of any number.
+    std::uint32_t centre(std::span<const std::uint32_t> v);
     /// Where the faces `planes` (bits, as VertexKey::planes) of a closed box cut the edge from a to
     /// b, at a + t (b - a).
     std::uint32_t edge_cut(const Int3& a, const Int3& b, std::uint32_t planes, double t,

@@ -139,8 +139,8 @@ VertexAttributes AttributeSampler::sample(const Int3& a, const Int3& b, double t
         }
     }
     if (choice_.value) {
-        const double va = values_.value(a, level);
-        const double vb = values_.value(b, level);
+        const double va = of_node_ ? of_node_(a) : values_.value(a, level);
+        const double vb = of_node_ ? of_node_(b) : values_.value(b, level);
         const auto [number, rounding] = interpolate(va, vb, t);
         const double put = choice_.put_value(number, out);
         at_edges_ = std::max(at_edges_, rounding + std::fabs(put - number));

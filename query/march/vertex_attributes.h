@@ -3,10 +3,12 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "query/view/node_sampler.h"
@@ -66,6 +68,9 @@ class AttributeSampler {
     /// `values`: where values are taken from; the store itself if null.
     AttributeSampler(const AttributeChoice& choice, ChunkCache& own, ChunkCache* values);
 
+    /// From now on the values of nodes are those of the function, not the store's.
+    void take_values(std::function<double(const Int3&)> of_node) { of_node_ = std::move(of_node); }
+
     [[nodiscard]] std::size_t width() const { return width_; }
     /// At a + t (b - a), the ends of an edge of the nested grid.
     [[nodiscard]] VertexAttributes edge(const Int3& a, const Int3& b, double t);
@@ -93,6 +98,7 @@ class AttributeSampler {
     std::size_t width_;
     NodeSampler own_;
     NodeSampler values_;
+    std::function<double(const Int3&)> of_node_;  ///< or empty
     Double3 spacing_;
     double at_edges_ = 0;
     double at_cuts_ = 0;  ///< by one cut, or one mean of three

@@ -101,6 +101,12 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
 void require_sense(const StoreLayout& layout, const StudyOptions& options) {
     for (const StudyField& field : options.fields) {
         if (const Field* const stored = std::get_if<Field>(&field)) {
+            if (is_of_cells(*stored)) {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("a study compares fields of nodes; {} is one of hexahedral "
+                                        "cells",
+                                        name_of(*stored)));
+            }
             static_cast<void>(layout.array(std::min(1, layout.lattice().top()), *stored));
         } else if (!std::get<ComputedField>(field).saturation) {
             throw Error(ErrorKind::invalid_argument,

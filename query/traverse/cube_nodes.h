@@ -43,10 +43,14 @@ class CubeLoader {
           base_(base),
           values_(cache, array_, base) {}
 
-    /// Cube `parent` of the level above.
+    /// Cube `parent` of the level above, as the topology tables are mirrored there.
     void load(CubeNodes& nodes, const Int3& parent) const {
+        load(nodes, parent, mirror_of(parent));
+    }
+    /// The same, mirrored along the axes set in `mirror`.
+    void load(CubeNodes& nodes, const Int3& parent, unsigned mirror) const {
         nodes.low = parent * 2;
-        nodes.mirror = mirror_of(parent);
+        nodes.mirror = mirror;
         dispatch(type_, [&](auto tag) { load_as<typename decltype(tag)::type>(nodes); });
     }
 

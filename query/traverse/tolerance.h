@@ -22,6 +22,8 @@ class Tolerance {
     Tolerance(double threshold, const std::optional<Focus>& focus,
               const std::optional<Camera>& camera, const Double3& spacing, const Double3& origin);
 
+    /// Below it a node stops, where neither focus nor camera says otherwise.
+    [[nodiscard]] double threshold() const { return threshold_; }
     /// Whether no node stops.
     [[nodiscard]] bool is_zero() const { return threshold_ <= 0 && !camera_; }
     /// Whether the node with twice the finest lattice's coordinates `twice` and scale `half_scale`

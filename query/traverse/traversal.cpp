@@ -12,6 +12,8 @@
 #include "query/traverse/brick_traversal.h"
 #include "query/traverse/facing_brick.h"
 #include "query/traverse/finest_brick.h"
+#include "query/traverse/finest_hexahedra.h"
+#include "query/traverse/traverse_hexahedra.h"
 
 namespace isonest::detail {
 namespace {
@@ -57,7 +59,10 @@ void leave(TraversalRun& run, int level, const Int3& brick) {
         return;
     }
     const auto keep = [&](int of_level, Field field) {
-        run.cache.keep_sides(layout.array(of_level, field), brick);
+        // At full resolution nothing stops, and the store need not have the field.
+        if (layout.has(field)) {
+            run.cache.keep_sides(layout.array(of_level, field), brick);
+        }
     };
     keep(level, Field::values);
     if (level < layout.lattice().top()) {
@@ -160,7 +165,11 @@ void run_finest_bricks(TraversalRun& run, const Int3& first, std::int64_t size,
             is_seen ? surface_cubes(run.cache, first, run.query.iso, run.query.box) : nullptr;
         if (cubes != nullptr) {
             ++run.counts.local().bricks;
-            march_finest_brick(run, first, *cubes);
+            if (run.query.cells == Cells::hexahedra) {
+                march_finest_hexahedra(run, first, *cubes);
+            } else {
+                march_finest_brick(run, first, *cubes);
+            }
         }
         leave(run, 0, first);
         run.progress.advance(progress_share);
@@ -200,6 +209,9 @@ bool is_finest(const StoreLayout& layout, const TraversalQuery& query) {
 
 TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
                          const PartSink& sink, Progress& progress) {
+    if (query.cells == Cells::hexahedra && !is_finest(cache.source().layout(), query)) {
+        return traverse_hexahedra(cache, query, part_vertices, sink, progress);
+    }
     TraversalRun run(cache, query, part_vertices, sink, progress);
     const StoreLayout& layout = run.layout();
     progress.begin("extract", kWholeProgress, "");

@@ -37,6 +37,8 @@ struct TraversalQuery {
     std::optional<Culling> culling;
     /// Of vertices on edges. REQUIRES: linear if there is a plane, or the box is to be closed.
     VertexPlace vertices = VertexPlace::linear;
+    /// REQUIRES: tetrahedra if there is culling, on_leaf, a closed box, or a tolerance that varies.
+    Cells cells = Cells::tetrahedra;
     AttributeChoice attributes;
     ChunkCache* attribute_values = nullptr;  ///< another store of the same nodes; null: this one
     ClipBox box;                             ///< inside the volume

@@ -70,7 +70,9 @@ StoreLayout::StoreLayout(const StoreHeader& header) : header_(header) {
             ArrayInfo indicator = values;
             indicator.field = field;
             const int centre = lattice_.centre_slot();
-            indicator.first_slot = level == 1 && centre_suffices_at_level_1(field) ? centre : 0;
+            const bool centre_only =
+                is_of_cells(field) || (level == 1 && centre_suffices_at_level_1(field));
+            indicator.first_slot = centre_only ? centre : 0;
             indicator.components = centre + 1 - indicator.first_slot;
             indicator.chunk = min(values.nodes, {k / 2, k / 2, k / 2});
             indicator.grid = ceil_div(values.nodes, indicator.chunk);

@@ -1,6 +1,7 @@
 // What a store contains and where, derived from its header alone. FORMAT.md is the normative text.
 #pragma once
 
+#include <algorithm>
 #include <compare>
 #include <cstdint>
 #include <optional>
@@ -18,7 +19,7 @@
 namespace isonest::detail {
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 3;
+inline constexpr std::uint32_t kFormatMinor = 4;
 /// Of the format in which a store is written.
 struct FormatVersion {
     std::uint64_t major = kFormatMajor;
@@ -50,6 +51,12 @@ struct StoreHeader {
     /// `fields` on each level, and are not read.
     std::vector<std::string> unknown_fields = {};
 };
+
+/// The minor version that a store of this header has: the oldest that knows all that is in it.
+inline std::uint32_t minor_version_of(const StoreHeader& header) {
+    const bool cells = std::any_of(header.fields.begin(), header.fields.end(), is_of_cells);
+    return cells ? kFormatMinor : 3;
+}
 
 /// One row of the chunk table, as stored (little endian, 40 bytes).
 struct ChunkRow {

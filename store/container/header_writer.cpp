@@ -13,7 +13,8 @@ namespace isonest::detail {
 
 void write_header(hid_t root, const StoreHeader& header) {
     write_attribute(root, "format", std::string(kFormatName));
-    write_attribute(root, "version", std::vector<std::uint32_t>{kFormatMajor, kFormatMinor});
+    write_attribute(root, "version",
+                    std::vector<std::uint32_t>{kFormatMajor, minor_version_of(header)});
     write_attribute(root, "flags", std::uint32_t{0});
     write_attribute(root, "nodes",
                     std::vector<std::uint64_t>{static_cast<std::uint64_t>(header.nodes.x),

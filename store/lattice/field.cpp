@@ -37,6 +37,8 @@ constexpr std::array<Description, kFieldCount> kFields{{
     {"normal_turn_plus", normal_turn, Saturation::plus},
     {"normal_component_bar", normal_component, Saturation::bar},
     {"normal_component_plus", normal_component, Saturation::plus},
+    {"hex_linf", hex_offset, Saturation::bar},
+    {"hex_deviation", hex_offset, Saturation::plus},
 }};
 
 const Description& description_of(Field field) {
@@ -87,6 +89,10 @@ bool is_bound(Field field) {
            field == Field::deviation_plus || field == Field::grad_linf_plus;
 }
 
+bool is_of_cells(Field field) {
+    return indicator_of(field) == hex_offset;
+}
+
 const std::vector<Field>& default_indicators() {
     static const std::vector<Field> fields{Field::linf_bar, Field::linf_plus, Field::deviation_bar};
     return fields;
@@ -96,8 +102,19 @@ const std::vector<Field>& all_indicators() {
     static const std::vector<Field> fields = [] {
         std::vector<Field> all;
         for (int i = 1; i < kFieldCount; ++i) {
-            all.push_back(static_cast<Field>(i));
+            if (!is_of_cells(static_cast<Field>(i))) {
+                all.push_back(static_cast<Field>(i));
+            }
         }
+        return all;
+    }();
+    return fields;
+}
+
+const std::vector<Field>& all_fields() {
+    static const std::vector<Field> fields = [] {
+        std::vector<Field> all = all_indicators();
+        all.insert(all.end(), {Field::hex_linf, Field::hex_deviation});
         return all;
     }();
     return fields;

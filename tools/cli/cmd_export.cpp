@@ -89,7 +89,7 @@ void add_export(CLI::App& app, Invocation& chosen) {
         fmt::format(
             "values, {}; computed from the values, as they are or saturated (_bar, _plus):\n"
             "lp:P, grad_lp:P (any P from 1 to inf), gradient, curvature",
-            list_names(all_indicators())),
+            list_names(all_fields())),
         "NAME")
         ->required();
     add_parsed(

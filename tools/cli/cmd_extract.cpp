@@ -115,6 +115,7 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
     query.components = arguments.components;
     query.close = arguments.close;
     query.vertices = arguments.vertices;
+    query.cells = a.cells;
     if (arguments.distance.analysis && !arguments.distance.stop()) {
         throw Error(ErrorKind::invalid_argument,
                     "--keep-analysis goes with --distance or --triangles");
@@ -251,6 +252,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         "the bound is then twice the error [linear]",
         "linear|exact")
         ->excludes(graph);
+    add_cells_option(c, a->extract)->excludes(graph);
     c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
     c->add_option("--vertex-values", a->values,
                   "vertex values from this other store of the same lattice")

@@ -110,8 +110,8 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
         fmt::format("zstd level, 1 to 19 [{}]", p.compression), "LEVEL");
     add_parsed(
         c, "--indicators", [&p](const std::string& text) { p.fields = parse_indicators(text); },
-        fmt::format("comma separated choice of {}, or all [{}]", list_names(all_indicators()),
-                    list_names(default_indicators())),
+        fmt::format("comma separated choice of {}, or all that are not of cells [{}]",
+                    list_names(all_fields()), list_names(default_indicators())),
         "NAMES");
     c->add_flag("--exact", p.exact, "indicators in full precision, not rounded up to 16 bits");
     c->add_flag("--force", p.force, "replace an existing store");

@@ -67,6 +67,10 @@ std::string empty_slice(const Store& store, const Arguments& a, bool is_lines) {
 }
 
 ExtractReport run_contours(const Store& store, const Arguments& a, Progress& progress) {
+    if (a.extract.cells != Cells::tetrahedra) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--contours: lines in a mesh are those of tetrahedra, without --cells");
+    }
     if (a.extract.normals || a.extract.vertex_error) {
         throw Error(ErrorKind::invalid_argument,
                     "--contours: lines carry their value, no --normals and no --vertex-error");
@@ -83,6 +87,7 @@ ExtractReport run_slice(const Store& store, const Arguments& a, MeshSink& sink,
     SliceQuery query = a.extract.query<SliceQuery>();
     query.plane = a.plane;
     query.normals = a.extract.normals;
+    query.cells = a.extract.cells;
     query.vertex_error = a.extract.vertex_error;
     return extract(store, query, sink, options_of(a.extract), progress);
 }
@@ -154,6 +159,7 @@ void add_slice(CLI::App& app, Invocation& chosen) {
          "isonest slice scan.isonest --plane 0,1,0,40 -o lines.vtp --contours 80,120,160"});
     add_extract_options(c, a->extract);
     a->extract.is_slice = true;
+    add_cells_option(c, a->extract);
     add_parsed(
         c, "--plane", [a](const std::string& text) { a->plane = parse_plane(text); },
         "the plane x NX + y NY + z NZ = D, in world units", "NX,NY,NZ,D")

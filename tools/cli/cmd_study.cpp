@@ -204,8 +204,11 @@ std::vector<StudyField> parse_study_fields(const std::string& text) {
 Result run(Arguments& a, Progress& progress) {
     const StoreReader store(a.store);
     if (a.study.fields.empty()) {
-        const std::vector<Field>& all = store.layout().header().fields;
-        a.study.fields.assign(all.begin(), all.end());
+        for (const Field field : store.layout().header().fields) {
+            if (!is_of_cells(field)) {
+                a.study.fields.emplace_back(field);
+            }
+        }
     }
     const std::filesystem::path folder = a.folder;
     const Folder made(folder);

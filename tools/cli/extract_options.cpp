@@ -181,6 +181,14 @@ void add_place_options(CLI::App* c, ExtractArguments& a) {
         ->needs(camera);
 }
 
+Cells parse_cells(const std::string& text) {
+    if (text != "tet" && text != "hex") {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("--cells '{}': give tet or hex", text));
+    }
+    return text == "hex" ? Cells::hexahedra : Cells::tetrahedra;
+}
+
 }  // namespace
 
 void add_extract_options(CLI::App* c, ExtractArguments& a) {
@@ -192,6 +200,15 @@ void add_extract_options(CLI::App* c, ExtractArguments& a) {
         "only what is inside this box, in world units", "x0,y0,z0,x1,y1,z1");
     add_memory(c, a.options.memory);
     add_threads(c, a.options.threads);
+}
+
+CLI::Option* add_cells_option(CLI::App* c, ExtractArguments& a) {
+    return add_parsed(
+        c, "--cells", [&a](const std::string& text) { a.cells = parse_cells(text); },
+        "cells of the nested grid: tetrahedra, or hexahedra, which give\n"
+        "a third of the triangles; an error above 0 then needs\n"
+        "hex_deviation, an estimate hex_linf [tet]",
+        "tet|hex");
 }
 
 bool is_guaranteed(const ExtractReport& r) {
@@ -212,7 +229,10 @@ std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
     if (is_guaranteed(r)) {
         return "error at most " + asked();
     }
-    if (r.stop == Field::linf_bar && !a.stop) {
+    if (r.stop == Field::hex_deviation) {
+        return "error of the trilinear function at most " + asked();
+    }
+    if ((r.stop == Field::linf_bar || r.stop == Field::hex_linf) && !a.stop) {
         return "estimated error " + asked();
     }
     const std::string what = r.stop == Field::grad_linf_plus

@@ -22,6 +22,7 @@ struct ExtractArguments {
     bool normals = false;
     std::optional<Field> vertex_error;
     ExtractOptions options;
+    Cells cells = Cells::tetrahedra;
     bool is_slice = false;  ///< or contour lines
     bool is_graph = false;
 
@@ -43,6 +44,9 @@ struct ExtractArguments {
 
 /// STORE, the error, the stop test, focus and camera, --box, --memory, --threads.
 void add_extract_options(CLI::App* command, ExtractArguments& a);
+
+/// --cells, of surfaces and slices.
+CLI::Option* add_cells_option(CLI::App* command, ExtractArguments& a);
 
 /// "at most 0.25 (asked for 0.3)": what the error of the mesh is known to be, in one line.
 std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r);

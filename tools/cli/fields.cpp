@@ -13,7 +13,7 @@ namespace {
 
 [[noreturn]] void refuse(const std::string& option, const std::string& text, const char* first) {
     throw Error(ErrorKind::invalid_argument, fmt::format("{} '{}': there are {}{}", option, text,
-                                                         first, list_names(all_indicators())));
+                                                         first, list_names(all_fields())));
 }
 
 }  // namespace

@@ -141,6 +141,13 @@ struct SurfaceQuery {
     std::optional<Field> vertex_error = {};
     /// Exact ones go with neither `close` nor a distance, whose vertices are exact in any case.
     VertexPlace vertices = VertexPlace::linear;
+    /// Hexahedra give about a third of the triangles that tetrahedra give: those of marching cubes,
+    /// where the corners of a face on alternate sides keep the values below the isovalue apart.
+    /// Cells with a missing corner have no surface. An error, or the threshold of a field of cells,
+    /// needs that field (hex_deviation, hex_linf for an estimate), and bounds how far the data are
+    /// from the function whose surface is shown, which is trilinear in each cell. Of a volume
+    /// alone, for one error everywhere, neither closed nor culled, with linear vertices.
+    Cells cells = Cells::tetrahedra;
     /// Drops specks; without a value components are not looked for.
     std::optional<ComponentChoice> components = {};
     /// Closes the surface by caps where it meets the faces of the volume or of the box, so that
@@ -164,6 +171,7 @@ struct SliceQuery {
     bool normals = false;  ///< from the data's gradient
     const Store* vertex_values = nullptr;
     std::optional<Field> vertex_error = {};
+    Cells cells = Cells::tetrahedra;  ///< as in SurfaceQuery
 };
 
 /// The lines in a plane on which the data have one of `values` (at most 1000), with the attribute
@@ -229,7 +237,7 @@ struct ExtractReport {
     Field stop = Field::deviation_bar;
     Field bound = Field::deviation_bar;
     std::optional<Field> culled_by;
-    std::uint64_t visited_tetrahedra = 0;
+    std::uint64_t visited_tetrahedra = 0;  ///< or hexahedra
     /// Visited, not refined further, and holding surface or cap.
     std::uint64_t leaf_tetrahedra = 0;
     /// Triangles that had no area since coordinates are rounded to float32: those that were taken

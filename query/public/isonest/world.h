@@ -41,6 +41,12 @@ struct Camera {
     double pixels = 1;
 };
 
+/// What the nested grid's cells are.
+enum class Cells : std::uint8_t {
+    tetrahedra,
+    hexahedra  ///< cubes; the function in them is trilinear between the corners
+};
+
 /// Where a surface, or isoline, crosses an edge of the nested grid.
 enum class VertexPlace : std::uint8_t {
     linear,  ///< linear between the edge's ends

@@ -12,19 +12,23 @@ namespace isonest {
 /// What a node's number measures before it is saturated (section 4 of the paper). x is the node,
 /// U_delta(x) = U(x) - (U(x1) + U(x2)) / 2 with x1, x2 the ends of its refinement edge.
 enum class Indicator : std::uint8_t {
-    linf,             ///< eta_infinity = |U_delta|
-    deviation,        ///< eta*_infinity: |U - U^l| over the support of x, U the finest function
-    l1,               ///< eta_1 = |U_delta| sum |T| / (d + 1)
-    l2,               ///< eta_2 = |U_delta| sqrt(sum |T|) / (d + 1)
-    grad_linf,        ///< eta_{1,infinity} = max |grad U_delta|
-    grad_l1,          ///< eta_{1,1}: the integral of |grad U_delta| over the support
-    grad_l2,          ///< eta_{1,2}: the square root of that of |grad U_delta|^2
-    grad_edge,        ///< eta_{1,e} = 2 |U_delta| / h(e_ref)
-    normal,           ///< the jump of grad U / |grad U| over F_ref, as a vector, the largest one
-    normal_edge,      ///< eta_{N,e}: the jump of the derivative along e_ref over |grad U|
-    normal_turn,      ///< the largest change of grad U / |grad U| from an element to its children
-    normal_component  ///< eta_N: the part of that jump that is normal to F_ref, the largest one
+    linf,              ///< eta_infinity = |U_delta|
+    deviation,         ///< eta*_infinity: |U - U^l| over the support of x, U the finest function
+    l1,                ///< eta_1 = |U_delta| sum |T| / (d + 1)
+    l2,                ///< eta_2 = |U_delta| sqrt(sum |T|) / (d + 1)
+    grad_linf,         ///< eta_{1,infinity} = max |grad U_delta|
+    grad_l1,           ///< eta_{1,1}: the integral of |grad U_delta| over the support
+    grad_l2,           ///< eta_{1,2}: the square root of that of |grad U_delta|^2
+    grad_edge,         ///< eta_{1,e} = 2 |U_delta| / h(e_ref)
+    normal,            ///< the jump of grad U / |grad U| over F_ref, as a vector, the largest one
+    normal_edge,       ///< eta_{N,e}: the jump of the derivative along e_ref over |grad U|
+    normal_turn,       ///< the largest change of grad U / |grad U| from an element to its children
+    normal_component,  ///< eta_N: the part of that jump that is normal to F_ref, the largest one
+    /// Of a hexahedral (quadrilateral) cell: the largest |U - U_C| in the nodes that refine it, U_C
+    /// being d-linear between its corners.
+    hex_offset
 };
+/// Of nodes: all but hex_offset.
 inline constexpr int kIndicatorCount = 12;
 
 /// How a node covers its children: bar(x) = max(eta(x), max bar(c)), plus(x) = eta(x) + max
@@ -57,9 +61,11 @@ enum class Field : std::uint8_t {
     normal_turn_bar,
     normal_turn_plus,  ///< a bound on |N - N^l|, N = grad U / |grad U|
     normal_component_bar,
-    normal_component_plus
+    normal_component_plus,
+    hex_linf,      ///< hex_offset, saturated by bar: an estimate
+    hex_deviation  ///< the same by plus: a bound on |U - P|, P the projection on hexahedral cells
 };
-inline constexpr int kFieldCount = 1 + 2 * kIndicatorCount;
+inline constexpr int kFieldCount = 1 + 2 * kIndicatorCount + 2;
 
 /// The name in the store and on the command line.
 std::string_view name_of(Field field);
@@ -80,10 +86,17 @@ bool centre_suffices_at_level_1(Field field);
 /// refines at the node: section 5 of the paper, without its factor 1/2.
 bool is_bound(Field field);
 
+/// Whether the field has one number for each hexahedral cell, not one for each node: hex_linf and
+/// hex_deviation. The children of a cell in its saturation are all cells of the next finer level
+/// that share a node with it.
+bool is_of_cells(Field field);
+
 /// What preprocess makes unless told otherwise.
 const std::vector<Field>& default_indicators();
-/// All indicator fields, in the order of the store.
+/// All indicator fields of nodes, in the order of the store.
 const std::vector<Field>& all_indicators();
+/// Those and, behind them, the fields of cells.
+const std::vector<Field>& all_fields();
 std::vector<std::string> names_of(const std::vector<Field>& fields);
 /// "linf_bar, linf_plus": for messages.
 std::string list_names(const std::vector<Field>& fields);
