@@ -23,35 +23,60 @@ constexpr int cell_slot(unsigned flat) {
     return slot_of((flat & 1U) != 0 ? 0 : 1, (flat & 2U) != 0 ? 0 : 1, (flat & 4U) != 0 ? 0 : 1);
 }
 
-/// Of one cell: `u` are the values at node positions x + 3 y + 9 z (half edges), those on flat axes
-/// alike. Infinite if one is missing. At least the exact number, but for values beyond the range
-/// of doubles that are rounded; `rounded`: the values are doubles.
-inline double hex_offset(const std::array<double, 27>& u, bool rounded) {
-    std::array<double, 27> linear = u;
-    double largest = 0;
-    double size = 0;
-    constexpr std::array<std::size_t, 3> kStep{1, 3, 9};
+/// A node that is the middle of two others, `step` positions before and after it.
+struct MiddleNode {
+    std::uint8_t position;
+    std::uint8_t step;
+};
+/// The 19 nodes of a cell that are no corners, each after those of which it is the middle.
+constexpr std::array<MiddleNode, 19> make_middle_nodes() {
+    constexpr std::array<unsigned, 3> kStep{1, 3, 9};
+    std::array<MiddleNode, 19> nodes{};
+    std::size_t count = 0;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-        for (std::size_t p = 0; p < 27; ++p) {
+        for (unsigned p = 0; p < 27; ++p) {
             // Axes done so far may be anywhere, later ones in corners.
             bool here = p / kStep[axis] % 3 == 1;
             for (std::size_t later = axis + 1; later < 3; ++later) {
                 here = here && p / kStep[later] % 3 != 1;
             }
             if (here) {
-                linear[p] = (linear[p - kStep[axis]] + linear[p + kStep[axis]]) / 2;
+                nodes[count++] = {static_cast<std::uint8_t>(p),
+                                  static_cast<std::uint8_t>(kStep[axis])};
             }
         }
     }
-    for (std::size_t p = 0; p < 27; ++p) {
+    return nodes;
+}
+inline constexpr std::array<MiddleNode, 19> kMiddleNodes = make_middle_nodes();
+
+/// Of one cell: `u` are the values at node positions x + 3 y + 9 z (half edges), those on flat axes
+/// alike. Infinite if one is missing, or sums of them are beyond the range of doubles. At least the
+/// exact number; `rounded`: the values are doubles, whose means may be rounded.
+inline double hex_offset(const std::array<double, 27>& u, bool rounded) {
+    std::array<double, 27> linear = u;
+    double largest = 0;
+    double all = 0;  // NaN if a value is missing
+    for (const auto [p, step] : kMiddleNodes) {
+        linear[p] = 0.5 * (linear[p - step] + linear[p + step]);
         const double d = std::fabs(u[p] - linear[p]);
-        if (!std::isfinite(d)) {
-            return std::numeric_limits<double>::infinity();
-        }
         largest = std::max(largest, d);
-        size = std::max(size, std::fabs(u[p]));
+        all += d;
     }
-    return rounded ? largest + 8 * std::numeric_limits<double>::epsilon() * size : largest;
+    for (const std::size_t corner : {0U, 2U, 6U, 8U, 18U, 20U, 24U, 26U}) {
+        all += u[corner] - u[corner];
+    }
+    if (!std::isfinite(all)) {
+        return std::numeric_limits<double>::infinity();
+    }
+    if (!rounded) {
+        return largest;
+    }
+    double size = 0;
+    for (const double value : u) {
+        size = std::max(size, std::fabs(value));
+    }
+    return largest + 8 * std::numeric_limits<double>::epsilon() * size;
 }
 
 /// Puts the offsets of the cells of layer k into the slot of their centres. `values`: `step` nodes
@@ -62,16 +87,17 @@ void hex_offsets(const LayerRange& range, std::int64_t k, unsigned flat, int ste
     using T = std::decay_t<decltype(values.data[0])>;
     const int slot = cell_slot(flat);
     const Int3 o = slot_offset(slot);
-    std::array<Int3, 27> offset;
+    std::array<std::int64_t, 27> offset{};
     for (std::int64_t p = 0; p < 27; ++p) {
         const Int3 at = Int3{3, 3, 3}.unlinear(p);
-        offset[static_cast<std::size_t>(p)] = Int3{at.x * o.x, at.y * o.y, at.z * o.z} * step;
+        offset[static_cast<std::size_t>(p)] =
+            values.size.linear(Int3{at.x * o.x, at.y * o.y, at.z * o.z} * step);
     }
     std::array<double, 27> u{};
     each_node(range, slot, slot, [&](int, std::int64_t i, std::int64_t j) {
-        const Int3 low = Int3{range.lo.x + i, range.lo.y + j, k} * (2 * step);
+        const T* const low = &values.at(Int3{range.lo.x + i, range.lo.y + j, k} * (2 * step));
         for (std::size_t p = 0; p < 27; ++p) {
-            u[p] = static_cast<double>(values.at(low + offset[p]));
+            u[p] = static_cast<double>(low[offset[p]]);
         }
         layer.row(slot, j)[i] = static_cast<Real>(hex_offset(u, std::is_same_v<T, double>));
     });

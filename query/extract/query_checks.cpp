@@ -222,7 +222,7 @@ Stop stop_of_cells(const StoreReader& store, const Query& query, bool finest_nee
                      "triangles, and are not simplified");
     }
     if (stop.threshold > 0 || !finest_needs_none) {
-        require_stored(store, stop.field, "hexahedral cells");
+        require_stored(store, stop.field, "the error of hexahedral cells");
     }
     return stop;
 }
