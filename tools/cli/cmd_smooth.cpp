@@ -51,6 +51,16 @@ std::vector<std::filesystem::path> names_of(const Arguments& a) {
     return names;
 }
 
+/// Stops when the user's does, and shows nothing: the steps are what is counted.
+class WithinStep : public Progress {
+  public:
+    explicit WithinStep(const Progress& whole) : whole_(whole) {}
+    [[nodiscard]] bool cancelled() const override { return whole_.cancelled(); }
+
+  private:
+    const Progress& whole_;
+};
+
 /// The steps, and what is written on the way.
 class Run {
   public:
@@ -61,6 +71,8 @@ class Run {
 
     Json steps(Progress& progress) {
         Json reports = Json::array();
+        progress.begin("smooth", static_cast<std::uint64_t>(a_.steps), "steps");
+        WithinStep within(progress);
         for (int step = 0;; ++step) {
             if (a_.snapshots.count(step) != 0) {
                 write(name_of_step(a_.output, step),
@@ -69,8 +81,8 @@ class Run {
             if (step == a_.steps) {
                 break;
             }
-            progress.begin(fmt::format("step {} of {}", step + 1, a_.steps), 0, "iterations");
-            last_ = diffusion_.step(progress);
+            last_ = diffusion_.step(within);
+            progress.advance(1);
             reports.push_back({{"step", step + 1},
                                {"unknowns", last_.unknowns},
                                {"iterations", last_.iterations},
