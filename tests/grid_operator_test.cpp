@@ -136,7 +136,8 @@ void require_all() {
              {Int3{65, 65, 1}, Int3{2, 2, 1}, Int3{70, 23, 1}, Int3{9, 1, 14}, Int3{1, 131, 5}}) {
             require_products<Real, 2>(n, {0.5, 1.25, 3}, wanted);
         }
-        for (const Int3& n : {Int3{2, 1, 1}, Int3{1, 1, 37}, Int3{1030, 1, 1}}) {
+        for (const Int3& n :
+             {Int3{2, 1, 1}, Int3{1, 1, 37}, Int3{1030, 1, 1}, Int3{1, 700, 1}, Int3{1, 1, 1100}}) {
             require_products<Real, 1>(n, {0.5, 1.25, 3}, wanted);
         }
     }

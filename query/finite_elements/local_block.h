@@ -17,7 +17,7 @@ namespace isonest::detail {
 template <int D>
 inline constexpr int kBlockLevel = D == 3   ? 4
                                    : D == 2 ? 6
-                                            : 10;
+                                            : 8;
 
 /// A node of a block: its coordinates from the block's corner in 12, 10 and 10 bits, so that the
 /// sum of two, halved, is their midpoint.
