@@ -13,6 +13,7 @@
 #include "query/study/graph_distance.h"
 #include "query/study/linear_power.h"
 #include "query/study/plane_error.h"
+#include "query/study/whole_cells.h"
 #include "query/study/whole_lattice.h"
 #include "query/traverse/planar.h"
 #include "query/traverse/traversal_budget.h"
@@ -29,6 +30,7 @@ TraversalQuery surface_query(const StoreReader& store, double iso, Field stop, d
     TraversalQuery query;
     query.iso = iso;
     query.stop = stop;
+    query.cells = is_of_cells(stop) ? Cells::hexahedra : Cells::tetrahedra;
     query.tolerance = Tolerance(threshold, {}, {}, header.spacing, header.origin);
     for (const Field field :
          {Field::grad_linf_plus, Field::linf_plus, Field::deviation_plus, Field::deviation_bar}) {
@@ -101,11 +103,15 @@ Shares share(const StoreReader& store, const StudyOptions& options) {
 void require_sense(const StoreLayout& layout, const StudyOptions& options) {
     for (const StudyField& field : options.fields) {
         if (const Field* const stored = std::get_if<Field>(&field)) {
-            if (is_of_cells(*stored)) {
+            if (is_of_cells(*stored) && !suit_cells(layout, options)) {
                 throw Error(ErrorKind::invalid_argument,
-                            fmt::format("a study compares fields of nodes; {} is one of hexahedral "
-                                        "cells",
-                                        name_of(*stored)));
+                            fmt::format("{} is a field of hexahedral or quadrilateral cells, for "
+                                        "which there is no study of {}",
+                                        name_of(*stored),
+                                        options.plane    ? "a slice"
+                                        : options.power  ? "the norms of the gradient"
+                                        : options.graphs ? "the distance of graphs"
+                                                         : "isolines"));
             }
             static_cast<void>(layout.array(std::min(1, layout.lattice().top()), *stored));
         } else if (!std::get<ComputedField>(field).saturation) {
@@ -152,6 +158,11 @@ std::string name_of(const StudyField& field) {
                              : name_of(std::get<ComputedField>(field));
 }
 
+bool suit_cells(const StoreLayout& layout, const StudyOptions& options) {
+    return !options.plane && !options.power && !options.graphs &&
+           (!options.iso || layout.lattice().dimension() == 3);
+}
+
 Study study(const StoreReader& store, const StudyOptions& options, Progress& progress) {
     const StoreLayout& layout = store.layout();
     require_sense(layout, options);
@@ -172,6 +183,7 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
             throw Error(ErrorKind::invalid_argument, {store.path().string()},
                         "the plane misses the volume");
         }
+        result.all_cells = layout.lattice().elements_at(0).product();
         const double unit = range > 0 ? range : 1;
         std::optional<TrueError> true_error;
         if (options.power) {
@@ -179,7 +191,9 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
         }
         for (const StudyField& field : options.fields) {
             const Field* const stored = std::get_if<Field>(&field);
-            const double largest = stored != nullptr
+            const bool cells = stored != nullptr && is_of_cells(*stored);
+            const double largest = cells ? load_cell_numbers(whole, cache, *stored, progress)
+                                   : stored != nullptr
                                        ? whole.load_indicator(cache, *stored, progress)
                                        : compute_indicator(whole, std::get<ComputedField>(field),
                                                            layout.header().spacing, progress);
@@ -191,8 +205,9 @@ Study study(const StoreReader& store, const StudyOptions& options, Progress& pro
                 row.threshold = std::pow(options.least, static_cast<double>(step) /
                                                             static_cast<double>(options.steps - 1));
                 const double threshold = row.threshold * largest;
-                whole.project(threshold);
-                const VisitCounts counts = whole.count(threshold, cut, options.threads);
+                row.nodes = cells ? project_on_cells(whole, threshold) : whole.project(threshold);
+                const VisitCounts counts = cells ? count_cells(whole, threshold)
+                                                 : whole.count(threshold, cut, options.threads);
                 row.visited = counts.visited;
                 row.leaves = counts.leaves;
                 row.norms = plane ? plane_error(whole, *plane, layout.header().spacing, unit)

@@ -26,14 +26,16 @@ using StudyField = std::variant<Field, ComputedField>;
 std::string name_of(const StudyField& field);
 
 struct StudyOptions {
-    /// Stop fields. REQUIRES: saturated, and the store has those that it is to have.
+    /// Stop fields: those of nodes of triangles or tetrahedra, those of cells of quadrilaterals or
+    /// hexahedra. REQUIRES: saturated, and the store has those that it is to have.
     std::vector<StudyField> fields;
     int steps = 25;       ///< thresholds from 1 down to `least`, at equal ratios
     double least = 1e-4;  ///< of the field's largest value
     /// Also count what the extraction of this isosurface visits. REQUIRES: fields of the store
-    /// alone, which extraction reads.
+    /// alone, which extraction reads, and those of cells in a volume alone.
     std::optional<double> iso;
-    /// The mesh and its error on this plane alone. REQUIRES: a volume, and no isosurface.
+    /// The mesh and its error on this plane alone. REQUIRES: a volume, no isosurface, and fields of
+    /// nodes alone, as for all that follows.
     std::optional<WorldPlane> plane;
     /// Also the norms of section 3 in L^p, p being this. REQUIRES: no plane.
     std::optional<double> power;
@@ -42,17 +44,19 @@ struct StudyOptions {
     int threads = 0;
 };
 
-/// One threshold of one field. P U is the function on the mesh whose nodes below the threshold are
-/// not refined. Norms are over the volume without missing data, by the nodes of the finest lattice
-/// (the trapezoidal rule), and relative to the volume's size and the data's range: so they lie
-/// between 0 and 1. With a plane the elements are those of which it cuts out an area, the visited
-/// cells those of them and of the coarser levels, and the norms are over the plane's part in the
-/// volume (exact, and relative to its area).
+/// One threshold of one field. P U is the function on the mesh whose nodes (cells) below the
+/// threshold are not refined: linear on each simplex, or d-linear in each cell. Norms are over the
+/// volume without missing data, by the nodes of the finest lattice (the trapezoidal rule), and
+/// relative to the volume's size and the data's range: so they lie between 0 and 1. With a plane
+/// the elements are those of which it cuts out an area, the visited cells those of them and of the
+/// coarser levels, and the norms are over the plane's part in the volume (exact, and relative to
+/// its area).
 struct StudyRow {
     StudyField field = Field::linf_bar;
     double threshold = 0;           ///< of the field's largest finite value
     std::uint64_t visited = 0;      ///< cells of all levels, the mesh's elements among them
     std::uint64_t leaves = 0;       ///< the mesh's elements, those too that reach outside
+    std::uint64_t nodes = 0;        ///< where P U = U by construction, those outside too; no plane
     ErrorNorms norms;               ///< ||P U - U||
     TrueNorms true_norms;           ///< with StudyOptions::power
     double graph_distance = 0;      ///< with StudyOptions::graphs
@@ -73,8 +77,12 @@ struct StudyRow {
     }
 };
 
+/// Whether a field of cells can be studied so.
+bool suit_cells(const StoreLayout& layout, const StudyOptions& options);
+
 struct Study {
-    std::uint64_t all_elements = 0;  ///< leaves of the finest mesh
+    std::uint64_t all_elements = 0;  ///< leaves of the finest mesh of triangles or tetrahedra
+    std::uint64_t all_cells = 0;     ///< of the finest grid of quadrilaterals or hexahedra
     std::vector<StudyRow> rows;      ///< field by field, thresholds falling
 };
 

@@ -132,35 +132,13 @@ double WholeLattice::load_indicator(ChunkCache& cache, Field field, Progress& pr
     return *std::max_element(largest.begin(), largest.end());
 }
 
-/// From coarse to fine: U where the mesh is refined, else the mean of the ends of the refinement
-/// edge.
-void WholeLattice::project(double threshold) {
-    // The corners first, by themselves: nodes in other planes are projected from them.
-    const Int3 far = lattice_.cells_at(lattice_.top()) * (std::int64_t{1} << lattice_.top());
-    for (std::int64_t i = 0; i < 8; ++i) {
-        const Int3 o = Int3{2, 2, 2}.unlinear(i);
-        const Int3 corner{o.x * far.x, o.y * far.y, o.z * far.z};
-        projected_[at(corner)] = exact_[at(corner)];
-    }
-    for (int level = lattice_.top(); level >= 1; --level) {
-        const std::int64_t scale = std::int64_t{1} << (level - 1);
-        const Int3 size = lattice_.cells_at(level) * 2 + Int3{1, 1, 1};
-        tbb::parallel_for(std::int64_t{0}, size.z, [&](std::int64_t z) {
-            for (std::int64_t i = 0; i < size.x * size.y; ++i) {
-                const Int3 p = Int3{i % size.x, i / size.x, z} * scale;
-                const NodeInfo node = describe_node(p, lattice_.top());
-                if (node.scale == scale) {
-                    project_at(p, node, threshold);
-                }
-            }
-        });
-    }
-}
-
-void WholeLattice::project_at(const Int3& p, const NodeInfo& node, double threshold) {
-    const bool refined = static_cast<double>(eta_[at(p)]) >= threshold;
-    projected_[at(p)] =
-        refined ? exact_[at(p)] : (projected_[at(node.end0)] + projected_[at(node.end1)]) / 2;
+/// U where the mesh is refined, else the mean of the ends of the refinement edge.
+std::uint64_t WholeLattice::project(double threshold) {
+    return project_by([&](const Int3& p, const NodeInfo& node) -> std::optional<double> {
+        const bool refined = static_cast<double>(eta_[at(p)]) >= threshold;
+        return refined ? std::nullopt
+                       : std::optional((projected_[at(node.end0)] + projected_[at(node.end1)]) / 2);
+    });
 }
 
 VisitCounts WholeLattice::count(double threshold, const LatticePlane* plane, int threads) const {

@@ -4,7 +4,10 @@
 // the mean of the ends of the refinement edge at all others.
 #pragma once
 
+#include <oneapi/tbb/parallel_for.h>
+
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include <isonest/progress.h>
@@ -34,8 +37,9 @@ class WholeLattice {
     void load_values(ChunkCache& cache);
     /// Returns the largest finite value. Throws what ChunkCache throws, and Error{cancelled}.
     double load_indicator(ChunkCache& cache, Field field, Progress& progress);
-    /// P U of the mesh that refines the nodes whose indicator is at least `threshold`.
-    void project(double threshold);
+    /// P U of the mesh that refines the nodes whose indicator is at least `threshold`. Returns the
+    /// number of its nodes, those too that lie outside the volume.
+    std::uint64_t project(double threshold);
 
     /// The elements of that mesh, those too that reach out of the volume; with a plane those that
     /// it cuts. `threads`: 0 = as many as the machine has. REQUIRES: a plane in a volume alone.
@@ -49,11 +53,15 @@ class WholeLattice {
     /// At different nodes from different threads.
     void set_indicator(const Int3& p, float eta) { eta_[number_.of(p)] = eta; }
     [[nodiscard]] double projected(const Int3& p) const { return projected_[number_.of(p)]; }
+    /// From coarse to fine: sets P U to U in the corners of the coarsest cube, and at all other
+    /// nodes that elements reach to what `interpolated(p, node)` makes of P U at coarser ones, or
+    /// to U where that gives nothing. Returns at how many it is U.
+    template <class Interpolated>
+    std::uint64_t project_by(const Interpolated& interpolated);
 
   private:
     struct Numbers;
     [[nodiscard]] std::size_t at(const Int3& p) const { return number_.of(p); }
-    void project_at(const Int3& p, const NodeInfo& node, double threshold);
     template <int D>
     [[nodiscard]] VisitCounts count_elements(double threshold, int threads) const;
 
@@ -64,5 +72,39 @@ class WholeLattice {
     std::vector<double> projected_;
     std::vector<float> eta_;
 };
+
+template <class Interpolated>
+std::uint64_t WholeLattice::project_by(const Interpolated& interpolated) {
+    // The corners first, by themselves: nodes in other planes are projected from them.
+    const Int3 far = lattice_.cells_at(lattice_.top()) * (std::int64_t{1} << lattice_.top());
+    for (std::int64_t i = 0; i < 8; ++i) {
+        const Int3 o = Int3{2, 2, 2}.unlinear(i);
+        const Int3 corner{o.x * far.x, o.y * far.y, o.z * far.z};
+        projected_[at(corner)] = exact_[at(corner)];
+    }
+    std::uint64_t nodes = std::uint64_t{1} << static_cast<unsigned>(lattice_.dimension());
+    for (int level = lattice_.top(); level >= 1; --level) {
+        const std::int64_t scale = std::int64_t{1} << (level - 1);
+        const Int3 size = lattice_.cells_at(level) * 2 + Int3{1, 1, 1};
+        std::vector<std::uint64_t> of_layer(static_cast<std::size_t>(size.z), 0);
+        oneapi::tbb::parallel_for(std::int64_t{0}, size.z, [&](std::int64_t z) {
+            std::uint64_t count = 0;
+            for (std::int64_t i = 0; i < size.x * size.y; ++i) {
+                const Int3 p = Int3{i % size.x, i / size.x, z} * scale;
+                const NodeInfo node = describe_node(p, lattice_.top());
+                if (node.scale == scale) {
+                    const std::optional<double> value = interpolated(p, node);
+                    projected_[at(p)] = value ? *value : exact_[at(p)];
+                    count += value ? 0 : 1;
+                }
+            }
+            of_layer[static_cast<std::size_t>(z)] = count;
+        });
+        for (const std::uint64_t count : of_layer) {
+            nodes += count;
+        }
+    }
+    return nodes;
+}
 
 }  // namespace isonest::detail

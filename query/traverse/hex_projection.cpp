@@ -1,6 +1,7 @@
 #include "query/traverse/hex_projection.h"
 
 #include "query/march/hex_cell.h"
+#include "query/traverse/hanging_node.h"
 
 namespace isonest::detail {
 
@@ -15,43 +16,10 @@ double HexProjection::value(const Int3& node) {
     if (info.scale == 0) {
         return exact(node, lattice_.top());
     }
-    const int level = info.level();  // of the cells of which it is no corner
-    const std::int64_t edge = info.scale * 2;
-    const Int3 cells = lattice_.elements_at(level);
-    bool hangs = false;
-    const Int3 high{node.x / edge, node.y / edge, node.z / edge};
-    for (unsigned i = 0; i < 8 && !hangs; ++i) {
-        Int3 cell = high;
-        bool twice = false;
-        for (int axis = 0; axis < 3; ++axis) {
-            const bool lower = (i >> static_cast<unsigned>(axis) & 1U) != 0;
-            twice = twice || (lower && info.odd[static_cast<std::size_t>(axis)]);
-            cell[axis] -= lower ? 1 : 0;
-        }
-        const bool exists = !twice && min(cell, {0, 0, 0}) == Int3{0, 0, 0} &&
-                            max(cell + Int3{1, 1, 1}, cells) == cells;
-        hangs = exists && stops(number(level, cell));
-    }
-    if (!hangs) {
-        return exact(node, level - 1);
-    }
-    double sum = 0;
-    double count = 0;
-    for (unsigned i = 0; i < 8; ++i) {
-        Int3 end = node;
-        bool twice = false;
-        for (int axis = 0; axis < 3; ++axis) {
-            const bool upper = (i >> static_cast<unsigned>(axis) & 1U) != 0;
-            const bool odd = info.odd[static_cast<std::size_t>(axis)];
-            twice = twice || (upper && !odd);
-            end[axis] += !odd ? 0 : upper ? info.scale : -info.scale;
-        }
-        if (!twice) {
-            sum += value(end);
-            ++count;
-        }
-    }
-    return sum / count;
+    const auto below = [this](int level, const Int3& cell) { return stops(number(level, cell)); };
+    return hangs(lattice_, node, info, below)
+               ? mean_of_corners(node, info, [this](const Int3& end) { return value(end); })
+               : exact(node, info.level() - 1);
 }
 
 std::uint32_t HexProjection::nodes_of(int level, const Int3& cell) {

@@ -71,6 +71,9 @@ constexpr std::array<Column, 3> kTrueColumns{
 constexpr Column kGraphColumn{"graph_distance", "distance of the graphs",
                               [](const StudyRow& r) { return r.graph_distance; }};
 
+constexpr Column kNodeColumn{"nodes", "nodes",
+                             [](const StudyRow& r) { return static_cast<double>(r.nodes); }};
+
 /// What there is besides kColumns.
 std::vector<const Column*> further_columns(const StudyOptions& options) {
     std::vector<const Column*> columns;
@@ -81,6 +84,7 @@ std::vector<const Column*> further_columns(const StudyOptions& options) {
             }
         }
     };
+    add(!options.plane, {&kNodeColumn, 1});
     add(options.iso.has_value(), kIsoColumns);
     add(options.power.has_value(), kTrueColumns);
     add(options.graphs, {&kGraphColumn, 1});
@@ -111,20 +115,23 @@ void write_csv(const std::filesystem::path& path, const Study& study,
 /// A plot that the folder gets, as .svg and .png.
 struct PlotFile {
     const Column* column;
-    bool by_leaves;  ///< over the number of elements (quality) in place of the threshold
+    const Column* over;  ///< nothing: the threshold
 };
 
 std::vector<PlotFile> plots_of(const std::vector<const Column*>& further) {
     std::vector<PlotFile> plots;
-    plots.reserve(kColumns.size() + 3 + further.size());
     for (const Column& column : kColumns) {
-        plots.push_back({&column, false});
+        plots.push_back({&column, nullptr});
     }
+    const bool nodes = std::find(further.begin(), further.end(), &kNodeColumn) != further.end();
     for (std::size_t i = 2; i < 5; ++i) {
-        plots.push_back({&kColumns.at(i), true});
+        plots.push_back({&kColumns.at(i), &kColumns.at(1)});
+        if (nodes) {
+            plots.push_back({&kColumns.at(i), &kNodeColumn});
+        }
     }
     for (const Column* column : further) {
-        plots.push_back({column, false});
+        plots.push_back({column, nullptr});
     }
     return plots;
 }
@@ -132,17 +139,18 @@ std::vector<PlotFile> plots_of(const std::vector<const Column*>& further) {
 constexpr const char* kTable = "study.csv";
 
 std::array<std::string, 2> names_of(const PlotFile& plot) {
-    const std::string name =
-        fmt::format("{}{}", plot.column->name, plot.by_leaves ? "_by_leaves" : "");
+    const std::string name = plot.over != nullptr
+                                 ? fmt::format("{}_by_{}", plot.column->name, plot.over->name)
+                                 : plot.column->name;
     return {name + ".svg", name + ".png"};
 }
 
 void draw(const std::filesystem::path& folder, const Study& study, const PlotFile& file) {
     const auto x = [&](const StudyRow& r) {
-        return file.by_leaves ? static_cast<double>(r.leaves) : r.threshold;
+        return file.over != nullptr ? file.over->of(r) : r.threshold;
     };
     Plot plot;
-    plot.x = file.by_leaves ? "elements" : "threshold, of the largest";
+    plot.x = file.over != nullptr ? file.over->axis : "threshold, of the largest";
     plot.title = fmt::format("{} by {}", file.column->name, plot.x);
     plot.y = file.column->axis;
     for (const StudyRow& row : study.rows) {
@@ -205,7 +213,7 @@ Result run(Arguments& a, Progress& progress) {
     const StoreReader store(a.store);
     if (a.study.fields.empty()) {
         for (const Field field : store.layout().header().fields) {
-            if (!is_of_cells(field)) {
+            if (!is_of_cells(field) || suit_cells(store.layout(), a.study)) {
                 a.study.fields.emplace_back(field);
             }
         }
@@ -242,11 +250,14 @@ Result run(Arguments& a, Progress& progress) {
         }
         rows.push_back(std::move(row));
     }
-    result.json = {{"folder", a.folder}, {"all_elements", s.all_elements}, {"rows", rows}};
+    result.json = {{"folder", a.folder},
+                   {"all_elements", s.all_elements},
+                   {"all_cells", s.all_cells},
+                   {"rows", rows}};
     result.text = fmt::format(
         "{}: study.csv and plots of {} fields at {} thresholds; the finest mesh "
-        "has {} elements\n",
-        a.folder, a.study.fields.size(), a.study.steps, s.all_elements);
+        "has {} elements, the finest grid {} cells\n",
+        a.folder, a.study.fields.size(), a.study.steps, s.all_elements, s.all_cells);
     return result;
 }
 
@@ -277,7 +288,8 @@ void add_study(CLI::App& app, Invocation& chosen) {
     StudyOptions& s = a->study;
     add_parsed(
         c, "--fields", [&s](const std::string& text) { s.fields = parse_study_fields(text); },
-        "the fields to compare, with commas [all of the store]; lp:P_bar and\n"
+        "the fields to compare, with commas [all of the store]; those of cells by\n"
+        "hexahedra or quadrilaterals, others by tetrahedra or triangles; lp:P_bar,\n"
         "grad_lp:P_bar (any P from 1 to inf), gradient_bar and curvature_bar\n"
         "(also _plus) are computed from the values",
         "NAMES");
