@@ -53,13 +53,13 @@ struct StudyOptions {
 /// its area).
 struct StudyRow {
     StudyField field = Field::linf_bar;
-    double threshold = 0;           ///< of the field's largest finite value
-    std::uint64_t visited = 0;      ///< cells of all levels, the mesh's elements among them
-    std::uint64_t leaves = 0;       ///< the mesh's elements, those too that reach outside
-    std::uint64_t nodes = 0;        ///< where P U = U by construction, those outside too; no plane
-    ErrorNorms norms;               ///< ||P U - U||
-    TrueNorms true_norms;           ///< with StudyOptions::power
-    double graph_distance = 0;      ///< with StudyOptions::graphs
+    double threshold = 0;       ///< of the field's largest finite value
+    std::uint64_t visited = 0;  ///< cells of all levels, the mesh's elements among them
+    std::uint64_t leaves = 0;   ///< the mesh's elements, those too that reach outside
+    std::uint64_t nodes = 0;    ///< the mesh's, in the volume, that do not hang; not the plane's
+    ErrorNorms norms;           ///< ||P U - U||
+    TrueNorms true_norms;       ///< with StudyOptions::power
+    double graph_distance = 0;  ///< with StudyOptions::graphs
     std::uint64_t iso_visited = 0;  ///< with StudyOptions::iso
     std::uint64_t iso_leaves = 0;
 

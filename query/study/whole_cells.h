@@ -17,8 +17,8 @@ namespace isonest::detail {
 double load_cell_numbers(WholeLattice& whole, ChunkCache& cache, Field field, Progress& progress);
 
 /// P U of the grid that refines the cells whose number is at least `threshold`, at all nodes.
-/// Returns the number of those that do not hang, those too that lie outside the volume: what the
-/// function is made of. REQUIRES: the numbers of cells are loaded.
+/// Returns the number of the grid's nodes in the volume that do not hang. REQUIRES: the numbers of
+/// cells are loaded.
 std::uint64_t project_on_cells(WholeLattice& whole, double threshold);
 
 /// The cells of that grid, those too that reach out of the volume.

@@ -38,7 +38,7 @@ class WholeLattice {
     /// Returns the largest finite value. Throws what ChunkCache throws, and Error{cancelled}.
     double load_indicator(ChunkCache& cache, Field field, Progress& progress);
     /// P U of the mesh that refines the nodes whose indicator is at least `threshold`. Returns the
-    /// number of its nodes, those too that lie outside the volume.
+    /// number of its nodes in the volume.
     std::uint64_t project(double threshold);
 
     /// The elements of that mesh, those too that reach out of the volume; with a plane those that
@@ -55,7 +55,7 @@ class WholeLattice {
     [[nodiscard]] double projected(const Int3& p) const { return projected_[number_.of(p)]; }
     /// From coarse to fine: sets P U to U in the corners of the coarsest cube, and at all other
     /// nodes that elements reach to what `interpolated(p, node)` makes of P U at coarser ones, or
-    /// to U where that gives nothing. Returns at how many it is U.
+    /// to U where that gives nothing. Returns at how many of the volume it is U.
     template <class Interpolated>
     std::uint64_t project_by(const Interpolated& interpolated);
 
@@ -77,12 +77,17 @@ template <class Interpolated>
 std::uint64_t WholeLattice::project_by(const Interpolated& interpolated) {
     // The corners first, by themselves: nodes in other planes are projected from them.
     const Int3 far = lattice_.cells_at(lattice_.top()) * (std::int64_t{1} << lattice_.top());
+    const Int3 last = lattice_.nodes() - Int3{1, 1, 1};
+    std::uint64_t nodes = 0;
     for (std::int64_t i = 0; i < 8; ++i) {
         const Int3 o = Int3{2, 2, 2}.unlinear(i);
+        // Along a flat axis there is one corner.
+        const bool twice =
+            (o.x > 0 && last.x == 0) || (o.y > 0 && last.y == 0) || (o.z > 0 && last.z == 0);
         const Int3 corner{o.x * far.x, o.y * far.y, o.z * far.z};
         projected_[at(corner)] = exact_[at(corner)];
+        nodes += !twice && max(corner, last) == last ? 1 : 0;
     }
-    std::uint64_t nodes = std::uint64_t{1} << static_cast<unsigned>(lattice_.dimension());
     for (int level = lattice_.top(); level >= 1; --level) {
         const std::int64_t scale = std::int64_t{1} << (level - 1);
         const Int3 size = lattice_.cells_at(level) * 2 + Int3{1, 1, 1};
@@ -95,7 +100,7 @@ std::uint64_t WholeLattice::project_by(const Interpolated& interpolated) {
                 if (node.scale == scale) {
                     const std::optional<double> value = interpolated(p, node);
                     projected_[at(p)] = value ? *value : exact_[at(p)];
-                    count += value ? 0 : 1;
+                    count += value || max(p, last) != last ? 0 : 1;
                 }
             }
             of_layer[static_cast<std::size_t>(z)] = count;
