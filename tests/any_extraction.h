@@ -77,6 +77,7 @@ inline ExtractQuery query_of(const StoreReader& store, const Extraction& e, bool
     if (e.graph_scale) {
         GraphQuery query = with_attributes(start(GraphQuery{}));
         query.scale = *e.graph_scale;
+        query.cells = e.cells;
         return extract_query(store, query, float64);
     }
     SurfaceQuery query = with_attributes(start(SurfaceQuery{}));

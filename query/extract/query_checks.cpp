@@ -196,9 +196,6 @@ namespace {
 /// `finest_needs_none`: an error of 0 needs no field. Test: ErrorBound or FieldThreshold.
 template <class Query>
 Stop stop_of_cells(const StoreReader& store, const Query& query, bool finest_needs_none) {
-    if (store.layout().lattice().dimension() < 3) {
-        refuse_cells(store, "give nothing of data in a plane");
-    }
     if (query.focus || query.camera) {
         refuse_cells(store, "know neither focus nor camera");
     }
@@ -230,6 +227,9 @@ Stop stop_of_cells(const StoreReader& store, const Query& query, bool finest_nee
 }  // namespace
 
 Stop stop_of_cells(const StoreReader& store, const SurfaceQuery& query) {
+    if (store.layout().lattice().dimension() < 3) {
+        refuse_cells(store, "give no isolines of data in a plane");
+    }
     if (query.close) {
         refuse_cells(store, "give no caps");
     }
@@ -243,6 +243,9 @@ Stop stop_of_cells(const StoreReader& store, const SurfaceQuery& query) {
 }
 Stop stop_of_cells(const StoreReader& store, const SliceQuery& query) {
     return stop_of_cells(store, query, false);
+}
+Stop stop_of_cells(const StoreReader& store, const GraphQuery& query) {
+    return stop_of_cells(store, query, true);
 }
 
 void require_float32(const StoreReader& store, const ExtractQuery& query) {

@@ -35,6 +35,7 @@ Stop stop_of(const StoreReader& store, const SurfaceStop& test);
 /// The same of hexahedral cells.
 Stop stop_of_cells(const StoreReader& store, const SurfaceQuery& query);
 Stop stop_of_cells(const StoreReader& store, const SliceQuery& query);
+Stop stop_of_cells(const StoreReader& store, const GraphQuery& query);
 
 /// Throws Error{limit} where the mesh would need numbers beyond float32: coordinates, heights,
 /// values that the mesh holds as float32.

@@ -16,6 +16,7 @@
 #include "query/mesh/measuring_sink.h"
 #include "query/traverse/planar.h"
 #include "query/traverse/traversal_budget.h"
+#include "query/traverse/traverse_quadrilaterals.h"
 #include "store/base/workers.h"
 
 namespace isonest::detail {
@@ -66,6 +67,8 @@ void fill_parts(const StoreReader& store, ExtractQuery& asked, const TraversalBu
     const TraversalCounts counts =
         asked.nested_distance
             ? within_distance(store, asked, cache, budget, scratch, sink, report, progress)
+        : is_graph && query.cells == Cells::hexahedra
+            ? traverse_quadrilaterals(cache, query, budget.part_vertices, sink, progress)
         : is_graph || asked.product == Product::isolines
             ? traverse_planar(cache, query, is_graph ? PlanarKind::graph : PlanarKind::isolines,
                               budget.part_vertices, sink, progress)

@@ -12,16 +12,9 @@
 namespace isonest::detail {
 namespace {
 
-/// REQUIRES: level > 0.
-Int3 centre_of(const Lattice& lattice, int level, const Int3& cell) {
-    const unsigned flat = lattice.flat_axes();
-    const Int3 half{(flat & 1U) != 0 ? 0 : 1, (flat & 2U) != 0 ? 0 : 1, (flat & 4U) != 0 ? 0 : 1};
-    return (cell * 2 + half) * (std::int64_t{1} << (level - 1));
-}
-
 bool is_refined(const WholeLattice& whole, int level, const Int3& cell, double threshold) {
     return level > 0 && static_cast<double>(
-                            whole.indicator(centre_of(whole.lattice(), level, cell))) >= threshold;
+                            whole.indicator(whole.lattice().centre_of(level, cell))) >= threshold;
 }
 
 void visit(const WholeLattice& whole, int level, const Int3& cell, double threshold,
@@ -51,7 +44,7 @@ double load_cell_numbers(WholeLattice& whole, ChunkCache& cache, Field field, Pr
             NodeSampler sampler(cache);
             double most = 0;
             for (std::int64_t i = 0; i < cells.x * cells.y; ++i) {
-                const Int3 centre = centre_of(lattice, level, {i % cells.x, i / cells.x, z});
+                const Int3 centre = lattice.centre_of(level, {i % cells.x, i / cells.x, z});
                 const double number = sampler.indicator(centre, field);
                 whole.set_indicator(centre, static_cast<float>(number));
                 most = std::isfinite(number) ? std::max(most, number) : most;

@@ -1,5 +1,7 @@
 #include "query/traverse/hex_projection.h"
 
+#include <algorithm>
+
 #include "query/march/hex_cell.h"
 #include "query/traverse/hanging_node.h"
 
@@ -16,7 +18,11 @@ double HexProjection::value(const Int3& node) {
     if (info.scale == 0) {
         return exact(node, lattice_.top());
     }
-    const auto below = [this](int level, const Int3& cell) { return stops(number(level, cell)); };
+    const auto below = [this](int level, const Int3& cell) {
+        const double of_cell = number(level, cell);
+        largest_number_ = stops(of_cell) ? std::max(largest_number_, of_cell) : largest_number_;
+        return stops(of_cell);
+    };
     return hangs(lattice_, node, info, below)
                ? mean_of_corners(node, info, [this](const Int3& end) { return value(end); })
                : exact(node, info.level() - 1);

@@ -15,8 +15,8 @@
 namespace isonest::detail {
 
 /// A cell of level L is refined if its number is not below the threshold; the field's saturation
-/// (preprocess/METHOD.md) makes the levels of cells that touch differ by one at most. Of volumes.
-/// Not thread-safe; one per thread.
+/// (preprocess/METHOD.md) makes the levels of cells that touch differ by one at most. In a
+/// plane cells are quadrilaterals. Not thread-safe; one per thread.
 class HexProjection {
   public:
     /// REQUIRES: is_of_cells(stop); the store has it.
@@ -28,8 +28,7 @@ class HexProjection {
 
     /// The number of a cell of a level above 0.
     [[nodiscard]] double number(int level, const Int3& cell) {
-        const std::int64_t half = std::int64_t{1} << (level - 1);
-        return numbers_.indicator((cell * 2 + Int3{1, 1, 1}) * half, stop_);
+        return numbers_.indicator(lattice_.centre_of(level, cell), stop_);
     }
     [[nodiscard]] bool stops(double number) const { return number < threshold_; }
     /// Whether there is such a cell, or would be if its parents were refined, and it is refined.
@@ -38,8 +37,11 @@ class HexProjection {
     [[nodiscard]] double exact(const Int3& node, int level) { return numbers_.value(node, level); }
     /// P U in a corner of a cell that is not refined, but whose parent is.
     [[nodiscard]] double value(const Int3& node);
-    /// Bits of the node positions (x + 3 y + 9 z, half edges) that HexCell::nodes has for a cell
-    /// that is not refined.
+    /// The largest number of the cells from which value() has interpolated so far: with that of a
+    /// cell itself it bounds the error in it, if the field is a bound.
+    [[nodiscard]] double largest_number() const { return largest_number_; }
+    /// Of a volume: bits of the node positions (x + 3 y + 9 z, half edges) that HexCell::nodes has
+    /// for a cell that is not refined.
     [[nodiscard]] std::uint32_t nodes_of(int level, const Int3& cell);
 
     [[nodiscard]] const Lattice& lattice() const { return lattice_; }
@@ -49,6 +51,7 @@ class HexProjection {
     const Lattice& lattice_;
     Field stop_;
     double threshold_;
+    double largest_number_ = 0;
 };
 
 }  // namespace isonest::detail

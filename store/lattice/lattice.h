@@ -40,6 +40,11 @@ class Lattice {
     /// What has a centre at a level: its cubes, or squares, or edges; cells_at() but 1 along a flat
     /// axis.
     [[nodiscard]] Int3 elements_at(int level) const;
+    /// The centre of one, a node of the finest lattice. REQUIRES: level > 0.
+    [[nodiscard]] Int3 centre_of(int level, const Int3& element) const {
+        const Int3 half{nodes_.x > 1 ? 1 : 0, nodes_.y > 1 ? 1 : 0, nodes_.z > 1 ? 1 : 0};
+        return (element * 2 + half) * (std::int64_t{1} << (level - 1));
+    }
     /// The slot of those centres: kCentreSlot unless an axis is flat. REQUIRES: dimension() > 0.
     [[nodiscard]] int centre_slot() const;
 

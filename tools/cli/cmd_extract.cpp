@@ -93,6 +93,7 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
     if (a.is_graph) {
         GraphQuery query = with_attributes(a.query<GraphQuery>());
         query.scale = arguments.scale;
+        query.cells = a.cells;
         return extract(store, query, *sink, options_of(a), progress);
     }
     SurfaceQuery query = with_attributes(a.query<SurfaceQuery>());
@@ -126,6 +127,7 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
 
 Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
     const ExtractArguments& a = arguments.extract;
+    require_suitable_cells(a);
     const Store store(a.store);
     if (!has_iso && !a.is_graph) {
         throw Error(ErrorKind::invalid_argument,
@@ -252,7 +254,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         "the bound is then twice the error [linear]",
         "linear|exact")
         ->excludes(graph);
-    add_cells_option(c, a->extract)->excludes(graph);
+    add_cells_option(c, a->extract);
     c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
     c->add_option("--vertex-values", a->values,
                   "vertex values from this other store of the same lattice")

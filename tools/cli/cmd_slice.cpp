@@ -93,6 +93,7 @@ ExtractReport run_slice(const Store& store, const Arguments& a, MeshSink& sink,
 }
 
 Result run(Arguments& a, Progress& progress) {
+    require_suitable_cells(a.extract);
     const Store store(a.extract.store);
     if (!a.has_range) {
         a.picture.low = store.min_value();

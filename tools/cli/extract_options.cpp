@@ -181,12 +181,13 @@ void add_place_options(CLI::App* c, ExtractArguments& a) {
         ->needs(camera);
 }
 
-Cells parse_cells(const std::string& text) {
-    if (text != "tet" && text != "hex") {
+void parse_cells(const std::string& text, ExtractArguments& a) {
+    if (text != "tet" && text != "hex" && text != "quad") {
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("--cells '{}': give tet or hex", text));
+                    fmt::format("--cells '{}': give tet, hex or quad", text));
     }
-    return text == "hex" ? Cells::hexahedra : Cells::tetrahedra;
+    a.cells = text == "tet" ? Cells::tetrahedra : Cells::hexahedra;
+    a.cells_name = text;
 }
 
 }  // namespace
@@ -202,13 +203,26 @@ void add_extract_options(CLI::App* c, ExtractArguments& a) {
     add_threads(c, a.options.threads);
 }
 
-CLI::Option* add_cells_option(CLI::App* c, ExtractArguments& a) {
-    return add_parsed(
-        c, "--cells", [&a](const std::string& text) { a.cells = parse_cells(text); },
-        "cells of the nested grid: tetrahedra, or hexahedra, which give\n"
-        "a third of the triangles; an error above 0 then needs\n"
-        "hex_deviation, an estimate hex_linf [tet]",
-        "tet|hex");
+void add_cells_option(CLI::App* c, ExtractArguments& a) {
+    add_parsed(
+        c, "--cells", [&a](const std::string& text) { parse_cells(text, a); },
+        "cells of the nested grid: tetrahedra (triangles of data in a\n"
+        "plane), or hexahedra, which give a third of the triangles; an\n"
+        "error above 0 then needs hex_deviation, an estimate hex_linf.\n"
+        "quad: of --graph, quadrilaterals by the same fields [tet]",
+        "tet|hex|quad");
+}
+
+void require_suitable_cells(const ExtractArguments& a) {
+    if (a.cells_name == "quad" && !a.is_graph) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--cells quad: quadrilaterals are of --graph; surfaces and slices of volumes "
+                    "have --cells hex");
+    }
+    if (a.cells_name == "hex" && a.is_graph) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--cells hex: a graph is of data in a plane, whose cells are --cells quad");
+    }
 }
 
 bool is_guaranteed(const ExtractReport& r) {

@@ -23,6 +23,7 @@ struct ExtractArguments {
     std::optional<Field> vertex_error;
     ExtractOptions options;
     Cells cells = Cells::tetrahedra;
+    std::string cells_name = "tet";
     bool is_slice = false;  ///< or contour lines
     bool is_graph = false;
 
@@ -45,8 +46,10 @@ struct ExtractArguments {
 /// STORE, the error, the stop test, focus and camera, --box, --memory, --threads.
 void add_extract_options(CLI::App* command, ExtractArguments& a);
 
-/// --cells, of surfaces and slices.
-CLI::Option* add_cells_option(CLI::App* command, ExtractArguments& a);
+/// --cells, of surfaces, slices and graphs.
+void add_cells_option(CLI::App* command, ExtractArguments& a);
+/// Throws Error{invalid_argument} for hexahedra of a graph, and quadrilaterals of anything else.
+void require_suitable_cells(const ExtractArguments& a);
 
 /// "at most 0.25 (asked for 0.3)": what the error of the mesh is known to be, in one line.
 std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r);

@@ -195,6 +195,9 @@ struct GraphQuery {
     bool normals = false;  ///< of the graph
     const Store* vertex_values = nullptr;
     std::optional<Field> vertex_error = {};
+    /// hexahedra: quadrilaterals, written as triangles; the bound is one for the function that is
+    /// bilinear in each. With neither focus nor camera.
+    Cells cells = Cells::tetrahedra;
 };
 
 struct ExtractOptions {

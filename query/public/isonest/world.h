@@ -44,7 +44,8 @@ struct Camera {
 /// What the nested grid's cells are.
 enum class Cells : std::uint8_t {
     tetrahedra,
-    hexahedra  ///< cubes; the function in them is trilinear between the corners
+    hexahedra  ///< cubes; the function in them is trilinear between the corners. Of data in a
+               ///< plane squares, and bilinear
 };
 
 /// Where a surface, or isoline, crosses an edge of the nested grid.
