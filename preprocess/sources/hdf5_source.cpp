@@ -334,4 +334,15 @@ std::unique_ptr<VolumeSource> open_hdf5_volume(const std::filesystem::path& path
     return std::make_unique<Hdf5Source>(path, options);
 }
 
+VolumeFormat hdf5_format() {
+    return {.about = {"HDF5", ".h5 .hdf5 .nc .mat", ""},
+            .takes = {.dataset = true},
+            .recognises =
+                [](const VolumeInput& input) { return !input.folder && is_hdf5(input.path()); },
+            .open =
+                [](const VolumeInput& input, const SourceOptions& options) {
+                    return open_hdf5_volume(input.path(), options);
+                }};
+}
+
 }  // namespace isonest::detail

@@ -5,6 +5,8 @@
 
 #include <isonest/open_volume.h>
 
+#include "preprocess/sources/volume_format.h"
+
 namespace isonest::detail {
 
 /// Whether the file has HDF5's signature: at its start, or behind a user block of 512 bytes, 1024,
@@ -14,5 +16,7 @@ bool is_hdf5(const std::filesystem::path& path);
 /// See open_volume().
 std::unique_ptr<VolumeSource> open_hdf5_volume(const std::filesystem::path& path,
                                                const SourceOptions& options);
+
+VolumeFormat hdf5_format();
 
 }  // namespace isonest::detail

@@ -6,10 +6,10 @@
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 
-#include "preprocess/sources/hdf5_source.h"
-#include "preprocess/sources/mirrored_source.h"
+#include "preprocess/sources/cropped_source.h"
 #include "preprocess/sources/missing_source.h"
-#include "preprocess/sources/nrrd_header.h"
+#include "preprocess/sources/raw_source.h"
+#include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/wrapped_source.h"
 
 namespace isonest {
@@ -40,99 +40,100 @@ class Placed : public WrappedSource {
     std::optional<Double3> origin_;
 };
 
-/// Some of its options (named as in SourceOptions) were given for a file of a format that has no
-/// use for them.
-void refuse_options(const std::filesystem::path& path, const char* format,
-                    std::initializer_list<std::pair<const char*, bool>> given) {
-    for (const auto& [option, there] : given) {
-        if (there) {
-            throw Error(ErrorKind::invalid_argument, {path.string()},
-                        fmt::format("the option '{}' does not go with {}", option, format),
-                        {{RemedyKind::leave_out, option}});
+/// Options that were given but mean nothing for the format are refused.
+void refuse_options(const VolumeInput& input, const VolumeFormat& format, const SourceOptions& o) {
+    const FormatOptions& takes = format.takes;
+    const std::initializer_list<std::pair<const char*, bool>> given{
+        {"dataset", !takes.dataset && !o.dataset.empty()},
+        {"index", !takes.index && !o.index.empty()},
+        {"series", !takes.series && !o.series.empty()},
+        {"dims", !takes.numbers && o.dims.has_value()},
+        {"type", !takes.numbers && o.type.has_value()},
+        {"big_endian", !takes.numbers && o.big_endian.has_value()},
+        {"offset", !takes.numbers && o.offset.has_value()}};
+    for (const auto& [option, refused] : given) {
+        if (refused) {
+            throw Error(
+                ErrorKind::invalid_argument, {input.path().string()},
+                fmt::format("the option '{}' does not go with {}", option, format.about.name),
+                {{RemedyKind::leave_out, option}});
         }
     }
 }
 
-void refuse_raw_options(const std::filesystem::path& path, const char* format,
-                        const SourceOptions& o) {
-    refuse_options(path, format,
-                   {{"dims", o.dims.has_value()},
-                    {"type", o.type.has_value()},
-                    {"big_endian", o.big_endian.has_value()},
-                    {"offset", o.offset.has_value()}});
+VolumeInput look_at(const std::vector<std::filesystem::path>& paths) {
+    if (paths.empty()) {
+        throw Error(ErrorKind::invalid_argument, "no input is named");
+    }
+    VolumeInput input{paths, false, {}};
+    std::error_code error;
+    input.folder = paths.size() == 1 && std::filesystem::is_directory(paths[0], error);
+    if (!input.folder) {
+        for (const std::filesystem::path& path : paths) {
+            regular_file_size(path);
+        }
+        input.head = first_bytes(paths[0], VolumeInput::kHeadBytes);
+    }
+    return input;
 }
 
-/// The file's start, with at least the whole header.
-std::string read_nrrd_header(const std::filesystem::path& path) {
-    constexpr std::size_t kUsual = std::size_t{1} << 16U;
-    constexpr std::size_t kLongest = std::size_t{1} << 22U;
-    for (const std::size_t most : {kUsual, kLongest}) {
-        std::string text = first_bytes(path, most);
-        if (text.size() < most || nrrd_header_ends(text)) {
-            return text;
+const VolumeFormat& format_of(const VolumeInput& input) {
+    for (const VolumeFormat& format : volume_formats()) {
+        if (format.recognises(input)) {
+            return format;
         }
     }
-    throw Error(ErrorKind::unsupported, {path.string(), "NRRD header"},
-                fmt::format("no empty line ends it within the first {} bytes", kLongest));
-}
-
-std::unique_ptr<VolumeSource> open_nrrd(const std::filesystem::path& path,
-                                        const SourceOptions& options) {
-    refuse_options(path, "NRRD", {{"dataset", !options.dataset.empty()}});
-    refuse_raw_options(path, "NRRD, which says it itself", options);
-    const std::string name = path.string();
-    NrrdHeader header = parse_nrrd_header(read_nrrd_header(path), name, options.spacing);
-    if (header.oblique && !options.spacing) {
-        throw Error(ErrorKind::unsupported, {name, "NRRD header"},
-                    "'space directions' that are not along the axes (they lead astray by a tenth "
-                    "of a voxel or more); resample the volume, or ignore them",
-                    {{RemedyKind::place_in_world, "spacing"}});
+    std::string names;
+    for (const VolumeFormat& format : volume_formats()) {
+        names += fmt::format("\n  {} {}{}", format.about.name, format.about.extensions,
+                             format.open == nullptr ? " (not in this build)" : "");
     }
-    std::filesystem::path data = path;
-    if (!header.data_file.empty()) {
-        data = path.parent_path() / header.data_file;
-        header.layout.header = path;
-    } else {
-        header.layout.start = header.header_bytes;
-    }
-    auto source = open_raw(data, data.string(), header.layout);
-    const auto& back = header.backward;
-    return back[0] || back[1] || back[2] ? mirrored(std::move(source), back) : std::move(source);
+    throw Error(ErrorKind::unsupported, {input.path().string()},
+                fmt::format("there is no volume in this folder; what is read:{}", names));
 }
 
 }  // namespace
 
-std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
-                                          const SourceOptions& options) {
-    regular_file_size(path);
-    const std::string magic = first_bytes(path, 8);
-    std::unique_ptr<VolumeSource> source;
-    if (magic.starts_with("NRRD000")) {
-        source = open_nrrd(path, options);
-    } else if (is_hdf5(path)) {
-        refuse_raw_options(path, "HDF5, which says it itself", options);
-        source = open_hdf5_volume(path, options);
-    } else {
-        refuse_options(path, "raw numbers", {{"dataset", !options.dataset.empty()}});
-        if (!options.dims || !options.type) {
-            throw Error(ErrorKind::invalid_argument, {path.string()},
-                        "neither HDF5 nor NRRD; raw numbers have to be described",
-                        {{RemedyKind::describe_numbers, "dims,type"}});
+std::vector<InputFormat> input_formats() {
+    std::vector<InputFormat> formats;
+    for (const VolumeFormat& format : volume_formats()) {
+        formats.push_back(format.about);
+        if (format.open != nullptr) {
+            formats.back().package.clear();
         }
-        RawLayout layout;
-        layout.nodes = *options.dims;
-        layout.type = *options.type;
-        layout.big_endian = options.big_endian.value_or(false);
-        layout.offset = options.offset.value_or(0);
-        source = open_raw(path, path.string(), layout);
     }
+    return formats;
+}
+
+std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::path>& paths,
+                                          const SourceOptions& options) {
+    const VolumeInput input = look_at(paths);
+    const VolumeFormat& format = format_of(input);
+    if (format.open == nullptr) {
+        throw Error(ErrorKind::unsupported, {input.path().string()},
+                    fmt::format("this is {}, which this build does not read", format.about.name),
+                    {{RemedyKind::install_package, format.about.package}});
+    }
+    if (paths.size() > 1 && !format.several_files) {
+        throw Error(ErrorKind::invalid_argument, {input.path().string()},
+                    fmt::format("one {} file is one volume, but {} were named", format.about.name,
+                                paths.size()));
+    }
+    refuse_options(input, format, options);
+    std::unique_ptr<VolumeSource> source = format.open(input, options);
     if (options.spacing || options.origin) {
         source = std::make_unique<Placed>(std::move(source), options);
     }
+    source = cropped(std::move(source), options.crop, options.every);
     if (options.missing) {
         source = with_missing(std::move(source), *options.missing);
     }
     return source;
+}
+
+std::unique_ptr<VolumeSource> open_volume(const std::filesystem::path& path,
+                                          const SourceOptions& options) {
+    return open_volume(std::vector{path}, options);
 }
 
 }  // namespace isonest

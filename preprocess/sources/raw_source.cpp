@@ -12,6 +12,7 @@
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/memory_volume.h>
 
 #include "preprocess/sources/file_identity.h"
 #include "preprocess/sources/gzip_stream.h"
@@ -27,8 +28,19 @@ void swap_bytes(std::byte* data, std::uint64_t bytes, std::size_t size) {
     }
 }
 
-std::uint64_t data_bytes(const RawLayout& layout) {
+std::uint64_t volume_bytes(const RawLayout& layout) {
     return static_cast<std::uint64_t>(layout.nodes.product()) * size_of(layout.type);
+}
+
+/// Of the array that the volume is, or is a part of.
+std::uint64_t data_bytes(const RawLayout& layout) {
+    return layout.whole > 0 ? layout.whole * size_of(layout.type) : volume_bytes(layout);
+}
+
+std::string text_of_nodes(const RawLayout& layout) {
+    std::string text = fmt::format("{} x {} x {} nodes of {}", layout.nodes.x, layout.nodes.y,
+                                   layout.nodes.z, name_of(layout.type));
+    return layout.whole > 0 ? fmt::format("{} values ({} are taken)", layout.whole, text) : text;
 }
 
 /// What both kinds of raw source share.
@@ -44,33 +56,124 @@ class RawBase : public VolumeSource {
     }
     [[nodiscard]] std::string identity() const override {
         return fmt::format("{}offset {}\nbig endian {}\n", identity_of(files()), layout_.offset,
-                           layout_.big_endian);
+                           layout_.big_endian) +
+               (layout_.strides ? fmt::format("strides {} {} {}\n", layout_.strides->x,
+                                              layout_.strides->y, layout_.strides->z)
+                                : "") +
+               (layout_.first > 0 ? fmt::format("first value {}\n", layout_.first) : "");
     }
 
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) final {
-        const std::uint64_t row =
-            static_cast<std::uint64_t>(layout_.nodes.x) * size_of(layout_.type);
-        const auto rows = static_cast<std::uint64_t>(ny);
-        const bool whole = ny == layout_.nodes.y;
-        const std::int64_t pieces = whole ? 1 : nz;
-        const std::uint64_t bytes = row * rows * (whole ? static_cast<std::uint64_t>(nz) : 1);
-        for (std::int64_t p = 0; p < pieces; ++p) {
-            const auto at =
-                static_cast<std::uint64_t>((z0 + p) * layout_.nodes.y + y0) * row + layout_.offset;
-            read_bytes(at, dst, bytes);
-            if (layout_.big_endian && size_of(layout_.type) > 1) {
-                swap_bytes(dst, bytes, size_of(layout_.type));
+        const std::size_t value = size_of(layout_.type);
+        const std::uint64_t row = static_cast<std::uint64_t>(layout_.nodes.x) * value;
+        if (layout_.strides) {
+            read_rows(z0, nz, y0, ny, dst);
+        } else {
+            const auto rows = static_cast<std::uint64_t>(ny);
+            const bool whole = ny == layout_.nodes.y;
+            const std::int64_t pieces = whole ? 1 : nz;
+            const std::uint64_t bytes = row * rows * (whole ? static_cast<std::uint64_t>(nz) : 1);
+            for (std::int64_t p = 0; p < pieces; ++p) {
+                const auto at =
+                    static_cast<std::uint64_t>((z0 + p) * layout_.nodes.y + y0) * row + start();
+                read_bytes(at, dst + static_cast<std::uint64_t>(p) * bytes, bytes);
             }
-            dst += bytes;
+        }
+        if (layout_.big_endian && value > 1) {
+            swap_bytes(dst, static_cast<std::uint64_t>(nz * ny) * row, value);
+        }
+        if (z0 + nz == layout_.nodes.z && y0 + ny == layout_.nodes.y) {
+            after_last();
         }
     }
 
   protected:
     virtual void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) = 0;
+    /// The last node was read.
+    virtual void after_last() {}
+    /// The byte of node (0, 0, 0).
+    [[nodiscard]] std::uint64_t start() const {
+        return layout_.offset + layout_.first * size_of(layout_.type);
+    }
     std::filesystem::path path_;
     std::string name_;
     RawLayout layout_;
+
+  private:
+    /// Of each row what lies between its nodes is read too.
+    void read_rows(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+                   std::byte* dst) {
+        const std::size_t value = size_of(layout_.type);
+        const Int3 strides = *layout_.strides;
+        const auto step = static_cast<std::size_t>(strides.x) * value;
+        std::vector<std::byte> buffer(static_cast<std::size_t>(layout_.nodes.x - 1) * step + value);
+        for (std::int64_t i = 0; i < nz * ny; ++i) {
+            const std::int64_t z = z0 + i / ny;
+            const std::int64_t y = y0 + i % ny;
+            read_bytes(start() + static_cast<std::uint64_t>(z * strides.z + y * strides.y) * value,
+                       buffer.data(), buffer.size());
+            for (std::size_t x = 0; x < static_cast<std::size_t>(layout_.nodes.x); ++x) {
+                std::memcpy(dst, buffer.data() + x * step, value);
+                dst += value;
+            }
+        }
+    }
+};
+
+/// Whether rows follow each other, and planes, none inside of another one.
+bool is_nested(const RawLayout& layout) {
+    const Int3 n = layout.nodes;
+    const Int3 s = layout.strides.value_or(Int3{1, n.x, n.x * n.y});
+    const std::int64_t row = (n.x - 1) * s.x + 1;
+    return (n.y == 1 || s.y >= row) && (n.z == 1 || s.z >= (n.y - 1) * s.y + row);
+}
+
+/// Part of an array in a file without compression, in any order of its axes: what memory can show,
+/// a map of the file can.
+class StridedFile : public VolumeSource {
+  public:
+    StridedFile(const std::filesystem::path& path, std::string name, const RawLayout& layout)
+        : path_(path), name_(std::move(name)), layout_(layout), map_(path) {
+        const auto value = static_cast<std::int64_t>(size_of(layout.type));
+        MemoryLayout memory;
+        memory.strides = *layout.strides * value;
+        memory.name = name_;
+        volume_.emplace(
+            map_.bytes().data() + layout.offset + layout.first * static_cast<std::uint64_t>(value),
+            layout.type, layout.nodes, memory);
+    }
+    [[nodiscard]] VolumeDescription describe() const override {
+        return {layout_.nodes, layout_.type, layout_.spacing, layout_.origin, name_};
+    }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
+        return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};
+    }
+    [[nodiscard]] std::string identity() const override {
+        return fmt::format("{}offset {}\nbig endian {}\nfirst value {}\nstrides {} {} {}\n",
+                           identity_of(files()), layout_.offset, layout_.big_endian, layout_.first,
+                           layout_.strides->x, layout_.strides->y, layout_.strides->z);
+    }
+    /// What lies together in the file is best read together.
+    [[nodiscard]] Granularity granularity() const override {
+        return layout_.strides->z < layout_.strides->y ? Granularity{layout_.nodes.z, 1}
+                                                       : Granularity{};
+    }
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        volume_->read(z0, nz, y0, ny, dst);
+        const std::size_t value = size_of(layout_.type);
+        if (layout_.big_endian && value > 1) {
+            swap_bytes(dst, static_cast<std::uint64_t>(nz * ny * layout_.nodes.x) * value, value);
+        }
+    }
+
+  private:
+    std::filesystem::path path_;
+    std::string name_;
+    RawLayout layout_;
+    MappedFile map_;
+    std::optional<MemoryVolume> volume_;
 };
 
 class PlainSource : public RawBase {
@@ -82,7 +185,7 @@ class PlainSource : public RawBase {
                         fmt::format("cannot open: {}", std::strerror(errno)));
         }
         const std::size_t size = size_of(layout.type);
-        if ((!layout.big_endian || size == 1) && layout.offset % size == 0) {
+        if ((!layout.big_endian || size == 1) && start() % size == 0) {
             map_.emplace(path);
         }
     }
@@ -90,7 +193,7 @@ class PlainSource : public RawBase {
     PlainSource& operator=(const PlainSource&) = delete;
     ~PlainSource() override { ::close(fd_); }
     [[nodiscard]] std::span<const std::byte> mapped() const override {
-        return map_ ? map_->bytes().subspan(layout_.offset, data_bytes(layout_))
+        return map_ ? map_->bytes().subspan(start(), volume_bytes(layout_))
                     : std::span<const std::byte>{};
     }
 
@@ -129,10 +232,9 @@ class GzipSource : public RawBase {
         at_ += n;
         if (n < bytes) {
             throw Error(ErrorKind::invalid_argument, {name_},
-                        fmt::format("its decompressed data end at byte {}, but {} x {} x {} nodes "
-                                    "of {} after {} bytes need {}",
-                                    at_, layout_.nodes.x, layout_.nodes.y, layout_.nodes.z,
-                                    name_of(layout_.type), layout_.offset,
+                        fmt::format("its decompressed data end at byte {}, but {} after {} bytes "
+                                    "need {}",
+                                    at_, text_of_nodes(layout_), layout_.offset,
                                     layout_.offset + data_bytes(layout_)));
         }
     }
@@ -145,10 +247,8 @@ class GzipSource : public RawBase {
         while (const std::uint64_t n = stream_.read(skipped.data(), skipped.size())) {
             if (layout_.exact_length) {
                 throw Error(ErrorKind::invalid_argument, {name_},
-                            fmt::format("there are more than the {} bytes that {} x {} x {} nodes "
-                                        "of {} need",
-                                        at_, layout_.nodes.x, layout_.nodes.y, layout_.nodes.z,
-                                        name_of(layout_.type)),
+                            fmt::format("there are more than the {} bytes that {} need", at_,
+                                        text_of_nodes(layout_)),
                             {{RemedyKind::correct_numbers, "dims,type"}});
             }
             behind += n;
@@ -160,15 +260,19 @@ class GzipSource : public RawBase {
             }
         }
     }
-    void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+    void skip_to(std::uint64_t at) {
         std::vector<std::byte> skipped(1U << 16U);
         while (at_ < at) {
             fetch(skipped.data(), std::min<std::uint64_t>(at - at_, skipped.size()));
         }
+    }
+    void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        skip_to(at);
         fetch(dst, bytes);
-        if (at_ == layout_.offset + data_bytes(layout_)) {
-            require_right_end();
-        }
+    }
+    void after_last() override {
+        skip_to(layout_.offset + data_bytes(layout_));
+        require_right_end();
     }
     GzipStream stream_;
     std::uint64_t at_ = 0;
@@ -257,11 +361,10 @@ void place_plain(const std::string& name, std::uint64_t size, RawLayout& layout)
         const bool raw = layout.packing == Packing::recognised;
         throw Error(
             ErrorKind::invalid_argument, {name},
-            fmt::format("{} x {} x {} nodes of {} after {} bytes need {} bytes, but the file has "
-                        "{}{}",
-                        layout.nodes.x, layout.nodes.y, layout.nodes.z, name_of(layout.type),
-                        layout.start + skipped, need + layout.start + skipped, size,
-                        raw ? "" : "; check 'sizes', 'type' and 'byte skip'"),
+            fmt::format("{} after {} bytes need {} bytes, but the file has {}{}",
+                        text_of_nodes(layout), layout.start + skipped,
+                        need + layout.start + skipped, size,
+                        raw ? "" : "; check the sizes, the type and what is skipped in its header"),
             raw ? std::vector<Remedy>{{RemedyKind::correct_numbers, "dims,type,offset"}}
                 : std::vector<Remedy>{});
     }
@@ -285,6 +388,11 @@ std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const 
             throw Error(ErrorKind::unsupported, {name},
                         "'byte skip: -1' does not go with gzip encoding");
         }
+        if (!is_nested(layout)) {
+            throw Error(ErrorKind::unsupported, {name},
+                        "its axes are stored in another order, which a compressed stream cannot be "
+                        "read in; decompress it");
+        }
         return std::make_unique<GzipSource>(path, name, layout);
     }
     place_plain(name, size, layout);
@@ -292,7 +400,43 @@ std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const 
         throw Error(ErrorKind::corrupt, {name, fmt::format("byte {}", layout.start)},
                     "the header says encoding raw, but a gzip stream starts here");
     }
+    if (layout.strides) {
+        return std::make_unique<StridedFile>(path, name, layout);
+    }
     return std::make_unique<PlainSource>(path, name, layout);
+}
+
+namespace {
+
+std::unique_ptr<VolumeSource> open_numbers(const VolumeInput& input, const SourceOptions& options) {
+    const std::filesystem::path& path = input.path();
+    if (!options.dims || !options.type) {
+        std::string names;
+        for (const InputFormat& format : input_formats()) {
+            names += fmt::format("{}{}{}", names.empty() ? "" : ", ", format.name,
+                                 format.package.empty() ? "" : " (not in this build)");
+        }
+        throw Error(ErrorKind::invalid_argument, {path.string()},
+                    fmt::format("none of the formats that are recognised ({}); raw numbers have to "
+                                "be described",
+                                names),
+                    {{RemedyKind::describe_numbers, "dims,type"}});
+    }
+    RawLayout layout;
+    layout.nodes = *options.dims;
+    layout.type = *options.type;
+    layout.big_endian = options.big_endian.value_or(false);
+    layout.offset = options.offset.value_or(0);
+    return open_raw(path, path.string(), layout);
+}
+
+}  // namespace
+
+VolumeFormat raw_format() {
+    return {.about = {"raw numbers", ".raw .bin .gz", ""},
+            .takes = {.numbers = true},
+            .recognises = [](const VolumeInput& input) { return !input.folder; },
+            .open = open_numbers};
 }
 
 }  // namespace isonest::detail

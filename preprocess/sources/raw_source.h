@@ -3,9 +3,12 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include <isonest/volume_source.h>
+
+#include "preprocess/sources/volume_format.h"
 
 namespace isonest::detail {
 
@@ -25,6 +28,11 @@ struct RawLayout {
     std::uint64_t offset = 0;
     bool offset_from_end = false;  ///< the data are the last bytes of the file (not with gzip)
     bool exact_length = true;      ///< bytes behind the data are an error
+    /// Of a larger array (components of a vector, time steps, another order of its axes): values
+    /// from a node to the next along x, y and z, each > 0. None: x fastest, without gaps.
+    std::optional<Int3> strides = {};
+    std::uint64_t first = 0;  ///< values of that array before node (0, 0, 0)
+    std::uint64_t whole = 0;  ///< values of that array; 0: as many as nodes
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
     std::filesystem::path header;  ///< what describes them, if it is another file
@@ -43,5 +51,8 @@ std::string first_bytes(const std::filesystem::path& path, std::size_t count, st
 /// Throws Error{not_found, invalid_argument, io} unless `path` is a readable regular file; gives
 /// its size.
 std::uint64_t regular_file_size(const std::filesystem::path& path);
+
+/// Raw numbers, which the caller has to describe: it recognises every file.
+VolumeFormat raw_format();
 
 }  // namespace isonest::detail

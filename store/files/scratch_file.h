@@ -24,6 +24,8 @@ class ScratchFile {
     static ScratchFile named(const std::filesystem::path& file);
     /// A named file stays.
     void keep() { name_.clear(); }
+    /// Open as long as the file is.
+    [[nodiscard]] int descriptor() const { return fd_; }
     /// Marks the file as in use for other processes, where the file system can.
     void lock() const;
     ScratchFile(ScratchFile&& other) noexcept;

@@ -3,7 +3,10 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
@@ -19,7 +22,7 @@ namespace {
 
 struct Arguments {
     std::string store;
-    std::string source;
+    std::vector<std::string> source;
     SourceOptions source_options;
     CheckOptions check;
 };
@@ -50,7 +53,7 @@ Result run(Arguments& a, Progress& progress) {
     std::unique_ptr<VolumeSource> source;
     if (!a.source.empty()) {
         a.source_options.max_heap = a.check.memory / 4;
-        source = open_volume(a.source, a.source_options);
+        source = open_input(a.source, std::filesystem::temp_directory_path(), a.source_options);
         a.check.source = source.get();
     }
     const CheckReport r = check(store, a.check, progress);

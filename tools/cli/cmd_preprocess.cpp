@@ -2,7 +2,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include <isonest/open_volume.h>
 #include <isonest/preprocess.h>
@@ -18,7 +21,7 @@ namespace isonest::detail::cli {
 namespace {
 
 struct Arguments {
-    std::string input;
+    std::vector<std::string> input;
     std::string store;
     SourceOptions source;
     PreprocessOptions preprocess;
@@ -37,7 +40,8 @@ std::vector<Field> parse_indicators(const std::string& text) {
 Result run(Arguments& a, Progress& progress) {
     // A quarter of the budget is enough for the chunks of the input, and the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
-    const std::unique_ptr<VolumeSource> source = open_volume(a.input, a.source);
+    const std::unique_ptr<VolumeSource> source =
+        open_input(a.input, std::filesystem::path(a.store).parent_path(), a.source);
     const ValueType type = source->describe().type;
     const PreprocessReport r = preprocess(*source, a.store, a.preprocess, progress);
     const double rate = r.seconds > 0 ? static_cast<double>(r.input_bytes) / r.seconds : 0;
@@ -80,16 +84,18 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
     CLI::App* const c = add_command(
         app, chosen, "preprocess",
         {"Turn a volume into a store: all levels, with the error of every node",
-         "INPUT is HDF5, NRRD (attached or detached header), or raw numbers (then --dims and "
-         "--type\n"
-         "are needed); raw and NRRD data may be gzip compressed. NaN means missing data. Every "
-         "input\n"
-         "byte is read once, and the volume may be larger than memory.",
+         "INPUT is a file, a folder of slices, the slices themselves (scan/*.tif), or - for "
+         "standard\n"
+         "input. What it is, its first bytes tell; `isonest --version` lists the formats that are "
+         "read.\n"
+         "Raw numbers (also gzip) need --dims and --type. NaN means missing data. Every input byte "
+         "is\n"
+         "read once, and the volume may be larger than memory.",
          "isonest preprocess scan.h5 -o scan.isonest\n"
          "isonest preprocess scan.h5 --dataset /entry/data -o scan.isonest --memory 8G\n"
          "isonest preprocess head.raw.gz --dims 256,256,113 --type uint16 --endian big "
          "--spacing 1,1,2 -o head.isonest"});
-    c->add_option("INPUT", a->input, "the volume file")->required();
+    c->add_option("INPUT", a->input, "the volume: a file, a folder, or slices")->required();
     c->add_option("-o,--output", a->store, "the store to write")->required()->type_name("STORE");
     add_source_options(c, a->source);
     PreprocessOptions& p = a->preprocess;

@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include <isonest/error.h>
+#include <isonest/open_volume.h>
 #include <isonest/version.h>
 
 #include "store/container/format.h"
@@ -83,9 +84,21 @@ class ShortList : public CLI::Formatter {
     }
 };
 
+/// With the formats that this build reads, and what the others need.
+std::string version_text() {
+    std::string text = fmt::format("isonest {} (store format {}.{})\nreads:", ISONEST_VERSION,
+                                   kFormatMajor, kFormatMinor);
+    std::string missing;
+    for (const InputFormat& format : input_formats()) {
+        std::string& list = format.package.empty() ? text : missing;
+        list += fmt::format("\n  {:<16} {}", format.name, format.extensions);
+        list += format.package.empty() ? "" : fmt::format(" (needs {})", format.package);
+    }
+    return missing.empty() ? text : text + "\nnot in this build:" + missing;
+}
+
 void declare(CLI::App& app, Invocation& chosen) {
-    app.set_version_flag("--version", fmt::format("isonest {} (store format {}.{})",
-                                                  ISONEST_VERSION, kFormatMajor, kFormatMinor));
+    app.set_version_flag("--version", version_text);
     app.require_subcommand(1);
     const auto formatter = std::make_shared<ShortList>();
     formatter->column_width(32);

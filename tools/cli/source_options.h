@@ -2,6 +2,10 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
 
 #include <isonest/open_volume.h>
 
@@ -10,7 +14,14 @@ namespace isonest::detail::cli {
 /// Inverse of name_of(ValueType) for --type. Throws Error{invalid_argument}.
 ValueType parse_type(const std::string& text);
 
-/// --dataset, --dims, --type, --endian, --offset, --spacing, --origin.
+/// A vector of files (slices), a folder, a file, or "-" for standard input, which is copied to
+/// `scratch_folder` first.
+std::unique_ptr<VolumeSource> open_input(const std::vector<std::string>& input,
+                                         const std::filesystem::path& scratch_folder,
+                                         const SourceOptions& options);
+
+/// --dataset, --series, --index, --crop, --every, --dims, --type, --endian, --offset, --spacing,
+/// --origin, --missing.
 void add_source_options(CLI::App* command, SourceOptions& options);
 
 }  // namespace isonest::detail::cli

@@ -55,7 +55,10 @@ enum class RemedyKind : std::uint8_t {
     less_memory,          ///< a smaller memory budget: the machine has not that much
     other_scale,          ///< another GraphQuery::scale
     scale_values,         ///< scale the data, or take an offset off them, before preprocessing
-    graph                 ///< data in a plane: the graph, GraphQuery
+    graph,                ///< data in a plane: the graph, GraphQuery
+    choose_index,         ///< SourceOptions::index
+    choose_series,        ///< SourceOptions::series
+    install_package       ///< build with the package that `value` names
 };
 struct Remedy {
     RemedyKind kind;

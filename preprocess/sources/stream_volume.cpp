@@ -1,0 +1,98 @@
+// What comes from a pipe, as a file.
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/types.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include <isonest/error.h>
+#include <isonest/open_volume.h>
+
+#include "preprocess/sources/wrapped_source.h"
+#include "store/files/scratch_file.h"
+
+namespace isonest {
+using namespace detail;
+namespace {
+
+constexpr const char* kName = "standard input";
+
+/// A source that reads the copy, and keeps it as long as it lives.
+class StreamedSource : public WrappedSource {
+  public:
+    StreamedSource(ScratchFile copy, std::unique_ptr<VolumeSource> inner)
+        : WrappedSource(std::move(inner)), copy_(std::move(copy)) {}
+    [[nodiscard]] VolumeDescription describe() const override {
+        VolumeDescription result = inner_source().describe();
+        result.name = kName;
+        return result;
+    }
+    /// The next run would find nothing there.
+    [[nodiscard]] std::string identity() const override { return ""; }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return {}; }
+    [[nodiscard]] std::span<const std::byte> mapped() const override {
+        return inner_source().mapped();
+    }
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        inner_source().read(z0, nz, y0, ny, dst);
+    }
+
+  private:
+    ScratchFile copy_;
+};
+
+void copy_all(int descriptor, ScratchFile& copy) {
+    std::vector<std::byte> buffer(std::size_t{1} << 20U);
+    std::uint64_t at = 0;
+    while (true) {
+        const ssize_t n = ::read(descriptor, buffer.data(), buffer.size());
+        if (n < 0 && errno == EINTR) {
+            continue;
+        }
+        if (n < 0) {
+            throw Error(ErrorKind::io, {kName},
+                        fmt::format("cannot read: {}", std::strerror(errno)));
+        }
+        if (n == 0) {
+            break;
+        }
+        copy.write_at(at, {buffer.data(), static_cast<std::size_t>(n)});
+        at += static_cast<std::uint64_t>(n);
+    }
+    if (at == 0) {
+        throw Error(ErrorKind::invalid_argument, {kName}, "there is nothing to read");
+    }
+}
+
+/// The same error about what the user named.
+[[noreturn]] void rethrow_named(const Error& error, const std::string& path) {
+    ErrorPlace place = error.place();
+    if (place.file.starts_with(path)) {
+        place.file = kName + place.file.substr(path.size());
+    }
+    throw Error(error.kind(), place, error.problem(), error.remedies());
+}
+
+}  // namespace
+
+std::unique_ptr<VolumeSource> open_volume_stream(int descriptor,
+                                                 const std::filesystem::path& scratch_folder,
+                                                 const SourceOptions& options) {
+    ScratchFile copy(scratch_folder);
+    copy_all(descriptor, copy);
+    const std::string path = fmt::format("/proc/self/fd/{}", copy.descriptor());
+    try {
+        std::unique_ptr<VolumeSource> source = open_volume(path, options);
+        return std::make_unique<StreamedSource>(std::move(copy), std::move(source));
+    } catch (const Error& error) {
+        rethrow_named(error, path);
+    }
+}
+
+}  // namespace isonest
