@@ -15,10 +15,14 @@
 
 namespace isonest::detail {
 
-GzipStream::GzipStream(const std::filesystem::path& path, std::string name, std::uint64_t start)
-    : name_(std::move(name)), file_at_(start), in_(std::size_t{1} << 18U) {
+GzipStream::GzipStream(const std::filesystem::path& path, std::string name, std::uint64_t start,
+                       DeflateWrapper wrapper)
+    : name_(std::move(name)), wrapper_(wrapper), file_at_(start), in_(std::size_t{1} << 18U) {
     constexpr int kGzipOnly = 16;
-    if (::inflateInit2(&stream_, MAX_WBITS + kGzipOnly) != Z_OK) {
+    const int bits = wrapper == DeflateWrapper::gzip   ? MAX_WBITS + kGzipOnly
+                     : wrapper == DeflateWrapper::zlib ? MAX_WBITS
+                                                       : -MAX_WBITS;
+    if (::inflateInit2(&stream_, bits) != Z_OK) {
         throw Error(ErrorKind::io, {name_}, "zlib does not start: too little memory?");
     }
     fd_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
@@ -36,7 +40,7 @@ GzipStream::~GzipStream() {
 
 void GzipStream::corrupt(const std::string& what) const {
     throw Error(ErrorKind::corrupt, {name_, fmt::format("byte {}", file_at_ - stream_.avail_in)},
-                fmt::format("damaged gzip stream: {}", what));
+                fmt::format("damaged compressed stream: {}", what));
 }
 
 bool GzipStream::refill() {
@@ -87,10 +91,12 @@ std::uint64_t GzipStream::read(std::byte* dst, std::uint64_t bytes) {
         stream_.avail_out = part;
         const int code = ::inflate(&stream_, Z_NO_FLUSH);
         done += part - stream_.avail_out;
-        if (code == Z_STREAM_END) {
+        if (code == Z_STREAM_END && wrapper_ != DeflateWrapper::gzip) {
+            ended_ = true;
+        } else if (code == Z_STREAM_END) {
             next_member();
         } else if (code != Z_OK && code != Z_BUF_ERROR) {
-            corrupt(stream_.msg != nullptr ? stream_.msg : "not gzip");
+            corrupt(stream_.msg != nullptr ? stream_.msg : "not what it should be");
         }
     }
     return done;

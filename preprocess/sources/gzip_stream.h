@@ -11,14 +11,19 @@
 
 namespace isonest::detail {
 
+/// What is around deflate's data: RFC 1952, RFC 1950, nothing.
+enum class DeflateWrapper { gzip, zlib, none };
+
 /// What gzip(1) would give for a file from byte `start` on: members one after the other, then
 /// nothing or zeros. A cut trailer, a wrong checksum or length, and anything else behind the last
-/// member (of which gzip(1) warns) are errors.
+/// member (of which gzip(1) warns) are errors. Of zlib's streams and of bare deflate, what follows
+/// the end is not looked at.
 /// Thread-safety: one thread at a time.
 class GzipStream {
   public:
     /// `name` is used in messages. Throws Error{io}.
-    GzipStream(const std::filesystem::path& path, std::string name, std::uint64_t start);
+    GzipStream(const std::filesystem::path& path, std::string name, std::uint64_t start,
+               DeflateWrapper wrapper = DeflateWrapper::gzip);
     GzipStream(const GzipStream&) = delete;
     GzipStream& operator=(const GzipStream&) = delete;
     ~GzipStream();
@@ -34,6 +39,7 @@ class GzipStream {
     void next_member();
 
     std::string name_;
+    DeflateWrapper wrapper_;
     int fd_ = -1;
     std::uint64_t file_at_;  ///< of the bytes behind those in `in_`
     std::vector<std::byte> in_;

@@ -7,6 +7,7 @@
 #include <isonest/open_volume.h>
 
 #include "preprocess/sources/cropped_source.h"
+#include "preprocess/sources/gzip_stream.h"
 #include "preprocess/sources/missing_source.h"
 #include "preprocess/sources/raw_source.h"
 #include "preprocess/sources/volume_format.h"
@@ -25,6 +26,9 @@ class Placed : public WrappedSource {
         VolumeDescription result = inner_source().describe();
         result.spacing = spacing_.value_or(result.spacing);
         result.origin = origin_.value_or(result.origin);
+        if (spacing_) {
+            result.direction = kAlongWorld;
+        }
         return result;
     }
     [[nodiscard]] std::span<const std::byte> mapped() const override {
@@ -61,11 +65,23 @@ void refuse_options(const VolumeInput& input, const VolumeFormat& format, const 
     }
 }
 
+/// Less where the stream is damaged: who reads it on will say so.
+std::string first_unpacked(const std::filesystem::path& path) {
+    std::string text(VolumeInput::kHeadBytes, '\0');
+    try {
+        GzipStream stream(path, path.string(), 0);
+        text.resize(stream.read(reinterpret_cast<std::byte*>(text.data()), text.size()));
+    } catch (const Error&) {
+        text.clear();
+    }
+    return text;
+}
+
 VolumeInput look_at(const std::vector<std::filesystem::path>& paths) {
     if (paths.empty()) {
         throw Error(ErrorKind::invalid_argument, "no input is named");
     }
-    VolumeInput input{paths, false, {}};
+    VolumeInput input{paths, false, {}, {}};
     std::error_code error;
     input.folder = paths.size() == 1 && std::filesystem::is_directory(paths[0], error);
     if (!input.folder) {
@@ -73,6 +89,7 @@ VolumeInput look_at(const std::vector<std::filesystem::path>& paths) {
             regular_file_size(path);
         }
         input.head = first_bytes(paths[0], VolumeInput::kHeadBytes);
+        input.unpacked = is_gzip(paths[0]) ? first_unpacked(paths[0]) : input.head;
     }
     return input;
 }
@@ -123,6 +140,13 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
     std::unique_ptr<VolumeSource> source = format.open(input, options);
     if (options.spacing || options.origin) {
         source = std::make_unique<Placed>(std::move(source), options);
+    }
+    if (const VolumeDescription d = source->describe(); d.direction != kAlongWorld) {
+        throw Error(
+            ErrorKind::unsupported, {d.name},
+            "axes that are not along the world's (they lead astray by a tenth of a voxel or "
+            "more); resample the volume, or ignore its directions",
+            {{RemedyKind::place_in_world, "spacing"}});
     }
     source = cropped(std::move(source), options.crop, options.every);
     if (options.missing) {

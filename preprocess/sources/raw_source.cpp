@@ -49,7 +49,8 @@ class RawBase : public VolumeSource {
     RawBase(std::filesystem::path path, std::string name, RawLayout layout)
         : path_(std::move(path)), name_(std::move(name)), layout_(std::move(layout)) {}
     [[nodiscard]] VolumeDescription describe() const override {
-        return {layout_.nodes, layout_.type, layout_.spacing, layout_.origin, name_};
+        return {layout_.nodes,  layout_.type, layout_.spacing,
+                layout_.origin, name_,        layout_.direction};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};
@@ -144,7 +145,8 @@ class StridedFile : public VolumeSource {
             layout.type, layout.nodes, memory);
     }
     [[nodiscard]] VolumeDescription describe() const override {
-        return {layout_.nodes, layout_.type, layout_.spacing, layout_.origin, name_};
+        return {layout_.nodes,  layout_.type, layout_.spacing,
+                layout_.origin, name_,        layout_.direction};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};
@@ -219,11 +221,18 @@ class PlainSource : public RawBase {
     std::optional<MappedFile> map_;
 };
 
+DeflateWrapper wrapper_of(Packing packing) {
+    return packing == Packing::zlib      ? DeflateWrapper::zlib
+           : packing == Packing::deflate ? DeflateWrapper::none
+                                         : DeflateWrapper::gzip;
+}
+
 class GzipSource : public RawBase {
   public:
     /// The stream starts at layout.start.
     GzipSource(const std::filesystem::path& path, std::string name, const RawLayout& layout)
-        : RawBase(path, std::move(name), layout), stream_(path, name_, layout.start) {}
+        : RawBase(path, std::move(name), layout),
+          stream_(path, name_, layout.start, wrapper_of(layout.packing)) {}
     [[nodiscard]] bool sequential() const override { return true; }
 
   private:
@@ -379,14 +388,16 @@ std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const 
     const std::uint64_t size = regular_file_size(path);
     layout.start = behind_lines(path, name, layout.start, layout.lines);
     const bool gzip = is_gzip(path, layout.start);
-    if (layout.packing == Packing::gzip || (layout.packing == Packing::recognised && gzip)) {
-        if (!gzip) {
+    const bool deflated = layout.packing == Packing::zlib || layout.packing == Packing::deflate;
+    if (deflated || layout.packing == Packing::gzip ||
+        (layout.packing == Packing::recognised && gzip)) {
+        if (!gzip && !deflated) {
             throw Error(ErrorKind::corrupt, {name, fmt::format("byte {}", layout.start)},
                         "the header says encoding gzip, but no gzip stream starts here");
         }
         if (layout.offset_from_end) {
             throw Error(ErrorKind::unsupported, {name},
-                        "'byte skip: -1' does not go with gzip encoding");
+                        "data at the end of the file cannot be found in a compressed one");
         }
         if (!is_nested(layout)) {
             throw Error(ErrorKind::unsupported, {name},

@@ -14,7 +14,7 @@ namespace isonest::detail {
 
 /// Whether the numbers are compressed: as their first bytes say (of a file that nothing describes),
 /// or as a header says, which these must then agree with.
-enum class Packing { recognised, plain, gzip };
+enum class Packing { recognised, plain, gzip, zlib, deflate };
 
 /// Where and how the numbers lie: behind `start` bytes and `lines` lines of the file as it is
 /// stored, and `offset` bytes of what is decompressed from there.
@@ -35,6 +35,7 @@ struct RawLayout {
     std::uint64_t whole = 0;  ///< values of that array; 0: as many as nodes
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
+    Directions direction = kAlongWorld;
     std::filesystem::path header;  ///< what describes them, if it is another file
 };
 

@@ -17,6 +17,9 @@ struct VolumeInput {
     bool folder = false;                       ///< paths[0] is one
     /// The start of paths[0], up to kHeadBytes; empty for a folder.
     std::string head;
+    /// The same of what gzip holds, where the file is gzip; else as `head`.
+    std::string unpacked;
+    [[nodiscard]] bool gzip() const { return unpacked != head; }
     static constexpr std::size_t kHeadBytes = 1024;
     [[nodiscard]] const std::filesystem::path& path() const { return paths.front(); }
 };

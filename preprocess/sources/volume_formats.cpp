@@ -1,5 +1,9 @@
 // The one list of the formats that are known.
 #include "preprocess/sources/hdf5_source.h"
+#include "preprocess/sources/meta_image_source.h"
+#include "preprocess/sources/mrc_source.h"
+#include "preprocess/sources/nifti_source.h"
+#include "preprocess/sources/npy_source.h"
 #include "preprocess/sources/nrrd_source.h"
 #include "preprocess/sources/raw_source.h"
 #include "preprocess/sources/volume_format.h"
@@ -8,9 +12,8 @@ namespace isonest::detail {
 
 const std::vector<VolumeFormat>& volume_formats() {
     static const std::vector<VolumeFormat> formats{
-        nrrd_format(),
-        hdf5_format(),
-        raw_format(),
+        nrrd_format(), hdf5_format(), nifti_format(), meta_image_format(),
+        mrc_format(),  npy_format(),  npz_format(),   raw_format(),
     };
     return formats;
 }

@@ -1,6 +1,7 @@
 // Where a volume comes from: what preprocess() reads, and what check() compares a store with.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -13,13 +14,18 @@
 
 namespace isonest {
 
-/// What a volume is.
+/// The world directions of the axes x, y and z: unit vectors that are orthogonal and right-handed.
+using Directions = std::array<Double3, 3>;
+inline constexpr Directions kAlongWorld{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+
+/// What a volume is. Node p lies at origin + the sum over the axes of direction * spacing * p.
 struct VolumeDescription {
     Int3 nodes{1, 1, 1};  ///< per axis, each >= 1
     ValueType type = ValueType::f32;
     Double3 spacing{1, 1, 1};  ///< node distance per axis in world units, > 0
     Double3 origin{0, 0, 0};   ///< world position of node (0, 0, 0)
     std::string name = {};     ///< "file:dataset" or the like, for messages
+    Directions direction = kAlongWorld;
 };
 
 /// A scalar volume that is read in slabs of whole or partial planes. Three functions are enough:

@@ -1,0 +1,31 @@
+// Where a volume lies in the world: from the steps between its samples to spacing, origin and
+// directions.
+#pragma once
+
+#include <array>
+#include <string>
+
+#include <isonest/int3.h>
+#include <isonest/volume_source.h>
+
+namespace isonest::detail {
+
+struct Placement {
+    Double3 spacing{1, 1, 1};
+    Double3 origin{0, 0, 0};  ///< of node (0, 0, 0) after the axes are turned around
+    Directions direction = kAlongWorld;
+    /// Axes whose samples are to be taken from their other end on.
+    std::array<bool, 3> backward{};
+};
+
+/// `steps`: the world vector from a sample to the next one along x, y and z; a zero vector along an
+/// axis of one sample is right angled to the others. `first`: the place of the first sample.
+/// Where steps are along the world's axes (all samples within a tenth of a voxel from where
+/// spacings alone would put them), so are the directions, and axes that run backward are turned
+/// around. Else x is turned around where the steps are left-handed. No I/O.
+/// Throws Error{unsupported} for steps that are not orthogonal, again by a tenth of a voxel over
+/// the volume, and Error{corrupt} for steps of no length or that are no numbers.
+Placement place_in_world(const Int3& nodes, const std::array<Double3, 3>& steps,
+                         const Double3& first, const std::string& name);
+
+}  // namespace isonest::detail
