@@ -134,7 +134,7 @@ class Cli(unittest.TestCase):
 
     def test_version(self):
         self.assertRegex(self.ok("--version").stdout.decode(),
-                         r"\Aisonest \d+\.\d+\.\d+ \(store format \d+\.\d+\)\n\Z")
+                         r"\Aisonest \d+\.\d+\.\d+ \(store format \d+\.\d+\)\nreads:\n  NRRD +\.nrrd \.nhdr\n")
 
     # Errors
 

@@ -7,58 +7,20 @@ import gzip
 import itertools
 import json
 import os
-import pathlib
 import subprocess
 import sys
-import tempfile
 import unittest
 
 os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
 try:
     import h5py
     import numpy as np
+    from volume_inputs import ISONEST, Input
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
 
-ISONEST = sys.argv[1]
 RANDOM = np.random.default_rng(3)
-
-
-class Input(unittest.TestCase):
-    path = None
-
-    def setUp(self):
-        self.folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
-        self.addCleanup(self.folder.cleanup)
-        self.here = pathlib.Path(self.folder.name)
-
-    def preprocess(self, *options, store=None):
-        return subprocess.run([ISONEST, "preprocess", self.path, "-o", store or self.here / "s.isonest",
-                               "--chunk", "8", "--force", *options], capture_output=True, text=True)
-
-    def reads(self, data, *options):
-        """The store has these numbers, [z, y, x]."""
-        done = self.preprocess(*options)
-        self.assertEqual(done.returncode, 0, done.stderr)
-        subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o",
-                        self.here / "s.raw", "--force"], check=True, capture_output=True)
-        found = np.fromfile(self.here / "s.raw", data.dtype)
-        np.testing.assert_array_equal(found, data.ravel())
-        return done
-
-    def lies(self, origin, spacing):
-        info = json.loads(subprocess.run([ISONEST, "info", self.here / "s.isonest", "--json"],
-                                         check=True, capture_output=True).stdout)
-        np.testing.assert_allclose(info["origin"], origin)
-        np.testing.assert_allclose(info["spacing"], spacing)
-
-    def refuses(self, code, *words, options=()):
-        done = self.preprocess(*options)
-        self.assertEqual(done.returncode, code, done.stderr)
-        for word in words:
-            self.assertIn(word, done.stderr)
-
 
 
 class Hdf5Input(Input):

@@ -8,7 +8,8 @@
 namespace isonest::detail {
 
 std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
-                                          std::span<const AxisIndex> index) {
+                                          std::span<const AxisIndex> index,
+                                          std::unique_ptr<ByteReader> bytes) {
     RawLayout layout = array.layout;
     const ArrayPlace place = place_in_array(array.axes, index, array.name, array.strides);
     layout.nodes = place.nodes;
@@ -39,7 +40,8 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
         layout.direction = world.direction;
         backward = world.backward;
     }
-    auto source = open_raw(array.file, array.name, layout);
+    auto source = bytes ? open_bytes(std::move(bytes), array.name, layout, {array.file})
+                        : open_raw(array.file, array.name, layout);
     if (backward[0] || backward[1] || backward[2]) {
         source = mirrored(std::move(source), backward);
     }

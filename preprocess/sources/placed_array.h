@@ -14,6 +14,7 @@
 #include <isonest/volume_source.h>
 
 #include "preprocess/sources/axis_choice.h"
+#include "preprocess/sources/byte_reader.h"
 #include "preprocess/sources/converted_source.h"
 #include "preprocess/sources/raw_source.h"
 
@@ -35,8 +36,10 @@ struct PlacedArray {
 };
 
 /// The volume that `index` leaves of it. Axes that run backward are turned around.
-/// Throws as choose_axes(), place_in_world() and open_raw() do.
+/// `bytes`: what makes the array's bytes; none: they are in its file.
+/// Throws as choose_axes(), place_in_world(), open_raw() and open_bytes() do.
 std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
-                                          std::span<const AxisIndex> index);
+                                          std::span<const AxisIndex> index,
+                                          std::unique_ptr<ByteReader> bytes = nullptr);
 
 }  // namespace isonest::detail

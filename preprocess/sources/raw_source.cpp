@@ -14,6 +14,7 @@
 #include <isonest/error.h>
 #include <isonest/memory_volume.h>
 
+#include "preprocess/sources/byte_reader.h"
 #include "preprocess/sources/file_identity.h"
 #include "preprocess/sources/gzip_stream.h"
 #include "store/files/mapped_file.h"
@@ -129,6 +130,26 @@ bool is_nested(const RawLayout& layout) {
     const std::int64_t row = (n.x - 1) * s.x + 1;
     return (n.y == 1 || s.y >= row) && (n.z == 1 || s.z >= (n.y - 1) * s.y + row);
 }
+
+/// Numbers whose bytes a ByteReader makes.
+class ReaderSource : public RawBase {
+  public:
+    ReaderSource(std::unique_ptr<ByteReader> bytes, const std::string& name,
+                 const RawLayout& layout, std::vector<std::filesystem::path> files)
+        : RawBase(files.front(), name, layout),
+          bytes_(std::move(bytes)),
+          files_(std::move(files)) {}
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
+    [[nodiscard]] bool sequential() const override { return bytes_->sequential(); }
+    [[nodiscard]] std::uint64_t heap() const override { return RawBase::heap() + bytes_->heap(); }
+
+  private:
+    void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        bytes_->read(at, dst, bytes);
+    }
+    std::unique_ptr<ByteReader> bytes_;
+    std::vector<std::filesystem::path> files_;
+};
 
 /// Part of an array in a file without compression, in any order of its axes: what memory can show,
 /// a map of the file can.
@@ -415,6 +436,23 @@ std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const 
         return std::make_unique<StridedFile>(path, name, layout);
     }
     return std::make_unique<PlainSource>(path, name, layout);
+}
+
+std::unique_ptr<VolumeSource> open_bytes(std::unique_ptr<ByteReader> bytes, const std::string& name,
+                                         const RawLayout& layout,
+                                         std::vector<std::filesystem::path> files) {
+    check_nodes(name, layout);
+    const std::uint64_t need = layout.offset + data_bytes(layout);
+    if (bytes->size() < need) {
+        throw Error(ErrorKind::corrupt, {name},
+                    fmt::format("{} need {} bytes, but there are {}", text_of_nodes(layout), need,
+                                bytes->size()));
+    }
+    if (bytes->sequential() && !is_nested(layout)) {
+        throw Error(ErrorKind::unsupported, {name},
+                    "its axes are stored in another order, which a stream cannot be read in");
+    }
+    return std::make_unique<ReaderSource>(std::move(bytes), name, layout, std::move(files));
 }
 
 namespace {

@@ -5,8 +5,14 @@ import struct
 import subprocess
 import sys
 import tempfile
+import zlib
 
 import h5py
+import mrcfile
+import nibabel
+import numpy as np
+import vtk
+from vtk.util import numpy_support
 
 isonest = sys.argv[1]
 corpus = pathlib.Path(__file__).with_name("corpus")
@@ -71,6 +77,49 @@ seed("raw", "gzip", bytes([3, 2, 1, 2, 3, 2, 0, 0]) + gzip.compress(b"ab" + valu
 seed("raw", "missing", bytes([3, 2, 1, 2, 5, 0, 9, 0]) + values)
 seed("raw", "cut_trailer", bytes([3, 2, 1, 2, 0, 0, 0, 0]) + gzip.compress(values, mtime=0)[:-8])
 seed("raw", "behind", bytes([3, 2, 1, 2, 0, 0, 0, 0]) + gzip.compress(values, mtime=0) + b"x")
+
+
+def saved(name, write):
+    """What other programs write to a file."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = pathlib.Path(folder) / name
+        write(path)
+        return path.read_bytes()
+
+
+def vtk_file(writer, path, **calls):
+    image = vtk.vtkImageData()
+    image.SetDimensions(4, 3, 2)
+    array = numpy_support.numpy_to_vtk(np.arange(24, dtype="i2"), deep=True)
+    array.SetName("v")
+    image.GetPointData().SetScalars(array)
+    writer.SetInputData(image)
+    writer.SetFileName(str(path))
+    for call, value in calls.items():
+        getattr(writer, call)(*value)
+    writer.Write()
+
+
+grid = np.arange(24, dtype="i2").reshape(2, 3, 4)
+seed("volume", "npy", saved("v.npy", lambda p: np.save(p, grid)))
+seed("volume", "npy_fortran", saved("v.npy", lambda p: np.save(p, np.asfortranarray(grid[None]))))
+seed("volume", "npz", saved("v.npz", lambda p: np.savez(p, v=grid)))
+seed("volume", "npz_deflated", saved("v.npz", lambda p: np.savez_compressed(p, v=grid)))
+seed("volume", "mrc", saved("v.mrc", lambda p: mrcfile.new(p, grid).close()))
+for name, kind in (("nifti", nibabel.Nifti1Image), ("nifti2", nibabel.Nifti2Image)):
+    seed("volume", name, saved("v.nii", lambda p: nibabel.save(kind(grid.T, np.diag([1, 2, 3, 1])), p)))
+seed("volume", "nifti_gzip", saved("v.nii.gz", lambda p: nibabel.save(nibabel.Nifti1Image(grid.T, np.eye(4)), p)))
+meta = b"ObjectType = Image\nNDims = 3\nDimSize = 4 3 2\nElementType = MET_SHORT\n"
+seed("volume", "meta", meta + b"ElementSpacing = 1 2 3\nTransformMatrix = -1 0 0 0 1 0 0 0 1\n"
+     b"ElementDataFile = LOCAL\n" + values)
+seed("volume", "meta_zlib", meta + b"CompressedData = True\nElementDataFile = LOCAL\n" + zlib.compress(values))
+for name, calls in (("vti", {}), ("vti_raw", {"SetCompressorTypeToNone": ()}),
+                    ("vti_base64", {"SetEncodeAppendedData": (1,)}), ("vti_binary", {"SetDataModeToBinary": ()}),
+                    ("vti_text", {"SetDataModeToAscii": ()})):
+    seed("volume", name, saved("v.vti", lambda p: vtk_file(vtk.vtkXMLImageDataWriter(), p, **{
+        "SetEncodeAppendedData": (0,), **calls})))
+seed("volume", "vtk", saved("v.vtk", lambda p: vtk_file(vtk.vtkStructuredPointsWriter(), p, SetFileTypeToBinary=())))
+seed("volume", "vtk_text", saved("v.vtk", lambda p: vtk_file(vtk.vtkStructuredPointsWriter(), p)))
 seed("store_header", "nodes", bytes([0]) + struct.pack("<QQQ", 9, 10, 1 << 20))
 seed("store_header", "chunk", bytes([4]) + struct.pack("<I", 256))
 seed("store_header", "fields", bytes([6]) + b"linf_plus,l1_bar")

@@ -184,6 +184,12 @@ void nrrd(Bytes bytes) {
     use_volume(written("v.nrrd", bytes), options);
 }
 
+void volume(Bytes bytes) {
+    SourceOptions options;
+    options.max_heap = kMemory;
+    use_volume(written("v", bytes), options);
+}
+
 void raw(Bytes bytes) {
     if (bytes.size() < 8) {
         return;
@@ -221,6 +227,7 @@ const std::vector<Target>& targets() {
                                          {"chunk_decode", chunk_decode},
                                          {"nrrd", nrrd},
                                          {"raw", raw},
+                                         {"volume", volume},
                                          {"ply", ply}};
     return all;
 }

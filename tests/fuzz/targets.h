@@ -20,6 +20,7 @@ void chunk_table(Bytes bytes);   ///< the chunk table of a whole store, with a r
 void chunk_decode(Bytes bytes);  ///< a stored chunk
 void nrrd(Bytes bytes);          ///< an NRRD file
 void raw(Bytes bytes);           ///< a raw file, perhaps gzipped
+void volume(Bytes bytes);        ///< a file of any of the other formats of one file
 void ply(Bytes bytes);           ///< a mesh for `picture`
 
 struct Target {

@@ -1,0 +1,409 @@
+#!/usr/bin/env python3
+"""NIfTI, MetaImage, MRC and NumPy files as nibabel, VTK, mrcfile and NumPy write them; parts of volumes.
+
+usage: header_formats_test.py ISONEST PLUGIN_FOLDER
+"""
+import gzip
+import itertools
+import subprocess
+import sys
+import unittest
+import warnings
+
+try:
+    import mrcfile
+    import nibabel
+    import numpy as np
+    import vtk
+    from vtk.util import numpy_support
+    from volume_inputs import ISONEST, RANDOM, TYPES, DamagedFiles, Input, is_read_as, numbers
+except ImportError as error:
+    print(f"skipped: {error}")
+    sys.exit(77)
+
+warnings.filterwarnings("ignore")
+
+
+class Nifti(DamagedFiles, Input):
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.nii"
+
+    def save(self, data, affine, name="v.nii", kind=nibabel.Nifti1Image, **header):
+        image = kind(data, affine)
+        for key, value in header.items():
+            getattr(image.header, key)(*value)
+        self.path = self.here / name
+        nibabel.save(image, self.path)
+        return image
+
+    def test_all_types_orders_and_versions(self):
+        for kind, big, version in itertools.product((*TYPES, "i8", "u8"), (False, True), (1, 2)):
+            with self.subTest(kind=kind, big=big, version=version):
+                data = numbers((7, 6, 5), kind)
+                maker = nibabel.Nifti1Image if version == 1 else nibabel.Nifti2Image
+                header = maker.header_class(endianness=">" if big else "<")
+                header.set_data_dtype(np.dtype(kind).newbyteorder(">" if big else "<"))
+                image = maker(data, np.diag([1, 2, 3, 1]), header)
+                nibabel.save(image, self.path)
+                self.reads(is_read_as(data.T))
+                self.lies([0, 0, 0], [1, 2, 3])
+
+    def test_packed_and_split_files(self):
+        data = numbers((7, 6, 5))
+        for name, kind in (("v.nii.gz", nibabel.Nifti1Image), ("v.img", nibabel.Nifti1Pair),
+                           ("v.img.gz", nibabel.Nifti1Pair)):
+            self.save(data, np.eye(4), name, kind)
+            self.reads(data.T)
+            if "img" in name:
+                image = self.path
+                self.path = image.with_name(image.name.replace("img", "hdr"))
+                self.reads(data.T)
+                before = image.read_bytes()
+                done = self.preprocess(store=image)
+                self.assertEqual(done.returncode, 2)
+                self.assertEqual(image.read_bytes(), before)
+                image.unlink()
+                self.path.unlink()
+
+    def test_the_place_by_sform_qform_or_size(self):
+        data = numbers((7, 6, 5))
+        affine = np.array([[-2., 0, 0, 10], [0, 0.5, 0, 20], [0, 0, -3, 30], [0, 0, 0, 1]])
+        for forms in ((1, 0), (0, 1), (1, 1)):
+            image = nibabel.Nifti1Image(data, affine)
+            image.set_sform(affine if forms[0] else None, forms[0])
+            image.set_qform(affine if forms[1] else None, forms[1])
+            nibabel.save(image, self.path)
+            np.testing.assert_allclose(nibabel.load(self.path).affine, affine, atol=1e-5)
+            self.reads(data[::-1, :, ::-1].T)
+            self.lies([10 - 2 * 6, 20, 30 - 3 * 4], [2, 0.5, 3])
+        image.set_sform(None, 0)
+        image.set_qform(None, 0)
+        nibabel.save(image, self.path)
+        self.reads(data.T)
+        self.lies([0, 0, 0], [2, 0.5, 3])
+
+    def test_slope_and_intercept(self):
+        for kind, slope, intercept, made in (("u2", 2, -1024, "i4"), ("i2", 0.5, 3, "f4"), ("i4", 0.1, 0, "f8"),
+                                             ("u1", 1, 100, "u2"), ("f4", 3, 1, "f4"), ("u1", 1, 0, "u1"),
+                                             ("u1", 0, 7, "u1"), ("u1", np.nan, 7, "u1")):
+            with self.subTest(kind=kind, slope=slope):
+                data = numbers((7, 6, 5), kind)
+                image = nibabel.Nifti1Image(data, np.eye(4))
+                nibabel.save(image, self.path)
+                raw = bytearray(self.path.read_bytes())
+                raw[112:120] = np.array([slope, intercept], "<f4").tobytes()
+                self.path.write_bytes(raw)
+                expected = np.asarray(nibabel.load(self.path).dataobj, "f8").T
+                if made == "f4":
+                    expected = (np.float64(np.float32(slope)) * data.T.astype("f8") + np.float64(np.float32(intercept)))
+                self.reads(expected.astype(made))
+
+    def test_time_steps_are_chosen(self):
+        data = numbers((7, 6, 5, 3))
+        for name in ("v.nii", "v.nii.gz"):
+            self.save(data, np.diag([1, 2, 3, 1]), name)
+            self.refuses(5, "axis 't'", "t 3, z 5, y 6, x 7", "--index")
+            for t in range(3):
+                self.reads(data[..., t].T, "--index", f"t={t}")
+                self.reads(data[..., t].T, "--index", f"{t - 3},:,:,:")
+            self.refuses(2, "no position 3", options=("--index", "t=3"))
+            self.refuses(2, "no axis 'time'", options=("--index", "time=3"))
+            self.refuses(2, "3 entries for 4 axes", options=("--index", "0,:,:"))
+        self.reads(data[:, :, 2, 1].T, "--index", "t=1,z=2")
+        self.lies([0, 0, 6], [1, 2, 1])
+
+    def test_oblique_axes_are_not_read_as_straight_ones(self):
+        data = numbers((7, 6, 5))
+        c, s = np.cos(0.3), np.sin(0.3)
+        self.save(data, np.array([[c, -s, 0, 1], [s, c, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1.0]]))
+        self.refuses(5, "not along the world's", "--spacing")
+        self.reads(data.T, "--spacing", "1,1,1")
+
+    def test_a_sheared_volume_is_refused(self):
+        self.save(numbers((7, 6, 5)), np.array([[1, 0.5, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1.0]]))
+        self.refuses(5, "sheared")
+
+    def test_damaged_files(self):
+        self.save(numbers((7, 6, 5)), np.diag([1, 2, 3, 1]))
+        self.damaged(self.path.read_bytes())
+        self.save(numbers((7, 6, 5)), np.diag([1, 2, 3, 1]), kind=nibabel.Nifti2Image)
+        self.damaged(self.path.read_bytes())
+
+
+class MetaImage(DamagedFiles, Input):
+    def save(self, data, name, compress, spacing=(1, 2, 3), origin=(-1, 5, 7), channels=1):
+        image = vtk.vtkImageData()
+        image.SetDimensions(data.shape[2], data.shape[1], data.shape[0])
+        image.SetSpacing(spacing)
+        image.SetOrigin(origin)
+        image.GetPointData().SetScalars(
+            numpy_support.numpy_to_vtk(data.reshape(-1, channels) if channels > 1 else data.ravel()))
+        self.path = self.here / name
+        writer = vtk.vtkMetaImageWriter()
+        writer.SetInputData(image)
+        writer.SetFileName(str(self.path))
+        writer.SetCompression(compress)
+        writer.Write()
+
+    def test_what_vtk_writes(self):
+        for kind, name, compress in itertools.product(TYPES, ("v.mha", "v.mhd"), (True, False)):
+            with self.subTest(kind=kind, name=name, compress=compress):
+                data = numbers((5, 6, 7), kind)
+                self.save(data, name, compress)
+                self.reads(data)
+                self.lies([-1, 5, 7], [1, 2, 3])
+
+    def text(self, *lines, data=None, file="LOCAL", kind="MET_SHORT"):
+        """A header as the documents of the format describe it."""
+        self.path = self.here / "v.mha"
+        header = ["ObjectType = Image", "NDims = 3", "DimSize = 7 6 5", f"ElementType = {kind}", *lines,
+                  f"ElementDataFile = {file}"]
+        self.path.write_bytes(("\n".join(header) + "\n").encode() + (b"" if data is None else data.tobytes()))
+
+    def test_directions_orders_and_skipped_bytes(self):
+        data = numbers((5, 6, 7))
+        self.text("TransformMatrix = -1 0 0 0 1 0 0 0 -1", "Offset = 10 20 30", "ElementSpacing = 2 0.5 3", data=data)
+        self.reads(data[::-1, :, ::-1])
+        self.lies([10 - 2 * 6, 20, 30 - 3 * 4], [2, 0.5, 3])
+        self.text("ElementByteOrderMSB = True", data=data.astype(">i2"))
+        self.reads(data)
+        self.text("TransformMatrix = 0 1 0 1 0 0 0 0 1", data=data)
+        self.refuses(5, "not along the world's")
+        (self.here / "other.raw").write_bytes(b"header" + data.tobytes())
+        self.text("HeaderSize = -1", file="other.raw")
+        self.reads(data)
+        self.text("HeaderSize = 6", file="other.raw")
+        self.reads(data)
+
+    def test_channels_are_chosen(self):
+        data = numbers((5, 6, 7, 2))
+        for compress in (False, True):
+            self.save(data, "v.mha", compress, channels=2)
+            self.refuses(5, "axis 'c'", "z 5, y 6, x 7, c 2")
+            for c in range(2):
+                self.reads(np.ascontiguousarray(data[..., c]), "--index", f"c={c}")
+
+    def test_what_cannot_be_read_is_refused(self):
+        data = numbers((5, 6, 7))
+        for code, lines, words in ((4, ("NDims = 2",), "DimSize"), (5, ("BinaryData = False",), "text"),
+                                   (4, ("ElementSpacing = 1 x 2",), "no number"), (4, ("DimSize = 7 0 5",), "DimSize"),
+                                   (2, ("DimSize = 7 6 500",), "bytes"), (5, ("ElementType = MET_LONG",), "MET_LONG"),
+                                   (4, ("ElementSpacing = 1 0 2",), "step"), (4, ("nonsense",), "nonsense")):
+            with self.subTest(lines=lines):
+                self.text(*lines, data=data)
+                self.refuses(code, words)
+        for code, file in ((5, "LIST"), (5, "v%03d.raw 1 5 1"), (3, "missing.raw")):
+            self.text(file=file)
+            self.refuses(code)
+
+    def test_damaged_files(self):
+        self.save(numbers((5, 6, 7)), "v.mha", False)
+        self.damaged(self.path.read_bytes())
+        self.save(numbers((5, 6, 7)), "v.mha", True)
+        self.damaged(self.path.read_bytes())
+
+
+class Mrc(DamagedFiles, Input):
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.mrc"
+
+    def save(self, data, **header):
+        with mrcfile.new(self.path, overwrite=True) as file:
+            file.set_data(data)
+            for key, value in header.items():
+                setattr(file.header if key != "voxel_size" else file, key, value)
+
+    def test_modes_and_voxel_sizes(self):
+        for kind in ("i1", "i2", "f4", "u2", "f2"):
+            with self.subTest(kind=kind):
+                data = numbers((5, 6, 7), kind)
+                self.save(data, voxel_size=(1, 2, 3))
+                self.reads(is_read_as(data))
+                self.lies([0, 0, 0], [1, 2, 3])
+        self.save(data, voxel_size=(1, 2, 3), origin=(4, 5, 6))
+        self.reads(is_read_as(data))
+        self.lies([4, 5, 6], [1, 2, 3])
+        self.save(data, voxel_size=(1, 2, 3), nxstart=-1, nystart=2, nzstart=3)
+        self.reads(is_read_as(data))
+        self.lies([-1, 4, 9], [1, 2, 3])
+
+    def test_big_endian_packed_and_extended(self):
+        data = numbers((5, 6, 7), "f4")
+        with mrcfile.new(self.path, overwrite=True) as file:
+            file.set_data(data)
+            file.set_extended_header(np.frombuffer(bytes(range(160)), "V160"))
+        self.reads(data)
+        whole = self.path.read_bytes()
+        self.path = self.here / "v.mrc.gz"
+        self.path.write_bytes(gzip.compress(whole))
+        self.reads(data)
+        self.path = self.here / "v.mrc"
+        with mrcfile.new(self.path, overwrite=True) as file:
+            file.set_data(data)
+        raw = bytearray(self.path.read_bytes())
+        words = np.frombuffer(bytes(raw[:1024]), "<i4").astype(">i4").tobytes()
+        raw[:1024] = words
+        raw[208:216] = b"MAP \x11\x11\0\0"
+        raw[1024:] = data.astype(">f4").tobytes()
+        self.path.write_bytes(raw)
+        np.testing.assert_array_equal(mrcfile.open(self.path).data, data)
+        self.reads(data)
+
+    def test_columns_along_other_axes(self):
+        data = numbers((5, 6, 7), "f4")
+        for order in itertools.permutations((1, 2, 3)):
+            with self.subTest(order=order):
+                self.save(data, mapc=order[0], mapr=order[1], maps=order[2])
+                # Axis i of the file, fastest first, runs along order[i].
+                expected = np.transpose(data, [2 - order.index(w) for w in (3, 2, 1)])
+                self.reads(np.ascontiguousarray(expected))
+
+    def test_a_stack_of_volumes(self):
+        data = numbers((3, 5, 6, 7), "i2")
+        with mrcfile.new(self.path, overwrite=True) as file:
+            file.set_data(data)
+            file.set_volume_stack() if not file.is_volume_stack() else None
+        self.refuses(5, "axis 'volume'")
+        self.reads(data[2], "--index", "volume=2")
+
+    def test_what_cannot_be_read_is_refused(self):
+        data = numbers((5, 6, 7), "f4")
+        self.save(data, voxel_size=1)
+        raw = bytearray(self.path.read_bytes())
+        raw[52:56] = np.float32(80).tobytes()
+        self.path.write_bytes(raw)
+        self.refuses(5, "80")
+        self.reads(data, "--spacing", "1,1,1")
+        self.save(data.astype("c8"))
+        self.refuses(5, "mode")
+
+    def test_damaged_files(self):
+        self.save(numbers((5, 6, 7), "f4"))
+        self.damaged(self.path.read_bytes())
+
+
+class NumPyFiles(DamagedFiles, Input):
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.npy"
+
+    def test_types_orders_and_strides(self):
+        for kind, order, ends in itertools.product((*TYPES, "i8", "u8", "f2", "b1"), "CF", "<>"):
+            with self.subTest(kind=kind, order=order, ends=ends):
+                data = numbers((5, 6, 7), "u1") > 100 if kind == "b1" else numbers((5, 6, 7), kind)
+                np.save(self.path, np.asarray(data, dtype=data.dtype.newbyteorder(ends), order=order))
+                self.reads(is_read_as(data.astype("u1") if kind == "b1" else data))
+
+    def test_arrays_of_one_to_six_axes(self):
+        for shape, index, part in (((9,), (), ...), ((5, 6), (), ...), ((1, 5, 6, 1), (), (0, slice(None), slice(None), 0)),
+                                   ((2, 3, 4, 5), ("--index", "1,:,:,:"), 1),
+                                   ((4, 5, 6, 3), ("--index", ":,:,:,-1"), (..., -1)),
+                                   ((2, 4, 5, 3, 6, 2), ("--index", "1,:,:,0,:,1"), (1, slice(None), slice(None), 0,
+                                                                                      slice(None), 1))):
+            for order in "CF":
+                data = numbers(shape)
+                np.save(self.path, np.asarray(data, order=order))
+                self.reads(np.ascontiguousarray(data[part]), *index)
+        self.refuses(5, "6 axes", "2, 4, 5, 3, 6, 2")
+
+    def test_archives(self):
+        data, other = numbers((5, 6, 7)), numbers((4, 5), "f4")
+        self.path = self.here / "v.npz"
+        for save in (np.savez, np.savez_compressed):
+            save(self.path, volume=data)
+            self.reads(data)
+            save(self.path, volume=data, other=other)
+            self.refuses(2, "volume", "other", "--dataset")
+            self.reads(data, "--dataset", "volume")
+            self.reads(other, "--dataset", "other")
+            self.refuses(3, "volume", options=("--dataset", "third"))
+            self.damaged(self.path.read_bytes(), 30)
+
+    def test_a_packed_array(self):
+        data = numbers((5, 6, 7))
+        np.save(self.path, data)
+        packed = gzip.compress(self.path.read_bytes())
+        self.path = self.here / "v.npy.gz"
+        self.path.write_bytes(packed)
+        self.reads(data)
+
+    def test_what_cannot_be_read_is_refused(self):
+        for code, data in ((5, np.zeros((3, 4), "c8")), (5, np.zeros(3, [("a", "i2")])), (2, np.zeros((0, 3))),
+                           (5, np.array(["a"])), (5, np.array([2**60, 1]))):
+            np.save(self.path, data)
+            self.refuses(code)
+
+    def test_damaged_files(self):
+        np.save(self.path, numbers((5, 6, 7)))
+        self.damaged(self.path.read_bytes())
+
+
+class Parts(Input):
+    """--crop, --every, standard input."""
+
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.npy"
+        self.data = numbers((13, 17, 19))
+
+    def test_a_part_is_what_numpy_slices_of_any_source(self):
+        names = {"v.npy": None, "v.npy.gz": None, "f.npy": None, "v.nii": None}
+        np.save(self.here / "v.npy", self.data)
+        (self.here / "v.npy.gz").write_bytes(gzip.compress((self.here / "v.npy").read_bytes()))
+        np.save(self.here / "f.npy", np.asfortranarray(self.data))
+        nibabel.save(nibabel.Nifti1Image(self.data.T, np.diag([1, 1, 1, 1])), self.here / "v.nii")
+        for name in names:
+            self.path = self.here / name
+            for crop, every, part in ((":,:,:", "2", np.s_[::2, ::2, ::2]), ("3:10,:,-4:", "1", np.s_[-4:, :, 3:10]),
+                                      ("3:10,2:-2,5:6", "3,2,1", np.s_[5:6, 2:-2:2, 3:10:3]),
+                                      (":,16:,:", "1x1x5", np.s_[::5, 16:, :]), (":,:,:", "99", np.s_[:1, :1, :1])):
+                with self.subTest(name=name, crop=crop, every=every):
+                    self.reads(np.ascontiguousarray(self.data[part]), "--crop", crop, "--every", every)
+        self.lies([0, 0, 0], [99, 99, 99])
+        for crop in ("5:5,:,:", "0:20,:,:", "-20:,:,:"):
+            self.refuses(2, "nodes 0 to 18", options=("--crop", crop))
+
+    def test_chunked_hdf5_and_little_memory(self):
+        import h5py
+        self.path = self.here / "v.h5"
+        data = numbers((40, 50, 60))
+        with h5py.File(self.path, "w") as file:
+            file.create_dataset("v", data=data, chunks=(16, 16, 16), compression="gzip")
+        self.reads(np.ascontiguousarray(data[5:33:2, 3::3, 1:-1]), "--crop", "1:-1,3:,5:33", "--every", "1,3,2")
+
+    def test_the_place_of_a_part(self):
+        np.save(self.path, self.data)
+        self.reads(np.ascontiguousarray(self.data[2::2, 1:, ::3]), "--crop", ":,1:,2:", "--every", "3,1,2",
+                   "--spacing", "1,2,3", "--origin", "10,20,30")
+        self.lies([10, 22, 36], [3, 2, 6])
+        done = subprocess.run([ISONEST, "check", self.here / "s.isonest", "--source", self.path, "--crop", ":,1:,2:",
+                               "--every", "3,1,2"], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+
+    def test_standard_input(self):
+        np.save(self.path, self.data)
+        whole = self.path.read_bytes()
+        done = subprocess.run([ISONEST, "preprocess", "-", "-o", self.here / "s.isonest", "--chunk", "8"], input=whole,
+                              capture_output=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.raw"],
+                       check=True, capture_output=True)
+        np.testing.assert_array_equal(np.fromfile(self.here / "s.raw", "i2"), self.data.ravel())
+        for code, data, options in ((2, b"", ()), (2, b"abc", ()), (2, whole, ("--resume",)), (2, whole[:-3], ())):
+            done = subprocess.run([ISONEST, "preprocess", "-", "-o", self.here / "t.isonest", *options], input=data,
+                                  capture_output=True, text=False)
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertNotIn(b"/proc", done.stderr)
+            self.assertEqual([p.name for p in self.here.glob("*t.isonest*")], [])
+
+    def test_numbers_as_people_write_them(self):
+        self.path = self.here / "v.raw"
+        self.path.write_bytes(self.data.astype(">i2").tobytes())
+        for options in (("--type", ">i2"), ("--type", "i2", "--endian", "big"), ("--type", "short", "--endian", "big")):
+            self.reads(self.data, "--dims", "19x17x13", *options)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])

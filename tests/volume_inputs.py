@@ -1,0 +1,84 @@
+"""What the tests of input formats share: preprocess a file, look at the store.
+
+REQUIRES: sys.argv[1] is the program.
+"""
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+ISONEST = sys.argv[1]
+RANDOM = np.random.default_rng(5)
+TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8")
+def numbers(shape, kind="i2"):
+    kind = np.dtype(kind)
+    if kind.kind == "f":
+        return RANDOM.normal(size=shape).astype(kind)
+    if kind.itemsize == 8:
+        return RANDOM.integers(0, 2**53, shape).astype(kind)
+    whole = np.iinfo(kind)
+    return RANDOM.integers(whole.min, whole.max, shape, endpoint=True).astype(kind)
+
+
+def is_read_as(data):
+    """The type that values of NumPy's types become."""
+    return data.astype({"i8": "f8", "u8": "f8", "f2": "f4"}.get(data.dtype.str[1:], data.dtype.str[1:]))
+
+
+class DamagedFiles:
+    """Mixed in: whatever is done to a file, there is an error or a result, and no crash."""
+
+    def damaged(self, whole, count=60):
+        for i in range(count):
+            data = bytearray(whole)
+            for _ in range(RANDOM.integers(1, 4)):
+                data[RANDOM.integers(min(len(data), 700))] = RANDOM.integers(256)
+            if i % 4 == 0:
+                del data[RANDOM.integers(len(data)):]
+            self.path.write_bytes(data)
+            done = self.preprocess("--memory", "256M")
+            self.assertIn(done.returncode, (0, 2, 3, 4, 5, 6, 7), (i, done.stderr))
+            if len(data) < len(whole) and done.returncode == 0:
+                self.fail(f"{i}: a file that was cut short was read")
+
+
+class Input(unittest.TestCase):
+    path = None
+
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
+        self.addCleanup(self.folder.cleanup)
+        self.here = pathlib.Path(self.folder.name)
+
+    def preprocess(self, *options, store=None):
+        return subprocess.run([ISONEST, "preprocess", self.path, "-o", store or self.here / "s.isonest",
+                               "--chunk", "8", "--force", *options], capture_output=True, text=True,
+                              errors="replace")
+
+    def reads(self, data, *options):
+        """The store has these numbers, [z, y, x]."""
+        done = self.preprocess(*options)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o",
+                        self.here / "s.raw", "--force"], check=True, capture_output=True)
+        found = np.fromfile(self.here / "s.raw", data.dtype)
+        np.testing.assert_array_equal(found, data.ravel())
+        return done
+
+    def lies(self, origin, spacing):
+        info = json.loads(subprocess.run([ISONEST, "info", self.here / "s.isonest", "--json"],
+                                         check=True, capture_output=True).stdout)
+        np.testing.assert_allclose(info["origin"], origin)
+        np.testing.assert_allclose(info["spacing"], spacing)
+
+    def refuses(self, code, *words, options=()):
+        done = self.preprocess(*options)
+        self.assertEqual(done.returncode, code, done.stderr)
+        for word in words:
+            self.assertIn(word, done.stderr)
+
+

@@ -1,0 +1,197 @@
+#!/usr/bin/env python3
+"""VTI files and VTK's legacy images as VTK writes them.
+
+usage: vtk_formats_test.py ISONEST PLUGIN_FOLDER
+"""
+import itertools
+import sys
+import unittest
+
+try:
+    import numpy as np
+    import vtk
+    from vtk.util import numpy_support
+    from volume_inputs import RANDOM, TYPES, DamagedFiles, Input, is_read_as, numbers
+except ImportError as error:
+    print(f"skipped: {error}")
+    sys.exit(77)
+
+ORIGIN, SPACING = (-1, 5, 7), (1, 2, 3)
+
+
+def image_of(arrays, cells=False, extent=None, direction=None):
+    """Arrays [z, y, x] or [z, y, x, component] of the same shape."""
+    data = next(iter(arrays.values()))
+    image = vtk.vtkImageData()
+    more = 1 if cells else 0
+    z, y, x = data.shape[:3]
+    image.SetExtent(*(extent or (0, x - 1 + more, 0, y - 1 + more, 0, z - 1 + more)))
+    image.SetSpacing(SPACING)
+    image.SetOrigin(ORIGIN)
+    if direction is not None:
+        image.SetDirectionMatrix(np.ravel(direction))
+    to = image.GetCellData() if cells else image.GetPointData()
+    for name, values in arrays.items():
+        array = numpy_support.numpy_to_vtk(values.reshape(x * y * z, -1) if values.ndim > 3 else values.ravel(), deep=True)
+        array.SetName(name)
+        to.AddArray(array)
+    to.SetActiveScalars(next(iter(arrays)))
+    return image
+
+
+class Vti(DamagedFiles, Input):
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.vti"
+
+    def save(self, image, mode="appended", compressed=True, encoded=False, big=False, wide=True, block=4096):
+        writer = vtk.vtkXMLImageDataWriter()
+        writer.SetInputData(image)
+        writer.SetFileName(str(self.path))
+        {"appended": writer.SetDataModeToAppended, "binary": writer.SetDataModeToBinary,
+         "ascii": writer.SetDataModeToAscii}[mode]()
+        writer.SetEncodeAppendedData(encoded)
+        (writer.SetCompressorTypeToZLib if compressed else writer.SetCompressorTypeToNone)()
+        (writer.SetByteOrderToBigEndian if big else writer.SetByteOrderToLittleEndian)()
+        (writer.SetHeaderTypeToUInt64 if wide else writer.SetHeaderTypeToUInt32)()
+        writer.SetBlockSize(block)
+        self.assertEqual(writer.Write(), 1)
+
+    def test_all_ways_to_store_numbers(self):
+        for mode, compressed, encoded, big, wide in itertools.product(
+                ("appended", "binary", "ascii"), (True, False), (True, False), (True, False), (True, False)):
+            if (encoded and mode != "appended") or (mode == "ascii" and (compressed or big)):
+                continue
+            for kind in ("u1", "i2", "f4", "f8"):
+                with self.subTest(mode=mode, compressed=compressed, encoded=encoded, big=big, wide=wide, kind=kind):
+                    data = numbers((11, 12, 13), kind)
+                    self.save(image_of({"v": data}), mode, compressed, encoded, big, wide)
+                    self.reads(data)
+                    self.lies(ORIGIN, SPACING)
+
+    def test_all_types(self):
+        for kind in (*TYPES, "i8", "u8"):
+            data = numbers((5, 6, 7), kind)
+            self.save(image_of({"v": data}))
+            self.reads(is_read_as(data))
+
+    def test_arrays_components_and_cells(self):
+        data, other = numbers((5, 6, 7)), numbers((5, 6, 7, 3), "f4")
+        for mode in ("appended", "binary", "ascii"):
+            self.save(image_of({"v": data, "w": other}), mode)
+            self.refuses(2, "v Int16", "w Float32 x 3", "--dataset")
+            self.reads(data, "--dataset", "v")
+            self.refuses(5, "axis 'c'", options=("--dataset", "w"))
+            for c in range(3):
+                self.reads(np.ascontiguousarray(other[..., c]), "--dataset", "w", "--index", f"c={c}")
+            self.refuses(3, "v Int16", options=("--dataset", "x"))
+        self.save(image_of({"v": data}, cells=True))
+        self.reads(data)
+        self.lies(np.array(ORIGIN) + np.array(SPACING) / 2, SPACING)
+
+    def test_an_extent_that_does_not_begin_at_0(self):
+        data = numbers((5, 6, 7))
+        self.save(image_of({"v": data}, extent=(10, 16, -3, 2, 4, 8)))
+        self.reads(data)
+        self.lies([-1 + 10, 5 - 3 * 2, 7 + 4 * 3], SPACING)
+
+    def test_directions(self):
+        data = numbers((5, 6, 7))
+        self.save(image_of({"v": data}, direction=np.diag([-1, 1, -1])))
+        self.reads(np.ascontiguousarray(data[::-1, :, ::-1]))
+        self.lies([-1 - 6, 5, 7 - 4 * 3], SPACING)
+
+    def test_what_cannot_be_read_is_refused(self):
+        image = image_of({"v": numbers((5, 6, 7))})
+        writer = vtk.vtkXMLImageDataWriter()
+        writer.SetInputData(image)
+        writer.SetFileName(str(self.path))
+        writer.SetCompressorTypeToLZ4()
+        writer.Write()
+        self.refuses(5, "LZ4")
+        self.save(image)
+        whole = self.path.read_text("latin1")
+        for code, old, new in ((5, 'type="ImageData"', 'type="ImageDatb"'), (4, 'WholeExtent="0 6', 'WholeExtent="0 x'),
+                               (4, "<PointData", "<PointDat"), (4, 'Spacing="1 2', 'Spacing="0 2'),
+                               (5, 'Piece Extent="0 6', 'Piece Extent="0 5')):
+            self.assertIn(old, whole)
+            self.path.write_bytes(whole.replace(old, new).encode("latin1"))
+            done = self.preprocess()
+            self.assertIn(done.returncode, (2, 3, code), done.stderr)
+
+    def test_damaged_files(self):
+        image = image_of({"v": numbers((5, 6, 7))})
+        for options in ({}, {"compressed": False}, {"mode": "binary"}, {"mode": "ascii"}, {"encoded": True}):
+            self.save(image, **options)
+            # What is cut off may be the end of the XML alone.
+            whole = self.path.read_bytes()
+            for i in range(30):
+                data = bytearray(whole)
+                for _ in range(RANDOM.integers(1, 4)):
+                    data[RANDOM.integers(len(data))] = RANDOM.integers(256)
+                if i % 4 == 0:
+                    del data[RANDOM.integers(len(data)):]
+                self.path.write_bytes(data)
+                done = self.preprocess("--memory", "256M")
+                self.assertIn(done.returncode, (0, 2, 3, 4, 5, 6, 7), (i, done.stderr))
+
+
+class Legacy(DamagedFiles, Input):
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.vtk"
+
+    def save(self, image, text=False, version=42):
+        writer = vtk.vtkStructuredPointsWriter()
+        writer.SetInputData(image)
+        writer.SetFileName(str(self.path))
+        (writer.SetFileTypeToASCII if text else writer.SetFileTypeToBinary)()
+        writer.SetFileVersion(version)
+        writer.Write()
+
+    def test_what_vtk_writes(self):
+        for kind, text, version in itertools.product((*TYPES, "i8"), (True, False), (42, 51)):
+            if text and kind in ("i8", "f4", "f8", "u1"):
+                continue  # rounded, colours, or not read
+            with self.subTest(kind=kind, text=text, version=version):
+                data = numbers((5, 6, 7), kind)
+                self.save(image_of({"v": data}), text, version)
+                self.reads(is_read_as(data))
+                self.lies(ORIGIN, SPACING)
+
+    def test_text_of_colours_is_refused(self):
+        self.save(image_of({"v": numbers((5, 6, 7), "u1")}), True)
+        self.refuses(5, "colours")
+
+    def test_text_of_floats(self):
+        data = np.round(numbers((5, 6, 7), "f4"), 2)
+        self.save(image_of({"v": data}), True)
+        self.reads(data)
+
+    def test_arrays_components_and_cells(self):
+        data, other = numbers((5, 6, 7)), numbers((5, 6, 7, 3), "f4")
+        self.save(image_of({"v": data, "w": other}))
+        self.reads(data)
+        self.reads(np.ascontiguousarray(other[..., 1]), "--dataset", "w", "--index", "c=1")
+        self.refuses(3, "v short", options=("--dataset", "x"))
+        self.save(image_of({"v": data}, cells=True))
+        self.reads(data)
+        self.lies(np.array(ORIGIN) + np.array(SPACING) / 2, SPACING)
+
+    def test_damaged_files(self):
+        for text in (False, True):
+            self.save(image_of({"v": numbers((5, 6, 7))}), text)
+            whole = self.path.read_bytes()
+            for i in range(40):
+                data = bytearray(whole)
+                for _ in range(RANDOM.integers(1, 4)):
+                    data[RANDOM.integers(min(len(data), 300))] = RANDOM.integers(256)
+                if i % 4 == 0:
+                    del data[RANDOM.integers(len(data)):]
+                self.path.write_bytes(data)
+                done = self.preprocess("--memory", "256M")
+                self.assertIn(done.returncode, (0, 2, 3, 4, 5, 6, 7), (i, done.stderr))
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
