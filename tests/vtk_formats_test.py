@@ -4,14 +4,16 @@
 usage: vtk_formats_test.py ISONEST PLUGIN_FOLDER
 """
 import itertools
+import subprocess
 import sys
 import unittest
 
 try:
+    import nibabel
     import numpy as np
     import vtk
     from vtk.util import numpy_support
-    from volume_inputs import RANDOM, TYPES, DamagedFiles, Input, is_read_as, numbers
+    from volume_inputs import ISONEST, RANDOM, TYPES, DamagedFiles, Input, is_read_as, numbers
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
@@ -191,6 +193,58 @@ class Legacy(DamagedFiles, Input):
                 self.path.write_bytes(data)
                 done = self.preprocess("--memory", "256M")
                 self.assertIn(done.returncode, (0, 2, 3, 4, 5, 6, 7), (i, done.stderr))
+
+
+class Export(Input):
+    """What export writes, as other programs read it."""
+
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.vti"
+
+    def exported(self, name):
+        done = subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o",
+                               self.here / name, "--force"], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return self.here / name
+
+    def by_vtk(self, reader, name):
+        reader.SetFileName(str(self.exported(name)))
+        reader.Update()
+        image = reader.GetOutput()
+        np.testing.assert_allclose(image.GetOrigin(), ORIGIN)
+        np.testing.assert_allclose(image.GetSpacing(), SPACING)
+        scalars = numpy_support.vtk_to_numpy(image.GetPointData().GetScalars())
+        return scalars.reshape(image.GetDimensions()[::-1])
+
+    def test_round_trips(self):
+        for kind in TYPES:
+            with self.subTest(kind=kind):
+                data = numbers((9, 6, 7), kind)
+                np.save(self.here / "v.npy", data)
+                self.path = self.here / "v.npy"
+                place = ("--spacing", ",".join(map(str, SPACING)), "--origin=" + ",".join(map(str, ORIGIN)))
+                self.reads(data, *place)
+                np.testing.assert_array_equal(np.load(self.exported("e.npy")), data)
+                np.testing.assert_array_equal(self.by_vtk(vtk.vtkXMLImageDataReader(), "e.vti"), data)
+                np.testing.assert_array_equal(self.by_vtk(vtk.vtkMetaImageReader(), "e.mha"), data)
+                nifti = nibabel.load(self.exported("e.nii"))
+                np.testing.assert_array_equal(np.asarray(nifti.dataobj).T, data)
+                np.testing.assert_allclose(nifti.affine, [[1, 0, 0, -1], [0, 2, 0, 5], [0, 0, 3, 7], [0, 0, 0, 1]])
+                for name in ("e.vti", "e.mha", "e.nii", "e.nrrd"):
+                    self.path = self.exported(name)
+                    self.reads(data)
+                    self.lies(ORIGIN, SPACING)
+
+    def test_a_long_axis_is_nifti_2(self):
+        data = numbers((1, 2, 40000), "u1")
+        np.save(self.here / "v.npy", data)
+        self.path = self.here / "v.npy"
+        self.reads(data)
+        self.path = self.exported("e.nii")
+        self.assertIsInstance(nibabel.load(self.path), nibabel.Nifti2Image)
+        np.testing.assert_array_equal(np.asarray(nibabel.load(self.path).dataobj).T, data)
+        self.reads(data)
 
 
 if __name__ == "__main__":

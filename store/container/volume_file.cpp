@@ -4,11 +4,14 @@
 
 #include <array>
 #include <span>
+#include <string_view>
+#include <utility>
 
 #include <isonest/error.h>
 
 #include "store/container/handles.h"
 #include "store/container/hdf5_types.h"
+#include "store/container/volume_headers.h"
 #include "store/files/output_file.h"
 
 namespace isonest::detail {
@@ -90,9 +93,13 @@ class Hdf5File : public VolumeFile {
 class FlatFile : public VolumeFile {
   public:
     FlatFile(const std::filesystem::path& path, const VolumeFileSpec& spec,
-             const std::string& header)
-        : file_(path, spec.force), spec_(spec), header_bytes_(header.size()) {
-        file_.write_at(0, std::as_bytes(std::span(header)));
+             const VolumeHeader& header)
+        : file_(path, spec.force), spec_(spec), header_bytes_(header.before.size()) {
+        file_.write_at(0, std::as_bytes(std::span(header.before)));
+        const auto numbers = static_cast<std::uint64_t>(spec.nodes.product()) * size_of(spec.type);
+        if (!header.behind.empty()) {
+            file_.write_at(header_bytes_ + numbers, std::as_bytes(std::span(header.behind)));
+        }
     }
     void write(const std::byte* planes, std::int64_t count) override {
         write_box({0, 0, next_}, {spec_.nodes.x, spec_.nodes.y, count}, planes);
@@ -123,18 +130,6 @@ class FlatFile : public VolumeFile {
     std::int64_t next_ = 0;
 };
 
-std::string nrrd_header(const VolumeFileSpec& spec) {
-    const std::string_view type = spec.type == ValueType::f32   ? "float"
-                                  : spec.type == ValueType::f64 ? "double"
-                                                                : name_of(spec.type);
-    return fmt::format(
-        "NRRD0004\ntype: {}\ndimension: 3\nspace dimension: 3\nsizes: {} {} {}\n"
-        "space directions: ({},0,0) (0,{},0) (0,0,{})\nspace origin: ({},{},{})\n"
-        "endian: little\nencoding: raw\n\n",
-        type, spec.nodes.x, spec.nodes.y, spec.nodes.z, spec.spacing[0], spec.spacing[1],
-        spec.spacing[2], spec.origin[0], spec.origin[1], spec.origin[2]);
-}
-
 }  // namespace
 
 std::unique_ptr<VolumeFile> create_volume_file(const std::filesystem::path& path,
@@ -143,14 +138,21 @@ std::unique_ptr<VolumeFile> create_volume_file(const std::filesystem::path& path
     if (ending == ".h5" || ending == ".hdf5") {
         return std::make_unique<Hdf5File>(path, spec);
     }
-    if (ending == ".nrrd") {
-        return std::make_unique<FlatFile>(path, spec, nrrd_header(spec));
-    }
-    if (ending == ".raw") {
-        return std::make_unique<FlatFile>(path, spec, "");
+    using MakeHeader = VolumeHeader (*)(const VolumeFileSpec&);
+    constexpr std::array<std::pair<std::string_view, MakeHeader>, 6> kFlat{
+        {{".nrrd", nrrd_file_header},
+         {".nii", nifti_file_header},
+         {".vti", vti_file_header},
+         {".npy", npy_file_header},
+         {".mha", meta_image_file_header},
+         {".raw", [](const VolumeFileSpec&) { return VolumeHeader{}; }}}};
+    for (const auto& [name, make_header] : kFlat) {
+        if (ending == name) {
+            return std::make_unique<FlatFile>(path, spec, make_header(spec));
+        }
     }
     throw Error(ErrorKind::invalid_argument, {path.string()},
-                "the name must end in .h5, .nrrd or .raw");
+                "the name must end in .h5, .nrrd, .nii, .vti, .npy, .mha or .raw");
 }
 
 }  // namespace isonest::detail

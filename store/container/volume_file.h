@@ -1,4 +1,5 @@
-// Plain volume files that are written slab by slab or box by box: HDF5, NRRD, raw.
+// Plain volume files that are written slab by slab or box by box: HDF5, NRRD, NIfTI, VTI,
+// NumPy, MetaImage, raw.
 #pragma once
 
 #include <filesystem>
@@ -35,7 +36,8 @@ struct VolumeFileSpec {
 };
 
 /// By the name's ending: .h5 or .hdf5 (dataset /data, [z, y, x], with attributes spacing and origin
-/// in x, y, z order), .nrrd, .raw (no header). Throws Error{invalid_argument, not_found, io}.
+/// in x, y, z order), .nrrd, .nii, .vti, .npy, .mha, .raw (no header). Throws
+/// Error{invalid_argument, not_found, io}.
 std::unique_ptr<VolumeFile> create_volume_file(const std::filesystem::path& path,
                                                const VolumeFileSpec& spec);
 

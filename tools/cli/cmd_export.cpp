@@ -68,11 +68,12 @@ void add_export(CLI::App& app, Invocation& chosen) {
     CLI::App* const c = add_command(
         app, chosen, "export",
         {"Write a field of a store as a plain volume file",
-         "The name decides: .h5 (dataset 'data', [z,y,x]), .nrrd or .raw. Values come in the "
-         "input's\n"
-         "type; an indicator comes as float32 on the finest lattice, 0 at the macro vertices. One "
-         "that is\n"
-         "not in the store is computed in memory, which has to hold 20 bytes a node.",
+         "The name decides: .h5 (dataset 'data', [z,y,x]), .nrrd, .nii (NIfTI), .vti, .npy,\n"
+         ".mha (MetaImage) or .raw. Values come in the input's type; an indicator comes as float32 "
+         "on\n"
+         "the finest lattice, 0 at the macro vertices. One that is not in the store is computed in "
+         "memory,\n"
+         "which has to hold 20 bytes a node.",
          "isonest export scan.isonest --field values --level 2 -o quarter.nrrd\n"
          "isonest export scan.isonest --field deviation_bar -o deviation.h5\n"
          "isonest export scan.isonest --field lp:3 -o eta3.nrrd"});
