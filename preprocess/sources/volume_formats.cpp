@@ -6,6 +6,7 @@
 #include "preprocess/sources/npy_source.h"
 #include "preprocess/sources/nrrd_source.h"
 #include "preprocess/sources/raw_source.h"
+#include "preprocess/sources/tiff_source.h"
 #include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/vti_source.h"
 #include "preprocess/sources/vtk_source.h"
@@ -13,11 +14,11 @@
 namespace isonest::detail {
 
 const std::vector<VolumeFormat>& volume_formats() {
-    static const std::vector<VolumeFormat> formats{nrrd_format(), hdf5_format(), nifti_format(),
-                                                   meta_image_format(), mrc_format(), vti_format(),
-                                                   vtk_format(), npy_format(), npz_format(),
-                                                   // The last one: it takes every file.
-                                                   raw_format()};
+    static const std::vector<VolumeFormat> formats{
+        nrrd_format(), hdf5_format(), nifti_format(), meta_image_format(), mrc_format(),
+        vti_format(), vtk_format(), npy_format(), npz_format(), tiff_format(),
+        // The last one: it takes every file.
+        raw_format()};
     return formats;
 }
 
