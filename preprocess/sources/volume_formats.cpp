@@ -10,13 +10,14 @@
 #include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/vti_source.h"
 #include "preprocess/sources/vtk_source.h"
+#include "preprocess/sources/zarr_source.h"
 
 namespace isonest::detail {
 
 const std::vector<VolumeFormat>& volume_formats() {
     static const std::vector<VolumeFormat> formats{
         nrrd_format(), hdf5_format(), nifti_format(), meta_image_format(), mrc_format(),
-        vti_format(), vtk_format(), npy_format(), npz_format(), tiff_format(),
+        vti_format(), vtk_format(), npy_format(), npz_format(), zarr_format(), tiff_format(),
         // The last one: it takes every file.
         raw_format()};
     return formats;

@@ -1,0 +1,287 @@
+#!/usr/bin/env python3
+"""Zarr arrays as the zarr package writes them (version 2), and version 3 by its specification.
+
+usage: zarr_input_test.py ISONEST PLUGIN_FOLDER
+"""
+import itertools
+import json
+import pathlib
+import shutil
+import struct
+import sys
+import unittest
+import zlib
+
+try:
+    import numcodecs
+    import numpy as np
+    import zarr
+    from volume_inputs import RANDOM, TYPES, Input, is_read_as, numbers
+except ImportError as error:
+    print(f"skipped: {error}")
+    sys.exit(77)
+
+
+def crc32c(data):
+    """Bit by bit, after RFC 3720."""
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x82F63B78 if crc & 1 else 0)
+    return struct.pack("<I", crc ^ 0xFFFFFFFF)
+
+
+PACK = {"gzip": lambda b: numcodecs.GZip(5).encode(b), "zstd": lambda b: numcodecs.Zstd(1).encode(b),
+        "blosc": lambda b: numcodecs.Blosc("zstd", 3).encode(b), "crc32c": lambda b: bytes(b) + crc32c(b)}
+
+
+class V3:
+    """A writer of arrays of version 3 for tests: chunks, transposed or not, codecs, shards."""
+
+    def __init__(self, folder, data, chunks, codecs=(), order=None, big=False, shards=None, index_at="end",
+                 index_checksum=True, fill=0, separator="/", names=None, attributes=None, encoding="default"):
+        self.folder, self.fill, self.big, self.order, self.codecs = pathlib.Path(folder), fill, big, order, codecs
+        self.folder.mkdir(parents=True)
+        inner = ([{"name": "transpose", "configuration": {"order": list(order)}}] if order else []) + [
+            {"name": "bytes", "configuration": {"endian": "big" if big else "little"}}] + [
+            {"name": c, "configuration": {}} for c in codecs]
+        pipeline = inner
+        if shards:
+            pipeline = [{"name": "sharding_indexed", "configuration": {
+                "chunk_shape": list(chunks), "codecs": inner, "index_location": index_at,
+                "index_codecs": [{"name": "bytes", "configuration": {"endian": "little"}}] + (
+                    [{"name": "crc32c"}] if index_checksum else [])}}]
+        outer = shards or chunks
+        (self.folder / "zarr.json").write_text(json.dumps({
+            "zarr_format": 3, "node_type": "array", "shape": data.shape, "data_type": data.dtype.name,
+            "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(outer)}},
+            "chunk_key_encoding": {"name": encoding, "configuration": {"separator": separator}},
+            "fill_value": fill, "codecs": pipeline, "dimension_names": names, "attributes": attributes or {}}))
+        for index in np.ndindex(*[-(-n // c) for n, c in zip(data.shape, outer)]):
+            part = self.part(data, index, outer)
+            if not shards:
+                blob = self.chunk(part)
+            else:
+                blobs, entries, at = [], [], 0
+                size = 16 * int(np.prod([o // c for o, c in zip(outer, chunks)])) + 4 * index_checksum
+                for i in np.ndindex(*[o // c for o, c in zip(outer, chunks)]):
+                    one = self.chunk(self.part(part, i, chunks))
+                    blobs.append(one or b"")
+                    entries.append((2**64 - 1,) * 2 if one is None else (at + (size if index_at == "start" else 0), len(one)))
+                    at += len(one or b"")
+                table = b"".join(struct.pack("<QQ", *e) for e in entries)
+                table += crc32c(table) if index_checksum else b""
+                blob = (table if index_at == "start" else b"") + b"".join(blobs) + (table if index_at == "end" else b"")
+                blob = None if at == 0 else blob
+            if blob is not None:
+                name = separator.join(map(str, index))
+                file = self.folder / (("c" + separator if encoding == "default" else "") + name)
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_bytes(blob)
+
+    def part(self, data, index, size):
+        whole = np.full(size, self.fill, data.dtype)
+        part = data[tuple(slice(i * n, (i + 1) * n) for i, n in zip(index, size))]
+        whole[tuple(slice(0, n) for n in part.shape)] = part
+        return whole
+
+    def chunk(self, values):
+        """None if all are the fill value."""
+        if (values == self.fill).all():
+            return None
+        values = values.transpose(self.order) if self.order else values
+        blob = np.ascontiguousarray(values).astype(values.dtype.newbyteorder(">" if self.big else "<")).tobytes()
+        for codec in self.codecs:
+            blob = PACK[codec](blob)
+        return blob
+
+
+class Zarr(Input):
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.zarr"
+
+    def fresh(self):
+        shutil.rmtree(self.path, ignore_errors=True)
+        return self.path
+
+    def test_types_orders_and_separators(self):
+        for kind, ends, order, separator in itertools.product((*TYPES, "i8", "u8", "f2", "b1"), "<>", "CF", "./"):
+            with self.subTest(kind=kind, ends=ends, order=order, separator=separator):
+                data = numbers((13, 17, 19), "u1") > 99 if kind == "b1" else numbers((13, 17, 19), kind)
+                a = zarr.open(str(self.fresh()), mode="w", shape=data.shape, chunks=(5, 8, 7), order=order,
+                              dtype=np.dtype(kind).newbyteorder(ends), dimension_separator=separator)
+                a[:] = data
+                self.reads(is_read_as(data.astype("u1") if kind == "b1" else data))
+
+    def test_compressors(self):
+        data = np.cumsum(numbers((13, 17, 19)) % 5, axis=2).astype("i2")
+        for codec in (None, numcodecs.Zlib(3), numcodecs.GZip(3), numcodecs.Zstd(3),
+                      *(numcodecs.Blosc(c, 5, s) for c in ("lz4", "lz4hc", "blosclz", "zstd", "zlib") for s in (0, 1, 2))):
+            with self.subTest(codec=codec):
+                zarr.save_array(str(self.fresh()), data, chunks=(5, 8, 7), compressor=codec)
+                self.reads(data)
+        zarr.save_array(str(self.fresh()), data, compressor=numcodecs.LZ4())
+        self.refuses(5, "codec 'lz4'")
+        zarr.save_array(str(self.fresh()), data, filters=[numcodecs.Delta("i2")])
+        self.refuses(5, "filter", "delta")
+
+    def test_chunks_that_are_missing_have_the_fill_value(self):
+        for kind, fill in (("i2", -7), ("f4", np.nan), ("f8", np.inf), ("u1", 255), ("f4", None), ("i8", 2**50), ("f2", 0)):
+            data = np.full((13, 17, 19), 0 if fill is None else fill, kind)
+            data[:5, 8:16, 7:14] = numbers((5, 8, 7), "u1")
+            a = zarr.open(str(self.fresh()), mode="w", shape=data.shape, chunks=(5, 8, 7), dtype=kind, fill_value=fill)
+            a[:5, 8:16, 7:14] = data[:5, 8:16, 7:14]
+            self.assertEqual(len([p for p in self.path.iterdir() if p.name[0].isdigit()]), 1)
+            self.reads(is_read_as(data))
+
+    def test_version_3(self):
+        data = numbers((13, 17, 19))
+        data[:8, :8] = 0  # chunks that are not stored
+        for options in ({}, {"codecs": ("gzip",)}, {"codecs": ("zstd", "crc32c")}, {"codecs": ("blosc",)},
+                        {"codecs": ("crc32c",)}, {"order": (2, 0, 1)}, {"order": (2, 1, 0), "codecs": ("zstd",)},
+                        {"big": True}, {"separator": "."}, {"encoding": "v2", "separator": "."}):
+            with self.subTest(options=options):
+                V3(self.fresh(), data, (4, 4, 8), **options)
+                self.reads(data)
+
+    def test_shards(self):
+        data = numbers((13, 17, 19), "f4")
+        data[:8, :8] = 0
+        for options in ({}, {"index_at": "start"}, {"index_checksum": False}, {"codecs": ("zstd",)},
+                        {"codecs": ("blosc", "crc32c"), "index_at": "start"}, {"order": (2, 0, 1)}, {"big": True}):
+            with self.subTest(options=options):
+                V3(self.fresh(), data, (4, 4, 4), shards=(8, 12, 16), **options)
+                self.reads(data)
+                # Damage to the index and to a chunk.
+                shard = self.path / "c/1/1/0"
+                whole = shard.read_bytes()
+                for cut in (3, 100, len(whole) - 4):
+                    shard.write_bytes(whole[:cut])
+                    self.assertIn(self.preprocess().returncode, (4,))
+
+    def test_types_of_version_3(self):
+        for kind in ("uint8", "int8", "uint16", "int16", "uint32", "int32", "int64", "uint64", "float16", "float32",
+                     "float64"):
+            data = numbers((5, 6, 7), kind)
+            V3(self.fresh(), data, (4, 4, 8), big=kind == "int32")
+            self.reads(is_read_as(data))
+
+    def ome(self, version, axes="tczyx", sizes=(2, 3, 9, 10, 11), extra=True):
+        data = numbers(sizes, "u2")
+        self.fresh().mkdir()
+        scale = [1.0] * (len(axes) - 3) + [2, 0.5, 0.25]
+        transformations = [{"type": "scale", "scale": scale}]
+        if extra:
+            transformations.append({"type": "translation", "translation": [0.0] * (len(axes) - 3) + [30, 20, 10]})
+        kinds = {"t": "time", "c": "channel"}
+        image = {"version": version, "name": "v",
+                 "axes": [{"name": a, "type": kinds.get(a, "space")} for a in axes],
+                 "datasets": [{"path": "0", "coordinateTransformations": transformations},
+                              {"path": "1", "coordinateTransformations": [
+                                  {"type": "scale", "scale": scale[:-3] + [4, 1, 0.5]}]}]}
+        small = np.ascontiguousarray(data[..., ::2, ::2, ::2])
+        for level, values in (("0", data), ("1", small)):
+            if version == "0.5":
+                V3(self.path / level, values, (1,) * (len(axes) - 3) + (4, 4, 4), codecs=("zstd",))
+            else:
+                zarr.save_array(str(self.path / level), values, chunks=(1,) * (len(axes) - 3) + (4, 4, 4),
+                                dimension_separator="/")
+        if version == "0.5":
+            (self.path / "zarr.json").write_text(json.dumps(
+                {"zarr_format": 3, "node_type": "group", "attributes": {"ome": {"version": version, "multiscales": [image]}}}))
+        else:
+            (self.path / ".zgroup").write_text('{"zarr_format": 2}')
+            (self.path / ".zattrs").write_text(json.dumps({"multiscales": [image]}))
+        return data, small
+
+    def test_ome(self):
+        for version in ("0.4", "0.5"):
+            data, small = self.ome(version)
+            self.refuses(5, "axis 't'", "t 2, c 3, z 9, y 10, x 11")
+            self.reads(np.ascontiguousarray(data[1, 2]), "--index", "t=1,c=2")
+            self.lies([10, 20, 30], [0.25, 0.5, 2])
+            self.reads(np.ascontiguousarray(data[0, 1]), "--index", "0,1,:,:,:")
+            self.reads(np.ascontiguousarray(small[1, 0]), "--index", "t=1,c=0", "--dataset", "1")
+            self.lies([0, 0, 0], [0.5, 1, 4])
+            self.refuses(3, "\n  0\n  1", options=("--dataset", "2"))
+            data, _ = self.ome(version, "zyx", (9, 10, 11))
+            self.reads(data)
+            # In a group of groups, as bioformats2raw writes it.
+            inside = self.path
+            self.path = self.here / "outer.zarr"
+            shutil.rmtree(self.path, ignore_errors=True)
+            shutil.copytree(inside, self.path / "0")
+            (self.path / ".zgroup").write_text('{"zarr_format": 2}')
+            self.reads(data)
+            self.reads(np.ascontiguousarray(data[::2, ::2, ::2]), "--dataset", "0/1")
+            self.path = inside
+
+    def test_groups_of_arrays(self):
+        data, other = numbers((5, 6, 7)), numbers((4, 5), "f4")
+        group = zarr.open_group(str(self.path), mode="w")
+        group.create_dataset("a/volume", data=data)
+        self.reads(data)
+        group.create_dataset("b", data=other)
+        self.refuses(2, "a/volume", "b", "--dataset")
+        self.reads(data, "--dataset", "a/volume")
+        self.reads(other, "--dataset", "/b")
+        self.refuses(3, "a/volume", options=("--dataset", "c"))
+        self.refuses(3, options=("--dataset", "../v.zarr/b/.."))
+
+    def test_what_xarray_writes(self):
+        try:
+            import xarray
+        except ImportError:
+            self.skipTest("no xarray")
+        data = np.round(RANDOM.normal(20, 5, (4, 5, 6)), 2)
+        data[1, 2, 3] = np.nan
+        x = xarray.Dataset({"t": (("z", "y", "x"), data)})
+        x.to_zarr(self.fresh(), encoding={"t": {"dtype": "i2", "scale_factor": 0.01, "add_offset": 15,
+                                                "_FillValue": -32768}})
+        expected = xarray.open_zarr(self.path, consolidated=False).t.values
+        done = self.preprocess()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        import subprocess
+        from volume_inputs import ISONEST
+        subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.npy",
+                        "--force"], check=True, capture_output=True)
+        np.testing.assert_allclose(np.load(self.here / "s.npy"), expected, rtol=1e-6)
+
+    def test_what_cannot_be_is_refused(self):
+        data = numbers((5, 6, 7))
+        zarr.save_array(str(self.path), data, chunks=(4, 4, 4))
+        description = json.loads((self.path / ".zarray").read_text())
+        for code, changes in ((4, {"shape": [5, 6]}), (4, {"shape": [0, 6, 7]}), (4, {"chunks": [2**30, 2**30, 2**30]}),
+                              (7, {"chunks": [2**10, 2**10, 2**10]}), (5, {"dtype": "<c8"}), (5, {"zarr_format": 1}),
+                              (4, {"shape": "x"}), (4, {"shape": [-5, 6, 7]}), (5, {"fill_value": "abc"}),
+                              (5, {"fill_value": 1e9}), (5, {"dtype": [["a", "<i2"]]}), (4, {"chunks": [3, 4, 4]}),
+                              (5, {"shape": [2**40, 2**40, 2**40]})):
+            with self.subTest(changes=changes):
+                (self.path / ".zarray").write_text(json.dumps({**description, **changes}))
+                self.refuses(code, options=("--memory", "256M"))
+        for text in ("", "{", "[" * 1000, "null", "[]", '{"zarr_format": 2}'):
+            (self.path / ".zarray").write_text(text)
+            self.assertIn(self.preprocess().returncode, (2, 3, 4, 5), text)
+
+    def test_damaged_files(self):
+        for options in ({"codecs": ("zstd",)}, {"codecs": ("blosc",), "shards": (8, 8, 8)}, {"codecs": ("gzip",)}):
+            V3(self.fresh(), numbers((9, 10, 11)), (4, 4, 4), **options)
+            files = [p for p in self.path.rglob("*") if p.is_file()]
+            for i in range(60):
+                file = files[RANDOM.integers(len(files))] if i % 2 else self.path / "zarr.json"
+                whole = file.read_bytes()
+                data = bytearray(whole)
+                for _ in range(RANDOM.integers(1, 4)):
+                    data[RANDOM.integers(len(data))] = RANDOM.integers(256)
+                if i % 4 == 0:
+                    del data[RANDOM.integers(len(data)):]
+                file.write_bytes(data)
+                done = self.preprocess("--memory", "256M")
+                self.assertIn(done.returncode, (0, 2, 3, 4, 5, 6, 7), (i, done.stderr))
+                file.write_bytes(whole)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
