@@ -40,7 +40,8 @@ GzipStream::~GzipStream() {
 
 void GzipStream::corrupt(const std::string& what) const {
     throw Error(ErrorKind::corrupt, {name_, fmt::format("byte {}", file_at_ - stream_.avail_in)},
-                fmt::format("damaged compressed stream: {}", what));
+                fmt::format("damaged {} stream: {}",
+                            wrapper_ == DeflateWrapper::gzip ? "gzip" : "compressed", what));
 }
 
 bool GzipStream::refill() {

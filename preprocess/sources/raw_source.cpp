@@ -12,192 +12,14 @@
 #include <vector>
 
 #include <isonest/error.h>
-#include <isonest/memory_volume.h>
 
-#include "preprocess/sources/byte_reader.h"
-#include "preprocess/sources/file_identity.h"
 #include "preprocess/sources/gzip_stream.h"
+#include "preprocess/sources/raw_rows.h"
+#include "preprocess/sources/strided_file.h"
 #include "store/files/mapped_file.h"
-#include "store/lattice/lattice.h"
 
 namespace isonest::detail {
 namespace {
-
-void swap_bytes(std::byte* data, std::uint64_t bytes, std::size_t size) {
-    for (std::uint64_t i = 0; i + size <= bytes; i += size) {
-        std::reverse(data + i, data + i + size);
-    }
-}
-
-std::uint64_t volume_bytes(const RawLayout& layout) {
-    return static_cast<std::uint64_t>(layout.nodes.product()) * size_of(layout.type);
-}
-
-/// Of the array that the volume is, or is a part of.
-std::uint64_t data_bytes(const RawLayout& layout) {
-    return layout.whole > 0 ? layout.whole * size_of(layout.type) : volume_bytes(layout);
-}
-
-std::string text_of_nodes(const RawLayout& layout) {
-    std::string text = fmt::format("{} x {} x {} nodes of {}", layout.nodes.x, layout.nodes.y,
-                                   layout.nodes.z, name_of(layout.type));
-    return layout.whole > 0 ? fmt::format("{} values ({} are taken)", layout.whole, text) : text;
-}
-
-/// What both kinds of raw source share.
-class RawBase : public VolumeSource {
-  public:
-    RawBase(std::filesystem::path path, std::string name, RawLayout layout)
-        : path_(std::move(path)), name_(std::move(name)), layout_(std::move(layout)) {}
-    [[nodiscard]] VolumeDescription describe() const override {
-        return {layout_.nodes,  layout_.type, layout_.spacing,
-                layout_.origin, name_,        layout_.direction};
-    }
-    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
-        return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};
-    }
-    [[nodiscard]] std::string identity() const override {
-        return fmt::format("{}offset {}\nbig endian {}\n", identity_of(files()), layout_.offset,
-                           layout_.big_endian) +
-               (layout_.strides ? fmt::format("strides {} {} {}\n", layout_.strides->x,
-                                              layout_.strides->y, layout_.strides->z)
-                                : "") +
-               (layout_.first > 0 ? fmt::format("first value {}\n", layout_.first) : "");
-    }
-
-    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-              std::byte* dst) final {
-        const std::size_t value = size_of(layout_.type);
-        const std::uint64_t row = static_cast<std::uint64_t>(layout_.nodes.x) * value;
-        if (layout_.strides) {
-            read_rows(z0, nz, y0, ny, dst);
-        } else {
-            const auto rows = static_cast<std::uint64_t>(ny);
-            const bool whole = ny == layout_.nodes.y;
-            const std::int64_t pieces = whole ? 1 : nz;
-            const std::uint64_t bytes = row * rows * (whole ? static_cast<std::uint64_t>(nz) : 1);
-            for (std::int64_t p = 0; p < pieces; ++p) {
-                const auto at =
-                    static_cast<std::uint64_t>((z0 + p) * layout_.nodes.y + y0) * row + start();
-                read_bytes(at, dst + static_cast<std::uint64_t>(p) * bytes, bytes);
-            }
-        }
-        if (layout_.big_endian && value > 1) {
-            swap_bytes(dst, static_cast<std::uint64_t>(nz * ny) * row, value);
-        }
-        if (z0 + nz == layout_.nodes.z && y0 + ny == layout_.nodes.y) {
-            after_last();
-        }
-    }
-
-  protected:
-    virtual void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) = 0;
-    /// The last node was read.
-    virtual void after_last() {}
-    /// The byte of node (0, 0, 0).
-    [[nodiscard]] std::uint64_t start() const {
-        return layout_.offset + layout_.first * size_of(layout_.type);
-    }
-    std::filesystem::path path_;
-    std::string name_;
-    RawLayout layout_;
-
-  private:
-    /// Of each row what lies between its nodes is read too.
-    void read_rows(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-                   std::byte* dst) {
-        const std::size_t value = size_of(layout_.type);
-        const Int3 strides = *layout_.strides;
-        const auto step = static_cast<std::size_t>(strides.x) * value;
-        std::vector<std::byte> buffer(static_cast<std::size_t>(layout_.nodes.x - 1) * step + value);
-        for (std::int64_t i = 0; i < nz * ny; ++i) {
-            const std::int64_t z = z0 + i / ny;
-            const std::int64_t y = y0 + i % ny;
-            read_bytes(start() + static_cast<std::uint64_t>(z * strides.z + y * strides.y) * value,
-                       buffer.data(), buffer.size());
-            for (std::size_t x = 0; x < static_cast<std::size_t>(layout_.nodes.x); ++x) {
-                std::memcpy(dst, buffer.data() + x * step, value);
-                dst += value;
-            }
-        }
-    }
-};
-
-/// Whether rows follow each other, and planes, none inside of another one.
-bool is_nested(const RawLayout& layout) {
-    const Int3 n = layout.nodes;
-    const Int3 s = layout.strides.value_or(Int3{1, n.x, n.x * n.y});
-    const std::int64_t row = (n.x - 1) * s.x + 1;
-    return (n.y == 1 || s.y >= row) && (n.z == 1 || s.z >= (n.y - 1) * s.y + row);
-}
-
-/// Numbers whose bytes a ByteReader makes.
-class ReaderSource : public RawBase {
-  public:
-    ReaderSource(std::unique_ptr<ByteReader> bytes, const std::string& name,
-                 const RawLayout& layout, std::vector<std::filesystem::path> files)
-        : RawBase(files.front(), name, layout),
-          bytes_(std::move(bytes)),
-          files_(std::move(files)) {}
-    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
-    [[nodiscard]] bool sequential() const override { return bytes_->sequential(); }
-    [[nodiscard]] std::uint64_t heap() const override { return RawBase::heap() + bytes_->heap(); }
-
-  private:
-    void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
-        bytes_->read(at, dst, bytes);
-    }
-    std::unique_ptr<ByteReader> bytes_;
-    std::vector<std::filesystem::path> files_;
-};
-
-/// Part of an array in a file without compression, in any order of its axes: what memory can show,
-/// a map of the file can.
-class StridedFile : public VolumeSource {
-  public:
-    StridedFile(const std::filesystem::path& path, std::string name, const RawLayout& layout)
-        : path_(path), name_(std::move(name)), layout_(layout), map_(path) {
-        const auto value = static_cast<std::int64_t>(size_of(layout.type));
-        MemoryLayout memory;
-        memory.strides = *layout.strides * value;
-        memory.name = name_;
-        volume_.emplace(
-            map_.bytes().data() + layout.offset + layout.first * static_cast<std::uint64_t>(value),
-            layout.type, layout.nodes, memory);
-    }
-    [[nodiscard]] VolumeDescription describe() const override {
-        return {layout_.nodes,  layout_.type, layout_.spacing,
-                layout_.origin, name_,        layout_.direction};
-    }
-    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
-        return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};
-    }
-    [[nodiscard]] std::string identity() const override {
-        return fmt::format("{}offset {}\nbig endian {}\nfirst value {}\nstrides {} {} {}\n",
-                           identity_of(files()), layout_.offset, layout_.big_endian, layout_.first,
-                           layout_.strides->x, layout_.strides->y, layout_.strides->z);
-    }
-    /// What lies together in the file is best read together.
-    [[nodiscard]] Granularity granularity() const override {
-        return layout_.strides->z < layout_.strides->y ? Granularity{layout_.nodes.z, 1}
-                                                       : Granularity{};
-    }
-    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-              std::byte* dst) override {
-        volume_->read(z0, nz, y0, ny, dst);
-        const std::size_t value = size_of(layout_.type);
-        if (layout_.big_endian && value > 1) {
-            swap_bytes(dst, static_cast<std::uint64_t>(nz * ny * layout_.nodes.x) * value, value);
-        }
-    }
-
-  private:
-    std::filesystem::path path_;
-    std::string name_;
-    RawLayout layout_;
-    MappedFile map_;
-    std::optional<MemoryVolume> volume_;
-};
 
 class PlainSource : public RawBase {
   public:
@@ -344,16 +166,6 @@ std::string first_bytes(const std::filesystem::path& path, std::size_t count, st
 }
 
 namespace {
-void check_nodes(const std::string& name, const RawLayout& layout) {
-    for (int axis = 0; axis < 3; ++axis) {
-        if (layout.nodes[axis] < 1 || layout.nodes[axis] > kMaxNodesPerAxis) {
-            throw Error(
-                ErrorKind::unsupported, {name},
-                fmt::format("{} x {} x {} nodes: each axis must have 1 to {}", layout.nodes.x,
-                            layout.nodes.y, layout.nodes.z, kMaxNodesPerAxis));
-        }
-    }
-}
 /// The place behind `lines` lines from byte `at` on.
 std::uint64_t behind_lines(const std::filesystem::path& path, const std::string& name,
                            std::uint64_t at, std::uint64_t lines) {
@@ -417,8 +229,9 @@ std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const 
                         "the header says encoding gzip, but no gzip stream starts here");
         }
         if (layout.offset_from_end) {
-            throw Error(ErrorKind::unsupported, {name},
-                        "data at the end of the file cannot be found in a compressed one");
+            throw Error(
+                ErrorKind::unsupported, {name},
+                "data that are the end of the file (byte skip: -1) do not go with compression");
         }
         if (!is_nested(layout)) {
             throw Error(ErrorKind::unsupported, {name},
@@ -433,59 +246,9 @@ std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const 
                     "the header says encoding raw, but a gzip stream starts here");
     }
     if (layout.strides) {
-        return std::make_unique<StridedFile>(path, name, layout);
+        return open_strided(path, name, layout);
     }
     return std::make_unique<PlainSource>(path, name, layout);
-}
-
-std::unique_ptr<VolumeSource> open_bytes(std::unique_ptr<ByteReader> bytes, const std::string& name,
-                                         const RawLayout& layout,
-                                         std::vector<std::filesystem::path> files) {
-    check_nodes(name, layout);
-    const std::uint64_t need = layout.offset + data_bytes(layout);
-    if (bytes->size() < need) {
-        throw Error(ErrorKind::corrupt, {name},
-                    fmt::format("{} need {} bytes, but there are {}", text_of_nodes(layout), need,
-                                bytes->size()));
-    }
-    if (bytes->sequential() && !is_nested(layout)) {
-        throw Error(ErrorKind::unsupported, {name},
-                    "its axes are stored in another order, which a stream cannot be read in");
-    }
-    return std::make_unique<ReaderSource>(std::move(bytes), name, layout, std::move(files));
-}
-
-namespace {
-
-std::unique_ptr<VolumeSource> open_numbers(const VolumeInput& input, const SourceOptions& options) {
-    const std::filesystem::path& path = input.path();
-    if (!options.dims || !options.type) {
-        std::string names;
-        for (const InputFormat& format : input_formats()) {
-            names += fmt::format("{}{}{}", names.empty() ? "" : ", ", format.name,
-                                 format.package.empty() ? "" : " (not in this build)");
-        }
-        throw Error(ErrorKind::invalid_argument, {path.string()},
-                    fmt::format("none of the formats that are recognised ({}); raw numbers have to "
-                                "be described",
-                                names),
-                    {{RemedyKind::describe_numbers, "dims,type"}});
-    }
-    RawLayout layout;
-    layout.nodes = *options.dims;
-    layout.type = *options.type;
-    layout.big_endian = options.big_endian.value_or(false);
-    layout.offset = options.offset.value_or(0);
-    return open_raw(path, path.string(), layout);
-}
-
-}  // namespace
-
-VolumeFormat raw_format() {
-    return {.about = {"raw numbers", ".raw .bin .gz", ""},
-            .takes = {.numbers = true},
-            .recognises = [](const VolumeInput& input) { return !input.folder; },
-            .open = open_numbers};
 }
 
 }  // namespace isonest::detail
