@@ -1,7 +1,6 @@
 #include "preprocess/sources/cf_convention.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -38,23 +37,6 @@ Scaling cf_scaling(const NumbersOfAttribute& attribute, const std::string& name)
         scaling.most_valid = range[1];
     }
     return scaling;
-}
-
-std::string text_of(const Scaling& scaling) {
-    std::string text;
-    if (scaling.slope != 1 || scaling.intercept != 0) {
-        text = fmt::format("values are {} times what is stored, plus {}", scaling.slope,
-                           scaling.intercept);
-    }
-    if (!scaling.missing.empty()) {
-        text += fmt::format("{}stored {} means missing", text.empty() ? "" : "; ",
-                            fmt::join(scaling.missing, " and "));
-    }
-    if (scaling.least_valid > -HUGE_VAL || scaling.most_valid < HUGE_VAL) {
-        text += fmt::format("{}stored numbers outside of {} to {} are missing",
-                            text.empty() ? "" : "; ", scaling.least_valid, scaling.most_valid);
-    }
-    return text;
 }
 
 std::optional<EvenAxis> even_axis(const std::vector<double>& coordinates) {

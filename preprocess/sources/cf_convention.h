@@ -22,10 +22,6 @@ using NumbersOfAttribute = std::function<std::vector<double>(const std::string& 
 /// sections 2.5.1 and 8.1. Throws Error{corrupt} for a scale factor of 0 or that is no number.
 Scaling cf_scaling(const NumbersOfAttribute& attribute, const std::string& name);
 
-/// "values = 0.01 * stored + 273.15, stored -32768 is missing": for messages; empty if nothing
-/// changes.
-std::string text_of(const Scaling& scaling);
-
 /// The spacing and the first of evenly spaced coordinates; none if they are not even by a tenth of
 /// their mean distance, or no numbers. One coordinate has spacing 1.
 struct EvenAxis {

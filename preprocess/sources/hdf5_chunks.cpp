@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstring>
+#include <functional>
 #include <thread>
 
 #include <isonest/error.h>
@@ -125,6 +126,14 @@ std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
     for (std::size_t d = 0; d < chunk.size(); ++d) {
         c.long_chunks_ = c.long_chunks_ || chunk[d] > shape.dims[d];
     }
+    c.fixed_.assign(chunk.size(), 0);
+    for (std::size_t d = 0; d < shape.at.size(); ++d) {
+        const hsize_t begin = shape.at[d] / chunk[d] * chunk[d];
+        c.fixed_[d] = begin;
+        c.first_ += static_cast<std::int64_t>((shape.at[d] - begin) * strides[d]);
+        // A chunk that reaches beyond the dataset along an axis of one position.
+        c.long_chunks_ = c.long_chunks_ || (shape.at[d] > 0 && begin + chunk[d] > shape.dims[d]);
+    }
     c.stride_ = shape.along_axes(strides);
     if (c.stride_.x != 1) {
         return std::nullopt;
@@ -187,8 +196,9 @@ bool Hdf5Chunks::is_plain(const Int3& chunk) const {
 }
 
 std::span<const std::byte> Hdf5Chunks::decode(const Int3& chunk, Buffers& buffers) const {
-    const std::vector<hsize_t> at =
+    std::vector<hsize_t> at =
         shape_.along_dims({chunk.x * chunk_.x, chunk.y * chunk_.y, chunk.z * chunk_.z}, 0);
+    std::transform(at.begin(), at.end(), fixed_.begin(), at.begin(), std::plus<>());
     hsize_t size = 0;
     std::uint32_t skipped = 0;
     // Walks over all chunks at each call: only where the quick question fails, as it does for
@@ -242,7 +252,8 @@ void Hdf5Chunks::read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::in
             const auto row = static_cast<std::size_t>(hi.x - lo.x) * element_;
             for (std::int64_t z = lo.z; z < hi.z; ++z) {
                 for (std::int64_t y = lo.y; y < hi.y; ++y) {
-                    const std::int64_t source = (z - low.z) * stride_.z + (y - low.y) * stride_.y;
+                    const std::int64_t source =
+                        first_ + (z - low.z) * stride_.z + (y - low.y) * stride_.y;
                     const std::int64_t target = ((z - z0) * ny + (y - y0)) * nodes_.x + lo.x;
                     std::memcpy(dst + static_cast<std::size_t>(target) * element_,
                                 from.data() + static_cast<std::size_t>(source) * element_, row);

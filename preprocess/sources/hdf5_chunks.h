@@ -51,7 +51,9 @@ class Hdf5Chunks {
     DatasetShape shape_;
     Int3 nodes_{1, 1, 1};
     Int3 chunk_{1, 1, 1};
-    Int3 stride_{1, 1, 1};  ///< from node to node within a chunk, in elements
+    Int3 stride_{1, 1, 1};        ///< from node to node within a chunk, in elements
+    std::vector<hsize_t> fixed_;  ///< where the chunks begin along axes of one position
+    std::int64_t first_ = 0;      ///< elements of a chunk before that position
     std::size_t element_ = 1;
     std::size_t chunk_bytes_ = 0;
     std::vector<H5Z_filter_t> filters_;  ///< in the order of writing

@@ -8,6 +8,7 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/hdf5_axes.h"
 #include "store/container/handles.h"
 
 namespace isonest::detail {
@@ -30,6 +31,8 @@ struct Listing {
     std::vector<Candidate> others;
     std::size_t count = 0;
     std::size_t count_best = 0;  ///< some of them may not be in `best`
+    std::size_t count_wide = 0;  ///< of more than 3 axes
+    std::string wide;            ///< the first of them
     bool whole = true;
     std::set<haddr_t> seen;
 
@@ -89,7 +92,10 @@ herr_t list_dataset(hid_t file, const char* name, const H5O_info_t* info, void* 
     if (dataset.valid()) {
         const DatasetShape shape = shape_of(dataset.get());
         const auto type = value_type_of(dataset.get());
-        c.axes = type ? shape.axes.size() : 0;
+        c.axes = type && !is_dimension_scale(dataset.get()) ? shape.axes.size() : 0;
+        if (type && shape.axes.empty() && !shape.dims.empty() && listing.count_wide++ == 0) {
+            listing.wide = c.path;
+        }
         c.description = fmt::format("{} [{}] {}", c.path, shape.text(),
                                     type ? name_of(*type) : "not a number type that is read");
     } else {
@@ -159,6 +165,14 @@ std::vector<hsize_t> DatasetShape::along_dims(const Int3& numbers, hsize_t other
     return out;
 }
 
+std::vector<hsize_t> DatasetShape::place_of(const Int3& node) const {
+    std::vector<hsize_t> out = along_dims(node, 0);
+    for (std::size_t i = 0; i < at.size(); ++i) {
+        out[i] += at[i];
+    }
+    return out;
+}
+
 DatasetShape shape_of(hid_t dataset) {
     DatasetShape shape;
     const SpaceHandle space(H5Dget_space(dataset));
@@ -183,13 +197,16 @@ DatasetShape shape_of(hid_t dataset) {
     return shape;
 }
 
-std::string choose_dataset(hid_t file, const std::filesystem::path& path) {
+std::string choose_dataset(hid_t file, const std::filesystem::path& path, bool indexed) {
     const Listing listing = list_datasets(file, path);
     if (!listing.whole) {
         throw Error(
             ErrorKind::invalid_argument, {path.string()},
             fmt::format("has more than {} datasets; among them are:{}", kMostSeen, listing.text()),
             {{RemedyKind::choose_dataset}});
+    }
+    if (listing.count_wide == 1 && (indexed || listing.count_best == 0)) {
+        return listing.wide;
     }
     if (listing.count_best != 1) {
         const bool none = listing.count_best == 0;

@@ -22,17 +22,21 @@ struct DatasetShape {
     std::vector<hsize_t> dims;      ///< as in the file, slowest first
     std::vector<std::size_t> axes;  ///< those of `dims` that are the volume's: 1 to 3; none if the
                                     ///< dataset has more than 3 longer than 1, or no axis
+    std::vector<hsize_t> at;        ///< for the other dims the position; none: 0
     [[nodiscard]] std::string text() const;
     /// Of numbers along `dims`, those along x, y and z; 1 along axes that are not there.
     [[nodiscard]] Int3 along_axes(const std::vector<hsize_t>& numbers) const;
     /// And back: `otherwise` along the dims that are no axis.
     [[nodiscard]] std::vector<hsize_t> along_dims(const Int3& numbers, hsize_t otherwise) const;
+    /// A node's place in the dataset.
+    [[nodiscard]] std::vector<hsize_t> place_of(const Int3& node) const;
 };
 DatasetShape shape_of(hid_t dataset);
 
-/// The path of the dataset to read where none is named: the only one of those with the most axes.
+/// The path of the dataset to read where none is named: the only one of those with the most axes,
+/// coordinates of axes left out. Where there is none, or `indexed`, the only one of more than 3.
 /// Throws Error{not_found, invalid_argument, corrupt}, listing what the file has.
-std::string choose_dataset(hid_t file, const std::filesystem::path& path);
+std::string choose_dataset(hid_t file, const std::filesystem::path& path, bool indexed);
 
 /// What the file has, a line each, for messages. Throws Error{corrupt}.
 std::string list_of_datasets(hid_t file, const std::filesystem::path& path);

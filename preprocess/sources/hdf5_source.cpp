@@ -5,17 +5,23 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstring>
 #include <string_view>
 #include <vector>
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/axis_choice.h"
+#include "preprocess/sources/cf_convention.h"
 #include "preprocess/sources/file_identity.h"
+#include "preprocess/sources/hdf5_axes.h"
 #include "preprocess/sources/hdf5_chunks.h"
 #include "preprocess/sources/hdf5_datasets.h"
 #include "preprocess/sources/hdf5_files.h"
+#include "preprocess/sources/mirrored_source.h"
 #include "preprocess/sources/raw_source.h"
+#include "preprocess/sources/scaled_source.h"
 #include "store/container/handles.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/zstd_filter.h"
@@ -66,8 +72,9 @@ class Hdf5Source : public VolumeSource {
                         fmt::format("HDF5 cannot open it: {}", hdf5_message()));
         }
         files_ = {path};
-        dataset_name_ =
-            options.dataset.empty() ? choose_dataset(file_.get(), path) : options.dataset;
+        dataset_name_ = options.dataset.empty()
+                            ? choose_dataset(file_.get(), path, !options.index.empty())
+                            : options.dataset;
         name_ = path.string() + ":" + dataset_name_;
         std::string reason;
         dataset_ = open_dataset(file_.get(), dataset_name_, access_, files_, &reason);
@@ -78,6 +85,10 @@ class Hdf5Source : public VolumeSource {
         }
         shape_ = shape_of(dataset_.get());
         const auto type = value_type_of(dataset_.get());
+        axes_ = hdf5_axes(dataset_.get(), shape_.dims);
+        if (type && (shape_.axes.empty() || !options.index.empty()) && !shape_.dims.empty()) {
+            choose_part(options);
+        }
         if (!type || shape_.axes.empty()) {
             throw Error(
                 ErrorKind::unsupported, {name_},
@@ -87,6 +98,7 @@ class Hdf5Source : public VolumeSource {
         }
         type_ = *type;
         memory_type_ = file_type(type_);
+        take_unsigned();
         if (std::any_of(shape_.dims.begin(), shape_.dims.end(), [](hsize_t n) {
                 return n < 1 || n > static_cast<hsize_t>(kMaxNodesPerAxis);
             })) {
@@ -98,17 +110,37 @@ class Hdf5Source : public VolumeSource {
         add_files_of(dataset_.get(), name_, files_);
         unwritten_is_undefined_ = is_unwritten_undefined();
         set_chunks(options);
+        read_coordinates();
         read_place("spacing", spacing_);
         read_place("origin", origin_);
         map_contiguous();
     }
+    /// What the dataset's attributes say of its numbers.
+    [[nodiscard]] Scaling scaling() const {
+        return cf_scaling(
+            [this](const std::string& name) {
+                std::vector<double> numbers = numbers_of_attribute(dataset_.get(), name);
+                const bool stored = name != "scale_factor" && name != "add_offset";
+                for (double& number : numbers) {
+                    number += stored && unsigned_ && number < 0
+                                  ? std::ldexp(1.0, static_cast<int>(8 * size_of(type_)))
+                                  : 0;
+                }
+                return numbers;
+            },
+            name_);
+    }
+    /// Axes whose coordinates run downward.
+    [[nodiscard]] const std::array<bool, 3>& backward() const { return backward_; }
+    [[nodiscard]] std::vector<std::string> notes() const override { return notes_; }
 
     [[nodiscard]] VolumeDescription describe() const override {
         return {nodes_, type_, spacing_, origin_, name_};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
     [[nodiscard]] std::string identity() const override {
-        return fmt::format("{}dataset {}\n", identity_of(files_), dataset_name_);
+        return fmt::format("{}dataset {}\n", identity_of(files_), dataset_name_) +
+               (shape_.at.empty() ? "" : fmt::format("at {}\n", fmt::join(shape_.at, " ")));
     }
     [[nodiscard]] Granularity granularity() const override { return granularity_; }
     [[nodiscard]] std::uint64_t heap() const override { return heap_; }
@@ -124,13 +156,64 @@ class Hdf5Source : public VolumeSource {
     }
 
   private:
+    void choose_part(const SourceOptions& options) {
+        std::vector<ArrayAxis> axes;
+        for (std::size_t i = 0; i < shape_.dims.size(); ++i) {
+            axes.push_back({axes_[i].name, static_cast<std::int64_t>(shape_.dims[i]), true});
+        }
+        const ChosenAxes chosen = choose_axes(axes, options.index, name_);
+        shape_.axes.clear();
+        for (std::size_t a = 3; a-- > 0;) {
+            if (chosen.axis.at(a)) {
+                shape_.axes.push_back(*chosen.axis.at(a));
+            }
+        }
+        shape_.at.assign(chosen.at.begin(), chosen.at.end());
+    }
+
+    void take_unsigned() {
+        const ValueType given = type_;
+        unsigned_ = is_said_unsigned(dataset_.get());
+        type_ = !unsigned_                ? given
+                : given == ValueType::i8  ? ValueType::u8
+                : given == ValueType::i16 ? ValueType::u16
+                : given == ValueType::i32 ? ValueType::u32
+                                          : given;
+        unsigned_ = type_ != given;
+        if (unsigned_) {
+            notes_.emplace_back("stored numbers are taken as unsigned (_Unsigned)");
+        }
+    }
+
+    /// Evenly spaced coordinates of the axes place the volume in the world.
+    void read_coordinates() {
+        for (std::size_t i = 0; i < shape_.axes.size(); ++i) {
+            const Hdf5Axis& axis = axes_[shape_.axes[shape_.axes.size() - 1 - i]];
+            if (axis.uneven) {
+                notes_.push_back(fmt::format(
+                    "the coordinates '{}' are not evenly spaced: the nodes are placed 1 apart",
+                    axis.name));
+            }
+            if (!axis.even || nodes_[static_cast<int>(i)] < 2 || axis.even->step == 0) {
+                continue;
+            }
+            const double step = axis.even->step;
+            spacing_.at(i) = std::fabs(step);
+            origin_.at(i) = axis.even->first;
+            if (step < 0) {
+                backward_.at(i) = true;
+                origin_.at(i) += step * static_cast<double>(nodes_[static_cast<int>(i)] - 1);
+            }
+        }
+    }
+
     void read_by_hdf5(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
                       std::byte* dst) {
         const QuietHdf5 quiet;
         if (unwritten_is_undefined_) {
             std::memset(dst, 0, static_cast<std::size_t>(nz * ny * nodes_.x) * size_of(type_));
         }
-        const std::vector<hsize_t> start = shape_.along_dims({0, y0, z0}, 0);
+        const std::vector<hsize_t> start = shape_.place_of({0, y0, z0});
         const std::vector<hsize_t> count = shape_.along_dims({nodes_.x, ny, nz}, 1);
         const SpaceHandle from(H5Dget_space(dataset_.get()));
         H5Sselect_hyperslab(from.get(), H5S_SELECT_SET, start.data(), nullptr, count.data(),
@@ -271,8 +354,8 @@ class Hdf5Source : public VolumeSource {
         const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
         const TypeHandle stored(H5Dget_type(dataset_.get()));
         const haddr_t offset = H5Dget_offset(dataset_.get());
-        if (H5Pget_layout(creation.get()) != H5D_CONTIGUOUS || offset == HADDR_UNDEF ||
-            H5Pget_external_count(creation.get()) != 0 ||
+        if (!shape_.at.empty() || H5Pget_layout(creation.get()) != H5D_CONTIGUOUS ||
+            offset == HADDR_UNDEF || H5Pget_external_count(creation.get()) != 0 ||
             H5Tequal(stored.get(), memory_type_.get()) <= 0 || offset % size_of(type_) != 0) {
             return;
         }
@@ -314,6 +397,10 @@ class Hdf5Source : public VolumeSource {
     ValueType type_ = ValueType::f32;
     Double3 spacing_{1, 1, 1};
     Double3 origin_{0, 0, 0};
+    std::vector<Hdf5Axis> axes_;  ///< of the dataset
+    std::array<bool, 3> backward_{};
+    bool unsigned_ = false;  ///< the stored integers are signed, and mean unsigned ones
+    std::vector<std::string> notes_;
     Granularity granularity_;
     bool unwritten_is_undefined_ = false;
     std::optional<Hdf5Chunks> chunks_;
@@ -331,12 +418,19 @@ bool is_hdf5(const std::filesystem::path& path) {
 
 std::unique_ptr<VolumeSource> open_hdf5_volume(const std::filesystem::path& path,
                                                const SourceOptions& options) {
-    return std::make_unique<Hdf5Source>(path, options);
+    auto source = std::make_unique<Hdf5Source>(path, options);
+    const Scaling scaling = source->scaling();
+    const std::array<bool, 3> back = source->backward();
+    std::unique_ptr<VolumeSource> volume = std::move(source);
+    if (back[0] || back[1] || back[2]) {
+        volume = mirrored(std::move(volume), back);
+    }
+    return scaled(std::move(volume), scaling);
 }
 
 VolumeFormat hdf5_format() {
     return {.about = {"HDF5", ".h5 .hdf5 .nc .mat", ""},
-            .takes = {.dataset = true},
+            .takes = {.dataset = true, .index = true},
             .recognises =
                 [](const VolumeInput& input) { return !input.folder && is_hdf5(input.path()); },
             .open =

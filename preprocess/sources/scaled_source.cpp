@@ -61,6 +61,11 @@ class ScaledSource : public WrappedSource {
             "slope {} intercept {} missing {} valid {} {}", scaling_.slope, scaling_.intercept,
             fmt::join(scaling_.missing, " "), scaling_.least_valid, scaling_.most_valid));
     }
+    [[nodiscard]] std::vector<std::string> notes() const override {
+        std::vector<std::string> notes = inner_source().notes();
+        notes.push_back(text_of(scaling_));
+        return notes;
+    }
     /// The stored numbers are read into the end of `dst` and scaled from its start on.
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
@@ -159,6 +164,23 @@ std::unique_ptr<VolumeSource> scaled(std::unique_ptr<VolumeSource> inner, const 
         return inner;
     }
     return std::make_unique<ScaledSource>(std::move(inner), scaling);
+}
+
+std::string text_of(const Scaling& scaling) {
+    std::string text;
+    if (scaling.slope != 1 || scaling.intercept != 0) {
+        text = fmt::format("values are {} times what is stored, plus {}", scaling.slope,
+                           scaling.intercept);
+    }
+    if (!scaling.missing.empty()) {
+        text += fmt::format("{}stored {} means missing", text.empty() ? "" : "; ",
+                            fmt::join(scaling.missing, " and "));
+    }
+    if (scaling.least_valid > -HUGE_VAL || scaling.most_valid < HUGE_VAL) {
+        text += fmt::format("{}stored numbers outside of {} to {} are missing",
+                            text.empty() ? "" : "; ", scaling.least_valid, scaling.most_valid);
+    }
+    return text;
 }
 
 }  // namespace isonest::detail

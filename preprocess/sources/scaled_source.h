@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -34,6 +35,10 @@ struct Scaling {
 /// nothing is missing and an integer type of at least the stored width holds the whole range;
 /// otherwise stored numbers of up to 16 bits and float32 become float32, the others float64.
 ValueType scaled_type(ValueType stored, const Scaling& scaling);
+
+/// "values are 0.01 times what is stored, plus 273.15; stored -32768 means missing"; empty if
+/// nothing changes.
+std::string text_of(const Scaling& scaling);
 
 /// `inner` scaled; itself where the scaling changes nothing. Throws Error{invalid_argument,
 /// corrupt} for a slope of 0 or numbers that are none.

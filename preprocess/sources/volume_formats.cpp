@@ -2,6 +2,7 @@
 #include "preprocess/sources/hdf5_source.h"
 #include "preprocess/sources/meta_image_source.h"
 #include "preprocess/sources/mrc_source.h"
+#include "preprocess/sources/netcdf3_source.h"
 #include "preprocess/sources/nifti_source.h"
 #include "preprocess/sources/npy_source.h"
 #include "preprocess/sources/nrrd_source.h"
@@ -16,8 +17,9 @@ namespace isonest::detail {
 
 const std::vector<VolumeFormat>& volume_formats() {
     static const std::vector<VolumeFormat> formats{
-        nrrd_format(), hdf5_format(), nifti_format(), meta_image_format(), mrc_format(),
-        vti_format(), vtk_format(), npy_format(), npz_format(), zarr_format(), tiff_format(),
+        nrrd_format(), hdf5_format(), netcdf3_format(), nifti_format(), meta_image_format(),
+        mrc_format(), vti_format(), vtk_format(), npy_format(), npz_format(), zarr_format(),
+        tiff_format(),
         // The last one: it takes every file.
         raw_format()};
     return formats;

@@ -23,6 +23,7 @@ class WrappedSource : public VolumeSource {
     [[nodiscard]] Granularity granularity() const override { return inner_->granularity(); }
     [[nodiscard]] bool sequential() const override { return inner_->sequential(); }
     [[nodiscard]] std::uint64_t heap() const override { return inner_->heap(); }
+    [[nodiscard]] std::vector<std::string> notes() const override { return inner_->notes(); }
 
   protected:
     explicit WrappedSource(std::unique_ptr<VolumeSource> inner) : inner_(std::move(inner)) {}

@@ -59,6 +59,7 @@ Result run(Arguments& a, Progress& progress) {
                    {"chunks", r.chunks},
                    {"resumed_chunks", r.resumed_chunks},
                    {"input_on_disk", r.input_on_disk},
+                   {"notes", source->notes()},
                    {"seconds", r.seconds}};
     result.text = fmt::format(
         "{}: {} x {} x {} {}, values {}{}\n"
@@ -70,6 +71,9 @@ Result run(Arguments& a, Progress& progress) {
             static_cast<double>(std::max<std::uint64_t>(r.input_bytes, 1)),
         human_bytes(static_cast<double>(r.input_bytes)), human_seconds(r.seconds),
         human_bytes(rate));
+    for (const std::string& note : source->notes()) {
+        result.text += fmt::format("note: {}\n", note);
+    }
     if (r.resumed_chunks > 0) {
         result.text +=
             fmt::format("{} chunks were taken over from an interrupted run\n", r.resumed_chunks);

@@ -75,6 +75,10 @@ class VolumeSource {
     /// the call that reads.
     [[nodiscard]] virtual std::uint64_t heap() const { return 1U << 20U; }
 
+    /// What was done to the numbers of the file, or could not be, that its user should know: a
+    /// sentence each, without an end.
+    [[nodiscard]] virtual std::vector<std::string> notes() const { return {}; }
+
     /// The whole volume as read() would give it, where it lies in memory or in a map of a file,
     /// aligned for its type; empty where it does not.
     [[nodiscard]] virtual std::span<const std::byte> mapped() const { return {}; }

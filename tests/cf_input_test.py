@@ -1,0 +1,175 @@
+#!/usr/bin/env python3
+"""Climate and forecast data (CF) in NetCDF-4, NetCDF-3 and HDF5: scaled and placed as xarray has it.
+
+usage: cf_input_test.py ISONEST PLUGIN_FOLDER
+"""
+import itertools
+import json
+import os
+import subprocess
+import sys
+import unittest
+
+os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
+try:
+    import h5py
+    import netCDF4
+    import numpy as np
+    import xarray
+    from volume_inputs import ISONEST, RANDOM, Input, numbers
+except ImportError as error:
+    print(f"skipped: {error}")
+    sys.exit(77)
+
+FORMATS = ("NETCDF4", "NETCDF4_CLASSIC", "NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA")
+
+
+class Cf(Input):
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.nc"
+
+    def values(self, *options):
+        done = self.preprocess("--json", *options)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.notes = json.loads(done.stdout)["notes"]
+        subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.npy",
+                        "--force"], check=True, capture_output=True)
+        return np.load(self.here / "s.npy")
+
+    def write(self, data, kind, fmt="NETCDF4", name="t", dims=("z", "y", "x"), coordinates=None, unlimited=None,
+              attributes=None, fill=None, **storage):
+        with netCDF4.Dataset(self.path, "w", format=fmt) as file:
+            for dim, length in zip(dims, data.shape):
+                file.createDimension(dim, None if dim == unlimited else length)
+                if coordinates and dim in coordinates:
+                    file.createVariable(dim, "f8", (dim,))[:] = coordinates[dim]
+            v = file.createVariable(name, kind, dims, fill_value=fill, **storage)
+            v.set_auto_maskandscale(False)
+            for key, value in (attributes or {}).items():
+                v.setncattr(key, value)
+            v[:] = data
+
+    def expected(self, name="t"):
+        with xarray.open_dataset(self.path, decode_times=False) as x:
+            return x[name].values
+
+    def test_scale_offset_and_missing_values(self):
+        for fmt, chunks in itertools.product(FORMATS, (None, (2, 3, 4))):
+            if chunks and "NETCDF4" not in fmt:
+                continue
+            stored = numbers((4, 5, 6), "i2")
+            stored[1, 2, 3], stored[0, 0, 0] = -999, -998
+            for attributes, fill in (({"scale_factor": 0.01, "add_offset": 273.15}, -999),
+                                     ({"missing_value": np.int16(-998)}, -999), ({"scale_factor": 2.0}, None),
+                                     ({"add_offset": -5.0}, None)):
+                with self.subTest(fmt=fmt, chunks=chunks, attributes=attributes, fill=fill):
+                    self.write(stored, "i2", fmt, attributes=attributes, fill=fill, zlib=bool(chunks),
+                               chunksizes=chunks)
+                    found, expected = self.values(), self.expected()
+                    if fill is None:
+                        np.testing.assert_array_equal(found, expected)
+                        self.assertEqual(found.dtype.kind, "i")
+                    else:
+                        np.testing.assert_allclose(found, expected, rtol=3e-7, atol=5e-5)
+                        self.assertEqual(np.isnan(found).sum(), np.isnan(expected).sum())
+                    self.assertEqual(len(self.notes), 1)
+        self.assertIn("plus -5", self.notes[0])
+
+    def test_all_types(self):
+        for fmt in FORMATS:
+            for kind in ("i1", "i2", "i4", "f4", "f8", "u1", "u2", "u4"):
+                if kind[0] == "u" and fmt in ("NETCDF4_CLASSIC", "NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET"):
+                    continue
+                with self.subTest(fmt=fmt, kind=kind):
+                    data = numbers((3, 5, 7), kind)
+                    self.write(data, kind, fmt)
+                    np.testing.assert_array_equal(self.values(), data)
+                    self.assertEqual(self.notes, [])
+
+    def test_valid_range_and_unsigned_numbers(self):
+        stored = numbers((4, 5, 6), "i1")
+        for fmt in ("NETCDF4", "NETCDF3_CLASSIC"):
+            self.write(stored, "i1", fmt, attributes={"_Unsigned": "true"})
+            np.testing.assert_array_equal(self.values(), stored.view("u1"))
+            self.write(stored, "i1", fmt, attributes={"_Unsigned": "true", "scale_factor": 0.5}, fill=-1)
+            np.testing.assert_allclose(self.values(), self.expected())
+            self.write(stored, "i1", fmt, attributes={"valid_range": np.array([-50, 60], "i1")})
+            expected = np.where((stored >= -50) & (stored <= 60), stored, np.nan)
+            np.testing.assert_array_equal(self.values(), expected)
+
+    def test_coordinates_place_the_volume(self):
+        data = numbers((4, 5, 6), "f4")
+        at = {"z": [10, 30, 50, 70], "y": [40, 38, 36, 34, 32], "x": np.arange(6) * 0.25 - 7}
+        for fmt in FORMATS:
+            self.write(data, "f4", fmt, coordinates=at)
+            np.testing.assert_array_equal(self.values(), data[:, ::-1])
+            self.lies([-7, 32, 10], [0.25, 2, 20])
+            self.write(data, "f4", fmt, coordinates={"z": [1, 2, 4, 8]})
+            np.testing.assert_array_equal(self.values(), data)
+            self.assertIn("'z' are not evenly spaced", self.notes[0])
+            self.lies([0, 0, 0], [1, 1, 1])
+
+    def test_time_steps_are_chosen(self):
+        data = numbers((3, 4, 5, 6), "f4")
+        for fmt, unlimited in itertools.product(FORMATS, (None, "time")):
+            self.write(data, "f4", fmt, dims=("time", "z", "lat", "lon"), unlimited=unlimited,
+                       coordinates={"time": [0, 1, 2], "lat": range(5), "lon": range(6)})
+            self.refuses(5, "time 3, z 4, lat 5, lon 6", "--index")
+            for t in range(3):
+                np.testing.assert_array_equal(self.values("--index", f"time={t}"), data[t])
+            np.testing.assert_array_equal(self.values("--index", "1,:,:,:"), data[1])
+            np.testing.assert_array_equal(self.values("--index", "time=2,z=1")[0], data[2, 1])
+
+    def test_records_of_several_variables(self):
+        for fmt in ("NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA"):
+            data, other = numbers((3, 5, 7), "i2"), numbers((3, 3), "i1")
+            with netCDF4.Dataset(self.path, "w", format=fmt) as file:
+                for dim, length in (("time", None), ("y", 5), ("x", 7), ("n", 3)):
+                    file.createDimension(dim, length)
+                file.createVariable("other", "i1", ("time", "n"))[:] = other
+                file.createVariable("t", "i2", ("time", "y", "x"))[:] = data
+                file.createVariable("text", "S1", ("time", "n"))
+            np.testing.assert_array_equal(self.values(), data)
+            np.testing.assert_array_equal(self.values("--dataset", "other")[0], other)
+            self.refuses(3, "t [3, 5, 7] int16", options=("--dataset", "u"))
+            # Of one record variable alone, records are not padded.
+            with netCDF4.Dataset(self.path, "w", format=fmt) as file:
+                for dim, length in (("time", None), ("x", 7)):
+                    file.createDimension(dim, length)
+                file.createVariable("t", "i1", ("time", "x"))[:] = data[:, 0].astype("i1")
+            np.testing.assert_array_equal(self.values()[0], data[:, 0].astype("i1"))
+
+    def test_hdf5_of_any_axes_and_filters(self):
+        data = numbers((3, 2, 9, 10, 11), "i2")
+        for storage in ({}, {"chunks": (1, 1, 4, 4, 4), "compression": "gzip"}, {"chunks": (2, 2, 3, 3, 5), "shuffle": True},
+                        {"chunks": (2, 2, 3, 3, 5), "compression": "lzf"}, {"chunks": (3, 2, 9, 10, 11), "compression": 9}):
+            if storage.get("compression") == "lzf":
+                continue
+            with h5py.File(self.path, "w") as file:
+                v = file.create_dataset("v", data=data, **storage)
+                for dim, name in zip(v.dims, "tczyx"):
+                    dim.label = name
+            self.refuses(5, "t 3, c 2, z 9, y 10, x 11")
+            for t, c in itertools.product(range(3), range(2)):
+                np.testing.assert_array_equal(self.values("--index", f"t={t},c={c}"), data[t, c])
+            np.testing.assert_array_equal(self.values("--index", "1,:,:,3,:"), data[1, :, :, 3])
+
+    def test_damaged_netcdf_3(self):
+        for fmt in FORMATS[2:]:
+            self.write(numbers((3, 4, 5), "i2"), "i2", fmt, unlimited="z", coordinates={"y": range(4)},
+                       attributes={"scale_factor": 2.0})
+            whole = self.path.read_bytes()
+            for i in range(100):
+                data = bytearray(whole)
+                for _ in range(RANDOM.integers(1, 4)):
+                    data[RANDOM.integers(len(data))] = RANDOM.integers(256)
+                if i % 4 == 0:
+                    del data[RANDOM.integers(len(data)):]
+                self.path.write_bytes(data)
+                done = self.preprocess("--memory", "256M")
+                self.assertIn(done.returncode, (0, 2, 3, 4, 5, 6, 7), (i, done.stderr))
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
