@@ -82,7 +82,7 @@ class Hdf5Input(Input):
         self.write(v=data[:1].reshape(1, 1, 11, 9))  # three are left: flat, as [1, 11, 9] is
         self.reads(data[:1])
         self.write(v=data.reshape(2, 10, 11, 9))
-        self.refuses(3, "no dataset that is a volume", "/v [2, 10, 11, 9] uint8")
+        self.refuses(5, "4 axes", "2, 10, 11, 9", "--index")
 
     def test_an_axis_that_can_grow_may_have_longer_chunks_than_it_is(self):
         data = RANDOM.integers(0, 99, (12, 11, 9)).astype(np.uint8)
@@ -423,12 +423,19 @@ class NrrdInput(Input):
         self.reads(self.data[:1])
         self.lies([10, 20, 30], [2, 3, 1])
 
-    def test_oblique_axes_are_refused_and_the_way_out_works(self):
-        for vectors in ("(0,1,0) (1,0,0) (0,0,1)", "(0.7,0.7,0) (-0.7,0.7,0) (0,0,1)",
-                        "(1,0,0) (0,0,0) (0,0,1)", "(1,0,0) (0,nan,0) (0,0,1)"):
+    def test_oblique_axes_are_kept_or_ignored(self):
+        for vectors, turned in (("(0,1,0) (0,0,1) (1,0,0)", 1), ("(0,1,0) (1,0,0) (0,0,1)", -1),
+                                ("(0.7,0.7,0) (-0.7,0.7,0) (0,0,1)", 1)):
             with self.subTest(vectors=vectors):
                 self.write(f"space directions: {vectors}")
-                self.refuses(5, "space directions", "--spacing")
+                self.reads(self.data[:, :, ::turned])
+                self.reads(self.data, "--spacing", "1,2,3")
+                self.lies([0, 0, 0], [1, 2, 3])
+        for vectors, code, word in (("(1,0,0) (0,0,0) (0,0,1)", 4, "step"), ("(1,0,0) (0,nan,0) (0,0,1)", 4, "step"),
+                                    ("(1,0,0) (0.5,1,0) (0,0,1)", 5, "sheared")):
+            with self.subTest(vectors=vectors):
+                self.write(f"space directions: {vectors}")
+                self.refuses(code, word, "--spacing")
                 self.reads(self.data, "--spacing", "1,2,3")
                 self.lies([0, 0, 0], [1, 2, 3])
         self.write("space directions: (1,0,0) (0,1,0)")
@@ -448,8 +455,10 @@ class NrrdInput(Input):
             return f"(2,{tilt},0) (0,0.5,0) (0,0,3)"
         self.write(f"space directions: {vectors(0.049 / 8)}")
         self.reads(self.data)
+        straight = self.directions()
         self.write(f"space directions: {vectors(0.051 / 8)}")
-        self.refuses(5, "space directions", "tenth of a voxel")
+        self.reads(self.data)
+        self.assertNotEqual(self.directions(), straight)
         for both in ("(2,0.003,0) (0,0.5,0) (0,0.0053,3)", "(2,0,0) (0.05,0.5,0) (0,0,3)"):
             self.write(f"space directions: {both}")
             self.refuses(5, "space directions")

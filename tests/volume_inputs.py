@@ -75,6 +75,10 @@ class Input(unittest.TestCase):
         np.testing.assert_allclose(info["origin"], origin)
         np.testing.assert_allclose(info["spacing"], spacing)
 
+    def directions(self):
+        return json.loads(subprocess.run([ISONEST, "info", self.here / "s.isonest", "--json"], check=True,
+                                         capture_output=True).stdout)["direction"]
+
     def refuses(self, code, *words, options=()):
         done = self.preprocess(*options)
         self.assertEqual(done.returncode, code, done.stderr)

@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <oneapi/tbb/task_group.h>
 
 #include <algorithm>
@@ -27,10 +28,12 @@
 #include "preprocess/levels/run_journal.h"
 #include "preprocess/sources/plane_window.h"
 #include "store/base/in_order.h"
+#include "store/base/rotation.h"
 #include "store/base/workers.h"
 #include "store/container/chunk_cache.h"
 #include "store/container/extent.h"
 #include "store/container/format.h"
+#include "store/container/header_writer.h"
 #include "store/container/writer.h"
 #include "store/files/output_file.h"
 
@@ -85,6 +88,10 @@ void require_place(const VolumeDescription& volume) {
         throw Error(ErrorKind::invalid_argument, {volume.name}, why,
                     {{RemedyKind::place_in_world, "spacing,origin"}});
     }
+    if (!are_directions(volume.direction)) {
+        throw Error(ErrorKind::invalid_argument, {volume.name},
+                    "its directions are not unit vectors at right angles, right-handed");
+    }
 }
 
 StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& options) {
@@ -94,6 +101,7 @@ StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& 
     header.type = volume.type;
     header.spacing = volume.spacing;
     header.origin = volume.origin;
+    header.direction = volume.direction;
     header.chunk = options.chunk;
     header.compression = options.compression;
     header.exact = options.exact;
@@ -185,11 +193,15 @@ std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool r
         input += '\n';
     }
     return fmt::format(
-        "format {}.{}\n{}nodes {} {} {}\ntype {}\nspacing {} {} {}\norigin {} {} {}\nchunk {}\n"
-        "compression {}\nexact {}\nindicators {}\n",
-        kFormatMajor, minor_version_of(h), input, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type),
-        h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1], h.origin[2], h.chunk,
-        h.compression, h.exact, list_names(h.fields));
+               "format {}.{}\n{}nodes {} {} {}\ntype {}\nspacing {} {} {}\norigin {} {} {}\nchunk "
+               "{}\n"
+               "compression {}\nexact {}\nindicators {}\n",
+               kFormatMajor, minor_version_of(h), input, h.nodes.x, h.nodes.y, h.nodes.z,
+               name_of(h.type), h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1],
+               h.origin[2], h.chunk, h.compression, h.exact, list_names(h.fields)) +
+           (h.direction == kAlongWorld
+                ? ""
+                : fmt::format("direction {}\n", fmt::join(vtk_direction(h.direction), " ")));
 }
 
 /// Takes over what an interrupted run has done, if there is one. Then that run's files are gone,

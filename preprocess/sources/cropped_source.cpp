@@ -9,6 +9,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/wrapped_source.h"
+#include "store/base/rotation.h"
 
 namespace isonest::detail {
 namespace {
@@ -37,10 +38,15 @@ class CroppedSource : public WrappedSource {
     [[nodiscard]] VolumeDescription describe() const override {
         VolumeDescription result = given_;
         result.nodes = nodes_;
+        Double3 shift{};
         for (int a = 0; a < 3; ++a) {
             const auto i = static_cast<std::size_t>(a);
-            result.origin.at(i) += given_.spacing.at(i) * static_cast<double>(lo_[a]);
+            shift.at(i) = given_.spacing.at(i) * static_cast<double>(lo_[a]);
             result.spacing.at(i) *= static_cast<double>(every_[a]);
+        }
+        shift = rotated(given_.direction, shift);
+        for (std::size_t i = 0; i < 3; ++i) {
+            result.origin.at(i) += shift.at(i);
         }
         return result;
     }

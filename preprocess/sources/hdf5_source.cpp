@@ -113,6 +113,7 @@ class Hdf5Source : public VolumeSource {
         read_coordinates();
         read_place("spacing", spacing_);
         read_place("origin", origin_);
+        read_direction();
         map_contiguous();
     }
     /// What the dataset's attributes say of its numbers.
@@ -135,7 +136,7 @@ class Hdf5Source : public VolumeSource {
     [[nodiscard]] std::vector<std::string> notes() const override { return notes_; }
 
     [[nodiscard]] VolumeDescription describe() const override {
-        return {nodes_, type_, spacing_, origin_, name_};
+        return {nodes_, type_, spacing_, origin_, name_, direction_};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
     [[nodiscard]] std::string identity() const override {
@@ -281,6 +282,15 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
+    /// VTK's matrix, row by row: its columns are the axes.
+    void read_direction() {
+        if (const auto numbers = read_numbers(dataset_.get(), "direction", 9)) {
+            for (std::size_t i = 0; i < 9; ++i) {
+                direction_.at(i % 3).at(i / 3) = (*numbers)[i];
+            }
+        }
+    }
+
     /// Whether HDF5 leaves memory as it is where nothing was written.
     [[nodiscard]] bool is_unwritten_undefined() const {
         const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
@@ -397,6 +407,7 @@ class Hdf5Source : public VolumeSource {
     ValueType type_ = ValueType::f32;
     Double3 spacing_{1, 1, 1};
     Double3 origin_{0, 0, 0};
+    Directions direction_ = kAlongWorld;
     std::vector<Hdf5Axis> axes_;  ///< of the dataset
     std::array<bool, 3> backward_{};
     bool unsigned_ = false;  ///< the stored integers are signed, and mean unsigned ones

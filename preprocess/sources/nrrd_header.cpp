@@ -130,6 +130,11 @@ class Parser {
                 fields_.corrupt("'space directions' and 'sizes' do not agree");
             }
             header.oblique = !along_axes(layout.nodes, axes, vectors, steps);
+            for (std::size_t a = 0; a < axes.size(); ++a) {
+                const std::vector<double>& v = vectors[axes[a]];
+                std::copy_n(v.begin(), std::min<std::size_t>(v.size(), 3),
+                            header.steps.at(a).begin());
+            }
         }
         if (!directed) {
             read_axis_ends(layout, axes, count, steps);

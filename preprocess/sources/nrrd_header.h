@@ -20,6 +20,8 @@ struct NrrdHeader {
     /// Axes that are not along the world's: over the whole volume, nodes lie a tenth of a voxel or
     /// more from where spacings would put them.
     bool oblique = false;
+    /// Of an oblique volume: the world's step along each axis; zero where the header says none.
+    std::array<Double3, 3> steps{};
 };
 
 /// Parses the start of an NRRD file. Source: http://teem.sourceforge.net/nrrd/format.html

@@ -9,6 +9,7 @@
 
 #include "preprocess/sources/mirrored_source.h"
 #include "preprocess/sources/nrrd_header.h"
+#include "preprocess/sources/placement.h"
 
 namespace isonest::detail {
 namespace {
@@ -36,10 +37,12 @@ std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOp
     const std::string name = path.string();
     NrrdHeader header = parse_nrrd_header(read_nrrd_header(path), name, options.spacing);
     if (header.oblique && !options.spacing) {
-        throw Error(ErrorKind::unsupported, {name, "NRRD header"},
-                    "'space directions' that are not along the axes (they lead astray by a tenth "
-                    "of a voxel or more); resample the volume, or ignore them",
-                    {{RemedyKind::place_in_world, "spacing"}});
+        const Placement place =
+            place_in_world(header.layout.nodes, header.steps, header.layout.origin, name);
+        header.layout.spacing = place.spacing;
+        header.layout.origin = place.origin;
+        header.layout.direction = place.direction;
+        header.backward = place.backward;
     }
     std::filesystem::path data = path;
     if (!header.data_file.empty()) {

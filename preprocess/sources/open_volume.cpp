@@ -141,13 +141,6 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
     if (options.spacing || options.origin) {
         source = std::make_unique<Placed>(std::move(source), options);
     }
-    if (const VolumeDescription d = source->describe(); d.direction != kAlongWorld) {
-        throw Error(
-            ErrorKind::unsupported, {d.name},
-            "axes that are not along the world's (they lead astray by a tenth of a voxel or "
-            "more); resample the volume, or ignore its directions",
-            {{RemedyKind::place_in_world, "spacing"}});
-    }
     source = cropped(std::move(source), options.crop, options.every);
     if (options.missing) {
         source = with_missing(std::move(source), *options.missing);

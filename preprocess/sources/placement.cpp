@@ -7,14 +7,13 @@
 
 #include <isonest/error.h>
 
+#include "store/base/rotation.h"
+
 namespace isonest::detail {
 namespace {
 
 constexpr double kMostShift = 0.1;  ///< of a voxel
 
-double dot(const Double3& a, const Double3& b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 Double3 cross(const Double3& a, const Double3& b) {
     return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }

@@ -88,6 +88,7 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
     const StoreHeader& header = layout.header();
     VolumeFileSpec spec;
     spec.origin = header.origin;
+    spec.direction = header.direction;
     spec.spacing = header.spacing;
     spec.force = options.force;
     if (options.field == Field::values) {

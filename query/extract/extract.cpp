@@ -1,26 +1,52 @@
+#include <algorithm>
+
 #include <isonest/extract.h>
 
 #include "query/extract/error_budget.h"
+#include "query/extract/own_axes.h"
 #include "query/extract/run_extraction.h"
+#include "query/mesh/rotated_sink.h"
 
 namespace isonest {
 namespace {
 
 template <class Query>
-ExtractReport run(const Store& store, const Query& query, MeshSink& sink,
-                  const ExtractOptions& options, Progress& progress) {
+ExtractReport run_along_axes(const Store& store, const Query& query, MeshSink& sink,
+                             const ExtractOptions& options, Progress& progress) {
     return detail::run_extraction(
         store.reader(), detail::extract_query(store.reader(), query, sink.holds_float64()), sink,
         options, progress);
+}
+ExtractReport run_along_axes(const Store& store, const SurfaceQuery& query, MeshSink& sink,
+                             const ExtractOptions& options, Progress& progress) {
+    if (std::holds_alternative<ErrorBudget>(query.stop)) {
+        return detail::extract_within_error_budget(store, query, sink, options, progress);
+    }
+    return run_along_axes<SurfaceQuery>(store, query, sink, options, progress);
+}
+
+template <class Query>
+ExtractReport run(const Store& store, const Query& query, MeshSink& sink,
+                  const ExtractOptions& options, Progress& progress) {
+    const detail::StoreHeader& header = store.reader().layout().header();
+    if (header.direction == kAlongWorld) {
+        return run_along_axes(store, query, sink, options, progress);
+    }
+    detail::RotatedSink turning(sink, header.origin, header.direction);
+    ExtractReport report =
+        run_along_axes(store, detail::in_own_axes(query, header, store.reader().path().string()),
+                       turning, options, progress);
+    // Turned positions are rounded once more.
+    report.distance_bound += report.distance_bound > 0 ? turning.rounding() : 0;
+    report.coordinate_rounding +=
+        turning.rounding() / *std::min_element(header.spacing.begin(), header.spacing.end());
+    return report;
 }
 
 }  // namespace
 
 ExtractReport extract(const Store& store, const SurfaceQuery& query, MeshSink& sink,
                       const ExtractOptions& options, Progress& progress) {
-    if (std::holds_alternative<ErrorBudget>(query.stop)) {
-        return detail::extract_within_error_budget(store, query, sink, options, progress);
-    }
     return run(store, query, sink, options, progress);
 }
 ExtractReport extract(const Store& store, const SliceQuery& query, MeshSink& sink,

@@ -18,7 +18,8 @@ inline constexpr double kMostCoordinate = 1e110;
 /// 32-bit floats make one coordinate of an axis' first and last node.
 std::string why_no_place(const Int3& nodes, const Double3& spacing, const Double3& origin);
 
-/// World position of the last node; the first lies at the header's origin.
+/// Position of the last node in the volume's own axes, which are turned about the first node at the
+/// header's origin.
 inline Double3 last_position(const StoreHeader& header) {
     Double3 last{};
     for (std::size_t axis = 0; axis < 3; ++axis) {

@@ -19,7 +19,7 @@
 namespace isonest::detail {
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 4;
+inline constexpr std::uint32_t kFormatMinor = 5;
 /// Of the format in which a store is written.
 struct FormatVersion {
     std::uint64_t major = kFormatMajor;
@@ -30,6 +30,8 @@ struct FormatVersion {
     }
     auto operator<=>(const FormatVersion&) const = default;
 };
+/// Bit of `flags`: the axes are not along the world's, the attribute `direction` says how.
+inline constexpr std::uint32_t kHasDirection = 1;
 inline constexpr const char* kFormatName = "isonest";
 inline constexpr unsigned kZstdFilter = 32015;
 inline constexpr int kMinChunk = 8;
@@ -41,6 +43,7 @@ struct StoreHeader {
     ValueType type = ValueType::f32;
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
+    Directions direction = kAlongWorld;  ///< since version 2.5
     int chunk = 64;  ///< nodes per axis of a chunk of values: a power of two in 8..256
     int compression = 1;
     bool exact = false;         ///< indicators as binary32 instead of 16-bit codes
@@ -55,7 +58,7 @@ struct StoreHeader {
 /// The minor version that a store of this header has: the oldest that knows all that is in it.
 inline std::uint32_t minor_version_of(const StoreHeader& header) {
     const bool cells = std::any_of(header.fields.begin(), header.fields.end(), is_of_cells);
-    return cells ? kFormatMinor : 3;
+    return header.direction != kAlongWorld ? 5 : cells ? 4 : 3;
 }
 
 /// One row of the chunk table, as stored (little endian, 40 bytes).

@@ -7,6 +7,7 @@
 #include <isonest/error.h>
 
 #include "store/container/hdf5_types.h"
+#include "store/container/header_writer.h"
 
 namespace isonest::detail {
 
@@ -78,7 +79,7 @@ std::string Hdf5View::vtk_fault(const StoreHeader& header) const {
         {"WholeExtent", extent},
         {"Origin", {header.origin.begin(), header.origin.end()}},
         {"Spacing", {header.spacing.begin(), header.spacing.end()}},
-        {"Direction", {1, 0, 0, 0, 1, 0, 0, 0, 1}}};
+        {"Direction", vtk_direction(header.direction)}};
     for (const auto& [name, numbers] : expected) {
         if (read_numbers(group.get(), name, numbers.size()) != numbers) {
             return fmt::format("/VTKHDF: {} is not what the header says", name);

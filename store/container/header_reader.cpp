@@ -8,7 +8,9 @@
 
 #include <isonest/error.h>
 
+#include "store/base/rotation.h"
 #include "store/container/hdf5_types.h"
+#include "store/container/header_writer.h"
 
 namespace isonest::detail {
 namespace {
@@ -26,7 +28,7 @@ class Reader {
                         {{RemedyKind::make_store}});
         }
         read_version();
-        require_no_flags();
+        read_flags();
         if (read_integers(root_, "complete", 1) != std::vector<std::uint64_t>{1}) {
             throw Error(ErrorKind::corrupt, {file_}, "the store is incomplete",
                         {{RemedyKind::preprocess_again}});
@@ -65,15 +67,17 @@ class Reader {
                     newer ? RemedyKind::newer_version : RemedyKind::preprocess_again);
     }
 
-    void require_no_flags() const {
+    void read_flags() {
         const auto flags = read_integers(root_, "flags", 1);
         if (!flags) {
             damaged("no flags");
         }
-        if ((*flags)[0] != 0) {
+        const std::uint64_t known = out_.version >= FormatVersion{2, 5} ? kHasDirection : 0;
+        if (((*flags)[0] & ~known) != 0) {
             unsupported(fmt::format("reserved header flags are set ({:#x})", (*flags)[0]),
                         RemedyKind::newer_version);
         }
+        turned_ = (*flags)[0] != 0;
     }
 
     void require_digest() const {
@@ -108,6 +112,9 @@ class Reader {
             header.spacing[a] = (*spacing)[a];
             header.origin[a] = (*origin)[a];
         }
+        if (turned_) {
+            read_direction();
+        }
         header.type = *value_type_from_name(*type);
         header.chunk = static_cast<int>((*chunk)[0]);
         header.compression = static_cast<int>(std::min<std::uint64_t>((*compression)[0], 100));
@@ -115,6 +122,19 @@ class Reader {
         read_fields(*fields);
         out_.range = {(*range)[0], (*range)[1]};
         out_.has_missing = (*missing)[0];
+    }
+
+    void read_direction() {
+        const auto numbers = read_numbers(root_, "direction", 9);
+        const auto digest = read_integers(root_, "direction_xxh64", 1);
+        Directions& direction = out_.header.direction;
+        for (std::size_t i = 0; numbers && i < 9; ++i) {
+            direction.at(i / 3).at(i % 3) = (*numbers)[i];
+        }
+        if (!numbers || !digest || direction_digest(direction) != (*digest)[0] ||
+            !are_directions(direction) || direction == kAlongWorld) {
+            damaged("damaged: its directions are not those that were written");
+        }
     }
 
     /// Names that a newer minor version has added follow all older ones: the rows of the chunk
@@ -151,6 +171,7 @@ class Reader {
 
     hid_t root_;
     const std::string& file_;
+    bool turned_ = false;  ///< the axes are not along the world's
     RootAttributes out_;
 };
 

@@ -1,21 +1,54 @@
 #include "store/container/header_writer.h"
 
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
 #include <isonest/field.h>
 #include <isonest/value_type.h>
 
+#include "store/container/codec.h"
 #include "store/container/hdf5_types.h"
 
 namespace isonest::detail {
+
+namespace {
+
+/// The three vectors one after the other.
+std::vector<double> flat(const Directions& direction) {
+    std::vector<double> numbers;
+    for (const Double3& axis : direction) {
+        numbers.insert(numbers.end(), axis.begin(), axis.end());
+    }
+    return numbers;
+}
+
+}  // namespace
+
+std::uint64_t direction_digest(const Directions& direction) {
+    const std::vector<double> numbers = flat(direction);
+    Checksum sum;
+    sum.add(std::as_bytes(std::span(numbers)));
+    return sum.value();
+}
+
+std::vector<double> vtk_direction(const Directions& direction) {
+    std::vector<double> rows;
+    for (std::size_t w = 0; w < 3; ++w) {
+        for (const Double3& axis : direction) {
+            rows.push_back(axis[w]);
+        }
+    }
+    return rows;
+}
 
 void write_header(hid_t root, const StoreHeader& header) {
     write_attribute(root, "format", std::string(kFormatName));
     write_attribute(root, "version",
                     std::vector<std::uint32_t>{kFormatMajor, minor_version_of(header)});
-    write_attribute(root, "flags", std::uint32_t{0});
+    const bool turned = header.direction != kAlongWorld;
+    write_attribute(root, "flags", turned ? kHasDirection : std::uint32_t{0});
     write_attribute(root, "nodes",
                     std::vector<std::uint64_t>{static_cast<std::uint64_t>(header.nodes.x),
                                                static_cast<std::uint64_t>(header.nodes.y),
@@ -33,6 +66,10 @@ void write_header(hid_t root, const StoreHeader& header) {
         fields += (fields.empty() ? "" : ",") + std::string(name_of(field));
     }
     write_attribute(root, "fields", fields);
+    if (turned) {
+        write_attribute(root, "direction", flat(header.direction));
+        write_attribute(root, "direction_xxh64", direction_digest(header.direction));
+    }
 }
 
 void write_vtk_attributes(hid_t group, const StoreHeader& header) {
@@ -45,7 +82,7 @@ void write_vtk_attributes(hid_t group, const StoreHeader& header) {
                     std::vector<double>(header.origin.begin(), header.origin.end()));
     write_attribute(group, "Spacing",
                     std::vector<double>(header.spacing.begin(), header.spacing.end()));
-    write_attribute(group, "Direction", std::vector<double>{1, 0, 0, 0, 1, 0, 0, 0, 1});
+    write_attribute(group, "Direction", vtk_direction(header.direction));
 }
 
 }  // namespace isonest::detail

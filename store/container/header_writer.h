@@ -3,6 +3,9 @@
 
 #include <hdf5.h>
 
+#include <cstdint>
+#include <vector>
+
 #include "store/container/format.h"
 
 namespace isonest::detail {
@@ -12,5 +15,11 @@ void write_header(hid_t root, const StoreHeader& header);
 
 /// Those of the group /VTKHDF, by which ParaView places an image. Throws Error{io}.
 void write_vtk_attributes(hid_t group, const StoreHeader& header);
+
+/// XXH64 of the nine numbers, as the attribute `direction` has them.
+std::uint64_t direction_digest(const Directions& direction);
+
+/// VTK's matrix, row by row; its columns are the axes.
+std::vector<double> vtk_direction(const Directions& direction);
 
 }  // namespace isonest::detail

@@ -19,6 +19,9 @@ Int3 Store::nodes() const {
 ValueType Store::type() const {
     return reader_->layout().header().type;
 }
+Directions Store::direction() const {
+    return reader_->layout().header().direction;
+}
 Double3 Store::spacing() const {
     return reader_->layout().header().spacing;
 }

@@ -11,6 +11,7 @@
 
 #include "store/container/handles.h"
 #include "store/container/hdf5_types.h"
+#include "store/container/header_writer.h"
 #include "store/container/volume_headers.h"
 #include "store/files/output_file.h"
 
@@ -41,6 +42,9 @@ class Hdf5File : public VolumeFile {
                         std::vector<double>(spec_.spacing.begin(), spec_.spacing.end()));
         write_attribute(data_.get(), "origin",
                         std::vector<double>(spec_.origin.begin(), spec_.origin.end()));
+        if (spec_.direction != kAlongWorld) {
+            write_attribute(data_.get(), "direction", vtk_direction(spec_.direction));
+        }
     }
     ~Hdf5File() override {
         const QuietHdf5 quiet;

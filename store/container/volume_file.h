@@ -32,6 +32,7 @@ struct VolumeFileSpec {
     ValueType type = ValueType::f32;
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
+    Directions direction = kAlongWorld;
     bool force = false;
 };
 

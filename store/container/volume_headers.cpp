@@ -1,12 +1,15 @@
 #include "store/container/volume_headers.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstring>
 #include <string_view>
+
+#include "store/container/header_writer.h"
 
 namespace isonest::detail {
 namespace {
@@ -19,6 +22,15 @@ std::string_view word_of(ValueType type, const std::array<std::string_view, 8>& 
 template <class T>
 void put(std::string& header, std::size_t at, T value) {
     std::memcpy(header.data() + at, &value, sizeof(value));
+}
+
+/// The world's vector from a node to the next along an axis.
+Double3 step(const VolumeFileSpec& spec, std::size_t axis) {
+    Double3 v = spec.direction.at(axis);
+    for (double& component : v) {
+        component *= spec.spacing.at(axis);
+    }
+    return v;
 }
 
 template <class Real, class Integer>
@@ -34,7 +46,9 @@ void put_nifti(const VolumeFileSpec& spec, std::string& header, std::size_t dim,
             static_cast<Real>(i == 0 ? 1 : spec.spacing.at(i - 1)));
     }
     for (std::size_t w = 0; w < 3; ++w) {
-        put(header, rows + (4 * w + w) * sizeof(Real), static_cast<Real>(spec.spacing.at(w)));
+        for (std::size_t a = 0; a < 3; ++a) {
+            put(header, rows + (4 * w + a) * sizeof(Real), static_cast<Real>(step(spec, a).at(w)));
+        }
         put(header, rows + (4 * w + 3) * sizeof(Real), static_cast<Real>(spec.origin.at(w)));
     }
 }
@@ -45,12 +59,17 @@ VolumeHeader nrrd_file_header(const VolumeFileSpec& spec) {
     const std::string_view type = spec.type == ValueType::f32   ? "float"
                                   : spec.type == ValueType::f64 ? "double"
                                                                 : name_of(spec.type);
-    return {fmt::format(
-        "NRRD0004\ntype: {}\ndimension: 3\nspace dimension: 3\nsizes: {} {} {}\n"
-        "space directions: ({},0,0) (0,{},0) (0,0,{})\nspace origin: ({},{},{})\n"
-        "endian: little\nencoding: raw\n\n",
-        type, spec.nodes.x, spec.nodes.y, spec.nodes.z, spec.spacing[0], spec.spacing[1],
-        spec.spacing[2], spec.origin[0], spec.origin[1], spec.origin[2])};
+    std::string directions;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const Double3 v = step(spec, a);
+        directions += fmt::format(" ({},{},{})", v[0], v[1], v[2]);
+    }
+    return {
+        fmt::format("NRRD0004\ntype: {}\ndimension: 3\nspace dimension: 3\nsizes: {} {} {}\n"
+                    "space directions:{}\nspace origin: ({},{},{})\n"
+                    "endian: little\nencoding: raw\n\n",
+                    type, spec.nodes.x, spec.nodes.y, spec.nodes.z, directions, spec.origin[0],
+                    spec.origin[1], spec.origin[2])};
 }
 
 VolumeHeader nifti_file_header(const VolumeFileSpec& spec) {
@@ -90,12 +109,16 @@ VolumeHeader vti_file_header(const VolumeFileSpec& spec) {
     std::string text = fmt::format(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"1.0\" "
         "byte_order=\"LittleEndian\" header_type=\"UInt64\">\n"
-        "<ImageData WholeExtent=\"{}\" Origin=\"{} {} {}\" Spacing=\"{} {} {}\">\n"
+        "<ImageData WholeExtent=\"{}\" Origin=\"{} {} {}\" Spacing=\"{} {} {}\"{}>\n"
         "<Piece Extent=\"{}\">\n<PointData Scalars=\"data\">\n"
         "<DataArray type=\"{}\" Name=\"data\" format=\"appended\" offset=\"0\"/>\n"
         "</PointData>\n</Piece>\n</ImageData>\n<AppendedData encoding=\"raw\">\n_",
         extent, spec.origin[0], spec.origin[1], spec.origin[2], spec.spacing[0], spec.spacing[1],
-        spec.spacing[2], extent, word_of(spec.type, kTypes));
+        spec.spacing[2],
+        spec.direction == kAlongWorld
+            ? ""
+            : fmt::format(" Direction=\"{}\"", fmt::join(vtk_direction(spec.direction), " ")),
+        extent, word_of(spec.type, kTypes));
     const std::uint64_t bytes =
         static_cast<std::uint64_t>(spec.nodes.product()) * size_of(spec.type);
     text.append(reinterpret_cast<const char*>(&bytes), sizeof(bytes));
@@ -123,12 +146,16 @@ VolumeHeader meta_image_file_header(const VolumeFileSpec& spec) {
     constexpr std::array<std::string_view, 8> kTypes{"MET_UCHAR", "MET_CHAR",  "MET_USHORT",
                                                      "MET_SHORT", "MET_UINT",  "MET_INT",
                                                      "MET_FLOAT", "MET_DOUBLE"};
+    std::string matrix;
+    for (const Double3& axis : spec.direction) {
+        matrix += fmt::format("{}{} {} {}", matrix.empty() ? "" : " ", axis[0], axis[1], axis[2]);
+    }
     return {fmt::format(
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n"
-        "CompressedData = False\nTransformMatrix = 1 0 0 0 1 0 0 0 1\nOffset = {} {} {}\n"
+        "CompressedData = False\nTransformMatrix = {}\nOffset = {} {} {}\n"
         "CenterOfRotation = 0 0 0\nElementSpacing = {} {} {}\nDimSize = {} {} {}\n"
         "ElementType = {}\nElementDataFile = LOCAL\n",
-        spec.origin[0], spec.origin[1], spec.origin[2], spec.spacing[0], spec.spacing[1],
+        matrix, spec.origin[0], spec.origin[1], spec.origin[2], spec.spacing[0], spec.spacing[1],
         spec.spacing[2], spec.nodes.x, spec.nodes.y, spec.nodes.z, word_of(spec.type, kTypes))};
 }
 

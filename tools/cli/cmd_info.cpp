@@ -103,6 +103,7 @@ Result run(const Arguments& a, Progress& progress) {
                    {"type", name_of(h.type)},
                    {"spacing", h.spacing},
                    {"origin", h.origin},
+                   {"direction", h.direction},
                    {"min_value", any ? number(store.min_value()) : Json()},
                    {"max_value", any ? number(store.max_value()) : Json()},
                    {"has_missing", store.has_missing()},
@@ -118,7 +119,7 @@ Result run(const Arguments& a, Progress& progress) {
                    {"arrays", Json::array()}};
     result.text = fmt::format(
         "{}: {} x {} x {} {}, {} levels, {}\n"
-        "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}\n"
+        "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}{}\n"
         "values {}{}\n"
         "indicators {} ({}), chunks of {}^3 nodes, zstd level {}\n"
         "ranges of cubes: {}\n\n"
@@ -126,6 +127,11 @@ Result run(const Arguments& a, Progress& progress) {
         path, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type), store.layout().lattice().top() + 1,
         human_bytes(static_cast<double>(store.file_bytes())), h.spacing[0], h.spacing[1],
         h.spacing[2], h.origin[0], h.origin[1], h.origin[2],
+        h.direction == kAlongWorld
+            ? ""
+            : fmt::format("\naxes along ({:.5g}), ({:.5g}), ({:.5g})",
+                          fmt::join(h.direction[0], ", "), fmt::join(h.direction[1], ", "),
+                          fmt::join(h.direction[2], ", ")),
         human_range(store.min_value(), store.max_value()),
         store.has_missing() ? ", some missing" : "",
         h.fields.empty() ? std::string("none") : list_names(h.fields),

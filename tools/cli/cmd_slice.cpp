@@ -9,6 +9,7 @@
 #include <isonest/extract.h>
 #include <isonest/mesh_file.h>
 
+#include "query/extract/own_axes.h"
 #include "store/container/extent.h"
 #include "store/container/reader.h"
 #include "tools/cli/command.h"
@@ -31,12 +32,13 @@ struct Arguments {
 /// Whether the plane has a point of the volume.
 bool meets_volume(const Store& store, const WorldPlane& plane) {
     const StoreHeader& h = store.reader().layout().header();
+    const WorldPlane own = in_own_axes(plane, h);
     const Double3 last = last_position(h);
-    double low = -plane.offset;
+    double low = -own.offset;
     double high = low;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-        const double from = plane.normal[axis] * h.origin[axis];
-        const double to = plane.normal[axis] * last[axis];
+        const double from = own.normal[axis] * h.origin[axis];
+        const double to = own.normal[axis] * last[axis];
         low += std::min(from, to);
         high += std::max(from, to);
     }

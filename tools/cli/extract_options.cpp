@@ -6,6 +6,7 @@
 
 #include <isonest/error.h>
 
+#include "store/base/rotation.h"
 #include "store/container/extent.h"
 #include "store/container/reader.h"
 #include "tools/cli/fields.h"
@@ -295,7 +296,7 @@ bool reaches_volume(const Store& store, const WorldBox& box) {
 
 std::string volume_text(const Store& store) {
     const StoreHeader& h = store.reader().layout().header();
-    const Double3 last = last_position(h);
+    const Double3 last = rotated_about(h.origin, h.direction, last_position(h));
     return fmt::format("which lies between {:.6g},{:.6g},{:.6g} and {:.6g},{:.6g},{:.6g}",
                        h.origin[0], h.origin[1], h.origin[2], last[0], last[1], last[2]);
 }

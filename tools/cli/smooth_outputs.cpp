@@ -12,6 +12,7 @@
 
 #include "query/finite_elements/grid_elements.h"
 #include "query/finite_elements/numbered_elements.h"
+#include "store/base/rotation.h"
 #include "store/container/volume_file.h"
 #include "store/files/output_file.h"
 #include "tools/drawing/png_writer.h"
@@ -74,11 +75,14 @@ class PlaneMesh {
         float value;
     };
     [[nodiscard]] std::array<float, 3> position(const Int3& p) const {
+        Double3 shift{};
+        for (std::size_t a = 0; a < 3; ++a) {
+            shift.at(a) = place_.spacing.at(a) * static_cast<double>(p[static_cast<int>(a)]);
+        }
+        shift = rotated(place_.direction, shift);
         std::array<float, 3> out{};
         for (std::size_t a = 0; a < 3; ++a) {
-            out.at(a) = static_cast<float>(place_.origin.at(a) +
-                                           place_.spacing.at(a) *
-                                               static_cast<double>(p[static_cast<int>(a)]));
+            out.at(a) = static_cast<float>(place_.origin.at(a) + shift.at(a));
         }
         return out;
     }
@@ -177,7 +181,7 @@ NodeSet all_nodes(const Lattice& lattice) {
 }
 
 VolumeFileSpec spec_of(const SmoothedPlace& place, ValueType type) {
-    return {place.lattice.nodes(), type, place.spacing, place.origin, place.force};
+    return {place.lattice.nodes(), type, place.spacing, place.origin, place.direction, place.force};
 }
 
 }  // namespace

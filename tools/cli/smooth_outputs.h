@@ -18,6 +18,7 @@ struct SmoothedPlace {
     Lattice lattice;
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
+    Directions direction = kAlongWorld;
     double low = 0;   ///< value of the first colour
     double high = 1;  ///< of the last
     std::string colors = "viridis";

@@ -52,4 +52,8 @@ constexpr Int3 ceil_div(const Int3& a, const Int3& b) {
 
 using Double3 = std::array<double, 3>;  ///< x, y, z in world units
 
+/// The world directions of the axes x, y and z: unit vectors that are orthogonal and right-handed.
+using Directions = std::array<Double3, 3>;
+inline constexpr Directions kAlongWorld{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+
 }  // namespace isonest

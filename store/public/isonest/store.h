@@ -32,9 +32,12 @@ class Store {
     /// Nodes per axis (x, y, z) of the finest level.
     [[nodiscard]] Int3 nodes() const;
     [[nodiscard]] ValueType type() const;
-    /// Node p lies at origin() + spacing() * p in world units, axis by axis.
+    /// Node p lies at origin() + the sum over the axes of direction() * spacing() * p in world
+    /// units.
     [[nodiscard]] Double3 spacing() const;
     [[nodiscard]] Double3 origin() const;
+    /// Of the axes: kAlongWorld unless the volume was rotated.
+    [[nodiscard]] Directions direction() const;
     /// 0 is the finest level, levels() - 1 the coarsest.
     [[nodiscard]] int levels() const;
     /// The indicators that it holds, in the order of the file.

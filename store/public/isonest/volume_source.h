@@ -14,10 +14,6 @@
 
 namespace isonest {
 
-/// The world directions of the axes x, y and z: unit vectors that are orthogonal and right-handed.
-using Directions = std::array<Double3, 3>;
-inline constexpr Directions kAlongWorld{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
-
 /// What a volume is. Node p lies at origin + the sum over the axes of direction * spacing * p.
 struct VolumeDescription {
     Int3 nodes{1, 1, 1};  ///< per axis, each >= 1
