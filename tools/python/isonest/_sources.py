@@ -1,0 +1,148 @@
+"""Volumes for preprocess: files, NumPy arrays, and whatever gives NumPy arrays when it is sliced."""
+from __future__ import annotations
+
+import os
+from typing import Any, Optional, Sequence
+
+import numpy as np
+
+from . import _core
+from ._arguments import per_axis
+
+_TYPES = frozenset("uint8 int8 uint16 int16 uint32 int32 float32 float64".split())
+_EXACT = 2**53
+"""Integers up to this one are exact in float64."""
+_PIECE = 8 << 20
+"""Bytes that are sliced off at a time, where the input's chunks allow it."""
+
+
+def _type_in_store(dtype: np.dtype, masked: bool) -> np.dtype:
+    """The type in which values of ``dtype`` are kept."""
+    if dtype == np.bool_:
+        dtype = np.dtype(np.uint8)
+    if masked and dtype.kind in "iu":
+        return np.dtype(np.float32 if dtype.itemsize <= 2 else np.float64)
+    if dtype == np.float16:
+        return np.dtype(np.float32)
+    if dtype in (np.dtype(np.int64), np.dtype(np.uint64)):
+        return np.dtype(np.float64)
+    if dtype.name not in _TYPES:
+        raise TypeError(f"a volume of {dtype}: give integers, truth values, float16, float32 or float64")
+    return np.dtype(dtype.name)
+
+
+class _Reader:
+    """Slices of an array as dense arrays of the store's type."""
+
+    def __init__(self, volume: Any, name: str) -> None:
+        self.volume = volume
+        self.name = name
+        self.source_type = np.dtype(volume.dtype)
+        self.dtype = _type_in_store(self.source_type.newbyteorder("="), isinstance(volume, np.ma.MaskedArray))
+
+    def read(self, z0: int, z1: int, y0: int, y1: int) -> np.ndarray:
+        """Rows [y0, y1) of planes [z0, z1)."""
+        if len(self.volume.shape) == 2:
+            slab = self.volume[y0:y1, :]
+        else:
+            slab = self.volume[z0:z1, y0:y1, :]
+        expected = (z1 - z0, y1 - y0, self.volume.shape[-1])
+        mask = np.ma.getmask(slab) if isinstance(slab, np.ma.MaskedArray) else np.ma.nomask
+        slab = np.asarray(slab)
+        if slab.size != expected[0] * expected[1] * expected[2]:
+            raise ValueError(f"{self.name}: a slice has the shape {slab.shape}, not {expected}")
+        if self.source_type.kind in "iu" and self.source_type.itemsize == 8:
+            if mask is not np.ma.nomask:
+                slab = np.where(mask, 0, slab)
+            if slab.size and (slab.max() > _EXACT or slab.min() < -_EXACT):
+                raise ValueError(f"{self.name}: integers beyond 2**53, which float64 does not hold; "
+                                 "scale them, or take an offset off them, first")
+        dense = np.ascontiguousarray(slab, dtype=self.dtype)
+        if mask is not np.ma.nomask and mask.any():
+            dense = np.where(mask, np.array(np.nan, self.dtype), dense)
+        return dense
+
+
+def _files_of(volume: Any) -> list[str]:
+    """The file that an array is mapped from, or a dataset lies in."""
+    name = getattr(volume, "filename", None) if isinstance(volume, np.memmap) else None
+    if name is None:
+        name = getattr(getattr(volume, "file", None), "filename", None)
+    return [os.fspath(name)] if isinstance(name, (str, os.PathLike)) and os.path.exists(name) else []
+
+
+def _name_of(volume: Any, files: Sequence[str]) -> str:
+    if not files:
+        return "array"
+    inside = getattr(volume, "name", None)
+    return f"{files[0]}:{inside}" if isinstance(inside, str) else files[0]
+
+
+def _identity_of(volume: Any, name: str, files: Sequence[str]) -> str:
+    """What tells a dataset of a file from others; "" where nothing does."""
+    if isinstance(volume, np.ndarray) or not files:
+        return ""
+    status = os.stat(files[0])
+    return f"{name}\nsize {status.st_size}\ntime {status.st_mtime_ns}\n"
+
+
+def _chunks_of(volume: Any) -> tuple[int, ...]:
+    """Of a chunked dataset the chunk's shape, else ones."""
+    chunks = getattr(volume, "chunks", None)
+    if isinstance(chunks, tuple) and all(isinstance(n, (int, np.integer)) for n in chunks):
+        return tuple(int(n) for n in chunks)
+    return (1,) * len(volume.shape)
+
+
+def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
+             missing: Optional[float], identified: bool) -> Any:
+    """A source of whatever has a shape, a dtype and slices."""
+    if not (hasattr(volume, "shape") and hasattr(volume, "__getitem__") and hasattr(volume, "dtype")):
+        volume = np.asarray(volume)
+    try:
+        np.dtype(volume.dtype)
+    except TypeError:  # of another library: a tensor
+        volume = np.asarray(volume)
+    ndim = len(volume.shape)
+    if ndim not in (2, 3):
+        raise ValueError(f"an array of shape {tuple(volume.shape)}: a volume has three axes, a map two")
+    if 0 in volume.shape:
+        raise ValueError(f"an array of shape {tuple(volume.shape)} has no values")
+    files = _files_of(volume)
+    place = {
+        "spacing": per_axis("spacing", spacing if spacing is not None else (1.0,) * ndim, ndim, 1.0),
+        "origin": per_axis("origin", origin if origin is not None else (0.0,) * ndim, ndim, 0.0),
+        "name": _name_of(volume, files), "files": files, "missing": missing}
+    reader = _Reader(volume, place["name"])
+    if isinstance(volume, np.ndarray) and not isinstance(volume, np.ma.MaskedArray):
+        plain = volume.view(np.uint8) if volume.dtype == np.bool_ else volume
+        if plain.dtype == reader.dtype and plain.dtype.isnative:
+            return _core.source_of_array(np.asarray(plain if ndim == 3 else plain[None]), identified=identified,
+                                         **place)
+    chunks = _chunks_of(volume)
+    nz, ny, nx = (1, *volume.shape) if ndim == 2 else volume.shape
+    planes, rows = (1, chunks[0]) if ndim == 2 else chunks[:2]
+    each = nx * (reader.source_type.itemsize + 2 * reader.dtype.itemsize)
+    rows = min(ny, max(rows, _PIECE // (planes * each) // rows * rows))
+    identity = _identity_of(volume, place["name"], files) if identified else ""
+    return _core.source_of_reader(
+        reader, nodes=(nx, ny, nz), dtype=reader.dtype, planes=planes, rows=rows,
+        heap=planes * rows * each + (2 << 20), identity=identity, **place)
+
+
+def of_file(path: "os.PathLike[str] | str", spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
+            missing: Optional[float], dataset: str, shape: Optional[Sequence[int]], dtype: Any, offset: Optional[int],
+            max_heap: int) -> Any:
+    """A source of a file: HDF5, NRRD or raw numbers."""
+    kind = None if dtype is None else np.dtype(dtype)
+    ndim = len(shape) if shape is not None else len(spacing) if spacing is not None else 3
+    if ndim not in (2, 3):
+        raise ValueError(f"shape={shape!r}: give three numbers, or two for a map")
+    big_endian = None
+    if kind is not None and kind.itemsize > 1:
+        big_endian = kind.newbyteorder("=").str[0] != kind.str[0]
+    return _core.source_of_file(
+        path, dataset=dataset, dims=None if shape is None else per_axis("shape", [int(n) for n in shape], ndim, 1),
+        dtype=None if kind is None else kind.newbyteorder("="), big_endian=big_endian, offset=offset,
+        spacing=None if spacing is None else per_axis("spacing", spacing, ndim, 1.0),
+        origin=None if origin is None else per_axis("origin", origin, ndim, 0.0), missing=missing, max_heap=max_heap)
