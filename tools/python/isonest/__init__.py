@@ -90,7 +90,7 @@ def isosurface(volume: Any, level: Optional[float] = None, *, spacing: Optional[
     """
     indicators = None
     if query.get("cells") == "hexahedra" and query.get("error"):
-        indicators = ["hex_linf", "hex_deviation"]
+        indicators = ["deviation_bar", "hex_linf", "hex_deviation"]
     with tempfile.TemporaryDirectory(prefix="isonest-", dir=scratch) as folder:
         path = pathlib.Path(folder) / "volume.isonest"
         preprocess(volume, path, spacing=spacing, missing=missing, indicators=indicators, memory=memory,

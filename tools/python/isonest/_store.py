@@ -233,7 +233,8 @@ class Store:
 
     def _extract(self, query: Any, *, box: Optional[Box], normals: bool, values: "Optional[Store]",
                  vertex_error: Optional[str], cells: str, coordinates: str, flip: bool, level: Optional[float],
-                 quality: bool, memory: Bytes, threads: int, scratch: "os.PathLike[str] | str", progress: Progress) -> Mesh:
+                 quality: bool, memory: Bytes, threads: int, scratch: "os.PathLike[str] | str",
+                 progress: Progress) -> Mesh:
         if coordinates not in ("array", "world"):
             raise ValueError(f"coordinates={coordinates!r}: give 'array' or 'world'")
         if box is not None:
