@@ -92,13 +92,21 @@ class Mesh:
         return {name: array for name, array in named.items() if array is not None}
 
     def to_vtk(self) -> Any:
-        """A ``vtkPolyData`` in world coordinates that shares the memory of vertices and attributes."""
+        """A ``vtkPolyData`` in world coordinates. It shares the memory of vertices and attributes; faces are copied."""
         from vtkmodules.util.numpy_support import numpy_to_vtk
-        from vtkmodules.vtkCommonCore import vtkPoints
+        from vtkmodules.vtkCommonCore import vtkPoints, vtkTypeInt32Array, vtkTypeInt64Array
         from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 
         def shared(array: np.ndarray) -> Any:
             return numpy_to_vtk(np.ascontiguousarray(array), deep=0)
+
+        def copied(array: np.ndarray) -> Any:
+            # vtkCellArray keeps the memory that it is given, but not the array that owns it.
+            integers = (vtkTypeInt32Array if array.dtype == np.int32 else vtkTypeInt64Array)()
+            view = integers.NewInstance()
+            view.SetVoidArray(array, array.size, 1)
+            integers.DeepCopy(view)
+            return integers
 
         data = vtkPolyData()
         points = vtkPoints()
@@ -108,7 +116,7 @@ class Mesh:
         kind = np.int32 if corners.dtype == np.int32 and corners.size < 2**31 else np.int64
         offsets = np.arange(0, corners.size + 1, corners.shape[1], dtype=kind)
         cells = vtkCellArray()
-        cells.SetData(shared(offsets), shared(corners.reshape(-1).astype(kind, copy=False)))
+        cells.SetData(copied(offsets), copied(corners.reshape(-1).astype(kind, copy=False)))
         if corners.shape[1] == 2:
             data.SetLines(cells)
         else:
