@@ -77,8 +77,8 @@ def reporting(progress: Progress) -> Iterator[Optional[ProgressFunction]]:
         from tqdm.auto import tqdm
     except ImportError as error:
         raise ImportError("progress=True needs tqdm (Debian: python3-tqdm); give a function in its place") from error
-    bar = None
-    shown = None
+    bar: Any = None
+    shown: Optional[str] = None
 
     def draw(phase: str, done: int, total: int, unit: str) -> None:
         nonlocal bar, shown

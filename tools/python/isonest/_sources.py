@@ -109,11 +109,12 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
     if 0 in volume.shape:
         raise ValueError(f"an array of shape {tuple(volume.shape)} has no values")
     files = _files_of(volume)
-    place = {
+    name = _name_of(volume, files)
+    place: dict[str, Any] = {
         "spacing": per_axis("spacing", spacing if spacing is not None else (1.0,) * ndim, ndim, 1.0),
         "origin": per_axis("origin", origin if origin is not None else (0.0,) * ndim, ndim, 0.0),
-        "name": _name_of(volume, files), "files": files, "missing": missing}
-    reader = _Reader(volume, place["name"])
+        "name": name, "files": files, "missing": missing}
+    reader = _Reader(volume, name)
     if isinstance(volume, np.ndarray) and not isinstance(volume, np.ma.MaskedArray):
         plain = volume.view(np.uint8) if volume.dtype == np.bool_ else volume
         if plain.dtype == reader.dtype and plain.dtype.isnative:
@@ -124,7 +125,7 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
     planes, rows = (1, chunks[0]) if ndim == 2 else chunks[:2]
     each = nx * (reader.source_type.itemsize + 2 * reader.dtype.itemsize)
     rows = min(ny, max(rows, _PIECE // (planes * each) // rows * rows))
-    identity = _identity_of(volume, place["name"], files) if identified else ""
+    identity = _identity_of(volume, name, files) if identified else ""
     return _core.source_of_reader(
         reader, nodes=(nx, ny, nz), dtype=reader.dtype, planes=planes, rows=rows,
         heap=planes * rows * each + (2 << 20), identity=identity, **place)

@@ -186,9 +186,9 @@ class Store:
         if distance is not None or triangles is not None:
             if error or simplify:
                 raise ValueError("error= and simplify= do not go with distance= or triangles=")
-            within, voxels = to_distance(distance) if distance is not None else (None, False)
+            within, voxels = to_distance(distance) if distance is not None else (0.0, False)
             if triangles is not None:
-                query.set_triangles(int(triangles), within, voxels)
+                query.set_triangles(int(triangles), within if distance is not None else None, voxels)
             else:
                 query.set_distance(within, voxels)
         elif simplify:
