@@ -10,7 +10,6 @@
 #include <string_view>
 #include <system_error>
 #include <thread>
-#include <utility>
 #include <vector>
 
 #include <isonest/error.h>
@@ -24,6 +23,7 @@ struct Phase {
     std::string name;
     std::string unit;
     std::uint64_t total = 0;
+    std::uint64_t done = 0;
 };
 
 /// What the work says, for whoever looks now and then.
@@ -31,8 +31,11 @@ class WatchedProgress : public Progress {
   public:
     void begin(std::string_view phase, std::uint64_t total, std::string_view unit) override {
         const std::lock_guard lock(mutex_);
-        new_.push_back({std::string(phase), std::string(unit), total});
-        done_ = 0;
+        const std::uint64_t done = done_.exchange(0);
+        if (!phases_.empty()) {
+            phases_.back().done = done;
+        }
+        phases_.push_back({std::string(phase), std::string(unit), total});
     }
     void advance(std::uint64_t amount) override {
         done_.fetch_add(amount, std::memory_order_relaxed);
@@ -42,15 +45,21 @@ class WatchedProgress : public Progress {
     }
     void cancel() { cancelled_ = true; }
 
-    /// The phases that began since the last call, and how much of the last one is done.
-    std::pair<std::vector<Phase>, std::uint64_t> news() {
+    /// The phase that was the last one at the last call, and those that began since.
+    std::vector<Phase> news() {
         const std::lock_guard lock(mutex_);
-        return {std::exchange(new_, {}), done_.load()};
+        if (phases_.empty()) {
+            return {};
+        }
+        phases_.back().done = done_.load();
+        std::vector<Phase> all{phases_.back()};
+        all.swap(phases_);
+        return all;
     }
 
   private:
     std::mutex mutex_;
-    std::vector<Phase> new_;
+    std::vector<Phase> phases_;
     std::atomic<std::uint64_t> done_{0};
     std::atomic<bool> cancelled_{false};
 };
@@ -61,29 +70,25 @@ class Reporter {
     Reporter(WatchedProgress& progress, const py::object& function)
         : progress_(progress), function_(function) {}
     void report() {
+        const std::vector<Phase> news = progress_.news();
         if (function_.is_none()) {
             return;
         }
-        auto [phases, done] = progress_.news();
-        for (std::size_t i = 0; i < phases.size(); ++i) {
-            current_ = std::move(phases[i]);
-            said_ = 0;
-            if (i + 1 < phases.size() || done == 0) {
-                call(0);
+        bool is_known = is_first_known_;
+        for (const Phase& phase : news) {
+            if (!is_known || phase.done > said_) {
+                function_(phase.name, phase.done, phase.total, phase.unit);
             }
-        }
-        if (done > said_) {
-            call(done);
-            said_ = done;
+            said_ = phase.done;
+            is_known = false;
+            is_first_known_ = true;
         }
     }
 
   private:
-    void call(std::uint64_t done) { function_(current_.name, done, current_.total, current_.unit); }
-
     WatchedProgress& progress_;
     const py::object& function_;
-    Phase current_;
+    bool is_first_known_ = false;
     std::uint64_t said_ = 0;
 };
 
