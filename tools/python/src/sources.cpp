@@ -130,7 +130,10 @@ struct Source {
 };
 
 Source with_missing(std::unique_ptr<VolumeSource> volume, std::optional<double> missing) {
-    return {missing ? detail::with_missing(std::move(volume), *missing) : std::move(volume)};
+    if (missing) {
+        volume = detail::with_missing(std::move(volume), *missing);
+    }
+    return {std::move(volume)};
 }
 
 Source source_of_file(const Path& path, const std::string& dataset,
@@ -167,9 +170,9 @@ Source source_of_array(py::array array, const Double3& spacing, const Double3& o
     layout.spacing = spacing;
     layout.origin = origin;
     layout.name = std::move(name);
-    return with_missing(std::make_unique<ArrayVolume>(std::move(array), std::move(layout),
-                                                      identified, std::move(files)),
-                        missing);
+    auto volume = std::make_unique<ArrayVolume>(std::move(array), std::move(layout), identified,
+                                                std::move(files));
+    return with_missing(std::move(volume), missing);
 }
 
 Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype& dtype,
@@ -179,12 +182,12 @@ Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype
                         std::optional<double> missing) {
     VolumeDescription description{int3_of(nodes), value_type_of(dtype), spacing, origin,
                                   std::move(name)};
-    return with_missing(
-        std::make_unique<ReaderVolume>(std::move(reader), std::move(description),
-                                       VolumeSource::Granularity{std::max<std::int64_t>(planes, 1),
-                                                                 std::max<std::int64_t>(rows, 1)},
-                                       heap, std::move(identity), std::move(files)),
-        missing);
+    const VolumeSource::Granularity granularity{std::max<std::int64_t>(planes, 1),
+                                                std::max<std::int64_t>(rows, 1)};
+    auto volume =
+        std::make_unique<ReaderVolume>(std::move(reader), std::move(description), granularity, heap,
+                                       std::move(identity), std::move(files));
+    return with_missing(std::move(volume), missing);
 }
 
 PreprocessReport preprocess_source(Source& source, const Path& store,
@@ -217,6 +220,7 @@ std::vector<Field> fields_of(const std::vector<std::string>& names) {
 
 void add_sources(py::module_& module) {
     using namespace py::literals;
+    // NOLINTNEXTLINE(bugprone-unused-raii): the module keeps it
     py::class_<Source>(module, "Source");
     module.def("source_of_file", &source_of_file, "path"_a, py::kw_only(), "dataset"_a, "dims"_a,
                "dtype"_a, "big_endian"_a, "offset"_a, "spacing"_a, "origin"_a, "missing"_a,
