@@ -206,9 +206,10 @@ class Recorded:
         return self.volume[place]
 
 
-def test_each_value_is_read_once_in_whole_chunks(store_path):
+@pytest.mark.parametrize("chunks", [(16, 32, 40), ((16, 16, 16, 16, 6), (32, 32, 26), (40,))])  # h5py's, dask's
+def test_each_value_is_read_once_in_whole_chunks(store_path, chunks):
     volume = numbers("uint8", (70, 90, 40))
-    source = Recorded(volume, chunks=(16, 32, 40))
+    source = Recorded(volume, chunks=chunks)
     same_bits(through(source, store_path, chunk=16), volume)
     seen = np.zeros(volume.shape, int)
     for place in source.asked:

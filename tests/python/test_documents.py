@@ -38,16 +38,24 @@ def run(lines, names):
     return eval(lines[-1], names)  # noqa: S307
 
 
-@pytest.fixture
-def names(tmp_path, monkeypatch):
-    """What the snippets of "Ten minutes" leave, in a folder of their own."""
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def ten_minutes(tmp_path_factory):
+    """The folder and the names that the snippets of "Ten minutes" leave."""
     pytest.importorskip("meshio")
     pytest.importorskip("vtkmodules.vtkFiltersCore")
+    folder = tmp_path_factory.mktemp("documents")
     names = {}
-    for code in snippets("Ten minutes"):
-        exec(code, names)  # noqa: S102
-    return names
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for code in snippets("Ten minutes"):
+            exec(code, names)  # noqa: S102
+    return folder, names
+
+
+@pytest.fixture
+def names(ten_minutes, monkeypatch):
+    monkeypatch.chdir(ten_minutes[0])
+    return dict(ten_minutes[1])
 
 
 def test_the_snippets_run(names, capsys):

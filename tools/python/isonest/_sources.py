@@ -87,11 +87,11 @@ def _identity_of(volume: Any, name: str, files: Sequence[str]) -> str:
 
 
 def _chunks_of(volume: Any) -> tuple[int, ...]:
-    """Of a chunked dataset the chunk's shape, else ones."""
+    """The shape of a chunk, of different ones (dask) the largest; ones where there are no chunks."""
     chunks = getattr(volume, "chunks", None)
-    if isinstance(chunks, tuple) and all(isinstance(n, (int, np.integer)) for n in chunks):
-        return tuple(int(n) for n in chunks)
-    return (1,) * len(volume.shape)
+    if not isinstance(chunks, tuple) or len(chunks) != len(volume.shape):
+        return (1,) * len(volume.shape)
+    return tuple(int(np.max(lengths)) for lengths in chunks)
 
 
 def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
