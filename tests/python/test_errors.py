@@ -6,6 +6,7 @@ import subprocess
 import sys
 import textwrap
 import time
+import types
 
 import numpy as np
 import pytest
@@ -218,38 +219,47 @@ def test_ctrl_c_ends_the_call_for_small_data_and_removes_its_folder(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_an_interrupted_run_goes_on(tmp_path):
-    """What was raised meanwhile is kept, and the second run takes over what the first has done."""
-    volume = np.random.default_rng(0).integers(0, 99, (256, 64, 64)).astype(np.uint8)
-    isonest.preprocess(volume, tmp_path / "whole", chunk=8)
+class Stop(Exception):
+    """Whatever ends a run."""
 
-    class Stop(Exception):
-        pass
 
-    class Stopping:
-        shape, dtype, chunks = volume.shape, volume.dtype, (16, 64, 64)
+class Dataset:
+    """As one of h5py: it is known by its file, and so a run from it can be resumed."""
 
-        def __getitem__(self, place):
-            if place[0].start >= 128:
-                raise Stop
-            return volume[place]
+    def __init__(self, volume, path, end):
+        self.volume, self.shape, self.dtype, self.chunks = volume, volume.shape, volume.dtype, (16, 64, 64)
+        self.file, self.name, self.end, self.asked = types.SimpleNamespace(filename=str(path)), "/data", end, []
 
-    with pytest.raises(ValueError, match="resume"):
-        isonest.preprocess(Stopping(), tmp_path / "x", chunk=8, resume=True)
-
-    def stop(phase, done, total, unit):
-        if done > 0:
+    def __getitem__(self, place):
+        if place[0].start >= self.end:
             raise Stop
+        self.asked.append(place[0].start)
+        return self.volume[place]
 
-    before = sorted(tmp_path.iterdir())
-    large = np.tile(volume, (4, 4, 4))
+
+def test_an_interrupted_run_goes_on(tmp_path):
+    """What ended it is raised, what is done is kept, and the next run takes it over."""
+    volume = np.random.default_rng(0).integers(0, 99, (256, 64, 64)).astype(np.uint8)
+    (tmp_path / "file").touch()
+    isonest.preprocess(volume, tmp_path / "whole", chunk=8)
+    before = set(tmp_path.iterdir())
     with pytest.raises(Stop):
-        isonest.preprocess(large, tmp_path / "x", chunk=16, resume=True, threads=1, progress=stop)
-    assert sorted(tmp_path.iterdir()) != before
-    report = isonest.preprocess(large, tmp_path / "x", chunk=16, resume=True)
-    assert report.resumed_chunks > 0
-    isonest.preprocess(large, tmp_path / "y", chunk=16)
-    assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
+        isonest.preprocess(Dataset(volume, tmp_path / "file", 128), tmp_path / "x", chunk=8)
+    assert set(tmp_path.iterdir()) == before  # nothing without resume=True
+    with pytest.raises(Stop):
+        isonest.preprocess(Dataset(volume, tmp_path / "file", 128), tmp_path / "x", chunk=8, resume=True)
+    assert set(tmp_path.iterdir()) > before and not (tmp_path / "x").exists()
+    second = Dataset(volume, tmp_path / "file", 256)
+    report = isonest.preprocess(second, tmp_path / "x", chunk=8, resume=True)
+    assert report.resumed_chunks > 0 and len(second.asked) < 16
+    assert (tmp_path / "x").read_bytes() == (tmp_path / "whole").read_bytes()
+
+
+def test_only_what_can_be_told_from_others_is_resumed(tmp_path):
+    volume = Dataset(np.zeros((20, 64, 64), np.uint8), tmp_path / "none", 20)
+    with pytest.raises(ValueError, match="resume"):
+        isonest.preprocess(volume, tmp_path / "x", resume=True)
+    isonest.preprocess(volume.volume, tmp_path / "x", resume=True)  # an array has a digest
 
 
 def test_the_temporary_folder_is_removed(tmp_path, noise):
