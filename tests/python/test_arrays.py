@@ -59,8 +59,9 @@ def test_a_box_of_values_is_a_slice(store_path, box):
     same_bits(store.values(1, box, memory="16M", threads=1), volume[::2, ::2, ::2][box])
 
 
-@pytest.mark.parametrize("level, box, error", [(8, None, IndexError), (-1, None, IndexError), (0, np.s_[19], IndexError),
-                                               (0, np.s_[::2], ValueError), (0, np.s_[1, 1, 1, 1], ValueError)])
+@pytest.mark.parametrize("level, box, error", [(8, None, IndexError), (-1, None, IndexError),
+                                               (0, np.s_[19], IndexError), (0, np.s_[::2], ValueError),
+                                               (0, np.s_[1, 1, 1, 1], ValueError)])
 def test_levels_and_boxes_that_are_not_there(store_path, level, box, error):
     isonest.preprocess(numbers("uint8"), store_path)
     with pytest.raises(error):
@@ -163,6 +164,38 @@ def test_raw_files_of_either_byte_order(store_path, tmp_path, dtype):
     (tmp_path / "raw").write_bytes(b"header." + volume.tobytes())
     found = through(tmp_path / "raw", store_path, shape=SHAPE, dtype=dtype, offset=7)
     same_bits(found, volume.astype(volume.dtype.newbyteorder("=")))
+
+
+def test_parts_of_a_file(store_path, tmp_path):
+    volume = numbers("uint16")
+    volume.tofile(tmp_path / "raw")
+    same_bits(through(tmp_path / "raw", store_path, shape=SHAPE, dtype="u2", crop=np.s_[2:-1, 5:, :60],
+                      every=(1, 2, 3)),
+              np.ascontiguousarray(volume[2:-1, 5:, :60][:, ::2, ::3]))
+    with pytest.raises(ValueError, match="slices without a step"):
+        isonest.preprocess(tmp_path / "raw", store_path, shape=SHAPE, dtype="u2", crop=np.s_[::2, :, :])
+    with pytest.raises(ValueError, match="every= is for files"):
+        isonest.preprocess(volume, store_path, every=2)
+
+
+def test_files_that_are_slices(store_path, tmp_path):
+    tifffile = pytest.importorskip("tifffile")
+    volume = numbers("uint16")
+    files = [tmp_path / f"slice{z}.tif" for z in range(len(volume))]
+    for file, plane in zip(files, volume):
+        tifffile.imwrite(file, plane)
+    same_bits(through(files, store_path), volume)
+
+
+def test_an_index_by_number_and_by_name(store_path, tmp_path):
+    volume = numbers("int16", (3, *SHAPE))
+    np.save(tmp_path / "a.npy", volume)
+    with pytest.raises(isonest.Error, match="index="):
+        isonest.preprocess(tmp_path / "a.npy", store_path)
+    same_bits(through(tmp_path / "a.npy", store_path, index=(2, None, None, None)), volume[2])
+    zarr = pytest.importorskip("zarr")
+    zarr.save_array(str(tmp_path / "a.zarr"), volume)
+    same_bits(through(str(tmp_path / "a.zarr"), tmp_path / "z", index=(1, None, None, None)), volume[1])
 
 
 def test_mapped_files(store_path, tmp_path):

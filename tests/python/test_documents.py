@@ -72,6 +72,7 @@ def test_the_snippets_run(names, capsys):
             exec(code, names)  # noqa: S102
     np.testing.assert_array_equal(isonest.open("mapped.isonest").values(), volume)
     np.testing.assert_array_equal(isonest.open("raw.isonest").values(), volume)
+    np.testing.assert_array_equal(isonest.open("second.isonest").values(), -volume[8:40, :, -64:][::2, ::2, ::2])
     np.testing.assert_array_equal(isonest.open("masked.isonest").values(), np.where(volume > 1.4, np.nan, volume))
     out = capsys.readouterr().out
     assert re.search(r"give memory=\d+ or more", out) and "levels 0-2 1474560 of 1474560 B" in out

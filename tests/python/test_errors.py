@@ -64,7 +64,8 @@ def test_a_mesh_that_does_not_fit_is_a_memory_error_and_no_crash(tmp_path):
 
 
 def test_what_is_not_there_is_a_file_not_found_error(tmp_path):
-    for call in (lambda: isonest.open(tmp_path / "none"), lambda: isonest.preprocess(tmp_path / "none.h5", tmp_path / "x"),
+    for call in (lambda: isonest.open(tmp_path / "none"),
+                 lambda: isonest.preprocess(tmp_path / "none.h5", tmp_path / "x"),
                  lambda: isonest.preprocess(np.zeros((3, 4, 5)), tmp_path / "no" / "x")):
         with pytest.raises(FileNotFoundError) as caught:
             call()
@@ -99,7 +100,8 @@ def test_arguments_that_make_no_sense_are_value_errors(store, store_path, noise)
              lambda: store.isosurface(0.3, guarantee="none"), lambda: store.isosurface(0.3, cells="cubes"),
              lambda: store.isosurface(0.3, close="left"), lambda: store.isosurface(0.3, coordinates="image"),
              lambda: store.isosurface(0.3, gradient_direction="down"), lambda: store.isosurface(0.3, triangles=0),
-             lambda: store.isosurface(0.3, box=((0, 0, 0), (0, 1, 1))), lambda: store.isosurface(0.3, box=((0, 0), (1, 1))),
+             lambda: store.isosurface(0.3, box=((0, 0, 0), (0, 1, 1))),
+             lambda: store.isosurface(0.3, box=((0, 0), (1, 1))),
              lambda: store.slice((0, 0, 0), 1), lambda: store.slice((1, 0), 1), lambda: store.values(memory="lots"),
              lambda: isonest.preprocess(noise, store_path.parent / "y", chunk=48),
              lambda: isonest.preprocess(noise, store_path.parent / "y", compression=30),

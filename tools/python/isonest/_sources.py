@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Optional, Sequence
+from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 
@@ -131,19 +131,43 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
         heap=planes * rows * each + (2 << 20), identity=identity, **place)
 
 
-def of_file(path: "os.PathLike[str] | str", spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
-            missing: Optional[float], dataset: str, shape: Optional[Sequence[int]], dtype: Any, offset: Optional[int],
-            max_heap: int) -> Any:
-    """A source of a file: HDF5, NRRD or raw numbers."""
-    kind = None if dtype is None else np.dtype(dtype)
-    ndim = len(shape) if shape is not None else len(spacing) if spacing is not None else 3
+def is_files(volume: Any) -> bool:
+    """Whether this is the name of a file or folder, or a list of such names."""
+    if isinstance(volume, (list, tuple)):
+        return len(volume) > 0 and all(isinstance(name, (str, os.PathLike)) for name in volume)
+    return isinstance(volume, (str, os.PathLike))
+
+
+def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
+             missing: Optional[float], dataset: str, series: str, index: Any, shape: Optional[Sequence[int]],
+             dtype: Any, offset: Optional[int], crop: Optional[Sequence[slice]], every: Union[int, Sequence[int]],
+             max_heap: int) -> Any:
+    """A source of one file, a folder, or several files."""
+    options = _core.SourceOptions()
+    options.dataset, options.series = dataset, series
+    options.offset, options.missing, options.max_heap = offset, missing, max_heap
+    ndim = next((len(numbers) for numbers in (shape, spacing, origin) if numbers is not None), 3)
     if ndim not in (2, 3):
         raise ValueError(f"shape={shape!r}: give three numbers, or two for a map")
-    big_endian = None
-    if kind is not None and kind.itemsize > 1:
-        big_endian = kind.newbyteorder("=").str[0] != kind.str[0]
-    return _core.source_of_file(
-        path, dataset=dataset, dims=None if shape is None else per_axis("shape", [int(n) for n in shape], ndim, 1),
-        dtype=None if kind is None else kind.newbyteorder("="), big_endian=big_endian, offset=offset,
-        spacing=None if spacing is None else per_axis("spacing", spacing, ndim, 1.0),
-        origin=None if origin is None else per_axis("origin", origin, ndim, 0.0), missing=missing, max_heap=max_heap)
+    if shape is not None:
+        options.set_dims(per_axis("shape", [int(n) for n in shape], ndim, 1))
+    if dtype is not None:
+        kind = np.dtype(dtype)
+        options.set_dtype(kind.newbyteorder("="))
+        if kind.itemsize > 1:
+            options.big_endian = kind.newbyteorder("=").str[0] != kind.str[0]
+    if spacing is not None:
+        options.spacing = per_axis("spacing", spacing, ndim, 1.0)
+    if origin is not None:
+        options.origin = per_axis("origin", origin, ndim, 0.0)
+    for axis, at in index.items() if isinstance(index, dict) else (("", at) for at in index or ()):
+        options.add_index(axis, None if at is None or at == slice(None) else int(at))
+    if crop is not None:
+        if any(not isinstance(part, slice) or part.step not in (None, 1) for part in crop):
+            raise ValueError(f"crop={crop!r}: give slices without a step, such as np.s_[10:20, :, 5:]; "
+                             "a step is every=")
+        options.set_crop(per_axis("crop", [(part.start, part.stop) for part in crop], len(crop), (None, None)))
+    if isinstance(every, (int, np.integer)):
+        every = (int(every),) * ndim
+    options.set_every(per_axis("every", every, len(every), 1))
+    return _core.source_of_files([paths] if isinstance(paths, (str, os.PathLike)) else list(paths), options)

@@ -81,6 +81,13 @@ std::string_view words_of(RemedyKind kind) {
             return "scale the data, or take an offset off them, first";
         case RemedyKind::graph:
             return "draw the graph with the program: isonest extract --graph";
+        case RemedyKind::choose_index:
+            return "choose with index=, an entry per axis (5, None, None, None) or by name "
+                   "{{'time': 5}}";
+        case RemedyKind::choose_series:
+            return "say which one with series=";
+        case RemedyKind::install_package:
+            return "install {} and build isonest again";
     }
     return "";
 }

@@ -136,27 +136,39 @@ Source with_missing(std::unique_ptr<VolumeSource> volume, std::optional<double> 
     return {std::move(volume)};
 }
 
-Source source_of_file(const Path& path, const std::string& dataset,
-                      const std::optional<Numbers>& dims, const std::optional<py::dtype>& dtype,
-                      std::optional<bool> big_endian, std::optional<std::uint64_t> offset,
-                      const std::optional<Double3>& spacing, const std::optional<Double3>& origin,
-                      std::optional<double> missing, std::uint64_t max_heap) {
-    SourceOptions options;
-    options.dataset = dataset;
-    if (dims) {
-        options.dims = int3_of(*dims);
-    }
-    if (dtype) {
-        options.type = value_type_of(*dtype);
-    }
-    options.big_endian = big_endian;
-    options.offset = offset;
-    options.spacing = spacing;
-    options.origin = origin;
-    options.missing = missing;
-    options.max_heap = max_heap;
+using Range = std::pair<std::optional<std::int64_t>, std::optional<std::int64_t>>;
+
+/// How files are read, as Python fills it in.
+void add_source_options(py::module_& module) {
+    using O = SourceOptions;
+    py::class_<O>(module, "SourceOptions")
+        .def(py::init<>())
+        .def_readwrite("dataset", &O::dataset)
+        .def_readwrite("series", &O::series)
+        .def_readwrite("offset", &O::offset)
+        .def_readwrite("big_endian", &O::big_endian)
+        .def_readwrite("spacing", &O::spacing)
+        .def_readwrite("origin", &O::origin)
+        .def_readwrite("missing", &O::missing)
+        .def_readwrite("max_heap", &O::max_heap)
+        .def("add_index",
+             [](O& o, const std::string& axis, std::optional<std::int64_t> at) {
+                 o.index.push_back({axis, at});
+             })
+        .def("set_dims", [](O& o, const Numbers& dims) { o.dims = int3_of(dims); })
+        .def("set_dtype", [](O& o, const py::dtype& dtype) { o.type = value_type_of(dtype); })
+        .def("set_crop",
+             [](O& o, const std::array<Range, 3>& crop) {
+                 for (std::size_t axis = 0; axis < crop.size(); ++axis) {
+                     o.crop.at(axis) = {crop.at(axis).first, crop.at(axis).second};
+                 }
+             })
+        .def("set_every", [](O& o, const Numbers& every) { o.every = int3_of(every); });
+}
+
+Source source_of_files(const std::vector<Path>& paths, const SourceOptions& options) {
     const py::gil_scoped_release without;
-    return {open_volume(path, options)};
+    return {open_volume(paths, options)};
 }
 
 Source source_of_array(py::array array, const Double3& spacing, const Double3& origin,
@@ -222,9 +234,8 @@ void add_sources(py::module_& module) {
     using namespace py::literals;
     // NOLINTNEXTLINE(bugprone-unused-raii): the module keeps it
     py::class_<Source>(module, "Source");
-    module.def("source_of_file", &source_of_file, "path"_a, py::kw_only(), "dataset"_a, "dims"_a,
-               "dtype"_a, "big_endian"_a, "offset"_a, "spacing"_a, "origin"_a, "missing"_a,
-               "max_heap"_a);
+    add_source_options(module);
+    module.def("source_of_files", &source_of_files, "paths"_a, "options"_a);
     module.def("source_of_array", &source_of_array, "array"_a, py::kw_only(), "spacing"_a,
                "origin"_a, "name"_a, "identified"_a, "files"_a, "missing"_a);
     module.def("source_of_reader", &source_of_reader, "reader"_a, py::kw_only(), "nodes"_a,

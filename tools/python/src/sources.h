@@ -7,7 +7,8 @@ namespace isonest::python {
 
 namespace py = pybind11;
 
-/// Adds Source, source_of_file(), source_of_array(), source_of_reader() and preprocess().
+/// Adds Source, SourceOptions, source_of_files(), source_of_array(), source_of_reader() and
+/// preprocess().
 void add_sources(py::module_& module);
 
 }  // namespace isonest::python
