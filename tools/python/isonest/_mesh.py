@@ -5,6 +5,8 @@ from typing import Any, Iterator, Optional
 
 import numpy as np
 
+from ._frame import Frame
+
 
 class Mesh:
     """A surface, a slice, or (of data in a plane) lines.
@@ -16,12 +18,11 @@ class Mesh:
     ``vertices, faces, normals, values = mesh`` works too.
     """
 
-    def __init__(self, parts: tuple, *, coordinates: str, origin: tuple[float, float, float], flip: bool,
-                 level: Optional[float]) -> None:
+    def __init__(self, parts: tuple, *, coordinates: str, frame: Frame, flip: bool, level: Optional[float]) -> None:
         self._positions, elements, self._normals, self._values, self._errors, self.report = parts
         self._elements = elements.view(np.int32) if len(self._positions) < 2**31 else elements
         self._coordinates = coordinates
-        self._origin = origin
+        self._frame = frame
         self._flip = flip
         self._level = level
         self._vertices: Optional[np.ndarray] = None
@@ -37,10 +38,8 @@ class Mesh:
         if self._vertices is None:
             if self._coordinates == "world":
                 self._vertices = self._positions
-            elif not any(self._origin):
-                self._vertices = self._positions[:, ::-1]
             else:
-                self._vertices = (self._positions - np.array(self._origin)).astype(np.float32)[:, ::-1]
+                self._vertices = self._frame.points_to_array(self._positions)
         return self._vertices
 
     @property
@@ -53,7 +52,7 @@ class Mesh:
         """(n, 3), float32: of length 1, from the data's gradient, towards smaller values. None if not asked for."""
         if self._normals is None or self._coordinates == "world":
             return self._normals
-        return self._normals[:, ::-1]
+        return self._frame.vectors_to_array(self._normals)
 
     @property
     def values(self) -> np.ndarray:
@@ -77,7 +76,7 @@ class Mesh:
 
     def _other(self, coordinates: str) -> "Mesh":
         parts = (self._positions, self._elements, self._normals, self._values, self._errors, self.report)
-        return Mesh(parts, coordinates=coordinates, origin=self._origin, flip=self._flip, level=self._level)
+        return Mesh(parts, coordinates=coordinates, frame=self._frame, flip=self._flip, level=self._level)
 
     def in_world(self) -> "Mesh":
         """The same mesh, the same memory, in world coordinates (x, y, z)."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from . import _core
 from ._arguments import Box, Bytes, Point, Progress, backwards, reporting, to_bytes, to_distance, to_point
+from ._frame import Frame
 from ._mesh import Mesh
 
 Coordinates = Literal["array", "world"]
@@ -79,6 +80,11 @@ class Store:
     def origin(self) -> tuple[float, float, float]:
         """World position of the first node, (z, y, x)."""
         return backwards(self._core.origin)
+
+    @property
+    def _frame(self) -> Frame:
+        x, y, z = self._core.origin
+        return Frame((x, y, z))
 
     @property
     def range(self) -> Optional[tuple[float, float]]:
@@ -223,8 +229,7 @@ class Store:
         direction = to_point("normal", normal)
         place = float(offset)
         if coordinates == "array":
-            place += sum(n * o for n, o in zip(direction, self.origin))
-            direction = backwards(direction)
+            direction, place = self._frame.plane_to_world(direction, place)
         query.set_plane(direction, place)
         query.set_error(float(error), relative, guarantee)
         return self._extract(query, box=box, normals=normals, values=values,
@@ -240,7 +245,7 @@ class Store:
         if box is not None:
             low, high = (to_point("box", corner) for corner in box)
             if coordinates == "array":
-                low, high = (backwards([a + o for a, o in zip(corner, self.origin)]) for corner in (low, high))
+                low, high = (self._frame.point_to_world(corner) for corner in (low, high))
             query.set_box(low, high)
         query.normals = bool(normals)
         query.set_cells(cells)
@@ -255,4 +260,4 @@ class Store:
         options.quality = quality
         with reporting(progress) as report:
             parts = _core.extract(self._core, query, options, report)
-        return Mesh(parts, coordinates=coordinates, origin=self._core.origin, flip=flip, level=level)
+        return Mesh(parts, coordinates=coordinates, frame=self._frame, flip=flip, level=level)
