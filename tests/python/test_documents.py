@@ -1,0 +1,147 @@
+"""Every snippet of tools/python/README.md runs, its tables say what is the same, and the example does its work."""
+import pathlib
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import isonest
+from conftest import area
+
+PYTHON = pathlib.Path(__file__).resolve().parents[2] / "tools" / "python"
+TEXT = (PYTHON / "README.md").read_text(encoding="utf-8")
+CELL = re.compile(r"`([^`]+)`")
+
+
+def snippets(section):
+    part = TEXT[TEXT.index(f"\n## {section}"):] + "\n## "
+    return re.findall(r"```python\n(.*?)```", part[:part.index("\n## ", 1)], re.S)
+
+
+def rows(section):
+    """The two columns of code of a section's table, each cell as lines of code."""
+    part = TEXT[TEXT.index(f"\n## {section}"):] + "\n## "
+    found = []
+    for line in part[:part.index("\n## ", 1)].splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split(" | ")]
+        if line.startswith("| `") and len(cells) == 2:
+            found.append(tuple(CELL.findall(cell) for cell in cells))
+    return found
+
+
+def run(lines, names):
+    """The value of the last line."""
+    for line in lines[:-1]:
+        exec(line, names)  # noqa: S102
+    return eval(lines[-1], names)  # noqa: S307
+
+
+@pytest.fixture(scope="module")
+def ten_minutes(tmp_path_factory):
+    """The folder and the names that the snippets of "Ten minutes" leave."""
+    pytest.importorskip("meshio")
+    pytest.importorskip("vtkmodules.vtkFiltersCore")
+    folder = tmp_path_factory.mktemp("documents")
+    names = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for code in snippets("Ten minutes"):
+            exec(code, names)  # noqa: S102
+    return folder, names
+
+
+@pytest.fixture
+def names(ten_minutes, monkeypatch):
+    monkeypatch.chdir(ten_minutes[0])
+    return dict(ten_minutes[1])
+
+
+def test_the_snippets_run(names, capsys):
+    volume = names["volume"]
+    np.testing.assert_array_equal(names["quarter"], volume[::4, ::4, ::4])
+    np.testing.assert_array_equal(names["part"], volume[10:20, :, 40])
+    assert names["small"].report.distance_bound <= 0.5 and len(names["fewer"].faces) <= 3000
+    assert pathlib.Path("gyroid.vtu").stat().st_size > 10_000
+    assert names["polydata"].GetNumberOfPolys() == len(names["surface"].faces)
+    capsys.readouterr()
+    for section, count in (("What goes in", 1), ("Errors, progress, Ctrl-C", 2)):
+        assert len(snippets(section)) == count
+        for code in snippets(section):
+            exec(code, names)  # noqa: S102
+    np.testing.assert_array_equal(isonest.open("mapped.isonest").values(), volume)
+    np.testing.assert_array_equal(isonest.open("raw.isonest").values(), volume)
+    np.testing.assert_array_equal(isonest.open("second.isonest").values(), -volume[8:40, :, -64:][::2, ::2, ::2])
+    np.testing.assert_array_equal(isonest.open("masked.isonest").values(), np.where(volume > 1.4, np.nan, volume))
+    out = capsys.readouterr().out
+    assert re.search(r"give memory=\d+ or more", out) and "levels 0-2 1474560 of 1474560 B" in out
+
+
+def test_the_table_of_scikit_image(names):
+    measure = pytest.importorskip("skimage.measure")
+    names["marching_cubes"] = measure.marching_cubes
+    names["mask"] = np.zeros(names["volume"].shape, bool)
+    names["mask"][:30] = True
+    table = rows("From scikit-image")
+    assert len(table) == 7
+    for theirs, ours in table:
+        assert theirs[0].startswith("marching_cubes(") and ours[0].startswith("isonest.isosurface(")
+        v, f, n, _ = run(theirs, names)
+        verts, faces, normals, _ = run(ours, names)
+        rough = "step_size" in theirs[0] or "mask" in theirs[0]
+        assert area(verts, faces) == pytest.approx(area(v, f), rel=0.06 if rough else 0.01), theirs
+        np.testing.assert_allclose([verts.min(0), verts.max(0)], [v.min(0), v.max(0)], atol=1e-4 if not rough else 2)
+        turn = [np.cross(p[t[:, 1]] - p[t[:, 0]], p[t[:, 2]] - p[t[:, 0]]) for p, t in ((v, f), (verts, faces))]
+        sides = [np.sign((t * m[g[:, 0]]).sum(1).sum()) for t, m, g in zip(turn, (n, normals), (f, faces))]
+        assert sides[0] == sides[1], theirs
+
+
+def test_the_table_of_vtk(names):
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkFiltersCore import vtkTriangleFilter
+    for code in snippets("From VTK"):
+        exec(code, names)  # noqa: S102
+
+    def area_of(data):
+        triangles = vtkTriangleFilter()
+        triangles.SetInputData(data)
+        triangles.Update()
+        data = triangles.GetOutput()
+        return area(vtk_to_numpy(data.GetPoints().GetData()),
+                    vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)), data.GetBounds()
+
+    table = rows("From VTK")
+    assert len(table) == 3
+    for theirs, ours in table:
+        (a, bounds_a), (b, bounds_b) = area_of(run(theirs, names)), area_of(run(ours, names))
+        assert b == pytest.approx(a, rel=0.01), theirs
+        np.testing.assert_allclose(bounds_b, bounds_a, atol=0.01)
+
+
+def test_the_example_runs(tmp_path):
+    done = subprocess.run([sys.executable, PYTHON / "examples" / "first_surface.py", tmp_path], check=True,
+                          capture_output=True, text=True)
+    full, coarse = map(int, re.search(r"full resolution: (\d+) triangles; within [\d.]+: (\d+)", done.stdout).groups())
+    space, less = map(float, re.search(r"space within: ([\d.]+), coarse: ([\d.]+)", done.stdout).groups())
+    assert coarse < full / 2 and space == pytest.approx(less, rel=0.05) and space > 10_000
+    with np.load(tmp_path / "balls.npz") as kept:
+        assert len(kept["faces"]) < full / 4
+    assert (tmp_path / "balls.isonest").exists()
+
+
+def test_the_table_of_errors_is_true():
+    table = re.findall(r"^\| `(\w+Error)`(?:, a `LimitError`)? \| `(\w+)` \|", TEXT, re.M)
+    assert {name for name, _ in table} == {name for name in isonest.__all__ if name.endswith("Error")} - {
+        "Error", "CancelledError"}
+    for name, python in table:
+        assert issubclass(getattr(isonest, name), getattr(__builtins__, python, None) or __builtins__[python])
+
+
+def test_everything_that_is_public_says_what_it_is():
+    for name in isonest.__all__:
+        assert getattr(isonest, name).__doc__, name
+    for kind in (isonest.Store, isonest.Mesh):
+        for name, member in vars(kind).items():
+            if not name.startswith("_"):
+                assert member.__doc__, f"{kind.__name__}.{name}"

@@ -1,0 +1,161 @@
+"""Surfaces beside scikit-image's marching cubes, which knows nothing of isonest."""
+import gc
+
+import numpy as np
+import pytest
+
+import isonest
+from conftest import area, ball, euler_number, signed_volume
+
+measure = pytest.importorskip("skimage.measure")
+spatial = pytest.importorskip("scipy.spatial")
+
+
+def hausdorff(a, b):
+    """Between the vertices of two meshes."""
+    return max(spatial.cKDTree(a).query(b)[0].max(), spatial.cKDTree(b).query(a)[0].max())
+
+
+@pytest.mark.parametrize("cells", ["tetrahedra", "hexahedra"])
+@pytest.mark.parametrize("spacing", [(1, 1, 1), (2.5, 1, 0.5)])
+def test_full_resolution_is_the_surface_of_marching_cubes(store_path, noise, cells, spacing):
+    isonest.preprocess(noise, store_path, spacing=spacing)
+    store = isonest.open(store_path)
+    verts, faces, normals, values = store.isosurface(0.3, cells=cells)
+    v, f, n, _ = measure.marching_cubes(noise, 0.3, spacing=spacing)
+    assert verts.dtype == np.float32 and faces.dtype == f.dtype and normals.dtype == n.dtype
+    np.testing.assert_allclose(verts.min(0), v.min(0), atol=1e-5)
+    np.testing.assert_allclose(verts.max(0), v.max(0), atol=1e-5)
+    assert area(verts, faces) == pytest.approx(area(v, f), rel=0.01)
+    # All vertices of marching cubes lie on edges of the lattice, and those of either kind of cells contain them.
+    assert spatial.cKDTree(verts).query(v)[0].max() < 1e-4
+    assert hausdorff(verts, v) < max(spacing)
+    assert values.shape == (len(verts),) and (values == 0.3).all()
+
+
+@pytest.mark.parametrize("direction", ["descent", "ascent"])
+def test_faces_turn_and_normals_point_as_those_of_scikit_image(direction):
+    volume = ball((20, 22, 24), 8)
+    verts, faces, normals, values = isonest.isosurface(volume, 0.0, gradient_direction=direction)
+    v, f, n, _ = measure.marching_cubes(volume, 0.0, gradient_direction=direction)
+    assert signed_volume(verts, faces) == pytest.approx(signed_volume(v, f), rel=0.01)
+    assert euler_number(verts, faces) == euler_number(v, f) == 2
+    middle = (np.array(volume.shape) - 1) / 2
+    assert ((normals * (verts - middle)).sum(1) > 0).all() and ((n * (v - middle)).sum(1) > 0).all()
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
+
+
+def test_without_a_level_it_is_the_middle_as_in_scikit_image(noise):
+    ours = isonest.isosurface(noise, cells="hexahedra").vertices
+    theirs = measure.marching_cubes(noise)[0]
+    assert hausdorff(ours, theirs) < 1e-4
+
+
+def test_an_error_keeps_its_promise_and_saves_triangles(store_path, noise):
+    isonest.preprocess(noise, store_path)
+    store = isonest.open(store_path)
+    full = store.isosurface(0.3)
+    coarse = store.isosurface(0.3, error=0.2)
+    assert 0 < coarse.report.triangles < full.report.triangles / 2
+    assert 0 < coarse.report.error_bound <= 0.2
+    # The data at the vertices, and at the middles of the triangles, by an interpolation of our own.
+    from scipy.ndimage import map_coordinates
+    middles = coarse.vertices[coarse.faces].mean(1)
+    slack = 0.05  # between the lattice's nodes scipy is trilinear, isonest linear in tetrahedra
+    off = abs(map_coordinates(noise, middles.T, order=1) - 0.3)
+    assert 0.02 < off.max() <= 0.2 + slack
+
+
+def test_values_come_from_another_store(store_path, noise, tmp_path):
+    isonest.preprocess(noise, store_path)
+    isonest.preprocess(np.broadcast_to(np.arange(40, dtype=np.int16)[:, None, None], noise.shape), tmp_path / "z")
+    store, other = isonest.open(store_path), isonest.open(tmp_path / "z")
+    mesh = store.isosurface(0.3, values=other)
+    other.close()
+    np.testing.assert_allclose(mesh.values, mesh.vertices[:, 0], atol=1e-4)
+
+
+def test_a_relative_error_is_that_fraction_of_the_range(store_path, noise):
+    isonest.preprocess(noise, store_path)
+    store = isonest.open(store_path)
+    low, high = store.range
+    relative = store.isosurface(0.3, error=0.02, relative=True)
+    assert relative.report.tolerance == pytest.approx(0.02 * (high - low))
+    np.testing.assert_array_equal(relative.faces, store.isosurface(0.3, error=0.02 * (high - low)).faces)
+
+
+def test_a_distance_is_kept(store_path):
+    volume = ball((33, 33, 33), 12.3)
+    isonest.preprocess(volume, store_path)
+    store = isonest.open(store_path)
+    full, small = store.isosurface(0.0), store.isosurface(0.0, distance="0.5voxel")
+    assert small.report.triangles < full.report.triangles / 4
+    assert small.report.distance_bound <= small.report.distance == 0.5
+    assert small.report.full_triangles == full.report.triangles
+    radius = np.linalg.norm(small.vertices - 16, axis=1)
+    assert abs(radius - 12.3).max() < 0.5 + 0.1
+    np.testing.assert_array_equal(small.faces, store.isosurface(0.0, distance=0.5).faces)
+    assert store.isosurface(0.0, triangles=300).report.triangles <= 300
+    assert store.isosurface(0.0, triangles=300).report.within_budget is True
+
+
+def test_a_box_cuts_in_the_coordinates_of_the_result(store_path, noise):
+    isonest.preprocess(noise, store_path, spacing=(2, 1, 0.5), origin=(100, 200, 300))
+    store = isonest.open(store_path)
+    low, high = (10, 5, 2.25), (41, 20, 9.5)
+    part = store.isosurface(0.3, box=(low, high))
+    np.testing.assert_allclose(part.vertices.min(0), low, atol=1e-3)
+    np.testing.assert_allclose(part.vertices.max(0), high, atol=1e-3)
+    world = store.isosurface(0.3, coordinates="world", box=((302.25, 205, 110), (309.5, 220, 141)))
+    np.testing.assert_array_equal(world.faces, part.faces)
+    np.testing.assert_allclose(world.vertices, part.vertices[:, ::-1] + [300, 200, 100], atol=1e-3)
+    np.testing.assert_array_equal(part.in_world().vertices, world.vertices)
+    np.testing.assert_array_equal(world.in_array().vertices, part.vertices)
+
+
+def test_closed_solids_and_components(store_path, noise):
+    isonest.preprocess(noise, store_path)
+    store = isonest.open(store_path)
+    solid = store.isosurface(0.3, close="below")
+    edges = np.sort(np.concatenate([solid.faces[:, [0, 1]], solid.faces[:, [1, 2]], solid.faces[:, [2, 0]]]), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] % 2 == 0).all()
+    one = store.isosurface(0.3, largest=1)
+    assert one.report.components > 1 and one.report.dropped_components == one.report.components - 1
+    assert len(one.faces) < len(store.isosurface(0.3).faces)
+
+
+def test_no_surface_is_an_empty_mesh(noise):
+    mesh = isonest.isosurface(noise, 1000.0)
+    assert mesh.vertices.shape == (0, 3) and mesh.faces.shape == (0, 3)
+
+
+def test_a_map_has_lines():
+    volume = ball((30, 40), 10)
+    mesh = isonest.isosurface(volume, 0.0, normals=False)
+    assert mesh.faces.shape[1] == 2 and len(mesh.faces) == len(mesh.vertices) > 50
+    np.testing.assert_allclose(np.linalg.norm(mesh.vertices[:, 1:] - [14.5, 19.5], axis=1), 10, atol=0.1)
+
+
+def test_vertices_and_faces_are_not_copied_and_outlive_the_store(store_path, noise):
+    isonest.preprocess(noise, store_path)
+    store = isonest.open(store_path)
+    mesh = store.isosurface(0.3)
+    memory = mesh.vertices.__array_interface__["data"][0]
+    assert mesh.in_world().vertices.__array_interface__["data"][0] == memory - 8  # columns backwards
+    assert mesh.vertices is mesh.vertices
+    vertices, faces = mesh.vertices, mesh.faces
+    before = vertices.copy(), faces.copy()
+    store.close()
+    del store, mesh
+    gc.collect()
+    _ = [np.full(len(before[0]) * 3, 7, np.float32) for _ in range(8)]
+    np.testing.assert_array_equal(vertices, before[0])
+    np.testing.assert_array_equal(faces, before[1])
+
+
+def test_any_number_of_threads_gives_the_same_mesh(store_path, noise):
+    isonest.preprocess(noise, store_path)
+    store = isonest.open(store_path)
+    one, two = store.isosurface(0.3, threads=1), store.isosurface(0.3, threads=2)
+    np.testing.assert_array_equal(one.vertices, two.vertices)
+    np.testing.assert_array_equal(one.faces, two.faces)

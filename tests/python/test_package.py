@@ -1,0 +1,45 @@
+"""What is installed: the component python alone, importable from where Debian and pip put it."""
+import os
+import pathlib
+import re
+import subprocess
+import sys
+
+import pytest
+
+import isonest
+from isonest import _core
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+
+def build_tree():
+    program = os.environ.get("ISONEST_PROGRAM")
+    tree = pathlib.Path(program).resolve().parent.parent if program else None
+    if tree is None or not (tree / "cmake_install.cmake").exists():
+        pytest.skip("ISONEST_PROGRAM names no program of a build tree")
+    if "ISONEST_INSTALL:BOOL=ON" not in (tree / "CMakeCache.txt").read_text(encoding="utf-8"):
+        pytest.skip("this build tree is not one that installs")
+    return tree
+
+
+def test_the_component_is_the_package_and_works_from_anywhere(tmp_path):
+    subprocess.run(["cmake", "--install", build_tree(), "--component", "python", "--prefix", tmp_path / "prefix"],
+                   check=True, capture_output=True)
+    folder = tmp_path / "prefix" / "lib/python3/dist-packages"
+    expected = {path.name for path in (ROOT / "tools/python/isonest").iterdir() if path.name != "__pycache__"}
+    assert {path.name for path in (folder / "isonest").iterdir()} == expected | {pathlib.Path(_core.__file__).name}
+    assert not any(path.is_symlink() for path in (folder / "isonest").iterdir())
+    assert {path.name for path in (tmp_path / "prefix").iterdir()} == {"lib", "share"}
+    script = "import isonest, numpy; print(isonest.__file__, len(isonest.isosurface(numpy.eye(4)[None] + " \
+             "numpy.zeros((4, 1, 1)), 0.5).faces) > 0)"
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True,
+                          env={**os.environ, "PYTHONPATH": str(folder)})
+    assert done.stdout.split() == [str(folder / "isonest/__init__.py"), "True"]
+
+
+def test_the_version_is_that_of_the_project():
+    """By the expression with which pip reads it."""
+    expression = re.search(r"^regex = '(.*)'$", (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.M).group(1)
+    found = re.search(expression, (ROOT / "CMakeLists.txt").read_text(encoding="utf-8"))
+    assert found.group("value") == isonest.__version__ == _core.version

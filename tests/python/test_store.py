@@ -1,0 +1,145 @@
+"""Slices, histograms, and a store as an object."""
+import gc
+import pickle
+import threading
+
+import numpy as np
+import pytest
+
+import isonest
+from conftest import area
+
+
+@pytest.fixture
+def store(store_path, noise):
+    isonest.preprocess(noise, store_path)
+    return isonest.open(store_path)
+
+
+def test_a_slice_of_a_plane_of_nodes_has_their_values(store, noise):
+    mesh = store.slice((1, 0, 0), 17)
+    assert (mesh.vertices[:, 0] == 17).all()
+    assert area(mesh.vertices, mesh.faces) == pytest.approx(32 * 26)
+    y, x = mesh.vertices[:, 1].astype(int), mesh.vertices[:, 2].astype(int)
+    whole = (mesh.vertices[:, 1] == y) & (mesh.vertices[:, 2] == x)
+    assert whole.sum() == 33 * 27
+    np.testing.assert_array_equal(mesh.values[whole], noise[17, y[whole], x[whole]])
+
+
+def test_a_slanted_slice_keeps_its_error(store, noise):
+    from scipy.ndimage import map_coordinates
+    full = store.slice((1, 2, 3), 80.5)
+    coarse = store.slice((1, 2, 3), 80.5, error=0.2)
+    assert len(coarse.faces) < len(full.faces) / 2
+    assert coarse.report.error_bound <= 0.2
+    np.testing.assert_allclose(coarse.vertices @ [1, 2, 3], 80.5, atol=1e-3)
+    off = abs(coarse.values - map_coordinates(noise, coarse.vertices.T, order=1))
+    assert off.max() <= 0.2 + 0.05
+    assert area(coarse.vertices, coarse.faces) == pytest.approx(area(full.vertices, full.faces), rel=1e-4)
+
+
+def test_slices_in_array_and_world_coordinates(tmp_path, noise):
+    isonest.preprocess(noise, tmp_path / "x", spacing=(2, 1, 0.5), origin=(100, 200, 300))
+    store = isonest.open(tmp_path / "x")
+    array = store.slice((1, 0.5, 0), 40, normals=True)
+    world = store.slice((0, 0.5, 1), 40 + 100 + 0.5 * 200, coordinates="world", normals=True)
+    np.testing.assert_allclose(world.vertices, array.vertices[:, ::-1] + [300, 200, 100], atol=1e-3)
+    np.testing.assert_array_equal(world.values, array.values)
+    np.testing.assert_array_equal(world.normals, array.normals[:, ::-1])
+
+
+def test_the_histogram_counts_every_value_once(store, noise, tmp_path):
+    h = store.histogram()
+    assert len(h.edges) == len(h.counts) + 1 == len(h.cubes) + 1
+    np.testing.assert_array_equal(h.counts, np.histogram(noise.astype(float), h.edges)[0])
+    assert h.level == 0 and h.missing == 0 and 1 <= len(h.suggested) <= 5
+    assert store.histogram(1).counts.sum() == noise[::2, ::2, ::2].size
+    isonest.preprocess((noise * 9).astype(np.int8), tmp_path / "i")
+    h = isonest.open(tmp_path / "i").histogram()
+    np.testing.assert_array_equal(h.counts, np.bincount((noise * 9).astype(np.int8).ravel() - int(h.edges[0])))
+
+
+def test_the_cubes_of_the_histogram_are_those_of_a_surface(store, noise):
+    h = store.histogram()
+    k = len(h.cubes) // 2
+    corners = [noise[a:noise.shape[0] - 1 + a, b:noise.shape[1] - 1 + b, c:noise.shape[2] - 1 + c]
+               for a in (0, 1) for b in (0, 1) for c in (0, 1)]
+    low, high = np.minimum.reduce(corners), np.maximum.reduce(corners)
+    assert h.cubes[k] == pytest.approx(((low < h.edges[k]) & (high >= h.edges[k])).sum(), abs=2)
+
+
+def test_a_store_says_what_it_holds(store, noise, store_path):
+    assert store.path == store_path and store.file_bytes == store_path.stat().st_size
+    assert store.range == (noise.min(), noise.max()) and not store.has_missing
+    assert store.indicators == ["linf_bar", "linf_plus", "deviation_bar"]
+    assert "40, 33, 27" in repr(store) and "float32" in repr(store)
+    isonest.preprocess(np.full((3, 4, 5), np.nan), store_path.parent / "nan")
+    assert isonest.open(store_path.parent / "nan").range is None
+
+
+def test_a_store_can_be_closed_and_sent_elsewhere(store):
+    other = pickle.loads(pickle.dumps(store))
+    with store:
+        pass
+    with pytest.raises(ValueError, match="closed"):
+        store.values()
+    with pytest.raises(ValueError, match="closed"):
+        store.isosurface(0.3)
+    assert "closed" in repr(store)
+    assert len(other.isosurface(0.3).faces) > 0
+
+
+def test_indicators_are_chosen_by_name(tmp_path, noise):
+    isonest.preprocess(noise, tmp_path / "x", indicators=["hex_deviation", "linf_bar", "deviation_bar", "linf_bar"])
+    store = isonest.open(tmp_path / "x")
+    assert store.indicators == ["linf_bar", "deviation_bar", "hex_deviation"]
+    assert len(store.isosurface(0.3, error=0.2, cells="hexahedra").faces) < len(
+        store.isosurface(0.3, cells="hexahedra").faces)
+    errors = store.isosurface(0.3, vertex_error="linf_bar", error=0.2, guarantee="estimate").errors
+    assert errors.dtype == np.float32 and errors.max() > 0
+
+
+def test_many_threads_may_use_a_store(store):
+    expected = store.isosurface(0.3).faces
+    found = []
+
+    def work():
+        for _ in range(5):
+            found.append(np.array_equal(store.isosurface(0.3, threads=1).faces, expected))
+            store.values(1)
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    [t.start() for t in threads]
+    [t.join() for t in threads]
+    assert found == [True] * 20
+
+
+def test_the_gil_is_released(store_path):
+    """While one thread preprocesses, this one goes on."""
+    volume = np.random.default_rng(0).integers(0, 255, (256, 256, 256), dtype=np.uint8)
+    thread = threading.Thread(target=isonest.preprocess, args=(volume, store_path), kwargs={"threads": 1})
+    thread.start()
+    steps = 0
+    while thread.is_alive():
+        steps += 1
+    assert steps > 1000
+
+
+def test_memory_does_not_grow_with_calls(store):
+    def resident():
+        gc.collect()
+        with open("/proc/self/statm", encoding="ascii") as file:
+            return int(file.read().split()[1]) * 4096
+
+    def work():
+        for _ in range(50):
+            store.isosurface(0.3, values=store)
+            store.values()
+            store.slice((1, 0, 0), 3)
+
+    work()
+    before = resident()
+    for _ in range(4):
+        work()
+    # A mesh of it has 1.5 MB: 200 of them would be 300 MB.
+    assert resident() - before < 30e6

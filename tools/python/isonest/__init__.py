@@ -1,0 +1,109 @@
+"""Isosurfaces and slices from volumes of any size, with an error that you choose and that is kept.
+
+    isonest.preprocess(array, "x.isonest")
+    store = isonest.open("x.isonest")
+    vertices, faces, normals, values = store.isosurface(120, error=5)
+
+Arrays are [z, y, x], as scikit-image has them, and so are the coordinates of meshes unless
+``coordinates="world"`` asks for (x, y, z).
+"""
+from __future__ import annotations
+
+import os
+import pathlib
+import tempfile
+from typing import Any, Optional, Sequence, Union
+
+from . import _core, _sources
+from ._arguments import Bytes, Progress, reporting, to_bytes
+from ._core import PreprocessReport, Report, TriangleQuality
+from ._errors import (CancelledError, CorruptError, Error, InputOutputError, InvalidArgumentError, LimitError,
+                      MemoryLimitError, NotFoundError, UnsupportedError)
+from ._mesh import Mesh
+from ._store import Histogram, Store
+
+__version__ = _core.version
+__all__ = ["preprocess", "open", "isosurface", "Store", "Mesh", "Histogram", "Report", "PreprocessReport",
+           "TriangleQuality", "Error", "InvalidArgumentError", "NotFoundError", "CorruptError", "UnsupportedError",
+           "InputOutputError", "LimitError", "MemoryLimitError", "CancelledError"]
+
+
+def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optional[Sequence[float]] = None,
+               origin: Optional[Sequence[float]] = None, missing: Optional[float] = None, dataset: str = "",
+               series: str = "", index: Any = None, crop: Optional[Sequence[slice]] = None,
+               every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
+               offset: Optional[int] = None, indicators: Optional[Sequence[str]] = None, exact: bool = False,
+               chunk: int = 64, compression: int = 1, replace: bool = False, resume: bool = False,
+               memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> PreprocessReport:
+    """Turns a volume into the file ``store``, which appears whole or not at all.
+
+    volume: an array [z, y, x], or [y, x] for a map, of integers, truth values, float16, float32 or float64; anything
+        with shape, dtype and slices (a dataset of h5py, zarr); or the name of a file or folder, or the names of files
+        that are slices of one volume.
+        A NumPy array of any strides, mapped ones among them, is read where it lies; of other things one slab is in
+        memory at a time. 64-bit integers become float64 and have to be within 2**53, float16 becomes float32. NaN
+        and what is masked are missing data. Nobody may change the volume meanwhile.
+    spacing: distance of neighbouring nodes, origin: world position of the first node, both in the order of the
+        array's axes. Without them 1 and 0, or what the file says.
+    missing: this value stands for missing data.
+    dataset: of a file of several, series: of DICOM. index: of files with time steps or channels what is taken of each
+        axis, ``(5, None, None, None)`` or by name, ``{"time": 5}``. crop: ``np.s_[10:20, :, 5:]``; every: of what is
+        left, each so-many-th node, one number or (z, y, x).
+    shape, dtype, offset: of raw numbers; ">u2" is a dtype of big-endian numbers.
+    indicators: names of the error indicators; exact: not rounded up to 16 bits.
+    chunk: nodes per axis, a power of two from 8 to 256. compression: zstd level, 1 to 19.
+    replace: an existing store. resume: go on with what an interrupted run left, and leave what this one has done.
+    memory: bytes of heap, at most, beside the volume. threads: 0 is all cores.
+    progress: a function ``(phase, done, total, unit)``, or True for bars of tqdm. What it raises ends the work.
+    """
+    options = _core.PreprocessOptions()
+    options.memory = to_bytes(memory)
+    options.threads = int(threads)
+    options.chunk = int(chunk)
+    options.compression = int(compression)
+    options.exact = exact
+    options.replace = replace
+    options.resume = resume
+    if indicators is not None:
+        options.indicators = list(indicators)
+    if _sources.is_files(volume):
+        source = _sources.of_files(volume, spacing=spacing, origin=origin, missing=missing, dataset=dataset,
+                                   series=series, index=index, shape=shape, dtype=dtype, offset=offset, crop=crop,
+                                   every=every, max_heap=options.memory // 4)
+    else:
+        of_files = {"dataset": dataset or None, "series": series or None, "index": index, "shape": shape,
+                    "dtype": dtype, "offset": offset, "crop": crop, "every": None if every == 1 else every}
+        given = [name for name, value in of_files.items() if value is not None]
+        if given:
+            raise ValueError(f"{given[0]}= is for files; this volume is an array, which can be sliced")
+        source = _sources.of_array(volume, spacing, origin, missing, resume)
+    with reporting(progress) as report:
+        return _core.preprocess(source, os.fspath(store), options, report)
+
+
+def open(path: "os.PathLike[str] | str") -> Store:
+    """Opens a store. It is mapped, not read: only what is asked for is read from it."""
+    return Store(path)
+
+
+def isosurface(volume: Any, level: Optional[float] = None, *, spacing: Optional[Sequence[float]] = None,
+               missing: Optional[float] = None, memory: Bytes = "1G", threads: int = 0,
+               scratch: "os.PathLike[str] | str | None" = None, progress: Progress = None, **query: Any) -> Mesh:
+    """The surface of a volume in one call, for volumes that are looked at once.
+
+    A temporary store is made in the folder ``scratch`` (without it, in the system's) and removed. ``volume``,
+    ``spacing`` and ``missing`` are those of :func:`preprocess`, the other arguments those of
+    :meth:`Store.isosurface`. Without a level it is the mean of the smallest and the largest value.
+    """
+    indicators = None
+    if query.get("cells") == "hexahedra" and query.get("error"):
+        indicators = ["deviation_bar", "hex_linf", "hex_deviation"]
+    with tempfile.TemporaryDirectory(prefix="isonest-", dir=scratch) as folder:
+        path = pathlib.Path(folder) / "volume.isonest"
+        preprocess(volume, path, spacing=spacing, missing=missing, indicators=indicators, memory=memory,
+                   threads=threads, progress=progress)
+        with open(path) as store:
+            if level is None:
+                low, high = store.range or (0.0, 0.0)
+                level = low + (high - low) / 2
+            return store.isosurface(level, memory=memory, threads=threads, scratch=folder, progress=progress, **query)

@@ -1,0 +1,96 @@
+"""Arguments in the forms that people give them."""
+from __future__ import annotations
+
+import contextlib
+import re
+from typing import Any, Callable, Iterator, Optional, Sequence, Tuple, Union
+
+Point = Sequence[float]
+"""Three numbers, in the order of the array's axes (z, y, x) or, in world coordinates, (x, y, z)."""
+Box = Tuple[Point, Point]
+"""The corner with the smallest coordinates, and the one with the largest."""
+Bytes = Union[int, str]
+"""A number of bytes, or a text such as "512M"; K, M, G and T are powers of 1024."""
+ProgressFunction = Callable[[str, int, int, str], Any]
+"""Called as ``function(phase, done, total, unit)`` with the unit "B" for bytes, else a plural noun."""
+Progress = Union[None, bool, ProgressFunction]
+
+_BYTES = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?)\s*([KMGT]?)(?:I?B)?\s*", re.IGNORECASE)
+_DISTANCE = re.compile(r"\s*([0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(voxels?)?\s*")
+
+
+def to_bytes(memory: Bytes) -> int:
+    """The number of bytes that ``memory`` says."""
+    if isinstance(memory, str):
+        found = _BYTES.fullmatch(memory)
+        if not found:
+            raise ValueError(f"memory={memory!r}: give bytes, or a text such as '512M'")
+        return int(float(found[1]) * 1024 ** " KMGT".index(found[2].upper() or " "))
+    if memory < 0:
+        raise ValueError(f"memory={memory!r}: give a number of bytes")
+    return int(memory)
+
+
+def to_distance(distance: Union[float, str]) -> tuple[float, bool]:
+    """The number, and whether it counts voxels."""
+    if not isinstance(distance, str):
+        return float(distance), False
+    found = _DISTANCE.fullmatch(distance)
+    if not found:
+        raise ValueError(f"distance={distance!r}: give a number, or a text such as '0.5voxel'")
+    return float(found[1]), found[2] is not None
+
+
+def to_point(name: str, point: Point) -> tuple[float, float, float]:
+    """Three floats."""
+    numbers = tuple(float(number) for number in point)
+    if len(numbers) != 3:
+        raise ValueError(f"{name}={point!r}: give three numbers")
+    return numbers  # type: ignore[return-value]
+
+
+def backwards(numbers: Sequence[Any]) -> tuple[Any, Any, Any]:
+    """From the order of an array's axes to x, y, z, and back."""
+    z, y, x = numbers
+    return x, y, z
+
+
+def per_axis(name: str, numbers: Sequence[Any], ndim: int, along_z: Any) -> tuple[Any, Any, Any]:
+    """Of an array with ``ndim`` axes, in the order of its axes: as x, y, z."""
+    if len(numbers) != ndim:
+        raise ValueError(f"{name}={numbers!r}: give {ndim} numbers, in the order of the array's axes")
+    return backwards((along_z, *numbers) if ndim == 2 else numbers)
+
+
+@contextlib.contextmanager
+def reporting(progress: Progress) -> Iterator[Optional[ProgressFunction]]:
+    """The function that is called, with ``True`` one that draws bars with tqdm."""
+    if progress is None or progress is False:
+        yield None
+        return
+    if progress is not True:
+        if not callable(progress):
+            raise TypeError("progress: give a function, or True for bars of tqdm")
+        yield progress
+        return
+    try:
+        from tqdm.auto import tqdm
+    except ImportError as error:
+        raise ImportError("progress=True needs tqdm (Debian: python3-tqdm); give a function in its place") from error
+    bar: Any = None
+    shown: Optional[str] = None
+
+    def draw(phase: str, done: int, total: int, unit: str) -> None:
+        nonlocal bar, shown
+        if phase != shown:
+            if bar is not None:
+                bar.close()
+            bar = tqdm(desc=phase, total=total or None, unit=unit if unit == "B" else " " + unit, unit_scale=True)
+            shown = phase
+        bar.update(done - bar.n)
+
+    try:
+        yield draw
+    finally:
+        if bar is not None:
+            bar.close()

@@ -1,0 +1,149 @@
+"""Meshes as arrays, and as the objects of other libraries."""
+from __future__ import annotations
+
+from typing import Any, Iterator, Optional
+
+import numpy as np
+
+from ._frame import Frame
+
+
+class Mesh:
+    """A surface, a slice, or (of data in a plane) lines.
+
+    The arrays own their memory: a mesh outlives the store that it is from. In array coordinates, the default,
+    vertices are what scikit-image's ``marching_cubes`` gives: positions in the array in the order of its axes
+    (z, y, x), times the spacing. In world coordinates they are (x, y, z), and the store's origin counts.
+
+    ``vertices, faces, normals, values = mesh`` works too.
+    """
+
+    def __init__(self, parts: tuple, *, coordinates: str, frame: Frame, flip: bool, level: Optional[float]) -> None:
+        self._positions, elements, self._normals, self._values, self._errors, self.report = parts
+        self._elements = elements.view(np.int32) if len(self._positions) < 2**31 else elements
+        self._coordinates = coordinates
+        self._frame = frame
+        self._flip = flip
+        self._level = level
+        self._vertices: Optional[np.ndarray] = None
+
+    @property
+    def coordinates(self) -> str:
+        """"array" or "world"."""
+        return self._coordinates
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """(n, 3), float32. A view of the extraction's memory, unless an origin other than 0 is taken off."""
+        if self._vertices is None:
+            if self._coordinates == "world":
+                self._vertices = self._positions
+            else:
+                self._vertices = self._frame.points_to_array(self._positions)
+        return self._vertices
+
+    @property
+    def faces(self) -> np.ndarray:
+        """(m, 3), int32: numbers of vertices; of lines (m, 2)."""
+        return self._elements[:, ::-1] if self._flip else self._elements
+
+    @property
+    def normals(self) -> Optional[np.ndarray]:
+        """(n, 3), float32: of length 1, from the data's gradient, towards smaller values. None if not asked for."""
+        if self._normals is None or self._coordinates == "world":
+            return self._normals
+        return self._frame.vectors_to_array(self._normals)
+
+    @property
+    def values(self) -> np.ndarray:
+        """(n,), float64: of a slice the data at the vertices, of a surface its level, or the other store's values."""
+        if self._values is None:
+            return np.broadcast_to(np.float64(np.nan if self._level is None else self._level), len(self._positions))
+        return self._values
+
+    @property
+    def errors(self) -> Optional[np.ndarray]:
+        """(n,), float32: the indicator that was asked for. None if none was."""
+        return self._errors
+
+    def __iter__(self) -> Iterator[Optional[np.ndarray]]:
+        return iter((self.vertices, self.faces, self.normals, self.values))
+
+    def __repr__(self) -> str:
+        kind = "lines" if self._elements.shape[1] == 2 else "faces"
+        return f"<isonest.Mesh: {len(self._positions)} vertices, {len(self._elements)} {kind}, " \
+               f"{self._coordinates} coordinates>"
+
+    def _other(self, coordinates: str) -> "Mesh":
+        parts = (self._positions, self._elements, self._normals, self._values, self._errors, self.report)
+        return Mesh(parts, coordinates=coordinates, frame=self._frame, flip=self._flip, level=self._level)
+
+    def in_world(self) -> "Mesh":
+        """The same mesh, the same memory, in world coordinates (x, y, z)."""
+        return self._other("world")
+
+    def in_array(self) -> "Mesh":
+        """The same mesh, the same memory, in array coordinates (z, y, x)."""
+        return self._other("array")
+
+    def _attributes(self) -> dict[str, np.ndarray]:
+        named = {"normal": self._normals, "value": self._values, "error": self._errors}
+        return {name: array for name, array in named.items() if array is not None}
+
+    def to_vtk(self) -> Any:
+        """A ``vtkPolyData`` in world coordinates. It shares the memory of vertices and attributes; faces are copied."""
+        from vtkmodules.util.numpy_support import numpy_to_vtk
+        from vtkmodules.vtkCommonCore import vtkPoints, vtkTypeInt32Array, vtkTypeInt64Array
+        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+
+        def shared(array: np.ndarray) -> Any:
+            return numpy_to_vtk(np.ascontiguousarray(array), deep=0)
+
+        def copied(array: np.ndarray) -> Any:
+            # vtkCellArray keeps the memory that it is given, but not the array that owns it.
+            integers = (vtkTypeInt32Array if array.dtype == np.int32 else vtkTypeInt64Array)()
+            view = integers.NewInstance()
+            view.SetVoidArray(array, array.size, 1)
+            integers.DeepCopy(view)
+            return integers
+
+        data = vtkPolyData()
+        points = vtkPoints()
+        points.SetData(shared(self._positions))
+        data.SetPoints(points)
+        corners = np.ascontiguousarray(self.faces)
+        kind = np.int32 if corners.dtype == np.int32 and corners.size < 2**31 else np.int64
+        offsets = np.arange(0, corners.size + 1, corners.shape[1], dtype=kind)
+        cells = vtkCellArray()
+        cells.SetData(copied(offsets), copied(corners.reshape(-1).astype(kind, copy=False)))
+        if corners.shape[1] == 2:
+            data.SetLines(cells)
+        else:
+            data.SetPolys(cells)
+        for name, array in self._attributes().items():
+            attribute = shared(array)
+            attribute.SetName(name)
+            if name == "normal":
+                data.GetPointData().SetNormals(attribute)
+            else:
+                data.GetPointData().AddArray(attribute)
+        if self._values is not None:
+            data.GetPointData().SetActiveScalars("value")
+        return data
+
+    def to_meshio(self) -> Any:
+        """A ``meshio.Mesh`` in world coordinates."""
+        import meshio
+
+        kind = "line" if self._elements.shape[1] == 2 else "triangle"
+        return meshio.Mesh(self._positions, [(kind, self.faces)], point_data=self._attributes())
+
+    def to_trimesh(self) -> Any:
+        """A ``trimesh.Trimesh`` in world coordinates, with the vertices and faces as they are."""
+        import trimesh
+
+        if self._elements.shape[1] == 2:
+            raise ValueError("trimesh.Trimesh has triangles; these are lines")
+        attributes = {name: array for name, array in self._attributes().items() if name != "normal"}
+        return trimesh.Trimesh(vertices=self._positions, faces=self.faces, vertex_normals=self._normals,
+                               vertex_attributes=attributes, process=False)

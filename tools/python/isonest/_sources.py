@@ -1,0 +1,173 @@
+"""Volumes for preprocess: files, NumPy arrays, and whatever gives NumPy arrays when it is sliced."""
+from __future__ import annotations
+
+import os
+from typing import Any, Optional, Sequence, Union
+
+import numpy as np
+
+from . import _core
+from ._arguments import per_axis
+
+_TYPES = frozenset("uint8 int8 uint16 int16 uint32 int32 float32 float64".split())
+_EXACT = 2**53
+"""Integers up to this one are exact in float64."""
+_PIECE = 8 << 20
+"""Bytes that are sliced off at a time, where the input's chunks allow it."""
+
+
+def _type_in_store(dtype: np.dtype, masked: bool) -> np.dtype:
+    """The type in which values of ``dtype`` are kept."""
+    if dtype == np.bool_:
+        dtype = np.dtype(np.uint8)
+    if masked and dtype.kind in "iu":
+        return np.dtype(np.float32 if dtype.itemsize <= 2 else np.float64)
+    if dtype == np.float16:
+        return np.dtype(np.float32)
+    if dtype in (np.dtype(np.int64), np.dtype(np.uint64)):
+        return np.dtype(np.float64)
+    if dtype.name not in _TYPES:
+        raise TypeError(f"a volume of {dtype}: give integers, truth values, float16, float32 or float64")
+    return np.dtype(dtype.name)
+
+
+class _Reader:
+    """Slices of an array as dense arrays of the store's type."""
+
+    def __init__(self, volume: Any, name: str) -> None:
+        self.volume = volume
+        self.name = name
+        self.source_type = np.dtype(volume.dtype)
+        self.dtype = _type_in_store(self.source_type.newbyteorder("="), isinstance(volume, np.ma.MaskedArray))
+
+    def read(self, z0: int, z1: int, y0: int, y1: int) -> np.ndarray:
+        """Rows [y0, y1) of planes [z0, z1)."""
+        if len(self.volume.shape) == 2:
+            slab = self.volume[y0:y1, :]
+        else:
+            slab = self.volume[z0:z1, y0:y1, :]
+        expected = (z1 - z0, y1 - y0, self.volume.shape[-1])
+        mask = np.ma.getmask(slab) if isinstance(slab, np.ma.MaskedArray) else np.ma.nomask
+        slab = np.asarray(slab)
+        if slab.size != expected[0] * expected[1] * expected[2]:
+            raise ValueError(f"{self.name}: a slice has the shape {slab.shape}, not {expected}")
+        if self.source_type.kind in "iu" and self.source_type.itemsize == 8:
+            if mask is not np.ma.nomask:
+                slab = np.where(mask, 0, slab)
+            if slab.size and (slab.max() > _EXACT or slab.min() < -_EXACT):
+                raise ValueError(f"{self.name}: integers beyond 2**53, which float64 does not hold; "
+                                 "scale them, or take an offset off them, first")
+        dense = np.ascontiguousarray(slab, dtype=self.dtype)
+        if mask is not np.ma.nomask and mask.any():
+            dense = np.where(mask, np.array(np.nan, self.dtype), dense)
+        return dense
+
+
+def _files_of(volume: Any) -> list[str]:
+    """The file that an array is mapped from, or a dataset lies in."""
+    name = getattr(volume, "filename", None) if isinstance(volume, np.memmap) else None
+    if name is None:
+        name = getattr(getattr(volume, "file", None), "filename", None)
+    return [os.fspath(name)] if isinstance(name, (str, os.PathLike)) and os.path.exists(name) else []
+
+
+def _name_of(volume: Any, files: Sequence[str]) -> str:
+    if not files:
+        return "array"
+    inside = getattr(volume, "name", None)
+    return f"{files[0]}:{inside}" if isinstance(inside, str) else files[0]
+
+
+def _identity_of(volume: Any, name: str, files: Sequence[str]) -> str:
+    """What tells a dataset of a file from others; "" where nothing does."""
+    if isinstance(volume, np.ndarray) or not files:
+        return ""
+    status = os.stat(files[0])
+    return f"{name}\nsize {status.st_size}\ntime {status.st_mtime_ns}\n"
+
+
+def _chunks_of(volume: Any) -> tuple[int, ...]:
+    """The shape of a chunk, of different ones (dask) the largest; ones where there are no chunks."""
+    chunks = getattr(volume, "chunks", None)
+    if not isinstance(chunks, tuple) or len(chunks) != len(volume.shape):
+        return (1,) * len(volume.shape)
+    return tuple(int(np.max(lengths)) for lengths in chunks)
+
+
+def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
+             missing: Optional[float], identified: bool) -> Any:
+    """A source of whatever has a shape, a dtype and slices."""
+    if not (hasattr(volume, "shape") and hasattr(volume, "__getitem__") and hasattr(volume, "dtype")):
+        volume = np.asarray(volume)
+    try:
+        np.dtype(volume.dtype)
+    except TypeError:  # of another library: a tensor
+        volume = np.asarray(volume)
+    ndim = len(volume.shape)
+    if ndim not in (2, 3):
+        raise ValueError(f"an array of shape {tuple(volume.shape)}: a volume has three axes, a map two")
+    if 0 in volume.shape:
+        raise ValueError(f"an array of shape {tuple(volume.shape)} has no values")
+    files = _files_of(volume)
+    name = _name_of(volume, files)
+    place: dict[str, Any] = {
+        "spacing": per_axis("spacing", spacing if spacing is not None else (1.0,) * ndim, ndim, 1.0),
+        "origin": per_axis("origin", origin if origin is not None else (0.0,) * ndim, ndim, 0.0),
+        "name": name, "files": files, "missing": missing}
+    reader = _Reader(volume, name)
+    if isinstance(volume, np.ndarray) and not isinstance(volume, np.ma.MaskedArray):
+        plain = volume.view(np.uint8) if volume.dtype == np.bool_ else volume
+        if plain.dtype == reader.dtype and plain.dtype.isnative:
+            return _core.source_of_array(np.asarray(plain if ndim == 3 else plain[None]), identified=identified,
+                                         **place)
+    chunks = _chunks_of(volume)
+    nz, ny, nx = (1, *volume.shape) if ndim == 2 else volume.shape
+    planes, rows = (1, chunks[0]) if ndim == 2 else chunks[:2]
+    each = nx * (reader.source_type.itemsize + 2 * reader.dtype.itemsize)
+    rows = min(ny, max(rows, _PIECE // (planes * each) // rows * rows))
+    identity = _identity_of(volume, name, files) if identified else ""
+    return _core.source_of_reader(
+        reader, nodes=(nx, ny, nz), dtype=reader.dtype, planes=planes, rows=rows,
+        heap=planes * rows * each + (2 << 20), identity=identity, **place)
+
+
+def is_files(volume: Any) -> bool:
+    """Whether this is the name of a file or folder, or a list of such names."""
+    if isinstance(volume, (list, tuple)):
+        return len(volume) > 0 and all(isinstance(name, (str, os.PathLike)) for name in volume)
+    return isinstance(volume, (str, os.PathLike))
+
+
+def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
+             missing: Optional[float], dataset: str, series: str, index: Any, shape: Optional[Sequence[int]],
+             dtype: Any, offset: Optional[int], crop: Optional[Sequence[slice]], every: Union[int, Sequence[int]],
+             max_heap: int) -> Any:
+    """A source of one file, a folder, or several files."""
+    options = _core.SourceOptions()
+    options.dataset, options.series = dataset, series
+    options.offset, options.missing, options.max_heap = offset, missing, max_heap
+    ndim = next((len(numbers) for numbers in (shape, spacing, origin) if numbers is not None), 3)
+    if ndim not in (2, 3):
+        raise ValueError(f"shape={shape!r}: give three numbers, or two for a map")
+    if shape is not None:
+        options.set_dims(per_axis("shape", [int(n) for n in shape], ndim, 1))
+    if dtype is not None:
+        kind = np.dtype(dtype)
+        options.set_dtype(kind.newbyteorder("="))
+        if kind.itemsize > 1:
+            options.big_endian = kind.newbyteorder("=").str[0] != kind.str[0]
+    if spacing is not None:
+        options.spacing = per_axis("spacing", spacing, ndim, 1.0)
+    if origin is not None:
+        options.origin = per_axis("origin", origin, ndim, 0.0)
+    for axis, at in index.items() if isinstance(index, dict) else (("", at) for at in index or ()):
+        options.add_index(axis, None if at is None or at == slice(None) else int(at))
+    if crop is not None:
+        if any(not isinstance(part, slice) or part.step not in (None, 1) for part in crop):
+            raise ValueError(f"crop={crop!r}: give slices without a step, such as np.s_[10:20, :, 5:]; "
+                             "a step is every=")
+        options.set_crop(per_axis("crop", [(part.start, part.stop) for part in crop], len(crop), (None, None)))
+    if isinstance(every, (int, np.integer)):
+        every = (int(every),) * ndim
+    options.set_every(per_axis("every", every, len(every), 1))
+    return _core.source_of_files([paths] if isinstance(paths, (str, os.PathLike)) else list(paths), options)

@@ -1,0 +1,97 @@
+#include "tools/python/src/reports.h"
+
+#include <pybind11/stl.h>
+
+#include <optional>
+#include <string>
+
+#include <isonest/extract.h>
+#include <isonest/preprocess.h>
+
+#include "tools/python/src/arrays.h"
+
+namespace isonest::python {
+namespace {
+
+void add_preprocess_report(py::module_& module) {
+    using R = PreprocessReport;
+    py::class_<R>(module, "PreprocessReport", "What isonest.preprocess has done.")
+        .def_property_readonly(
+            "shape", [](const R& r) { return shape_of(r.nodes); }, "nodes per axis, (z, y, x)")
+        .def_readonly("levels", &R::levels)
+        .def_readonly("input_bytes", &R::input_bytes)
+        .def_readonly("store_bytes", &R::store_bytes)
+        .def_readonly("chunks", &R::chunks)
+        .def_readonly("min", &R::min_value, "the smallest finite value")
+        .def_readonly("max", &R::max_value, "the largest finite value")
+        .def_readonly("has_missing", &R::has_missing, "values that are not finite were found")
+        .def_readonly("resumed_chunks", &R::resumed_chunks, "taken over from an interrupted run")
+        .def_readonly("input_on_disk", &R::input_on_disk,
+                      "the input was first copied to temporary space: there was little memory")
+        .def_readonly("seconds", &R::seconds)
+        .def("__repr__", [](const R& r) {
+            return py::str("PreprocessReport(shape={}, levels={}, store_bytes={}, seconds={:.3f})")
+                .format(shape_of(r.nodes), r.levels, r.store_bytes, r.seconds);
+        });
+}
+
+void add_extract_report(py::module_& module) {
+    using R = ExtractReport;
+    using Q = TriangleQuality;
+    py::class_<Q>(module, "TriangleQuality", "The smallest angles of triangles, in degrees.")
+        .def_readonly("least", &Q::least)
+        .def_readonly("per_mille", &Q::per_mille)
+        .def_readonly("percent", &Q::percent)
+        .def_readonly("five_percent", &Q::five_percent)
+        .def_readonly("median", &Q::median)
+        .def_readonly("narrow_share", &Q::narrow_share, "share with an angle below 5 degrees");
+    py::class_<R>(module, "Report", "How a mesh was made, and what is known of it.")
+        .def_readonly("vertices", &R::vertices)
+        .def_readonly("triangles", &R::triangles, "or lines, of data in a plane")
+        .def_readonly("tolerance", &R::tolerance, "the error that was asked for")
+        .def_readonly("error_bound", &R::error_bound,
+                      "the error that is known of the mesh, not above the tolerance")
+        .def_readonly("value_rounding", &R::value_rounding)
+        .def_readonly("value_range", &R::value_range)
+        .def_property_readonly(
+            "indicator", [](const R& r) { return std::string(name_of(r.stop)); },
+            "the field of the store that said where to stop")
+        .def_readonly("distance", &R::distance,
+                      "the distance within which the mesh was to be, in world units, or None")
+        .def_readonly("distance_bound", &R::distance_bound,
+                      "what is proven of it, not above the distance")
+        .def_readonly("within_budget", &R::within_budget,
+                      "whether there are no more triangles than were asked for, or None")
+        .def_readonly("full_triangles", &R::full_triangles,
+                      "of the surface at full resolution, if a distance was asked for")
+        .def_readonly("nested_triangles", &R::nested_triangles)
+        .def_readonly("components", &R::components)
+        .def_readonly("dropped_components", &R::dropped_components)
+        .def_readonly("dropped_triangles", &R::dropped_triangles)
+        .def_readonly("border_vertices", &R::border_vertices)
+        .def_readonly("mended_triangles", &R::mended_triangles)
+        .def_readonly("zero_area_triangles", &R::zero_area_triangles)
+        .def_readonly(
+            "coordinate_rounding", &R::coordinate_rounding,
+            "most by which float32 coordinates are off, in distances of neighbouring nodes")
+        .def_readonly("visited_cells", &R::visited_tetrahedra)
+        .def_readonly("leaf_cells", &R::leaf_tetrahedra)
+        .def_readonly("chunks_read", &R::chunks_read)
+        .def_readonly("chunks_total", &R::chunks_total)
+        .def_readonly("bytes_read", &R::bytes_read)
+        .def_readonly("quality", &R::quality, "TriangleQuality if it was asked for, or None")
+        .def_readonly("seconds", &R::seconds)
+        .def("__repr__", [](const R& r) {
+            return py::str("Report(vertices={}, triangles={}, error_bound={}, seconds={:.3f})")
+                .format(r.vertices, r.triangles, r.error_bound, r.seconds);
+        });
+}
+
+}  // namespace
+
+void add_reports(py::module_& module) {
+    add_preprocess_report(module);
+    add_extract_report(module);
+}
+
+}  // namespace isonest::python

@@ -1,0 +1,262 @@
+#include "tools/python/src/sources.h"
+
+#include <pybind11/numpy.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <algorithm>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <isonest/error.h>
+#include <isonest/memory_volume.h>
+#include <isonest/open_volume.h>
+#include <isonest/preprocess.h>
+
+#include "preprocess/sources/missing_source.h"
+#include "tools/python/src/arrays.h"
+#include "tools/python/src/progress.h"
+
+namespace isonest::python {
+namespace {
+
+using Path = std::filesystem::path;
+using Numbers = std::array<std::int64_t, 3>;
+
+Int3 int3_of(const Numbers& n) {
+    return {n[0], n[1], n[2]};
+}
+
+/// The memory of a NumPy array, of any strides. The array lives as long.
+class ArrayVolume : public MemoryVolume {
+  public:
+    ArrayVolume(py::array array, MemoryLayout layout, bool identified, std::vector<Path> files)
+        : MemoryVolume(array.data(), value_type_of(array.dtype()),
+                       {array.shape(2), array.shape(1), array.shape(0)}, std::move(layout)),
+          array_(std::move(array)),
+          identified_(identified),
+          files_(std::move(files)) {}
+    ~ArrayVolume() override {
+        const py::gil_scoped_acquire with;
+        array_.release().dec_ref();
+    }
+    ArrayVolume(const ArrayVolume&) = delete;
+    ArrayVolume& operator=(const ArrayVolume&) = delete;
+
+    /// A digest reads all values once more: only for those who want to resume.
+    [[nodiscard]] std::string identity() const override {
+        return identified_ ? MemoryVolume::identity() : "";
+    }
+    [[nodiscard]] std::vector<Path> files() const override { return files_; }
+
+  private:
+    py::array array_;
+    bool identified_;
+    std::vector<Path> files_;
+};
+
+/// A Python object with read(z0, z1, y0, y1) that returns a dense array of the volume's type. The
+/// GIL is held for one such call at a time.
+class ReaderVolume : public VolumeSource {
+  public:
+    ReaderVolume(py::object reader, VolumeDescription description, Granularity granularity,
+                 std::uint64_t heap, std::string identity, std::vector<Path> files)
+        : reader_(std::move(reader)),
+          description_(std::move(description)),
+          granularity_(granularity),
+          heap_(heap),
+          identity_(std::move(identity)),
+          files_(std::move(files)) {}
+    ~ReaderVolume() override {
+        const py::gil_scoped_acquire with;
+        reader_.release().dec_ref();
+    }
+    ReaderVolume(const ReaderVolume&) = delete;
+    ReaderVolume& operator=(const ReaderVolume&) = delete;
+
+    [[nodiscard]] VolumeDescription describe() const override { return description_; }
+    [[nodiscard]] std::string identity() const override { return identity_; }
+    [[nodiscard]] Granularity granularity() const override { return granularity_; }
+    [[nodiscard]] std::uint64_t heap() const override { return heap_; }
+    [[nodiscard]] std::vector<Path> files() const override { return files_; }
+
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        const std::int64_t row =
+            description_.nodes.x * static_cast<std::int64_t>(size_of(description_.type));
+        for (std::int64_t z = z0; z < z0 + nz;) {
+            const std::int64_t z1 = std::min(z0 + nz, next(z, granularity_.planes));
+            for (std::int64_t y = y0; y < y0 + ny;) {
+                const std::int64_t y1 = std::min(y0 + ny, next(y, granularity_.rows));
+                const py::gil_scoped_acquire with;
+                const py::array slab = reader_.attr("read")(z, z1, y, y1);
+                const auto piece = static_cast<std::size_t>((y1 - y) * row);
+                if (slab.nbytes() != (z1 - z) * static_cast<std::int64_t>(piece) ||
+                    (slab.flags() & py::array::c_style) == 0) {
+                    throw Error(ErrorKind::io, {description_.name},
+                                "a slice of it has not the shape that was asked for");
+                }
+                for (std::int64_t i = 0; i < z1 - z; ++i) {
+                    std::memcpy(dst + ((z - z0 + i) * ny + (y - y0)) * row,
+                                static_cast<const std::byte*>(slab.data()) +
+                                    static_cast<std::size_t>(i) * piece,
+                                piece);
+                }
+                y = y1;
+            }
+            z = z1;
+        }
+    }
+
+  private:
+    static std::int64_t next(std::int64_t at, std::int64_t step) { return (at / step + 1) * step; }
+
+    py::object reader_;
+    VolumeDescription description_;
+    Granularity granularity_;
+    std::uint64_t heap_;
+    std::string identity_;
+    std::vector<Path> files_;
+};
+
+/// One use: preprocess() takes it.
+struct Source {
+    std::unique_ptr<VolumeSource> volume;
+};
+
+Source with_missing(std::unique_ptr<VolumeSource> volume, std::optional<double> missing) {
+    if (missing) {
+        volume = detail::with_missing(std::move(volume), *missing);
+    }
+    return {std::move(volume)};
+}
+
+using Range = std::pair<std::optional<std::int64_t>, std::optional<std::int64_t>>;
+
+/// How files are read, as Python fills it in.
+void add_source_options(py::module_& module) {
+    using O = SourceOptions;
+    py::class_<O>(module, "SourceOptions")
+        .def(py::init<>())
+        .def_readwrite("dataset", &O::dataset)
+        .def_readwrite("series", &O::series)
+        .def_readwrite("offset", &O::offset)
+        .def_readwrite("big_endian", &O::big_endian)
+        .def_readwrite("spacing", &O::spacing)
+        .def_readwrite("origin", &O::origin)
+        .def_readwrite("missing", &O::missing)
+        .def_readwrite("max_heap", &O::max_heap)
+        .def("add_index",
+             [](O& o, const std::string& axis, std::optional<std::int64_t> at) {
+                 o.index.push_back({axis, at});
+             })
+        .def("set_dims", [](O& o, const Numbers& dims) { o.dims = int3_of(dims); })
+        .def("set_dtype", [](O& o, const py::dtype& dtype) { o.type = value_type_of(dtype); })
+        .def("set_crop",
+             [](O& o, const std::array<Range, 3>& crop) {
+                 for (std::size_t axis = 0; axis < crop.size(); ++axis) {
+                     o.crop.at(axis) = {crop.at(axis).first, crop.at(axis).second};
+                 }
+             })
+        .def("set_every", [](O& o, const Numbers& every) { o.every = int3_of(every); });
+}
+
+Source source_of_files(const std::vector<Path>& paths, const SourceOptions& options) {
+    const py::gil_scoped_release without;
+    return {open_volume(paths, options)};
+}
+
+Source source_of_array(py::array array, const Double3& spacing, const Double3& origin,
+                       std::string name, bool identified, std::vector<Path> files,
+                       std::optional<double> missing) {
+    if (array.ndim() != 3) {
+        throw py::value_error("a volume has three axes");
+    }
+    MemoryLayout layout;
+    layout.strides = Int3{array.strides(2), array.strides(1), array.strides(0)};
+    layout.spacing = spacing;
+    layout.origin = origin;
+    layout.name = std::move(name);
+    auto volume = std::make_unique<ArrayVolume>(std::move(array), std::move(layout), identified,
+                                                std::move(files));
+    return with_missing(std::move(volume), missing);
+}
+
+Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype& dtype,
+                        const Double3& spacing, const Double3& origin, std::string name,
+                        std::int64_t planes, std::int64_t rows, std::uint64_t heap,
+                        std::string identity, std::vector<Path> files,
+                        std::optional<double> missing) {
+    VolumeDescription description{int3_of(nodes), value_type_of(dtype), spacing, origin,
+                                  std::move(name)};
+    const VolumeSource::Granularity granularity{std::max<std::int64_t>(planes, 1),
+                                                std::max<std::int64_t>(rows, 1)};
+    auto volume =
+        std::make_unique<ReaderVolume>(std::move(reader), std::move(description), granularity, heap,
+                                       std::move(identity), std::move(files));
+    return with_missing(std::move(volume), missing);
+}
+
+PreprocessReport preprocess_source(Source& source, const Path& store,
+                                   const PreprocessOptions& options, const py::object& progress) {
+    const std::unique_ptr<VolumeSource> volume = std::move(source.volume);
+    if (!volume) {
+        throw py::value_error("this source has been used");
+    }
+    PreprocessReport report;
+    run_watched(progress, [&](Progress& p) { report = preprocess(*volume, store, options, p); });
+    return report;
+}
+
+std::vector<Field> fields_of(const std::vector<std::string>& names) {
+    std::vector<Field> fields;
+    for (const std::string& name : names) {
+        const std::optional<Field> field = field_from_name(name);
+        if (!field || *field == Field::values) {
+            throw Error(ErrorKind::invalid_argument, "there is no indicator '" + name + "'",
+                        {{RemedyKind::other_field, list_names(all_fields())}});
+        }
+        fields.push_back(*field);
+    }
+    std::sort(fields.begin(), fields.end());
+    fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
+    return fields;
+}
+
+}  // namespace
+
+void add_sources(py::module_& module) {
+    using namespace py::literals;
+    // NOLINTNEXTLINE(bugprone-unused-raii): the module keeps it
+    py::class_<Source>(module, "Source");
+    add_source_options(module);
+    module.def("source_of_files", &source_of_files, "paths"_a, "options"_a);
+    module.def("source_of_array", &source_of_array, "array"_a, py::kw_only(), "spacing"_a,
+               "origin"_a, "name"_a, "identified"_a, "files"_a, "missing"_a);
+    module.def("source_of_reader", &source_of_reader, "reader"_a, py::kw_only(), "nodes"_a,
+               "dtype"_a, "spacing"_a, "origin"_a, "name"_a, "planes"_a, "rows"_a, "heap"_a,
+               "identity"_a, "files"_a, "missing"_a);
+
+    py::class_<PreprocessOptions>(module, "PreprocessOptions")
+        .def(py::init<>())
+        .def_readwrite("memory", &PreprocessOptions::memory)
+        .def_readwrite("threads", &PreprocessOptions::threads)
+        .def_readwrite("chunk", &PreprocessOptions::chunk)
+        .def_readwrite("compression", &PreprocessOptions::compression)
+        .def_readwrite("exact", &PreprocessOptions::exact)
+        .def_readwrite("replace", &PreprocessOptions::force)
+        .def_readwrite("resume", &PreprocessOptions::resume)
+        .def_property(
+            "indicators", [](const PreprocessOptions& o) { return names_of(o.fields); },
+            [](PreprocessOptions& o, const std::vector<std::string>& names) {
+                o.fields = fields_of(names);
+            });
+    module.def("preprocess", &preprocess_source, "source"_a, "store"_a, "options"_a, "progress"_a);
+}
+
+}  // namespace isonest::python

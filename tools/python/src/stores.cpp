@@ -1,0 +1,179 @@
+#include "tools/python/src/stores.h"
+
+#include <oneapi/tbb/parallel_for.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <cstring>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "query/statistics/histogram.h"
+#include "store/base/memory_budget.h"
+#include "store/base/workers.h"
+#include "store/container/reader.h"
+#include "tools/python/src/arrays.h"
+#include "tools/python/src/progress.h"
+
+namespace isonest::python {
+
+using detail::ArrayInfo;
+
+std::shared_ptr<const Store> OpenStore::get() const {
+    if (!store_) {
+        throw py::value_error("this store is closed");
+    }
+    return store_;
+}
+
+namespace {
+
+using Numbers = std::array<std::int64_t, 3>;
+
+/// Those of the level's nodes that lie in the volume: every 2^level-th.
+Int3 nodes_of(const Store& store, int level) {
+    if (level < 0 || level >= store.levels()) {
+        throw py::index_error("there is no level " + std::to_string(level) +
+                              ": the levels are 0 to " + std::to_string(store.levels() - 1));
+    }
+    return ceil_div(store.nodes(), Int3{1, 1, 1} * (std::int64_t{1} << level));
+}
+
+/// Copies the part of a decoded chunk that lies in the box of `size` nodes from `lo` on.
+void copy_part(const ArrayInfo& array, const Int3& chunk, const std::byte* data, const Int3& lo,
+               const Int3& size, std::byte* out) {
+    const auto element = static_cast<std::int64_t>(array.codec.element_size);
+    const Int3 base = array.first_node(chunk);
+    const Int3 from = max(base, lo);
+    const Int3 to = min(base + array.chunk, lo + size);
+    for (std::int64_t z = from.z; z < to.z; ++z) {
+        for (std::int64_t y = from.y; y < to.y; ++y) {
+            const Int3 at{from.x, y, z};
+            std::memcpy(out + size.linear(at - lo) * element,
+                        data + array.chunk.linear(at - base) * element,
+                        static_cast<std::size_t>((to.x - from.x) * element));
+        }
+    }
+}
+
+/// Each chunk is decoded once, in memory of its own beside the array.
+py::array values(const OpenStore& handle, int level, const Numbers& lo_, const Numbers& hi_,
+                 std::uint64_t memory, int threads, const py::object& report) {
+    const std::shared_ptr<const Store> store = handle.get();
+    const Int3 nodes = nodes_of(*store, level);
+    const Int3 lo{lo_[0], lo_[1], lo_[2]};
+    const Int3 size = Int3{hi_[0], hi_[1], hi_[2]} - lo;
+    for (int axis = 0; axis < 3; ++axis) {
+        if (lo[axis] < 0 || size[axis] < 0 || lo[axis] + size[axis] > nodes[axis]) {
+            throw py::index_error("the box does not lie in the level");
+        }
+    }
+    py::array result(dtype_of(store->type()), std::vector<py::ssize_t>{size.z, size.y, size.x});
+    if (size.product() == 0) {
+        return result;
+    }
+    auto* const out = static_cast<std::byte*>(result.mutable_data());
+    const detail::StoreReader& reader = store->reader();
+    const ArrayInfo& array = reader.layout().array(level, Field::values);
+    const std::uint64_t each = array.chunk_bytes() + detail::decode_heap(array.chunk_bytes());
+    detail::require_memory(store->path().string(), memory, detail::kLibraryHeap + each,
+                           "this store's chunks");
+    run_watched(report, [&](Progress& progress) {
+        detail::Workers workers(static_cast<int>(std::min<std::uint64_t>(
+            (memory - detail::kLibraryHeap) / each,
+            static_cast<std::uint64_t>(detail::Workers::count_of(threads)))));
+        const Int3 first = array.chunk_of(lo);
+        const Int3 chunks = array.chunk_of(lo + size - Int3{1, 1, 1}) - first + Int3{1, 1, 1};
+        progress.begin("values", static_cast<std::uint64_t>(chunks.product()), "chunks");
+        workers.execute([&] {
+            tbb::parallel_for(std::int64_t{0}, chunks.product(), [&](std::int64_t i) {
+                progress.check();
+                const Int3 chunk = first + chunks.unlinear(i);
+                std::vector<std::byte> data(array.chunk_bytes());
+                reader.decode(array, chunk, data);
+                copy_part(array, chunk, data.data(), lo, size, out);
+                progress.advance(1);
+            });
+        });
+    });
+    return result;
+}
+
+detail::Histogram histogram(const OpenStore& handle, std::optional<int> level, std::uint64_t memory,
+                            int threads, const py::object& report) {
+    const std::shared_ptr<const Store> store = handle.get();
+    if (level) {
+        static_cast<void>(nodes_of(*store, *level));
+    }
+    detail::Histogram result;
+    run_watched(report, [&](Progress& progress) {
+        result = detail::histogram(store->reader(), {level, memory, threads}, progress);
+    });
+    return result;
+}
+
+template <class T>
+py::array copied(const std::vector<T>& numbers) {
+    return as_array(std::vector<T>(numbers));
+}
+
+void add_histogram(py::module_& module) {
+    using detail::Histogram;
+    py::class_<Histogram>(module, "Histogram")
+        .def_readonly("level", &Histogram::level)
+        .def_readonly("looked", &Histogram::looked)
+        .def_readonly("missing", &Histogram::missing)
+        .def_readonly("cube_level", &Histogram::cube_level)
+        .def_property_readonly("low", [](const Histogram& h) { return copied(h.bins.low); })
+        .def_property_readonly("end", [](const Histogram& h) { return h.bins.end; })
+        .def_property_readonly("nodes", [](const Histogram& h) { return copied(h.nodes); })
+        .def_property_readonly("cubes", [](const Histogram& h) { return copied(h.cubes); })
+        .def_property_readonly("suggested", [](const Histogram& h) {
+            std::vector<std::pair<double, std::uint64_t>> all;
+            for (const detail::SuggestedIsovalue& s : h.suggested) {
+                all.emplace_back(s.isovalue, s.cubes);
+            }
+            return all;
+        });
+}
+
+}  // namespace
+
+void add_stores(py::module_& module) {
+    using namespace py::literals;
+    py::class_<OpenStore>(module, "Store")
+        .def(py::init([](const std::filesystem::path& path) {
+                 const py::gil_scoped_release without;
+                 return std::make_unique<OpenStore>(path);
+             }),
+             "path"_a)
+        .def("close", &OpenStore::close)
+        .def_property_readonly("closed", &OpenStore::closed)
+        .def_property_readonly("path", [](const OpenStore& s) { return s.get()->path(); })
+        .def_property_readonly("shape",
+                               [](const OpenStore& s) { return shape_of(s.get()->nodes()); })
+        .def_property_readonly("dtype",
+                               [](const OpenStore& s) { return dtype_of(s.get()->type()); })
+        .def_property_readonly("spacing", [](const OpenStore& s) { return s.get()->spacing(); })
+        .def_property_readonly("origin", [](const OpenStore& s) { return s.get()->origin(); })
+        .def_property_readonly("levels", [](const OpenStore& s) { return s.get()->levels(); })
+        .def_property_readonly("indicators",
+                               [](const OpenStore& s) { return names_of(s.get()->fields()); })
+        .def_property_readonly("min", [](const OpenStore& s) { return s.get()->min_value(); })
+        .def_property_readonly("max", [](const OpenStore& s) { return s.get()->max_value(); })
+        .def_property_readonly("has_missing",
+                               [](const OpenStore& s) { return s.get()->has_missing(); })
+        .def_property_readonly("file_bytes",
+                               [](const OpenStore& s) { return s.get()->reader().file_bytes(); })
+        .def(
+            "level_shape",
+            [](const OpenStore& s, int level) { return shape_of(nodes_of(*s.get(), level)); },
+            "level"_a)
+        .def("values", &values, "level"_a, "lo"_a, "hi"_a, "memory"_a, "threads"_a, "progress"_a)
+        .def("histogram", &histogram, "level"_a, "memory"_a, "threads"_a, "progress"_a);
+    add_histogram(module);
+}
+
+}  // namespace isonest::python

@@ -1,0 +1,32 @@
+// A finished store: what it holds, its values, their histogram.
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+#include <filesystem>
+#include <memory>
+
+#include <isonest/store.h>
+
+namespace isonest::python {
+
+namespace py = pybind11;
+
+/// A store that Python may close while another thread still queries it: the query keeps it open.
+class OpenStore {
+  public:
+    explicit OpenStore(const std::filesystem::path& path)
+        : store_(std::make_shared<const Store>(path)) {}
+    /// Throws py::value_error if it is closed.
+    [[nodiscard]] std::shared_ptr<const Store> get() const;
+    void close() { store_.reset(); }
+    [[nodiscard]] bool closed() const { return store_ == nullptr; }
+
+  private:
+    std::shared_ptr<const Store> store_;
+};
+
+/// Adds Store and Histogram.
+void add_stores(py::module_& module);
+
+}  // namespace isonest::python
