@@ -159,3 +159,29 @@ def test_any_number_of_threads_gives_the_same_mesh(store_path, noise):
     one, two = store.isosurface(0.3, threads=1), store.isosurface(0.3, threads=2)
     np.testing.assert_array_equal(one.vertices, two.vertices)
     np.testing.assert_array_equal(one.faces, two.faces)
+
+
+def test_a_rotated_volume_is_the_same_in_array_coordinates(tmp_path):
+    """The corners of the world's mesh are those of the array's, turned about the origin."""
+    matrix, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    matrix *= np.linalg.det(matrix)
+    z, y, x = np.mgrid[:14, :17, :20]
+    data = np.hypot(np.hypot(x - 9, y - 8), 1.5 * (z - 6)).astype("f4")
+    header = ["NRRD0005", "type: float", "dimension: 3", "space dimension: 3", "sizes: 20 17 14", "encoding: raw",
+              "endian: little", "space origin: (10,20,30)", "space directions: " + " ".join(
+                  "(" + ",".join(map(repr, map(float, column))) + ")" for column in matrix.T)]
+    (tmp_path / "v.nrrd").write_bytes("\n".join(header).encode() + b"\n\n" + data.tobytes())
+    isonest.preprocess(tmp_path / "v.nrrd", tmp_path / "v.isonest")
+    store = isonest.open(tmp_path / "v.isonest")
+    np.testing.assert_allclose(np.array(store.direction).T, matrix, atol=1e-12)
+    plain = isonest.isosurface(data, 6.05, normals=True)
+    found = store.isosurface(6.05, normals=True)
+    np.testing.assert_array_equal(found.faces, plain.faces)
+    np.testing.assert_allclose(found.vertices, plain.vertices, atol=1e-5)
+    np.testing.assert_allclose(found.normals, plain.normals, atol=1e-5)
+    world = store.isosurface(6.05, coordinates="world").vertices
+    np.testing.assert_allclose(world, plain.vertices[:, ::-1] @ matrix.T + (10, 20, 30), atol=1e-4)
+    with pytest.raises(isonest.Error):
+        store.isosurface(6.05, box=((0, 0, 0), (5, 5, 5)))
+    cut = store.slice((1, 0, 0), 6, coordinates="array")
+    np.testing.assert_allclose(cut.vertices[:, 0], 6, atol=1e-5)

@@ -9,7 +9,7 @@ import numpy as np
 
 from . import _core
 from ._arguments import Box, Bytes, Point, Progress, backwards, reporting, to_bytes, to_distance, to_point
-from ._frame import Frame
+from ._frame import Directions, Frame
 from ._mesh import Mesh
 
 Coordinates = Literal["array", "world"]
@@ -82,9 +82,15 @@ class Store:
         return backwards(self._core.origin)
 
     @property
+    def direction(self) -> Directions:
+        """World directions (x, y, z) of the axes x, y and z: unit vectors at right angles."""
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self._core.direction
+        return (xx, xy, xz), (yx, yy, yz), (zx, zy, zz)
+
+    @property
     def _frame(self) -> Frame:
         x, y, z = self._core.origin
-        return Frame((x, y, z))
+        return Frame((x, y, z), self.direction)
 
     @property
     def range(self) -> Optional[tuple[float, float]]:

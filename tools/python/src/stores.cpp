@@ -158,6 +158,8 @@ void add_stores(py::module_& module) {
                                [](const OpenStore& s) { return dtype_of(s.get()->type()); })
         .def_property_readonly("spacing", [](const OpenStore& s) { return s.get()->spacing(); })
         .def_property_readonly("origin", [](const OpenStore& s) { return s.get()->origin(); })
+        .def_property_readonly("direction",
+                               [](const OpenStore& s) { return s.get()->direction(); })
         .def_property_readonly("levels", [](const OpenStore& s) { return s.get()->levels(); })
         .def_property_readonly("indicators",
                                [](const OpenStore& s) { return names_of(s.get()->fields()); })
