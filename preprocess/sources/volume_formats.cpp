@@ -1,4 +1,5 @@
 // The one list of the formats that are known.
+#include "preprocess/sources/dicom_source.h"
 #include "preprocess/sources/hdf5_source.h"
 #include "preprocess/sources/meta_image_source.h"
 #include "preprocess/sources/mrc_source.h"
@@ -19,7 +20,7 @@ const std::vector<VolumeFormat>& volume_formats() {
     static const std::vector<VolumeFormat> formats{
         nrrd_format(), hdf5_format(), netcdf3_format(), nifti_format(), meta_image_format(),
         mrc_format(), vti_format(), vtk_format(), npy_format(), npz_format(), zarr_format(),
-        tiff_format(),
+        dicom_format(), tiff_format(),
         // The last one: it takes every file.
         raw_format()};
     return formats;

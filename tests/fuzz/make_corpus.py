@@ -11,6 +11,7 @@ import h5py
 import mrcfile
 import nibabel
 import numpy as np
+import pydicom
 import vtk
 from vtk.util import numpy_support
 
@@ -120,6 +121,38 @@ for name, calls in (("vti", {}), ("vti_raw", {"SetCompressorTypeToNone": ()}),
         "SetEncodeAppendedData": (0,), **calls})))
 seed("volume", "vtk", saved("v.vtk", lambda p: vtk_file(vtk.vtkStructuredPointsWriter(), p, SetFileTypeToBinary=())))
 seed("volume", "vtk_text", saved("v.vtk", lambda p: vtk_file(vtk.vtkStructuredPointsWriter(), p)))
+
+
+def dicom_file(path, way=None):
+    meta = pydicom.dataset.FileMetaDataset()
+    meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = pydicom.uid.CTImageStorage, "1.2.3.4"
+    meta.TransferSyntaxUID = pydicom.uid.ExplicitVRLittleEndian
+    d = pydicom.dataset.FileDataset(str(path), {}, file_meta=meta, preamble=bytes(128))
+    d.is_little_endian, d.is_implicit_VR = True, False
+    d.SOPClassUID, d.SOPInstanceUID, d.SeriesInstanceUID = meta.MediaStorageSOPClassUID, "1.2.3.4", "1.2.3"
+    d.Modality, d.InstanceNumber, d.NumberOfFrames, d.Rows, d.Columns = "CT", 1, 2, 8, 8
+    d.SamplesPerPixel, d.PhotometricInterpretation, d.PixelRepresentation = 1, "MONOCHROME2", 0
+    d.BitsAllocated, d.BitsStored, d.HighBit = 16, 12, 11
+    groups = []
+    for z in range(2):
+        frame = pydicom.dataset.Dataset()
+        frame.PlanePositionSequence = [pydicom.dataset.Dataset()]
+        frame.PlanePositionSequence[0].ImagePositionPatient = [0, 0, z]
+        groups.append(frame)
+    d.PerFrameFunctionalGroupsSequence = groups
+    d.ImageOrientationPatient, d.PixelSpacing = [1, 0, 0, 0, 1, 0], [1, 2]
+    d.RescaleSlope, d.RescaleIntercept = 2, -1024
+    d.PixelData = (np.arange(128, dtype="u2") * 30).tobytes()
+    d["PixelData"].VR = "OW"
+    d.save_as(path, write_like_original=False)
+    if way is not None:
+        subprocess.run(["gdcmconv", way, path, str(path) + ".new"], check=True)
+        pathlib.Path(str(path) + ".new").replace(path)
+
+
+seed("volume", "dicom", saved("v.dcm", dicom_file))
+for way in ("jpeg", "jpegls", "j2k", "rle"):
+    seed("volume", f"dicom_{way}", saved("v.dcm", lambda p: dicom_file(p, f"--{way}")))
 seed("store_header", "nodes", bytes([0]) + struct.pack("<QQQ", 9, 10, 1 << 20))
 seed("store_header", "chunk", bytes([4]) + struct.pack("<I", 256))
 seed("store_header", "fields", bytes([6]) + b"linf_plus,l1_bar")

@@ -1,0 +1,125 @@
+#include "preprocess/sources/dicom_codec.h"
+
+#include <fmt/format.h>
+
+#include <isonest/error.h>
+
+#if ISONEST_WITH_GDCM
+
+#include <gdcmDataElement.h>
+#include <gdcmFragment.h>
+#include <gdcmImage.h>
+#include <gdcmSequenceOfFragments.h>
+#include <gdcmTrace.h>
+#include <gdcmTransferSyntax.h>
+
+#include "preprocess/sources/codestream_size.h"
+#include "preprocess/sources/jpeg2000_frame.h"
+
+namespace isonest::detail {
+namespace {
+
+gdcm::PixelFormat pixel_format(const DicomNumbers& n) {
+    const auto bits = [](int count) { return static_cast<unsigned short>(count); };
+    return gdcm::PixelFormat(1, bits(n.allocated), bits(n.stored), bits(n.high),
+                             bits(n.is_signed ? 1 : 0));
+}
+
+/// Whether GDCM could do it.
+bool unpack_with_gdcm(const gdcm::TransferSyntax& syntax, const DicomNumbers& numbers,
+                      const std::string& photometric, std::span<const char> frame,
+                      std::span<std::byte> dst) {
+    gdcm::Trace::DebugOff();
+    gdcm::Trace::WarningOff();
+    gdcm::Trace::ErrorOff();
+    gdcm::Image image;
+    image.SetNumberOfDimensions(2);
+    image.SetDimension(0, static_cast<unsigned>(numbers.columns));
+    image.SetDimension(1, static_cast<unsigned>(numbers.rows));
+    image.SetPixelFormat(pixel_format(numbers));
+    image.SetPhotometricInterpretation(gdcm::PhotometricInterpretation(
+        gdcm::PhotometricInterpretation::GetPIType(photometric.c_str())));
+    image.SetTransferSyntax(syntax);
+    const gdcm::SmartPointer<gdcm::SequenceOfFragments> fragments = new gdcm::SequenceOfFragments;
+    gdcm::Fragment fragment;
+    fragment.SetByteValue(frame.data(), static_cast<std::uint32_t>(frame.size()));
+    fragments->AddFragment(fragment);
+    gdcm::DataElement pixels(gdcm::Tag(0x7fe0, 0x0010), 0, gdcm::VR::OB);
+    pixels.SetValue(*fragments);
+    image.SetDataElement(pixels);
+    try {
+        return image.GetBufferLength() == dst.size() &&
+               image.GetBuffer(reinterpret_cast<char*>(dst.data()));
+    } catch (const std::exception&) {
+        return false;
+    }
+}
+
+}  // namespace
+
+bool dicom_codec_is_built() {
+    return true;
+}
+
+std::string unpack_dicom_frame(const std::string& syntax, const DicomNumbers& numbers,
+                               const std::string& photometric, std::span<const char> frame,
+                               std::span<std::byte> dst, const std::string& name) {
+    const gdcm::TransferSyntax::TSType type = gdcm::TransferSyntax::GetTSType(syntax.c_str());
+    const bool rle = syntax == "1.2.840.10008.1.2.5";
+    const bool jpeg = syntax.starts_with("1.2.840.10008.1.2.4.") &&
+                      (type != gdcm::TransferSyntax::TS_END || is_jpeg2000(frame));
+    if (!rle && !jpeg) {
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("the numbers are packed as {} (transfer syntax), which is not "
+                                "read: repack the file, for example with gdcmconv",
+                                syntax));
+    }
+    if (jpeg) {
+        // A decoder trusts the stream's own size.
+        const std::optional<CodestreamSize> size = codestream_size(frame);
+        if (!size) {
+            return "the frame is no stream of JPEG, JPEG-LS or JPEG 2000";
+        }
+        if (size->columns != numbers.columns || size->rows != numbers.rows ||
+            size->components != 1) {
+            return fmt::format(
+                "the stream has {} x {} pixels of {} components, the header says "
+                "{} x {} of 1",
+                size->columns, size->rows, size->components, numbers.columns, numbers.rows);
+        }
+        if (size->bits > numbers.allocated || (size->bits <= 8) != (numbers.stored <= 8)) {
+            return fmt::format("the stream has numbers of {} bits, the header says {}", size->bits,
+                               numbers.stored);
+        }
+    }
+    if (type != gdcm::TransferSyntax::TS_END &&
+        unpack_with_gdcm(gdcm::TransferSyntax(type), numbers, photometric, frame, dst)) {
+        return {};
+    }
+    if (is_jpeg2000(frame)) {
+        return unpack_jpeg2000(frame, numbers, dst);
+    }
+    return "the frame cannot be unpacked";
+}
+
+}  // namespace isonest::detail
+
+#else
+
+namespace isonest::detail {
+
+bool dicom_codec_is_built() {
+    return false;
+}
+
+std::string unpack_dicom_frame(const std::string& syntax, const DicomNumbers& /*numbers*/,
+                               const std::string& /*photometric*/, std::span<const char> /*frame*/,
+                               std::span<std::byte> /*dst*/, const std::string& name) {
+    throw Error(ErrorKind::unsupported, {name},
+                fmt::format("the numbers are packed ({}), which this build does not read", syntax),
+                {{RemedyKind::install_package, "libgdcm-dev libopenjp2-7-dev"}});
+}
+
+}  // namespace isonest::detail
+
+#endif

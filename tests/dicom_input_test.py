@@ -1,0 +1,386 @@
+#!/usr/bin/env python3
+"""DICOM files as pydicom writes and GDCM's programs pack them.
+
+usage: dicom_input_test.py ISONEST PLUGIN_FOLDER
+"""
+import shutil
+import subprocess
+import sys
+import unittest
+
+try:
+    import numpy as np
+    import pydicom
+    from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
+    from pydicom.sequence import Sequence
+    from pydicom.uid import (CTImageStorage, DeflatedExplicitVRLittleEndian, ExplicitVRBigEndian,
+                             ExplicitVRLittleEndian, ImplicitVRLittleEndian, generate_uid)
+    from volume_inputs import ISONEST, RANDOM, DamagedFiles, Input
+except ImportError as error:
+    print(f"skipped: {error}")
+    sys.exit(77)
+
+SERIES = generate_uid(entropy_srcs=["series"])
+
+
+def text(value):
+    return f"{value:.10g}"
+
+
+class Dicom(DamagedFiles, Input):
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "series"
+        self.path.mkdir()
+        self.data = RANDOM.integers(0, 4096, (6, 9, 12)).astype("u2")
+
+    def image(self, plane, name, syntax=ExplicitVRLittleEndian, position=(0, 0, 0), **more):
+        """A file of an image, or of several."""
+        meta = FileMetaDataset()
+        meta.MediaStorageSOPClassUID = CTImageStorage
+        meta.MediaStorageSOPInstanceUID = generate_uid(entropy_srcs=[str(name)])
+        meta.TransferSyntaxUID = syntax
+        d = FileDataset(str(self.path / name), {}, file_meta=meta, preamble=b"\0" * 128)
+        d.is_little_endian = syntax != ExplicitVRBigEndian
+        d.is_implicit_VR = syntax == ImplicitVRLittleEndian
+        d.SOPClassUID, d.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
+        d.SeriesInstanceUID, d.Modality, d.SeriesDescription = SERIES, "CT", "Thorax"
+        d.StudyInstanceUID, d.PatientName = "1.2.3", "Nobody"
+        d.Rows, d.Columns = plane.shape[-2:]
+        if plane.ndim == 3:
+            d.NumberOfFrames = len(plane)
+        d.SamplesPerPixel, d.PhotometricInterpretation = 1, "MONOCHROME2"
+        d.BitsAllocated = d.BitsStored = 8 * plane.dtype.itemsize
+        d.HighBit = d.BitsStored - 1
+        d.PixelRepresentation = int(plane.dtype.kind == "i")
+        if position is not None:
+            d.ImagePositionPatient = [text(p) for p in position]
+            d.ImageOrientationPatient = [1, 0, 0, 0, 1, 0]
+        d.PixelSpacing = [0.5, 0.25]
+        order = "<" if d.is_little_endian else ">"
+        d.PixelData = plane.astype(plane.dtype.newbyteorder(order)).tobytes()
+        d["PixelData"].VR = "OB" if plane.dtype.itemsize == 1 else "OW"
+        for key, value in more.items():
+            if value is None:
+                delattr(d, key)
+            else:
+                setattr(d, key, value)
+        d.save_as(self.path / name, write_like_original=False)
+        return d
+
+    def stack(self, data, places=None, **more):
+        """Files whose names are not in the order of their places."""
+        for z, plane in enumerate(data):
+            place = 2 * z if places is None else places[z]
+            self.image(plane, f"im{(z * 5) % 7}.dcm", position=(1, 2, 3 + place), InstanceNumber=len(data) - z, **more)
+
+    def clear(self):
+        shutil.rmtree(self.path)
+        self.path.mkdir()
+
+    def test_slices_by_position_in_all_plain_encodings(self):
+        for syntax in (ExplicitVRLittleEndian, ImplicitVRLittleEndian, ExplicitVRBigEndian):
+            for kind in ("u1", "i1", "u2", "i2", "u4", "i4"):
+                if syntax == ExplicitVRBigEndian and kind[1] == "1":
+                    continue
+                with self.subTest(syntax=syntax.name, kind=kind):
+                    limits = np.iinfo(kind)
+                    data = RANDOM.integers(limits.min, limits.max, (6, 9, 12), endpoint=True).astype(kind)
+                    self.stack(data, syntax=syntax)
+                    self.reads(data)
+                    self.lies([1, 2, 3], [0.25, 0.5, 2])
+
+    def test_files_in_subfolders_without_endings_and_a_dicomdir(self):
+        self.stack(self.data)
+        (self.path / "A").mkdir()
+        for i, file in enumerate(sorted(self.path.glob("*.dcm"))):
+            file.rename(self.path / "A" / f"IM{i}")
+        (self.path / "notes.txt").write_text("not DICOM")
+        done = self.reads(self.data)
+        self.assertIn("1 files that are no DICOM images", done.stdout + done.stderr)
+        folder = self.path
+        meta = FileMetaDataset()
+        meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = "1.2.840.10008.1.3.10", "1.2.3"
+        meta.TransferSyntaxUID = ExplicitVRLittleEndian
+        d = FileDataset("DICOMDIR", {}, file_meta=meta, preamble=b"\0" * 128)
+        d.is_little_endian, d.is_implicit_VR, d.FileSetID = True, False, "X"
+        d.save_as(folder / "DICOMDIR", write_like_original=False)
+        self.path = folder / "DICOMDIR"
+        self.reads(self.data)
+
+    def test_a_list_of_files_and_one_file(self):
+        self.stack(self.data)
+        files = sorted(self.path.glob("*.dcm"))
+        done = subprocess.run([ISONEST, "preprocess", *files, "-o", self.here / "l.isonest", "--chunk", "8"],
+                              capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        done = subprocess.run([ISONEST, "check", self.here / "l.isonest", "--source", *files], capture_output=True)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        self.path = self.path / "im0.dcm"
+        self.reads(self.data[:1])
+        self.lies([1, 2, 3], [0.25, 0.5, 1])
+
+    def test_stored_bits_sign_and_rescaling(self):
+        stored = RANDOM.integers(-2048, 2048, (6, 9, 12))
+        noise = RANDOM.integers(0, 16, stored.shape)
+        self.stack(((stored & 0xFFF) | noise << 12).astype("u2"), BitsStored=12, HighBit=11, PixelRepresentation=1,
+                   RescaleSlope="1", RescaleIntercept="-1024")
+        self.reads((stored - 1024).astype("i2"))
+        self.stack(((stored & 0xFFF) << 4 | noise).astype("u2"), BitsStored=12, HighBit=15, PixelRepresentation=1,
+                   RescaleSlope="0.5", RescaleIntercept="3")
+        self.reads((stored * 0.5 + 3).astype("f4"))
+
+    def test_scalings_that_differ_between_slices(self):
+        for z, plane in enumerate(self.data):
+            self.image(plane, f"{z}.dcm", position=(0, 0, z), RescaleSlope=text(0.5 + z), RescaleIntercept=text(-z))
+        scale = np.arange(6).reshape(-1, 1, 1)
+        done = self.reads((self.data * (0.5 + scale) - scale).astype("f4"))
+        self.assertIn("scaling of its own", done.stdout + done.stderr)
+
+    def test_turned_slices_lie_where_their_headers_say(self):
+        turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+        turn *= np.linalg.det(turn)
+        orientation = [text(v) for v in (*turn[:, 0], *turn[:, 1])]
+        for z, plane in enumerate(self.data):
+            self.image(plane, f"{z}.dcm", position=np.array([10, -20, 30]) + 2 * z * turn[:, 2],
+                       ImageOrientationPatient=orientation)
+        self.reads(self.data)
+        self.lies([10, -20, 30], [0.25, 0.5, 2])
+        np.testing.assert_allclose(np.array(self.directions()).reshape(3, 3), turn.T, atol=1e-8)
+        # Along the world's axes, but two of them backward.
+        self.clear()
+        for z, plane in enumerate(self.data):
+            self.image(plane, f"{z}.dcm", position=(5, 6, z), ImageOrientationPatient=[-1, 0, 0, 0, -1, 0])
+        self.reads(np.ascontiguousarray(self.data[:, ::-1, ::-1]))
+        self.lies([5 - 11 * 0.25, 6 - 8 * 0.5, 0], [0.25, 0.5, 1])
+        # A tilted gantry shears the volume.
+        self.clear()
+        for z, plane in enumerate(self.data):
+            self.image(plane, f"{z}.dcm", position=(0, 0.2 * z, z))
+        self.refuses(5, "sheared", "--spacing")
+
+    def test_one_series_of_several(self):
+        self.stack(self.data)
+        other = RANDOM.integers(0, 9, (3, 5, 4)).astype("u1")
+        for z, plane in enumerate(other):
+            self.image(plane, f"other{z}.dcm", position=(0, 0, z), SeriesInstanceUID="1.2.99", SeriesDescription="Scout",
+                       Modality="MR")
+        self.refuses(2, "--series", SERIES, "Thorax", "6 of 12 x 9 of 16 bits", '1.2.99  MR "Scout", 3 of')
+        self.reads(other, "--series", "1.2.99")
+        self.reads(other, "--series", ".99")
+        self.reads(self.data, "--series", SERIES)
+        self.refuses(3, "Scout", options=("--series", "1.2.5"))
+
+    def test_missing_doubled_and_uneven_slices_are_named(self):
+        self.stack(self.data)
+        (self.path / "im1.dcm").unlink()  # z = 3
+        self.refuses(5, "slices are missing", "1 between", "im3.dcm", "im6.dcm", "--spacing")
+        self.reads(np.delete(self.data, 3, 0), "--spacing", "1,1,1")
+        self.stack(self.data)
+        self.image(self.data[2], "twice.dcm", position=(1, 2, 7))
+        self.refuses(5, "doubled", "im3.dcm", "twice.dcm")
+        (self.path / "twice.dcm").unlink()
+        self.stack(self.data, places=[0, 1, 2, 3.4, 4, 5])
+        self.refuses(5, "even distances", "1.4 from", "im3.dcm", "im1.dcm")
+        self.stack(self.data, places=[0, 1, 2, 3.05, 4, 5])
+        self.reads(self.data)
+        self.stack(self.data, places=[0, 1.1, 2.2, 3.3, 4.3, 5.2])
+        self.refuses(5, "im3.dcm", "beside its place")
+
+    def test_images_that_differ_are_named(self):
+        self.stack(self.data)
+        self.image(self.data[0][:, :7], "im9.dcm", position=(1, 2, 20))
+        self.refuses(5, "im9.dcm has 7 x 9")
+        self.image(self.data[0], "im9.dcm", position=(1, 2, 20), ImageOrientationPatient=[0, 1, 0, 0, 0, 1])
+        self.refuses(5, "im9.dcm", "another direction")
+        self.image(self.data[0], "im9.dcm", position=(1, 2, 20), PixelSpacing=[1, 1])
+        self.refuses(5, "im9.dcm", "pixel spacing")
+        self.image(np.repeat(self.data[0][:, :4, None], 3, 2).reshape(9, 12), "im9.dcm", SamplesPerPixel=3, Columns=4,
+                   PhotometricInterpretation="RGB")
+        self.refuses(5, "im9.dcm", "colours")
+
+    def test_times_are_an_axis(self):
+        series = RANDOM.integers(0, 99, (3, 4, 5, 6)).astype("u2")
+        number = 0
+        for z in range(4):
+            for t in range(3):
+                self.image(series[t, z], f"{number}.dcm", position=(0, 0, z), InstanceNumber=t * 4 + z)
+                number += 1
+        self.refuses(5, "t 3, z 4, y 5, x 6", "--index")
+        for t in range(3):
+            self.reads(series[t], "--index", f"t={t}")
+        self.refuses(5, "crop", options=("--index", "1,2,:,:"))
+
+    def test_without_positions_images_are_sorted_by_their_numbers(self):
+        for z, plane in enumerate(self.data):
+            self.image(plane, f"{(z * 5) % 7}.dcm", position=None, InstanceNumber=10 - z, SliceThickness=text(3))
+        done = self.reads(np.ascontiguousarray(self.data[::-1]))
+        self.assertIn("sorted by their numbers", done.stdout + done.stderr)
+        self.lies([0, 0, 0], [0.25, 0.5, 3])
+        self.clear()
+        for z, plane in enumerate(self.data):
+            self.image(plane, f"s{z + 7}.dcm", position=None)
+        done = self.reads(self.data)
+        self.assertIn("sorted by their files' names", done.stdout + done.stderr)
+
+    def test_one_file_of_several_frames(self):
+        self.image(self.data, "all.dcm", position=(1, 2, 3), SpacingBetweenSlices=text(4))
+        self.reads(self.data)
+        self.lies([1, 2, 3], [0.25, 0.5, 4])
+        self.image(self.data, "all.dcm", position=(1, 2, 3), GridFrameOffsetVector=[text(3 * z) for z in range(6)],
+                   DoseGridScaling=text(0.001))
+        self.reads((self.data * 0.001).astype("f4"))
+        self.lies([1, 2, 3], [0.25, 0.5, 3])
+
+    def enhanced(self, implicit=False, order=None, undefined=False):
+        groups = []
+        order = list(range(6)) if order is None else order
+        for z in order:
+            frame = Dataset()
+            frame.PlanePositionSequence = Sequence([Dataset()])
+            frame.PlanePositionSequence[0].ImagePositionPatient = ["1", "2", text(3 + 2 * z)]
+            frame.PixelValueTransformationSequence = Sequence([Dataset()])
+            frame.PixelValueTransformationSequence[0].RescaleSlope = "2"
+            frame.PixelValueTransformationSequence[0].RescaleIntercept = "-7"
+            # Of no use to the reader, but in its way.
+            frame.DerivationImageSequence = Sequence([Dataset()])
+            frame.DerivationImageSequence[0].SourceImageSequence = Sequence([Dataset(), Dataset()])
+            frame.is_undefined_length_sequence_item = undefined
+            groups.append(frame)
+        shared = Dataset()
+        shared.PlaneOrientationSequence = Sequence([Dataset()])
+        shared.PlaneOrientationSequence[0].ImageOrientationPatient = [1, 0, 0, 0, 1, 0]
+        shared.PixelMeasuresSequence = Sequence([Dataset()])
+        shared.PixelMeasuresSequence[0].PixelSpacing = [0.5, 0.25]
+        syntax = ImplicitVRLittleEndian if implicit else ExplicitVRLittleEndian
+        d = self.image(self.data[order], "all.dcm", position=None, syntax=syntax, PixelSpacing=None,
+                       SharedFunctionalGroupsSequence=Sequence([shared]),
+                       PerFrameFunctionalGroupsSequence=Sequence(groups))
+        for tag in (0x52009229, 0x52009230):
+            d[tag].is_undefined_length = undefined
+        d.save_as(self.path / "all.dcm", write_like_original=False)
+
+    def test_enhanced_images_with_functional_groups(self):
+        for implicit in (False, True):
+            for undefined in (False, True):
+                for order in (None, [3, 1, 0, 2, 5, 4]):
+                    with self.subTest(implicit=implicit, undefined=undefined, order=order):
+                        self.enhanced(implicit, order, undefined)
+                        self.reads((self.data * 2 - 7).astype("i4"))
+                        self.lies([1, 2, 3], [0.25, 0.5, 2])
+
+    def packed(self, *options):
+        for file in sorted(self.path.glob("*.dcm")):
+            subprocess.run(["gdcmconv", *options, file, file.with_suffix(".new")], check=True, capture_output=True)
+            file.with_suffix(".new").rename(file)
+
+    def test_packed_frames(self):
+        if shutil.which("gdcmconv") is None:
+            self.skipTest("no gdcmconv (Debian: libgdcm-tools)")
+        smooth = (np.hypot(np.hypot(*np.mgrid[:24, :28]), 9) * 50).astype("u2")
+        for way in ("--jpeg", "--jpegls", "--j2k", "--rle"):
+            for kind, bits in (("u1", 8), ("u2", 12), ("u2", 16), ("i2", 16)):
+                with self.subTest(way=way, kind=kind, bits=bits):
+                    self.clear()
+                    data = np.stack([smooth + 3 * z for z in range(4)])
+                    data = (data >> (4 if kind == "u1" else 0)).astype(kind) - (700 if kind == "i2" else 0)
+                    self.stack(data, BitsStored=bits, HighBit=bits - 1)
+                    self.packed(way)
+                    syntax = pydicom.dcmread(self.path / "im0.dcm").file_meta.TransferSyntaxUID
+                    self.assertTrue(syntax.is_compressed, syntax)
+                    self.reads(data.astype(kind))
+        # Several frames in one file.
+        for way in ("--jpeg", "--jpegls", "--j2k", "--rle"):
+            with self.subTest(way=way, frames=4):
+                self.clear()
+                data = np.stack([smooth + 3 * z for z in range(4)])
+                self.image(data, "all.dcm", SpacingBetweenSlices=text(4))
+                self.packed(way)
+                self.reads(data)
+                # Each frame in two fragments: the table of offsets says which belong together.
+                d = pydicom.dcmread(self.path / "all.dcm")
+                frames = list(pydicom.encaps.generate_pixel_data_frame(d.PixelData, 4))
+                halves = [half + b"\0" * (len(half) % 2) if i % 2 else half for frame in frames
+                          for i, half in enumerate((frame[:len(frame) // 4 * 2], frame[len(frame) // 4 * 2:]))]
+                offsets, at = [], 0
+                for i, half in enumerate(halves):
+                    if i % 2 == 0:
+                        offsets.append(at)
+                    at += 8 + len(half)
+                item = lambda data: b"\xfe\xff\x00\xe0" + len(data).to_bytes(4, "little") + data
+                d.PixelData = (item(np.array(offsets, "<u4").tobytes()) + b"".join(map(item, halves)))
+                d.save_as(self.path / "all.dcm")
+                self.reads(data)
+                d.PixelData = item(b"") + b"".join(map(item, halves))
+                d.save_as(self.path / "all.dcm")
+                self.refuses(4, "table of offsets")
+
+    def test_jpeg_2000_by_openjpeg_where_gdcm_gives_up(self):
+        if shutil.which("gdcmconv") is None:
+            self.skipTest("no gdcmconv (Debian: libgdcm-tools)")
+        self.stack(self.data.repeat(3, 1).repeat(3, 2))
+        self.packed("--j2k")
+        for file in self.path.glob("*.dcm"):
+            # High-Throughput JPEG 2000, lossless: GDCM does not know it.
+            known, other = b"1.2.840.10008.1.2.4.90", b"1.2.840.10008.1.2.4.201\0"
+            data = file.read_bytes()
+            self.assertEqual(data.count(b"UI\x16\0" + known), 1)
+            file.write_bytes(data.replace(b"UI\x16\0" + known, b"UI\x18\0" + other))
+        self.reads(self.data.repeat(3, 1).repeat(3, 2))
+
+    def test_streams_that_contradict_the_header(self):
+        if shutil.which("gdcmconv") is None:
+            self.skipTest("no gdcmconv (Debian: libgdcm-tools)")
+        for way in ("--jpeg", "--jpegls", "--j2k", "--rle"):
+            with self.subTest(way=way):
+                self.clear()
+                self.image(self.data[0].repeat(3, 0).repeat(3, 1), "a.dcm")
+                self.packed(way)
+                for rows in (28, 500):
+                    d = pydicom.dcmread(self.path / "a.dcm")
+                    d.Rows = rows
+                    d.save_as(self.path / "a.dcm")
+                    self.refuses(4, "a.dcm")
+
+    def test_what_is_not_read_is_said(self):
+        self.image(self.data[0], "a.dcm", BitsAllocated=12)
+        self.refuses(5, "BitsAllocated")
+        self.image(self.data[0], "a.dcm", PixelData=self.data[0].tobytes()[:50])
+        self.refuses(4, "a.dcm", "216 bytes")
+        self.image(self.data[0], "a.dcm", syntax=DeflatedExplicitVRLittleEndian)
+        self.refuses(5, "deflated", "gdcmconv")
+        self.clear()
+        (self.path / "a.txt").write_text("nothing")
+        self.refuses(5, "DICOM", "TIFF")
+        self.image(self.data[0], "b.dcm", PixelData=None)
+        self.refuses(5, "no DICOM images")
+        self.image(self.data[0], "b.dcm", PhotometricInterpretation="MONOCHROME1", PixelPaddingValue=3)
+        done = self.reads(self.data[:1])
+        self.assertIn("MONOCHROME1", done.stdout + done.stderr)
+        self.assertIn("stored as 3", done.stdout + done.stderr)
+
+    def test_damaged_files(self):
+        self.enhanced()
+        whole = (self.path / "all.dcm").read_bytes()
+        folder = self.path
+        self.path = folder / "all.dcm"
+        self.damaged(whole)
+        if shutil.which("gdcmconv") is not None:
+            for way in ("--jpeg", "--jpegls", "--j2k", "--rle"):
+                self.path = folder
+                self.clear()
+                self.image(self.data[:2].repeat(3, 1).repeat(3, 2), "all.dcm", SpacingBetweenSlices="1")
+                self.packed(way)
+                self.path = folder / "all.dcm"
+                packed = self.path.read_bytes()
+                for i in range(40):
+                    data = bytearray(packed)
+                    for _ in range(3):
+                        data[RANDOM.integers(len(data) * 2 // 3, len(data))] = RANDOM.integers(256)
+                    self.path.write_bytes(data)
+                    done = self.preprocess("--memory", "256M")
+                    self.assertIn(done.returncode, (0, 4, 5), (way, i, done.stderr))
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
