@@ -27,7 +27,7 @@ ROOMS = {
               "simplify": {"view", "mesh", "traverse"},
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "finite_elements": {"view", "traverse"},
-              "statistics": set(),
+              "statistics": set(), "labels": set(),
               "distance": {"view", "march", "simplify", "traverse"},
               "extract": {"view", "march", "mesh", "simplify", "traverse", "distance"}},
 }

@@ -8,10 +8,17 @@
 
 #include <gdcmDataElement.h>
 #include <gdcmFragment.h>
-#include <gdcmImage.h>
+#include <gdcmJPEG2000Codec.h>
+#include <gdcmJPEGCodec.h>
+#include <gdcmJPEGLSCodec.h>
+#include <gdcmRLECodec.h>
 #include <gdcmSequenceOfFragments.h>
 #include <gdcmTrace.h>
 #include <gdcmTransferSyntax.h>
+
+#include <array>
+#include <cstring>
+#include <optional>
 
 #include "preprocess/sources/codestream_size.h"
 #include "preprocess/sources/jpeg2000_frame.h"
@@ -25,31 +32,53 @@ gdcm::PixelFormat pixel_format(const DicomNumbers& n) {
                              bits(n.is_signed ? 1 : 0));
 }
 
-/// Whether GDCM could do it.
+template <class Codec>
+bool unpack_with(const gdcm::TransferSyntax& syntax, const DicomNumbers& numbers,
+                 const std::string& photometric, const gdcm::DataElement& pixels,
+                 std::span<std::byte> dst) {
+    Codec codec;
+    if (!codec.CanDecode(syntax)) {
+        return false;
+    }
+    const std::array<unsigned, 3> size{static_cast<unsigned>(numbers.columns),
+                                       static_cast<unsigned>(numbers.rows), 1};
+    codec.SetNumberOfDimensions(2);
+    codec.SetDimensions(size.data());
+    codec.SetPixelFormat(pixel_format(numbers));
+    codec.SetPhotometricInterpretation(gdcm::PhotometricInterpretation(
+        gdcm::PhotometricInterpretation::GetPIType(photometric.c_str())));
+    codec.SetPlanarConfiguration(0);
+    if constexpr (requires { codec.SetBufferLength(dst.size()); }) {
+        codec.SetBufferLength(dst.size());
+    }
+    gdcm::DataElement out;
+    if (!codec.Decode(pixels, out) || out.GetByteValue() == nullptr ||
+        out.GetByteValue()->GetLength() < dst.size()) {
+        return false;
+    }
+    std::memcpy(dst.data(), out.GetByteValue()->GetPointer(), dst.size());
+    return true;
+}
+
+/// Whether GDCM could do it. Codec by codec: its image class also tries one that runs another
+/// program on temporary files.
 bool unpack_with_gdcm(const gdcm::TransferSyntax& syntax, const DicomNumbers& numbers,
                       const std::string& photometric, std::span<const char> frame,
                       std::span<std::byte> dst) {
     gdcm::Trace::DebugOff();
     gdcm::Trace::WarningOff();
     gdcm::Trace::ErrorOff();
-    gdcm::Image image;
-    image.SetNumberOfDimensions(2);
-    image.SetDimension(0, static_cast<unsigned>(numbers.columns));
-    image.SetDimension(1, static_cast<unsigned>(numbers.rows));
-    image.SetPixelFormat(pixel_format(numbers));
-    image.SetPhotometricInterpretation(gdcm::PhotometricInterpretation(
-        gdcm::PhotometricInterpretation::GetPIType(photometric.c_str())));
-    image.SetTransferSyntax(syntax);
     const gdcm::SmartPointer<gdcm::SequenceOfFragments> fragments = new gdcm::SequenceOfFragments;
     gdcm::Fragment fragment;
     fragment.SetByteValue(frame.data(), static_cast<std::uint32_t>(frame.size()));
     fragments->AddFragment(fragment);
     gdcm::DataElement pixels(gdcm::Tag(0x7fe0, 0x0010), 0, gdcm::VR::OB);
     pixels.SetValue(*fragments);
-    image.SetDataElement(pixels);
     try {
-        return image.GetBufferLength() == dst.size() &&
-               image.GetBuffer(reinterpret_cast<char*>(dst.data()));
+        return unpack_with<gdcm::JPEGCodec>(syntax, numbers, photometric, pixels, dst) ||
+               unpack_with<gdcm::JPEGLSCodec>(syntax, numbers, photometric, pixels, dst) ||
+               unpack_with<gdcm::JPEG2000Codec>(syntax, numbers, photometric, pixels, dst) ||
+               unpack_with<gdcm::RLECodec>(syntax, numbers, photometric, pixels, dst);
     } catch (const std::exception&) {
         return false;
     }

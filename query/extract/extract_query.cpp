@@ -9,6 +9,7 @@
 #include <isonest/error.h>
 
 #include "query/extract/kept_analysis.h"
+#include "query/extract/label_query.h"
 #include "query/extract/query_checks.h"
 #include "query/extract/value_simplification.h"
 #include "store/container/extent.h"
@@ -341,6 +342,9 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     if (query.vertices == VertexPlace::exact) {
         require_place_of_vertices(query);
         asked.traversal.vertices = query.vertices;
+    }
+    if (query.label) {
+        choose_label(store, query, asked);
     }
     if (query.components) {
         require_sense(*query.components, product);

@@ -37,6 +37,8 @@ struct ExtractQuery {
     /// The folder of a kept analysis, if there is to be one.
     std::optional<std::filesystem::path> analysis_folder;
     std::vector<double> contours;  ///< values of contour lines
+    /// In place of the store's values those of a LabelView.
+    std::optional<LabelChoice> label;
 
     /// Corners of an element.
     [[nodiscard]] int corners() const {

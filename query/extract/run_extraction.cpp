@@ -17,6 +17,7 @@
 #include "query/traverse/planar.h"
 #include "query/traverse/traversal_budget.h"
 #include "query/traverse/traverse_quadrilaterals.h"
+#include "query/view/label_view.h"
 #include "store/base/workers.h"
 
 namespace isonest::detail {
@@ -58,7 +59,13 @@ void fill_parts(const StoreReader& store, ExtractQuery& asked, const TraversalBu
         others.emplace(*asked.values, budget.values_cache);
         query.attribute_values = &*others;
     }
-    ChunkCache cache(store, budget.cache,
+    std::optional<LabelView> label;
+    if (asked.label) {
+        label.emplace(store, asked.label->id, asked.label->within->first,
+                      asked.label->within->second);
+    }
+    const ChunkSource& source = label ? static_cast<const ChunkSource&>(*label) : store;
+    ChunkCache cache(source, budget.cache,
                      query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
     const PartSink sink = [&](std::uint64_t order, const MeshPart& part) {
         parts.append(order, part);

@@ -16,13 +16,14 @@ struct Format {
     std::string_view extension;
     Open open;
 };
-constexpr std::array<Format, 7> kFormats{{{".ply", detail::ply_file},
+constexpr std::array<Format, 8> kFormats{{{".ply", detail::ply_file},
                                           {".stl", detail::stl_file},
                                           {".obj", detail::obj_file},
                                           {".vtp", detail::vtp_file},
                                           {".vtkhdf", detail::vtkhdf_file},
                                           {".glb", detail::glb_file},
-                                          {".3mf", detail::threemf_file}}};
+                                          {".3mf", detail::threemf_file},
+                                          {".ngmesh", detail::ngmesh_file}}};
 
 }  // namespace
 
@@ -37,8 +38,8 @@ std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
         }
     }
     throw Error(ErrorKind::invalid_argument, {path.string()},
-                "a mesh's name must end with .ply, .stl, .obj, .vtp, .vtkhdf, .glb or .3mf, which "
-                "chooses its format");
+                "a mesh's name must end with .ply, .stl, .obj, .vtp, .vtkhdf, .glb, .3mf or "
+                ".ngmesh, which chooses its format");
 }
 
 namespace detail {

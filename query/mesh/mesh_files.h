@@ -44,5 +44,6 @@ std::unique_ptr<MeshSink> vtp_file(const std::filesystem::path& path, const Mesh
 std::unique_ptr<MeshSink> vtkhdf_file(const std::filesystem::path& path, const MeshFileOptions& o);
 std::unique_ptr<MeshSink> glb_file(const std::filesystem::path& path, const MeshFileOptions& o);
 std::unique_ptr<MeshSink> threemf_file(const std::filesystem::path& path, const MeshFileOptions& o);
+std::unique_ptr<MeshSink> ngmesh_file(const std::filesystem::path& path, const MeshFileOptions& o);
 
 }  // namespace isonest::detail

@@ -13,6 +13,7 @@
 #include "tools/cli/distance_options.h"
 #include "tools/cli/extract_options.h"
 #include "tools/cli/fields.h"
+#include "tools/cli/label_options.h"
 #include "tools/cli/units.h"
 
 namespace isonest::detail::cli {
@@ -29,6 +30,7 @@ struct Arguments {
     std::optional<Outside> close;
     VertexPlace vertices = VertexPlace::linear;
     std::string values;  ///< a second store, or empty
+    LabelArguments labels;
 };
 
 /// REQUIRES: the option needs --view.
@@ -52,6 +54,12 @@ std::string empty_surface(const Store& store, const Arguments& arguments, const 
     const ExtractArguments& a = arguments.extract;
     const double iso = arguments.iso;
     const std::string range = human_range(store.min_value(), store.max_value());
+    if (arguments.labels.one) {
+        return fmt::format(
+            "There is no node with the label {}{}, or no other one: the values are "
+            "{}.\n",
+            *arguments.labels.one, a.box ? " in the box" : "", range);
+    }
     if (!(store.min_value() <= store.max_value())) {
         return "The surface is empty: all values are missing.\n";
     }
@@ -77,26 +85,27 @@ std::string empty_surface(const Store& store, const Arguments& arguments, const 
                        a.box ? " in the whole volume" : "");
 }
 
-ExtractReport run_query(const Store& store, const Arguments& arguments, Progress& progress) {
+/// What surfaces and graphs have.
+template <class Query>
+Query begun_query(const Arguments& arguments, const Store* values) {
     const ExtractArguments& a = arguments.extract;
-    std::optional<Store> values;
-    if (!arguments.values.empty()) {
-        values.emplace(arguments.values);
-    }
-    const auto with_attributes = [&](auto query) {
-        query.normals = a.normals;
-        query.vertex_error = a.vertex_error;
-        query.vertex_values = values ? &*values : nullptr;
-        return query;
-    };
-    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, {.replace = true});
-    if (a.is_graph) {
-        GraphQuery query = with_attributes(a.query<GraphQuery>());
-        query.scale = arguments.scale;
-        query.cells = a.cells;
-        return extract(store, query, *sink, options_of(a), progress);
-    }
-    SurfaceQuery query = with_attributes(a.query<SurfaceQuery>());
+    Query query = a.query<Query>();
+    query.normals = a.normals;
+    query.vertex_error = a.vertex_error;
+    query.vertex_values = values;
+    query.cells = a.cells;
+    return query;
+}
+
+GraphQuery graph_query(const Arguments& arguments, const Store* values) {
+    GraphQuery query = begun_query<GraphQuery>(arguments, values);
+    query.scale = arguments.scale;
+    return query;
+}
+
+SurfaceQuery surface_query(const Arguments& arguments, const Store* values) {
+    const ExtractArguments& a = arguments.extract;
+    SurfaceQuery query = begun_query<SurfaceQuery>(arguments, values);
     query.iso = arguments.iso;
     query.bound = arguments.bound;
     if (arguments.distance.by_error && arguments.distance.distance) {
@@ -116,31 +125,54 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, Progress
     query.components = arguments.components;
     query.close = arguments.close;
     query.vertices = arguments.vertices;
-    query.cells = a.cells;
+    if (arguments.labels.one) {
+        query.label = LabelChoice{*arguments.labels.one};
+    }
     if (arguments.distance.analysis && !arguments.distance.stop()) {
         throw Error(ErrorKind::invalid_argument,
                     "--keep-analysis goes with --distance or --triangles");
     }
     query.analysis = arguments.distance.analysis;
-    return extract(store, query, *sink, options_of(a), progress);
+    return query;
+}
+
+ExtractReport run_query(const Store& store, const Arguments& arguments, const Store* values,
+                        Progress& progress) {
+    const ExtractArguments& a = arguments.extract;
+    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, {.replace = true});
+    return a.is_graph
+               ? extract(store, graph_query(arguments, values), *sink, options_of(a), progress)
+               : extract(store, surface_query(arguments, values), *sink, options_of(a), progress);
 }
 
 Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
     const ExtractArguments& a = arguments.extract;
     require_suitable_cells(a);
     const Store store(a.store);
-    if (!has_iso && !a.is_graph) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("give the isovalue, --iso V; the values of {} are {}", a.store,
-                                human_range(store.min_value(), store.max_value())));
+    std::optional<Store> others;
+    if (!arguments.values.empty()) {
+        others.emplace(arguments.values);
     }
-    const ExtractReport r = run_query(store, arguments, progress);
+    const Store* const values = others ? &*others : nullptr;
+    const LabelArguments& labels = arguments.labels;
+    if (labels.several) {
+        return extract_label_meshes(store, labels, a, surface_query(arguments, values), progress);
+    }
+    if (!has_iso && !a.is_graph && !labels.one) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("give the isovalue, --iso V, or a --label; the values of {} are {}",
+                                a.store, human_range(store.min_value(), store.max_value())));
+    }
+    const ExtractReport r = run_query(store, arguments, values, progress);
     Result result;
     result.warning = extract_warning(a, r);
     result.json = extract_json(a, r);
     add_distance_json(result.json, r);
     if (has_iso) {
         result.json["iso"] = arguments.iso;
+    }
+    if (labels.one) {
+        result.json["label"] = *labels.one;
     }
     result.text =
         fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh,
@@ -204,6 +236,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 --simplify -o light.glb\n"
          "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"
          "isonest extract scan.isonest --iso 120.5 --close --components largest -o print.3mf\n"
+         "isonest extract cells.isonest --labels all --distance 0.5voxel -o meshes\n"
          "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply\n"
          "isonest extract scan.isonest --iso 120 --error 1 --focus 30,40,20 --falloff 0.1 -o "
          "near.ply\n"
@@ -255,6 +288,9 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         "linear|exact")
         ->excludes(graph);
     add_cells_option(c, a->extract);
+    add_label_options(c, a->labels,
+                      {"--iso", "--error", "--error-relative", "--stop", "--focus", "--camera",
+                       "--graph", "--view", "--vertices", "--keep-analysis"});
     c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
     c->add_option("--vertex-values", a->values,
                   "vertex values from this other store of the same lattice")

@@ -3,12 +3,17 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
+#include <memory>
 #include <optional>
+#include <span>
+#include <utility>
 #include <variant>
 #include <vector>
 
 #include <isonest/field.h>
 #include <isonest/int3.h>
+#include <isonest/labels.h>
 #include <isonest/mesh_sink.h>
 #include <isonest/progress.h>
 #include <isonest/store.h>
@@ -125,6 +130,12 @@ enum class AnalysisUse : std::uint8_t {
 // extracted at its faces. `vertex_values`: the attribute "value" from another store with the same
 // nodes, which has to live as long as the call. `vertex_error`: this field as attribute "error".
 
+/// Nodes with a label; none outside of [low, high] (as find_labels() says) is looked at.
+struct LabelChoice {
+    std::int64_t id = 0;
+    std::optional<std::pair<Int3, Int3>> within = {};
+};
+
 /// The surface {U = iso}, triangles that face smaller values; of a store with one flat axis the
 /// lines {U = iso}.
 struct SurfaceQuery {
@@ -158,6 +169,10 @@ struct SurfaceQuery {
     std::optional<Outside> close = {};
     /// Of a volume alone, with a DistanceBound or TriangleBudget, without `culling`.
     std::optional<KeptAnalysis> analysis = {};
+    /// In place of an isovalue: the surface around the nodes that have this label. It lies half way
+    /// between them and the others, at full resolution, or within a distance from that. Of a volume
+    /// alone; with neither an error, focus, camera, `culling`, exact vertices nor `analysis`.
+    std::optional<LabelChoice> label = {};
 };
 
 /// The part of a plane inside the volume, triangles that face against its normal and have the
@@ -300,5 +315,14 @@ ExtractReport extract(const Store& store, const ContourQuery& query, MeshSink& s
                       const ExtractOptions& options = {}, Progress& progress = silent_progress());
 ExtractReport extract(const Store& store, const GraphQuery& query, MeshSink& sink,
                       const ExtractOptions& options = {}, Progress& progress = silent_progress());
+
+/// The surfaces of labels (as of find_labels()), a mesh each, that extract() makes with query.label
+/// set to them; several at a time, which share the memory and the threads. `sink` and `done` are
+/// called from many threads, with a label and with its number in `labels`. Throws as extract(): the
+/// meshes that are finished stay.
+void extract_labels(const Store& store, std::span<const Label> labels, const SurfaceQuery& query,
+                    const std::function<std::unique_ptr<MeshSink>(const Label&)>& sink,
+                    const std::function<void(std::size_t number, const ExtractReport&)>& done,
+                    const ExtractOptions& options = {}, Progress& progress = silent_progress());
 
 }  // namespace isonest

@@ -23,6 +23,7 @@ struct MeshFileOptions {
 ///   .vtkhdf  VTKHDF; everything; triangles
 ///   .glb     glTF 2.0 binary; float32 alone
 ///   .3mf     3MF; triangles alone; a world unit is a millimetre
+///   .ngmesh  Neuroglancer's single-resolution mesh; triangles alone; a world unit is a nanometre
 ///
 /// Coordinates are float32. The file appears under its name when the extraction ends, whole or not
 /// at all; until then it has a temporary name in the same folder, which the sink's destructor

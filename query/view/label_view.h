@@ -1,0 +1,35 @@
+// A store of labels seen as one of a single label: 1 at its nodes, 0 elsewhere.
+#pragma once
+
+#include <cstdint>
+
+#include <isonest/int3.h>
+
+#include "store/container/chunk_source.h"
+
+namespace isonest::detail {
+
+/// The finest values alone: coarser levels and indicators are those of the labels, and mean nothing
+/// here. Missing values are 0. `source` must outlive it. Thread-safety: all methods from any
+/// thread.
+class LabelView : public ChunkSource {
+  public:
+    /// Nodes outside of [low, high] are 0 without a look at them.
+    LabelView(const ChunkSource& source, std::int64_t label, const Int3& low, const Int3& high)
+        : source_(source), label_(label), low_(low), high_(high) {}
+    [[nodiscard]] const StoreLayout& layout() const override { return source_.layout(); }
+    /// As the chunk's smallest and largest label allow.
+    [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override;
+    void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
+    void prefetch(const ArrayInfo& array, const Int3& chunk) const override {
+        source_.prefetch(array, chunk);
+    }
+
+  private:
+    const ChunkSource& source_;
+    std::int64_t label_;
+    Int3 low_;
+    Int3 high_;
+};
+
+}  // namespace isonest::detail
