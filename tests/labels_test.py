@@ -1,0 +1,132 @@
+#!/usr/bin/env python3
+"""Surfaces of labels against those of each label's own binary volume.
+
+usage: labels_test.py ISONEST PLUGIN_FOLDER
+"""
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+ISONEST = sys.argv[1]
+RANDOM = np.random.default_rng(8)
+
+
+def run(*arguments, code=0):
+    done = subprocess.run([ISONEST, *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == code, (arguments, done.returncode, done.stderr)
+    return done
+
+
+def cells(shape, count, ids, background=True):
+    """Every node has the label of the nearest of some random points."""
+    points = RANDOM.random((count, 3)) * shape
+    nodes = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1).reshape(-1, 1, 3)
+    distance = ((nodes - points) ** 2).sum(-1)
+    found = ids[distance.argmin(1)]
+    if background:
+        found[distance.min(1) > 25] = 0
+    return found.reshape(shape)
+
+
+class Labels(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
+        self.addCleanup(folder.cleanup)
+        self.here = pathlib.Path(folder.name)
+
+    def store(self, data, name="s", *options):
+        np.save(self.here / f"{name}.npy", data)
+        run("preprocess", self.here / f"{name}.npy", "-o", self.here / f"{name}.isonest", "--chunk", 8, "--force",
+            *options)
+        return self.here / f"{name}.isonest"
+
+    def test_a_label_is_the_half_of_its_binary_volume(self):
+        for kind, ids in (("u1", [1, 7, 255]), ("i2", [-3, 5, 900]), ("u4", [1, 2**32 - 1, 70000]),
+                          ("i8", [2**40, 2**53, -9])):
+            for options in ((), ("--cells", "hex"), ("--close",), ("--distance", "0.6"), ("--triangles", 300),
+                            ("--components", "largest"), ("--normals",), ("--box", "2,3,4,11,12,13")):
+                with self.subTest(kind=kind, options=options):
+                    data = cells((17, 14, 20), 12, np.array(ids * 4).astype(kind))
+                    store = self.store(data)
+                    for label in (ids[0], ids[2], 0):
+                        same = self.store((data == label).astype(kind), "b")
+                        run("extract", store, "--label", label, "-o", self.here / "a.ply", *options)
+                        run("extract", same, "--iso", 0.5, "-o", self.here / "b.ply", *options)
+                        self.assertEqual((self.here / "a.ply").read_bytes(), (self.here / "b.ply").read_bytes())
+
+    def test_a_mesh_for_each_label_is_that_of_the_label_alone(self):
+        data = cells((25, 30, 21), 40, RANDOM.choice(np.arange(1, 60000), 40, replace=False).astype("u2"))
+        store = self.store(data)
+        bytes_of = {}
+        for threads, memory in ((1, "1G"), (3, "1G"), (2, "300M")):
+            for options in ((), ("--distance", "0.6")):
+                folder = self.here / f"m{threads}{memory}{len(options)}"
+                run("extract", store, "--labels", "all", "-o", folder, "--threads", threads, "--memory", memory, *options)
+                listed = json.loads((folder / "labels.json").read_text())["labels"]
+                ids, counts = np.unique(data[data != 0], return_counts=True)
+                self.assertEqual([entry["id"] for entry in listed], ids.tolist())
+                self.assertEqual([entry["nodes"] for entry in listed], counts.tolist())
+                for entry in listed:
+                    z, y, x = np.nonzero(data == entry["id"])
+                    self.assertEqual(entry["low"], [x.min(), y.min(), z.min()])
+                    self.assertEqual(entry["high"], [x.max(), y.max(), z.max()])
+                    mesh = (folder / entry["mesh"]).read_bytes()
+                    key = entry["id"], options
+                    if key not in bytes_of:
+                        run("extract", store, "--label", entry["id"], "-o", self.here / "one.ply", *options)
+                        bytes_of[key] = (self.here / "one.ply").read_bytes()
+                    self.assertEqual(mesh, bytes_of[key])
+                self.assertEqual(len(list(folder.iterdir())), len(ids) + 1)  # nothing else is left there
+
+    def test_lists_and_ranges(self):
+        data = cells((12, 12, 12), 9, np.array([2, 3, 5, 8, 13, 21, 34, 55, 89], "u1"), background=False)
+        store = self.store(data)
+        present = np.unique(data)
+        for text, wanted in ((f"{present[0]}", [present[0]]), (f"{present[1]},{present[-1]},{present[1]}", present[[1, -1]]),
+                             ("5-40,8", present[(present >= 5) & (present <= 40)])):
+            run("extract", store, "--labels", text, "-o", self.here / "m")
+            listed = json.loads((self.here / "m" / "labels.json").read_text())["labels"]
+            self.assertEqual([entry["id"] for entry in listed], list(wanted))
+        self.assertIn("no label 4", run("extract", store, "--labels", "4", "-o", self.here / "m", code=3).stderr)
+        self.assertIn("smaller", run("extract", store, "--labels", "9-4", "-o", self.here / "m", code=2).stderr)
+
+    def test_neuroglancers_folder(self):
+        data = cells((12, 12, 12), 4, np.array([2, 3, 5, 8], "u1"))
+        store = self.store(data)
+        run("extract", store, "--labels", "all", "--format", "neuroglancer", "-o", self.here / "m")
+        self.assertEqual(json.loads((self.here / "m" / "info").read_text()), {"@type": "neuroglancer_legacy_mesh"})
+        run("extract", store, "--labels", "all", "-o", self.here / "p", "--format", "stl")
+        for label in np.unique(data[data > 0]):
+            fragments = json.loads((self.here / "m" / f"{label}:0").read_text())["fragments"]
+            raw = b"".join((self.here / "m" / name).read_bytes() for name in fragments)
+            count = int.from_bytes(raw[:4], "little")
+            points = np.frombuffer(raw, "<f4", 3 * count, 4).reshape(-1, 3)
+            triangles = np.frombuffer(raw, "<u4", offset=4 + 12 * count).reshape(-1, 3)
+            stl = np.frombuffer((self.here / "p" / f"{label}.stl").read_bytes()[84:],
+                                np.dtype([("n", "<f4", 3), ("p", "<f4", (3, 3)), ("a", "<u2")]))
+            np.testing.assert_array_equal(points[triangles], stl["p"])
+
+    def test_what_makes_no_sense_is_refused(self):
+        store = self.store(cells((9, 9, 9), 4, np.array([2, 3, 5, 8], "u1")))
+        for options in (("--error", 1), ("--iso", 1), ("--view", "1,0,0"), ("--graph",)):
+            run("extract", store, "--label", 3, "-o", self.here / "a.ply", *options, code=2)
+        self.assertIn("no node", run("extract", store, "--label", 77, "-o", self.here / "a.ply").stdout)
+        self.assertIn("uint8", run("extract", store, "--label", 300, "-o", self.here / "a.ply", code=2).stderr)
+        flat = self.store(np.arange(20, dtype="u1").reshape(1, 4, 5), "flat")
+        run("extract", flat, "--label", 3, "-o", self.here / "a.vtp", code=2)
+        amounts = self.store(RANDOM.normal(size=(9, 9, 9)), "amounts")
+        self.assertIn("no label", run("extract", amounts, "--labels", "all", "-o", self.here / "m", code=5).stderr)
+        (self.here / "file").write_text("")
+        run("extract", store, "--labels", "all", "-o", self.here / "file", code=2)
+        many = self.store(np.arange(27000, dtype="u4").reshape(30, 30, 30), "many")
+        self.assertIn("labels", run("extract", many, "--labels", "all", "-o", self.here / "m", "--memory", "1M",
+                                    code=7).stderr)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
