@@ -185,3 +185,25 @@ def test_a_rotated_volume_is_the_same_in_array_coordinates(tmp_path):
         store.isosurface(6.05, box=((0, 0, 0), (5, 5, 5)))
     cut = store.slice((1, 0, 0), 6, coordinates="array")
     np.testing.assert_allclose(cut.vertices[:, 0], 6, atol=1e-5)
+
+
+def test_labels_and_the_surface_of_one(tmp_path):
+    rng = np.random.default_rng(4)
+    data = rng.choice(np.array([0, 3, 9], "u2"), (8, 9, 10))
+    data[3:6, 2:5, 4:8] = 700
+    isonest.preprocess(data, tmp_path / "s.isonest")
+    store = isonest.open(tmp_path / "s.isonest")
+    found = store.labels()
+    ids, counts = np.unique(data, return_counts=True)
+    assert [label.id for label in found] == ids.tolist()
+    assert [label.nodes for label in found] == counts.tolist()
+    assert found[-1].low == (3, 2, 4) and found[-1].high == (5, 4, 7)
+    for label in ids:
+        binary = isonest.isosurface((data == label).astype("u2"), 0.5)
+        surface = store.label_surface(label)
+        np.testing.assert_array_equal(surface.vertices, binary.vertices)
+        np.testing.assert_array_equal(surface.faces, binary.faces)
+    assert len(store.label_surface(700, distance="1voxel").faces) < len(store.label_surface(700).faces)
+    with pytest.raises(isonest.Error):
+        isonest.preprocess(rng.normal(size=(5, 5, 5)), tmp_path / "f.isonest")
+        isonest.open(tmp_path / "f.isonest").labels()

@@ -20,10 +20,10 @@ from ._core import PreprocessReport, Report, TriangleQuality
 from ._errors import (CancelledError, CorruptError, Error, InputOutputError, InvalidArgumentError, LimitError,
                       MemoryLimitError, NotFoundError, UnsupportedError)
 from ._mesh import Mesh
-from ._store import Histogram, Store
+from ._store import Histogram, Label, Store
 
 __version__ = _core.version
-__all__ = ["preprocess", "open", "isosurface", "Store", "Mesh", "Histogram", "Report", "PreprocessReport",
+__all__ = ["preprocess", "open", "isosurface", "Store", "Mesh", "Histogram", "Label", "Report", "PreprocessReport",
            "TriangleQuality", "Error", "InvalidArgumentError", "NotFoundError", "CorruptError", "UnsupportedError",
            "InputOutputError", "LimitError", "MemoryLimitError", "CancelledError"]
 

@@ -32,6 +32,18 @@ class Histogram(NamedTuple):
     """Of the nodes that were counted: every 2**level-th along each axis."""
 
 
+class Label(NamedTuple):
+    """A label of a segmentation, and where its nodes are."""
+
+    id: int
+    nodes: int
+    """How many have it."""
+    low: "tuple[int, int, int]"
+    """Smallest indices (z, y, x)."""
+    high: "tuple[int, int, int]"
+    """Largest indices (z, y, x)."""
+
+
 class Store:
     """A store, open for reading; see :func:`isonest.open`. Any number of threads may use it at once."""
 
@@ -218,6 +230,43 @@ class Store:
                              coordinates=coordinates, flip=gradient_direction == "ascent",
                              level=float(level), quality=quality,
                              memory=memory, threads=threads, scratch=scratch, progress=progress)
+
+    def labels(self, *, memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> "list[Label]":
+        """The labels of a segmentation, by their ids: what values there are, and where.
+
+        Raises isonest.UnsupportedError for values that are no whole numbers up to 2**53.
+        """
+        with reporting(progress) as report:
+            rows = self._core.labels(to_bytes(memory), int(threads), report)
+        return [Label(row[0], row[1], (row[4], row[3], row[2]), (row[7], row[6], row[5])) for row in rows]
+
+    def label_surface(self, label: int, *, distance: Union[None, float, str] = None, triangles: Optional[int] = None,
+                      box: Optional[Box] = None, normals: bool = False,
+                      cells: Literal["tetrahedra", "hexahedra"] = "tetrahedra",
+                      close: Optional[Literal["below", "above"]] = None, largest: int = 0, least_triangles: int = 0,
+                      least_volume: float = 0.0, coordinates: Coordinates = "array", quality: bool = False,
+                      memory: Bytes = "1G", threads: int = 0, scratch: "os.PathLike[str] | str" = "",
+                      progress: Progress = None) -> Mesh:
+        """The surface around the nodes with this label, half way to the others, whatever their labels are.
+
+        The arguments are those of :meth:`isosurface`; inside the surface is "above", so ``close="below"`` closes it
+        where the label reaches the border of the volume.
+        """
+        query = _core.SurfaceQuery()
+        query.set_label(int(label))
+        query.set_error(0.0, False, "deviation")
+        if distance is not None or triangles is not None:
+            within, voxels = to_distance(distance) if distance is not None else (0.0, False)
+            if triangles is not None:
+                query.set_triangles(int(triangles), within if distance is not None else None, voxels)
+            else:
+                query.set_distance(within, voxels)
+        query.set_close(close)
+        if largest or least_triangles or least_volume:
+            query.set_components(largest, least_triangles, least_volume)
+        return self._extract(query, box=box, normals=normals, values=None, vertex_error=None, cells=cells,
+                             coordinates=coordinates, flip=False, level=float(label), quality=quality, memory=memory,
+                             threads=threads, scratch=scratch, progress=progress)
 
     def slice(self, normal: Point, offset: float, *, error: float = 0.0, relative: bool = False,
               guarantee: str = "deviation", box: Optional[Box] = None, normals: bool = False,

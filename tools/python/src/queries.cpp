@@ -166,6 +166,9 @@ void add_surface(py::module_& module) {
                  a.query.close = outside_of(outside);
              })
         .def(
+            "set_label", [](AskedSurface& a, std::int64_t id) { a.query.label = LabelChoice{id}; },
+            "id"_a)
+        .def(
             "set_components",
             [](AskedSurface& a, std::uint64_t largest, std::uint64_t least_triangles,
                double least_volume) {

@@ -4,11 +4,15 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <array>
+#include <cstdint>
 #include <cstring>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
+
+#include <isonest/labels.h>
 
 #include "query/statistics/histogram.h"
 #include "store/base/memory_budget.h"
@@ -114,6 +118,20 @@ detail::Histogram histogram(const OpenStore& handle, std::optional<int> level, s
     return result;
 }
 
+/// Rows of id, nodes, smallest and largest coordinates (x, y, z).
+std::vector<std::array<std::int64_t, 8>> labels(const OpenStore& handle, std::uint64_t memory,
+                                                int threads, const py::object& report) {
+    const std::shared_ptr<const Store> store = handle.get();
+    std::vector<std::array<std::int64_t, 8>> rows;
+    run_watched(report, [&](Progress& progress) {
+        for (const Label& l : find_labels(*store, {memory, threads}, progress)) {
+            rows.push_back({l.id, static_cast<std::int64_t>(l.nodes), l.low.x, l.low.y, l.low.z,
+                            l.high.x, l.high.y, l.high.z});
+        }
+    });
+    return rows;
+}
+
 template <class T>
 py::array copied(const std::vector<T>& numbers) {
     return as_array(std::vector<T>(numbers));
@@ -158,8 +176,7 @@ void add_stores(py::module_& module) {
                                [](const OpenStore& s) { return dtype_of(s.get()->type()); })
         .def_property_readonly("spacing", [](const OpenStore& s) { return s.get()->spacing(); })
         .def_property_readonly("origin", [](const OpenStore& s) { return s.get()->origin(); })
-        .def_property_readonly("direction",
-                               [](const OpenStore& s) { return s.get()->direction(); })
+        .def_property_readonly("direction", [](const OpenStore& s) { return s.get()->direction(); })
         .def_property_readonly("levels", [](const OpenStore& s) { return s.get()->levels(); })
         .def_property_readonly("indicators",
                                [](const OpenStore& s) { return names_of(s.get()->fields()); })
@@ -174,7 +191,8 @@ void add_stores(py::module_& module) {
             [](const OpenStore& s, int level) { return shape_of(nodes_of(*s.get(), level)); },
             "level"_a)
         .def("values", &values, "level"_a, "lo"_a, "hi"_a, "memory"_a, "threads"_a, "progress"_a)
-        .def("histogram", &histogram, "level"_a, "memory"_a, "threads"_a, "progress"_a);
+        .def("histogram", &histogram, "level"_a, "memory"_a, "threads"_a, "progress"_a)
+        .def("labels", &labels, "memory"_a, "threads"_a, "progress"_a);
     add_histogram(module);
 }
 
