@@ -181,7 +181,7 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
                     r.distance || r.within_budget ? distance_text(arguments.distance, r)
                                                   : guarantee_text(a, r) + simplified_text(r),
                     r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
-    result.text += analysis_text(r);
+    result.text += analysis_text(r) + version_text(a.mesh);
     if (arguments.components) {
         add_component_json(r, result.json);
         result.text += component_text(r);

@@ -14,6 +14,7 @@
 #include "tools/cli/command.h"
 #include "tools/cli/fields.h"
 #include "tools/cli/leftovers.h"
+#include "tools/cli/paraview_hint.h"
 #include "tools/cli/source_options.h"
 #include "tools/cli/units.h"
 
@@ -74,6 +75,7 @@ Result run(Arguments& a, Progress& progress) {
     for (const std::string& note : source->notes()) {
         result.text += fmt::format("note: {}\n", note);
     }
+    result.text += paraview_hint(a.store);
     if (r.resumed_chunks > 0) {
         result.text +=
             fmt::format("{} chunks were taken over from an interrupted run\n", r.resumed_chunks);

@@ -259,6 +259,13 @@ std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
                        r.error_bound, what);
 }
 
+std::string version_text(const std::string& mesh) {
+    // PolyData came to VTKHDF with version 2.0 of the format.
+    return std::filesystem::path(mesh).extension() == ".vtkhdf"
+               ? "VTK 9.3 and ParaView 5.12 read it, or newer ones; .vtp is for all.\n"
+               : "";
+}
+
 std::string extract_warning(const ExtractArguments& a, const ExtractReport& r) {
     constexpr double kNoticeable = 0.01;
     std::string warning = leftovers_of(a.mesh);

@@ -55,6 +55,9 @@ void require_suitable_cells(const ExtractArguments& a);
 std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r);
 /// Whether the line above is a bound on |U - iso| (or on |value - U| in a slice).
 bool is_guaranteed(const ExtractReport& r);
+/// A line that says which versions of other programs read the mesh, where that is not all; or
+/// empty.
+std::string version_text(const std::string& mesh);
 /// What was left behind by killed runs, and coordinates that float32 rounds too much; or empty.
 std::string extract_warning(const ExtractArguments& a, const ExtractReport& r);
 /// Whether the box and the volume have more than a face in common along each axis that the volume
