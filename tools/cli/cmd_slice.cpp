@@ -184,9 +184,8 @@ void add_slice(CLI::App& app, Invocation& chosen) {
             o.height = size[1];
         },
         "of the picture, pixels [800x800]", "WxH");
-    c->add_option("--colors", o.colors,
-                  fmt::format("of the picture: {} [viridis]", fmt::join(color_map_names(), ", ")))
-        ->type_name("NAME");
+    c->add_option("--colors", o.colors, color_help("of the picture", "viridis"))->type_name("NAME");
+    c->add_flag("--plain", o.plain, "a picture without axes and bar of the colours");
     add_parsed(
         c, "--range",
         [a](const std::string& text) {

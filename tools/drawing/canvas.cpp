@@ -3,6 +3,7 @@
 #include <cairo-svg.h>
 #include <cairo.h>
 
+#include <cstring>
 #include <memory>
 
 #include <isonest/error.h>
@@ -27,8 +28,6 @@ bool is_svg(const std::filesystem::path& path) {
 Canvas::Canvas(_cairo* context) : context_(context) {
     cairo_select_font_face(context_, "sans-serif", CAIRO_FONT_SLANT_NORMAL,
                            CAIRO_FONT_WEIGHT_NORMAL);
-    color({1, 1, 1});
-    cairo_paint(context_);
 }
 
 void Canvas::color(const Color& c) {
@@ -67,6 +66,78 @@ void Canvas::text(double x, double y, const std::string& words, double size, dou
     cairo_restore(context_);
 }
 
+void Canvas::text_on_picture(double x, double y, const std::string& words, double size,
+                             double anchor, double turn) {
+    constexpr double kHalo = 3;
+    cairo_save(context_);
+    cairo_set_font_size(context_, size);
+    cairo_translate(context_, x, y);
+    cairo_rotate(context_, turn);
+    cairo_move_to(context_, -anchor * width_of(words, size), 0);
+    cairo_text_path(context_, words.c_str());
+    cairo_path_t* const path = cairo_copy_path(context_);
+    cairo_save(context_);
+    cairo_set_source_rgb(context_, 1, 1, 1);
+    cairo_set_line_width(context_, kHalo);
+    cairo_set_line_join(context_, CAIRO_LINE_JOIN_ROUND);
+    cairo_stroke(context_);
+    cairo_restore(context_);
+    cairo_append_path(context_, path);
+    cairo_path_destroy(path);
+    cairo_fill(context_);
+    cairo_restore(context_);
+}
+
+double Canvas::width_of(const std::string& words, double size) {
+    cairo_set_font_size(context_, size);
+    cairo_text_extents_t extents{};
+    cairo_text_extents(context_, words.c_str(), &extents);
+    return extents.x_advance;
+}
+
+void draw_over(std::vector<std::uint8_t>& rgb, int width, int first_row, int rows,
+               const std::function<void(Canvas&)>& draw) {
+    const std::unique_ptr<cairo_surface_t, decltype(&cairo_surface_destroy)> surface(
+        cairo_image_surface_create(CAIRO_FORMAT_RGB24, width, rows), cairo_surface_destroy);
+    unsigned char* const pixels = cairo_image_surface_get_data(surface.get());
+    if (pixels == nullptr) {
+        throw Error(ErrorKind::io, "Cairo has no memory for the picture's frame");
+    }
+    const auto stride = static_cast<std::size_t>(cairo_image_surface_get_stride(surface.get()));
+    const auto each_pixel = [&](const auto& f) {
+        for (int y = 0; y < rows; ++y) {
+            for (int x = 0; x < width; ++x) {
+                const auto at = static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
+                                static_cast<std::size_t>(x);
+                f(rgb.data() + 3 * at,
+                  pixels + static_cast<std::size_t>(y) * stride + 4 * static_cast<std::size_t>(x));
+            }
+        }
+    };
+    // A pixel is a number of 32 bits, 0x00RRGGBB.
+    each_pixel([](const std::uint8_t* from, unsigned char* to) {
+        const std::uint32_t pixel = static_cast<std::uint32_t>(from[0]) << 16U |
+                                    static_cast<std::uint32_t>(from[1]) << 8U | from[2];
+        std::memcpy(to, &pixel, sizeof(pixel));
+    });
+    cairo_surface_mark_dirty(surface.get());
+    {
+        const std::unique_ptr<cairo_t, decltype(&cairo_destroy)> context(
+            cairo_create(surface.get()), cairo_destroy);
+        cairo_translate(context.get(), 0, -first_row);
+        Canvas canvas(context.get());
+        draw(canvas);
+    }
+    cairo_surface_flush(surface.get());
+    each_pixel([](std::uint8_t* to, const unsigned char* from) {
+        std::uint32_t pixel = 0;
+        std::memcpy(&pixel, from, sizeof(pixel));
+        to[0] = static_cast<std::uint8_t>(pixel >> 16U);
+        to[1] = static_cast<std::uint8_t>(pixel >> 8U);
+        to[2] = static_cast<std::uint8_t>(pixel);
+    });
+}
+
 bool is_canvas(const std::filesystem::path& path) {
     return is_svg(path) || path.extension() == ".png";
 }
@@ -85,6 +156,8 @@ void draw_canvas(const std::filesystem::path& path, int width, int height,
     const std::unique_ptr<cairo_t, decltype(&cairo_destroy)> context(cairo_create(surface.get()),
                                                                      cairo_destroy);
     Canvas canvas(context.get());
+    canvas.color({1, 1, 1});
+    cairo_paint(context.get());
     draw(canvas);
     bool good = cairo_status(context.get()) == CAIRO_STATUS_SUCCESS;
     if (is_svg(path)) {

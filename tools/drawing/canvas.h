@@ -2,9 +2,11 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <vector>
 
 struct _cairo;
 
@@ -24,10 +26,20 @@ class Canvas {
     /// `anchor`: 0 = begins at x, 0.5 = centred, 1 = ends there; `turn` in radians.
     void text(double x, double y, const std::string& words, double size, double anchor,
               double turn = 0);
+    /// The same in this colour with white around it, to be read on anything.
+    void text_on_picture(double x, double y, const std::string& words, double size, double anchor,
+                         double turn = 0);
+    /// Of the words, pixels.
+    [[nodiscard]] double width_of(const std::string& words, double size);
 
   private:
     _cairo* context_;
 };
+
+/// Draws onto rows of a picture that is there already: RGB, 8 bits, `rows` whole rows from
+/// `first_row` on. Throws Error{io}.
+void draw_over(std::vector<std::uint8_t>& rgb, int width, int first_row, int rows,
+               const std::function<void(Canvas&)>& draw);
 
 /// Whether draw_canvas() can write a file of that name: it ends with .svg or .png.
 bool is_canvas(const std::filesystem::path& path);

@@ -11,7 +11,11 @@
 #include <isonest/int3.h>
 #include <isonest/mesh_sink.h>
 
+#include "tools/drawing/color_maps.h"
+#include "tools/drawing/contour_labels.h"
+#include "tools/drawing/picture_frame.h"
 #include "tools/drawing/png_writer.h"
+#include "tools/drawing/slice_raster.h"
 
 namespace isonest::detail::cli {
 
@@ -23,25 +27,23 @@ struct SlicePictureOptions {
     double high = 1;          ///< value of the last colour
     std::string colors = "viridis";
     bool grid = false;             ///< draw the triangles' edges
+    bool plain = false;            ///< neither axes nor a bar of the colours
     std::vector<double> contours;  ///< values at which lines are drawn
     std::uint64_t memory = std::uint64_t{256}
                            << 20U;  ///< bytes of pixels held; at least one row is
 };
 
-/// The names for SlicePictureOptions::colors.
-const std::vector<std::string>& color_map_names();
-
-struct ColorMap;
-class Raster;
+/// Pictures with a shorter side are always plain.
+inline constexpr int kLeastFramed = 240;
 
 /// Draws a mesh that lies in a plane and has vertex values, fitted, with white around it, into an
-/// 8-bit RGB PNG, which replaces what is there. The picture is drawn in strips that fit into the
-/// memory, each in one pass over the mesh.
+/// 8-bit RGB PNG, which replaces what is there. Beside it are axes in world units (in an oblique
+/// plane distances along its own directions), a bar of the colours, and values of contour lines.
+/// The picture is drawn in strips that fit into the memory, each in one pass over the mesh.
 class SlicePicture : public MeshSink {
   public:
     /// Throws Error{invalid_argument} if there are no such colours.
     SlicePicture(std::filesystem::path png, SlicePictureOptions options);
-    ~SlicePicture() override;
     /// Throws Error{invalid_argument, not_found} where no picture may be written.
     void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override;
     /// These throw Error{io}. REQUIRES: the layout has values.
@@ -57,16 +59,23 @@ class SlicePicture : public MeshSink {
         std::array<double, 2> low;
         std::array<double, 2> high;
     };
-    Raster& raster();
+    SliceRaster& raster();
+    [[nodiscard]] bool framed() const;
+    /// Where the slice is drawn, and how many pixels a world unit has.
+    [[nodiscard]] Rectangle place() const;
+    [[nodiscard]] double scale() const;
+    void frame(Canvas& canvas) const;
 
     std::filesystem::path path_;
     SlicePictureOptions options_;
-    const ColorMap* map_;
+    ColorMap map_;
     std::unique_ptr<PngFile> file_;
     VertexAttribute value_;
     Extent extent_{};
     int row_ = 0;  ///< the first of the strip
-    std::unique_ptr<Raster> raster_;
+    std::unique_ptr<SliceRaster> raster_;
+    std::unique_ptr<ContourLabels> labels_;
+    std::vector<ContourLabel> chosen_;
 };
 
 }  // namespace isonest::detail::cli
