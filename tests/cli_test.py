@@ -493,6 +493,75 @@ class Cli(unittest.TestCase):
             self.assertNotEqual((self.here / "p.png").read_bytes(), first, option)
         (self.here / "p.png").unlink()
 
+    def test_larger_pictures_have_a_scale_bar_and_directions(self):
+        pictures = []
+        for options in ((), ("--plain",)):
+            self.ok("picture", "b.ply", "-o", "p.png", "--size", "260x250", *options)
+            pictures.append(read_png(self.here / "p.png")[2])
+        noted, plain = pictures
+        background = plain[0][:3]
+        corner = [[row[3 * x:3 * x + 3] for row in picture[200:] for x in range(50)] for picture in pictures]
+        self.assertEqual(set(corner[1]), {background})
+        self.assertGreater(len([pixel for pixel in corner[0] if pixel != background]), 40)
+        (self.here / "p.png").unlink()
+
+    def test_views_by_name_and_by_angles_are_directions(self):
+        def picture(view):
+            self.ok("picture", "b.ply", "-o", "p.png", "--size", "60x50", "--view=" + view)
+            return (self.here / "p.png").read_bytes()
+
+        for name, angles, direction in (("front", "0,0", "0,-1,0"), ("right", "90,0", "1,0,0"), ("back", "180,0", "0,1,0"),
+                                        ("left", "-90,0", "-1,0,0"), ("top", "0,90", "0,0,1"),
+                                        ("bottom", "0,-90", "0,0,-1")):
+            self.assertEqual(picture(name), picture(direction), name)
+            if name in ("front", "top", "bottom"):  # cosines of right angles are not quite 0
+                self.assertEqual(picture(name), picture(angles), name)
+        self.assertNotEqual(picture("front"), picture("iso"))
+        self.fails(2, "picture", "b.ply", "-o", "p.png", "--view", "sideways")
+        (self.here / "p.png").unlink()
+
+    def test_a_turntable_begins_with_the_view_at_one_scale(self):
+        self.ok("picture", "b.ply", "-o", "t.png", "--size", "60x50", "--turntable", "5", "--view", "10,20")
+        names = [self.here / f"t_{i:03}.png" for i in range(5)]
+        self.assertFalse((self.here / "t.png").exists())
+        self.assertEqual(len({name.read_bytes() for name in names}), 5)
+        for name in names:
+            self.assertEqual(read_png(name)[:2], (60, 50))
+            name.unlink()
+
+    def test_values_and_colours_of_vertices_are_seen(self):
+        def ply(name, properties, dtype, columns):
+            rows = [(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)]
+            body = b"".join(struct.pack("<fff" + dtype, *row, *column) for row, column in zip(rows, columns))
+            faces = b"".join(struct.pack("<Biii", 3, *f) for f in ((0, 1, 2), (0, 2, 3)))
+            header = ("ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+                      f"property float z\n{properties}element face 2\nproperty list uchar int vertex_indices\nend_header\n")
+            (self.here / name).write_bytes(header.encode() + body + faces)
+
+        def corners(name, *options):
+            self.ok("picture", name, "-o", "p.png", "--size", "60x60", "--view", "front", "--plain", *options)
+            _, _, rows = read_png(self.here / "p.png")
+            return [tuple(rows[y][3 * x:3 * x + 3]) for x, y in ((8, 51), (51, 51), (51, 8), (8, 8))]
+
+        ply("rgb.ply", "property uchar red\nproperty uchar green\nproperty uchar blue\n", "BBB",
+            [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0)])
+        red, green, blue, yellow = corners("rgb.ply")
+        self.assertTrue(red[0] > 2 * max(red[1:]) and green[1] > 2 * max(green[0], green[2]) and blue[2] > 2 * max(blue[:2])
+                        and min(yellow[:2]) > 2 * yellow[2], (red, green, blue, yellow))
+        plain = corners("rgb.ply", "--color-by", "none")
+        self.assertEqual(len(set(plain)), 1)
+        ply("value.ply", "property float value\n", "f", [(0,), (5,), (5,), (0,)])
+        low, high, _, _ = corners("value.ply", "--colors", "gray")
+        self.assertLess(max(low), 0.5 * min(high))
+        low, high, _, _ = corners("value.ply", "--colors", "gray_r")
+        self.assertGreater(min(low), 2 * max(high))
+        self.assertEqual(self.json("picture", "value.ply", "-o", "p.png")["range"], [0, 5])
+        self.assertEqual(self.json("picture", "value.ply", "-o", "p.png", "--range=-1,9")["range"], [-1, 9])
+        self.fails(2, "picture", "value.ply", "-o", "p.png", "--colors", "nice")
+        self.fails(3, "picture", "value.ply", "-o", "p.png", "--color-by", "error")
+        for name in ("rgb.ply", "value.ply", "p.png"):
+            (self.here / name).unlink()
+
     def test_a_mesh_far_from_0_says_how_much_its_coordinates_are_rounded(self):
         self.assertLess(self.json("extract", "b.isonest", "--iso", "0.5", "-o", "b.ply")
                         ["coordinate_rounding"], 1e-5)
@@ -507,7 +576,7 @@ class Cli(unittest.TestCase):
     def test_shading_falls_back_to_flat_where_memory_is_short(self):
         self.assertEqual(self.json("picture", "b.ply", "-o", "p.png")["shading"], "smooth")
         # OSMesa and the least strip of 10 pixels fit, but no normals (tools/drawing/picture.cpp).
-        least = (94 << 20) + 10 * 68 * 32
+        least = (94 << 20) + 10 * 91 * (32 + 2)
         flat = self.json("picture", "b.ply", "-o", "p.png", "--size", "10x10", "--memory", least)
         self.assertEqual(flat["shading"], "flat")
         (self.here / "p.png").unlink()

@@ -15,9 +15,12 @@ namespace isonest::detail {
     F(OSMesaPixelStore)             \
     F(glClear)                      \
     F(glClearColor)                 \
+    F(glColorMaterial)              \
+    F(glColorPointer)               \
     F(glColor3fv)                   \
     F(glDepthFunc)                  \
     F(glDisable)                    \
+    F(glDisableClientState)         \
     F(glDrawArrays)                 \
     F(glEnable)                     \
     F(glEnableClientState)          \
@@ -33,6 +36,7 @@ namespace isonest::detail {
     F(glOrtho)                      \
     F(glPolygonMode)                \
     F(glPolygonOffset)              \
+    F(glReadPixels)                 \
     F(glVertexPointer)              \
     F(glViewport)
 

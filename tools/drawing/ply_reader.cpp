@@ -70,7 +70,9 @@ struct PlyMesh::Header {
     std::uint64_t vertex_stride = 0;
     std::uint64_t face_stride = 0;
     std::array<std::optional<Property>, 3> coordinates;
+    std::string wanted;  ///< the value's name
     std::optional<Property> value;
+    std::array<std::optional<std::uint64_t>, 3> colors;
     std::optional<std::uint64_t> list_offset;
     bool signed_indices = true;
     bool more_elements = false;
@@ -96,7 +98,13 @@ void PlyMesh::Header::add_vertex_property(const std::vector<std::string_view>& w
         }
         coordinates.at(axis) = Property{std::string(words[2]), vertex_stride, size == 8};
     }
-    if (words[2] == "value" && (words[1].starts_with("float") || size == 8)) {
+    constexpr std::array<std::string_view, 3> kColors{"red", "green", "blue"};
+    for (std::size_t c = 0; c < 3; ++c) {
+        if (words[2] == kColors.at(c) && (words[1] == "uchar" || words[1] == "uint8")) {
+            colors.at(c) = vertex_stride;
+        }
+    }
+    if (words[2] == wanted && (words[1].starts_with("float") || size == 8)) {
         value = Property{std::string(words[2]), vertex_stride, size == 8};
     }
     vertex_stride += size;
@@ -123,11 +131,13 @@ void PlyMesh::Header::add_face_property(const std::vector<std::string_view>& wor
     face_stride += kTriangleListBytes;
 }
 
-PlyMesh::Header PlyMesh::parse(std::string_view text, const std::string& name) {
+PlyMesh::Header PlyMesh::parse(std::string_view text, const std::string& name,
+                               const std::string& value) {
     const auto corrupt = [&](const std::string& what) {
         return Error(ErrorKind::corrupt, {name}, what);
     };
     Header header;
+    header.wanted = value;
     enum class Element { none, vertex, face, other } element = Element::none;
     bool has_format = false;
     std::size_t begin = 0;
@@ -201,11 +211,12 @@ PlyMesh::Header PlyMesh::parse(std::string_view text, const std::string& name) {
     return header;
 }
 
-PlyMesh::PlyMesh(const std::filesystem::path& path) : name_(path.string()), file_(path) {
+PlyMesh::PlyMesh(const std::filesystem::path& path, const std::string& value)
+    : name_(path.string()), file_(path) {
     const std::uint64_t size = file_.bytes().size();
     const std::string_view text(reinterpret_cast<const char*>(file_.bytes().data()),
                                 std::min<std::size_t>(size, kLongestHeader));
-    const Header header = parse(text, name_);
+    const Header header = parse(text, name_, value);
     vertices_ = header.vertices;
     triangles_ = header.triangles;
     vertex_stride_ = header.vertex_stride;
@@ -217,6 +228,9 @@ PlyMesh::PlyMesh(const std::filesystem::path& path) : name_(path.string()), file
     if (header.value) {
         value_offset_ = header.value->offset;
         value_is_double_ = header.value->is_double;
+    }
+    if (header.colors[0] && header.colors[1] && header.colors[2]) {
+        color_offset_ = {*header.colors[0], *header.colors[1], *header.colors[2]};
     }
     list_offset_ = *header.list_offset;
     signed_indices_ = header.signed_indices;
@@ -273,6 +287,15 @@ double PlyMesh::value(std::uint64_t i) const {
     }
     return number_at(file_.bytes().data() + vertex_begin_ + i * vertex_stride_ + *value_offset_,
                      value_is_double_);
+}
+
+std::array<std::uint8_t, 3> PlyMesh::color(std::uint64_t i) const {
+    const std::byte* const at = file_.bytes().data() + vertex_begin_ + i * vertex_stride_;
+    std::array<std::uint8_t, 3> rgb{};
+    for (std::size_t c = 0; c < 3; ++c) {
+        rgb.at(c) = std::to_integer<std::uint8_t>(at[color_offset_->at(c)]);
+    }
+    return rgb;
 }
 
 std::array<std::uint32_t, 3> PlyMesh::triangle(std::uint64_t i) const {

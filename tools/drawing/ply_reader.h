@@ -18,23 +18,30 @@ namespace isonest::detail::cli {
 /// Thread-safety: const methods from any thread.
 class PlyMesh {
   public:
+    /// `value`: the name of the property that value() gives.
     /// Throws Error{not_found, io}, Error{corrupt} (no PLY, a damaged header, counts that do not
     /// fit the file's size) and Error{unsupported} (another kind of PLY), naming the file.
-    explicit PlyMesh(const std::filesystem::path& path);
+    explicit PlyMesh(const std::filesystem::path& path, const std::string& value = "value");
 
     [[nodiscard]] std::uint64_t vertices() const { return vertices_; }
     [[nodiscard]] std::uint64_t triangles() const { return triangles_; }
     /// REQUIRES: i < vertices(). Throws Error{corrupt} if a coordinate is not finite.
     [[nodiscard]] Double3 vertex(std::uint64_t i) const;
-    /// The vertex property "value" (float or double), 0 if there is none. REQUIRES: i < vertices().
+    /// Whether vertices have the property that was asked for (float or double).
+    [[nodiscard]] bool has_values() const { return value_offset_.has_value(); }
+    /// That property, 0 if there is none. REQUIRES: i < vertices().
     [[nodiscard]] double value(std::uint64_t i) const;
+    /// Whether vertices have red, green and blue of 8 bits.
+    [[nodiscard]] bool has_colors() const { return color_offset_.has_value(); }
+    /// REQUIRES: has_colors(), i < vertices().
+    [[nodiscard]] std::array<std::uint8_t, 3> color(std::uint64_t i) const;
     /// REQUIRES: i < triangles(). Throws Error{corrupt} if an index is out of range, and
     /// Error{unsupported} if the face is no triangle.
     [[nodiscard]] std::array<std::uint32_t, 3> triangle(std::uint64_t i) const;
 
   private:
     struct Header;
-    static Header parse(std::string_view text, const std::string& name);
+    static Header parse(std::string_view text, const std::string& name, const std::string& value);
 
     std::string name_;
     MappedFile file_;
@@ -48,6 +55,7 @@ class PlyMesh {
     std::array<bool, 3> coordinate_is_double_{};
     std::optional<std::uint64_t> value_offset_;
     bool value_is_double_ = false;
+    std::optional<std::array<std::uint64_t, 3>> color_offset_;
     std::uint64_t list_offset_ = 0;
     bool signed_indices_ = true;
 };
