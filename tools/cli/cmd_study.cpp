@@ -30,48 +30,60 @@ struct Arguments {
 
 using Value = double (*)(const StudyRow&);
 struct Column {
-    const char* name;  ///< of the CSV's column and of the plot's file
+    const char* name;   ///< of the CSV's column and of the plot's file
+    const char* title;  ///< of the plot, in words
     const char* axis;
     Value of;
 };
 constexpr std::array<Column, 11> kColumns{
-    {{"visited", "visited cells, all levels",
+    {{"visited", "Elements visited", "visited cells, all levels",
       [](const StudyRow& r) { return static_cast<double>(r.visited); }},
-     {"leaves", "elements", [](const StudyRow& r) { return static_cast<double>(r.leaves); }},
-     {"l1", "||P U - U||, L1", [](const StudyRow& r) { return r.norms.l1; }},
-     {"l2", "||P U - U||, L2", [](const StudyRow& r) { return r.norms.l2; }},
-     {"linf", "||P U - U||, L infinity", [](const StudyRow& r) { return r.norms.linf; }},
-     {"efficiency_l1", "1 / (elements error), L1",
+     {"leaves", "Elements of the adaptive grid", "elements",
+      [](const StudyRow& r) { return static_cast<double>(r.leaves); }},
+     {"l1", "Error of the function in the L1 norm", "||P U - U||, L1",
+      [](const StudyRow& r) { return r.norms.l1; }},
+     {"l2", "Error of the function in the L2 norm", "||P U - U||, L2",
+      [](const StudyRow& r) { return r.norms.l2; }},
+     {"linf", "Largest error of the function", "||P U - U||, L infinity",
+      [](const StudyRow& r) { return r.norms.linf; }},
+     {"efficiency_l1", "Accuracy for each element, L1 norm", "1 / (elements error), L1",
       [](const StudyRow& r) { return r.efficiency(r.norms.l1); }},
-     {"efficiency_l2", "1 / (elements error), L2",
+     {"efficiency_l2", "Accuracy for each element, L2 norm", "1 / (elements error), L2",
       [](const StudyRow& r) { return r.efficiency(r.norms.l2); }},
-     {"efficiency_linf", "1 / (elements error), L infinity",
+     {"efficiency_linf", "Accuracy for each element, maximum norm",
+      "1 / (elements error), L infinity",
       [](const StudyRow& r) { return r.efficiency(r.norms.linf); }},
-     {"efficiency_visited_l1", "1 / (visited error), L1",
+     {"efficiency_visited_l1", "Accuracy for each element visited, L1 norm",
+      "1 / (visited error), L1",
       [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.l1); }},
-     {"efficiency_visited_l2", "1 / (visited error), L2",
+     {"efficiency_visited_l2", "Accuracy for each element visited, L2 norm",
+      "1 / (visited error), L2",
       [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.l2); }},
-     {"efficiency_visited_linf", "1 / (visited error), L infinity",
+     {"efficiency_visited_linf", "Accuracy for each element visited, maximum norm",
+      "1 / (visited error), L infinity",
       [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.linf); }}}};
 constexpr std::array<Column, 3> kIsoColumns{
-    {{"iso_visited", "elements visited for the isosurface",
+    {{"iso_visited", "Elements visited for the isosurface", "elements visited for the isosurface",
       [](const StudyRow& r) { return static_cast<double>(r.iso_visited); }},
-     {"iso_leaves", "elements that hold the isosurface",
+     {"iso_leaves", "Elements that hold the isosurface", "elements that hold the isosurface",
       [](const StudyRow& r) { return static_cast<double>(r.iso_leaves); }},
-     {"efficiency_iso_visited_l2", "1 / (visited for the isosurface, error), L2",
+     {"efficiency_iso_visited_l2", "Accuracy for each element visited for the isosurface, L2 norm",
+      "1 / (visited for the isosurface, error), L2",
       [](const StudyRow& r) { return r.efficiency_of_visited_for_iso(r.norms.l2); }}}};
 
 constexpr std::array<Column, 3> kTrueColumns{
-    {{"value_lp", "||P U - U|| in L^p, integrated",
+    {{"value_lp", "Error of the function in L^p, integrated", "||P U - U|| in L^p, integrated",
       [](const StudyRow& r) { return r.true_norms.value; }},
-     {"gradient_lp", "||grad P U - grad U|| / ||grad U|| in L^p",
+     {"gradient_lp", "Error of the gradient in L^p, of the gradient",
+      "||grad P U - grad U|| / ||grad U|| in L^p",
       [](const StudyRow& r) { return r.true_norms.gradient; }},
-     {"gradient_linf", "||grad P U - grad U|| / ||grad U||, L infinity",
+     {"gradient_linf", "Largest error of the gradient, of the gradient",
+      "||grad P U - grad U|| / ||grad U||, L infinity",
       [](const StudyRow& r) { return r.true_norms.gradient_linf; }}}};
-constexpr Column kGraphColumn{"graph_distance", "distance of the graphs",
+constexpr Column kGraphColumn{"graph_distance", "Distance of the graphs", "distance of the graphs",
                               [](const StudyRow& r) { return r.graph_distance; }};
 
-constexpr Column kNodeColumn{"nodes", "nodes",
+constexpr Column kNodeColumn{"nodes", "Nodes of the adaptive grid", "nodes",
                              [](const StudyRow& r) { return static_cast<double>(r.nodes); }};
 
 /// What there is besides kColumns.
@@ -151,7 +163,8 @@ void draw(const std::filesystem::path& folder, const Study& study, const PlotFil
     };
     Plot plot;
     plot.x = file.over != nullptr ? file.over->axis : "threshold, of the largest";
-    plot.title = fmt::format("{} by {}", file.column->name, plot.x);
+    plot.title = fmt::format("{}, by {}", file.column->title,
+                             file.over != nullptr ? file.over->axis : "the threshold");
     plot.y = file.column->axis;
     for (const StudyRow& row : study.rows) {
         if (plot.series.empty() || plot.series.back().name != name_of(row.field)) {

@@ -48,9 +48,57 @@ void Canvas::area(double x0, double y0, double x1, double y1) {
     cairo_fill(context_);
 }
 
-void Canvas::dot(double x, double y) {
-    cairo_arc(context_, x, y, 2.2, 0, 6.2832);
-    cairo_fill(context_);
+void Canvas::path(const std::vector<std::array<double, 2>>& points, double width,
+                  const std::vector<double>& dashes) {
+    cairo_set_dash(context_, dashes.data(), static_cast<int>(dashes.size()), 0);
+    cairo_set_line_width(context_, width);
+    cairo_set_line_join(context_, CAIRO_LINE_JOIN_ROUND);
+    cairo_new_path(context_);
+    for (const auto& [x, y] : points) {
+        cairo_line_to(context_, x, y);
+    }
+    cairo_stroke(context_);
+}
+
+void Canvas::marker(double x, double y, int kind) {
+    constexpr double kHalf = 3.2;
+    cairo_set_dash(context_, nullptr, 0, 0);
+    cairo_set_line_width(context_, 1.5);
+    cairo_new_path(context_);
+    const auto polygon = [&](const std::vector<std::array<double, 2>>& corners) {
+        for (const auto& [dx, dy] : corners) {
+            cairo_line_to(context_, x + dx * kHalf, y + dy * kHalf);
+        }
+        cairo_fill(context_);
+    };
+    const auto strokes = [&](double dx0, double dy0, double dx1, double dy1) {
+        cairo_move_to(context_, x - dx0 * kHalf, y - dy0 * kHalf);
+        cairo_line_to(context_, x + dx0 * kHalf, y + dy0 * kHalf);
+        cairo_move_to(context_, x - dx1 * kHalf, y - dy1 * kHalf);
+        cairo_line_to(context_, x + dx1 * kHalf, y + dy1 * kHalf);
+        cairo_stroke(context_);
+    };
+    switch (kind) {
+        case 0:
+            cairo_arc(context_, x, y, 0.85 * kHalf, 0, 6.2832);
+            cairo_fill(context_);
+            break;
+        case 1:
+            polygon({{-0.8, -0.8}, {0.8, -0.8}, {0.8, 0.8}, {-0.8, 0.8}});
+            break;
+        case 2:
+            polygon({{0, -1.1}, {1, 0.8}, {-1, 0.8}});
+            break;
+        case 3:
+            polygon({{0, -1.2}, {1.2, 0}, {0, 1.2}, {-1.2, 0}});
+            break;
+        case 4:
+            strokes(0.9, 0.9, 0.9, -0.9);
+            break;
+        default:
+            strokes(1.1, 0, 0, 1.1);
+            break;
+    }
 }
 
 void Canvas::text(double x, double y, const std::string& words, double size, double anchor,

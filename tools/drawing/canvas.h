@@ -21,8 +21,13 @@ class Canvas {
     /// Of all that follows.
     void color(const Color& c);
     void line(double x0, double y0, double x1, double y1, double width, bool dashed = false);
+    /// A line through the points, with dashes and gaps of these lengths in turn, if there are any.
+    void path(const std::vector<std::array<double, 2>>& points, double width,
+              const std::vector<double>& dashes = {});
+    /// Of kMarkers kinds, around (x, y).
+    void marker(double x, double y, int kind);
+    static constexpr int kMarkers = 6;
     void area(double x0, double y0, double x1, double y1);
-    void dot(double x, double y);
     /// `anchor`: 0 = begins at x, 0.5 = centred, 1 = ends there; `turn` in radians.
     void text(double x, double y, const std::string& words, double size, double anchor,
               double turn = 0);

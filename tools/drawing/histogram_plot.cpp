@@ -92,7 +92,7 @@ class HistogramPlot {
             if (some(k) && some(k + 1)) {
                 c_.line(x, py(h_.cubes[k]), px(h_.bins.low[k + 1]), py(h_.cubes[k + 1]), 1.8);
             } else if (some(k) && !some(k - 1)) {
-                c_.dot(x, py(h_.cubes[k]));
+                c_.marker(x, py(h_.cubes[k]), 0);
             }
         }
     }

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "tools/drawing/canvas.h"
 
@@ -33,6 +34,9 @@ constexpr std::array<Color, 12> kColors{{{0.27, 0.47, 0.67},
                                          {0.93, 0.47, 0.20},
                                          {0.00, 0.60, 0.53}}};
 
+/// Curves are told apart by dashes and markers too, in print without colours.
+const std::array<std::vector<double>, 5> kDashes{{{}, {7, 3}, {2, 2.5}, {9, 3, 2, 3}, {4, 2}}};
+
 /// A logarithmic axis from whole powers of ten to whole powers of ten.
 struct Axis {
     double low = std::numeric_limits<double>::infinity();
@@ -48,6 +52,36 @@ struct Axis {
     }
     [[nodiscard]] double at(double v) const { return (std::log10(v) - low) / (high - low); }
 };
+
+/// Where a curve ends on the right, and at which height its name stands.
+struct CurveEnd {
+    std::size_t series;
+    std::array<double, 2> at;
+    double label;
+};
+
+/// The names beside the curves' ends, none on another one, each led to by a line.
+void label_ends(Canvas& d, const Plot& plot, std::vector<CurveEnd>& ends, double right, double top,
+                double bottom) {
+    constexpr double kRow = 17;
+    std::stable_sort(ends.begin(), ends.end(),
+                     [](const CurveEnd& a, const CurveEnd& b) { return a.at[1] < b.at[1]; });
+    double above = top - kRow;
+    for (CurveEnd& end : ends) {
+        above = end.label = std::max(end.label, above + kRow);
+    }
+    double below = bottom + kRow;
+    for (auto end = ends.rbegin(); end != ends.rend(); ++end) {
+        below = end->label = std::min(end->label, below - kRow);
+    }
+    for (const CurveEnd& end : ends) {
+        const std::size_t i = end.series;
+        d.color(kColors.at(i % kColors.size()));
+        d.path({end.at, {right + 6, end.label}, {right + 14, end.label}}, 0.7);
+        d.marker(right + 18, end.label, static_cast<int>(i) % Canvas::kMarkers);
+        d.text(right + 26, end.label + 4, plot.series[i].name, 12, 0);
+    }
+}
 
 void draw(Canvas& d, const Plot& plot) {
     Axis x;
@@ -94,26 +128,36 @@ void draw(Canvas& d, const Plot& plot) {
     d.text(kLeft + w / 2, kTop - 14, plot.title, 15, 0.5);
     d.text(kLeft + w / 2, kHeight - 14, plot.x, 13, 0.5);
     d.text(22, kTop + h / 2, plot.y, 13, 0.5, -1.5708);
+    std::vector<CurveEnd> ends;
     for (std::size_t i = 0; i < plot.series.size(); ++i) {
         const PlotSeries& s = plot.series[i];
         d.color(kColors.at(i % kColors.size()));
-        const std::pair<double, double>* before = nullptr;
+        const std::vector<double>& dashes = kDashes.at(i % kDashes.size());
+        std::vector<std::array<double, 2>> points;
+        const auto draw_points = [&] {
+            d.path(points, 1.6, dashes);
+            for (const auto& [at_x, at_y] : points) {
+                d.marker(at_x, at_y, static_cast<int>(i) % Canvas::kMarkers);
+            }
+        };
+        std::optional<std::array<double, 2>> rightmost;
         for (const auto& p : s.points) {
             if (!shown(p)) {
-                before = nullptr;
+                draw_points();
+                points.clear();
                 continue;
             }
-            if (before != nullptr) {
-                d.line(px(before->first), py(before->second), px(p.first), py(p.second), 1.6);
+            points.push_back({px(p.first), py(p.second)});
+            if (!rightmost || points.back()[0] > (*rightmost)[0]) {
+                rightmost = points.back();
             }
-            d.dot(px(p.first), py(p.second));
-            before = &p;
         }
-        const double row = kTop + 10 + 18 * static_cast<double>(i);
-        d.line(kLeft + w + 12, row - 4, kLeft + w + 34, row - 4, 2);
-        d.color(kInk);
-        d.text(kLeft + w + 40, row, s.name, 12, 0);
+        draw_points();
+        if (rightmost) {
+            ends.push_back({i, *rightmost, (*rightmost)[1]});
+        }
     }
+    label_ends(d, plot, ends, kLeft + w, kTop, kTop + h);
 }
 
 }  // namespace
