@@ -122,6 +122,7 @@ class Cli(unittest.TestCase):
         with tempfile.TemporaryDirectory() as empty:
             for command in COMMANDS:
                 text = self.ok(command, "--help").stdout.decode()
+                text = text.replace(" \\\n     ", "")  # what goes on in the next line
                 examples = re.findall(r"(?m)^  (isonest .*)$", text[text.index("Examples:"):])
                 self.assertGreaterEqual(len(examples), 2, command)
                 self.assertTrue(text.rstrip().endswith(examples[-1]))
@@ -492,6 +493,21 @@ class Cli(unittest.TestCase):
             self.ok("picture", "b.ply", "-o", "p.png", "--size", "120x90", option)
             self.assertNotEqual((self.here / "p.png").read_bytes(), first, option)
         (self.here / "p.png").unlink()
+
+    def test_help_is_80_columns_wide(self):
+        for command in ("", *COMMANDS, "slice", "study", "smooth"):
+            text = self.ok(*([command] if command else []), "--help").stdout.decode()
+            self.assertEqual([line for line in text.splitlines() if len(line) > 80], [], command)
+
+    def test_mistyped_names_are_corrected(self):
+        for arguments, meant in ((["extract", "b.isonest", "--eror", "3"], "--error?"), (["extrct"], "extract?"),
+                                 (["picture", "b.ply", "--colour=1,2,3", "-o", "x.png"], "--color?")):
+            self.assertIn("did you mean " + meant, self.fails(2, *arguments))
+        self.assertNotIn("did you mean", self.fails(2, "frobnicate"))
+
+    def test_a_relative_error_is_a_part(self):
+        self.assertIn("a part of the data's range", self.fails(2, "extract", "b.isonest", "--iso", "0.5", "-o", "x.ply",
+                                                               "--error-relative", "5"))
 
     def test_larger_pictures_have_a_scale_bar_and_directions(self):
         pictures = []

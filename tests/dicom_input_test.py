@@ -315,7 +315,7 @@ class Dicom(DamagedFiles, Input):
                 d.save_as(self.path / "all.dcm")
                 self.refuses(4, "table of offsets")
 
-    def test_jpeg_2000_by_openjpeg_where_gdcm_gives_up(self):
+    def test_high_throughput_jpeg_2000(self):
         if shutil.which("gdcmconv") is None:
             self.skipTest("no gdcmconv (Debian: libgdcm-tools)")
         self.stack(self.data.repeat(3, 1).repeat(3, 2))

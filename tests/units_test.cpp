@@ -8,6 +8,8 @@
 
 #include <isonest/error.h>
 
+#include "tools/cli/help_format.h"
+#include "tools/cli/suggestions.h"
 #include "tools/cli/terminal_progress.h"
 
 using namespace isonest;
@@ -100,6 +102,45 @@ TEST_CASE("a progress line tells phase, percent, rate and remaining time, and fi
     CHECK(progress_line(state, 80) == "traverse           5 bricks/s");
     state = {"write mesh", "triangles", 12, 10, 10};  // never more than all, no negative time
     CHECK(progress_line(state, 80) == "write mesh       100 %   1 triangles/s");
+}
+
+TEST_CASE("the bar of a run counts its stages, and never goes back") {
+    WholeProgress run({{"copy", "copying", 1}, {"read", "reading", 2}, {"write", "writing", 1}});
+    CHECK(run.begin("read")->words == "reading");  // nothing is copied this time
+    CHECK(run.at(0) == 0);
+    CHECK(run.at(0.5) == Approx(1.0 / 3));
+    CHECK(run.begin("other") == nullptr);
+    CHECK(run.at(0.9) == Approx(2.0 / 3));
+    CHECK(run.begin("write")->words == "writing");
+    CHECK(run.at(0) == Approx(2.0 / 3));
+    CHECK(run.at(1) == Approx(1));
+    CHECK(run.begin("read")->words == "reading");  // once more
+    CHECK(run.at(0.1) == Approx(1));
+    CHECK(WholeProgress({}).at(0.5) < 0);
+
+    ProgressState state{"reading", "B", 250, 1000, 2};
+    state.whole = 0.5;
+    state.whole_seconds = 6;
+    CHECK(progress_line(state, 80) ==
+          "[##########----------]  50 %  reading   125 B/s   6.0 s left");
+}
+
+TEST_CASE("a mistyped name is near the one that was meant, others are near none") {
+    const std::vector<std::string> names{"--error", "--error-relative", "--iso", "--output"};
+    CHECK(nearest_name("--eror", names) == "--error");
+    CHECK(nearest_name("--error-rel", names) == "--error-relative");
+    CHECK(nearest_name("--ios", names) == "--iso");
+    CHECK_FALSE(nearest_name("--frequency", names));
+    CHECK_FALSE(nearest_name(std::string(100, 'x'), names));
+}
+
+TEST_CASE("help is wrapped between words") {
+    CHECK(wrapped("one two  three", 0, 2) == "one two three");
+    const std::string text =
+        wrapped(std::string(50, 'a') + " " + std::string(29, 'b') + " c", 0, 2);
+    CHECK(text == std::string(50, 'a') + " " + std::string(29, 'b') + "\n  c");
+    CHECK(wrapped(std::string(99, 'a'), 0, 2) == std::string(99, 'a'));
+    CHECK(wrapped("a\nb\n\nc", 0, 0) == "a b\n\nc");
 }
 
 TEST_CASE("a range is written with the digits that tell its ends apart") {

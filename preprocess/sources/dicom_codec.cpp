@@ -8,7 +8,6 @@
 
 #include <gdcmDataElement.h>
 #include <gdcmFragment.h>
-#include <gdcmJPEG2000Codec.h>
 #include <gdcmJPEGCodec.h>
 #include <gdcmJPEGLSCodec.h>
 #include <gdcmRLECodec.h>
@@ -34,8 +33,7 @@ gdcm::PixelFormat pixel_format(const DicomNumbers& n) {
 
 template <class Codec>
 bool unpack_with(const gdcm::TransferSyntax& syntax, const DicomNumbers& numbers,
-                 const std::string& photometric, const gdcm::DataElement& pixels,
-                 std::span<std::byte> dst) {
+                 const gdcm::DataElement& pixels, std::span<std::byte> dst) {
     Codec codec;
     if (!codec.CanDecode(syntax)) {
         return false;
@@ -45,8 +43,7 @@ bool unpack_with(const gdcm::TransferSyntax& syntax, const DicomNumbers& numbers
     codec.SetNumberOfDimensions(2);
     codec.SetDimensions(size.data());
     codec.SetPixelFormat(pixel_format(numbers));
-    codec.SetPhotometricInterpretation(gdcm::PhotometricInterpretation(
-        gdcm::PhotometricInterpretation::GetPIType(photometric.c_str())));
+    codec.SetPhotometricInterpretation(gdcm::PhotometricInterpretation::MONOCHROME2);
     codec.SetPlanarConfiguration(0);
     if constexpr (requires { codec.SetBufferLength(dst.size()); }) {
         codec.SetBufferLength(dst.size());
@@ -63,8 +60,7 @@ bool unpack_with(const gdcm::TransferSyntax& syntax, const DicomNumbers& numbers
 /// Whether GDCM could do it. Codec by codec: its image class also tries one that runs another
 /// program on temporary files.
 bool unpack_with_gdcm(const gdcm::TransferSyntax& syntax, const DicomNumbers& numbers,
-                      const std::string& photometric, std::span<const char> frame,
-                      std::span<std::byte> dst) {
+                      std::span<const char> frame, std::span<std::byte> dst) {
     gdcm::Trace::DebugOff();
     gdcm::Trace::WarningOff();
     gdcm::Trace::ErrorOff();
@@ -75,10 +71,9 @@ bool unpack_with_gdcm(const gdcm::TransferSyntax& syntax, const DicomNumbers& nu
     gdcm::DataElement pixels(gdcm::Tag(0x7fe0, 0x0010), 0, gdcm::VR::OB);
     pixels.SetValue(*fragments);
     try {
-        return unpack_with<gdcm::JPEGCodec>(syntax, numbers, photometric, pixels, dst) ||
-               unpack_with<gdcm::JPEGLSCodec>(syntax, numbers, photometric, pixels, dst) ||
-               unpack_with<gdcm::JPEG2000Codec>(syntax, numbers, photometric, pixels, dst) ||
-               unpack_with<gdcm::RLECodec>(syntax, numbers, photometric, pixels, dst);
+        return unpack_with<gdcm::JPEGCodec>(syntax, numbers, pixels, dst) ||
+               unpack_with<gdcm::JPEGLSCodec>(syntax, numbers, pixels, dst) ||
+               unpack_with<gdcm::RLECodec>(syntax, numbers, pixels, dst);
     } catch (const std::exception&) {
         return false;
     }
@@ -91,8 +86,8 @@ bool dicom_codec_is_built() {
 }
 
 std::string unpack_dicom_frame(const std::string& syntax, const DicomNumbers& numbers,
-                               const std::string& photometric, std::span<const char> frame,
-                               std::span<std::byte> dst, const std::string& name) {
+                               std::span<const char> frame, std::span<std::byte> dst,
+                               const std::string& name) {
     const gdcm::TransferSyntax::TSType type = gdcm::TransferSyntax::GetTSType(syntax.c_str());
     const bool rle = syntax == "1.2.840.10008.1.2.5";
     const bool jpeg = syntax.starts_with("1.2.840.10008.1.2.4.") &&
@@ -121,12 +116,12 @@ std::string unpack_dicom_frame(const std::string& syntax, const DicomNumbers& nu
                                numbers.stored);
         }
     }
-    if (type != gdcm::TransferSyntax::TS_END &&
-        unpack_with_gdcm(gdcm::TransferSyntax(type), numbers, photometric, frame, dst)) {
-        return {};
-    }
-    if (is_jpeg2000(frame)) {
+    if (jpeg && is_jpeg2000(frame)) {
         return unpack_jpeg2000(frame, numbers, dst);
+    }
+    if (type != gdcm::TransferSyntax::TS_END &&
+        unpack_with_gdcm(gdcm::TransferSyntax(type), numbers, frame, dst)) {
+        return {};
     }
     return "the frame cannot be unpacked";
 }
@@ -142,8 +137,8 @@ bool dicom_codec_is_built() {
 }
 
 std::string unpack_dicom_frame(const std::string& syntax, const DicomNumbers& /*numbers*/,
-                               const std::string& /*photometric*/, std::span<const char> /*frame*/,
-                               std::span<std::byte> /*dst*/, const std::string& name) {
+                               std::span<const char> /*frame*/, std::span<std::byte> /*dst*/,
+                               const std::string& name) {
     throw Error(ErrorKind::unsupported, {name},
                 fmt::format("the numbers are packed ({}), which this build does not read", syntax),
                 {{RemedyKind::install_package, "libgdcm-dev libopenjp2-7-dev"}});

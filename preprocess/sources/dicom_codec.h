@@ -1,5 +1,5 @@
 // Frames of DICOM files that are packed as streams of some image format: JPEG, JPEG-LS, JPEG 2000,
-// RLE. By GDCM, and by OpenJPEG where GDCM gives up (High-Throughput JPEG 2000).
+// RLE. JPEG 2000 (High-Throughput too) by OpenJPEG, the others by GDCM.
 #pragma once
 
 #include <cstddef>
@@ -19,7 +19,7 @@ bool dicom_codec_is_built();
 /// Throws Error{unsupported} for a transfer syntax that this build does not unpack; `name` is the
 /// file's.
 std::string unpack_dicom_frame(const std::string& syntax, const DicomNumbers& numbers,
-                               const std::string& photometric, std::span<const char> frame,
-                               std::span<std::byte> dst, const std::string& name);
+                               std::span<const char> frame, std::span<std::byte> dst,
+                               const std::string& name);
 
 }  // namespace isonest::detail

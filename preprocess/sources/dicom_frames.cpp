@@ -126,8 +126,8 @@ void DicomFrames::unpack(std::int64_t frame) {
         at += fragments_[i].length;
     }
     unpacked_.resize(numbers_.frame_bytes());
-    const std::string problem = unpack_dicom_frame(
-        file_->syntax().uid, numbers_, header_.photometric, packed_, unpacked_, file_->name());
+    const std::string problem =
+        unpack_dicom_frame(file_->syntax().uid, numbers_, packed_, unpacked_, file_->name());
     if (!problem.empty()) {
         throw Error(ErrorKind::corrupt, {file_->name(), fmt::format("frame {}", frame)}, problem,
                     {{RemedyKind::good_copy}});

@@ -37,6 +37,12 @@ double largest_of(const StoreReader& store, Field field) {
 /// In the data's units.
 double error_of(const StoreReader& store, const ErrorBound& asked) {
     double error = asked.value;
+    if (asked.relative && error > 1) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("relative error {}: it is a part of the data's range, from 0 to 1; "
+                                "0.01 is a hundredth of it",
+                                error));
+    }
     if (asked.relative) {
         // Each part by itself: the range of doubles may be beyond them.
         error = store.max_value() > store.min_value()

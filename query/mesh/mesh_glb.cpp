@@ -37,6 +37,12 @@ struct Arrays {
     }
 };
 
+/// A surface has no inside: it is seen from both sides. Viewers draw what says nothing of itself as
+/// metal.
+constexpr const char* kMaterial =
+    R"({"name":"surface","doubleSided":true,"pbrMetallicRoughness":{"baseColorFactor":)"
+    R"([0.62,0.68,0.76,1],"metallicFactor":0,"roughnessFactor":0.7}})";
+
 class GlbFile : public SectionedFile {
   public:
     using SectionedFile::SectionedFile;
@@ -51,9 +57,10 @@ class GlbFile : public SectionedFile {
         if (layout.elements > 0) {
             json += fmt::format(
                 "\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0}}],\"meshes\":[{{\"primitives\":[{{"
-                "\"attributes\":{{{}}},\"indices\":{},\"mode\":4}}]}}],\"buffers\":[{{"
+                "\"attributes\":{{{}}},\"indices\":{},\"material\":0,\"mode\":4}}]}}],"
+                "\"materials\":[{}],\"buffers\":[{{"
                 "\"byteLength\":{}}}],\"bufferViews\":[{}],\"accessors\":[{}]}}",
-                names, arrays.count - 1, arrays.end, arrays.views, arrays.accessors);
+                names, arrays.count - 1, kMaterial, arrays.end, arrays.views, arrays.accessors);
         } else {
             // glTF has no empty mesh. VTK refuses a scene without nodes and a file without binary
             // data.

@@ -216,6 +216,25 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
     return result;
 }
 
+/// What usually comes, and how long it takes beside the rest.
+std::vector<ProgressStage> stages_of(const Arguments& a) {
+    std::vector<ProgressStage> stages;
+    if (a.labels.several) {
+        return {{"find labels", "finding the labels", 0.2}, {"extract", "extracting", 1}};
+    }
+    stages.push_back(
+        {"extract", a.extract.is_graph ? "making the graph" : "following the surface", 0.6});
+    if (a.components) {
+        stages.push_back({"find components", "finding the pieces", 0.3});
+        stages.push_back({"drop components", "dropping small pieces", 0.1});
+    }
+    if (a.distance.distance || a.distance.triangles > 0 || a.distance.simplify) {
+        stages.push_back({"simplify", "simplifying", 5});
+    }
+    stages.push_back({"write mesh", "writing the mesh", 0.4});
+    return stages;
+}
+
 }  // namespace
 
 void add_extract(CLI::App& app, Invocation& chosen) {
@@ -310,6 +329,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
         chosen.run = [a, has_iso = iso->count() > 0](Progress& progress) {
             return run(*a, has_iso, progress);
         };
+        chosen.stages = stages_of(*a);
     });
 }
 

@@ -130,8 +130,13 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
     c->add_flag("--resume", p.resume,
                 "go on with what an interrupted run for the same store left; and if\n"
                 "this one is interrupted, leave what it has done");
-    c->callback(
-        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+    c->callback([a, &chosen] {
+        chosen.run = [a](Progress& progress) { return run(*a, progress); };
+        chosen.stages = {{"check the interrupted run", "checking the interrupted run", 0.1},
+                         {"resume", "taking over what is done", 0.1},
+                         {"copy input", "copying the input", 0.5},
+                         {"levels 0-2", "reading the volume", 1}};
+    });
 }
 
 }  // namespace isonest::detail::cli

@@ -208,8 +208,10 @@ void add_slice(CLI::App& app, Invocation& chosen) {
     c->add_option("-o,--output", a->extract.mesh, "the mesh or picture to write")
         ->required()
         ->type_name("OUT");
-    c->callback(
-        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+    c->callback([a, &chosen] {
+        chosen.run = [a](Progress& progress) { return run(*a, progress); };
+        chosen.stages = {{"extract", "cutting", 0.6}, {"write mesh", "writing", 0.4}};
+    });
 }
 
 }  // namespace isonest::detail::cli

@@ -2,14 +2,29 @@
 
 #include <fmt/format.h>
 
+#include "tools/cli/help_format.h"
 #include "tools/cli/units.h"
 
 namespace isonest::detail::cli {
 
+namespace {
+
+/// A command line that is too long for a line of the help goes on in the next one.
+std::string continued(const std::string& example) {
+    constexpr std::size_t kIndent = 6;
+    std::string text = wrapped(example, 4, kIndent);
+    for (std::size_t at = text.find('\n'); at != std::string::npos; at = text.find('\n', at + 3)) {
+        text.insert(at, " \\");
+    }
+    return text;
+}
+
+}  // namespace
+
 CLI::App* add_command(CLI::App& app, Invocation& chosen, const std::string& name,
                       const Description& description) {
     CLI::App* const command =
-        app.add_subcommand(name, description.summary + "\n" + description.details + "\n");
+        app.add_subcommand(name, description.summary + "\n\n" + description.details + "\n");
     command->add_flag("--json", chosen.json, "print one JSON object instead of text");
     command->add_flag("-q,--quiet", chosen.quiet, "no progress, and no text where all is well");
     const std::string& examples = description.examples;
@@ -17,7 +32,7 @@ CLI::App* add_command(CLI::App& app, Invocation& chosen, const std::string& name
     std::size_t begin = 0;
     while (begin < examples.size()) {
         const std::size_t end = std::min(examples.find('\n', begin), examples.size());
-        footer += "\n  " + examples.substr(begin, end - begin);
+        footer += "\n  " + continued(examples.substr(begin, end - begin));
         begin = end + 1;
     }
     command->footer(footer);

@@ -5,8 +5,11 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
 #include <isonest/progress.h>
+
+#include "tools/cli/terminal_progress.h"
 
 namespace isonest::detail::cli {
 
@@ -25,6 +28,7 @@ struct Invocation {
     bool json = false;
     bool quiet = false;
     std::function<Result(Progress&)> run;
+    std::vector<ProgressStage> stages = {};  ///< of its progress
 };
 
 /// What the help of a command says.

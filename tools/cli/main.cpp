@@ -15,8 +15,10 @@
 #include "store/container/format.h"
 #include "store/container/writer.h"
 #include "tools/cli/command.h"
+#include "tools/cli/help_format.h"
 #include "tools/cli/interrupt.h"
 #include "tools/cli/remedies.h"
+#include "tools/cli/suggestions.h"
 #include "tools/cli/terminal_progress.h"
 
 namespace isonest::detail::cli {
@@ -72,18 +74,6 @@ int guarded(bool json, const HasOption& has, const Work& work) {
     }
 }
 
-/// The list of commands shows the first line of each description.
-class ShortList : public CLI::Formatter {
-  public:
-    std::string make_subcommand(const CLI::App* command) const override {
-        const std::string text = command->get_description();
-        std::ostringstream out;
-        CLI::detail::format_help(out, command->get_name(), text.substr(0, text.find('\n')),
-                                 get_column_width());
-        return out.str();
-    }
-};
-
 /// With the formats that this build reads, and what the others need.
 std::string version_text() {
     std::string text = fmt::format("isonest {} (store format {}.{})\nreads:", ISONEST_VERSION,
@@ -100,9 +90,7 @@ std::string version_text() {
 void declare(CLI::App& app, Invocation& chosen) {
     app.set_version_flag("--version", version_text);
     app.require_subcommand(1);
-    const auto formatter = std::make_shared<ShortList>();
-    formatter->column_width(32);
-    app.formatter(formatter);
+    app.formatter(std::make_shared<HelpFormat>());
     app.footer(
         "Start here:\n"
         "  isonest make-volume bucky --size 129 -o bucky.h5\n"
@@ -111,10 +99,11 @@ void declare(CLI::App& app, Invocation& chosen) {
         "  isonest picture bucky.ply -o bucky.png\n"
         "`isonest COMMAND --help` explains a command and ends with examples.\n\n"
         "Exit codes: 0 done, 1 internal error, 2 the request makes no sense, 3 not found,\n"
-        "4 corrupt data, 5 unsupported, 6 input/output failed, 7 a limit or the memory is too\n"
-        "small, 130 interrupted. No output file is left behind unless it is whole.\n"
-        "What an output may replace: a regular file that the command does not read (--force where\n"
-        "there is one); its permissions stay. Links, devices, FIFOs and sockets are refused.");
+        "4 corrupt data, 5 unsupported, 6 input/output failed, 7 a limit or the memory is\n"
+        "too small, 130 interrupted. No output file is left behind unless it is whole.\n"
+        "Meshes, pictures and plots replace an existing file of their name; stores and\n"
+        "volumes, which take longer to make, only with --force. Never replaced are files\n"
+        "that the command reads, links, devices, FIFOs and sockets; permissions stay.");
     add_preprocess(app, chosen);
     add_extract(app, chosen);
     add_slice(app, chosen);
@@ -129,7 +118,7 @@ void declare(CLI::App& app, Invocation& chosen) {
 
 int run(const Invocation& chosen) {
     Result result = [&] {
-        TerminalProgress progress(can_draw() && !chosen.quiet && !chosen.json);
+        TerminalProgress progress(can_draw() && !chosen.quiet && !chosen.json, chosen.stages);
         return chosen.run(progress);
     }();
     let_a_closed_pipe_end_the_program();
@@ -145,6 +134,46 @@ int run(const Invocation& chosen) {
     return result.exit_code;
 }
 
+/// What is wrong with the first name on the command line that nobody knows.
+std::optional<std::string> mistyped(const CLI::App& app, int argc, char** argv) {
+    const std::vector<CLI::App*> chosen = app.get_subcommands();
+    if (chosen.empty()) {
+        if (argc < 2 || argv[1][0] == '-') {
+            return std::nullopt;
+        }
+        std::vector<std::string> names;
+        for (const CLI::App* const command :
+             app.get_subcommands([](const CLI::App* /*any*/) { return true; })) {
+            names.push_back(command->get_name());
+        }
+        const std::optional<std::string> meant = nearest_name(argv[1], names);
+        return fmt::format("there is no command '{}'{}", argv[1],
+                           meant ? fmt::format("; did you mean {}?", *meant) : "");
+    }
+    const CLI::App& command = *chosen.front();
+    std::vector<std::string> names;
+    for (const CLI::Option* const option :
+         command.get_options([](const CLI::Option* /*any*/) { return true; })) {
+        for (const std::string& name : option->get_lnames()) {
+            names.push_back("--" + name);
+        }
+    }
+    for (int i = 2; i < argc; ++i) {
+        const std::string argument(argv[i]);
+        if (argument == "--") {
+            break;
+        }
+        const std::string name = argument.substr(0, argument.find('='));
+        if (!name.starts_with("--") || std::find(names.begin(), names.end(), name) != names.end()) {
+            continue;
+        }
+        const std::optional<std::string> meant = nearest_name(name, names);
+        return fmt::format("there is no option {}{}", name,
+                           meant ? fmt::format("; did you mean {}?", *meant) : "");
+    }
+    return std::nullopt;
+}
+
 int parse_and_run(CLI::App& app, const Invocation& chosen, int argc, char** argv) {
     try {
         app.parse(argc, argv);
@@ -153,8 +182,9 @@ int parse_and_run(CLI::App& app, const Invocation& chosen, int argc, char** argv
             return app.exit(e);  // --help, --version
         }
         const std::vector<CLI::App*> command = app.get_subcommands();
+        const std::optional<std::string> typo = mistyped(app, argc, argv);
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}; see: isonest {}{}--help", e.what(),
+                    fmt::format("{}; see: isonest {}{}--help", typo.value_or(e.what()),
                                 command.empty() ? "" : command.front()->get_name(),
                                 command.empty() ? "" : " "));
     }

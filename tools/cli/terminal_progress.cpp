@@ -33,22 +33,66 @@ void put(const std::string& text) {
 }  // namespace
 
 std::string progress_line(const ProgressState& state, int columns) {
-    std::string line = fmt::format("{:<16}", state.phase);
     const auto done = static_cast<double>(state.done);
     const auto total = static_cast<double>(state.total);
-    if (state.total > 0) {
-        line += fmt::format(" {:3.0f} %", std::min(100.0, 100 * done / total));
+    std::string line;
+    if (state.whole >= 0) {
+        constexpr int kBar = 20;
+        const int full = static_cast<int>(state.whole * kBar);
+        line = fmt::format("[{:#<{}}{:-<{}}] {:3.0f} %  {}", "", full, "", kBar - full,
+                           100 * state.whole, state.phase);
+    } else {
+        line = fmt::format("{:<16}", state.phase);
+        if (state.total > 0) {
+            line += fmt::format(" {:3.0f} %", std::min(100.0, 100 * done / total));
+        }
     }
     if (state.seconds >= kSettled && state.done > 0) {
         const double rate = done / state.seconds;
         line += state.unit == "B" ? fmt::format("   {}/s", human_bytes(rate))
                                   : fmt::format("   {} {}/s", human_count(rate), state.unit);
-        if (state.total > state.done) {
+        if (state.whole > 0) {
+            line += fmt::format("   {} left",
+                                human_seconds(state.whole_seconds * (1 / state.whole - 1)));
+        } else if (state.total > state.done && state.whole < 0) {
             line += fmt::format("   {} left", human_seconds((total - done) / rate));
         }
     }
     line.resize(std::min(line.size(), static_cast<std::size_t>(std::max(columns - 1, 0))));
     return line;
+}
+
+const ProgressStage* WholeProgress::begin(std::string_view phase) {
+    before_ += current_;
+    current_ = 0;
+    for (std::size_t i = next_; i < stages_.size(); ++i) {
+        if (stages_[i].phase == phase) {
+            next_ = i + 1;
+            current_ = stages_[i].weight;
+            return &stages_[i];
+        }
+    }
+    // Once more: what was done of it stays where it is.
+    for (const ProgressStage& stage : stages_) {
+        if (stage.phase == phase) {
+            return &stage;
+        }
+    }
+    return nullptr;
+}
+
+double WholeProgress::at(double part) {
+    if (stages_.empty()) {
+        return -1;
+    }
+    double all = before_ + current_;
+    for (std::size_t i = next_; i < stages_.size(); ++i) {
+        all += stages_[i].weight;
+    }
+    if (all > 0) {
+        whole_ = std::clamp((before_ + part * current_) / all, whole_, 1.0);
+    }
+    return whole_;
 }
 
 TerminalProgress::~TerminalProgress() {
@@ -62,7 +106,8 @@ void TerminalProgress::begin(std::string_view phase, std::uint64_t total, std::s
         return;
     }
     const std::lock_guard lock(mutex_);
-    state_ = {std::string(phase), std::string(unit), 0, total, 0};
+    const ProgressStage* const stage = whole_.begin(phase);
+    state_ = {stage != nullptr ? stage->words : std::string(phase), std::string(unit), 0, total};
     start_ = Clock::now();
     done_ = 0;
     draw();
@@ -90,6 +135,11 @@ void TerminalProgress::draw() {
     const Clock::time_point now = Clock::now();
     state_.done = done_.load(std::memory_order_relaxed);
     state_.seconds = std::chrono::duration<double>(now - start_).count();
+    state_.whole = whole_.at(
+        state_.total > 0
+            ? std::min(static_cast<double>(state_.done) / static_cast<double>(state_.total), 1.0)
+            : 0);
+    state_.whole_seconds = std::chrono::duration<double>(now - run_start_).count();
     put("\r" + progress_line(state_, terminal_columns()) + "\x1b[K");
     drawn_ = true;
     constexpr auto kPeriod = std::chrono::milliseconds(200);

@@ -6,6 +6,9 @@
 #include <cstdint>
 #include <mutex>
 #include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
 
 #include <isonest/progress.h>
 
@@ -16,17 +19,46 @@ struct ProgressState {
     std::string phase;
     std::string unit;  ///< "B" for bytes, else a plural noun
     std::uint64_t done = 0;
-    std::uint64_t total = 0;  ///< 0 = unknown
-    double seconds = 0;       ///< since the phase began
+    std::uint64_t total = 0;   ///< 0 = unknown
+    double seconds = 0;        ///< since the phase began
+    double whole = -1;         ///< part of the whole run that is done; below 0: unknown
+    double whole_seconds = 0;  ///< since the run began
 };
 
-/// "levels 0-2   43 %   312 MB/s   12 s left", cut to `columns`.
+/// A phase of a run: what a user calls it, and how long it usually takes beside the others.
+struct ProgressStage {
+    std::string phase;
+    std::string words;
+    double weight = 1;
+};
+
+/// "[########------------]  43 %  reading the volume   312 MB/s   12 s left", of a run; of a phase
+/// by itself "export   43 %   312 MB/s   12 s left". Cut to `columns`.
 std::string progress_line(const ProgressState& state, int columns);
+
+/// How far a run is whose stages usually come in this order; those that have not come before the
+/// current one are left out. It never goes back.
+class WholeProgress {
+  public:
+    explicit WholeProgress(std::vector<ProgressStage> stages) : stages_(std::move(stages)) {}
+    /// Nothing for a phase that is no stage.
+    const ProgressStage* begin(std::string_view phase);
+    /// `part` of the current stage is done. Below 0 without stages.
+    double at(double part);
+
+  private:
+    std::vector<ProgressStage> stages_;
+    std::size_t next_ = 0;  ///< the first stage after the current one
+    double before_ = 0;     ///< weight of the stages that are done
+    double current_ = 0;    ///< weight of the current one
+    double whole_ = 0;
+};
 
 /// Reads interrupted(); draws on stderr, five times per second at most, if `show`.
 class TerminalProgress : public Progress {
   public:
-    explicit TerminalProgress(bool show) : show_(show) {}
+    explicit TerminalProgress(bool show, std::vector<ProgressStage> stages = {})
+        : show_(show), whole_(std::move(stages)), run_start_(Clock::now()) {}
     TerminalProgress(const TerminalProgress&) = delete;
     TerminalProgress& operator=(const TerminalProgress&) = delete;
     ~TerminalProgress() override;  ///< erases the line
@@ -42,6 +74,8 @@ class TerminalProgress : public Progress {
     const bool show_;
     std::mutex mutex_;
     ProgressState state_;
+    WholeProgress whole_;
+    Clock::time_point run_start_;
     Clock::time_point start_;
     std::atomic<std::uint64_t> done_ = 0;
     std::atomic<Clock::rep> next_draw_ = 0;

@@ -6,6 +6,7 @@
 
 #include <isonest/error.h>
 
+#include "store/base/workers.h"
 #include "tools/drawing/ambient_occlusion.h"
 
 namespace isonest::detail::cli {
@@ -84,7 +85,7 @@ void GlCanvas::show(int row, int all, const Half& half) const {
     gl.glEnable(GL_NORMALIZE);
 }
 
-void GlCanvas::darken_hollows(double radius, const Half& half) {
+void GlCanvas::darken_hollows(double radius, const Half& half, int threads) {
     osmesa().glFinish();
     osmesa().glReadPixels(0, 0, width_, height_, GL_DEPTH_COMPONENT, GL_FLOAT, depth_.data());
     // OpenGL's rows begin at the bottom.
@@ -95,7 +96,9 @@ void GlCanvas::darken_hollows(double radius, const Half& half) {
                          depth_.end() - static_cast<std::ptrdiff_t>((y + 1) * row));
     }
     const double pixels = (kFar - kNear) * width_ / (2 * half.x);
-    cli::darken_hollows({depth_, width_, height_, pixels}, radius, 0, height_, pixels_);
+    Workers(threads).execute([&] {
+        cli::darken_hollows({depth_, width_, height_, pixels}, radius, 0, height_, pixels_);
+    });
 }
 
 std::vector<std::uint8_t> GlCanvas::reduced(int step, int first, int rows) const {

@@ -27,8 +27,9 @@ class GlCanvas {
     /// What is drawn next is the rows from `row` on (before the first one, too) of a picture of
     /// this width and `all` rows; the background is drawn.
     void show(int row, int all, const Half& half) const;
-    /// Multiplies what lies in hollows, looking `radius` pixels far.
-    void darken_hollows(double radius, const Half& half);
+    /// Multiplies what lies in hollows, looking `radius` pixels far. Throws Error{limit} if the
+    /// system refuses the threads.
+    void darken_hollows(double radius, const Half& half, int threads);
     /// Averages squares of `step` pixels; 8-bit RGB, `rows` rows of them from `first` on.
     [[nodiscard]] std::vector<std::uint8_t> reduced(int step, int first, int rows) const;
     /// Heap for each pixel: measured by tools/bench/peak_heap.cpp, rounded up.

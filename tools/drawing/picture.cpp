@@ -10,6 +10,7 @@
 
 #include "store/base/memory_budget.h"
 #include "store/base/vector3.h"
+#include "store/base/workers.h"
 #include "tools/drawing/color_maps.h"
 #include "tools/drawing/gl_canvas.h"
 #include "tools/drawing/picture_camera.h"
@@ -249,6 +250,17 @@ int radius_of(const PictureOptions& o) {
                               kMost);
 }
 
+/// One per core, or one where the system refuses them.
+int threads_there_are() {
+    const int count = Workers::count_of(0);
+    try {
+        require_threads(count);
+    } catch (const Error&) {
+        return 1;
+    }
+    return count;
+}
+
 }  // namespace
 
 PictureReport draw_pictures(const PlyMesh& mesh, const std::vector<PictureView>& views,
@@ -277,6 +289,7 @@ PictureReport draw_pictures(const PlyMesh& mesh, const std::vector<PictureView>&
     const bool noted =
         !o.plain && std::min(o.width, o.height) >= kLeastNoted && mesh.triangles() > 0;
 
+    const int threads = threads_there_are();
     GlCanvas canvas(o.width * kSupersampling, (rows + 2 * radius) * kSupersampling);
     TriangleBatch batch({o.color, colors.any(), o.wireframe});
     for (std::size_t k = 0; k < views.size(); ++k) {
@@ -290,7 +303,7 @@ PictureReport draw_pictures(const PlyMesh& mesh, const std::vector<PictureView>&
             batch.start();
             draw_triangles(mesh, camera, normals, colors, batch, progress);
             if (radius > 0) {
-                canvas.darken_hollows(radius * kSupersampling, half);
+                canvas.darken_hollows(radius * kSupersampling, half, threads);
             }
             const int count = std::min(rows, o.height - row);
             std::vector<std::uint8_t> rgb = canvas.reduced(kSupersampling, radius, count);

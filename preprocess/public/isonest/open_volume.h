@@ -33,7 +33,7 @@ struct NodeRange {
 struct SourceOptions {
     std::string dataset;  ///< the array in a file of several (HDF5, NetCDF, Zarr, OpenVDB, .npz):
                           ///< its path or name; empty = the only one
-    std::string series;                   ///< DICOM: the series' UID; empty = the only one
+    std::string series;   ///< DICOM: the series' UID; empty = the only one
     std::vector<AxisIndex> index;         ///< of arrays with time steps, channels, components
     std::optional<Int3> dims;             ///< raw: nodes per axis
     std::optional<ValueType> type;        ///< raw: value type
