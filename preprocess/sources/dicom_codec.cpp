@@ -64,7 +64,8 @@ bool unpack_with_gdcm(const gdcm::TransferSyntax& syntax, const DicomNumbers& nu
     gdcm::Trace::DebugOff();
     gdcm::Trace::WarningOff();
     gdcm::Trace::ErrorOff();
-    const gdcm::SmartPointer<gdcm::SequenceOfFragments> fragments = new gdcm::SequenceOfFragments;
+    const gdcm::SmartPointer<gdcm::SequenceOfFragments> fragments =
+        gdcm::SequenceOfFragments::New();
     gdcm::Fragment fragment;
     fragment.SetByteValue(frame.data(), static_cast<std::uint32_t>(frame.size()));
     fragments->AddFragment(fragment);

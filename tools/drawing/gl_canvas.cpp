@@ -30,12 +30,14 @@ void light(unsigned name, const std::array<float, 4>& toward, float brightness) 
 
 }  // namespace
 
-Half half_of(const PictureCamera& camera, int width, int height) {
+Half half_of(const PictureCamera& camera, int width, int height, double right) {
     Half half{std::max(camera.half_extent(0), 1e-3) * (1 + 2 * kMargin),
               std::max(camera.half_extent(1), 1e-3) * (1 + 2 * kMargin)};
-    const double aspect = static_cast<double>(width) / height;
+    const double aspect = (width - right) / height;
     half.x = std::max(half.x, half.y * aspect);
     half.y = half.x / aspect;
+    half.middle_x = half.x * right / (width - right);
+    half.x += half.middle_x;
     return half;
 }
 
@@ -68,7 +70,7 @@ void GlCanvas::show(int row, int all, const Half& half) const {
     gl.glViewport(0, row + height_ - all, width_, all);
     gl.glMatrixMode(GL_PROJECTION);
     gl.glLoadIdentity();
-    gl.glOrtho(-half.x, half.x, -half.y, half.y, kNear, kFar);
+    gl.glOrtho(half.middle_x - half.x, half.middle_x + half.x, -half.y, half.y, kNear, kFar);
     gl.glMatrixMode(GL_MODELVIEW);
     gl.glLoadIdentity();
     constexpr float kBackground = 0.97F;

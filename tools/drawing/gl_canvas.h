@@ -15,8 +15,10 @@ namespace isonest::detail::cli {
 struct Half {
     double x = 1;
     double y = 1;
+    double middle_x = 0;  ///< of the picture
 };
-Half half_of(const PictureCamera& camera, int width, int height);
+/// `right`: pixels on the right that are left free.
+Half half_of(const PictureCamera& camera, int width, int height, double right);
 
 /// An OpenGL context that draws into its own pixels: some rows of the picture. Thread-safety: one
 /// thread.

@@ -226,16 +226,23 @@ std::vector<PictureCamera> fitted(const PlyMesh& mesh, const std::vector<Picture
     return cameras;
 }
 
+constexpr double kBarLetters = 7.5;  ///< room for the bar of the colours, in letters
+
+double letter_size(const PictureOptions& o) {
+    constexpr double kLetters = 50;  // of a picture's side
+    return std::max(std::min(o.width, o.height) / kLetters, 9.0);
+}
+
 /// What is written into the picture.
 void draw_notes(Canvas& canvas, const PictureOptions& o, const PictureCamera& camera,
                 const Half& half, const VertexColors& colors) {
-    const double size = std::max(std::min(o.width, o.height) / 50.0, 9.0);
+    const double size = letter_size(o);
     const double pixels_per_unit = camera.scale() * o.width / (2 * half.x);
     draw_directions(canvas, 4 * size, o.height - 4 * size, 2.6 * size, camera.right(), camera.up(),
                     size);
     draw_scale_bar(canvas, 9 * size, o.height - 1.6 * size, o.width / 5.0, pixels_per_unit, size);
     if (colors.range()) {
-        const double left = o.width - 7 * size;
+        const double left = o.width - (kBarLetters - 0.5) * size;
         draw_color_bar(canvas, {left, o.height * 0.25, left + 1.2 * size, o.height * 0.75},
                        colors.map(), colors.range()->first, colors.range()->second, {}, size);
     }
@@ -294,7 +301,8 @@ PictureReport draw_pictures(const PlyMesh& mesh, const std::vector<PictureView>&
     TriangleBatch batch({o.color, colors.any(), o.wireframe});
     for (std::size_t k = 0; k < views.size(); ++k) {
         const PictureCamera& camera = cameras[k];
-        const Half half = half_of(camera, o.width, o.height);
+        const Half half = half_of(camera, o.width, o.height,
+                                  noted && colors.range() ? kBarLetters * letter_size(o) : 0);
         const std::vector<Float3> normals =
             report.smooth ? vertex_normals(mesh, camera, progress) : std::vector<Float3>();
         PngFile file(views[k].png, o.width, o.height);
