@@ -4,6 +4,7 @@
 usage: labels_test.py ISONEST PLUGIN_FOLDER
 """
 import json
+import os
 import pathlib
 import subprocess
 import sys
@@ -13,6 +14,9 @@ import unittest
 import numpy as np
 
 ISONEST = sys.argv[1]
+os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
+import h5py  # noqa: E402  (it reads the environment)
+
 RANDOM = np.random.default_rng(8)
 
 
@@ -82,6 +86,33 @@ class Labels(unittest.TestCase):
                         bytes_of[key] = (self.here / "one.ply").read_bytes()
                     self.assertEqual(mesh, bytes_of[key])
                 self.assertEqual(len(list(folder.iterdir())), len(ids) + 1)  # nothing else is left there
+
+    def test_labels_of_64_bits(self):
+        ids = np.array([7, 2**53 + 1, 720575940627185911, 720575940627185912, 2**62 - 1], "u8")
+        data = cells((17, 14, 20), 12, np.tile(ids, 4))
+        np.save(self.here / "w.npy", data)
+        with h5py.File(self.here / "w.h5", "w") as file:
+            file.create_dataset("v", data=data, chunks=(8, 8, 8), compression="gzip")
+            file.create_dataset("plain", data=data.astype(">i8"))
+        for volume, more in (("w.npy", ()), ("w.h5", ("--dataset", "v")), ("w.h5", ("--dataset", "plain"))):
+            store = self.here / "w.isonest"
+            self.assertIn("2^53", run("preprocess", self.here / volume, *more, "-o", store, "--force", code=5).stderr)
+            run("preprocess", self.here / volume, *more, "-o", store, "--chunk", 8, "--labels", "--force")
+            with h5py.File(store) as file:  # as FORMAT.md says
+                self.assertEqual(file.attrs["flags"], 2)
+                np.testing.assert_array_equal(file["levels/0/values"][:].view("u8") - 0x3FF0000000000000, data)
+            run("extract", store, "--labels", "all", "-o", self.here / "m")
+            listed = json.loads((self.here / "m" / "labels.json").read_text())["labels"]
+            found, counts = np.unique(data[data > 0], return_counts=True)
+            self.assertEqual([(entry["id"], entry["nodes"]) for entry in listed], list(zip(found.tolist(), counts.tolist())))
+            for label in found:
+                same = self.store((data == label).astype("u1"), "b")
+                run("extract", same, "--iso", 0.5, "-o", self.here / "b.ply")
+                self.assertEqual((self.here / "m" / f"{label}.ply").read_bytes(), (self.here / "b.ply").read_bytes())
+            self.assertIn("labels of 64 bits", run("extract", store, "--iso", 3, "-o", self.here / "a.ply", code=2).stderr)
+            run("check", store, "--source", self.here / volume, "--labels", *more)
+        np.save(self.here / "w.npy", data + np.uint64(2**62))
+        self.assertIn("2^62", run("preprocess", self.here / "w.npy", "-o", store, "--labels", "--force", code=5).stderr)
 
     def test_lists_and_ranges(self):
         data = cells((12, 12, 12), 9, np.array([2, 3, 5, 8, 13, 21, 34, 55, 89], "u1"), background=False)

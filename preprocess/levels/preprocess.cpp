@@ -102,6 +102,7 @@ StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& 
     header.spacing = volume.spacing;
     header.origin = volume.origin;
     header.direction = volume.direction;
+    header.labels = volume.labels;
     header.chunk = options.chunk;
     header.compression = options.compression;
     header.exact = options.exact;

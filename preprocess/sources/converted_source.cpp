@@ -8,6 +8,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/wrapped_source.h"
+#include "store/base/label_bits.h"
 
 namespace isonest::detail {
 namespace {
@@ -35,10 +36,12 @@ class ConvertedSource : public WrappedSource {
     [[nodiscard]] VolumeDescription describe() const override {
         VolumeDescription result = given_;
         result.type = stored_ == StoredNumber::f16 ? ValueType::f32 : ValueType::f64;
+        result.labels = labels_;
         return result;
     }
     [[nodiscard]] std::string identity() const override {
-        return identity_and(fmt::format("numbers {}", static_cast<int>(stored_)));
+        return identity_and(
+            fmt::format("numbers {}{}", static_cast<int>(stored_), labels_ ? " labels" : ""));
     }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
@@ -55,12 +58,16 @@ class ConvertedSource : public WrappedSource {
             return;
         }
         inner_source().read(z0, nz, y0, ny, dst);
-        if (stored_ == StoredNumber::i64) {
+        if (labels_) {
+            to_labels(given_.name, count, dst);
+        } else if (stored_ == StoredNumber::i64) {
             to_double<std::int64_t>(count, dst);
         } else {
             to_double<std::uint64_t>(count, dst);
         }
     }
+
+    void take_for_labels() { labels_ = stored_ != StoredNumber::f16; }
 
   private:
     template <class T>
@@ -84,9 +91,29 @@ class ConvertedSource : public WrappedSource {
 
     VolumeDescription given_;
     StoredNumber stored_;
+    bool labels_ = false;
 };
 
 }  // namespace
+
+void to_labels(const std::string& name, std::size_t count, std::byte* values) {
+    for (std::size_t i = 0; i < count; ++i) {
+        std::uint64_t label = 0;
+        std::memcpy(&label, values + i * sizeof(label), sizeof(label));
+        if (label > kMostLabel) {
+            throw Error(ErrorKind::unsupported, {name},
+                        fmt::format("{} is no label: they are 0 to 2^62 - 1", label));
+        }
+        const double value = value_of_label(label);
+        std::memcpy(values + i * sizeof(value), &value, sizeof(value));
+    }
+}
+
+void take_for_labels(VolumeSource& source) {
+    if (auto* const numbers = dynamic_cast<ConvertedSource*>(&source)) {
+        numbers->take_for_labels();
+    }
+}
 
 ValueType bits_type(StoredNumber stored) {
     return stored == StoredNumber::f16 ? ValueType::u16 : ValueType::f64;

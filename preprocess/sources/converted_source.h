@@ -1,7 +1,9 @@
 // Numbers of types that volumes do not have: half floats and integers of 64 bits.
 #pragma once
 
+#include <cstddef>
 #include <memory>
+#include <string>
 
 #include <isonest/volume_source.h>
 
@@ -19,5 +21,13 @@ ValueType bits_type(StoredNumber stored);
 /// `inner`'s bits taken for such numbers. read() throws Error{unsupported} for integers beyond
 /// 2^53, which float64 cannot hold.
 std::unique_ptr<VolumeSource> converted(std::unique_ptr<VolumeSource> inner, StoredNumber stored);
+
+/// Integers of 64 bits, in place. Throws Error{unsupported}.
+void to_labels(const std::string& name, std::size_t count, std::byte* values);
+
+/// Where `source` is such integers of 64 bits: from now on they are labels
+/// (store/base/label_bits.h); read() throws Error{unsupported} for those that cannot be. Else
+/// nothing.
+void take_for_labels(VolumeSource& source);
 
 }  // namespace isonest::detail

@@ -14,6 +14,7 @@
 
 #include "preprocess/sources/axis_choice.h"
 #include "preprocess/sources/cf_convention.h"
+#include "preprocess/sources/converted_source.h"
 #include "preprocess/sources/file_identity.h"
 #include "preprocess/sources/hdf5_axes.h"
 #include "preprocess/sources/hdf5_chunks.h"
@@ -115,6 +116,7 @@ class Hdf5Source : public VolumeSource {
         read_place("origin", origin_);
         read_direction();
         map_contiguous();
+        take_labels(options.labels);
     }
     /// What the dataset's attributes say of its numbers.
     [[nodiscard]] Scaling scaling() const {
@@ -136,7 +138,7 @@ class Hdf5Source : public VolumeSource {
     [[nodiscard]] std::vector<std::string> notes() const override { return notes_; }
 
     [[nodiscard]] VolumeDescription describe() const override {
-        return {nodes_, type_, spacing_, origin_, name_, direction_};
+        return {nodes_, type_, spacing_, origin_, name_, direction_, labels_};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
     [[nodiscard]] std::string identity() const override {
@@ -233,6 +235,21 @@ class Hdf5Source : public VolumeSource {
             }
             throw Error(ErrorKind::io, {name_, planes},
                         fmt::format("cannot read: {}", hdf5_message()));
+        }
+        if (labels_) {
+            to_labels(name_, static_cast<std::size_t>(nz * ny * nodes_.x), dst);
+        }
+    }
+
+    /// Integers of 64 bits are read as they are.
+    void take_labels(bool wanted) {
+        const TypeHandle type(H5Dget_type(dataset_.get()));
+        constexpr std::size_t kSize = 8;
+        labels_ =
+            wanted && H5Tget_class(type.get()) == H5T_INTEGER && H5Tget_size(type.get()) == kSize;
+        if (labels_) {
+            const bool is_signed = H5Tget_sign(type.get()) == H5T_SGN_2;
+            memory_type_ = TypeHandle(H5Tcopy(is_signed ? H5T_NATIVE_INT64 : H5T_NATIVE_UINT64));
         }
     }
 
@@ -410,6 +427,7 @@ class Hdf5Source : public VolumeSource {
     Directions direction_ = kAlongWorld;
     std::vector<Hdf5Axis> axes_;  ///< of the dataset
     std::array<bool, 3> backward_{};
+    bool labels_ = false;    ///< the stored integers of 64 bits are labels
     bool unsigned_ = false;  ///< the stored integers are signed, and mean unsigned ones
     std::vector<std::string> notes_;
     Granularity granularity_;

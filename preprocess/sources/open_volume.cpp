@@ -6,6 +6,7 @@
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 
+#include "preprocess/sources/converted_source.h"
 #include "preprocess/sources/cropped_source.h"
 #include "preprocess/sources/gzip_stream.h"
 #include "preprocess/sources/missing_source.h"
@@ -138,6 +139,9 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
     }
     refuse_options(input, format, options);
     std::unique_ptr<VolumeSource> source = format.open(input, options);
+    if (options.labels) {
+        take_for_labels(*source);
+    }
     if (options.spacing || options.origin) {
         source = std::make_unique<Placed>(std::move(source), options);
     }

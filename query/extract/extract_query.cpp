@@ -300,6 +300,10 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("isovalue {}: must be a finite number", query.iso));
     }
+    if (store.layout().header().labels && !query.label) {
+        throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                    "its values are labels of 64 bits: a surface is that of a label");
+    }
     ExtractQuery asked = begun(store, product, query);
     asked.traversal.iso = query.iso;
     asked.traversal.box.close = query.close;

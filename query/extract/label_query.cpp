@@ -3,10 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <limits>
 
 #include <isonest/error.h>
 #include <isonest/value_type.h>
+
+#include "query/view/label_view.h"
 
 namespace isonest::detail {
 namespace {
@@ -40,16 +41,12 @@ void choose_label(const StoreReader& store, const SurfaceQuery& query, ExtractQu
     require_label(store, query, asked);
     const LabelChoice& label = *query.label;
     const StoreHeader& header = store.layout().header();
-    dispatch(header.type, [&](auto tag) {
-        using T = typename decltype(tag)::type;
-        const auto id = static_cast<double>(label.id);
-        if (id < static_cast<double>(std::numeric_limits<T>::lowest()) ||
-            id > static_cast<double>(std::numeric_limits<T>::max())) {
-            throw Error(
-                ErrorKind::invalid_argument, {store.path().string()},
-                fmt::format("label {}: the store's values are {}", label.id, name_of(header.type)));
-        }
-    });
+    if (!is_label(header, label.id)) {
+        throw Error(
+            ErrorKind::invalid_argument, {store.path().string()},
+            fmt::format("label {}: the store's values are {}", label.id,
+                        header.labels ? "labels from 0 to 2^62 - 1" : name_of(header.type)));
+    }
     constexpr double kHalf = 0.5;
     asked.traversal.iso = kHalf;
     asked.label = label;

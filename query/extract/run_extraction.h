@@ -5,8 +5,8 @@
 
 namespace isonest::detail {
 
-/// As the public extract(). REQUIRES: `query` was made for this store and this sink.
-ExtractReport run_extraction(const StoreReader& store, ExtractQuery query, MeshSink& sink,
+/// As the public extract(). REQUIRES: `asked` was made for this store and this sink.
+ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
                              const ExtractOptions& options, Progress& progress);
 
 }  // namespace isonest::detail

@@ -11,6 +11,7 @@
 #include <isonest/error.h>
 #include <isonest/labels.h>
 
+#include "store/base/label_bits.h"
 #include "store/base/workers.h"
 #include "store/container/reader.h"
 
@@ -31,7 +32,10 @@ void include(Label& label, const Label& other) {
 
 /// The label that a value is; none of a missing one, or one that is no whole number.
 template <class T>
-std::optional<std::int64_t> label_of(T value) {
+std::optional<std::int64_t> label_of(T value, bool bits) {
+    if (bits) {
+        return static_cast<std::int64_t>(label_of_value(static_cast<double>(value)));
+    }
     constexpr double kMost = 9007199254740992.0;  // 2^53
     if constexpr (std::is_integral_v<T>) {
         return static_cast<std::int64_t>(value);
@@ -47,7 +51,7 @@ std::optional<std::int64_t> label_of(T value) {
 /// Runs of one label along x go into the table at once.
 template <class T>
 void add_chunk(const std::vector<std::byte>& raw, const ArrayInfo& array, const Int3& chunk,
-               Table& table, const std::string& name) {
+               bool bits, Table& table, const std::string& name) {
     const Int3 first = array.first_node(chunk);
     const Int3 size = min(array.chunk, array.nodes - first);
     for (std::int64_t i = 0; i < size.y * size.z; ++i) {
@@ -60,7 +64,7 @@ void add_chunk(const std::vector<std::byte>& raw, const ArrayInfo& array, const 
             while (end < size.x && row[end] == row[x]) {
                 ++end;
             }
-            const std::optional<std::int64_t> id = label_of(row[x]);
+            const std::optional<std::int64_t> id = label_of(row[x], bits);
             if (id) {
                 Label run{*id, static_cast<std::uint64_t>(end - x), first + Int3{x, y, z},
                           first + Int3{end - 1, y, z}};
@@ -101,7 +105,8 @@ std::vector<Label> find_labels(const Store& store, const LabelOptions& options,
             reader.decode(array, chunk, raw);
             Table own;
             dispatch(reader.layout().header().type, [&](auto tag) {
-                add_chunk<typename decltype(tag)::type>(raw, array, chunk, own, name);
+                add_chunk<typename decltype(tag)::type>(raw, array, chunk,
+                                                        reader.layout().header().labels, own, name);
             });
             {
                 const std::lock_guard lock(mutex);

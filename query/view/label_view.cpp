@@ -1,16 +1,43 @@
 #include "query/view/label_view.h"
 
+#include <limits>
+
 #include <isonest/value_type.h>
 
+#include "store/base/label_bits.h"
+
 namespace isonest::detail {
+
+bool is_label(const StoreHeader& header, std::int64_t label) {
+    if (header.labels) {
+        return label >= 0 && static_cast<std::uint64_t>(label) <= kMostLabel;
+    }
+    return dispatch(header.type, [&](auto tag) {
+        using T = typename decltype(tag)::type;
+        const auto id = static_cast<double>(label);
+        return id >= static_cast<double>(std::numeric_limits<T>::lowest()) &&
+               id <= static_cast<double>(std::numeric_limits<T>::max());
+    });
+}
+
+double value_of_label(const StoreHeader& header, std::int64_t label) {
+    return header.labels ? value_of_label(static_cast<std::uint64_t>(label))
+                         : static_cast<double>(label);
+}
+
+LabelView::LabelView(const ChunkSource& source, std::int64_t label, const Int3& low,
+                     const Int3& high)
+    : source_(source),
+      value_(value_of_label(source.layout().header(), label)),
+      low_(low),
+      high_(high) {}
 
 ChunkRow LabelView::row(const ArrayInfo& array, const Int3& chunk) const {
     ChunkRow row = source_.row(array, chunk);
     const Int3 first = array.first_node(chunk);
     const Int3 last = min(first + array.chunk, array.nodes) - Int3{1, 1, 1};
-    const auto label = static_cast<double>(label_);
     const bool apart = max(first, low_) != min(max(first, low_), min(last, high_));
-    if (apart || !(row.min <= label && label <= row.max)) {
+    if (apart || !(row.min <= value_ && value_ <= row.max)) {
         row.min = row.max = 0;
     } else if (row.min == row.max && row.flags == 0) {
         row.min = row.max = 1;
@@ -27,7 +54,7 @@ void LabelView::decode(const ArrayInfo& array, const Int3& chunk, std::span<std:
     dispatch(layout().header().type, [&](auto tag) {
         using T = typename decltype(tag)::type;
         T* const values = reinterpret_cast<T*>(raw.data());
-        const auto label = static_cast<T>(label_);
+        const auto label = static_cast<T>(value_);
         for (std::size_t i = 0; i < raw.size() / sizeof(T); ++i) {
             values[i] = values[i] == label ? T{1} : T{0};
         }

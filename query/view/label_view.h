@@ -15,8 +15,8 @@ namespace isonest::detail {
 class LabelView : public ChunkSource {
   public:
     /// Nodes outside of [low, high] are 0 without a look at them.
-    LabelView(const ChunkSource& source, std::int64_t label, const Int3& low, const Int3& high)
-        : source_(source), label_(label), low_(low), high_(high) {}
+    /// REQUIRES: is_label().
+    LabelView(const ChunkSource& source, std::int64_t label, const Int3& low, const Int3& high);
     [[nodiscard]] const StoreLayout& layout() const override { return source_.layout(); }
     /// As the chunk's smallest and largest label allow.
     [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override;
@@ -27,9 +27,14 @@ class LabelView : public ChunkSource {
 
   private:
     const ChunkSource& source_;
-    std::int64_t label_;
+    double value_;  ///< of the label
     Int3 low_;
     Int3 high_;
 };
+
+/// Whether the store's type of values has one for this label.
+bool is_label(const StoreHeader& header, std::int64_t label);
+/// REQUIRES: is_label().
+double value_of_label(const StoreHeader& header, std::int64_t label);
 
 }  // namespace isonest::detail

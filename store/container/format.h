@@ -19,7 +19,7 @@
 namespace isonest::detail {
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 5;
+inline constexpr std::uint32_t kFormatMinor = 6;
 /// Of the format in which a store is written.
 struct FormatVersion {
     std::uint64_t major = kFormatMajor;
@@ -32,6 +32,8 @@ struct FormatVersion {
 };
 /// Bit of `flags`: the axes are not along the world's, the attribute `direction` says how.
 inline constexpr std::uint32_t kHasDirection = 1;
+/// Bit of `flags`: the values stand for labels of up to 62 bits (store/base/label_bits.h).
+inline constexpr std::uint32_t kHasLabels = 2;
 inline constexpr const char* kFormatName = "isonest";
 inline constexpr unsigned kZstdFilter = 32015;
 inline constexpr int kMinChunk = 8;
@@ -44,6 +46,7 @@ struct StoreHeader {
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
     Directions direction = kAlongWorld;  ///< since version 2.5
+    bool labels = false;                 ///< since version 2.6
     int chunk = 64;  ///< nodes per axis of a chunk of values: a power of two in 8..256
     int compression = 1;
     bool exact = false;         ///< indicators as binary32 instead of 16-bit codes
@@ -58,7 +61,7 @@ struct StoreHeader {
 /// The minor version that a store of this header has: the oldest that knows all that is in it.
 inline std::uint32_t minor_version_of(const StoreHeader& header) {
     const bool cells = std::any_of(header.fields.begin(), header.fields.end(), is_of_cells);
-    return header.direction != kAlongWorld ? 5 : cells ? 4 : 3;
+    return header.labels ? 6 : header.direction != kAlongWorld ? 5 : cells ? 4 : 3;
 }
 
 /// One row of the chunk table, as stored (little endian, 40 bytes).

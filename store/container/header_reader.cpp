@@ -72,12 +72,15 @@ class Reader {
         if (!flags) {
             damaged("no flags");
         }
-        const std::uint64_t known = out_.version >= FormatVersion{2, 5} ? kHasDirection : 0;
+        const std::uint64_t known = out_.version >= FormatVersion{2, 6} ? kHasDirection | kHasLabels
+                                    : out_.version >= FormatVersion{2, 5} ? kHasDirection
+                                                                          : 0;
         if (((*flags)[0] & ~known) != 0) {
             unsupported(fmt::format("reserved header flags are set ({:#x})", (*flags)[0]),
                         RemedyKind::newer_version);
         }
-        turned_ = (*flags)[0] != 0;
+        turned_ = ((*flags)[0] & kHasDirection) != 0;
+        out_.header.labels = ((*flags)[0] & kHasLabels) != 0;
     }
 
     void require_digest() const {
@@ -116,6 +119,9 @@ class Reader {
             read_direction();
         }
         header.type = *value_type_from_name(*type);
+        if (header.labels && header.type != ValueType::f64) {
+            damaged("damaged: labels of 64 bits are float64");
+        }
         header.chunk = static_cast<int>((*chunk)[0]);
         header.compression = static_cast<int>(std::min<std::uint64_t>((*compression)[0], 100));
         header.exact = (*exact)[0] != 0;

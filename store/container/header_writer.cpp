@@ -48,7 +48,9 @@ void write_header(hid_t root, const StoreHeader& header) {
     write_attribute(root, "version",
                     std::vector<std::uint32_t>{kFormatMajor, minor_version_of(header)});
     const bool turned = header.direction != kAlongWorld;
-    write_attribute(root, "flags", turned ? kHasDirection : std::uint32_t{0});
+    write_attribute(root, "flags",
+                    (turned ? kHasDirection : std::uint32_t{0}) |
+                        (header.labels ? kHasLabels : std::uint32_t{0}));
     write_attribute(root, "nodes",
                     std::vector<std::uint64_t>{static_cast<std::uint64_t>(header.nodes.x),
                                                static_cast<std::uint64_t>(header.nodes.y),

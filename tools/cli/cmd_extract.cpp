@@ -89,7 +89,7 @@ std::string empty_surface(const Store& store, const Arguments& arguments, const 
 template <class Query>
 Query begun_query(const Arguments& arguments, const Store* values) {
     const ExtractArguments& a = arguments.extract;
-    Query query = a.query<Query>();
+    auto query = a.query<Query>();
     query.normals = a.normals;
     query.vertex_error = a.vertex_error;
     query.vertex_values = values;
@@ -98,14 +98,14 @@ Query begun_query(const Arguments& arguments, const Store* values) {
 }
 
 GraphQuery graph_query(const Arguments& arguments, const Store* values) {
-    GraphQuery query = begun_query<GraphQuery>(arguments, values);
+    auto query = begun_query<GraphQuery>(arguments, values);
     query.scale = arguments.scale;
     return query;
 }
 
 SurfaceQuery surface_query(const Arguments& arguments, const Store* values) {
     const ExtractArguments& a = arguments.extract;
-    SurfaceQuery query = begun_query<SurfaceQuery>(arguments, values);
+    auto query = begun_query<SurfaceQuery>(arguments, values);
     query.iso = arguments.iso;
     query.bound = arguments.bound;
     if (arguments.distance.by_error && arguments.distance.distance) {

@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::int64_t kMost = std::int64_t{1} << 53U;
+constexpr std::int64_t kMost = (std::int64_t{1} << 62U) - 1;
 constexpr const char* kNeuroglancer = "neuroglancer";
 constexpr std::array kFormats{"ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf", kNeuroglancer};
 

@@ -237,6 +237,9 @@ void add_source_options(CLI::App* command, SourceOptions& o) {
         },
         "world position of the first node, instead of the file's", "X,Y[,Z]")
         ->group(group);
+    command->add_flag("--labels", o.labels,
+                      "integers of 64 bits are labels (0 to 2^62 - 1), kept as they are for\n"
+                      "extract --label; else float64, and refused beyond 2^53");
     add_parsed(
         command, "--missing",
         [&o](const std::string& text) { o.missing = parse_number("--missing", text); },

@@ -44,6 +44,9 @@ struct SourceOptions {
     std::optional<Double3> spacing;       ///< overrides the file's (before `every`)
     std::optional<Double3> origin;        ///< overrides the file's (before the crop)
     std::optional<double> missing;        ///< this value stands for missing data
+    /// Integers of 64 bits are labels, the names of things: kept as they are, not as the float64
+    /// that is nearest (from 0 to 2^62 - 1). Of smaller integers it changes nothing.
+    bool labels = false;
     std::uint64_t max_heap = 256u << 20;  ///< a source may not hold more than this many bytes
 };
 

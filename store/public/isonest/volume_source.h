@@ -22,6 +22,8 @@ struct VolumeDescription {
     Double3 origin{0, 0, 0};   ///< world position of node (0, 0, 0)
     std::string name = {};     ///< "file:dataset" or the like, for messages
     Directions direction = kAlongWorld;
+    /// The values are float64 that stand for labels of up to 62 bits (SourceOptions::labels).
+    bool labels = false;
 };
 
 /// A scalar volume that is read in slabs of whole or partial planes. Three functions are enough:

@@ -30,7 +30,7 @@ __all__ = ["preprocess", "open", "isosurface", "Store", "Mesh", "Histogram", "La
 
 def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optional[Sequence[float]] = None,
                origin: Optional[Sequence[float]] = None, missing: Optional[float] = None, dataset: str = "",
-               series: str = "", index: Any = None, crop: Optional[Sequence[slice]] = None,
+               series: str = "", labels: bool = False, index: Any = None, crop: Optional[Sequence[slice]] = None,
                every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
                offset: Optional[int] = None, indicators: Optional[Sequence[str]] = None, exact: bool = False,
                chunk: int = 64, compression: int = 1, replace: bool = False, resume: bool = False,
@@ -46,7 +46,8 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     spacing: distance of neighbouring nodes, origin: world position of the first node, both in the order of the
         array's axes. Without them 1 and 0, or what the file says.
     missing: this value stands for missing data.
-    dataset: of a file of several, series: of DICOM. index: of files with time steps or channels what is taken of each
+    dataset: of a file of several, series: of DICOM. labels: integers of 64 bits are
+        labels, kept as they are (0 to 2**62 - 1). index: of files with time steps or channels what is taken of each
         axis, ``(5, None, None, None)`` or by name, ``{"time": 5}``. crop: ``np.s_[10:20, :, 5:]``; every: of what is
         left, each so-many-th node, one number or (z, y, x).
     shape, dtype, offset: of raw numbers; ">u2" is a dtype of big-endian numbers.
@@ -68,10 +69,10 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         options.indicators = list(indicators)
     if _sources.is_files(volume):
         source = _sources.of_files(volume, spacing=spacing, origin=origin, missing=missing, dataset=dataset,
-                                   series=series, index=index, shape=shape, dtype=dtype, offset=offset, crop=crop,
+                                   series=series, labels=labels, index=index, shape=shape, dtype=dtype, offset=offset, crop=crop,
                                    every=every, max_heap=options.memory // 4)
     else:
-        of_files = {"dataset": dataset or None, "series": series or None, "index": index, "shape": shape,
+        of_files = {"dataset": dataset or None, "series": series or None, "labels": labels or None, "index": index, "shape": shape,
                     "dtype": dtype, "offset": offset, "crop": crop, "every": None if every == 1 else every}
         given = [name for name, value in of_files.items() if value is not None]
         if given:

@@ -18,6 +18,7 @@ class Source: ...
 class SourceOptions:
     dataset: str
     series: str
+    labels: bool
     offset: Optional[int]
     big_endian: Optional[bool]
     spacing: Optional[_Double3]

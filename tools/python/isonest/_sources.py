@@ -139,12 +139,12 @@ def is_files(volume: Any) -> bool:
 
 
 def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
-             missing: Optional[float], dataset: str, series: str, index: Any, shape: Optional[Sequence[int]],
+             missing: Optional[float], dataset: str, series: str, labels: bool, index: Any, shape: Optional[Sequence[int]],
              dtype: Any, offset: Optional[int], crop: Optional[Sequence[slice]], every: Union[int, Sequence[int]],
              max_heap: int) -> Any:
     """A source of one file, a folder, or several files."""
     options = _core.SourceOptions()
-    options.dataset, options.series = dataset, series
+    options.dataset, options.series, options.labels = dataset, series, labels
     options.offset, options.missing, options.max_heap = offset, missing, max_heap
     ndim = next((len(numbers) for numbers in (shape, spacing, origin) if numbers is not None), 3)
     if ndim not in (2, 3):

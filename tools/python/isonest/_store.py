@@ -234,7 +234,8 @@ class Store:
     def labels(self, *, memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> "list[Label]":
         """The labels of a segmentation, by their ids: what values there are, and where.
 
-        Raises isonest.UnsupportedError for values that are no whole numbers up to 2**53.
+        Raises isonest.UnsupportedError for values that are no whole numbers up to 2**53, unless the store was made with
+        ``labels=True``.
         """
         with reporting(progress) as report:
             rows = self._core.labels(to_bytes(memory), int(threads), report)

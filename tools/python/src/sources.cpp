@@ -145,6 +145,7 @@ void add_source_options(py::module_& module) {
         .def(py::init<>())
         .def_readwrite("dataset", &O::dataset)
         .def_readwrite("series", &O::series)
+        .def_readwrite("labels", &O::labels)
         .def_readwrite("offset", &O::offset)
         .def_readwrite("big_endian", &O::big_endian)
         .def_readwrite("spacing", &O::spacing)
