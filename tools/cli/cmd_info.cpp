@@ -120,7 +120,7 @@ Result run(const Arguments& a, Progress& progress) {
     result.text = fmt::format(
         "{}: {} x {} x {} {}, {} levels, {}\n"
         "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}{}\n"
-        "values {}{}\n"
+        "{}{}\n"
         "indicators {} ({}), chunks of {}^3 nodes, zstd level {}\n"
         "ranges of cubes: {}\n\n"
         "{:>5} {:<14} {:>18} {:>8} {:>10} {:>7}  {}\n",
@@ -132,7 +132,7 @@ Result run(const Arguments& a, Progress& progress) {
             : fmt::format("\naxes along ({:.5g}), ({:.5g}), ({:.5g})",
                           fmt::join(h.direction[0], ", "), fmt::join(h.direction[1], ", "),
                           fmt::join(h.direction[2], ", ")),
-        human_range(store.min_value(), store.max_value()),
+        value_text(h.labels, store.min_value(), store.max_value()),
         store.has_missing() ? ", some missing" : "",
         h.fields.empty() ? std::string("none") : list_names(h.fields),
         h.exact ? "32-bit" : "16-bit, rounded up", h.chunk, h.compression,

@@ -66,8 +66,9 @@ Result run(Arguments& a, Progress& progress) {
         "{}: {} x {} x {} {}, {}{}\n"
         "{} levels in {} chunks, {} ({:.2f} of the input's {}), in {} ({}/s)\n",
         a.store, r.nodes.x, r.nodes.y, r.nodes.z, name_of(type),
-        value_text(source->describe().labels, r.min_value, r.max_value), r.has_missing ? ", some missing" : "", r.levels,
-        r.chunks, human_bytes(static_cast<double>(r.store_bytes)),
+        value_text(source->describe().labels, r.min_value, r.max_value),
+        r.has_missing ? ", some missing" : "", r.levels, r.chunks,
+        human_bytes(static_cast<double>(r.store_bytes)),
         static_cast<double>(r.store_bytes) /
             static_cast<double>(std::max<std::uint64_t>(r.input_bytes, 1)),
         human_bytes(static_cast<double>(r.input_bytes)), human_seconds(r.seconds),

@@ -9,6 +9,8 @@
 
 #include <isonest/error.h>
 
+#include "store/base/label_bits.h"
+
 namespace isonest::detail::cli {
 namespace {
 
@@ -183,6 +185,12 @@ std::string human_range(double low, double high) {
             return a + " to " + b;
         }
     }
+}
+
+std::string value_text(bool are_labels, double low, double high) {
+    return are_labels && low <= high
+               ? fmt::format("labels {} to {}", label_of_value(low), label_of_value(high))
+               : "values " + human_range(low, high);
 }
 
 std::string human_value(double value, double apart) {

@@ -37,6 +37,8 @@ std::string human_count(double count);
 /// "1000000000 to 1000000003": six digits, or as many as tell the ends and their distance apart;
 /// "none" if low is not <= high.
 std::string human_range(double low, double high);
+/// "values 0 to 255", or "labels 0 to 720575940627185911" where values stand for labels of 64 bits.
+std::string value_text(bool are_labels, double low, double high);
 /// "616.5": six digits, or as many as tell the value and one that is `apart` from it.
 std::string human_value(double value, double apart);
 /// "0.4 s", "2:05", "1:02:05".
