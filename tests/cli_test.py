@@ -494,6 +494,35 @@ class Cli(unittest.TestCase):
             self.assertNotEqual((self.here / "p.png").read_bytes(), first, option)
         (self.here / "p.png").unlink()
 
+    def test_every_mesh_format_is_drawn_alike(self):
+        options = ["--size", "90x70", "--plain"]
+        self.ok("picture", "b.ply", "-o", "p.png", *options)
+        smooth = (self.here / "p.png").read_bytes()
+        self.ok("picture", "b.ply", "-o", "p.png", *options, "--flat")
+        flat = (self.here / "p.png").read_bytes()
+        for end in ("obj", "glb", "3mf", "vtp", "vtkhdf", "ngmesh", "stl"):
+            mesh = self.here / f"m.{end}"
+            self.ok("extract", "b.isonest", "--iso", "0.5", "-o", mesh)
+            before = set(self.here.iterdir())
+            self.ok("picture", mesh, "-o", "p.png", *options)
+            self.assertEqual((self.here / "p.png").read_bytes(), flat if end == "stl" else smooth, end)
+            self.assertEqual(set(self.here.iterdir()), before)
+            whole = mesh.read_bytes()
+            for cut in (0, 3, 20, 200, len(whole) // 2, len(whole) - 100):
+                mesh.write_bytes(whole[:cut])
+                done = run("picture", mesh, "-o", "p.png", *options, cwd=self.here)
+                # Text that ends at the end of a line is whole to its reader; so are numbers that follow.
+                fine = (0, 4, 5) if end in ("obj", "ngmesh") else (2, 4, 5)
+                self.assertIn(done.returncode, fine, (end, cut, done.stderr))
+            mesh.unlink()
+        for end in ("ply", "glb", "vtp", "vtkhdf"):
+            self.ok("extract", "b.isonest", "--iso", "0.5", "--error", "0.05", "-o", f"v.{end}", "--vertex-values", "b.isonest")
+            shown = self.json("picture", f"v.{end}", "-o", "p.png", *options)
+            self.assertEqual(shown.get("range"), self.json("picture", "v.ply", "-o", "p.png", *options).get("range"), end)
+        for file in self.here.glob("v.*"):
+            file.unlink()
+        (self.here / "p.png").unlink()
+
     def test_help_is_80_columns_wide(self):
         for command in ("", *COMMANDS, "slice", "study", "smooth"):
             text = self.ok(*([command] if command else []), "--help").stdout.decode()

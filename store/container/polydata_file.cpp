@@ -1,8 +1,12 @@
 #include "store/container/polydata_file.h"
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
+#include <isonest/error.h>
+
+#include "store/container/handles.h"
 #include "store/container/hdf5_frame.h"
 #include "store/container/hdf5_types.h"
 
@@ -45,6 +49,56 @@ PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDat
     root.reset();
     frame.close();
     return offsets;
+}
+
+namespace {
+
+std::optional<PolyDataArrays::Array> find_array(hid_t root, const char* name) {
+    const DatasetHandle dataset(H5Dopen2(root, name, H5P_DEFAULT));
+    if (!dataset.valid()) {
+        return std::nullopt;
+    }
+    const TypeHandle type(H5Dget_type(dataset.get()));
+    const SpaceHandle space(H5Dget_space(dataset.get()));
+    PolyDataArrays::Array array;
+    array.offset = H5Dget_offset(dataset.get());
+    array.count = static_cast<std::uint64_t>(
+        std::max<hssize_t>(H5Sget_simple_extent_npoints(space.get()), 0));
+    array.integers = H5Tequal(type.get(), H5T_STD_I64LE) > 0;
+    array.wide = array.integers || H5Tequal(type.get(), H5T_IEEE_F64LE) > 0;
+    const bool is_known = array.wide || H5Tequal(type.get(), H5T_IEEE_F32LE) > 0;
+    // What has no place in the file is chunked, or empty.
+    if (!is_known || (array.offset == HADDR_UNDEF && array.count > 0)) {
+        return std::nullopt;
+    }
+    return array;
+}
+
+}  // namespace
+
+PolyDataArrays find_polydata(const std::filesystem::path& path) {
+    const QuietHdf5 quiet;
+    const FileHandle file = open_hdf5(path);
+    if (!file.valid()) {
+        throw Error(ErrorKind::corrupt, {path.string()}, "HDF5 cannot open it",
+                    {{RemedyKind::good_copy}});
+    }
+    const GroupHandle root(H5Gopen2(file.get(), "VTKHDF", H5P_DEFAULT));
+    const auto points = root.valid() ? find_array(root.get(), "Points") : std::nullopt;
+    const auto corners =
+        root.valid() ? find_array(root.get(), "Polygons/Connectivity") : std::nullopt;
+    auto ends = root.valid() ? find_array(root.get(), "Polygons/Offsets") : std::nullopt;
+    if (!points || !corners || !ends || !ends->integers || points->integers || !corners->integers) {
+        throw Error(ErrorKind::unsupported, {path.string()},
+                    "of VTKHDF files, polygons whose arrays are contiguous and little endian are "
+                    "read");
+    }
+    // There is a 0 in front of them.
+    if (ends->count > 0) {
+        --ends->count;
+        ends->offset += sizeof(std::int64_t);
+    }
+    return {*points, *corners, *ends, find_array(root.get(), "PointData/value")};
 }
 
 }  // namespace isonest::detail

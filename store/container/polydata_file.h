@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,5 +32,23 @@ struct PolyDataOffsets {
 /// begin with a 0 in front of `ends`, to be written too. The format: Kitware, "VTKHDF File Format",
 /// version 2.0. Throws Error{io}.
 PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDataShape& shape);
+
+/// Where the arrays of such a file are.
+struct PolyDataArrays {
+    struct Array {
+        std::uint64_t offset = 0;  ///< of the first number in the file
+        std::uint64_t count = 0;   ///< of numbers
+        bool wide = false;         ///< 64 bits
+        bool integers = false;
+    };
+    Array points;
+    Array connectivity;          ///< three corners for each triangle
+    Array ends;                  ///< as of PolyDataOffsets
+    std::optional<Array> value;  ///< the attribute "value" of the points
+};
+
+/// Throws Error{corrupt, not_found}, and Error{unsupported} for another kind of VTKHDF, or arrays
+/// that are not contiguous and little endian.
+PolyDataArrays find_polydata(const std::filesystem::path& path);
 
 }  // namespace isonest::detail

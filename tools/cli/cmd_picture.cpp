@@ -16,6 +16,7 @@
 #include "tools/cli/leftovers.h"
 #include "tools/cli/units.h"
 #include "tools/drawing/color_maps.h"
+#include "tools/drawing/mesh_input.h"
 #include "tools/drawing/picture.h"
 #include "tools/drawing/ply_reader.h"
 #include "tools/drawing/png_writer.h"
@@ -89,7 +90,9 @@ Result run(const Arguments& a, Progress& progress) {
     for (const PictureView& view : views) {
         check_output(view.png, true, {a.mesh});
     }
-    const PlyMesh mesh(a.mesh, a.by);
+    const std::filesystem::path folder = std::filesystem::path(a.png).parent_path();
+    const PlyMesh mesh =
+        open_mesh(a.mesh, a.by, folder.empty() ? std::filesystem::path(".") : folder, progress);
     if (a.by != "value" && a.by != "none" && !mesh.has_values()) {
         throw Error(ErrorKind::not_found, {a.mesh},
                     fmt::format("its vertices have no property '{}'", a.by));
@@ -127,7 +130,9 @@ void add_picture(CLI::App& app, Invocation& chosen) {
     CLI::App* const c = add_command(
         app, chosen, "picture",
         {"Draw a mesh as a PNG",
-         "MESH is a binary PLY file of triangles. Shaded, off screen, fitted into the "
+         "MESH is of triangles: .ply (binary), .stl, .obj, .glb, .3mf, .vtp, .vtkhdf or .ngmesh, "
+         "as\n"
+         "isonest extract writes them. Shaded, off screen, fitted into the "
          "picture, z up;\n"
          "the side toward larger values is drawn in a paler, warmer colour. A mesh with "
          "values, or\n"
@@ -138,7 +143,7 @@ void add_picture(CLI::App& app, Invocation& chosen) {
          "isonest picture surface.ply -o around.png --turntable 36\n"
          "isonest picture surface.ply -o error.png --color-by error --colors magma"});
     PictureOptions& o = a->options;
-    c->add_option("MESH", a->mesh, "a PLY file, for example from isonest extract")->required();
+    c->add_option("MESH", a->mesh, "for example from isonest extract")->required();
     c->add_option("-o,--output", a->png, "the picture to write")->required()->type_name("OUT.png");
     add_parsed(
         c, "--size",

@@ -213,6 +213,15 @@ PlyMesh::Header PlyMesh::parse(std::string_view text, const std::string& name,
 
 PlyMesh::PlyMesh(const std::filesystem::path& path, const std::string& value)
     : name_(path.string()), file_(path) {
+    open(value);
+}
+
+PlyMesh::PlyMesh(int file, const std::filesystem::path& path, const std::string& value)
+    : name_(path.string()), file_(file, path) {
+    open(value);
+}
+
+void PlyMesh::open(const std::string& value) {
     const std::uint64_t size = file_.bytes().size();
     const std::string_view text(reinterpret_cast<const char*>(file_.bytes().data()),
                                 std::min<std::size_t>(size, kLongestHeader));

@@ -22,6 +22,8 @@ class PlyMesh {
     /// Throws Error{not_found, io}, Error{corrupt} (no PLY, a damaged header, counts that do not
     /// fit the file's size) and Error{unsupported} (another kind of PLY), naming the file.
     explicit PlyMesh(const std::filesystem::path& path, const std::string& value = "value");
+    /// Of a file that is open, which `path` names in messages.
+    PlyMesh(int file, const std::filesystem::path& path, const std::string& value);
 
     [[nodiscard]] std::uint64_t vertices() const { return vertices_; }
     [[nodiscard]] std::uint64_t triangles() const { return triangles_; }
@@ -40,6 +42,7 @@ class PlyMesh {
     [[nodiscard]] std::array<std::uint32_t, 3> triangle(std::uint64_t i) const;
 
   private:
+    void open(const std::string& value);
     struct Header;
     static Header parse(std::string_view text, const std::string& name, const std::string& value);
 
