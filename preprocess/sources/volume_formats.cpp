@@ -9,6 +9,7 @@
 #include "preprocess/sources/nrrd_source.h"
 #include "preprocess/sources/raw_source.h"
 #include "preprocess/sources/tiff_source.h"
+#include "preprocess/sources/vdb_source.h"
 #include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/vti_source.h"
 #include "preprocess/sources/vtk_source.h"
@@ -20,7 +21,7 @@ const std::vector<VolumeFormat>& volume_formats() {
     static const std::vector<VolumeFormat> formats{
         nrrd_format(), hdf5_format(), netcdf3_format(), nifti_format(), meta_image_format(),
         mrc_format(), vti_format(), vtk_format(), npy_format(), npz_format(), zarr_format(),
-        dicom_format(), tiff_format(),
+        dicom_format(), tiff_format(), vdb_format(),
         // The last one: it takes every file.
         raw_format()};
     return formats;

@@ -1,0 +1,82 @@
+#!/usr/bin/env python3
+"""OpenVDB files as pyopenvdb writes them.
+
+usage: vdb_input_test.py ISONEST PLUGIN_FOLDER
+"""
+import subprocess
+import sys
+import unittest
+
+try:
+    import numpy as np
+    import pyopenvdb as vdb
+    from volume_inputs import ISONEST, RANDOM, DamagedFiles, Input
+except ImportError as error:
+    print(f"skipped: {error}")
+    sys.exit(77)
+if b"libopenvdb-dev" in subprocess.run([ISONEST, "--version"], capture_output=True).stdout:
+    print("skipped: this build does not read OpenVDB (Debian: libopenvdb-dev)")
+    sys.exit(77)
+
+
+class OpenVdb(DamagedFiles, Input):
+    def setUp(self):
+        super().setUp()
+        self.path = self.here / "v.vdb"
+        self.data = RANDOM.normal(size=(9, 11, 14)).astype("f4")
+        # Sparse: two corners and a few more.
+        sparse = RANDOM.random(self.data.shape) < 0.05
+        sparse[0, 0, 0] = sparse[-1, -1, -1] = True
+        self.data[~sparse] = 3
+
+    def grid(self, name="density", transform=None, kind=vdb.FloatGrid, at=(-3, 5, 100)):
+        grid = kind(3)
+        # Grids are [x, y, z]; values that are the background are not active.
+        grid.copyFromArray(np.ascontiguousarray(self.data.T).astype("f8" if kind is not vdb.FloatGrid else "f4"), ijk=at,
+                           tolerance=0)
+        grid.name = name
+        if transform is not None:
+            grid.transform = vdb.createLinearTransform(transform)
+        return grid
+
+    def test_the_box_of_active_values_with_the_background(self):
+        vdb.write(str(self.path), grids=[self.grid()])
+        self.reads(self.data)
+        self.lies([-3, 5, 100], [1, 1, 1])
+        # Row vectors: index * matrix.
+        vdb.write(str(self.path), grids=[self.grid(transform=[[0.5, 0, 0, 0], [0, 0.25, 0, 0], [0, 0, 2, 0], [1, 2, 3, 1]])])
+        self.reads(self.data)
+        self.lies([1 - 1.5, 2 + 1.25, 3 + 200], [0.5, 0.25, 2])
+        self.reads(self.data[2:7, :, ::2].copy()[:, ::2], "--crop", ":,:,2:7", "--every", "2,2,1")
+
+    def test_turned_grids(self):
+        turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+        turn *= np.linalg.det(turn)
+        matrix = np.eye(4)
+        matrix[:3, :3] = turn * 0.5
+        vdb.write(str(self.path), grids=[self.grid(transform=matrix.tolist())])
+        self.reads(self.data)
+        np.testing.assert_allclose(np.array(self.directions()).reshape(3, 3), turn, atol=1e-8)
+        self.lies(np.array([-3, 5, 100]) @ turn * 0.5, [0.5] * 3)
+
+    def test_a_grid_is_chosen_by_its_name(self):
+        vdb.write(str(self.path), grids=[self.grid("a"), self.grid("b", at=(0, 0, 0))])
+        self.refuses(2, "--dataset", "a (float)", "b (float)")
+        self.reads(self.data, "--dataset", "b")
+        self.lies([0, 0, 0], [1, 1, 1])
+        self.refuses(3, "no grid c", options=("--dataset", "c"))
+        empty = vdb.FloatGrid(1)
+        empty.name = "empty"
+        vdb.write(str(self.path), grids=[empty])
+        self.refuses(5, "no active values")
+
+    def test_damaged_files(self):
+        vdb.write(str(self.path), grids=[self.grid()])
+        whole = self.path.read_bytes()
+        for cut in range(8, len(whole), max(len(whole) // 25, 1)):
+            self.path.write_bytes(whole[:cut])
+            self.assertIn(self.preprocess("--memory", "256M").returncode, (4, 5, 7), cut)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
