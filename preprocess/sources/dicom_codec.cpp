@@ -10,7 +10,6 @@
 #include <gdcmFragment.h>
 #include <gdcmJPEGCodec.h>
 #include <gdcmJPEGLSCodec.h>
-#include <gdcmRLECodec.h>
 #include <gdcmSequenceOfFragments.h>
 #include <gdcmTrace.h>
 #include <gdcmTransferSyntax.h>
@@ -20,6 +19,7 @@
 #include <optional>
 
 #include "preprocess/sources/codestream_size.h"
+#include "preprocess/sources/dicom_rle.h"
 #include "preprocess/sources/jpeg2000_frame.h"
 
 namespace isonest::detail {
@@ -45,9 +45,6 @@ bool unpack_with(const gdcm::TransferSyntax& syntax, const DicomNumbers& numbers
     codec.SetPixelFormat(pixel_format(numbers));
     codec.SetPhotometricInterpretation(gdcm::PhotometricInterpretation::MONOCHROME2);
     codec.SetPlanarConfiguration(0);
-    if constexpr (requires { codec.SetBufferLength(dst.size()); }) {
-        codec.SetBufferLength(dst.size());
-    }
     gdcm::DataElement out;
     if (!codec.Decode(pixels, out) || out.GetByteValue() == nullptr ||
         out.GetByteValue()->GetLength() < dst.size()) {
@@ -73,8 +70,7 @@ bool unpack_with_gdcm(const gdcm::TransferSyntax& syntax, const DicomNumbers& nu
     pixels.SetValue(*fragments);
     try {
         return unpack_with<gdcm::JPEGCodec>(syntax, numbers, pixels, dst) ||
-               unpack_with<gdcm::JPEGLSCodec>(syntax, numbers, pixels, dst) ||
-               unpack_with<gdcm::RLECodec>(syntax, numbers, pixels, dst);
+               unpack_with<gdcm::JPEGLSCodec>(syntax, numbers, pixels, dst);
     } catch (const std::exception&) {
         return false;
     }
@@ -93,7 +89,10 @@ std::string unpack_dicom_frame(const std::string& syntax, const DicomNumbers& nu
     const bool rle = syntax == "1.2.840.10008.1.2.5";
     const bool jpeg = syntax.starts_with("1.2.840.10008.1.2.4.") &&
                       (type != gdcm::TransferSyntax::TS_END || is_jpeg2000(frame));
-    if (!rle && !jpeg) {
+    if (rle) {
+        return unpack_dicom_rle(frame, static_cast<std::size_t>(numbers.allocated / 8), dst);
+    }
+    if (!jpeg) {
         throw Error(ErrorKind::unsupported, {name},
                     fmt::format("the numbers are packed as {} (transfer syntax), which is not "
                                 "read: repack the file, for example with gdcmconv",

@@ -1,5 +1,5 @@
 // Frames of DICOM files that are packed as streams of some image format: JPEG, JPEG-LS, JPEG 2000,
-// RLE. JPEG 2000 (High-Throughput too) by OpenJPEG, the others by GDCM.
+// RLE. JPEG and JPEG-LS by GDCM, JPEG 2000 (High-Throughput too) by OpenJPEG.
 #pragma once
 
 #include <cstddef>
