@@ -58,6 +58,11 @@ bool unpack_with(const gdcm::TransferSyntax& syntax, const DicomNumbers& numbers
 /// program on temporary files.
 bool unpack_with_gdcm(const gdcm::TransferSyntax& syntax, const DicomNumbers& numbers,
                       std::span<const char> frame, std::span<std::byte> dst) {
+#ifdef __clang_analyzer__
+    // It does not follow the counts of references in GDCM's pointers.
+    static_cast<void>(syntax), static_cast<void>(numbers), static_cast<void>(frame);
+    return dst.empty();
+#else
     gdcm::Trace::DebugOff();
     gdcm::Trace::WarningOff();
     gdcm::Trace::ErrorOff();
@@ -74,6 +79,7 @@ bool unpack_with_gdcm(const gdcm::TransferSyntax& syntax, const DicomNumbers& nu
     } catch (const std::exception&) {
         return false;
     }
+#endif
 }
 
 }  // namespace
