@@ -6,6 +6,7 @@
 
 #if ISONEST_WITH_GDCM
 
+#include <fcntl.h>
 #include <gdcmDataElement.h>
 #include <gdcmFragment.h>
 #include <gdcmJPEGCodec.h>
@@ -13,8 +14,13 @@
 #include <gdcmSequenceOfFragments.h>
 #include <gdcmTrace.h>
 #include <gdcmTransferSyntax.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <array>
+#include <cerrno>
 #include <cstring>
 #include <optional>
 
@@ -82,6 +88,40 @@ bool unpack_with_gdcm(const gdcm::TransferSyntax& syntax, const DicomNumbers& nu
 #endif
 }
 
+/// The same in a process of its own: GDCM ends it where a frame is damaged in a way that its
+/// assertions forbid.
+bool unpack_apart(const gdcm::TransferSyntax& syntax, const DicomNumbers& numbers,
+                  std::span<const char> frame, std::span<std::byte> dst, const std::string& name) {
+    void* const shared =
+        ::mmap(nullptr, dst.size(), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (shared == MAP_FAILED) {
+        throw Error(ErrorKind::limit, {name}, "there is no memory to unpack a frame",
+                    {{RemedyKind::less_memory}});
+    }
+    const pid_t child = ::fork();
+    if (child == 0) {
+        const rlimit none{0, 0};
+        ::setrlimit(RLIMIT_CORE, &none);
+        ::dup2(::open("/dev/null", O_WRONLY | O_CLOEXEC), STDERR_FILENO);
+        const bool good =
+            unpack_with_gdcm(syntax, numbers, frame, {static_cast<std::byte*>(shared), dst.size()});
+        ::_exit(good ? 0 : 1);
+    }
+    int status = 1;
+    while (child > 0 && ::waitpid(child, &status, 0) < 0 && errno == EINTR) {
+    }
+    const bool good = child > 0 && WIFEXITED(status) && WEXITSTATUS(status) == 0;
+    if (good) {
+        std::memcpy(dst.data(), shared, dst.size());
+    }
+    ::munmap(shared, dst.size());
+    if (child < 0) {
+        throw Error(ErrorKind::limit, {name}, "the system refuses a process to unpack a frame",
+                    {{RemedyKind::raise_limit}});
+    }
+    return good;
+}
+
 }  // namespace
 
 bool dicom_codec_is_built() {
@@ -126,7 +166,7 @@ std::string unpack_dicom_frame(const std::string& syntax, const DicomNumbers& nu
         return unpack_jpeg2000(frame, numbers, dst);
     }
     if (type != gdcm::TransferSyntax::TS_END &&
-        unpack_with_gdcm(gdcm::TransferSyntax(type), numbers, frame, dst)) {
+        unpack_apart(gdcm::TransferSyntax(type), numbers, frame, dst, name)) {
         return {};
     }
     return "the frame cannot be unpacked";
