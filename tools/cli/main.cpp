@@ -114,6 +114,9 @@ void declare(CLI::App& app, Invocation& chosen) {
     add_check(app, chosen);
     add_make_volume(app, chosen);
     add_picture(app, chosen);
+#if ISONEST_WITH_VIEW
+    add_view(app, chosen);
+#endif
 }
 
 int run(const Invocation& chosen) {

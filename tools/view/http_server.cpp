@@ -1,0 +1,400 @@
+// Beast's asynchronous operations, all in one thread (Boost 1.74, examples of Beast).
+#include "tools/view/http_server.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <boost/asio/dispatch.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+#include <chrono>
+#include <list>
+#include <optional>
+#include <system_error>
+
+#include <isonest/error.h>
+#include <isonest/version.h>
+
+namespace isonest::detail::view {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace http = beast::http;
+using tcp = asio::ip::tcp;
+
+struct HttpServer::Parts {
+    explicit Parts(const HttpLimits& limits_) : limits(limits_) {}
+
+    HttpLimits limits;
+    asio::io_context io{1};
+    tcp::acceptor acceptor{io};
+    asio::steady_timer clock{io};
+    HttpHandler* handler = nullptr;
+    std::list<std::weak_ptr<Connection>> all;  ///< the oldest first
+    std::size_t sending_bytes = 0;
+    bool accepts = true;
+
+    void accept(const std::shared_ptr<Parts>& self);
+    void watch(const std::shared_ptr<Parts>& self, const std::function<bool()>& stop);
+    bool make_room();
+    void make_room_for_answer(std::size_t bytes, const Connection* but);
+};
+
+/// One connection: a request, its answer, the next request.
+class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
+  public:
+    enum class State : std::uint8_t { idle, working, sending, closed };
+
+    Connection(std::shared_ptr<Parts> parts, tcp::socket&& socket)
+        : parts_(std::move(parts)), stream_(std::move(socket)) {}
+    Connection(const Connection&) = delete;
+    Connection& operator=(const Connection&) = delete;
+    ~Connection() { parts_->sending_bytes -= sent_bytes_; }
+
+    [[nodiscard]] State state() const { return state_; }
+
+    void read() {
+        state_ = State::idle;
+        since_ = std::chrono::steady_clock::now();
+        parser_.emplace();
+        parser_->header_limit(static_cast<std::uint32_t>(parts_->limits.header_bytes));
+        parser_->body_limit(kMostBody);
+        // The first byte may take long to come, the others may not.
+        if (buffer_.size() > 0) {
+            read_request();
+            return;
+        }
+        stream_.expires_after(std::chrono::seconds(parts_->limits.idle_seconds));
+        stream_.async_read_some(buffer_.prepare(kFirstRead),
+                                [self = shared_from_this()](beast::error_code ec, std::size_t n) {
+                                    if (ec) {
+                                        self->close();
+                                        return;
+                                    }
+                                    self->buffer_.commit(n);
+                                    self->read_request();
+                                });
+    }
+
+    void close() {
+        const std::shared_ptr<Connection> until_end = std::move(alive_);
+        if (state_ == State::closed) {
+            return;
+        }
+        state_ = State::closed;
+        if (work_) {
+            work_->cancel();
+            work_.reset();
+        }
+        beast::error_code ignored;
+        stream_.socket().shutdown(tcp::socket::shutdown_both, ignored);
+        stream_.close();
+    }
+
+    void answer(HttpAnswer&& answer) {
+        if (state_ == State::closed) {
+            return;
+        }
+        const std::shared_ptr<Connection> until_end = std::move(alive_);
+        work_.reset();
+        state_ = State::sending;
+        since_ = std::chrono::steady_clock::now();
+        beast::error_code ignored;
+        stream_.socket().cancel(ignored);  // watching for the other end
+        stream_.expires_after(std::chrono::seconds(parts_->limits.answer_seconds));
+        sent_bytes_ = answer.heap();
+        parts_->make_room_for_answer(sent_bytes_, this);
+        parts_->sending_bytes += sent_bytes_;
+        answer_ = std::move(answer);
+        if (auto* const text = std::get_if<std::string>(&answer_.body)) {
+            http::response<http::string_body> message = headers<http::string_body>();
+            message.body() = std::move(*text);
+            send(std::move(message));
+        } else if (const auto* const constant = std::get_if<std::string_view>(&answer_.body)) {
+            http::response<http::span_body<const char>> message =
+                headers<http::span_body<const char>>();
+            message.body() = {constant->data(), constant->size()};
+            send(std::move(message));
+        } else {
+            http::response<http::file_body> message = headers<http::file_body>();
+            beast::error_code ec;
+            message.body().open(std::get<SentFile>(answer_.body).path().c_str(),
+                                beast::file_mode::scan, ec);
+            if (ec) {
+                close();
+                return;
+            }
+            send(std::move(message));
+        }
+    }
+
+    [[nodiscard]] std::chrono::steady_clock::time_point since() const { return since_; }
+
+  private:
+    static constexpr std::uint64_t kMostBody = 1 << 10;
+    static constexpr std::size_t kFirstRead = std::size_t{4} << 10U;
+
+    void read_request() {
+        stream_.expires_after(std::chrono::seconds(parts_->limits.request_seconds));
+        http::async_read(stream_, buffer_, *parser_,
+                         [self = shared_from_this()](beast::error_code ec, std::size_t) {
+                             self->on_request(ec);
+                         });
+    }
+
+    void on_request(const beast::error_code& ec) {
+        if (state_ == State::closed) {
+            return;
+        }
+        if (ec) {
+            if (ec == http::error::header_limit || ec == http::error::body_limit) {
+                keep_alive_ = false;
+                answer({431, "text/plain", std::string("the request is too long\n")});
+            } else if (ec.category() == http::make_error_code(http::error::bad_target).category() &&
+                       ec != http::error::end_of_stream && ec != http::error::partial_message) {
+                keep_alive_ = false;
+                answer({400, "text/plain", std::string("this is no HTTP request\n")});
+            } else {
+                close();
+            }
+            return;
+        }
+        const http::request<http::string_body>& message = parser_->get();
+        const auto header = [&](http::field name) { return std::string(message[name]); };
+        keep_alive_ = message.keep_alive();
+        head_ = message.method() == http::verb::head;
+        HttpRequest request;
+        request.method = head_ ? "GET" : std::string(message.method_string());
+        request.target = std::string(message.target());
+        request.host = message.count(http::field::host) == 1 ? header(http::field::host) : "";
+        request.origin = header(http::field::origin);
+        request.fetch_site = std::string(message["Sec-Fetch-Site"]);
+        state_ = State::working;
+        alive_ = shared_from_this();
+        stream_.expires_never();
+        const std::weak_ptr<Connection> weak = weak_from_this();
+        const std::weak_ptr<Parts> parts = parts_;
+        // The answer may come from another thread, and after the server has ended.
+        work_ = parts_->handler->handle(request, [weak, parts](HttpAnswer made) {
+            if (const std::shared_ptr<Parts> alive = parts.lock()) {
+                auto held = std::make_shared<HttpAnswer>(std::move(made));
+                asio::post(alive->io, [weak, held] {
+                    if (const std::shared_ptr<Connection> self = weak.lock()) {
+                        self->answer(std::move(*held));
+                    }
+                });
+            }
+        });
+        if (work_) {
+            watch_other_end();
+        }
+    }
+
+    /// Who closes the connection wants no answer.
+    void watch_other_end() {
+        stream_.socket().async_wait(
+            tcp::socket::wait_read, [self = shared_from_this()](const beast::error_code& ec) {
+                if (ec || self->state_ != State::working) {
+                    return;
+                }
+                char byte = 0;
+                beast::error_code peeked;
+                const std::size_t n = self->stream_.socket().receive(
+                    asio::buffer(&byte, 1), tcp::socket::message_peek, peeked);
+                if (peeked || n == 0) {
+                    self->close();
+                }  // else the next request is there already: it waits
+            });
+    }
+
+    template <class Body>
+    [[nodiscard]] http::response<Body> headers() const {
+        http::response<Body> message{http::int_to_status(answer_.status), 11};
+        message.set(http::field::server, "isonest/" ISONEST_VERSION);
+        message.set(http::field::content_type, answer_.type);
+        message.set(http::field::cache_control, "no-store");
+        message.set("X-Content-Type-Options", "nosniff");
+        message.set("Referrer-Policy", "no-referrer");
+        message.set("Cross-Origin-Resource-Policy", "same-origin");
+        // Nothing but what this server sends; in a frame of a notebook on this machine alone.
+        message.set("Content-Security-Policy",
+                    "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
+                    "img-src 'self' data: blob:; worker-src 'self' blob:; object-src 'none'; "
+                    "base-uri 'none'; form-action 'none'; "
+                    "frame-ancestors 'self' http://localhost:* http://127.0.0.1:*");
+        if (!answer_.file_name.empty()) {
+            message.set(http::field::content_disposition,
+                        fmt::format("attachment; filename=\"{}\"", answer_.file_name));
+        }
+        message.keep_alive(keep_alive_);
+        return message;
+    }
+
+    template <class Body>
+    void send(http::response<Body>&& message) {
+        auto held = std::make_shared<http::response<Body>>(std::move(message));
+        held->prepare_payload();
+        auto serializer = std::make_shared<http::response_serializer<Body>>(*held);
+        auto done = [self = shared_from_this(), held, serializer](beast::error_code ec,
+                                                                  std::size_t) {
+            self->parts_->sending_bytes -= self->sent_bytes_;
+            self->sent_bytes_ = 0;
+            self->answer_ = {};
+            if (ec || !self->keep_alive_) {
+                self->close();
+            } else if (self->state_ != State::closed) {
+                self->read();
+            }
+        };
+        if (head_) {
+            http::async_write_header(stream_, *serializer, std::move(done));
+        } else {
+            http::async_write(stream_, *serializer, std::move(done));
+        }
+    }
+
+    std::shared_ptr<Parts> parts_;
+    beast::tcp_stream stream_;
+    beast::flat_buffer buffer_{std::size_t{64} << 10U};
+    std::optional<http::request_parser<http::string_body>> parser_;
+    std::shared_ptr<Waiting> work_;
+    std::shared_ptr<Connection> alive_;  ///< itself, while it waits for an answer
+    HttpAnswer answer_;
+    std::size_t sent_bytes_ = 0;
+    std::chrono::steady_clock::time_point since_ = std::chrono::steady_clock::now();
+    State state_ = State::idle;
+    bool keep_alive_ = true;
+    bool head_ = false;
+};
+
+/// Closes the connection that has waited longest for a request, if there are too many.
+bool HttpServer::Parts::make_room() {
+    all.remove_if([](const std::weak_ptr<Connection>& c) {
+        const std::shared_ptr<Connection> alive = c.lock();
+        return !alive || alive->state() == Connection::State::closed;
+    });
+    if (all.size() < limits.connections) {
+        return true;
+    }
+    for (auto place = all.begin(); place != all.end(); ++place) {
+        const std::shared_ptr<Connection> connection = place->lock();
+        if (connection && connection->state() == Connection::State::idle) {
+            connection->close();
+            all.erase(place);
+            return true;
+        }
+    }
+    return false;
+}
+
+void HttpServer::Parts::make_room_for_answer(std::size_t bytes, const Connection* but) {
+    while (sending_bytes + bytes > limits.answer_bytes) {
+        std::shared_ptr<Connection> slowest;
+        for (const std::weak_ptr<Connection>& c : all) {
+            const std::shared_ptr<Connection> alive = c.lock();
+            if (alive && alive.get() != but && alive->state() == Connection::State::sending &&
+                (!slowest || alive->since() < slowest->since())) {
+                slowest = alive;
+            }
+        }
+        if (!slowest) {
+            return;
+        }
+        slowest->close();
+    }
+}
+
+void HttpServer::Parts::accept(const std::shared_ptr<Parts>& self) {
+    acceptor.async_accept([this, self](beast::error_code ec, tcp::socket socket) {
+        if (ec == asio::error::operation_aborted) {
+            return;
+        }
+        if (!ec && make_room()) {
+            beast::error_code ignored;
+            socket.set_option(tcp::no_delay(true), ignored);
+            auto connection = std::make_shared<Connection>(self, std::move(socket));
+            all.push_back(connection);
+            connection->read();
+        } else if (ec) {
+            // No file descriptor is left, say: the next try comes with the next look at the clock.
+            accepts = false;
+            return;
+        }
+        accept(self);
+    });
+}
+
+void HttpServer::Parts::watch(const std::shared_ptr<Parts>& self,
+                              const std::function<bool()>& stop) {
+    constexpr auto kOften = std::chrono::milliseconds(50);
+    clock.expires_after(kOften);
+    clock.async_wait([this, self, stop](beast::error_code) {
+        if (!stop()) {
+            if (!accepts) {
+                accepts = true;
+                accept(self);
+            }
+            watch(self, stop);
+            return;
+        }
+        acceptor.close();
+        for (const std::weak_ptr<Connection>& c : all) {
+            if (const std::shared_ptr<Connection> alive = c.lock()) {
+                alive->close();
+            }
+        }
+        io.stop();
+    });
+}
+
+HttpServer::HttpServer(const std::string& address, std::uint16_t port, const HttpLimits& limits)
+    : parts_(std::make_shared<Parts>(limits)) {
+    beast::error_code ec;
+    const asio::ip::address ip = asio::ip::make_address(address, ec);
+    if (ec) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("'{}' is no address of a network interface (such as 127.0.0.1)", address));
+    }
+    const tcp::endpoint endpoint(ip, port);
+    tcp::acceptor& acceptor = parts_->acceptor;
+    const auto step = [&](auto&& work) {
+        work();
+        if (ec) {
+            throw Error(ErrorKind::io, fmt::format("cannot listen on {} port {}: {}", address, port,
+                                                   ec.message()));
+        }
+    };
+    step([&] { acceptor.open(endpoint.protocol(), ec); });
+    step([&] { acceptor.set_option(asio::socket_base::reuse_address(true), ec); });
+    step([&] { acceptor.bind(endpoint, ec); });
+    step([&] { acceptor.listen(asio::socket_base::max_listen_connections, ec); });
+}
+
+HttpServer::~HttpServer() = default;
+
+std::uint16_t HttpServer::port() const {
+    beast::error_code ignored;
+    return parts_->acceptor.local_endpoint(ignored).port();
+}
+
+std::size_t HttpServer::connections() const {
+    return static_cast<std::size_t>(
+        std::count_if(parts_->all.begin(), parts_->all.end(), [](const auto& c) {
+            const std::shared_ptr<Connection> alive = c.lock();
+            return alive && alive->state() != Connection::State::closed;
+        }));
+}
+
+void HttpServer::run(HttpHandler& handler, const std::function<bool()>& stop) {
+    parts_->handler = &handler;
+    parts_->accept(parts_);
+    parts_->watch(parts_, stop);
+    parts_->io.run();
+}
+
+}  // namespace isonest::detail::view

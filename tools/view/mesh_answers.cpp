@@ -1,0 +1,155 @@
+#include "tools/view/mesh_answers.h"
+
+#include <fmt/format.h>
+#include <stdlib.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <memory>
+#include <system_error>
+#include <utility>
+
+#include <isonest/error.h>
+#include <isonest/mesh_file.h>
+
+#include "tools/view/mesh_message.h"
+
+namespace isonest::detail::view {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json header_of(const MeshRequest& request, const ExtractReport& r, const MeshMessage& mesh) {
+    const bool distance = r.distance.has_value();
+    Json header = {{"stop", distance         ? "distance"
+                            : request.camera ? "camera"
+                                             : "error"},
+                   {"tolerance", distance ? *r.distance : r.tolerance},
+                   {"error_bound", nullptr},
+                   {"distance_bound", nullptr},
+                   {"full_resolution", false},
+                   {"seconds", r.seconds},
+                   {"chunks_read", r.chunks_read},
+                   {"bytes_read", r.bytes_read}};
+    if (distance) {
+        header["distance_bound"] = r.distance_bound + mesh.position_rounding();
+        header["full_resolution"] = *r.distance == 0;
+    } else {
+        header["error_bound"] = r.error_bound;
+        header["full_resolution"] = r.error_bound == (request.is_slice() ? r.value_rounding : 0);
+    }
+    return header;
+}
+
+HttpAnswer as_answer(MeshMessage& mesh, const MeshRequest& request, const ExtractReport& report) {
+    return {200, "application/octet-stream", mesh.finish(header_of(request, report, mesh)), {}};
+}
+
+/// A new folder below `scratch`.
+std::filesystem::path new_folder(const std::filesystem::path& scratch) {
+    std::string name = (scratch / "isonest-view-XXXXXX").string();
+    if (::mkdtemp(name.data()) == nullptr) {
+        throw Error(
+            ErrorKind::io, {scratch.string()},
+            fmt::format("cannot make a folder: {}", std::generic_category().message(errno)));
+    }
+    return name;
+}
+
+}  // namespace
+
+SentFile::~SentFile() {
+    if (!folder_.empty()) {
+        std::error_code ignored;
+        std::filesystem::remove_all(folder_, ignored);
+    }
+}
+
+ExtractReport MeshAnswers::extract_to(MeshSink& sink, const MeshRequest& request,
+                                      Progress& progress) const {
+    ExtractOptions options;
+    options.memory = budget_.memory;
+    options.threads = budget_.threads;
+    if (request.is_slice()) {
+        return extract(store_, slice_query(request, std::get<ErrorBound>(request.stop)), sink,
+                       options, progress);
+    }
+    const auto* const distance = std::get_if<DistanceBound>(&request.stop);
+    SurfaceQuery query = surface_query(
+        request, distance != nullptr ? SurfaceStop(*distance)
+                                     : SurfaceStop(std::get<ErrorBound>(request.stop)));
+    query.normals = true;
+    return extract(store_, query, sink, options, progress);
+}
+
+HttpAnswer MeshAnswers::within_triangles(MeshRequest request, std::uint64_t most,
+                                         Progress& progress) {
+    request.camera.reset();
+    ErrorChoice::Search search(choice_, std::min(most, budget_.most_triangles));
+    HttpAnswer answer;
+    std::uint64_t fewest = 0;
+    while (const std::optional<double> error = search.next()) {
+        request.stop = ErrorBound{*error};
+        MeshMessage mesh(std::min(most, budget_.most_triangles));
+        const auto start = std::chrono::steady_clock::now();
+        std::uint64_t triangles = 0;
+        try {
+            const ExtractReport report = extract_to(mesh, request, progress);
+            triangles = report.triangles;
+            answer = as_answer(mesh, request, report);
+        } catch (const TooManyTriangles& e) {
+            triangles = e.triangles;
+            fewest = e.triangles;
+        }
+        search.tried(
+            triangles,
+            std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+    }
+    choice_.learn(search);
+    if (!search.best()) {
+        throw Error(ErrorKind::limit, {store_.path().string()},
+                    fmt::format("the coarsest mesh has {} triangles, more than {}", fewest, most));
+    }
+    return answer;
+}
+
+HttpAnswer MeshAnswers::within_stop(const MeshRequest& request, Progress& progress) {
+    const bool has_limit = request.limit && *request.limit <= budget_.most_triangles;
+    MeshMessage mesh(has_limit ? *request.limit : budget_.most_triangles);
+    try {
+        const ExtractReport report = extract_to(mesh, request, progress);
+        return as_answer(mesh, request, report);
+    } catch (const TooManyTriangles& e) {
+        if (request.limit && std::holds_alternative<ErrorBound>(request.stop)) {
+            return within_triangles(request, *request.limit, progress);
+        }
+        throw Error(ErrorKind::limit, {store_.path().string()},
+                    fmt::format("the mesh has {} triangles; this memory is enough for {}",
+                                e.triangles, budget_.most_triangles),
+                    {{RemedyKind::larger_error}, {RemedyKind::smaller_box}});
+    }
+}
+
+HttpAnswer MeshAnswers::message(const MeshRequest& request, Progress& progress) {
+    if (const auto* const most = std::get_if<AtMostTriangles>(&request.stop)) {
+        return within_triangles(request, most->most, progress);
+    }
+    return within_stop(request, progress);
+}
+
+HttpAnswer MeshAnswers::file(const MeshRequest& request, const std::string& ending,
+                             const std::filesystem::path& scratch, Progress& progress) {
+    if (std::holds_alternative<AtMostTriangles>(request.stop)) {
+        throw Error(ErrorKind::invalid_argument,
+                    "a file is made for an error, a camera or a distance, not for a number of "
+                    "triangles");
+    }
+    const std::string name = (request.is_slice() ? "slice." : "surface.") + ending;
+    const std::filesystem::path folder = new_folder(scratch);
+    SentFile file(folder, folder / name);
+    const std::unique_ptr<MeshSink> sink = open_mesh_file(file.path());
+    extract_to(*sink, request, progress);
+    return {200, "application/octet-stream", std::move(file), name};
+}
+
+}  // namespace isonest::detail::view

@@ -1,0 +1,29 @@
+// Whether the file of an open store is still the one that was opened.
+#pragma once
+
+#include <sys/stat.h>
+
+#include <cstdint>
+#include <filesystem>
+
+namespace isonest::detail::view {
+
+enum class StoreState : std::uint8_t { same, replaced, cut_off };
+
+/// Thread-safe.
+class StoreWatch {
+  public:
+    /// Throws Error{not_found} if there is no such file.
+    explicit StoreWatch(const std::filesystem::path& path);
+    /// A file of that name that is another one, was written to, or is gone, is replaced.
+    [[nodiscard]] StoreState state() const;
+
+  private:
+    std::filesystem::path path_;
+    struct stat opened_ {};
+};
+
+/// "ok", "replaced" or "cut off".
+const char* name_of(StoreState state);
+
+}  // namespace isonest::detail::view

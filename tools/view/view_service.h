@@ -1,0 +1,73 @@
+// What the viewer's server answers (PROTOCOL.md): a store, seen.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include <isonest/store.h>
+
+#include "tools/view/access.h"
+#include "tools/view/mesh_answers.h"
+#include "tools/view/request_target.h"
+#include "tools/view/store_watch.h"
+#include "tools/view/streams.h"
+#include "tools/view/work_lane.h"
+
+namespace isonest::detail::view {
+
+/// How the memory is divided. Sixteenths: extraction of surfaces 4, their message 4, slices 2 and
+/// 1, files 2, values and histogram 1, answers that are being sent 2.
+struct MemoryShares {
+    explicit MemoryShares(std::uint64_t memory_);
+    std::uint64_t memory;
+    std::uint64_t surface, surface_message, slice, slice_message, file, small, sending;
+};
+
+class ViewService : public HttpHandler {
+  public:
+    /// `connections`: how many there are, for the status; called from the server's thread.
+    ViewService(const Store& store, const MemoryShares& shares, int threads, Access access,
+                std::function<std::size_t()> connections);
+    std::shared_ptr<Waiting> handle(const HttpRequest& request, Reply reply) override;
+
+  private:
+    using Work = std::function<HttpAnswer(Progress&)>;
+    std::shared_ptr<Waiting> answer(const HttpRequest& request, RequestTarget target,
+                                    const Reply& reply);
+    std::shared_ptr<Waiting> start(WorkLane& lane, const std::string& stream, Work work,
+                                   const Reply& reply);
+    std::shared_ptr<Waiting> start_mesh(RequestTarget& target, const std::string& stream,
+                                        const Reply& reply);
+    std::shared_ptr<Waiting> start_file(RequestTarget& target, const std::string& stream,
+                                        const Reply& reply);
+    std::shared_ptr<Waiting> start_value(RequestTarget& target, const std::string& stream,
+                                         const Reply& reply);
+    [[nodiscard]] HttpAnswer describe() const;
+    [[nodiscard]] HttpAnswer status() const;
+    [[nodiscard]] HttpAnswer command(RequestTarget& target) const;
+    [[nodiscard]] bool are_labels() const;
+    MeshRequest take_mesh(RequestTarget& target, const std::string& path) const;
+
+    const Store& store_;
+    MemoryShares shares_;
+    int threads_;
+    Access access_;
+    std::function<std::size_t()> connections_;
+    StoreWatch watch_;
+    Streams streams_;
+    MeshAnswers surfaces_;
+    MeshAnswers slices_;
+    MeshAnswers files_;
+    std::atomic<std::uint64_t> served_ = 0;
+    std::atomic<std::uint64_t> cancelled_ = 0;
+    // Their threads end first.
+    WorkLane surface_lane_;
+    WorkLane slice_lane_;
+    WorkLane file_lane_;
+    WorkLane small_lane_;
+};
+
+}  // namespace isonest::detail::view
