@@ -1,10 +1,9 @@
 // The camera's moves by keys and buttons.
 import { Spherical, Vector3 } from "three";
-import { lengthOf } from "./geometry";
+import { centreOf, lengthOf } from "./geometry";
 import type { StoreInfo, Vector } from "./protocol";
 import type { Stage } from "./stage";
 import { eyeFor, homeEye, type ViewStore } from "./state";
-import { centreOf } from "./geometry";
 
 /** From the volume toward the eye. */
 export const kDirections: Readonly<Record<string, Vector>> = {
@@ -20,11 +19,11 @@ export class CameraMoves {
   ) {}
 
   home(): void {
-    this.views.set({ eye: homeEye(this.store), lookAt: centreOf(this.store.box) });
+    this.views.set({ eye: homeEye(this.store, this.stage.aspect), lookAt: centreOf(this.store.box) });
   }
   from(direction: string): void {
     const toward = kDirections[direction];
-    if (toward) this.views.set({ eye: eyeFor(this.store.box, toward), lookAt: centreOf(this.store.box) });
+    if (toward) this.views.set({ eye: eyeFor(this.store.box, toward, this.stage.aspect), lookAt: centreOf(this.store.box) });
   }
 
   /** Degrees: to the right around z, and upward. */

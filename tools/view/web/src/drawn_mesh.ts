@@ -1,8 +1,12 @@
 // One mesh on the graphics card: as it is drawn, and as it is picked. The page keeps no copy of what was uploaded.
-import { BufferAttribute, BufferGeometry, Mesh as Object3, type RawShaderMaterial, type Scene } from "three";
+import { BufferAttribute, BufferGeometry, Mesh as Object3, type RawShaderMaterial, type Scene, Sphere, Vector3 } from "three";
 import type { Mesh } from "./decode";
 import type { MeshHeader } from "./protocol";
 import { pickMaterial } from "./shaders";
+
+const kMiddle = 65535 / 2;
+/** Holds every quantised position. */
+const kAll = new Sphere(new Vector3(kMiddle, kMiddle, kMiddle), Math.sqrt(3) * kMiddle);
 
 export class DrawnMesh {
   header: MeshHeader | null = null;
@@ -51,6 +55,7 @@ export class DrawnMesh {
     geometry.setAttribute("position", hold(mesh.positions, 4, false));
     if (mesh.normals.length > 0) geometry.setAttribute("normal", hold(mesh.normals, 4, true));
     geometry.setIndex(hold(mesh.indices, 1, false));
+    geometry.boundingSphere = kAll; // of the vertices it could not be computed any more
     for (const object of [this.object, this.picked]) {
       object.geometry = geometry;
       object.matrix.makeScale(...header.step).setPosition(...header.origin);

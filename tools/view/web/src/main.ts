@@ -50,9 +50,9 @@ function within<T>(promise: Promise<T>, time: number): Promise<T | null> {
 function run(store: StoreInfo, histogram: Promise<HistogramInfo>, info: HistogramInfo | null): void {
   const middle = ((store.min_value ?? 0) + (store.max_value ?? 1)) / 2;
   const isovalue = store.labels ? (store.max_value ?? 1) : (info?.suggested[0]?.isovalue ?? middle);
-  const initial = defaults(store, isovalue);
-  const views = new ViewStore(fromFragment(location.hash, initial));
   const canvas = byId("canvas") as HTMLCanvasElement;
+  const initial = defaults(store, isovalue, canvas.clientWidth / Math.max(canvas.clientHeight, 1));
+  const views = new ViewStore(fromFragment(location.hash, initial));
   let stage: Stage;
   try {
     stage = new Stage(canvas, store);
@@ -72,7 +72,7 @@ function run(store: StoreInfo, histogram: Promise<HistogramInfo>, info: Histogra
   for (const name of kSliceNames) slices.set(name, new Slice(name, api, views, store, stage, changed, failed));
   const moves = new CameraMoves(views, store, stage);
   const histogramPanel = new HistogramPanel(views, store);
-  const surfacePanel = new SurfacePanel(views, store, histogramPanel, surface);
+  const surfacePanel = new SurfacePanel(views, store, surface);
   const slicePanel = new SlicePanel(views, store, slices);
   const clipping = new ClippingPanel(views, store, stage);
   const exporting = new ExportPanel(views, store, api, stage, surface, slices, failed);
@@ -82,9 +82,10 @@ function run(store: StoreInfo, histogram: Promise<HistogramInfo>, info: Histogra
   );
   const flat = store.dimension === 2;
   byId("panel").append(
-    ...(flat ? [] : [surfacePanel.element]), slicePanel.element, ...(flat ? [] : [clipping.element]),
+    ...(flat ? [] : [surfacePanel.choices]), slicePanel.element, ...(flat ? [] : [clipping.element]),
     probe.element, exporting.element, viewPanel(views, store, moves), memory.element,
   );
+  if (!flat) byId("dock").append(surfacePanel.state, histogramPanel.element);
   const announcer = new Announcer(byId("live"));
   const describe = (): string => {
     const bound = surfacePanel.sentence();
@@ -112,10 +113,10 @@ function run(store: StoreInfo, histogram: Promise<HistogramInfo>, info: Histogra
     for (const slice of slices.values()) slice.refiner.again();
   };
   banner.retry = again;
-  new ResizeObserver(() => {
+  stage.onResize(() => {
     surface.resized();
     for (const slice of slices.values()) slice.refiner.look();
-  }).observe(canvas);
+  });
   canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
   canvas.addEventListener("webglcontextrestored", again);
   for (const event of ["focus", "blur"]) canvas.addEventListener(event, () => stage.invalidate());

@@ -27,6 +27,7 @@ export class Stage {
   private readonly orthographic = new OrthographicCamera();
   private readonly target = new WebGLRenderTarget(1, 1, { minFilter: NearestFilter, magFilter: NearestFilter });
   private readonly meshes: DrawnMesh[] = [];
+  private readonly afterResize: (() => void)[] = [];
   private readonly afterFrame: (() => void)[] = [];
   private asked = 0;
   private readonly box: Box;
@@ -39,10 +40,12 @@ export class Stage {
   ) {
     this.box = store.box;
     this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
+    this.renderer.debug.checkShaderErrors = false; // it would wait for the graphics card
     this.renderer.outputColorSpace = LinearSRGBColorSpace; // colours are what the shaders say
     // z is up, but for data in a plane across z.
     const lies = store.dimension === 2 && store.nodes[2] === 1;
     for (const camera of [this.perspective, this.orthographic]) camera.up.set(0, lies ? 1 : 0, lies ? 0 : 1);
+    this.resize();
     new ResizeObserver(() => this.resize()).observe(canvas);
   }
 
@@ -59,6 +62,11 @@ export class Stage {
   setBackground(color: readonly [number, number, number]): void {
     this.renderer.setClearColor(new Color().setRGB(...color, LinearSRGBColorSpace), 1);
     this.invalidate();
+  }
+
+  /** Called when the canvas has another size. */
+  onResize(action: () => void): void {
+    this.afterResize.push(action);
   }
 
   setView(state: ViewState): void {
@@ -87,6 +95,11 @@ export class Stage {
 
   get camera(): PerspectiveCamera | OrthographicCamera {
     return this.state.projection === "perspective" ? this.perspective : this.orthographic;
+  }
+
+  /** Width of the picture, in heights. */
+  get aspect(): number {
+    return this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1);
   }
 
   /** World units of a pixel of the page, where the camera looks at. */
@@ -147,14 +160,16 @@ export class Stage {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (width === 0 || height === 0) return;
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, kMostPixelRatio));
+    const before = this.renderer.domElement.height;
     this.renderer.setSize(width, height, false);
     this.invalidate();
+    if (this.renderer.domElement.height !== before) for (const action of this.afterResize) action();
   }
 
   /** The cameras as the state says; near and far as close around the volume as can be. */
   private aim(): void {
     const { eye, lookAt } = this.state;
-    const aspect = this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1);
+    const { aspect } = this;
     const distance = lengthOf(eye, lookAt);
     const half = distance * Math.tan((kFieldOfView / 2) * (Math.PI / 180));
     const radius = radiusOf(this.box) * 1.01;

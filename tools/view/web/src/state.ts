@@ -78,16 +78,17 @@ function same(a: unknown, b: unknown): boolean {
   return a === b || JSON.stringify(a) === JSON.stringify(b);
 }
 
-/** From where the whole box is seen, looking against `toward`. */
-export function eyeFor(box: Box, toward: Vector): Vector {
+/** From where the whole box is seen, looking against `toward`; the picture is `aspect` times as wide as high. */
+export function eyeFor(box: Box, toward: Vector, aspect: number): Vector {
   const length = Math.hypot(...toward);
-  const distance = radiusOf(box) / Math.sin((kFieldOfView / 2) * (Math.PI / 180));
+  const half = Math.atan(Math.tan((kFieldOfView / 2) * (Math.PI / 180)) * Math.min(aspect, 1));
+  const distance = radiusOf(box) / Math.sin(half);
   const [x, y, z] = centreOf(box);
   return [x + (toward[0] / length) * distance, y + (toward[1] / length) * distance, z + (toward[2] / length) * distance];
 }
 
 /** What a page that was never used shows. */
-export function defaults(store: StoreInfo, isovalue: number): ViewState {
+export function defaults(store: StoreInfo, isovalue: number, aspect: number): ViewState {
   const middle = centreOf(store.box);
   const flat = store.dimension === 2;
   const least = store.min_value ?? 0;
@@ -117,7 +118,7 @@ export function defaults(store: StoreInfo, isovalue: number): ViewState {
     tilt: 30,
     window: [least, largest > least ? largest : least + 1],
     map: "gray",
-    eye: eyeFor(store.box, flat ? (store.direction[flatAxis === -1 ? 2 : (flatAxis as 0 | 1 | 2)] ?? kHome) : kHome),
+    eye: eyeFor(store.box, flat ? (store.direction[flatAxis === -1 ? 2 : (flatAxis as 0 | 1 | 2)] ?? kHome) : kHome, aspect),
     lookAt: middle,
     projection: flat ? "orthographic" : "perspective",
     outline: !flat,
@@ -125,6 +126,6 @@ export function defaults(store: StoreInfo, isovalue: number): ViewState {
   };
 }
 
-export function homeEye(store: StoreInfo): Vector {
-  return eyeFor(store.box, kHome);
+export function homeEye(store: StoreInfo, aspect: number): Vector {
+  return eyeFor(store.box, kHome, aspect);
 }

@@ -1,13 +1,12 @@
 // Choices for the surface, and in plain words how good it is now.
 import { checkbox, h, numberField, section, select } from "./dom";
-import type { HistogramPanel } from "./histogram";
 import type { StoreInfo } from "./protocol";
 import type { Surface } from "./surface";
 import type { Target, ViewStore } from "./state";
 import { bytes, rounding, short, surfaceBound, whole } from "./words";
 
 const kTargets: readonly (readonly [Target, string])[] = [
-  ["screen", "to what the screen can show"],
+  ["screen", "to the screen's pixels"],
   ["full", "to full resolution"],
   ["error", "to an error in values"],
   ["distance", "to a distance"],
@@ -17,7 +16,9 @@ const kTargets: readonly (readonly [Target, string])[] = [
 const kOfLabels: readonly Target[] = ["full", "distance", "triangles"];
 
 export class SurfacePanel {
-  readonly element: HTMLElement;
+  /** How good the surface is now. */
+  readonly state: HTMLElement;
+  readonly choices: HTMLElement;
   private readonly bound = h("p", { class: "bound", id: "surface-bound" });
   private readonly count = h("p", { class: "count", id: "surface-count" });
   private readonly detail = h("p", { class: "note" });
@@ -26,12 +27,11 @@ export class SurfacePanel {
   constructor(
     private readonly views: ViewStore,
     store: StoreInfo,
-    histogram: HistogramPanel,
     private readonly surface: Surface,
   ) {
     const shown = checkbox("Show the surface", (on) => views.set({ surface: on }), { id: "surface-on" });
     const target = select(
-      "At rest, refine", kTargets.filter(([name]) => !store.labels || kOfLabels.includes(name)), (choice) => views.set({ target: choice }), { id: "target" },
+      "Refine", kTargets.filter(([name]) => !store.labels || kOfLabels.includes(name)), (choice) => views.set({ target: choice }), { id: "target" },
     );
     const pixels = numberField("Pixels", (value) => views.set({ pixels: value }), { id: "pixels", min: 0.25, max: 64 });
     const error = numberField("Error", (value) => views.set({ error: value }), { id: "error", min: 0 });
@@ -41,10 +41,10 @@ export class SurfacePanel {
     const most = numberField("Triangles at most", (value) => views.set({ most: Math.round(value) }), { id: "most", min: 100, max: store.most_triangles });
     const largest = checkbox("Only the largest piece", (on) => views.set({ largest: on }), { id: "largest" });
     const facets = checkbox("Show the triangles", (on) => views.set({ facets: on }), { id: "facets" });
-    this.element = section(
+    this.state = h("div", { class: "state", role: "group", "aria-label": "The surface now" }, this.bound, this.count, this.progress, this.detail);
+    this.choices = section(
       "surface", "Surface", true,
-      h("div", { class: "state" }, this.bound, this.count, this.progress, this.detail),
-      histogram.element, shown.row, target.row, pixels.row, error.row, distance.row, triangles.row, moving.row, most.row, largest.row, facets.row,
+      shown.row, target.row, pixels.row, error.row, distance.row, triangles.row, moving.row, most.row, largest.row, facets.row,
     );
     views.subscribe((state) => {
       shown.set(state.surface);
