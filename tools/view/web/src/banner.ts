@@ -23,7 +23,7 @@ export class Banner {
     const status = error instanceof ServerError ? error.status : -1;
     const remedies = error instanceof ServerError ? error.remedies : [];
     if (status === 0) {
-      this.tell("server", "The server does not answer. Is isonest view still running? Start it again, then try again.", [], true);
+      this.tell("server", "The server does not answer. Is isonest view still running? When it is started again at the same address, this page goes on.", [], true);
     } else if (status === kGone) {
       this.tell("store", error.message, remedies, false);
     } else if (status === kForbidden) {
@@ -39,9 +39,11 @@ export class Banner {
     this.tell("store", `The store ${what}. End isonest view and start it again, then reload this page.`, [], false);
   }
 
-  /** It was a passing trouble of that kind. */
-  clear(kind: Banner["kind"]): void {
-    if (this.kind === kind) this.hide();
+  /** The server answers: if it did not before, what is to be shown is asked for once more. */
+  serverThere(): void {
+    if (this.kind !== "server") return;
+    this.hide();
+    this.retry();
   }
 
   private hide(): void {

@@ -93,10 +93,9 @@ export function bindKeyboard(targets: KeyTargets): void {
   ];
   const more = mouse.map(([shown, does]) => h("tr", {}, h("th", { scope: "row" }, shown), h("td", {}, does)));
   dialog.append(
-    h("h2", { id: "help-title" }, "Keys, mouse and touch"),
+    h("div", { class: "dialog-head" }, h("h2", { id: "help-title" }, "Keys, mouse and touch"), button("Close", () => dialog.close(), { autofocus: true })),
     h("table", {}, h("tbody", {}, ...rows, ...more)),
     h("p", { class: "note" }, "Everything else is in the panel, in the order of the Tab key."),
-    h("div", { class: "buttons" }, button("Close", () => dialog.close(), { autofocus: true })),
   );
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || dialog.open) return;

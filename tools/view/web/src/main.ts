@@ -78,7 +78,7 @@ function run(store: StoreInfo, histogram: Promise<HistogramInfo>, info: Histogra
   const exporting = new ExportPanel(views, store, api, stage, surface, slices, failed);
   const memory = new MemoryPanel(
     api, store, [surface.drawn, ...[...slices.values()].map((slice) => slice.drawn)], failed,
-    (how) => banner.storeLost(how), () => banner.clear("server"),
+    (how) => banner.storeLost(how), () => banner.serverThere(),
   );
   const flat = store.dimension === 2;
   byId("panel").append(
