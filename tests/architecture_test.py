@@ -111,7 +111,7 @@ PLANTED = {
 with tempfile.TemporaryDirectory() as temporary:
     copy = pathlib.Path(temporary)
     for folder in MAY_INCLUDE:
-        shutil.copytree(ROOT / folder, copy / folder)
+        shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("node_modules"))
     for name, text in PLANTED.items():
         (copy / name).write_text(text + "\n")
     found = "\n".join(find_faults(copy)[0])

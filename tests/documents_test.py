@@ -25,7 +25,7 @@ def anchors(path):
 
 
 documents = [p for p in sorted(ROOT.rglob("*.md"))
-             if not any(part.startswith((".", "build", "quickstart-out")) for part in p.relative_to(ROOT).parts)]
+             if not any(part.startswith((".", "build", "quickstart-out", "node_modules")) for part in p.relative_to(ROOT).parts)]
 for document in documents:
     name = document.relative_to(ROOT).as_posix()
     text = document.read_text(encoding="utf-8")

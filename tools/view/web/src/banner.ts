@@ -1,0 +1,69 @@
+// What went wrong, and the way out; one message at a time.
+import { ServerError } from "./api";
+import { button, h } from "./dom";
+
+const kForbidden = 403;
+const kGone = 410;
+
+export class Banner {
+  /** What is shown: "server" for a server that does not answer, "store", "request", or nothing. */
+  kind: "server" | "store" | "request" | null = null;
+  private message = "";
+  /** Asks once more for what is to be shown; the page's parts set it. */
+  retry: () => void;
+
+  constructor(
+    private readonly element: HTMLElement,
+    again: () => void,
+  ) {
+    this.retry = again;
+  }
+
+  show(error: Error): void {
+    const status = error instanceof ServerError ? error.status : -1;
+    const remedies = error instanceof ServerError ? error.remedies : [];
+    if (status === 0) {
+      this.tell("server", "The server does not answer. Is isonest view still running? When it is started again at the same address, this page goes on.", [], true);
+    } else if (status === kGone) {
+      this.tell("store", error.message, remedies, false);
+    } else if (status === kForbidden) {
+      this.tell("request", `${error.message}. Open the whole address that isonest view has printed.`, remedies, false);
+    } else {
+      this.tell("request", error.message, remedies, true);
+    }
+  }
+
+  /** The server's status says so. */
+  storeLost(how: string): void {
+    const what = how === "replaced" ? "was replaced by another file" : how === "cut off" ? "was cut off: the file is shorter than it was" : `is ${how}`;
+    this.tell("store", `The store ${what}. End isonest view and start it again, then reload this page.`, [], false);
+  }
+
+  /** The server answers: if it did not before, what is to be shown is asked for once more. */
+  serverThere(): void {
+    if (this.kind !== "server") return;
+    this.hide();
+    this.retry();
+  }
+
+  private hide(): void {
+    this.kind = null;
+    this.message = "";
+    this.element.hidden = true;
+    this.element.replaceChildren();
+  }
+
+  private tell(kind: NonNullable<Banner["kind"]>, message: string, remedies: readonly string[], retry: boolean): void {
+    if (this.kind === "store" && kind !== "store") return; // nothing else matters then
+    if (this.message === message) return;
+    this.kind = kind;
+    this.message = message;
+    const actions = h("div", { class: "buttons" });
+    if (retry) actions.append(button("Try again", () => (this.hide(), this.retry()), { id: "try-again" }));
+    else actions.append(button("Reload the page", () => location.reload(), { id: "reload" }));
+    if (kind === "request") actions.append(button("Close", () => this.hide()));
+    const text = message[0]!.toUpperCase() + message.slice(1);
+    this.element.replaceChildren(h("p", {}, text), ...remedies.map((remedy) => h("p", { class: "remedy" }, remedy)), actions);
+    this.element.hidden = false;
+  }
+}

@@ -1,0 +1,80 @@
+// One mesh on the graphics card: as it is drawn, and as it is picked. The page keeps no copy of what was uploaded.
+import { BufferAttribute, BufferGeometry, Mesh as Object3, type RawShaderMaterial, type Scene, Sphere, Vector3 } from "three";
+import type { Mesh } from "./decode";
+import type { MeshHeader } from "./protocol";
+import { pickMaterial } from "./shaders";
+
+const kMiddle = 65535 / 2;
+/** Holds every quantised position. */
+const kAll = new Sphere(new Vector3(kMiddle, kMiddle, kMiddle), Math.sqrt(3) * kMiddle);
+
+export class DrawnMesh {
+  header: MeshHeader | null = null;
+  readonly object: Object3;
+  readonly picked: Object3;
+  private inPage = 0;
+  private onCard = 0;
+
+  /** `id`, 1 to 255, is what picking answers. */
+  constructor(
+    readonly id: number,
+    readonly material: RawShaderMaterial,
+  ) {
+    this.object = new Object3(new BufferGeometry(), material);
+    this.picked = new Object3(this.object.geometry, pickMaterial(id));
+    for (const object of [this.object, this.picked]) {
+      object.frustumCulled = false;
+      object.matrixAutoUpdate = false;
+      object.visible = false;
+    }
+  }
+
+  addTo(scene: Scene, pickScene: Scene): void {
+    scene.add(this.object);
+    pickScene.add(this.picked);
+  }
+
+  /** Takes the place of what was there. */
+  show(mesh: Mesh): void {
+    this.clear();
+    const { header } = mesh;
+    this.header = header;
+    if (header.triangles === 0) return;
+    const geometry = new BufferGeometry();
+    const hold = (array: Uint16Array | Int8Array | Uint32Array, size: number, normalized: boolean): BufferAttribute => {
+      const attribute = new BufferAttribute(array, size, normalized);
+      const { byteLength } = array;
+      this.inPage += byteLength;
+      this.onCard += byteLength;
+      attribute.onUpload(() => {
+        (attribute as { array: unknown }).array = null; // never read again; the count stays
+        if (this.object.geometry === geometry) this.inPage -= byteLength;
+      });
+      return attribute;
+    };
+    geometry.setAttribute("position", hold(mesh.positions, 4, false));
+    if (mesh.normals.length > 0) geometry.setAttribute("normal", hold(mesh.normals, 4, true));
+    geometry.setIndex(hold(mesh.indices, 1, false));
+    geometry.boundingSphere = kAll; // of the vertices it could not be computed any more
+    for (const object of [this.object, this.picked]) {
+      object.geometry = geometry;
+      object.matrix.makeScale(...header.step).setPosition(...header.origin);
+      object.visible = true;
+    }
+  }
+
+  clear(): void {
+    this.object.geometry.dispose();
+    this.object.visible = this.picked.visible = false;
+    this.header = null;
+    this.inPage = this.onCard = 0;
+  }
+
+  get triangles(): number {
+    return this.header?.triangles ?? 0;
+  }
+  /** Bytes of arrays that the page still holds, and of buffers on the graphics card. */
+  get bytes(): { readonly page: number; readonly card: number } {
+    return { page: this.inPage, card: this.onCard };
+  }
+}

@@ -1,0 +1,99 @@
+// The view in the URL's fragment, both ways. What is as at the start is left out.
+import type { Box, Vector } from "./protocol";
+import { kSliceNames, type ViewState, type ViewStore } from "./state";
+
+const kTargets = ["screen", "full", "error", "distance", "triangles"] as const;
+const kNumbers = ["iso", "pixels", "error", "distance", "triangles", "moving", "most", "turn", "tilt"] as const;
+const kFlags = ["surface", "largest", "facets", "outline"] as const;
+const kThemes = ["auto", "light", "dark"] as const;
+const kProjections = ["perspective", "orthographic"] as const;
+const kRest = 300; // milliseconds without a change, until the URL follows
+
+export function toFragment(state: ViewState, start: ViewState): string {
+  const parts: string[] = [];
+  const add = (name: string, value: string, standard: string): void => {
+    if (value !== standard) parts.push(`${name}=${encodeURIComponent(value).replaceAll("%2C", ",")}`);
+  };
+  for (const key of kNumbers) add(key, String(state[key]), key === "iso" ? "" : String(start[key]));
+  for (const key of kFlags) add(key, state[key] ? "1" : "0", start[key] ? "1" : "0");
+  for (const key of ["target", "map", "theme", "projection"] as const) add(key, state[key], start[key]);
+  add("box", state.box?.join(",") ?? "", "");
+  for (const name of kSliceNames) {
+    const text = ({ on, at }: { on: boolean; at: number }): string => `${on ? 1 : 0},${at}`;
+    add(`slice-${name}`, text(state.slices[name]), text(start.slices[name]));
+  }
+  add("window", state.window.join(","), start.window.join(","));
+  add("camera", [...state.eye, ...state.lookAt].map(short).join(","), [...start.eye, ...start.lookAt].map(short).join(","));
+  return parts.join("&");
+}
+
+/** What makes no sense is as at the start. */
+export function fromFragment(fragment: string, start: ViewState): ViewState {
+  const query = new URLSearchParams(fragment.replace(/^#/, ""));
+  const state: { -readonly [K in keyof ViewState]: ViewState[K] } = { ...start };
+  const numbers = (name: string, count: number): number[] | null => {
+    const list = query.get(name)?.split(",").map((part) => (part.trim() === "" ? NaN : Number(part)));
+    return list?.length === count && list.every(Number.isFinite) ? list : null;
+  };
+  const choice = <T extends string>(name: string, choices: readonly T[], standard: T): T =>
+    choices.find((one) => one === query.get(name)) ?? standard;
+  for (const key of kNumbers) state[key] = numbers(key, 1)?.[0] ?? start[key];
+  for (const key of ["pixels", "triangles", "moving", "most"] as const) if (!(state[key] > 0)) state[key] = start[key];
+  for (const key of ["error", "distance"] as const) if (!(state[key] >= 0)) state[key] = start[key];
+  for (const key of kFlags) if (query.has(key)) state[key] = query.get(key) === "1";
+  state.target = choice("target", kTargets, start.target);
+  state.theme = choice("theme", kThemes, start.theme);
+  state.projection = choice("projection", kProjections, start.projection);
+  state.map = query.get("map") ?? start.map;
+  const box = numbers("box", 6) as unknown as Box | null;
+  state.box = box && box[0] < box[3] && box[1] < box[4] && box[2] < box[5] ? box : null;
+  const slices = { ...start.slices };
+  for (const name of kSliceNames) {
+    const slice = numbers(`slice-${name}`, 2);
+    if (slice) slices[name] = { on: slice[0] === 1, at: slice[1] ?? 0 };
+  }
+  state.slices = slices;
+  const window = numbers("window", 2) as [number, number] | null;
+  if (window && window[0] < window[1]) state.window = window;
+  const camera = numbers("camera", 6);
+  const eye = camera?.slice(0, 3) as unknown as Vector | undefined;
+  const lookAt = camera?.slice(3) as unknown as Vector | undefined;
+  if (eye && lookAt && Math.hypot(eye[0] - lookAt[0], eye[1] - lookAt[1], eye[2] - lookAt[2]) > 0) {
+    state.eye = eye;
+    state.lookAt = lookAt;
+  }
+  return state;
+}
+
+/** Seven digits place a camera well. */
+function short(value: number): string {
+  return String(Number(value.toPrecision(7)));
+}
+
+/** The URL follows the view: each choice is a step for "back", what only moved the camera is none. And the other way round. */
+export function bindFragment(store: ViewStore, start: ViewState): void {
+  let timer = 0;
+  let step = false;
+  let reading = false;
+  let first = true;
+  const write = (): void => {
+    const url = `${location.pathname}${location.search}#${toFragment(store.state, start)}`;
+    if (url === location.pathname + location.search + location.hash) return;
+    if (step && !first) history.pushState(null, "", url);
+    else history.replaceState(null, "", url);
+    first = false;
+    step = false;
+  };
+  store.subscribe((_state, changed) => {
+    if (reading) return;
+    step ||= [...changed].some((key) => key !== "eye" && key !== "lookAt");
+    clearTimeout(timer);
+    timer = setTimeout(write, kRest);
+  });
+  addEventListener("popstate", () => {
+    clearTimeout(timer);
+    reading = true;
+    store.set(fromFragment(location.hash, start));
+    reading = false;
+  });
+}

@@ -1,0 +1,146 @@
+// The page: asks what the store holds, makes the parts, and lets them know of each other.
+import { Announcer } from "./announcer";
+import { Api } from "./api";
+import { Banner } from "./banner";
+import { CameraMoves } from "./camera_moves";
+import { ClippingPanel } from "./clipping";
+import { button, byId, h } from "./dom";
+import { ExportPanel } from "./export_panel";
+import { bindFragment, fromFragment } from "./fragment";
+import { HistogramPanel } from "./histogram";
+import { inspection } from "./inspection";
+import { bindKeyboard } from "./keyboard";
+import { MemoryPanel } from "./memory_panel";
+import { MeshDecoder } from "./mesh_decoder";
+import { Overlay, readoutLine } from "./overlay";
+import { Pointer } from "./pointer";
+import { Probe } from "./probe";
+import type { HistogramInfo, StoreInfo } from "./protocol";
+import { bindSheet } from "./sheet";
+import { Slice } from "./slices";
+import { SlicePanel } from "./slice_panel";
+import { Stage } from "./stage";
+import { defaults, kSliceNames, type SliceName, ViewStore } from "./state";
+import { Surface } from "./surface";
+import { SurfacePanel } from "./surface_panel";
+import { bindTheme } from "./theme";
+import { viewPanel } from "./view_panel";
+import { whole } from "./words";
+
+const api = new Api(new MeshDecoder());
+const banner = new Banner(byId("banner"), () => location.reload());
+
+async function start(): Promise<void> {
+  const store = await api.store();
+  byId("store").textContent = store.name;
+  document.title = `${store.name} – isonest`;
+  const histogram = api.histogram();
+  const wanted = new URLSearchParams(location.hash.slice(1)).has("iso");
+  // The first surface is the one that is suggested, unless finding it takes long, or the URL says another.
+  const info = wanted || store.dimension === 2 ? null : await within(histogram, 1500);
+  run(store, histogram, info);
+}
+
+/** Null when it takes longer, in milliseconds, or fails. */
+function within<T>(promise: Promise<T>, time: number): Promise<T | null> {
+  const late = new Promise<null>((resolve) => setTimeout(() => resolve(null), time));
+  return Promise.race([promise.catch(() => null), late]);
+}
+
+function run(store: StoreInfo, histogram: Promise<HistogramInfo>, info: HistogramInfo | null): void {
+  const middle = ((store.min_value ?? 0) + (store.max_value ?? 1)) / 2;
+  const isovalue = store.labels ? (store.max_value ?? 1) : (info?.suggested[0]?.isovalue ?? middle);
+  const canvas = byId("canvas") as HTMLCanvasElement;
+  const initial = defaults(store, isovalue, canvas.clientWidth / Math.max(canvas.clientHeight, 1));
+  const views = new ViewStore(fromFragment(location.hash, initial));
+  let stage: Stage;
+  try {
+    stage = new Stage(canvas, store);
+  } catch {
+    return noWebGl();
+  }
+  const failed = (error: Error): void => banner.show(error);
+  const readout = readoutLine();
+  byId("stage").append(readout);
+  const probe = new Probe(api, stage, readout, failed);
+  new Overlay(byId("stage"), stage, probe);
+  new Pointer(views, store, stage, probe);
+  let refresh = (): void => undefined; // until the panels are there
+  const changed = (): void => refresh();
+  const surface = new Surface(api, views, store, stage, changed, failed);
+  const slices = new Map<SliceName, Slice>();
+  for (const name of kSliceNames) slices.set(name, new Slice(name, api, views, store, stage, changed, failed));
+  const moves = new CameraMoves(views, store, stage);
+  const histogramPanel = new HistogramPanel(views, store);
+  const surfacePanel = new SurfacePanel(views, store, surface);
+  const slicePanel = new SlicePanel(views, store, slices);
+  const clipping = new ClippingPanel(views, store, stage);
+  const exporting = new ExportPanel(views, store, api, stage, surface, slices, failed);
+  const memory = new MemoryPanel(
+    api, store, [surface.drawn, ...[...slices.values()].map((slice) => slice.drawn)], failed,
+    (how) => banner.storeLost(how), () => banner.serverThere(),
+  );
+  const flat = store.dimension === 2;
+  byId("panel").append(
+    ...(flat ? [] : [surfacePanel.choices]), slicePanel.element, ...(flat ? [] : [clipping.element]),
+    probe.element, exporting.element, viewPanel(views, store, moves), memory.element,
+  );
+  if (!flat) byId("dock").append(surfacePanel.state, histogramPanel.element);
+  const announcer = new Announcer(byId("live"));
+  const describe = (): string => {
+    const bound = surfacePanel.sentence();
+    return bound === "" ? "" : `${bound}. ${whole(surface.drawn.triangles)} triangles.`;
+  };
+  refresh = () => {
+    surfacePanel.refresh();
+    slicePanel.refresh();
+    memory.refresh();
+    exporting.refresh();
+    bindSheet.summary(describe());
+    announcer.later(describe);
+  };
+  refresh();
+  const setTheme = bindTheme((background, lines) => {
+    stage.setBackground(background);
+    clipping.setColor(lines);
+  });
+  views.subscribe((state, keys) => {
+    if (keys.has("theme")) setTheme(state.theme);
+    refresh();
+  });
+  const again = (): void => {
+    surface.refiner.again();
+    for (const slice of slices.values()) slice.refiner.again();
+  };
+  banner.retry = again;
+  stage.onResize(() => {
+    surface.resized();
+    for (const slice of slices.values()) slice.refiner.look();
+  });
+  canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+  canvas.addEventListener("webglcontextrestored", again);
+  for (const event of ["focus", "blur"]) canvas.addEventListener(event, () => stage.invalidate());
+  const dialog = byId("help") as HTMLDialogElement;
+  bindKeyboard({ views, store, moves, histogram: histogramPanel, probe, dialog, savePicture: () => exporting.savePicture() });
+  byId("tools").append(
+    button("Theme", () => views.set({ theme: document.documentElement.dataset.theme === "dark" ? "light" : "dark" }), { id: "theme-switch", "aria-label": "Switch between light and dark" }),
+    button("Help", () => dialog.showModal(), { id: "help-button" }),
+  );
+  const loading = histogram.then(
+    (found) => histogramPanel.show(found),
+    (error: Error) => histogramPanel.fail(error.message),
+  );
+  bindFragment(views, initial);
+  window.isonest = inspection({ views, api, stage, surface, slices, panel: surfacePanel, memory, probe, banner, loading });
+}
+
+function noWebGl(): void {
+  byId("stage").replaceChildren(
+    h("div", { class: "empty", id: "no-webgl" }, h("h2", {}, "No picture: this browser has no WebGL 2"),
+      h("p", {}, "Turn on hardware acceleration in the browser's settings, or use another browser. The commands isonest extract, picture and slice work without one.")),
+  );
+  byId("panel").hidden = true;
+}
+
+bindSheet();
+start().catch((error: unknown) => banner.show(error as Error));

@@ -1,0 +1,34 @@
+// The page's side of the worker that decodes meshes.
+import type { Mesh } from "./decode";
+
+type Answer = { readonly id: number; readonly mesh?: Mesh; readonly error?: string };
+type Waiting = { readonly resolve: (mesh: Mesh) => void; readonly reject: (error: Error) => void };
+
+export class MeshDecoder {
+  private readonly worker = new Worker("worker.js");
+  private readonly waiting = new Map<number, Waiting>();
+  private next = 0;
+
+  constructor() {
+    this.worker.onmessage = (event: MessageEvent<Answer>) => {
+      const { id, mesh, error } = event.data;
+      const waiting = this.waiting.get(id);
+      this.waiting.delete(id);
+      if (mesh) waiting?.resolve(mesh);
+      else waiting?.reject(new Error(error ?? "the mesh could not be decoded"));
+    };
+    this.worker.onerror = () => {
+      for (const { reject } of this.waiting.values()) reject(new Error("the part of the page that decodes meshes failed: reload the page"));
+      this.waiting.clear();
+    };
+  }
+
+  /** Takes the buffer away from the caller. Rejects with Error if it holds no mesh. */
+  decode(buffer: ArrayBuffer): Promise<Mesh> {
+    const id = this.next++;
+    return new Promise((resolve, reject) => {
+      this.waiting.set(id, { resolve, reject });
+      this.worker.postMessage({ id, buffer }, [buffer]);
+    });
+  }
+}

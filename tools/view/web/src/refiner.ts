@@ -1,0 +1,161 @@
+// One mesh on the screen: coarse while something moves, then finer, step by step, while the user rests.
+import { type Api, type Parameters, ServerError } from "./api";
+import type { Mesh } from "./decode";
+import type { MeshHeader } from "./protocol";
+
+const kRest = 250; // milliseconds
+
+export interface Step {
+  readonly parameters: Parameters;
+  /** In words, after "refining": for example "to the screen's resolution". */
+  readonly aim: string;
+}
+
+export interface Plan {
+  readonly kind: "surface" | "slice";
+  readonly stream: string;
+  /** While it moves; null: there is nothing to show. */
+  coarse(): Parameters | null;
+  /** While the user rests, the coarsest first. */
+  steps(): readonly Step[];
+  /** Of what is shown: no step would make it better. */
+  enough(shown: MeshHeader): boolean;
+  show(mesh: Mesh, parameters: Parameters): void;
+  clear(): void;
+  /** What has changed in the three members below. */
+  changed(): void;
+  failed(error: Error): void;
+}
+
+export class Refiner {
+  /** What is under way: its aim, null if nothing is. */
+  aim: string | null = null;
+  /** Received of it, bytes. */
+  received = 0;
+  /** Step that is under way or comes next, and how many there are; 0 of 0 while it moves. */
+  step: readonly [number, number] = [0, 0];
+  /** Milliseconds between the last moves of something and the pictures that show them. */
+  readonly latencies: number[] = [];
+
+  private wanted: Parameters | null = null;
+  private steps: readonly Step[] = [];
+  private shown: MeshHeader | null = null;
+  /** What is shown came from a step. */
+  private refined = false;
+  private running: "coarse" | "step" | null = null;
+  private generation = 0;
+  private rest = 0;
+  private movedAt = 0;
+
+  constructor(
+    private readonly api: Api,
+    private readonly plan: Plan,
+  ) {}
+
+  get busy(): boolean {
+    return this.running !== null || this.rest !== 0 || this.wanted !== null;
+  }
+
+  /** Something else is to be shown. A coarse answer that is under way is still shown, a finer one is given up. */
+  move(): void {
+    this.stopSteps();
+    this.wanted = this.plan.coarse();
+    this.refined = false;
+    this.movedAt = performance.now();
+    if (this.wanted === null) {
+      this.stop();
+      return;
+    }
+    this.restLater();
+    this.pump();
+  }
+
+  /** The same is to be shown as finely as it is now wanted, for example by another camera. */
+  look(): void {
+    if (this.plan.coarse() === null || this.wanted !== null || this.shown === null) return;
+    this.stopSteps();
+    if (!this.plan.enough(this.shown)) this.restLater();
+    this.plan.changed();
+  }
+
+  /** Once more from the start, after an error. */
+  again(): void {
+    this.move();
+  }
+
+  private stop(): void {
+    ++this.generation;
+    this.api.cancel(this.plan.stream);
+    clearTimeout(this.rest);
+    this.rest = 0;
+    this.running = this.aim = this.shown = null;
+    this.plan.clear();
+    this.plan.changed();
+  }
+
+  private stopSteps(): void {
+    this.steps = [];
+    this.step = [0, 0];
+    if (this.running !== "step") return;
+    ++this.generation;
+    this.api.cancel(this.plan.stream);
+    this.running = this.aim = null;
+  }
+
+  private restLater(): void {
+    clearTimeout(this.rest);
+    this.rest = setTimeout(() => {
+      this.rest = 0;
+      // A finer mesh never gives way to a coarser one of the same surface.
+      this.steps = this.plan.steps().slice(this.refined ? -1 : 0);
+      this.step = [0, this.steps.length];
+      this.pump();
+    }, kRest);
+  }
+
+  private pump(): void {
+    if (this.running !== null) return;
+    if (this.wanted !== null) {
+      const parameters = this.wanted;
+      this.wanted = null;
+      void this.run("coarse", parameters, "a first mesh", this.movedAt);
+      return;
+    }
+    const [next] = this.steps;
+    if (next && !(this.shown && this.plan.enough(this.shown))) {
+      this.steps = this.steps.slice(1);
+      this.step = [this.step[0] + 1, this.step[1]];
+      void this.run("step", next.parameters, next.aim, 0);
+      return;
+    }
+    this.steps = [];
+    this.step = [0, 0];
+    this.plan.changed();
+  }
+
+  private async run(running: "coarse" | "step", parameters: Parameters, aim: string, movedAt: number): Promise<void> {
+    const generation = ++this.generation;
+    this.running = running;
+    this.aim = aim;
+    this.received = 0;
+    this.plan.changed();
+    const current = (): boolean => generation === this.generation;
+    try {
+      const mesh = await this.api.mesh(this.plan.kind, this.plan.stream, parameters, (bytes) => {
+        this.received = bytes;
+        if (current()) this.plan.changed();
+      });
+      if (!current()) return;
+      this.shown = mesh.header;
+      this.refined = running === "step";
+      this.plan.show(mesh, parameters);
+      if (movedAt > 0) this.latencies.push(performance.now() - movedAt);
+    } catch (error) {
+      if (!current()) return;
+      this.steps = [];
+      if (!(error instanceof ServerError && error.superseded)) this.plan.failed(error as Error);
+    }
+    this.running = this.aim = null;
+    this.pump();
+  }
+}

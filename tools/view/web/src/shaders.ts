@@ -1,0 +1,109 @@
+// How surfaces and slices are shaded. The surface is lit as `isonest picture` lights it.
+import { DataTexture, DoubleSide, GLSL3, LinearFilter, RawShaderMaterial, RGBAFormat, Vector3 } from "three";
+import maps from "isonest:color-maps";
+
+const kHead = `precision highp float;
+precision highp int;
+`;
+
+const kVertex = `${kHead}
+uniform mat4 modelViewMatrix, projectionMatrix, viewMatrix;
+in vec4 position; // in steps of the quantisation; w: a slice's value
+in vec4 normal;
+out vec3 toEye, turned;
+out float value;
+void main() {
+  vec4 place = modelViewMatrix * vec4(position.xyz, 1.0);
+  toEye = -place.xyz;
+  turned = mat3(viewMatrix) * normal.xyz;
+  value = position.w;
+  gl_Position = projectionMatrix * place;
+}`;
+
+const kSurface = `${kHead}
+uniform bool facets;
+uniform vec3 front, back;
+in vec3 toEye, turned;
+out vec4 color;
+void main() {
+  vec3 across = cross(dFdx(toEye), dFdy(toEye)); // toward the eye
+  vec3 n = facets || dot(turned, turned) < 1e-6 ? normalize(across) : normalize(gl_FrontFacing ? turned : -turned);
+  // Of a strong light from the upper left, a weak one from the right, and a little from everywhere.
+  float strong = max(dot(n, normalize(vec3(-0.45, 0.65, 0.9))), 0.0);
+  float weak = max(dot(n, normalize(vec3(0.8, -0.1, 0.5))), 0.0);
+  vec3 light = vec3(0.30, 0.30, 0.32) + 0.72 * strong + 0.2 * weak;
+  color = vec4(min((gl_FrontFacing ? front : back) * light, 1.0), 1.0);
+}`;
+
+const kSlice = `${kHead}
+uniform sampler2D map;
+uniform vec2 window; // of a quantised value: times x, plus y, is 0 at the first colour and 1 at the last
+in float value;
+out vec4 color;
+void main() {
+  float t = clamp(value * window.x + window.y, 0.0, 1.0);
+  color = vec4(texture(map, vec2((t * 255.0 + 0.5) / 256.0, 0.5)).rgb, 1.0);
+}`;
+
+/** How far away, from 0 at the near to 1 at the far plane, in 24 bits; and what it is. */
+const kPick = `${kHead}
+uniform vec2 reach;
+uniform float id;
+in vec3 toEye;
+out vec4 color;
+void main() {
+  float t = clamp((toEye.z - reach.x) / (reach.y - reach.x), 0.0, 1.0) * 16777215.0;
+  float high = floor(t / 65536.0);
+  float middle = floor((t - high * 65536.0) / 256.0);
+  color = vec4(high, middle, t - high * 65536.0 - middle * 256.0, id) / 255.0;
+}`;
+
+function material(fragmentShader: string, uniforms: RawShaderMaterial["uniforms"]): RawShaderMaterial {
+  return new RawShaderMaterial({ glslVersion: GLSL3, vertexShader: kVertex, fragmentShader, uniforms, side: DoubleSide });
+}
+
+export function surfaceMaterial(): RawShaderMaterial {
+  const front = [110 / 255, 156 / 255, 204 / 255] as const; // where the values are smaller
+  const warm = [0.85, 0.72, 0.6] as const;
+  const back = warm.map((part, i) => 0.75 * part + 0.25 * (front[i] ?? 0)) as [number, number, number];
+  return material(kSurface, {
+    facets: { value: false },
+    front: { value: new Vector3(...front) },
+    back: { value: new Vector3(...back) },
+  });
+}
+
+export function sliceMaterial(): RawShaderMaterial {
+  const made = material(kSlice, { map: { value: null }, window: { value: [0, 0] } });
+  // Where it lies in a surface, it is seen.
+  made.polygonOffset = true;
+  made.polygonOffsetFactor = -1;
+  made.polygonOffsetUnits = -1;
+  return made;
+}
+
+export function pickMaterial(id: number): RawShaderMaterial {
+  return material(kPick, { reach: { value: [0, 1] }, id: { value: id } });
+}
+
+export const kMapNames: readonly string[] = Object.keys(maps);
+
+/** Red, green, blue, 0 to 255 each; `t` from 0 to 1. */
+export function colorOf(map: string, t: number): [number, number, number] {
+  const digits = maps[map] ?? maps.gray ?? "";
+  const last = digits.length / 6 - 1;
+  const place = Math.min(Math.max(t, 0), 1) * last;
+  const i = Math.min(Math.floor(place), last - 1);
+  const channel = (index: number, c: number): number => parseInt(digits.substr(6 * index + 2 * c, 2), 16);
+  const mixed = (c: number): number => channel(i, c) + (place - i) * (channel(i + 1, c) - channel(i, c));
+  return [mixed(0), mixed(1), mixed(2)];
+}
+
+export function mapTexture(map: string): DataTexture {
+  const data = new Uint8Array(4 * 256);
+  for (let i = 0; i < 256; ++i) data.set([...colorOf(map, i / 255).map(Math.round), 255], 4 * i);
+  const texture = new DataTexture(data, 256, 1, RGBAFormat);
+  texture.magFilter = texture.minFilter = LinearFilter;
+  texture.needsUpdate = true;
+  return texture;
+}

@@ -1,0 +1,110 @@
+// The slices: three along the data's axes and an oblique one, with their colours.
+import type { Api, Parameters } from "./api";
+import { DrawnMesh } from "./drawn_mesh";
+import { planeOf } from "./geometry";
+import type { MeshHeader, StoreInfo } from "./protocol";
+import { Refiner, type Step } from "./refiner";
+import { mapTexture, sliceMaterial } from "./shaders";
+import type { Stage } from "./stage";
+import { kSliceNames, type SliceName, type ViewStore } from "./state";
+
+const kMovingTriangles = 30_000;
+const kPixels = 2; // colours are linear between vertices
+const kMostTriangles = 1_000_000;
+const kShades = 512; // a value is not refined that differs by less than this part of the window
+
+/** Of a DrawnMesh; 1 is the surface. */
+export function sliceOf(id: number): SliceName | null {
+  return kSliceNames[id - 2] ?? null;
+}
+
+export class Slice {
+  readonly drawn: DrawnMesh;
+  readonly refiner: Refiner;
+
+  constructor(
+    readonly name: SliceName,
+    api: Api,
+    private readonly views: ViewStore,
+    private readonly store: StoreInfo,
+    private readonly stage: Stage,
+    changed: () => void,
+    failed: (error: Error) => void,
+  ) {
+    this.drawn = new DrawnMesh(kSliceNames.indexOf(name) + 2, sliceMaterial());
+    stage.add(this.drawn);
+    this.refiner = new Refiner(api, {
+      kind: "slice",
+      stream: `slice-${name}`,
+      coarse: () => (views.state.slices[name].on ? { ...this.basis(), triangles: kMovingTriangles } : null),
+      steps: () => this.steps(),
+      enough: (shown) => this.enough(shown),
+      show: (mesh) => {
+        this.drawn.show(mesh);
+        this.paint();
+        stage.invalidate();
+      },
+      clear: () => {
+        this.drawn.clear();
+        stage.invalidate();
+      },
+      changed,
+      failed,
+    });
+    let plane = "";
+    let on = false;
+    views.subscribe((state, keys) => {
+      const now = planeOf(name, state, store).join(",");
+      const moved = state.slices[name].on !== on || (state.slices[name].on && (now !== plane || keys.has("box")));
+      plane = now;
+      on = state.slices[name].on;
+      if (moved) this.refiner.move();
+      else if (["eye", "lookAt", "projection", "window"].some((key) => keys.has(key as "eye"))) this.refiner.look();
+      if (keys.has("map") || keys.has("window")) this.paint();
+    });
+  }
+
+  /** What gives the mesh that is shown once more. */
+  asSeen(): Parameters | null {
+    const { header } = this.drawn;
+    return header && { ...this.basis(), error: header.error_bound ?? header.tolerance };
+  }
+
+  private basis(): Parameters {
+    const { state } = this.views;
+    return {
+      plane: planeOf(this.name, state, this.store).map((part) => Number(part.toPrecision(12))).join(","),
+      ...(state.box ? { box: state.box.join(",") } : {}),
+    };
+  }
+
+  private get error(): number {
+    const [low, high] = this.views.state.window;
+    return (high - low) / kShades;
+  }
+
+  private steps(): readonly Step[] {
+    const limit = Math.min(kMostTriangles, this.views.state.most);
+    const camera = [...this.stage.seen, kPixels].map((part) => Number(part.toPrecision(9))).join(",");
+    return [{ parameters: { ...this.basis(), camera, error: this.error, limit }, aim: "to what the screen can show" }];
+  }
+
+  private enough(shown: MeshHeader): boolean {
+    return shown.full_resolution || (shown.error_bound !== null && shown.error_bound <= this.error);
+  }
+
+  private paint(): void {
+    const { map, window } = this.views.state;
+    const { uniforms } = this.drawn.material;
+    const texture = uniforms.map;
+    if (texture && texture.value?.name !== map) {
+      texture.value?.dispose();
+      texture.value = mapTexture(map);
+      texture.value.name = map;
+    }
+    const { value_origin = 0, value_step = 0 } = this.drawn.header ?? {};
+    const width = window[1] - window[0];
+    if (uniforms.window) uniforms.window.value = [value_step / width, (value_origin - window[0]) / width];
+    this.stage.invalidate();
+  }
+}

@@ -1,0 +1,192 @@
+// The canvas: renderer, cameras, one frame whenever something has changed, and what lies under a point.
+import {
+  Color, LinearSRGBColorSpace, NearestFilter, OrthographicCamera, PerspectiveCamera, Scene, Vector3, WebGLRenderer, WebGLRenderTarget,
+} from "three";
+import type { DrawnMesh } from "./drawn_mesh";
+import { centreOf, dot, lengthOf, radiusOf } from "./geometry";
+import type { Box, StoreInfo, Vector } from "./protocol";
+import { kFieldOfView, type ViewState } from "./state";
+
+export interface Hit {
+  /** Of the DrawnMesh. */
+  readonly id: number;
+  readonly at: Vector;
+}
+
+/** What the protocol's `camera=` says of the picture. */
+export type Seen = readonly [x: number, y: number, z: number, fov: number, height: number];
+
+const kMostPixelRatio = 2;
+
+export class Stage {
+  readonly scene = new Scene();
+  readonly pickScene = new Scene();
+  readonly perspective = new PerspectiveCamera(kFieldOfView);
+  readonly renderer: WebGLRenderer;
+  frames = 0;
+  private readonly orthographic = new OrthographicCamera();
+  private readonly target = new WebGLRenderTarget(1, 1, { minFilter: NearestFilter, magFilter: NearestFilter });
+  private readonly meshes: DrawnMesh[] = [];
+  private readonly afterResize: (() => void)[] = [];
+  private readonly afterFrame: (() => void)[] = [];
+  private asked = 0;
+  private readonly box: Box;
+  private state!: ViewState;
+
+  /** Throws Error where there is no WebGL 2. */
+  constructor(
+    readonly canvas: HTMLCanvasElement,
+    store: StoreInfo,
+  ) {
+    this.box = store.box;
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
+    this.renderer.debug.checkShaderErrors = false; // it would wait for the graphics card
+    this.renderer.outputColorSpace = LinearSRGBColorSpace; // colours are what the shaders say
+    // z is up, but for data in a plane across z.
+    const lies = store.dimension === 2 && store.nodes[2] === 1;
+    for (const camera of [this.perspective, this.orthographic]) camera.up.set(0, lies ? 1 : 0, lies ? 0 : 1);
+    this.resize();
+    new ResizeObserver(() => this.resize()).observe(canvas);
+  }
+
+  add(mesh: DrawnMesh): void {
+    this.meshes.push(mesh);
+    mesh.addTo(this.scene, this.pickScene);
+  }
+  /** Called after each frame. */
+  onFrame(action: () => void): void {
+    this.afterFrame.push(action);
+  }
+
+  /** Three numbers, 0 to 1. */
+  setBackground(color: readonly [number, number, number]): void {
+    this.renderer.setClearColor(new Color().setRGB(...color, LinearSRGBColorSpace), 1);
+    this.invalidate();
+  }
+
+  /** Called when the canvas has another size. */
+  onResize(action: () => void): void {
+    this.afterResize.push(action);
+  }
+
+  setView(state: ViewState): void {
+    this.state = state;
+    this.invalidate();
+  }
+
+  /** The picture is drawn soon. */
+  invalidate(): void {
+    if (this.asked !== 0) return;
+    this.asked = requestAnimationFrame(() => {
+      this.asked = 0;
+      this.draw();
+    });
+  }
+  get pending(): boolean {
+    return this.asked !== 0;
+  }
+
+  draw(): void {
+    this.aim();
+    this.renderer.render(this.scene, this.camera);
+    ++this.frames;
+    for (const action of this.afterFrame) action();
+  }
+
+  get camera(): PerspectiveCamera | OrthographicCamera {
+    return this.state.projection === "perspective" ? this.perspective : this.orthographic;
+  }
+
+  /** Width of the picture, in heights. */
+  get aspect(): number {
+    return this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1);
+  }
+
+  /** World units of a pixel of the page, where the camera looks at. */
+  get unitsPerPixel(): number {
+    const { eye, lookAt } = this.state;
+    return (2 * lengthOf(eye, lookAt) * Math.tan((kFieldOfView / 2) * (Math.PI / 180))) / Math.max(this.canvas.clientHeight, 1);
+  }
+
+  /** Without perspective that of a camera very far away. */
+  get seen(): Seen {
+    const { eye, lookAt, projection } = this.state;
+    const height = this.renderer.domElement.height;
+    if (projection === "perspective") return [...eye, kFieldOfView, height];
+    const distance = lengthOf(eye, lookAt);
+    const away = (100 * radiusOf(this.box)) / distance;
+    const fov = 2 * Math.atan(Math.tan((kFieldOfView / 2) * (Math.PI / 180)) / away) * (180 / Math.PI);
+    const far = (i: 0 | 1 | 2): number => lookAt[i] + (eye[i] - lookAt[i]) * away;
+    return [far(0), far(1), far(2), fov, height];
+  }
+
+  /** Pixels of the page, from the canvas's upper left corner; null behind the eye. */
+  project(at: Vector): readonly [number, number] | null {
+    const p = new Vector3(...at).project(this.camera);
+    if (!(p.z > -1 && p.z < 1)) return null;
+    return [((p.x + 1) / 2) * this.canvas.clientWidth, ((1 - p.y) / 2) * this.canvas.clientHeight];
+  }
+
+  /** What is drawn there, if anything. Does not wait for the graphics card. */
+  async pick(x: number, y: number): Promise<Hit | null> {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    if (width === 0 || height === 0) return null;
+    this.aim();
+    const camera = this.camera.clone();
+    camera.setViewOffset(width, height, x - 0.5, y - 0.5, 1, 1);
+    camera.updateProjectionMatrix();
+    for (const mesh of this.meshes) {
+      mesh.picked.visible = mesh.object.visible;
+      const { reach } = (mesh.picked.material as typeof mesh.material).uniforms;
+      if (reach) reach.value = [camera.near, camera.far];
+    }
+    const color = this.renderer.getClearColor(new Color());
+    this.renderer.setRenderTarget(this.target);
+    this.renderer.setClearColor(0, 0);
+    this.renderer.render(this.pickScene, camera);
+    this.renderer.setRenderTarget(null);
+    this.renderer.setClearColor(color, 1);
+    const bytes = new Uint8Array(4);
+    await this.renderer.readRenderTargetPixelsAsync(this.target, 0, 0, 1, 1, bytes);
+    const [high = 0, middle = 0, low = 0, id = 0] = bytes;
+    if (id === 0) return null;
+    const depth = camera.near + ((high * 65536 + middle * 256 + low) / 16777215) * (camera.far - camera.near);
+    const clip = new Vector3(0, 0, -depth).applyMatrix4(camera.projectionMatrix);
+    const at = new Vector3(0, 0, clip.z).unproject(camera);
+    return { id, at: [at.x, at.y, at.z] };
+  }
+
+  private resize(): void {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    if (width === 0 || height === 0) return;
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, kMostPixelRatio));
+    const before = this.renderer.domElement.height;
+    this.renderer.setSize(width, height, false);
+    this.invalidate();
+    if (this.renderer.domElement.height !== before) for (const action of this.afterResize) action();
+  }
+
+  /** The cameras as the state says; near and far as close around the volume as can be. */
+  private aim(): void {
+    const { eye, lookAt } = this.state;
+    const { aspect } = this;
+    const distance = lengthOf(eye, lookAt);
+    const half = distance * Math.tan((kFieldOfView / 2) * (Math.PI / 180));
+    const radius = radiusOf(this.box) * 1.01;
+    const forward = [0, 1, 2].map((i) => ((lookAt[i] ?? 0) - (eye[i] ?? 0)) / distance);
+    const depth = dot(forward, centreOf(this.box).map((part, i) => part - (eye[i] ?? 0)));
+    for (const camera of [this.perspective, this.orthographic]) {
+      camera.position.set(...eye);
+      camera.lookAt(...lookAt);
+      camera.far = Math.max(depth + radius, radius * 1e-2);
+    }
+    this.perspective.near = Math.max(depth - radius, radius * 1e-3);
+    this.perspective.aspect = aspect;
+    this.orthographic.near = depth - radius;
+    Object.assign(this.orthographic, { left: -half * aspect, right: half * aspect, top: half, bottom: -half });
+    for (const camera of [this.perspective, this.orthographic]) {
+      camera.updateProjectionMatrix();
+      camera.updateMatrixWorld();
+    }
+  }
+}

@@ -1,0 +1,131 @@
+// The view: everything that is chosen, in one place. Who shows it subscribes; who changes it calls set().
+import type { Box, StoreInfo, Vector } from "./protocol";
+import { centreOf, radiusOf } from "./geometry";
+
+/** To what the surface is refined while nothing moves. */
+export type Target = "screen" | "full" | "error" | "distance" | "triangles";
+export type SliceName = "x" | "y" | "z" | "o";
+export const kSliceNames: readonly SliceName[] = ["x", "y", "z", "o"];
+
+export interface SliceState {
+  readonly on: boolean;
+  /** World units along the normal: from the world's origin, of the oblique one from the volume's middle. */
+  readonly at: number;
+}
+
+export interface ViewState {
+  readonly surface: boolean;
+  /** Of a volume of labels the label. */
+  readonly iso: number;
+  readonly target: Target;
+  readonly pixels: number;
+  readonly error: number;
+  readonly distance: number;
+  readonly triangles: number;
+  /** Triangles of a surface whose isovalue or box is being moved. */
+  readonly moving: number;
+  /** No mesh that is asked for has more triangles, but within a distance. */
+  readonly most: number;
+  readonly largest: boolean;
+  readonly facets: boolean;
+  /** Null: everything. */
+  readonly box: Box | null;
+  readonly slices: Readonly<Record<SliceName, SliceState>>;
+  /** Degrees: of the oblique slice's normal, around z and above the x-y plane. */
+  readonly turn: number;
+  readonly tilt: number;
+  /** Values of the first and the last colour. */
+  readonly window: readonly [number, number];
+  readonly map: string;
+  readonly eye: Vector;
+  readonly lookAt: Vector;
+  readonly projection: "perspective" | "orthographic";
+  readonly outline: boolean;
+  readonly theme: "auto" | "light" | "dark";
+}
+
+export type Key = keyof ViewState;
+export type Listener = (state: ViewState, changed: ReadonlySet<Key>) => void;
+
+/** Degrees, from the top of the picture to its bottom. */
+export const kFieldOfView = 30;
+const kHome: Vector = [1, -1.6, 0.9]; // as `isonest picture` looks
+
+export class ViewStore {
+  private listeners: Listener[] = [];
+  constructor(private current: ViewState) {}
+
+  get state(): ViewState {
+    return this.current;
+  }
+  /** Called after each change, and once now with everything. */
+  subscribe(listener: Listener): void {
+    this.listeners.push(listener);
+    listener(this.current, new Set(Object.keys(this.current) as Key[]));
+  }
+  set(patch: Partial<ViewState>): void {
+    const changed = (Object.keys(patch) as Key[]).filter((key) => !same(this.current[key], patch[key]));
+    if (changed.length === 0) return;
+    this.current = { ...this.current, ...patch };
+    for (const listener of this.listeners) listener(this.current, new Set(changed));
+  }
+  setSlice(name: SliceName, patch: Partial<SliceState>): void {
+    this.set({ slices: { ...this.current.slices, [name]: { ...this.current.slices[name], ...patch } } });
+  }
+}
+
+function same(a: unknown, b: unknown): boolean {
+  return a === b || JSON.stringify(a) === JSON.stringify(b);
+}
+
+/** From where the whole box is seen, looking against `toward`; the picture is `aspect` times as wide as high. */
+export function eyeFor(box: Box, toward: Vector, aspect: number): Vector {
+  const length = Math.hypot(...toward);
+  const half = Math.atan(Math.tan((kFieldOfView / 2) * (Math.PI / 180)) * Math.min(aspect, 1));
+  const distance = radiusOf(box) / Math.sin(half);
+  const [x, y, z] = centreOf(box);
+  return [x + (toward[0] / length) * distance, y + (toward[1] / length) * distance, z + (toward[2] / length) * distance];
+}
+
+/** What a page that was never used shows. */
+export function defaults(store: StoreInfo, isovalue: number, aspect: number): ViewState {
+  const middle = centreOf(store.box);
+  const flat = store.dimension === 2;
+  const least = store.min_value ?? 0;
+  const largest = store.max_value ?? 1;
+  const along = (axis: 0 | 1 | 2): number => store.direction[axis].reduce((sum, part, i) => sum + part * (middle[i] ?? 0), 0);
+  const flatAxis = store.nodes.indexOf(1);
+  return {
+    surface: !flat,
+    iso: isovalue,
+    target: store.labels ? "triangles" : "screen",
+    pixels: 1,
+    error: (largest - least) / 100,
+    distance: Math.hypot(...store.spacing) / 2,
+    triangles: 1_000_000,
+    moving: 100_000,
+    most: Math.min(3_000_000, store.most_triangles),
+    largest: false,
+    facets: false,
+    box: null,
+    slices: {
+      x: { on: flat && flatAxis === 0, at: along(0) },
+      y: { on: flat && flatAxis === 1, at: along(1) },
+      z: { on: flat && flatAxis !== 0 && flatAxis !== 1, at: along(2) },
+      o: { on: false, at: 0 },
+    },
+    turn: 45,
+    tilt: 30,
+    window: [least, largest > least ? largest : least + 1],
+    map: "gray",
+    eye: eyeFor(store.box, flat ? (store.direction[flatAxis === -1 ? 2 : (flatAxis as 0 | 1 | 2)] ?? kHome) : kHome, aspect),
+    lookAt: middle,
+    projection: flat ? "orthographic" : "perspective",
+    outline: !flat,
+    theme: "auto",
+  };
+}
+
+export function homeEye(store: StoreInfo, aspect: number): Vector {
+  return eyeFor(store.box, kHome, aspect);
+}

@@ -1,0 +1,124 @@
+// The surface: what to ask for it, and what is shown of it.
+import type { Api, Parameters } from "./api";
+import { DrawnMesh } from "./drawn_mesh";
+import type { MeshHeader, StoreInfo } from "./protocol";
+import { Refiner, type Step } from "./refiner";
+import { surfaceMaterial } from "./shaders";
+import type { Stage } from "./stage";
+import type { Key, ViewState, ViewStore } from "./state";
+
+/** A change of these shows another surface, and of those the same one otherwise. */
+const kMoves: readonly Key[] = ["surface", "iso", "box", "largest", "moving", "most"];
+const kLooks: readonly Key[] = ["target", "pixels", "error", "distance", "triangles"];
+const kFirstSteps = 10; // times the triangles while moving
+
+export const kSurfaceId = 1;
+
+export class Surface {
+  readonly drawn = new DrawnMesh(kSurfaceId, surfaceMaterial());
+  readonly refiner: Refiner;
+  /** What was asked for the mesh that is shown. */
+  private asked: Parameters = {};
+
+  constructor(
+    api: Api,
+    private readonly views: ViewStore,
+    private readonly store: StoreInfo,
+    private readonly stage: Stage,
+    changed: () => void,
+    failed: (error: Error) => void,
+  ) {
+    stage.add(this.drawn);
+    this.refiner = new Refiner(api, {
+      kind: "surface",
+      stream: "surface",
+      coarse: () => (views.state.surface ? { ...this.basis(), triangles: views.state.moving } : null),
+      steps: () => this.steps(),
+      enough: (shown) => this.enough(shown),
+      show: (mesh, parameters) => {
+        this.asked = parameters;
+        this.drawn.show(mesh);
+        stage.invalidate();
+      },
+      clear: () => {
+        this.drawn.clear();
+        stage.invalidate();
+      },
+      changed,
+      failed,
+    });
+    views.subscribe((state, keys) => {
+      const { facets } = this.drawn.material.uniforms;
+      if (facets) facets.value = state.facets;
+      if (kMoves.some((key) => keys.has(key))) this.refiner.move();
+      else if (kLooks.some((key) => keys.has(key))) this.refiner.look();
+      else if (state.target === "screen" && (keys.has("eye") || keys.has("lookAt") || keys.has("projection"))) this.refiner.look();
+    });
+  }
+
+  /** The canvas has another size. */
+  resized(): void {
+    if (this.views.state.target === "screen") this.refiner.look();
+  }
+
+  /** What gives the mesh that is shown once more, for an export or the command line; null if there is none. */
+  asSeen(): Parameters | null {
+    const { header } = this.drawn;
+    if (!header) return null;
+    const { camera, iso, label, box, components } = this.asked;
+    const same: Record<string, string | number> = {};
+    for (const [name, value] of Object.entries({ iso, label, box, components })) if (value !== undefined) same[name] = value;
+    if (header.stop === "distance") return { ...same, distance: header.tolerance };
+    if (header.stop === "camera" && camera !== undefined) return { ...same, camera };
+    return { ...same, error: header.tolerance };
+  }
+
+  /** At full resolution. */
+  inFull(): Parameters {
+    return { ...this.basis(), error: 0 };
+  }
+
+  private basis(): Parameters {
+    const { iso, box, largest } = this.views.state;
+    return {
+      ...(this.store.labels ? { label: Math.round(iso) } : { iso }),
+      ...(box ? { box: box.join(",") } : {}),
+      ...(largest ? { components: "largest" } : {}),
+    };
+  }
+
+  private camera(pixels: number): string {
+    return [...this.stage.seen, pixels].map((part) => Number(part.toPrecision(9))).join(",");
+  }
+
+  private steps(): readonly Step[] {
+    const state: ViewState = this.views.state;
+    const { most: limit, pixels } = state;
+    const basis = this.basis();
+    const first: Step = {
+      parameters: { ...basis, triangles: Math.min(kFirstSteps * state.moving, limit) },
+      aim: "with more triangles",
+    };
+    switch (state.target) {
+      case "screen":
+        return [
+          { parameters: { ...basis, camera: this.camera(4 * pixels), limit }, aim: `to ${4 * pixels} pixels` },
+          { parameters: { ...basis, camera: this.camera(pixels), limit }, aim: "to what the screen can show" },
+        ];
+      case "full":
+        return [first, { parameters: { ...basis, error: 0, limit }, aim: "to full resolution" }];
+      case "error":
+        return [first, { parameters: { ...basis, error: state.error, limit }, aim: "to the chosen error" }];
+      case "distance":
+        return [{ parameters: { ...basis, distance: state.distance }, aim: "to the chosen distance" }];
+      case "triangles":
+        return [{ parameters: { ...basis, triangles: Math.min(state.triangles, limit) }, aim: "to the chosen number of triangles" }];
+    }
+  }
+
+  private enough(shown: MeshHeader): boolean {
+    const { target, error } = this.views.state;
+    if (shown.full_resolution && target !== "distance") return true;
+    return target === "error" && shown.error_bound !== null && shown.error_bound <= error && shown.tolerance >= error;
+  }
+}

@@ -1,0 +1,56 @@
+// Numbers and bounds in plain words.
+import type { MeshHeader } from "./protocol";
+
+const kWhole = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
+const kShort = new Intl.NumberFormat("en", { maximumSignificantDigits: 4 });
+
+export function whole(value: number): string {
+  return kWhole.format(value);
+}
+export function short(value: number): string {
+  const size = Math.abs(value);
+  if (size !== 0 && (size < 1e-4 || size >= 1e7)) return value.toExponential(3).replace("e+", "e");
+  return kShort.format(value);
+}
+/** Rounded up, so that a bound stays one. */
+export function shortBound(value: number): string {
+  if (!(value > 0)) return short(value);
+  const digit = 10 ** (Math.floor(Math.log10(value)) - 2);
+  return short(Number((Math.ceil(value / digit - 1e-9) * digit).toPrecision(3)));
+}
+export function bytes(count: number): string {
+  const units = ["B", "kB", "MB", "GB", "TB"];
+  let unit = 0;
+  let value = count;
+  for (; value >= 999.5 && unit < units.length - 1; ++unit) value /= 1000;
+  return `${unit === 0 ? whole(value) : kShort.format(Number(value.toPrecision(3)))} ${units[unit]}`;
+}
+export function place(at: readonly number[]): string {
+  return at.map(short).join(", ");
+}
+
+/** What is proven of a surface. */
+export function surfaceBound(header: MeshHeader): string {
+  if (header.full_resolution) return "full resolution";
+  if (header.distance_bound !== null) {
+    return `within ${shortBound(header.distance_bound)} world units of the surface at full resolution`;
+  }
+  if (header.error_bound !== null) return `values on this surface are within ${shortBound(header.error_bound)} of the isovalue`;
+  return "without a bound";
+}
+
+/** What is proven of a slice; what its values were rounded by comes on top. */
+export function sliceBound(header: MeshHeader): string {
+  const rounding = header.value_rounding ?? 0;
+  if (header.full_resolution) {
+    return rounding > 0 ? `full resolution, values rounded by up to ${shortBound(rounding)}` : "full resolution";
+  }
+  if (header.error_bound === null) return "without a bound";
+  return `values within ${shortBound(header.error_bound + rounding)} of the data`;
+}
+
+/** By how much vertices were moved for the way here, or nothing to say. */
+export function rounding(header: MeshHeader): string {
+  if (!(header.position_rounding > 0) || header.distance_bound !== null) return "";
+  return `Vertices are rounded by up to ${shortBound(header.position_rounding)} world units.`;
+}
