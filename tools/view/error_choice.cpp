@@ -9,9 +9,8 @@
 namespace isonest::detail::view {
 namespace {
 
-/// A mesh with a third of the triangles is worth another try, if the tries did not take long.
+/// A mesh with a third of the triangles is worth another try.
 constexpr double kFew = 3;
-constexpr double kSeconds = 0.04;
 /// What a step finer does to the number of triangles, carefully.
 constexpr double kGrowth = 2;
 
@@ -27,8 +26,8 @@ void ErrorChoice::learn(const Search& search) {
     }
 }
 
-ErrorChoice::Search::Search(const ErrorChoice& choice, std::uint64_t most)
-    : choice_(&choice), most_(most), step_(choice.start_) {}
+ErrorChoice::Search::Search(const ErrorChoice& choice, std::uint64_t most, double seconds)
+    : choice_(&choice), most_(most), seconds_(seconds), step_(choice.start_) {}
 
 std::optional<double> ErrorChoice::Search::next() const {
     return ended_ ? std::nullopt : std::optional(choice_->error(step_));
@@ -53,7 +52,7 @@ void ErrorChoice::Search::tried(std::uint64_t triangles, double seconds) {
     const int forth =
         triangles == 0 ? 2 : static_cast<int>(std::floor(std::log(1 / part) / std::log(kGrowth)));
     step_ = std::min({step_ + std::max(forth, 1), too_fine_ - 1, kMostStep + 1});
-    ended_ = step_ <= best_ || part * kFew > 1 || spent_ > kSeconds;
+    ended_ = step_ <= best_ || part * kFew > 1 || spent_ > seconds_;
 }
 
 }  // namespace isonest::detail::view

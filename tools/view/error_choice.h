@@ -19,7 +19,8 @@ class ErrorChoice {
     /// One search: try(error) until there is nothing more to try.
     class Search {
       public:
-        Search(const ErrorChoice& choice, std::uint64_t most);
+        /// Once a mesh has few enough triangles, finer ones are tried for so many seconds.
+        Search(const ErrorChoice& choice, std::uint64_t most, double seconds);
         /// The error of the next mesh; nothing if the best one is known.
         [[nodiscard]] std::optional<double> next() const;
         /// The mesh of next() has so many triangles and took so long.
@@ -31,6 +32,7 @@ class ErrorChoice {
       private:
         const ErrorChoice* choice_;
         std::uint64_t most_;
+        double seconds_;
         int step_;
         int best_ = -1;
         int too_fine_ = kMostStep + 2;  ///< the coarsest step that had too many

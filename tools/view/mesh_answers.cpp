@@ -45,6 +45,10 @@ HttpAnswer as_answer(MeshMessage& mesh, const MeshRequest& request, const Extrac
     return {200, "application/octet-stream", mesh.finish(header_of(request, report, mesh)), {}};
 }
 
+/// A slider waits for the answer; who asked for a limit waits for the best mesh.
+constexpr double kSliderSeconds = 0.04;
+constexpr double kPatience = 30;
+
 /// A new folder below `scratch`.
 std::filesystem::path new_folder(const std::filesystem::path& scratch) {
     std::string name = (scratch / "isonest-view-XXXXXX").string();
@@ -82,10 +86,10 @@ ExtractReport MeshAnswers::extract_to(MeshSink& sink, const MeshRequest& request
     return extract(store_, query, sink, options, progress);
 }
 
-HttpAnswer MeshAnswers::within_triangles(MeshRequest request, std::uint64_t most,
+HttpAnswer MeshAnswers::within_triangles(MeshRequest request, std::uint64_t most, double seconds,
                                          Progress& progress) {
     request.camera.reset();
-    ErrorChoice::Search search(choice_, std::min(most, budget_.most_triangles));
+    ErrorChoice::Search search(choice_, std::min(most, budget_.most_triangles), seconds);
     HttpAnswer answer;
     std::uint64_t fewest = 0;
     while (const std::optional<double> error = search.next()) {
@@ -121,7 +125,7 @@ HttpAnswer MeshAnswers::within_stop(const MeshRequest& request, Progress& progre
         return as_answer(mesh, request, report);
     } catch (const TooManyTriangles& e) {
         if (request.limit && std::holds_alternative<ErrorBound>(request.stop)) {
-            return within_triangles(request, *request.limit, progress);
+            return within_triangles(request, *request.limit, kPatience, progress);
         }
         throw Error(ErrorKind::limit, {store_.path().string()},
                     fmt::format("the mesh has {} triangles; this memory is enough for {}",
@@ -132,7 +136,7 @@ HttpAnswer MeshAnswers::within_stop(const MeshRequest& request, Progress& progre
 
 HttpAnswer MeshAnswers::message(const MeshRequest& request, Progress& progress) {
     if (const auto* const most = std::get_if<AtMostTriangles>(&request.stop)) {
-        return within_triangles(request, most->most, progress);
+        return within_triangles(request, most->most, kSliderSeconds, progress);
     }
     return within_stop(request, progress);
 }

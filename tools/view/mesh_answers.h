@@ -35,7 +35,8 @@ class MeshAnswers {
 
   private:
     ExtractReport extract_to(MeshSink& sink, const MeshRequest& request, Progress& progress) const;
-    HttpAnswer within_triangles(MeshRequest request, std::uint64_t most, Progress& progress);
+    HttpAnswer within_triangles(MeshRequest request, std::uint64_t most, double seconds,
+                                Progress& progress);
     HttpAnswer within_stop(const MeshRequest& request, Progress& progress);
 
     const Store& store_;
