@@ -134,7 +134,11 @@ void MeshMessage::elements(const ElementBatch& batch) {
 }
 
 double MeshMessage::position_rounding() const {
-    return std::sqrt(step_[0] * step_[0] + step_[1] * step_[1] + step_[2] * step_[2]) / 2;
+    return std::hypot(step_[0], step_[1], step_[2]) / 2;
+}
+
+double MeshMessage::rounding_of(const std::array<double, 3>& extent) {
+    return std::hypot(extent[0], extent[1], extent[2]) / kSteps / 2;
 }
 
 void MeshMessage::round_values(Json& header) {

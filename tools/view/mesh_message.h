@@ -40,6 +40,8 @@ class MeshMessage : public MeshSink {
     [[nodiscard]] std::uint64_t triangles() const { return indices_.size() / 3; }
     /// World units: how far rounding to the steps moves a position at most.
     [[nodiscard]] double position_rounding() const;
+    /// The same of a mesh that fills a box of these lengths.
+    static double rounding_of(const std::array<double, 3>& extent);
     /// The whole message: `header` and what is known here. The mesh is gone then.
     [[nodiscard]] std::string finish(nlohmann::ordered_json header);
 
