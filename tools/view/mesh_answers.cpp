@@ -79,6 +79,10 @@ ExtractReport MeshAnswers::extract_to(MeshSink& sink, const MeshRequest& request
     ExtractOptions options;
     options.memory = budget_.memory;
     options.threads = budget_.threads;
+    if (request.is_slice() && store_.nodes().z == 1) {
+        return extract(store_, plane_query(request, std::get<ErrorBound>(request.stop), store_),
+                       sink, options, progress);
+    }
     if (request.is_slice()) {
         return extract(store_, slice_query(request, std::get<ErrorBound>(request.stop)), sink,
                        options, progress);

@@ -85,6 +85,14 @@ class Sections {
 
 }  // namespace
 
+void MeshMessage::prepare(const MeshLayout& layout,
+                          std::span<const std::filesystem::path> /*inputs*/) {
+    if (layout.corners != 3) {
+        throw Error(ErrorKind::invalid_argument,
+                    "data in a plane have isolines and no surface; ask for their slice");
+    }
+}
+
 void MeshMessage::begin(const MeshLayout& layout) {
     if (layout.elements > most_) {
         throw TooManyTriangles(layout.elements);

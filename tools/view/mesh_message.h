@@ -31,6 +31,8 @@ class MeshMessage : public MeshSink {
     /// vertices for a triangle, and about half of one.
     static constexpr std::uint64_t kTriangleHeap = 64;
 
+    /// Throws Error{invalid_argument} for lines.
+    void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override;
     void begin(const MeshLayout& layout) override;
     void vertices(const VertexBatch& batch) override;
     void elements(const ElementBatch& batch) override;
