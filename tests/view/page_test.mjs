@@ -116,7 +116,7 @@ test("the slider changes the mesh, and every number on it is the server's", asyn
 for (const [aim, fragment, exact] of [
   ["full resolution", "target=full", true],
   ["an error", "target=error&error=0.02", false],
-  ["the screen's pixels", "target=screen&pixels=6", false],
+  ["the screen's pixels", "target=screen&pixels=24", false],
 ]) {
   test(`at rest the surface is refined to ${aim}: as many triangles as isonest extract makes`, async () => {
     await onPage(`iso=0.5&moving=1000&${fragment}`, async (page) => {
@@ -134,8 +134,9 @@ for (const [aim, fragment, exact] of [
 }
 
 test("the camera decides how fine the surface is at rest", async () => {
-  await onPage("iso=0.5&pixels=12&moving=1000", async (page) => {
+  await onPage("iso=0.5&pixels=48&moving=1000", async (page) => {
     const far = (await header(page)).triangles;
+    assert.equal((await header(page)).stop, "camera");
     for (let i = 0; i < 8; ++i) await page.keyboard.press("+");
     await idle(page);
     assert.ok((await header(page)).triangles > far, "nearer, but not finer");
