@@ -6,7 +6,7 @@
 import assert from "node:assert/strict";
 import { copyFile, readFile, rename, stat, writeFile } from "node:fs/promises";
 import { join } from "node:path";
-import { after, before, test } from "node:test";
+import { after, before, test as anyTest } from "node:test";
 import { idle, lacks, openPage, readPng, run, startBrowser, startServer, temporaryFolder } from "../../tools/view/web/drive.mjs";
 import { pictureView, readPly } from "./meshes.mjs";
 import { wander } from "./wander.mjs";
@@ -20,6 +20,8 @@ if (reason) {
 
 const kNodes = 65;
 const kWander = Number(process.env.ISONEST_VIEW_SECONDS ?? 5);
+const kTimeout = 240_000; // milliseconds, of a test but the last, on a busy machine
+const test = (name, body, timeout = kTimeout) => anyTest(name, { timeout }, body);
 let folder, store, server, browser, values;
 
 before(async () => {
@@ -508,4 +510,4 @@ test(`${kWander} seconds of random input leave memory bounded and nothing broken
     assert.equal(await page.evaluate(() => window.isonest.banner()), null);
     console.log(JSON.stringify(seen));
   });
-});
+}, kTimeout + 2000 * kWander);
