@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
+#include <cmath>
 #include <memory>
 #include <system_error>
 #include <utility>
@@ -32,6 +34,9 @@ Json header_of(const MeshRequest& request, const ExtractReport& r, const MeshMes
                    {"chunks_read", r.chunks_read},
                    {"bytes_read", r.bytes_read}};
     if (distance) {
+        if (const auto* const asked = std::get_if<DistanceBound>(&request.stop)) {
+            header["tolerance"] = asked->value;
+        }
         header["distance_bound"] = r.distance_bound + mesh.position_rounding();
         header["full_resolution"] = *r.distance == 0;
     } else {
@@ -69,21 +74,43 @@ SentFile::~SentFile() {
     }
 }
 
-ExtractReport MeshAnswers::extract_to(MeshSink& sink, const MeshRequest& request,
+ExtractReport MeshAnswers::extract_to(MeshSink& sink, const MeshRequest& request, double rounding,
                                       Progress& progress) const {
     ExtractOptions options;
     options.memory = budget_.memory;
     options.threads = budget_.threads;
+    if (request.is_slice() && store_.nodes().z == 1) {
+        return extract(store_, plane_query(request, std::get<ErrorBound>(request.stop), store_),
+                       sink, options, progress);
+    }
     if (request.is_slice()) {
         return extract(store_, slice_query(request, std::get<ErrorBound>(request.stop)), sink,
                        options, progress);
     }
     const auto* const distance = std::get_if<DistanceBound>(&request.stop);
     SurfaceQuery query = surface_query(
-        request, distance != nullptr ? SurfaceStop(*distance)
+        request, distance != nullptr ? SurfaceStop(DistanceBound{distance->value - rounding})
                                      : SurfaceStop(std::get<ErrorBound>(request.stop)));
     query.normals = true;
     return extract(store_, query, sink, options, progress);
+}
+
+/// What rounding positions may take of the distance asked for: nothing if that is smaller.
+double MeshAnswers::rounding_within(const MeshRequest& request) const {
+    const auto* const distance = std::get_if<DistanceBound>(&request.stop);
+    if (distance == nullptr) {
+        return 0;
+    }
+    double square = 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double extent = store_.spacing()[axis] *
+                              static_cast<double>(store_.nodes()[static_cast<int>(axis)] - 1);
+        square += extent * extent;
+    }
+    // A mesh of a rotated volume lies in a box that is as long as the diagonal at most.
+    const double most =
+        MeshMessage::rounding_of({std::sqrt(square), std::sqrt(square), std::sqrt(square)});
+    return 2 * most < distance->value ? most : 0;
 }
 
 HttpAnswer MeshAnswers::within_triangles(MeshRequest request, std::uint64_t most, double seconds,
@@ -98,7 +125,7 @@ HttpAnswer MeshAnswers::within_triangles(MeshRequest request, std::uint64_t most
         const auto start = std::chrono::steady_clock::now();
         std::uint64_t triangles = 0;
         try {
-            const ExtractReport report = extract_to(mesh, request, progress);
+            const ExtractReport report = extract_to(mesh, request, 0, progress);
             triangles = report.triangles;
             answer = as_answer(mesh, request, report);
         } catch (const TooManyTriangles& e) {
@@ -121,7 +148,7 @@ HttpAnswer MeshAnswers::within_stop(const MeshRequest& request, Progress& progre
     const bool has_limit = request.limit && *request.limit <= budget_.most_triangles;
     MeshMessage mesh(has_limit ? *request.limit : budget_.most_triangles);
     try {
-        const ExtractReport report = extract_to(mesh, request, progress);
+        const ExtractReport report = extract_to(mesh, request, rounding_within(request), progress);
         return as_answer(mesh, request, report);
     } catch (const TooManyTriangles& e) {
         if (request.limit && std::holds_alternative<ErrorBound>(request.stop)) {
@@ -152,7 +179,7 @@ HttpAnswer MeshAnswers::file(const MeshRequest& request, const std::string& endi
     const std::filesystem::path folder = new_folder(scratch);
     SentFile file(folder, folder / name);
     const std::unique_ptr<MeshSink> sink = open_mesh_file(file.path());
-    extract_to(*sink, request, progress);
+    extract_to(*sink, request, 0, progress);
     return {200, "application/octet-stream", std::move(file), name};
 }
 

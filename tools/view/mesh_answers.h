@@ -34,7 +34,10 @@ class MeshAnswers {
                     const std::filesystem::path& scratch, Progress& progress);
 
   private:
-    ExtractReport extract_to(MeshSink& sink, const MeshRequest& request, Progress& progress) const;
+    /// `rounding`: what a distance leaves for it.
+    ExtractReport extract_to(MeshSink& sink, const MeshRequest& request, double rounding,
+                             Progress& progress) const;
+    [[nodiscard]] double rounding_within(const MeshRequest& request) const;
     HttpAnswer within_triangles(MeshRequest request, std::uint64_t most, double seconds,
                                 Progress& progress);
     HttpAnswer within_stop(const MeshRequest& request, Progress& progress);

@@ -85,6 +85,14 @@ class Sections {
 
 }  // namespace
 
+void MeshMessage::prepare(const MeshLayout& layout,
+                          std::span<const std::filesystem::path> /*inputs*/) {
+    if (layout.corners != 3) {
+        throw Error(ErrorKind::invalid_argument,
+                    "data in a plane have isolines and no surface; ask for their slice");
+    }
+}
+
 void MeshMessage::begin(const MeshLayout& layout) {
     if (layout.elements > most_) {
         throw TooManyTriangles(layout.elements);
@@ -134,7 +142,11 @@ void MeshMessage::elements(const ElementBatch& batch) {
 }
 
 double MeshMessage::position_rounding() const {
-    return std::sqrt(step_[0] * step_[0] + step_[1] * step_[1] + step_[2] * step_[2]) / 2;
+    return std::hypot(step_[0], step_[1], step_[2]) / 2;
+}
+
+double MeshMessage::rounding_of(const std::array<double, 3>& extent) {
+    return std::hypot(extent[0], extent[1], extent[2]) / kSteps / 2;
 }
 
 void MeshMessage::round_values(Json& header) {

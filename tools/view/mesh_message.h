@@ -31,6 +31,8 @@ class MeshMessage : public MeshSink {
     /// vertices for a triangle, and about half of one.
     static constexpr std::uint64_t kTriangleHeap = 64;
 
+    /// Throws Error{invalid_argument} for lines.
+    void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override;
     void begin(const MeshLayout& layout) override;
     void vertices(const VertexBatch& batch) override;
     void elements(const ElementBatch& batch) override;
@@ -40,6 +42,8 @@ class MeshMessage : public MeshSink {
     [[nodiscard]] std::uint64_t triangles() const { return indices_.size() / 3; }
     /// World units: how far rounding to the steps moves a position at most.
     [[nodiscard]] double position_rounding() const;
+    /// The same of a mesh that fills a box of these lengths.
+    static double rounding_of(const std::array<double, 3>& extent);
     /// The whole message: `header` and what is known here. The mesh is gone then.
     [[nodiscard]] std::string finish(nlohmann::ordered_json header);
 

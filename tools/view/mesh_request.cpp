@@ -143,11 +143,25 @@ SliceQuery slice_query(const MeshRequest& request, const StopTest& stop) {
     return query;
 }
 
-std::string command_line(const MeshRequest& request, const std::string& store,
+GraphQuery plane_query(const MeshRequest& request, const StopTest& stop, const Store& store) {
+    GraphQuery query;
+    query.scale = 0;
+    query.stop = stop;
+    query.camera = request.camera;
+    query.box = request.box;
+    query.vertex_values = &store;
+    return query;
+}
+
+std::string command_line(const MeshRequest& request, const Store& store,
                          const std::string& output) {
+    const bool is_plane = request.is_slice() && store.nodes().z == 1;
+    const std::string name = quoted(store.path().string());
     std::string line =
-        fmt::format("isonest {} {}", request.is_slice() ? "slice" : "extract", quoted(store));
-    if (const auto* const plane = std::get_if<WorldPlane>(&request.what)) {
+        fmt::format("isonest {} {}", request.is_slice() && !is_plane ? "slice" : "extract", name);
+    if (is_plane) {
+        line += fmt::format(" --graph --scale 0 --vertex-values {}", name);
+    } else if (const auto* const plane = std::get_if<WorldPlane>(&request.what)) {
         line += fmt::format(" --plane={},{}", fmt::join(plane->normal, ","), plane->offset);
     } else if (const auto* const label = std::get_if<LabelChoice>(&request.what)) {
         line += fmt::format(" --label={}", label->id);

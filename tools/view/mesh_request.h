@@ -35,10 +35,12 @@ MeshRequest parse_mesh_request(RequestTarget& target, bool is_slice, bool are_la
 /// The queries that give the mesh, at `stop` in place of AtMostTriangles. REQUIRES: it is one.
 SurfaceQuery surface_query(const MeshRequest& request, const SurfaceStop& stop);
 SliceQuery slice_query(const MeshRequest& request, const StopTest& stop);
+/// Of a store with one node along z: the data in their plane, with values, whatever plane is asked
+/// for.
+GraphQuery plane_query(const MeshRequest& request, const StopTest& stop, const Store& store);
 
 /// The command line that makes the mesh `output` of the store, quoted for a shell. REQUIRES: the
 /// stop is not AtMostTriangles.
-std::string command_line(const MeshRequest& request, const std::string& store,
-                         const std::string& output);
+std::string command_line(const MeshRequest& request, const Store& store, const std::string& output);
 
 }  // namespace isonest::detail::view

@@ -368,8 +368,8 @@ HttpAnswer ViewService::command(RequestTarget& target) const {
                     "triangles");
     }
     return json_answer(
-        {{"command", command_line(request, store_.path().string(),
-                                  (request.is_slice() ? "slice." : "surface.") + ending)}});
+        {{"command",
+          command_line(request, store_, (request.is_slice() ? "slice." : "surface.") + ending)}});
 }
 
 }  // namespace isonest::detail::view
