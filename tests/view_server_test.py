@@ -300,7 +300,9 @@ class Answers(unittest.TestCase):
                  ("/api/slice", {"plane": "0,0,0,1"}, ""), ("/api/slice", {"plane": "0,0,1,1", "distance": 1}, "distance"),
                  ("/api/value", {}, "at"), ("/api/value", {"at": "1,2"}, "at"),
                  ("/api/export", {"iso": 0.5, "error": 0, "format": "exe"}, "exe"),
-                 ("/api/export", {"iso": 0.5, "error": 0, "format": "../x.ply"}, ""),
+                 ("/api/export", {"iso": 0.5, "error": 0, "format": "../x.ply"}, "format"),
+                 ("/api/export", {"iso": 0.5, "error": 0, "format": "x\r\nSet-Cookie: a=b\r\n.ply"}, "format"),
+                 ("/api/export", {"iso": 0.5, "error": 0, "format": 'x".ply'}, "format"),
                  ("/api/export", {"iso": 0.5, "triangles": 1000}, "number"),
                  ("/api/command", {"iso": 0.5, "triangles": 1000}, "number")]
         for path, parameters, name in cases:

@@ -1,4 +1,5 @@
 """Every snippet of tools/python/README.md runs, its tables say what is the same, and the example does its work."""
+import os
 import pathlib
 import re
 import subprocess
@@ -78,6 +79,17 @@ def test_the_snippets_run(names, capsys):
     assert re.search(r"give memory=\d+ or more", out) and "levels 0-2 1474560 of 1474560 B" in out
 
 
+def test_the_snippet_of_the_window_runs(names, capsys, monkeypatch):
+    program = os.environ.get("ISONEST_PROGRAM", "")
+    if not program or subprocess.run([program, "view", "--help"], capture_output=True, check=False).returncode != 0:
+        pytest.skip("ISONEST_PROGRAM names no program that has the command view")
+    monkeypatch.setenv("ISONEST", program)
+    (code,) = snippets("In a window of the browser")
+    exec(code, names)  # noqa: S102
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=\w+\n", capsys.readouterr().out)
+    assert names["view"].closed
+
+
 def test_the_table_of_scikit_image(names):
     measure = pytest.importorskip("skimage.measure")
     names["marching_cubes"] = measure.marching_cubes
@@ -141,7 +153,7 @@ def test_the_table_of_errors_is_true():
 def test_everything_that_is_public_says_what_it_is():
     for name in isonest.__all__:
         assert getattr(isonest, name).__doc__, name
-    for kind in (isonest.Store, isonest.Mesh):
+    for kind in (isonest.Store, isonest.Mesh, isonest.View):
         for name, member in vars(kind).items():
             if not name.startswith("_"):
                 assert member.__doc__, f"{kind.__name__}.{name}"

@@ -4,6 +4,7 @@
 #include <malloc.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <limits>
 #include <new>
@@ -105,6 +106,18 @@ std::array<double, 6> world_box(const Store& store) {
         }
     }
     return box;
+}
+
+/// Of a file's name, letters and digits alone: it leads into no other folder and ends no header.
+std::string take_ending(RequestTarget& target) {
+    std::string ending = target.text("format").value_or("ply");
+    if (!std::all_of(ending.begin(), ending.end(),
+                     [](unsigned char c) { return std::isalnum(c) != 0; })) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("format '{}': give the ending of a mesh file, such as ply", ending));
+    }
+    return ending;
 }
 
 double range_of(const Store& store) {
@@ -280,7 +293,7 @@ std::shared_ptr<Waiting> ViewService::start_mesh(RequestTarget& target, const st
 
 std::shared_ptr<Waiting> ViewService::start_file(RequestTarget& target, const std::string& stream,
                                                  const Reply& reply) {
-    const std::string ending = target.text("format").value_or("ply");
+    const std::string ending = take_ending(target);
     MeshRequest request = take_mesh(target, target.path());
     return start(
         file_lane_, stream,
@@ -360,7 +373,7 @@ HttpAnswer ViewService::status() const {
 }
 
 HttpAnswer ViewService::command(RequestTarget& target) const {
-    const std::string ending = target.text("format").value_or("ply");
+    const std::string ending = take_ending(target);
     const MeshRequest request = take_mesh(target, target.path());
     if (std::holds_alternative<AtMostTriangles>(request.stop)) {
         throw Error(ErrorKind::invalid_argument,

@@ -21,11 +21,12 @@ from ._errors import (CancelledError, CorruptError, Error, InputOutputError, Inv
                       MemoryLimitError, NotFoundError, UnsupportedError)
 from ._mesh import Mesh
 from ._store import Histogram, Label, Store
+from ._view import View
 
 __version__ = _core.version
-__all__ = ["preprocess", "open", "isosurface", "Store", "Mesh", "Histogram", "Label", "Report", "PreprocessReport",
-           "TriangleQuality", "Error", "InvalidArgumentError", "NotFoundError", "CorruptError", "UnsupportedError",
-           "InputOutputError", "LimitError", "MemoryLimitError", "CancelledError"]
+__all__ = ["preprocess", "open", "view", "isosurface", "Store", "View", "Mesh", "Histogram", "Label", "Report",
+           "PreprocessReport", "TriangleQuality", "Error", "InvalidArgumentError", "NotFoundError", "CorruptError",
+           "UnsupportedError", "InputOutputError", "LimitError", "MemoryLimitError", "CancelledError"]
 
 
 def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optional[Sequence[float]] = None,
@@ -85,6 +86,13 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
 def open(path: "os.PathLike[str] | str") -> Store:
     """Opens a store. It is mapped, not read: only what is asked for is read from it."""
     return Store(path)
+
+
+def view(path: "os.PathLike[str] | str", *, port: int = 0, memory: Bytes = "1G", threads: int = 0,
+         open: Optional[bool] = None, height: int = 600, program: "os.PathLike[str] | str | None" = None) -> View:
+    """Shows a store in a window of the browser; the arguments are those of :meth:`Store.view`."""
+    with Store(path) as store:
+        return store.view(port=port, memory=memory, threads=threads, open=open, height=height, program=program)
 
 
 def isosurface(volume: Any, level: Optional[float] = None, *, spacing: Optional[Sequence[float]] = None,

@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
-from . import _core
+from . import _core, _view
 from ._arguments import Box, Bytes, Point, Progress, backwards, reporting, to_bytes, to_distance, to_point
 from ._frame import Directions, Frame
 from ._mesh import Mesh
@@ -291,6 +291,27 @@ class Store:
         return self._extract(query, box=box, normals=normals, values=values,
                              vertex_error=vertex_error, cells=cells, coordinates=coordinates, flip=False, level=None,
                              quality=quality, memory=memory, threads=threads, scratch=scratch, progress=progress)
+
+    def view(self, *, port: int = 0, memory: Bytes = "1G", threads: int = 0, open: Optional[bool] = None,
+             height: int = 600, program: "os.PathLike[str] | str | None" = None) -> _view.View:
+        """Shows the store in a window of the browser: surface, slices, histogram, and the bound of what is seen.
+
+        It runs the program ``isonest view`` until the :class:`isonest.View` that is returned is closed or nothing
+        refers to it any more. In a notebook a cell whose last line is the view shows it. Only this machine reaches
+        the page, and only with the view's whole URL.
+
+        port: to listen on; 0 is any that is free.
+        memory: bytes of heap that the program stays within; at least 512M. threads: 0 is all cores.
+        open: a tab of the browser; None is True outside of a notebook, and False inside.
+        height: of the frame in a notebook, in pixels.
+        program: where ``isonest`` is. Without it the environment variable ISONEST says so, else it is the one that
+            was installed with this package, else the one on the PATH.
+
+        Raises FileNotFoundError if there is no program, and what the program says as subclasses of
+        :class:`isonest.Error`.
+        """
+        return _view.start(self.path, port=port, memory=memory, threads=threads, open=open, height=height,
+                           program=program)
 
     def _extract(self, query: Any, *, box: Optional[Box], normals: bool, values: "Optional[Store]",
                  vertex_error: Optional[str], cells: str, coordinates: str, flip: bool, level: Optional[float],

@@ -1,0 +1,225 @@
+"""A store in a window of the browser: the program ``isonest view`` as a child process."""
+from __future__ import annotations
+
+import functools
+import html
+import json
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import warnings
+import weakref
+import webbrowser
+from typing import IO, Any, Optional
+
+from . import _errors
+from ._arguments import Bytes, to_bytes
+
+_BESIDE = pathlib.Path(os.path.abspath(__file__)).parent / "bin" / "isonest"
+"""Where a wheel and a build tree have the program. In the latter this file is a link."""
+_PATIENCE = 5.0
+"""Seconds that the program has to end in."""
+_OPTION = re.compile(r"--(port|memory|threads) ?")
+_ERRORS = {"invalid_argument": _errors.InvalidArgumentError, "not_found": _errors.NotFoundError,
+           "corrupt": _errors.CorruptError, "unsupported": _errors.UnsupportedError, "io": _errors.InputOutputError,
+           "limit": _errors.LimitError, "cancelled": _errors.CancelledError}
+
+
+class View:
+    """A running ``isonest view``, which shows a store to this machine's browsers; see :meth:`isonest.Store.view`.
+
+    In a notebook a view that is a cell's last line is shown below it. It ends with :meth:`close`, with a ``with``
+    block, when nothing refers to it any more, and with this process: keep it as long as it is looked at.
+    """
+
+    def __init__(self, process: "subprocess.Popen[bytes]", errors: "IO[bytes]", store: pathlib.Path, url: str,
+                 height: int) -> None:
+        self._process = process
+        self._errors = errors
+        self._store = store
+        self._url = url
+        self._height = height
+        self._end = weakref.finalize(self, _end, process, errors, os.getpid())
+
+    @property
+    def url(self) -> str:
+        """The page's address, with the token without which the server tells nothing."""
+        return self._url
+
+    @property
+    def closed(self) -> bool:
+        """Whether the program has ended."""
+        return self._process.poll() is not None
+
+    def close(self) -> None:
+        """Ends the program; pages that are open then say so. Does nothing if it has ended."""
+        self._end()
+
+    def wait(self) -> None:
+        """Returns when the program has ended; Ctrl-C ends it. For scripts that do nothing but show a store.
+
+        Raises what went wrong, as an :class:`isonest.Error`, if it did not end on somebody's wish.
+        """
+        try:
+            code = self._process.wait()
+        except KeyboardInterrupt:
+            self.close()
+            return
+        if code != 0 and self._process.stdout is not None and not self._process.stdout.closed:
+            error = _failure("isonest view", code, self._process.stdout.read(), self._errors)
+            self.close()
+            raise error
+
+    def __enter__(self) -> "View":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<isonest.View of {str(self._store)!r}{', closed' if self.closed else f' at {self._url}'}>"
+
+    def _repr_html_(self) -> str:
+        if self.closed:
+            return f"<p>{html.escape(repr(self))}</p>"
+        url, name = html.escape(self._url), html.escape(self._store.name)
+        return (f'<iframe src="{url}" title="isonest: {name}" width="100%" height="{self._height}" '
+                f'style="border: 0" allow="clipboard-write"></iframe>'
+                f'<p><a href="{url}" target="_blank" rel="noopener">{name} in a tab of its own</a></p>')
+
+
+def start(store: "os.PathLike[str] | str", *, port: int, memory: Bytes, threads: int, open: Optional[bool],
+          height: int, program: "os.PathLike[str] | str | None") -> View:
+    """What :meth:`isonest.Store.view` does."""
+    for name, number, least, most in (("port", port, 0, 65535), ("threads", threads, 0, 4096),
+                                      ("height", height, 1, 100_000)):
+        if not least <= number <= most:
+            raise ValueError(f"{name}={number!r}: give a number from {least} to {most}")
+    path = pathlib.Path(os.path.abspath(store))
+    found = _find_program(program)
+    command = [*_ending_with_us(), found, "view", str(path), "--json", "--token", "--port", str(int(port)),
+               "--memory", str(to_bytes(memory)), "--threads", str(int(threads))]
+    errors = tempfile.TemporaryFile()
+    try:
+        # In a session of its own: Ctrl-C in a terminal, or a notebook's "interrupt", ends the work and not the window.
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors,
+                                   start_new_session=True)
+    except BaseException:
+        errors.close()
+        raise
+    try:
+        url = _url(process, found, errors)
+    except BaseException:
+        _end(process, errors, os.getpid())
+        raise
+    view = View(process, errors, path, url, int(height))
+    if (not _in_notebook() if open is None else open) and not webbrowser.open(url):
+        warnings.warn(f"no browser could be opened: open {url} by hand", RuntimeWarning, stacklevel=3)
+    return view
+
+
+def _url(process: "subprocess.Popen[bytes]", program: str, errors: "IO[bytes]") -> str:
+    """What the program's first line says; raises what it says in its place."""
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    try:
+        return str(json.loads(line)["url"])
+    except (ValueError, KeyError, TypeError):
+        pass
+    rest = process.stdout.read()
+    raise _failure(program, process.wait(), line + rest, errors)
+
+
+def _end(process: "subprocess.Popen[bytes]", errors: "IO[bytes]", owner: int) -> None:
+    """A process that was forked from the owner has no right to."""
+    if os.getpid() != owner:
+        return
+    if process.poll() is None:
+        process.terminate()
+        try:
+            process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
+    errors.close()
+
+
+def _find_program(program: "os.PathLike[str] | str | None") -> str:
+    by = "program=" if program is not None else "the environment variable ISONEST"
+    named = os.fspath(program) if program is not None else os.environ.get("ISONEST") or None
+    found = shutil.which(named) if named is not None else shutil.which(str(_BESIDE)) or shutil.which("isonest")
+    if found:
+        return found
+    if named is not None:
+        raise _error(_errors.NotFoundError, named, f"there is no such program; {by} names it")
+    raise _error(_errors.NotFoundError, "isonest", "the program that shows a store is neither beside this package nor "
+                 "on the PATH", ["install it (Debian: the package isonest, which a build of the project makes)",
+                                 "name it with program= or the environment variable ISONEST"])
+
+
+@functools.lru_cache(maxsize=None)
+def _setpriv() -> "list[str]":
+    """What has to stand before a command, so that Linux ends it when the thread that started it is gone."""
+    command = ["setpriv", "--pdeathsig", "TERM"]
+    try:
+        works = subprocess.run([*command, "true"], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                               stderr=subprocess.DEVNULL, check=False).returncode == 0
+    except OSError:
+        works = False
+    return command if works else []
+
+
+def _ending_with_us() -> "list[str]":
+    """A killed process cannot end its child. Other threads may end long before the process does."""
+    return _setpriv() if threading.current_thread() is threading.main_thread() else []
+
+
+def _in_notebook() -> bool:
+    """Whether this is the kernel of a notebook, which shows what a cell returns."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    return getattr(shell, "kernel", None) is not None
+
+
+def _failure(program: str, code: int, out: bytes, errors: "IO[bytes]") -> _errors.Error:
+    """The exception for a program that ended: what its last JSON says, or else what it wrote to standard error."""
+    begin = out.find(b'{\n  "error"')
+    try:
+        return _told(json.loads(out[max(begin, 0):])["error"])
+    except (ValueError, KeyError, TypeError):
+        errors.seek(0)
+        text = errors.read().decode(errors="replace").strip()
+        how = f"ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        return _error(_errors.InputOutputError, program, how + (f": {text}" if text else ""))
+
+
+def _told(error: "dict[str, Any]") -> _errors.Error:
+    """In the words of this package."""
+    kind, message, file = error["kind"], error["message"], error["file"]
+    for remedy in error["remedies"][:1]:
+        message = re.split("(?:; |\n)" + re.escape(remedy["text"]), message)[0]
+    if kind == "invalid_argument" and message.startswith("there is no command 'view'"):
+        return _error(_errors.UnsupportedError, "isonest", "this build of the program cannot show a store",
+                      ["build it again where tools/install-deps has installed what that needs"])
+    remedies = [f"give memory={remedy['value']} or more" if remedy["kind"] == "more_memory" and remedy["value"]
+                else _OPTION.sub(r"\1=", remedy["text"]) for remedy in error["remedies"]]
+    about_memory = any(remedy["kind"] in ("more_memory", "less_memory") for remedy in error["remedies"])
+    chosen = _errors.MemoryLimitError if kind == "limit" and about_memory else _ERRORS.get(kind, _errors.Error)
+    place = f"{file}: " if file else ""
+    return _error(chosen, file, _OPTION.sub(r"\1=", message[len(place):] if message.startswith(place) else message),
+                  remedies, error["inside"])
+
+
+def _error(kind: "type[_errors.Error]", file: str, problem: str, remedies: "Optional[list[str]]" = None,
+           inside: str = "") -> _errors.Error:
+    advice = "; " + ", or ".join(remedies) if remedies else ""
+    error = kind(f"{file}: {problem}{advice}" if file else problem + advice)
+    error.file, error.inside, error.problem, error.remedies = file, inside, problem, tuple(remedies or ())
+    return error
