@@ -144,6 +144,13 @@ std::optional<std::string> mistyped(const CLI::App& app, int argc, char** argv) 
         if (argc < 2 || argv[1][0] == '-') {
             return std::nullopt;
         }
+#if !ISONEST_WITH_VIEW
+        if (std::string_view(argv[1]) == "view") {
+            return "this build has no viewer: it needs libboost-dev, libmeshoptimizer-dev, nodejs "
+                   "and "
+                   "npm when it is built";
+        }
+#endif
         std::vector<std::string> names;
         for (const CLI::App* const command :
              app.get_subcommands([](const CLI::App* /*any*/) { return true; })) {

@@ -347,7 +347,7 @@ void HttpServer::Parts::watch(const std::shared_ptr<Parts>& self,
                 alive->close();
             }
         }
-        io.stop();
+        // Nothing is under way then, and run() returns.
     });
 }
 

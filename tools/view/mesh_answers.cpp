@@ -1,12 +1,12 @@
 #include "tools/view/mesh_answers.h"
 
 #include <fmt/format.h>
-#include <stdlib.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <cstdlib>
 #include <memory>
 #include <system_error>
 #include <utility>

@@ -185,6 +185,9 @@ std::string command_line(const MeshRequest& request, const Store& store,
     if (request.largest_component) {
         line += " --components largest";
     }
+    if (!request.is_slice()) {
+        line += " --normals";  // as the meshes of the page have
+    }
     return line + " -o " + quoted(output);
 }
 

@@ -72,7 +72,7 @@ export async function startBrowser(...more) {
 
 /** A page of the server. `faults` collects what must not happen: errors, requests to elsewhere, what its policy forbids. */
 export async function openPage(browser, url, options = {}) {
-  const context = await browser.newContext({ viewport: { width: 1000, height: 700 }, acceptDownloads: true, ...options });
+  const context = await browser.newContext({ viewport: { width: 880, height: 560 }, acceptDownloads: true, ...options });
   const page = await context.newPage();
   page.setDefaultTimeout(kTimeout);
   const faults = [];

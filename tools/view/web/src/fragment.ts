@@ -78,11 +78,11 @@ export function bindFragment(store: ViewStore, start: ViewState): void {
   let first = true;
   const write = (): void => {
     const url = `${location.pathname}${location.search}#${toFragment(store.state, start)}`;
+    const pushes = step && !first;
+    first = step = false;
     if (url === location.pathname + location.search + location.hash) return;
-    if (step && !first) history.pushState(null, "", url);
+    if (pushes) history.pushState(null, "", url);
     else history.replaceState(null, "", url);
-    first = false;
-    step = false;
   };
   store.subscribe((_state, changed) => {
     if (reading) return;
