@@ -23,6 +23,7 @@ import sys
 import tempfile
 import time
 import unittest
+import unittest.mock
 import urllib.parse
 
 import h5py
@@ -458,6 +459,20 @@ class Trust(unittest.TestCase):
                 self.assertEqual(server.ask("/api/store")[0], 403)
                 self.assertEqual(server.ask("/api/store", token=token[:-1] + "x")[0], 403)
                 self.assertEqual(server.ask("/api/store", token=token)[0], 200)
+
+    def test_a_browser_that_lasts_holds_up_nothing_and_has_no_socket(self):
+        folder = HERE / "bin"
+        folder.mkdir()
+        (folder / "xdg-open").write_text("#!/bin/sh\necho $1 $(ls -l /proc/$$/fd | grep -c socket:) $$ > new\n"
+                                         "mv new opened\nexec sleep 600 > /dev/null 2>&1\n")
+        (folder / "xdg-open").chmod(0o755)
+        with unittest.mock.patch.dict(os.environ, PATH=f"{folder}:{os.environ['PATH']}"), \
+                view("t.isonest", "--open") as server:
+            self.wait_until((HERE / "opened").exists, "no browser was opened")
+            self.assertEqual(server.json("/api/store")[0], 200)
+            url, sockets, pid = (HERE / "opened").read_text().split()
+            os.kill(int(pid), signal.SIGKILL)
+            self.assertEqual((url, sockets), (server.url, "0"))
 
     def test_a_replaced_or_cut_off_store_is_noticed(self):
         def replace(path):

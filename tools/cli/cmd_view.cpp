@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <memory>
 #include <optional>
+#include <thread>
 
 #include <isonest/error.h>
 #include <isonest/store.h>
@@ -73,8 +74,15 @@ bool open_browser(const std::string& url) {
     std::string program = "xdg-open";
     std::string argument = url;
     char* const arguments[] = {program.data(), argument.data(), nullptr};
+    // A browser that outlives this program must not hold its port.
+    posix_spawn_file_actions_t actions;
+    ::posix_spawn_file_actions_init(&actions);
+    ::posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
     pid_t child = 0;
-    if (::posix_spawnp(&child, program.c_str(), nullptr, nullptr, arguments, environ) != 0) {
+    const int failed =
+        ::posix_spawnp(&child, program.c_str(), &actions, nullptr, arguments, environ);
+    ::posix_spawn_file_actions_destroy(&actions);
+    if (failed != 0) {
         return false;
     }
     int status = 0;
@@ -82,9 +90,11 @@ bool open_browser(const std::string& url) {
 }
 
 void announce(const Arguments& a, const std::string& url) {
-    const std::string text =
-        a.json ? Json{{"url", url}, {"store", a.store}, {"pid", ::getpid()}}.dump() + "\n"
-               : fmt::format("{}\nCtrl-C ends it.\n", url);
+    const std::string text = a.json
+                                 ? Json{{"url", url}, {"store", a.store}, {"pid", ::getpid()}}.dump(
+                                       -1, ' ', false, Json::error_handler_t::replace) +
+                                       "\n"
+                                 : fmt::format("{}\nCtrl-C ends it.\n", url);
     if (std::fputs(text.c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
         throw Error(ErrorKind::io, "cannot write to standard output");
     }
@@ -115,9 +125,15 @@ Result run(const Arguments& a) {
         view::ViewService service(store, shares, a.threads, access,
                                   [&server] { return server->connections(); });
         announce(a, url);
-        if (a.open && !open_browser(url)) {
-            std::fputs("isonest: warning: no browser could be opened: open the URL by hand\n",
-                       stderr);
+        if (a.open) {
+            // Where no browser runs yet, the desktop's program may last as long as the new one.
+            std::thread([url] {
+                if (!open_browser(url) && !interrupted()) {
+                    std::fputs(
+                        "isonest: warning: no browser could be opened: open the URL by hand\n",
+                        stderr);
+                }
+            }).detach();
         }
         server->run(service, interrupted);
     }
