@@ -89,7 +89,8 @@ void fill_parts(const StoreReader& store, ExtractQuery& asked, const TraversalBu
     report.error_bound = query.vertices == VertexPlace::exact && is_error ? 2 * counts.error_bound
                                                                           : counts.error_bound;
     report.value_rounding = counts.value_rounding;
-    if (is_graph && counts.height_rounding > 0) {
+    // Laid flat, heights say nothing of the values.
+    if (is_graph && counts.height_rounding > 0 && asked.graph_scale != 0) {
         report.value_rounding = counts.height_rounding / std::fabs(asked.graph_scale);
     }
     report.peak_cache_bytes = cache.peak_bytes();

@@ -99,7 +99,7 @@ export function defaults(store: StoreInfo, isovalue: number, aspect: number): Vi
     surface: !flat,
     iso: isovalue,
     target: store.labels ? "triangles" : "screen",
-    pixels: 1,
+    pixels: 2, // of a diamond of tetrahedra: its triangles are about half as large
     error: (largest - least) / 100,
     distance: Math.hypot(...store.spacing) / 2,
     triangles: 1_000_000,
