@@ -156,8 +156,8 @@ def test_a_view_outlives_the_thread_that_started_it_forked_processes_and_an_inte
             views.clear()
             sys.exit()
         os.wait()
-        print(views[0].url, flush=True)
         try:
+            print(views[0].url, flush=True)
             time.sleep(60)
         except KeyboardInterrupt:
             print("interrupted", flush=True)
