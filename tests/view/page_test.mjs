@@ -485,6 +485,22 @@ test("a store that was replaced, or cut off, is told with the way out", async ()
   }
 });
 
+test("what the server refuses is told in its words, with the way out", async () => {
+  const { page, close } = await openPage(browser, `${server.url}#iso=0.5`);
+  await idle(page);
+  const body = JSON.stringify({ error: { kind: "limit", message: "the mesh is too large; allow a larger error", remedies: [{ kind: "larger_error", value: "", text: "allow a larger error" }] } });
+  await page.route("**/api/surface?**", (route) => route.fulfill({ status: 413, contentType: "application/json", body }));
+  await setRange(page, "iso", 0.7);
+  await page.waitForFunction(() => window.isonest.banner() === "request");
+  assert.equal(await page.$eval("#banner p", (element) => element.textContent), "The mesh is too large; allow a larger error");
+  assert.equal(await page.$$eval("#banner p", (all) => all.length), 1);
+  await page.unroute("**/api/surface?**");
+  await page.click("#try-again");
+  await idle(page);
+  assert.equal(await page.evaluate(() => window.isonest.banner()), null);
+  await close();
+});
+
 test("whoever has no token is refused, and told what to open", async () => {
   const its = await startServer(program, store, "--port", "0", "--token");
   const { page, faults, close } = await openPage(browser, `${its.url}#iso=0.5`);

@@ -10,7 +10,6 @@ export class ServerError extends Error {
   constructor(
     readonly status: number,
     message: string,
-    readonly remedies: readonly string[] = [],
   ) {
     super(message);
   }
@@ -112,7 +111,7 @@ export class Api {
 async function refusal(response: Response): Promise<ServerError> {
   try {
     const { error } = (await response.json()) as { error: ErrorBody };
-    return new ServerError(response.status, error.message, error.remedies);
+    return new ServerError(response.status, error.message);
   } catch {
     return new ServerError(response.status, `the server answered ${response.status} ${response.statusText}`);
   }

@@ -21,22 +21,21 @@ export class Banner {
 
   show(error: Error): void {
     const status = error instanceof ServerError ? error.status : -1;
-    const remedies = error instanceof ServerError ? error.remedies : [];
     if (status === 0) {
-      this.tell("server", "The server does not answer. Is isonest view still running? When it is started again at the same address, this page goes on.", [], true);
+      this.tell("server", "The server does not answer. Is isonest view still running? When it is started again at the same address, this page goes on.", true);
     } else if (status === kGone) {
-      this.tell("store", error.message, remedies, false);
+      this.tell("store", error.message, false);
     } else if (status === kForbidden) {
-      this.tell("request", `${error.message}. Open the whole address that isonest view has printed.`, remedies, false);
+      this.tell("request", `${error.message}. Open the whole address that isonest view has printed.`, false);
     } else {
-      this.tell("request", error.message, remedies, true);
+      this.tell("request", error.message, true);
     }
   }
 
   /** The server's status says so. */
   storeLost(how: string): void {
     const what = how === "replaced" ? "was replaced by another file" : how === "cut off" ? "was cut off: the file is shorter than it was" : `is ${how}`;
-    this.tell("store", `The store ${what}. End isonest view and start it again, then reload this page.`, [], false);
+    this.tell("store", `The store ${what}. End isonest view and start it again, then reload this page.`, false);
   }
 
   /** The server answers: if it did not before, what is to be shown is asked for once more. */
@@ -53,7 +52,7 @@ export class Banner {
     this.element.replaceChildren();
   }
 
-  private tell(kind: NonNullable<Banner["kind"]>, message: string, remedies: readonly string[], retry: boolean): void {
+  private tell(kind: NonNullable<Banner["kind"]>, message: string, retry: boolean): void {
     if (this.kind === "store" && kind !== "store") return; // nothing else matters then
     if (this.message === message) return;
     this.kind = kind;
@@ -63,7 +62,7 @@ export class Banner {
     else actions.append(button("Reload the page", () => location.reload(), { id: "reload" }));
     if (kind === "request") actions.append(button("Close", () => this.hide()));
     const text = message[0]!.toUpperCase() + message.slice(1);
-    this.element.replaceChildren(h("p", {}, text), ...remedies.map((remedy) => h("p", { class: "remedy" }, remedy)), actions);
+    this.element.replaceChildren(h("p", {}, text), actions);
     this.element.hidden = false;
   }
 }

@@ -94,6 +94,6 @@ export interface MeshHeader {
 
 export interface ErrorBody {
   readonly kind: string;
+  /** With the remedies. */
   readonly message: string;
-  readonly remedies: readonly string[];
 }
