@@ -22,9 +22,9 @@ foreach(file IN LISTS files)
   string(APPEND symbols
     "__asm__(\".section .rodata\\n.balign 16\\nisonest_page_${number}:\\n.incbin \\\"${file}\\\"\\n\"\n"
     "        \"isonest_page_${number}_end:\\n.byte 0\\n.previous\\n\");\n"
-    "extern const char page_${number}[] __asm__(\"isonest_page_${number}\");\n"
-    "extern const char page_${number}_end[] __asm__(\"isonest_page_${number}_end\");\n")
-  string(APPEND rows "    {\"/${name}\", \"${type_${ending}}\", page_${number}, page_${number}_end},\n")
+    "extern const char isonest_page_${number}_begin[] __asm__(\"isonest_page_${number}\");\n"
+    "extern const char isonest_page_${number}_end[] __asm__(\"isonest_page_${number}_end\");\n")
+  string(APPEND rows "    {\"/${name}\", \"${type_${ending}}\", isonest_page_${number}_begin, isonest_page_${number}_end},\n")
   math(EXPR number "${number} + 1")
 endforeach()
 if(number EQUAL 0)
@@ -35,8 +35,9 @@ file(WRITE ${OUTPUT} "// Made by embed_page.cmake.
 
 #include <array>
 
-namespace {
 ${symbols}
+namespace {
+
 struct Row {
     std::string_view path;
     std::string_view type;
