@@ -62,7 +62,7 @@ function run(store: StoreInfo, histogram: Promise<HistogramInfo>, info: Histogra
   const failed = (error: Error): void => banner.show(error);
   const readout = readoutLine();
   byId("stage").append(readout);
-  const probe = new Probe(api, stage, readout, failed);
+  const probe = new Probe(api, stage, readout, failed, store.labels);
   new Overlay(byId("stage"), stage, probe);
   new Pointer(views, store, stage, probe);
   let refresh = (): void => undefined; // until the panels are there

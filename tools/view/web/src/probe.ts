@@ -25,6 +25,7 @@ export class Probe {
     private readonly stage: Stage,
     private readonly readout: HTMLElement,
     private readonly failed: (error: Error) => void,
+    private readonly labels: boolean,
   ) {
     this.toggle = button("Measure a distance", () => this.setMeasuring(!this.measuring), { id: "measure", "aria-pressed": "false" });
     const centre = button("Mark the middle of the picture", () => void this.markMiddle(), { id: "mark-middle" });
@@ -105,6 +106,8 @@ export class Probe {
 
   private words(info: ValueInfo): string {
     if (!info.inside) return "outside of the volume";
+    // Between nodes labels have no value; the nearest node has one.
+    if (this.labels && info.node_value !== null) return `label ${info.node_value}`;
     return info.value === null ? "no value" : `value ${short(info.value)}`;
   }
 
