@@ -105,7 +105,6 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
         since_ = std::chrono::steady_clock::now();
         beast::error_code ignored;
         stream_.socket().cancel(ignored);  // watching for the other end
-        stream_.expires_after(std::chrono::seconds(parts_->limits.answer_seconds));
         sent_bytes_ = answer.heap();
         parts_->make_room_for_answer(sent_bytes_, this);
         parts_->sending_bytes += sent_bytes_;
@@ -238,6 +237,10 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
     void send(http::response<Body>&& message) {
         auto held = std::make_shared<http::response<Body>>(std::move(message));
         held->prepare_payload();
+        const std::uint64_t bytes = Body::size(held->body());
+        stream_.expires_after(
+            std::chrono::seconds(static_cast<std::uint64_t>(parts_->limits.answer_seconds) +
+                                 bytes / parts_->limits.answer_bytes_per_second));
         auto serializer = std::make_shared<http::response_serializer<Body>>(*held);
         auto done = [self = shared_from_this(), held, serializer](beast::error_code ec,
                                                                   std::size_t) {
@@ -280,13 +283,17 @@ bool HttpServer::Parts::make_room() {
     if (all.size() < limits.connections) {
         return true;
     }
-    for (auto place = all.begin(); place != all.end(); ++place) {
-        const std::shared_ptr<Connection> connection = place->lock();
-        if (connection && connection->state() == Connection::State::idle) {
-            connection->close();
-            all.erase(place);
-            return true;
+    std::shared_ptr<Connection> longest;
+    for (const std::weak_ptr<Connection>& c : all) {
+        const std::shared_ptr<Connection> alive = c.lock();
+        if (alive && alive->state() == Connection::State::idle &&
+            (!longest || alive->since() < longest->since())) {
+            longest = alive;
         }
+    }
+    if (longest) {
+        longest->close();
+        return true;
     }
     return false;
 }

@@ -21,7 +21,9 @@ struct HttpLimits {
     std::size_t answer_bytes = std::size_t{64} << 20U;
     int request_seconds = 10;  ///< from a request's first byte to its last
     int idle_seconds = 60;     ///< until the next request
-    int answer_seconds = 60;   ///< for sending an answer
+    int answer_seconds = 60;   ///< for sending an answer,
+    /// and a second more for so many bytes of it.
+    std::size_t answer_bytes_per_second = std::size_t{128} << 10U;
 };
 
 /// One thread, that of run(), does all that has to do with the network.
