@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "query/finite_elements/active_nodes.h"
@@ -35,6 +36,17 @@ Moments moments(std::span<const float> mass, std::span<const float> u) {
     return out;
 }
 
+/// Vectors over the lattice: the values; G_sigma * u; on a grid of fewer nodes, both again; r, p,
+/// z, two diagonals.
+constexpr std::uint64_t kVectorsOfFewer = 9;
+
+/// What an assembled matrix may hold: on a grid of `active` nodes a step's vectors are short. The
+/// values of the lattice stay, and seven vectors of active nodes.
+std::uint64_t matrix_bytes(const Lattice& lattice, std::uint64_t active) {
+    const auto nodes = static_cast<std::uint64_t>(lattice.nodes().product());
+    return ((kVectorsOfFewer - 1) * nodes - 7 * active) * sizeof(float);
+}
+
 }  // namespace
 
 NonlinearDiffusion::NonlinearDiffusion(const Lattice& lattice, const Double3& spacing,
@@ -50,8 +62,7 @@ NodeSet NonlinearDiffusion::grid(Progress& progress) const {
 
 std::uint64_t NonlinearDiffusion::heap(const Lattice& lattice, const DiffusionOptions& options) {
     const auto nodes = static_cast<std::uint64_t>(lattice.nodes().product());
-    // The values; G_sigma * u; on a grid of fewer nodes, both again; r, p, z, two diagonals.
-    const std::uint64_t vectors = options.threshold > 0 ? 9 : 7;
+    const std::uint64_t vectors = options.threshold > 0 ? kVectorsOfFewer : 7;
     const auto rows = static_cast<std::uint64_t>(lattice.nodes().y * lattice.nodes().z);
     const std::uint64_t grid =
         ((static_cast<std::uint64_t>(lattice.nodes().x) + 63) / 64 * 12 + 8) * rows;
@@ -86,11 +97,26 @@ DiffusionStep NonlinearDiffusion::step(Progress& progress) {
 
     const Coefficient<float> a{smoothed, options_.lambda};
     std::vector<float> mass(n);
-    grid_operator.lumped_mass(mass);
     std::vector<float> diagonal(n);
-    grid_operator.stiffness_diagonal(a, options_.tau, diagonal);
+    // Where memory allows, which is where nodes were left out.
+    const std::optional<GridMatrix<float>> matrix = grid_operator.assemble(
+        a, options_.tau, mass, diagonal, matrix_bytes(lattice_, set.count()));
+    if (!matrix) {
+        grid_operator.lumped_mass(mass);
+        grid_operator.stiffness_diagonal(a, options_.tau, diagonal);
+    } else {
+        smoothed = {};
+    }
+    // scale B w.
+    const auto multiply_stiffness = [&](std::span<const float> w, std::span<float> out) {
+        matrix ? workers.execute([&] { matrix->multiply({}, w, out); })
+               : grid_operator.stiffness(a, options_.tau, w, out);
+    };
     std::vector<float> r(n);
-    grid_operator.stiffness(a, -options_.tau, x, r);  // M u less (M + tau B) u
+    multiply_stiffness(x, r);  // M u less (M + tau B) u
+    for (float& v : r) {
+        v = -v;
+    }
     std::vector<float> p(n);
     std::vector<float> z(n);
 
@@ -111,6 +137,9 @@ DiffusionStep NonlinearDiffusion::step(Progress& progress) {
         }));
     });
     const auto multiply = [&](std::span<const float> w, std::span<float> out) {
+        if (matrix) {
+            return workers.execute([&] { matrix->multiply(mass, w, out); });
+        }
         grid_operator.stiffness(a, options_.tau, w, out);
         workers.execute([&] {
             for_parts(n, [&](std::size_t begin, std::size_t end) {
