@@ -110,15 +110,21 @@ class BlockWeights {
                 }
                 scale /= 1 + gradient_squared<D, Kind>(stopping, inverse) * t.inverse_lambda;
             }
+            // By nodes, with their places: the smaller is the end that an edge belongs to.
+            std::array<std::uint64_t, static_cast<std::size_t>(D) + 1> ordered;
+            for (std::size_t i = 0; i <= D; ++i) {
+                ordered[i] = std::uint64_t{v[i].node} << 32U | v[i].at;
+            }
             for_couplings<D, Kind>(scale, inverse, [&]<std::size_t I, std::size_t J>(Real weight) {
                 // Midpoints are half an edge away.
                 const int length = level - (J > D - Kind ? 1 : 0);
-                const bool in_order = v[I].node < v[J].node;
-                const LocalNode step = in_order ? v[J].node - v[I].node : v[I].node - v[J].node;
+                const std::uint64_t low = std::min(ordered[I], ordered[J]);
+                const std::uint64_t high = std::max(ordered[I], ordered[J]);
                 // A negative x or y borrows from above, and a shift keeps that.
+                const auto step = static_cast<LocalNode>((high >> 32U) - (low >> 32U));
                 const std::size_t direction =
                     kDirectionOfKey[direction_key(step >> static_cast<unsigned>(length))];
-                weights[direction * size + (in_order ? v[I].at : v[J].at)] += weight;
+                weights[direction * size + (low & 0xFFFFFFFFU)] += weight;
             });
             for (const BlockVertex& x : v) {
                 mass[x.at] += t.volume / (D + 1);
@@ -160,10 +166,8 @@ class BlockWeights {
             for (std::size_t r = 0; r < 4; ++r) {
                 sums[r] = {mass_.data() + first[r] + parity, mass_.data() + first[r] + kOdd};
             }
-            add_finest_weights<Coefficient>(terms, rows(block.stopping), rows(block.active), there,
-                                            edges);
-            add_finest<ElementWork::lumped_mass, false>(
-                terms, rows(block.stopping), rows(block.stopping), rows(block.active), there, sums);
+            add_finest_weights(Coefficient, terms, rows(block.stopping), rows(block.active), there,
+                               edges, sums);
         });
     }
 

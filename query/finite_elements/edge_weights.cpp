@@ -20,12 +20,19 @@ struct BlockVectors {
 template <class Real>
 void add_block(const EdgeWeights<Real>& block, std::span<const Real> w, std::span<Real> out,
                BlockVectors<Real>& local) {
-    local.w.clear();
+    std::size_t nodes = 0;
     for (std::size_t row = 0; row < block.row_first.size(); ++row) {
-        const auto from = w.begin() + static_cast<std::ptrdiff_t>(block.row_first[row]);
-        local.w.insert(local.w.end(), from, from + block.row_count[row]);
+        const Real* const from = w.data() + block.row_first[row];
+        const std::size_t count = block.row_count[row];
+        if (local.w.size() < nodes + count) {
+            local.w.resize(nodes + count);
+        }
+        for (std::size_t n = 0; n < count; ++n) {
+            local.w[nodes + n] = from[n];
+        }
+        nodes += count;
     }
-    local.sum.assign(local.w.size(), Real{0});
+    local.sum.assign(nodes, Real{0});
     const Real* const value = local.w.data();
     Real* const sum = local.sum.data();
     const std::size_t edges = block.weight.size();

@@ -130,48 +130,6 @@ template <bool Coefficient, bool Diagonal, class Real>
     }
 }
 
-/// Where the weights of the cells' twelve edges go: along x, y and z, by the parities of the other
-/// two axes in their order (1 and 2).
-template <class Real>
-using EdgeRows = std::array<std::array<Real*, 4>, 3>;
-
-/// Adds the edges' weights: what the stiffness matrix has between their ends, with the other sign.
-template <bool Coefficient, class Real>
-[[gnu::always_inline]] inline void add_finest_weights(const FinestTerms<Real>& terms,
-                                                      const CornerRows<Real>& stopping,
-                                                      const CornerRows<Real>& active,
-                                                      const Real* there,
-                                                      const EdgeRows<Real>& edges) {
-    const auto [hx, hy, hz] = terms.inverse;
-    const Real sx = hx * terms.stiffness;
-    const Real sy = hy * terms.stiffness;
-    const Real sz = hz * terms.stiffness;
-    alignas(64) std::array<std::array<std::array<Real, kCellsPerCall>, 4>, 3> out;
-    for (std::size_t i = 0; i < kCellsPerCall; ++i) {
-        const auto [xyz, xzy, yxz, yzx, zxy, zyx] =
-            walk_weights<Coefficient>(terms, stopping, active, there, i);
-        out[0][0][i] = (xyz + xzy) * sx;
-        out[0][1][i] = yxz * sx;
-        out[0][2][i] = zxy * sx;
-        out[0][3][i] = (yzx + zyx) * sx;
-        out[1][0][i] = (yxz + yzx) * sy;
-        out[1][1][i] = xyz * sy;
-        out[1][2][i] = zyx * sy;
-        out[1][3][i] = (xzy + zxy) * sy;
-        out[2][0][i] = (zxy + zyx) * sz;
-        out[2][1][i] = xzy * sz;
-        out[2][2][i] = yzx * sz;
-        out[2][3][i] = (xyz + yxz) * sz;
-    }
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        for (std::size_t row = 0; row < 4; ++row) {
-            for (std::size_t i = 0; i < kCellsPerCall; ++i) {
-                edges[axis][row][i] += out[axis][row][i];
-            }
-        }
-    }
-}
-
 /// out += the mass matrix' product with value, or, `Lumped`, its row sums.
 template <bool Lumped, class Real>
 [[gnu::always_inline]] inline void finest_mass(const FinestTerms<Real>& terms,
@@ -256,6 +214,64 @@ template <ElementWork Work, bool Coefficient, class Real>
             sums[row].odd[i] += out[2 * row + 1][i];
         }
     }
+}
+
+/// Where the weights of the cells' twelve edges go: along x, y and z, by the parities of the other
+/// two axes in their order (1 and 2).
+template <class Real>
+using EdgeRows = std::array<std::array<Real*, 4>, 3>;
+
+/// Adds the edges' weights (what the stiffness matrix has between their ends, with the other sign),
+/// and the lumped mass matrix' diagonal.
+template <bool Coefficient, class Real>
+[[gnu::always_inline]] inline void add_weights(const FinestTerms<Real>& terms,
+                                               const CornerRows<Real>& stopping,
+                                               const CornerRows<Real>& active, const Real* there,
+                                               const EdgeRows<Real>& edges,
+                                               const std::array<SumRow<Real>, 4>& mass) {
+    const auto [hx, hy, hz] = terms.inverse;
+    const Real sx = hx * terms.stiffness;
+    const Real sy = hy * terms.stiffness;
+    const Real sz = hz * terms.stiffness;
+    alignas(64) std::array<std::array<std::array<Real, kCellsPerCall>, 4>, 3> out;
+    for (std::size_t i = 0; i < kCellsPerCall; ++i) {
+        const auto [xyz, xzy, yxz, yzx, zxy, zyx] =
+            walk_weights<Coefficient>(terms, stopping, active, there, i);
+        out[0][0][i] = (xyz + xzy) * sx;
+        out[0][1][i] = yxz * sx;
+        out[0][2][i] = zxy * sx;
+        out[0][3][i] = (yzx + zyx) * sx;
+        out[1][0][i] = (yxz + yzx) * sy;
+        out[1][1][i] = xyz * sy;
+        out[1][2][i] = zyx * sy;
+        out[1][3][i] = (xzy + zxy) * sy;
+        out[2][0][i] = (zxy + zyx) * sz;
+        out[2][1][i] = xzy * sz;
+        out[2][2][i] = yzx * sz;
+        out[2][3][i] = (xyz + yxz) * sz;
+    }
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        for (std::size_t row = 0; row < 4; ++row) {
+            for (std::size_t i = 0; i < kCellsPerCall; ++i) {
+                edges[axis][row][i] += out[axis][row][i];
+            }
+        }
+    }
+    add_finest<ElementWork::lumped_mass, false>(terms, stopping, stopping, active, there, mass);
+}
+
+/// The same for the instructions that the machine has, as the products below. `with_coefficient`:
+/// Coefficient.
+void add_finest_weights(bool with_coefficient, const FinestTerms<float>& terms,
+                        const CornerRows<float>& stopping, const CornerRows<float>& active,
+                        const float* there, const EdgeRows<float>& edges,
+                        const std::array<SumRow<float>, 4>& mass);
+inline void add_finest_weights(bool with_coefficient, const FinestTerms<double>& terms,
+                               const CornerRows<double>& stopping, const CornerRows<double>& active,
+                               const double* there, const EdgeRows<double>& edges,
+                               const std::array<SumRow<double>, 4>& mass) {
+    with_coefficient ? add_weights<true>(terms, stopping, active, there, edges, mass)
+                     : add_weights<false>(terms, stopping, active, there, edges, mass);
 }
 
 /// The products, which are what takes the time, for the instructions that the machine has.
