@@ -81,6 +81,7 @@ void require_products(const Int3& n, const Double3& spacing,
     }
     constexpr double kLambda = 0.7;
     constexpr double kScale = 1.75;
+    constexpr std::uint64_t kAnyBytes = std::uint64_t{1} << 40U;
     const auto stiffness = grid.assemble(
         spacing, [&](const Simplex& x, const Element<D>&) { return Local<D>(x, kScale); });
     const auto weighted = grid.assemble(spacing, [&](const Simplex& x, const Element<D>& t) {
@@ -101,20 +102,48 @@ void require_products(const Int3& n, const Double3& spacing,
     std::vector<std::vector<Real>> first;
     for (const int threads : {1, 3}) {
         GridOperator<Real> op(lattice, spacing, set, threads);
-        std::vector<std::vector<Real>> z(6, std::vector<Real>(count, Real{17}));
+        std::vector<std::vector<Real>> z(12, std::vector<Real>(count, Real{17}));
         op.stiffness({}, kScale, w, z[0]);
         op.stiffness(perona_malik, kScale, w, z[1]);
         op.stiffness_diagonal({}, kScale, z[2]);
         op.stiffness_diagonal(perona_malik, kScale, z[3]);
         op.mass(w, z[4]);
         op.lumped_mass(z[5]);
+        // Assembled: the product, less the mass that goes with it, and the diagonals.
+        std::size_t next = 6;
+        for (const Coefficient<Real>& a : {Coefficient<Real>{}, perona_malik}) {
+            std::vector<Real>& product = z[next++];
+            std::vector<Real>& lumped = z[next++];
+            std::vector<Real>& diagonal = z[next++];
+            const auto matrix = op.assemble(a, kScale, lumped, diagonal, kAnyBytes);
+            REQUIRE(matrix);
+            matrix->multiply({}, w, product);
+            std::vector<Real> with_mass(count, Real{17});
+            matrix->multiply(lumped, w, with_mass);
+            std::size_t wrong = 0;
+            for (std::size_t i = 0; i < count; ++i) {
+                const Real mass_part = lumped[i] * w[i];
+                wrong += std::fabs(with_mass[i] - mass_part - product[i]) >
+                         Real{4e-6F} * (std::fabs(mass_part) + 20 * kScale);
+            }
+            CHECK(wrong == 0);
+            CHECK(!op.assemble(a, kScale, lumped, diagonal, matrix->heap() - 1));
+            CHECK(op.assemble(a, kScale, lumped, diagonal, matrix->heap()));
+        }
         if (threads == 1) {
             require_near<Real>(stiffness * we, z[0]);
             require_near<Real>(weighted * we, z[1]);
             require_near<Real>(stiffness.diagonal(), z[2]);
             require_near<Real>(weighted.diagonal(), z[3]);
             require_near<Real>(mass * we, z[4]);
-            require_near<Real>(mass * Eigen::VectorXd::Ones(static_cast<int>(count)), z[5]);
+            const Eigen::VectorXd lumped = mass * Eigen::VectorXd::Ones(static_cast<int>(count));
+            require_near<Real>(lumped, z[5]);
+            require_near<Real>(stiffness * we, z[6]);
+            require_near<Real>(lumped, z[7]);
+            require_near<Real>(stiffness.diagonal(), z[8]);
+            require_near<Real>(weighted * we, z[9]);
+            require_near<Real>(lumped, z[10]);
+            require_near<Real>(weighted.diagonal(), z[11]);
             first = z;
         } else {
             CHECK(z == first);

@@ -99,6 +99,8 @@ with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
                 ["export", store, "--field", "deviation_bar", "-o", folder / "e.h5", "--force"],
                 ["export", store, "--field", "lp:3", "-o", folder / "e.raw", "--force"],
                 ["smooth", store, "--steps", 1, "--tau", 1, "--lambda", 0.1, "-o", folder / "u.raw", "--force"],
+                ["smooth", volume, "--steps", 1, "--tau", 1, "--lambda", 0.1, "--threshold", 0.003, "-o",
+                 folder / "u.raw", "--force"],
                 ["smooth", volume, "--steps", 2, "--tau", 1, "--lambda", 0.1, "--threshold", 0.3, "-o",
                  folder / "u.h5", "--grid", folder / "g.h5", "--snapshots", 1, "--force"],
                 ["info", store, "--histogram", "-o", folder / "h.svg"],

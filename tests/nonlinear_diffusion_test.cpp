@@ -133,6 +133,29 @@ double energy(const ExplicitGrid<3>& grid, const Double3& spacing, const Int3& n
     return sum;
 }
 
+/// The largest entry off the diagonal of a stiffness matrix with equal spacings and coefficients
+/// that differ from element to element.
+template <int D>
+double largest_coupling(const Int3& n, const std::function<bool(const Int3&, int)>& wanted) {
+    const ExplicitGrid<D> grid(Lattice(n), wanted);
+    std::uint64_t element = 0;
+    const auto matrix = grid.assemble({1, 1, 1}, [&](const Simplex& s, const Element<D>&) {
+        const double a = 0.1 + noise({0, 0, 0}, ++element);
+        return [a, &s, g = s.gradient_weights()](std::size_t i, std::size_t j) {
+            return a * s.measure() * dot(g[i], g[j]);
+        };
+    });
+    double largest = -1e30;
+    for (int row = 0; row < matrix.outerSize(); ++row) {
+        for (Eigen::SparseMatrix<double>::InnerIterator it(matrix, row); it; ++it) {
+            if (it.row() != it.col()) {
+                largest = std::max(largest, it.value());
+            }
+        }
+    }
+    return largest;
+}
+
 }  // namespace
 
 TEST_CASE("a Poisson problem converges with the square of the element size") {
@@ -253,6 +276,45 @@ TEST_CASE("diffusion keeps the mean and the range, lowers the energy, and depend
     CHECK(report.iterations == 0);
     CHECK(std::all_of(constant.values().begin(), constant.values().end(),
                       [](float v) { return v == 7.25F; }));
+}
+
+TEST_CASE(
+    "with equal spacings no coupling is positive in planes, and in space if all nodes are there") {
+    const auto few = [](const Int3& p, int level) {
+        return noise(p, static_cast<std::uint64_t>(level)) < 0.1;
+    };
+    CHECK(largest_coupling<2>({17, 17, 1}, few) < 1e-12);
+    CHECK(largest_coupling<2>({14, 1, 9}, few) < 1e-12);
+    CHECK(largest_coupling<3>({5, 5, 5}, [](const Int3&, int) { return true; }) < 1e-12);
+    // A tetrahedron that was bisected once has an angle of 120 degrees.
+    CHECK(largest_coupling<3>({3, 3, 3}, [](const Int3& p, int) {
+              return p == Int3{1, 1, 1};
+          }) > 1e-3);
+}
+
+TEST_CASE("in a plane with equal spacings no value leaves the range, with a threshold as without") {
+    const Int3 n{33, 27, 1};
+    for (const double threshold : {0.0, 15.0, 40.0}) {
+        for (const double tau : {0.05, 0.5, 8.0}) {
+            CAPTURE(threshold, tau);
+            DiffusionOptions options;
+            options.tau = tau;
+            options.lambda = 10;
+            options.threshold = threshold;
+            NonlinearDiffusion diffusion(Lattice(n), {1, 1, 1}, image(n), options);
+            for (int step = 0; step < 3; ++step) {
+                const auto [low, high] =
+                    std::minmax_element(diffusion.values().begin(), diffusion.values().end());
+                const double least = *low;
+                const double largest = *high;
+                const DiffusionStep report = diffusion.step(silent_progress());
+                CHECK((report.unknowns < static_cast<std::uint64_t>(n.product())) ==
+                      (threshold > 0));
+                CHECK(report.least >= least - 1e-4);
+                CHECK(report.largest <= largest + 1e-4);
+            }
+        }
+    }
 }
 
 TEST_CASE("a grid's function at nodes that are not active is the linear one of their element") {

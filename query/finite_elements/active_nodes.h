@@ -24,10 +24,6 @@ namespace isonest::detail {
 /// REQUIRES: level > 0, an odd axis, none of them flat.
 double hat_gradient(const Lattice& lattice, const Double3& spacing, int level, unsigned odd_axes);
 
-/// Whether an element that may refine at p, of `level`, reaches out of the volume without lying
-/// outside. REQUIRES: p is a refinement node of `level` in the volume.
-bool crosses_border(const Lattice& lattice, const Int3& p, int level);
-
 /// The refined nodes and the corners of the coarsest elements. `wanted`: whether the indicator,
 /// saturated or not, is large enough at a refinement node of a level; called from many threads.
 /// `threads`: 0 = all. Throws what `wanted` throws and Error{cancelled}.

@@ -1,4 +1,4 @@
-// AdaptTraverse within one block: the leaves of an implicit grid, and what each adds to the sums.
+// AdaptTraverse within one block: the leaves of an implicit grid.
 //
 // Source: Gerstner, Rumpf, Weikard (2000), sections 2 and 7. The refinement node of an element is
 // the midpoint of two vertices, so nothing but their places is carried down; the stop test is one
@@ -58,16 +58,31 @@ template <ElementWork Work, bool Coefficient, int D, int Kind, class Real>
 template <class Real, int D>
 using TermsTable = std::array<std::array<ElementTerms<Real>, static_cast<std::size_t>(D)>, 32>;
 
-template <ElementWork Work, bool Coefficient, class Real, int D>
+template <int D>
+using ElementAxes = std::array<int, static_cast<std::size_t>(D)>;
+
+/// A vertex of an element in a block: which node, and where it lies in the block's arrays.
+struct BlockVertex {
+    LocalNode node;
+    std::uint32_t at;
+};
+template <int D>
+using BlockVertices = std::array<BlockVertex, static_cast<std::size_t>(D) + 1>;
+
+/// Finds leaves and calls on_leaf.template operator()<Kind>(vertices, axes, level) for each.
+template <class Real, int D, class OnLeaf>
 class BlockElements {
+    using Axes = ElementAxes<D>;
+    using Vertex = BlockVertex;
+    using Vertices = BlockVertices<D>;
+
   public:
-    BlockElements(LocalBlock<Real, D>& block, const TermsTable<Real, D>& terms)
-        : block_(block), terms_(terms) {}
+    BlockElements(const LocalBlock<Real, D>& block, OnLeaf& on_leaf)
+        : block_(block), on_leaf_(on_leaf) {}
 
     /// All leaves of an element of kind 0 of the block: the walk along `axes` from the corner
     /// `even`, which is 0 or `cells` along each axis.
-    void walk(const Int3& even, const std::array<int, static_cast<std::size_t>(D)>& axes,
-              std::int64_t cells, int level) {
+    void walk(const Int3& even, const Axes& axes, std::int64_t cells, int level) {
         Vertices v;
         Int3 p = even;
         v[0] = vertex(local_node(p));
@@ -79,13 +94,6 @@ class BlockElements {
     }
 
   private:
-    using Axes = std::array<int, static_cast<std::size_t>(D)>;
-    struct Vertex {
-        LocalNode node;
-        std::uint32_t at;
-    };
-    using Vertices = std::array<Vertex, static_cast<std::size_t>(D) + 1>;
-
     [[nodiscard]] Vertex vertex(LocalNode node) const { return {node, block_.layout.at(node)}; }
     /// How an element lies to the volume.
     enum class Reach { within, across, outside };
@@ -178,23 +186,11 @@ class BlockElements {
 
     template <int Kind>
     void leaf(const Vertices& v, const Axes& axes, int level) {
-        std::array<Real, static_cast<std::size_t>(D) + 1> value;
-        std::array<Real, static_cast<std::size_t>(D) + 1> stopping;
-        std::array<Real, static_cast<std::size_t>(D) + 1> out{};
-        for (std::size_t i = 0; i <= D; ++i) {
-            value[i] = block_.value[v[i].at];
-            stopping[i] = block_.stopping[v[i].at];
-        }
-        add_element<Work, Coefficient, D, Kind>(
-            terms_[static_cast<std::size_t>(level)][static_cast<std::size_t>(Kind)], axes, value,
-            stopping, out);
-        for (std::size_t i = 0; i <= D; ++i) {
-            block_.sum[v[i].at] += out[i];
-        }
+        on_leaf_.template operator()<Kind>(v, axes, level);
     }
 
-    LocalBlock<Real, D>& block_;
-    const TermsTable<Real, D>& terms_;
+    const LocalBlock<Real, D>& block_;
+    OnLeaf& on_leaf_;
 };
 
 }  // namespace isonest::detail

@@ -40,9 +40,54 @@ struct FinestTerms {
 template <class Real>
 using CornerSums = std::array<std::array<Real, kCellsPerCall>, 8>;
 
-/// `Coefficient`: whether the elements' coefficients are 1 / (1 + |grad stopping|^2 / lambda^2)
-/// in place of 1. `Diagonal`: the stiffness matrix' diagonal in place of its product with value.
-/// `there`: 1 where a cell lies in the volume. Each lane's result depends on that lane alone.
+/// The six elements' coefficients, by walk.
+template <class Real>
+struct WalkWeights {
+    Real xyz, xzy, yxz, yzx, zxy, zyx;
+};
+
+/// Those of the i-th cell: 0 where an element is not there, else 1, or, `Coefficient`,
+/// 1 / (1 + |grad stopping|^2 / lambda^2).
+template <bool Coefficient, class Real>
+[[gnu::always_inline]] inline WalkWeights<Real> walk_weights(const FinestTerms<Real>& terms,
+                                                             const CornerRows<Real>& stopping,
+                                                             const CornerRows<Real>& active,
+                                                             const Real* there, std::size_t i) {
+    const auto [hx, hy, hz] = terms.inverse;
+    const Real lambda = terms.inverse_lambda;
+    Real xyz = active[0].odd[i] * there[i];
+    Real yxz = active[1].even[i] * there[i];
+    Real zxy = active[2].even[i] * there[i];
+    Real xzy = xyz;
+    Real yzx = yxz;
+    Real zyx = zxy;
+    if constexpr (Coefficient) {
+        const auto square = [](Real a, Real b, Real h) { return (b - a) * (b - a) * h; };
+        const auto& s = stopping;
+        const Real x00 = square(s[0].even[i], s[0].odd[i], hx);
+        const Real x10 = square(s[1].even[i], s[1].odd[i], hx);
+        const Real x01 = square(s[2].even[i], s[2].odd[i], hx);
+        const Real x11 = square(s[3].even[i], s[3].odd[i], hx);
+        const Real y00 = square(s[0].even[i], s[1].even[i], hy);
+        const Real y10 = square(s[0].odd[i], s[1].odd[i], hy);
+        const Real y01 = square(s[2].even[i], s[3].even[i], hy);
+        const Real y11 = square(s[2].odd[i], s[3].odd[i], hy);
+        const Real z00 = square(s[0].even[i], s[2].even[i], hz);
+        const Real z10 = square(s[0].odd[i], s[2].odd[i], hz);
+        const Real z01 = square(s[1].even[i], s[3].even[i], hz);
+        const Real z11 = square(s[1].odd[i], s[3].odd[i], hz);
+        xyz /= 1 + (x00 + y10 + z11) * lambda;
+        xzy /= 1 + (x00 + z10 + y11) * lambda;
+        yxz /= 1 + (y00 + x10 + z11) * lambda;
+        yzx /= 1 + (y00 + z01 + x11) * lambda;
+        zxy /= 1 + (z00 + x01 + y11) * lambda;
+        zyx /= 1 + (z00 + y01 + x11) * lambda;
+    }
+    return {xyz, xzy, yxz, yzx, zxy, zyx};
+}
+
+/// `Diagonal`: the stiffness matrix' diagonal in place of its product with value. `there`: 1 where
+/// a cell lies in the volume. Each lane's result depends on that lane alone.
 template <bool Coefficient, bool Diagonal, class Real>
 [[gnu::always_inline]] inline void finest_stiffness(const FinestTerms<Real>& terms,
                                                     const CornerRows<Real>& value,
@@ -51,36 +96,9 @@ template <bool Coefficient, bool Diagonal, class Real>
                                                     const Real* there, CornerSums<Real>& out) {
     const auto [hx, hy, hz] = terms.inverse;
     const Real scale = terms.stiffness;
-    const Real lambda = terms.inverse_lambda;
     for (std::size_t i = 0; i < kCellsPerCall; ++i) {
-        Real xyz = active[0].odd[i] * there[i];
-        Real yxz = active[1].even[i] * there[i];
-        Real zxy = active[2].even[i] * there[i];
-        Real xzy = xyz;
-        Real yzx = yxz;
-        Real zyx = zxy;
-        if constexpr (Coefficient) {
-            const auto square = [](Real a, Real b, Real h) { return (b - a) * (b - a) * h; };
-            const auto& s = stopping;
-            const Real x00 = square(s[0].even[i], s[0].odd[i], hx);
-            const Real x10 = square(s[1].even[i], s[1].odd[i], hx);
-            const Real x01 = square(s[2].even[i], s[2].odd[i], hx);
-            const Real x11 = square(s[3].even[i], s[3].odd[i], hx);
-            const Real y00 = square(s[0].even[i], s[1].even[i], hy);
-            const Real y10 = square(s[0].odd[i], s[1].odd[i], hy);
-            const Real y01 = square(s[2].even[i], s[3].even[i], hy);
-            const Real y11 = square(s[2].odd[i], s[3].odd[i], hy);
-            const Real z00 = square(s[0].even[i], s[2].even[i], hz);
-            const Real z10 = square(s[0].odd[i], s[2].odd[i], hz);
-            const Real z01 = square(s[1].even[i], s[3].even[i], hz);
-            const Real z11 = square(s[1].odd[i], s[3].odd[i], hz);
-            xyz /= 1 + (x00 + y10 + z11) * lambda;
-            xzy /= 1 + (x00 + z10 + y11) * lambda;
-            yxz /= 1 + (y00 + x10 + z11) * lambda;
-            yzx /= 1 + (y00 + z01 + x11) * lambda;
-            zxy /= 1 + (z00 + x01 + y11) * lambda;
-            zyx /= 1 + (z00 + y01 + x11) * lambda;
-        }
+        const auto [xyz, xzy, yxz, yzx, zxy, zyx] =
+            walk_weights<Coefficient>(terms, stopping, active, there, i);
         const auto& w = value;
         const auto flux = [](Real weight, Real a, Real b) {
             return Diagonal ? weight : weight * (b - a);
@@ -196,6 +214,64 @@ template <ElementWork Work, bool Coefficient, class Real>
             sums[row].odd[i] += out[2 * row + 1][i];
         }
     }
+}
+
+/// Where the weights of the cells' twelve edges go: along x, y and z, by the parities of the other
+/// two axes in their order (1 and 2).
+template <class Real>
+using EdgeRows = std::array<std::array<Real*, 4>, 3>;
+
+/// Adds the edges' weights (what the stiffness matrix has between their ends, with the other sign),
+/// and the lumped mass matrix' diagonal.
+template <bool Coefficient, class Real>
+[[gnu::always_inline]] inline void add_weights(const FinestTerms<Real>& terms,
+                                               const CornerRows<Real>& stopping,
+                                               const CornerRows<Real>& active, const Real* there,
+                                               const EdgeRows<Real>& edges,
+                                               const std::array<SumRow<Real>, 4>& mass) {
+    const auto [hx, hy, hz] = terms.inverse;
+    const Real sx = hx * terms.stiffness;
+    const Real sy = hy * terms.stiffness;
+    const Real sz = hz * terms.stiffness;
+    alignas(64) std::array<std::array<std::array<Real, kCellsPerCall>, 4>, 3> out;
+    for (std::size_t i = 0; i < kCellsPerCall; ++i) {
+        const auto [xyz, xzy, yxz, yzx, zxy, zyx] =
+            walk_weights<Coefficient>(terms, stopping, active, there, i);
+        out[0][0][i] = (xyz + xzy) * sx;
+        out[0][1][i] = yxz * sx;
+        out[0][2][i] = zxy * sx;
+        out[0][3][i] = (yzx + zyx) * sx;
+        out[1][0][i] = (yxz + yzx) * sy;
+        out[1][1][i] = xyz * sy;
+        out[1][2][i] = zyx * sy;
+        out[1][3][i] = (xzy + zxy) * sy;
+        out[2][0][i] = (zxy + zyx) * sz;
+        out[2][1][i] = xzy * sz;
+        out[2][2][i] = yzx * sz;
+        out[2][3][i] = (xyz + yxz) * sz;
+    }
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        for (std::size_t row = 0; row < 4; ++row) {
+            for (std::size_t i = 0; i < kCellsPerCall; ++i) {
+                edges[axis][row][i] += out[axis][row][i];
+            }
+        }
+    }
+    add_finest<ElementWork::lumped_mass, false>(terms, stopping, stopping, active, there, mass);
+}
+
+/// The same for the instructions that the machine has, as the products below. `with_coefficient`:
+/// Coefficient.
+void add_finest_weights(bool with_coefficient, const FinestTerms<float>& terms,
+                        const CornerRows<float>& stopping, const CornerRows<float>& active,
+                        const float* there, const EdgeRows<float>& edges,
+                        const std::array<SumRow<float>, 4>& mass);
+inline void add_finest_weights(bool with_coefficient, const FinestTerms<double>& terms,
+                               const CornerRows<double>& stopping, const CornerRows<double>& active,
+                               const double* there, const EdgeRows<double>& edges,
+                               const std::array<SumRow<double>, 4>& mass) {
+    with_coefficient ? add_weights<true>(terms, stopping, active, there, edges, mass)
+                     : add_weights<false>(terms, stopping, active, there, edges, mass);
 }
 
 /// The products, which are what takes the time, for the instructions that the machine has.

@@ -8,6 +8,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "store/base/simd.h"
+
 namespace isonest::detail {
 namespace {
 
@@ -39,6 +41,14 @@ struct Lines {
     std::int64_t stride;
 };
 
+/// out += weight (low + high).
+ISONEST_SIMD
+void add_pair(float* out, const float* low, const float* high, float weight, std::int64_t count) {
+    for (std::int64_t i = 0; i < count; ++i) {
+        out[i] += weight * (low[i] + high[i]);
+    }
+}
+
 /// Convolves `columns` neighbouring lines from `first` on. `buffer`: of them all, with borders.
 void convolve(float* first, const Lines& lines, std::int64_t columns,
               const std::vector<float>& weights, std::vector<float>& buffer) {
@@ -48,6 +58,17 @@ void convolve(float* first, const Lines& lines, std::int64_t columns,
         const std::int64_t from = i < 0 ? -i : i >= lines.count ? 2 * (lines.count - 1) - i : i;
         std::copy_n(first + from * lines.stride, columns, buffer.data() + (i + radius) * columns);
     }
+    if (columns == 1 && lines.stride == 1) {
+        const float* const middle = buffer.data() + radius;
+        for (std::int64_t i = 0; i < lines.count; ++i) {
+            first[i] = weights[0] * middle[i];
+        }
+        for (std::int64_t k = 1; k <= radius; ++k) {
+            add_pair(first, middle - k, middle + k, weights[static_cast<std::size_t>(k)],
+                     lines.count);
+        }
+        return;
+    }
     for (std::int64_t i = 0; i < lines.count; ++i) {
         float* const out = first + i * lines.stride;
         const float* const middle = buffer.data() + (i + radius) * columns;
@@ -55,12 +76,8 @@ void convolve(float* first, const Lines& lines, std::int64_t columns,
             out[c] = weights[0] * middle[c];
         }
         for (std::int64_t k = 1; k <= radius; ++k) {
-            const float* const low = middle - k * columns;
-            const float* const high = middle + k * columns;
-            const float w = weights[static_cast<std::size_t>(k)];
-            for (std::int64_t c = 0; c < columns; ++c) {
-                out[c] += w * (low[c] + high[c]);
-            }
+            add_pair(out, middle - k * columns, middle + k * columns,
+                     weights[static_cast<std::size_t>(k)], columns);
         }
     }
 }

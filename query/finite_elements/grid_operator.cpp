@@ -5,10 +5,12 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cassert>
 #include <cmath>
 
 #include "query/finite_elements/block_product.h"
+#include "query/finite_elements/block_weights.h"
 #include "query/finite_elements/grid_elements.h"
 
 namespace isonest::detail {
@@ -42,6 +44,15 @@ TermsTable<Real, D> terms_of(const Lattice& lattice, const Double3& spacing, dou
     return table;
 }
 
+template <class Real>
+void fill_with_zeros(std::span<Real> all) {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, all.size(), kNodesPerTask),
+                      [&](const tbb::blocked_range<std::size_t>& r) {
+                          std::fill(all.begin() + static_cast<std::ptrdiff_t>(r.begin()),
+                                    all.begin() + static_cast<std::ptrdiff_t>(r.end()), Real{0});
+                      });
+}
+
 }  // namespace
 
 template <class Real>
@@ -54,19 +65,23 @@ struct GridOperator<Real>::Input {
 };
 
 template <class Real>
+template <class F>
+auto GridOperator<Real>::with_dimension(const F& f) {
+    switch (lattice_.dimension()) {
+        case 1:
+            return f.template operator()<1>();
+        case 2:
+            return f.template operator()<2>();
+        default:
+            return f.template operator()<3>();
+    }
+}
+
+template <class Real>
 GridOperator<Real>::GridOperator(const Lattice& lattice, const Double3& spacing,
                                  const NodeSet& nodes, int threads)
     : lattice_(lattice), spacing_(spacing), nodes_(nodes), workers_(threads) {
-    switch (lattice.dimension()) {
-        case 1:
-            find_blocks<1>();
-            break;
-        case 2:
-            find_blocks<2>();
-            break;
-        default:
-            find_blocks<3>();
-    }
+    with_dimension([&]<int D>() { find_blocks<D>(); });
 }
 
 template <class Real>
@@ -112,26 +127,8 @@ void GridOperator<Real>::find_blocks() {
 }
 
 template <class Real>
-template <ElementWork Work, bool HasCoefficient, int D>
-void GridOperator<Real>::add_coarse(const Input& input) {
-    const auto terms = terms_of<Real, D>(lattice_, spacing_, input.scale, input.lambda);
-    const auto act = [&]<int Kind>(const Element<D>& leaf) {
-        std::array<Real, static_cast<std::size_t>(D) + 1> value{};
-        std::array<Real, static_cast<std::size_t>(D) + 1> stopping{};
-        std::array<Real, static_cast<std::size_t>(D) + 1> out{};
-        std::array<std::uint64_t, static_cast<std::size_t>(D) + 1> node{};
-        for (std::size_t i = 0; i <= D; ++i) {
-            node[i] = nodes_.number(leaf.v[i]);
-            value[i] = input.value.empty() ? Real{} : input.value[node[i]];
-            stopping[i] = input.stopping.empty() ? Real{} : input.stopping[node[i]];
-        }
-        add_element<Work, HasCoefficient, D, Kind>(
-            terms[static_cast<std::size_t>(leaf.level)][static_cast<std::size_t>(Kind)],
-            axes_of(leaf), value, stopping, out);
-        for (std::size_t i = 0; i <= D; ++i) {
-            input.out[node[i]] += out[i];
-        }
-    };
+template <int D, class Action>
+void GridOperator<Real>::for_coarse_leaves(const Action& act) {
     auto action = [&](const Element<D>& leaf, double, Overlap) {
         if constexpr (D == 3) {
             leaf.kind == 0   ? act.template operator()<0>(leaf)
@@ -154,27 +151,52 @@ void GridOperator<Real>::add_coarse(const Input& input) {
 
 template <class Real>
 template <ElementWork Work, bool HasCoefficient, int D>
-void GridOperator<Real>::run(const Input& input) {
-    using Product = BlockProduct<Work, HasCoefficient, Real, D>;
-    typename Product::Common common;
+void GridOperator<Real>::add_coarse(const Input& input) {
+    const auto terms = terms_of<Real, D>(lattice_, spacing_, input.scale, input.lambda);
+    for_coarse_leaves<D>([&]<int Kind>(const Element<D>& leaf) {
+        std::array<Real, static_cast<std::size_t>(D) + 1> value{};
+        std::array<Real, static_cast<std::size_t>(D) + 1> stopping{};
+        std::array<Real, static_cast<std::size_t>(D) + 1> out{};
+        std::array<std::uint64_t, static_cast<std::size_t>(D) + 1> node{};
+        for (std::size_t i = 0; i <= D; ++i) {
+            node[i] = nodes_.number(leaf.v[i]);
+            value[i] = input.value.empty() ? Real{} : input.value[node[i]];
+            stopping[i] = input.stopping.empty() ? Real{} : input.stopping[node[i]];
+        }
+        add_element<Work, HasCoefficient, D, Kind>(
+            terms[static_cast<std::size_t>(leaf.level)][static_cast<std::size_t>(Kind)],
+            axes_of(leaf), value, stopping, out);
+        for (std::size_t i = 0; i <= D; ++i) {
+            input.out[node[i]] += out[i];
+        }
+    });
+}
+
+template <class Real>
+template <int D>
+BlockCommon<Real, D> GridOperator<Real>::common(const Input& input) const {
+    BlockCommon<Real, D> common;
     common.nodes = &nodes_;
     common.value = input.value;
     common.stopping = input.stopping;
-    common.sum = input.out;
     common.terms = terms_of<Real, D>(lattice_, spacing_, input.scale, input.lambda);
     common.level = block_level_;
     common.cells = std::int64_t{1} << block_level_;
     common.flat = lattice_.flat_axes();
     common.walks = axis_orders<D>(lattice_);
+    return common;
+}
+
+template <class Real>
+template <ElementWork Work, bool HasCoefficient, int D>
+void GridOperator<Real>::run(const Input& input) {
+    using Product = BlockProduct<Work, HasCoefficient, Real, D>;
+    const BlockCommon<Real, D> common = this->common<D>(input);
     workers_.execute([&] {
-        tbb::parallel_for(tbb::blocked_range<std::size_t>(0, input.out.size(), kNodesPerTask),
-                          [&](const tbb::blocked_range<std::size_t>& r) {
-                              std::fill(input.out.begin() + static_cast<std::ptrdiff_t>(r.begin()),
-                                        input.out.begin() + static_cast<std::ptrdiff_t>(r.end()),
-                                        Real{0});
-                          });
+        fill_with_zeros(input.out);
         add_coarse<Work, HasCoefficient, D>(input);
-        tbb::enumerable_thread_specific<Product> products([&] { return Product(common); });
+        tbb::enumerable_thread_specific<Product> products(
+            [&] { return Product(common, input.out); });
         for (const std::vector<Block>& same : blocks_) {
             tbb::parallel_for(tbb::blocked_range<std::size_t>(0, same.size()),
                               [&](const tbb::blocked_range<std::size_t>& r) {
@@ -189,25 +211,110 @@ void GridOperator<Real>::run(const Input& input) {
 }
 
 template <class Real>
+template <bool HasCoefficient, int D>
+std::optional<GridMatrix<Real>> GridOperator<Real>::assemble(const Input& input,
+                                                             std::span<Real> mass,
+                                                             std::uint64_t most) {
+    using Weights = BlockWeights<HasCoefficient, Real, D>;
+    const BlockCommon<Real, D> common = this->common<D>(input);
+    const std::span<Real> diagonal = input.out;
+    GridMatrix<Real> matrix;
+    std::atomic<std::uint64_t> bytes = 0;
+    workers_.execute([&] {
+        struct Local {
+            Weights weights;
+            EdgeWeights<Real> found;
+        };
+        fill_with_zeros(mass);
+        fill_with_zeros(diagonal);
+        add_coarse_weights<HasCoefficient, D>(input, mass, matrix);
+        bytes = matrix.heap();
+        tbb::enumerable_thread_specific<Local> locals([&] { return Local{Weights(common), {}}; });
+        for (std::size_t group = 0; group < blocks_.size(); ++group) {
+            const std::vector<Block>& same = blocks_[group];
+            auto& made = matrix.blocks_[group];
+            bytes += same.size() * sizeof(EdgeWeights<Real>);
+            if (bytes > most) {
+                return;
+            }
+            made.resize(same.size());
+            tbb::parallel_for(
+                tbb::blocked_range<std::size_t>(0, same.size()),
+                [&](const tbb::blocked_range<std::size_t>& r) {
+                    auto& [weights, found] = locals.local();
+                    for (std::size_t i = r.begin(); i < r.end() && bytes <= most; ++i) {
+                        const auto& c = same[i].corner;
+                        found.clear();
+                        weights({c[0], c[1], c[2]}, same[i].elements, mass, diagonal, found);
+                        if ((bytes += found.heap()) <= most) {
+                            made[i] = found;
+                        }
+                    }
+                });
+        }
+    });
+    if (bytes > most) {
+        return std::nullopt;
+    }
+    return matrix;
+}
+
+template <class Real>
+template <bool HasCoefficient, int D>
+void GridOperator<Real>::add_coarse_weights(const Input& input, std::span<Real> mass,
+                                            GridMatrix<Real>& matrix) {
+    const auto terms = terms_of<Real, D>(lattice_, spacing_, input.scale, input.lambda);
+    for_coarse_leaves<D>([&]<int Kind>(const Element<D>& leaf) {
+        const ElementTerms<Real>& t =
+            terms[static_cast<std::size_t>(leaf.level)][static_cast<std::size_t>(Kind)];
+        const ElementAxes<D> axes = axes_of(leaf);
+        std::array<Real, static_cast<std::size_t>(D)> inverse{};
+        std::array<Real, static_cast<std::size_t>(D) + 1> stopping{};
+        std::array<std::uint64_t, static_cast<std::size_t>(D) + 1> node{};
+        for (std::size_t j = 0; j < D; ++j) {
+            inverse[j] = t.inverse[static_cast<std::size_t>(axes[j])];
+        }
+        for (std::size_t i = 0; i <= D; ++i) {
+            node[i] = nodes_.number(leaf.v[i]);
+            stopping[i] = HasCoefficient ? input.stopping[node[i]] : Real{};
+            mass[node[i]] += t.volume / (D + 1);
+        }
+        Real scale = t.stiffness;
+        if constexpr (HasCoefficient) {
+            scale /= 1 + gradient_squared<D, Kind>(stopping, inverse) * t.inverse_lambda;
+        }
+        for_couplings<D, Kind>(scale, inverse, [&]<std::size_t I, std::size_t J>(Real weight) {
+            input.out[node[I]] += weight;
+            input.out[node[J]] += weight;
+            matrix.coarse_.push_back({node[I], node[J], weight});
+        });
+    });
+}
+
+template <class Real>
 template <ElementWork Work>
 void GridOperator<Real>::dispatch_run(const Input& input) {
     assert(input.out.size() == nodes_.count());
-    const auto with = [&]<bool HasCoefficient>() {
-        switch (lattice_.dimension()) {
-            case 1:
-                return run<Work, HasCoefficient, 1>(input);
-            case 2:
-                return run<Work, HasCoefficient, 2>(input);
-            default:
-                return run<Work, HasCoefficient, 3>(input);
+    with_dimension([&]<int D>() {
+        if constexpr (Work == ElementWork::stiffness || Work == ElementWork::stiffness_diagonal) {
+            if (!input.stopping.empty()) {
+                return run<Work, true, D>(input);
+            }
         }
-    };
-    if constexpr (Work == ElementWork::stiffness || Work == ElementWork::stiffness_diagonal) {
-        if (!input.stopping.empty()) {
-            return with.template operator()<true>();
-        }
-    }
-    with.template operator()<false>();
+        run<Work, false, D>(input);
+    });
+}
+
+template <class Real>
+std::optional<GridMatrix<Real>> GridOperator<Real>::assemble(const Coefficient<Real>& a,
+                                                             double scale, std::span<Real> mass,
+                                                             std::span<Real> diagonal,
+                                                             std::uint64_t most) {
+    const Input input{{}, a.of, a.lambda, scale, diagonal};
+    return with_dimension([&]<int D>() {
+        return a.of.empty() ? assemble<false, D>(input, mass, most)
+                            : assemble<true, D>(input, mass, most);
+    });
 }
 
 template <class Real>

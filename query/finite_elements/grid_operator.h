@@ -11,18 +11,23 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include <isonest/int3.h>
 #include <isonest/progress.h>
 
+#include "query/finite_elements/edge_weights.h"
 #include "query/finite_elements/finest_cells.h"
 #include "query/finite_elements/node_set.h"
 #include "store/base/workers.h"
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {
+
+template <class Real, int D>
+struct BlockCommon;
 
 /// a(E), one for each element: 1, or g(|grad s|) with g(t) = 1 / (1 + (t / lambda)^2) of a function
 /// s at the active nodes (P. Perona, J. Malik, "Scale-space and edge detection using anisotropic
@@ -53,6 +58,12 @@ class GridOperator {
     /// The diagonal of the lumped mass matrix: the sums of M's rows. That of M itself is 2 / (d +
     /// 2) times as large, in d dimensions.
     void lumped_mass(std::span<Real> out);
+    /// scale * B as a matrix that multiplies faster where elements of many levels lie side by
+    /// side, and the diagonals: the lumped mass matrix, and that of scale * B. Nothing, with
+    /// diagonals that mean nothing, if it would hold more than `most` bytes.
+    std::optional<GridMatrix<Real>> assemble(const Coefficient<Real>& a, double scale,
+                                             std::span<Real> mass, std::span<Real> diagonal,
+                                             std::uint64_t most);
 
     [[nodiscard]] const NodeSet& nodes() const { return nodes_; }
     [[nodiscard]] Workers& workers() { return workers_; }
@@ -70,6 +81,17 @@ class GridOperator {
     void run(const Input& input);
     template <ElementWork Work, bool HasCoefficient, int D>
     void add_coarse(const Input& input);
+    template <bool HasCoefficient, int D>
+    std::optional<GridMatrix<Real>> assemble(const Input& input, std::span<Real> mass,
+                                             std::uint64_t most);
+    template <bool HasCoefficient, int D>
+    void add_coarse_weights(const Input& input, std::span<Real> mass, GridMatrix<Real>& matrix);
+    template <class F>
+    auto with_dimension(const F& f);
+    template <int D, class Action>
+    void for_coarse_leaves(const Action& action);
+    template <int D>
+    BlockCommon<Real, D> common(const Input& input) const;
     template <ElementWork Work>
     void dispatch_run(const Input& input);
 

@@ -139,6 +139,37 @@ constexpr void add_stiffness_diagonal(Real scale,
     });
 }
 
+/// Calls f.template operator()<I, J>(weight) for each pair I < J of vertices that the stiffness
+/// matrix couples: what it has at I and J, times scale, with the other sign.
+template <int D, int Kind, class Real, class F>
+constexpr void for_couplings(Real scale,
+                             const std::array<Real, static_cast<std::size_t>(D)>& inverse,
+                             const F& f) {
+    const auto couple = [&]<std::size_t I, std::size_t J>() {
+        constexpr auto kProducts = [] {
+            std::array<int, static_cast<std::size_t>(D)> products{};
+            for (std::size_t d = 0; d < D; ++d) {
+                products[d] =
+                    -derivative_weights<D, Kind>()[d][I] * derivative_weights<D, Kind>()[d][J];
+            }
+            return products;
+        }();
+        if constexpr (kProducts != std::array<int, static_cast<std::size_t>(D)>{}) {
+            Real sum{};
+            linear_element::each(std::make_index_sequence<D>{}, [&]<std::size_t Direction>() {
+                if constexpr (kProducts[Direction] != 0) {
+                    sum += linear_element::times<kProducts[Direction]>(inverse[Direction]);
+                }
+            });
+            f.template operator()<I, J>(scale * sum);
+        }
+    };
+    linear_element::each(std::make_index_sequence<D + 1>{}, [&]<std::size_t J>() {
+        linear_element::each(std::make_index_sequence<J>{},
+                             [&]<std::size_t I>() { couple.template operator()<I, J>(); });
+    });
+}
+
 /// out += volume times the element's mass matrix (1 + delta_ij) / ((D + 1) (D + 2)) times value.
 template <int D, class Real>
 constexpr void add_mass(Real volume, const std::array<Real, static_cast<std::size_t>(D) + 1>& value,

@@ -60,38 +60,16 @@ struct BlockLayout {
     [[nodiscard]] std::size_t size() const { return std::size_t{rows} * planes * kRow; }
 };
 
-/// Calls f(x, y, z, number) for the active nodes of a block, in ascending order of number in each
-/// row. `corner`: its first node; `cells`: along the axes that are not flat.
-template <class F>
-void for_block_nodes(const NodeSet& set, const Int3& corner, std::int64_t cells, const F& f) {
-    const Int3 end = min(corner + Int3{1, 1, 1} * (cells + 1), set.nodes());
-    for (std::int64_t z = corner.z; z < end.z; ++z) {
-        for (std::int64_t y = corner.y; y < end.y; ++y) {
-            const auto local_y = static_cast<std::uint32_t>(y - corner.y);
-            const auto local_z = static_cast<std::uint32_t>(z - corner.z);
-            set.for_row({corner.x, y, z}, end.x - corner.x,
-                        [&](std::int64_t x, std::uint64_t number) {
-                            f(static_cast<std::uint32_t>(x - corner.x), local_y, local_z, number);
-                        });
-        }
-    }
-}
-
 /// The arrays of a thread. What is not an active node of the volume is 0.
 template <class Real, int D>
 struct LocalBlock {
     explicit LocalBlock(unsigned flat)
-        : layout(flat),
-          active(layout.size()),
-          value(layout.size()),
-          stopping(layout.size()),
-          sum(layout.size()) {}
+        : layout(flat), active(layout.size()), value(layout.size()), stopping(layout.size()) {}
 
     BlockLayout<D> layout;
     std::vector<Real> active;    ///< 1 or 0
     std::vector<Real> value;     ///< of the function that is multiplied
     std::vector<Real> stopping;  ///< of the function whose gradient gives the coefficients
-    std::vector<Real> sum;       ///< of the product
     bool is_full = false;        ///< all its nodes in the volume are active
     Int3 corner{0, 0, 0};
     Int3 last{0, 0, 0};   ///< the volume's last node, from the corner

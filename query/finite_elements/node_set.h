@@ -7,6 +7,7 @@
 #include <bit>
 #include <cassert>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include <isonest/int3.h>
@@ -15,7 +16,8 @@ namespace isonest::detail {
 
 /// A set of nodes of a lattice. Once it is finished, each has a number: its position among them,
 /// x fastest. Takes 12 bytes for 64 nodes of the lattice, and 8 bytes for each row.
-/// Thread-safety: const methods from any thread; insert() of nodes of different rows as well.
+/// Thread-safety: const methods from any thread; insert() and row_words() of
+/// different rows as well.
 class NodeSet {
   public:
     NodeSet() = default;
@@ -31,6 +33,14 @@ class NodeSet {
     /// REQUIRES of all that take a node: 0 <= p < nodes().
     [[nodiscard]] bool contains(const Int3& p) const { return (word(p) >> bit(p.x) & 1U) != 0; }
     void insert(const Int3& p) { words_[index(p)] |= std::uint64_t{1} << bit(p.x); }
+
+    /// The bits of a row along x, 64 a word.
+    [[nodiscard]] std::span<std::uint64_t> row_words(std::int64_t y, std::int64_t z) {
+        return {words_.data() + index({0, y, z}), static_cast<std::size_t>(words_per_row_)};
+    }
+    [[nodiscard]] std::span<const std::uint64_t> row_words(std::int64_t y, std::int64_t z) const {
+        return {words_.data() + index({0, y, z}), static_cast<std::size_t>(words_per_row_)};
+    }
 
     /// Numbers the nodes. REQUIRES: no insert() afterwards.
     void finish() {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "query/finite_elements/active_nodes.h"
@@ -35,6 +36,27 @@ Moments moments(std::span<const float> mass, std::span<const float> u) {
     return out;
 }
 
+/// In vectors over the lattice, what a step takes: the values, G_sigma * u, r, p, z, two diagonals.
+constexpr std::uint64_t kVectors = 7;
+/// The same on a grid of fewer nodes: x, r, p, z, two diagonals and a matrix, of the active nodes
+/// alone; with all but a few active the matrix takes as much as seven.
+constexpr std::uint64_t kVectorsOfFewer = 13;
+constexpr std::uint64_t kVectorsBesideMatrix = 6;
+
+/// tau B and the diagonals of M and tau B; nothing if they do not fit into what heap() promises.
+std::optional<GridMatrix<float>> assembled(const Lattice& lattice, GridOperator<float>& grid,
+                                           const Coefficient<float>& a, double tau,
+                                           std::span<float> mass, std::span<float> diagonal) {
+    if (grid.nodes().is_full()) {
+        return std::nullopt;  // the product without a matrix is as fast
+    }
+    const auto nodes = static_cast<std::uint64_t>(lattice.nodes().product());
+    const std::uint64_t active = grid.nodes().count();
+    const std::uint64_t most =
+        (kVectorsOfFewer * nodes - kVectorsBesideMatrix * active) * sizeof(float);
+    return grid.assemble(a, tau, mass, diagonal, most);
+}
+
 }  // namespace
 
 NonlinearDiffusion::NonlinearDiffusion(const Lattice& lattice, const Double3& spacing,
@@ -50,8 +72,7 @@ NodeSet NonlinearDiffusion::grid(Progress& progress) const {
 
 std::uint64_t NonlinearDiffusion::heap(const Lattice& lattice, const DiffusionOptions& options) {
     const auto nodes = static_cast<std::uint64_t>(lattice.nodes().product());
-    // The values; G_sigma * u; on a grid of fewer nodes, both again; r, p, z, two diagonals.
-    const std::uint64_t vectors = options.threshold > 0 ? 9 : 7;
+    const std::uint64_t vectors = options.threshold > 0 ? kVectorsOfFewer : kVectors;
     const auto rows = static_cast<std::uint64_t>(lattice.nodes().y * lattice.nodes().z);
     const std::uint64_t grid =
         ((static_cast<std::uint64_t>(lattice.nodes().x) + 63) / 64 * 12 + 8) * rows;
@@ -82,15 +103,30 @@ DiffusionStep NonlinearDiffusion::step(Progress& progress) {
     } else {
         x.resize(n);
         workers.execute([&] { restrict_to(set, values_, x); });
+        std::vector<float>().swap(values_);
     }
 
     const Coefficient<float> a{smoothed, options_.lambda};
     std::vector<float> mass(n);
-    grid_operator.lumped_mass(mass);
     std::vector<float> diagonal(n);
-    grid_operator.stiffness_diagonal(a, options_.tau, diagonal);
-    std::vector<float> r(n);
-    grid_operator.stiffness(a, -options_.tau, x, r);  // M u less (M + tau B) u
+    const std::optional<GridMatrix<float>> matrix =
+        assembled(lattice_, grid_operator, a, options_.tau, mass, diagonal);
+    std::vector<float> r(n);  // M u less (M + tau B) u
+    if (matrix) {
+        smoothed = {};
+        workers.execute([&] {
+            matrix->multiply({}, x, r);
+            for_parts(n, [&](std::size_t begin, std::size_t end) {
+                for (std::size_t i = begin; i < end; ++i) {
+                    r[i] = -r[i];
+                }
+            });
+        });
+    } else {
+        grid_operator.lumped_mass(mass);
+        grid_operator.stiffness_diagonal(a, options_.tau, diagonal);
+        grid_operator.stiffness(a, -options_.tau, x, r);
+    }
     std::vector<float> p(n);
     std::vector<float> z(n);
 
@@ -111,6 +147,9 @@ DiffusionStep NonlinearDiffusion::step(Progress& progress) {
         }));
     });
     const auto multiply = [&](std::span<const float> w, std::span<float> out) {
+        if (matrix) {
+            return workers.execute([&] { matrix->multiply(mass, w, out); });
+        }
         grid_operator.stiffness(a, options_.tau, w, out);
         workers.execute([&] {
             for_parts(n, [&](std::size_t begin, std::size_t end) {
@@ -146,6 +185,7 @@ DiffusionStep NonlinearDiffusion::step(Progress& progress) {
     if (set.is_full()) {
         values_.swap(x);
     } else {
+        values_.resize(static_cast<std::size_t>(lattice_.nodes().product()));
         workers.execute([&] { prolong(lattice_, set, x, values_); });
     }
     return report;

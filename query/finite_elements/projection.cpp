@@ -3,7 +3,7 @@
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/parallel_for.h>
 
-#include <algorithm>
+#include "query/finite_elements/slot_rows.h"
 
 namespace isonest::detail {
 namespace {
@@ -23,25 +23,24 @@ void for_rows(std::int64_t rows, const F& f) {
 void prolong_slot(const Lattice& lattice, const NodeSet& set, int level, int slot,
                   std::span<float> all) {
     const Int3 nodes = lattice.nodes();
-    const std::int64_t scale = std::int64_t{1} << (level - 1);
-    const Int3 odd = slot_offset(slot);
-    Int3 count;
-    for (int axis = 0; axis < 3; ++axis) {
-        const std::int64_t last = nodes[axis] - 1 - odd[axis] * scale;
-        count[axis] = last < 0 ? 0 : last / (2 * scale) + 1;
-    }
-    for_rows(count.y * count.z, [&](std::int64_t row) {
-        for (std::int64_t i = 0; i < count.x; ++i) {
-            const Int3 p = (Int3{i, row % count.y, row / count.y} * 2 + odd) * scale;
-            if (set.contains(p)) {
-                continue;
+    const SlotRows slot_rows(lattice, level, slot);
+    for_rows(slot_rows.rows(), [&](std::int64_t row) {
+        const Int3 first = slot_rows.first_of(row);
+        const Int3 half = slot_rows.half_edge(0, first);
+        const auto from = [&](std::int64_t y, std::int64_t z) {
+            return all.data() + nodes.linear({0, y, z});
+        };
+        const std::span<const std::uint64_t> active = set.row_words(first.y, first.z);
+        float* const to = from(first.y, first.z);
+        const float* const end0 = from(first.y - half.y, first.z - half.z);
+        const float* const end1 = from(first.y + half.y, first.z + half.z);
+        for (std::int64_t i = 0, x = first.x; i < slot_rows.count.x;
+             ++i, x += 2 * slot_rows.scale) {
+            if ((active[static_cast<std::size_t>(x / 64)] >> static_cast<unsigned>(x % 64) & 1U) ==
+                0) {
+                const std::int64_t by = i % 2 != 0 ? -half.x : half.x;
+                to[x] = 0.5F * end0[x - by] + 0.5F * end1[x + by];
             }
-            const NodeInfo node = describe_node(p, lattice.top());
-            const auto at = [&](const Int3& q) {
-                return all[static_cast<std::size_t>(nodes.linear(q))];
-            };
-            all[static_cast<std::size_t>(nodes.linear(p))] =
-                0.5F * at(node.end0) + 0.5F * at(node.end1);
         }
     });
 }
