@@ -24,7 +24,7 @@ void volume(Bytes bytes);        ///< a file of any of the other formats of one 
 /// A Zarr folder: of which kind (an array of version 2, of version 3, a group), two bytes that say
 /// how long its description is, that, and its only chunk.
 void zarr(Bytes bytes);
-void ply(Bytes bytes);           ///< a mesh for `picture`
+void ply(Bytes bytes);  ///< a mesh for `picture`
 
 struct Target {
     std::string name;
