@@ -1,6 +1,6 @@
 """Reading the formats of others: time beside the Python package that reads each, and the heap on little memory.
 
-usage: inputs.py BUILD FOLDER [SIZE [ROUNDS]]    (384 3)
+usage: inputs.py BUILD FOLDER [SIZE [ROUNDS]]    (512 3)
 
 A smooth volume with some noise, SIZE^3 int16, is written to FOLDER by the Python package of each format and read by it in a
 process of its own, into an array, imports not counted. isonest preprocesses the same file, and the same numbers as
@@ -23,7 +23,7 @@ import needs
 
 build, folder, *rest = needs.arguments(2, __doc__, 4)
 build, folder = pathlib.Path(build).resolve(), pathlib.Path(folder)
-size, rounds = int(rest[0]) if rest else 384, int(rest[1]) if len(rest) > 1 else 3
+size, rounds = int(rest[0]) if rest else 512, int(rest[1]) if len(rest) > 1 else 3
 isonest, helper = build / "bin/isonest", build / "tools/bench/libisonest_peak_heap.so"
 needs.require(*map(needs.module, ("numpy", "h5py", "tifffile", "zarr", "nibabel", "mrcfile", "netCDF4", "pydicom", "vtk")),
               needs.folder(folder))
@@ -142,7 +142,7 @@ def heap_of(path, expected):
     budget = 2 * size**3 // 8
     store = folder / "s.isonest"
     done = subprocess.run([isonest, "preprocess", path, "-o", store, "--force", "-q", "--memory", str(budget), "--chunk",
-                           "32"], env=dict(os.environ, LD_PRELOAD=str(helper)), capture_output=True, text=True)
+                           "16"], env=dict(os.environ, LD_PRELOAD=str(helper)), capture_output=True, text=True)
     if done.returncode != 0:
         sys.exit(f"{path}: {done.stderr}")
     heap = int(re.search(r"peak heap (\d+) bytes", done.stderr)[1])
