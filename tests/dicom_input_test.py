@@ -4,6 +4,7 @@
 usage: dicom_input_test.py ISONEST PLUGIN_FOLDER
 """
 import shutil
+import signal
 import subprocess
 import sys
 import unittest
@@ -314,6 +315,17 @@ class Dicom(DamagedFiles, Input):
                 d.PixelData = item(b"") + b"".join(map(item, halves))
                 d.save_as(self.path / "all.dcm")
                 self.refuses(4, "table of offsets")
+
+    def test_packed_frames_where_children_are_not_waited_for(self):
+        """A parent that ignores SIGCHLD hands that on; the process that unpacks a frame is then nobody's to collect."""
+        if shutil.which("gdcmconv") is None:
+            self.skipTest("no gdcmconv (Debian: libgdcm-tools)")
+        self.stack(np.stack([np.arange(24 * 28, dtype="u2").reshape(24, 28) + z for z in range(3)]))
+        self.packed("--jpegls")
+        done = subprocess.run([ISONEST, "preprocess", self.path, "-o", self.here / "s.isonest", "--chunk", "8"],
+                              capture_output=True, text=True,
+                              preexec_fn=lambda: signal.signal(signal.SIGCHLD, signal.SIG_IGN))
+        self.assertEqual(done.returncode, 0, done.stderr)
 
     def test_high_throughput_jpeg_2000(self):
         if shutil.which("gdcmconv") is None:

@@ -11,6 +11,7 @@ import unittest
 import warnings
 
 try:
+    import h5py
     import mrcfile
     import nibabel
     import numpy as np
@@ -370,7 +371,6 @@ class Parts(Input):
             self.refuses(2, "nodes 0 to 18", options=("--crop", crop))
 
     def test_chunked_hdf5_and_little_memory(self):
-        import h5py
         self.path = self.here / "v.h5"
         data = numbers((40, 50, 60))
         with h5py.File(self.path, "w") as file:
@@ -395,6 +395,23 @@ class Parts(Input):
         subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.raw"],
                        check=True, capture_output=True)
         np.testing.assert_array_equal(np.fromfile(self.here / "s.raw", "i2"), self.data.ravel())
+        # HDF5 opens files by their names alone.
+        with h5py.File(self.here / "v.h5", "w") as file:
+            file.create_dataset("a", data=self.data, chunks=(4, 4, 4), compression="gzip")
+            file["b"] = self.data[::-1]
+        for dataset, data in (("a", self.data), ("b", self.data[::-1])):
+            with open(self.here / "v.h5", "rb") as file:
+                done = subprocess.run([ISONEST, "preprocess", "-", "-o", self.here / "s.isonest", "--chunk", "8", "--force",
+                                       "--dataset", dataset], stdin=file, capture_output=True)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.raw",
+                            "--force"], check=True, capture_output=True)
+            np.testing.assert_array_equal(np.fromfile(self.here / "s.raw", "i2"), data.ravel())
+        with open(self.here / "v.h5", "rb") as file:
+            done = subprocess.run([ISONEST, "preprocess", "-", "-o", self.here / "t.isonest"], stdin=file, capture_output=True)
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertNotIn(b"scratch", done.stderr)
+        self.assertEqual([p.name for p in self.here.iterdir() if "scratch" in p.name], [])
         for code, data, options in ((2, b"", ()), (2, b"abc", ()), (2, whole, ("--resume",)), (2, whole[:-3], ())):
             done = subprocess.run([ISONEST, "preprocess", "-", "-o", self.here / "t.isonest", *options], input=data,
                                   capture_output=True, text=False)

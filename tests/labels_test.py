@@ -155,7 +155,7 @@ class Labels(unittest.TestCase):
         (self.here / "file").write_text("")
         run("extract", store, "--labels", "all", "-o", self.here / "file", code=2)
         many = self.store(np.arange(27000, dtype="u4").reshape(30, 30, 30), "many")
-        self.assertIn("labels", run("extract", many, "--labels", "all", "-o", self.here / "m", "--memory", "1M",
+        self.assertIn("labels", run("extract", many, "--labels", "all", "-o", self.here / "m", "--memory", "14M",
                                     code=7).stderr)
 
 

@@ -6,6 +6,7 @@ For chunk sizes and budgets: either the peak of malloc'ed bytes (tools/bench/pea
 --memory, or the exit code is 7 with a message that names the least memory; with that one it works,
 and stays within it.
 """
+import gzip
 import itertools
 import os
 import pathlib
@@ -14,6 +15,16 @@ import subprocess
 import sys
 import tempfile
 
+try:
+    import netCDF4
+    import nibabel
+    import numpy as np
+    import tifffile
+    import zarr
+except ImportError as error:
+    print(f"skipped: {error}")
+    sys.exit(77)
+
 ISONEST = pathlib.Path(sys.argv[1]).resolve()
 HEAP = ISONEST.parent.parent / "tools" / "bench" / "libisonest_peak_heap.so"
 MIB = 1 << 20
@@ -21,6 +32,7 @@ LIMIT = 7
 CHUNKS = [16, 64, 128, 256]
 BUDGETS = ["20M", "64M"]
 LARGEST = "4096x4096"
+SIDE = 560  # an eighth of its cube is 21 MiB
 failures = []
 
 
@@ -64,6 +76,32 @@ def check(command, budgets):
         if named is not None:
             require(memory != least, f"the least memory, {least}, is not enough: {command}")
             require(named == least, f"two least memories, {least} and {named}: {command}")
+
+
+def waves():
+    x = np.arange(SIDE, dtype="f4") / 9
+    return (120 + 40 * (np.sin(x)[:, None, None] + np.cos(x)[:, None] + np.sin(2 * x))).astype("u1")
+
+
+def inputs(folder):
+    """Files of SIDE^3 bytes as Python's packages write them."""
+    data = waves()
+    stack = folder / "stack"
+    stack.mkdir()
+    for z, plane in enumerate(data):
+        tifffile.imwrite(stack / f"{z}.tif", plane, photometric="minisblack", metadata=None,
+                         compression="zlib" if z % 2 else None, rowsperstrip=SIDE if z % 3 else 7)
+    tifffile.imwrite(folder / "v.tif", data, photometric="minisblack", metadata=None, tile=(128, 128), compression="zlib")
+    zarr.save_array(str(folder / "v.zarr"), data, chunks=(64, 64, 64))
+    zarr.save_array(str(folder / "z.zarr"), data, chunks=(1, SIDE, SIDE), compressor=zarr.Zstd(1))
+    with gzip.open(folder / "v.nii.gz", "wb", 1) as file:
+        file.write(nibabel.Nifti1Image(data.T, np.eye(4)).to_bytes())
+    with netCDF4.Dataset(folder / "v.nc", "w", format="NETCDF3_64BIT_OFFSET") as file:
+        for dim in "zyx":
+            file.createDimension(dim, SIDE)
+        file.createVariable("v", "i1", tuple("zyx"))[:] = data.view("i1")
+        file["v"].setncattr("_Unsigned", "true")
+    return [[stack], [folder / "v.tif"], [folder / "v.zarr"], [folder / "z.zarr"], [folder / "v.nii.gz"], [folder / "v.nc"]]
 
 
 if not HEAP.exists() or run("info", "--help")[2] is None:
@@ -115,6 +153,29 @@ with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
             check(command, BUDGETS)
         for threads, command in itertools.product([1, 8], [full, ["check", store]]):
             must_stay_within([*command, "--threads", threads], "200M")
+
+    # Inputs of others, of eight times the memory, in chunks and pieces of many sizes.
+    for path, *options in inputs(folder):
+        bytes_in = SIDE**3
+        must_stay_within(["preprocess", path, "-o", folder / "input.isonest", "--chunk", 16, "--force", *options],
+                         str(bytes_in // 8))
+        values = folder / "input.raw"
+        assert run("export", folder / "input.isonest", "--field", "values", "-o", values, "--force")[0] == 0
+        require(np.array_equal(np.memmap(values, "u1", "r"), waves().reshape(-1)), f"other numbers from {path}")
+
+    # Labels, each in a part of the volume.
+    labels = folder / "labels.isonest"
+    assert run("make-volume", "sphere", "--size", 65, "--type", "uint8", "-o", folder / "labels.h5")[0] == 0
+    assert run("preprocess", folder / "labels.h5", "-o", labels)[0] == 0
+    for options in ([], ["--distance", "1voxel"]):
+        # To look for labels takes less than to extract them.
+        command = ["extract", labels, "--labels", "1-40", "-o", folder / "meshes", *options]
+        least = "1"
+        for _ in range(3):
+            least = must_stay_within(command, least) or least
+        for memory in [*BUDGETS, least]:
+            named = must_stay_within(command, memory)
+            require(named is None or memory != least, f"the least memory, {least}, is not enough: {command}")
 
     # Pictures in strips; the default memory draws the largest.
     store = folder / "64.isonest"

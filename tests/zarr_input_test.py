@@ -3,11 +3,13 @@
 
 usage: zarr_input_test.py ISONEST PLUGIN_FOLDER
 """
+import base64
 import itertools
 import json
 import pathlib
 import shutil
 import struct
+import subprocess
 import sys
 import unittest
 import zlib
@@ -16,7 +18,7 @@ try:
     import numcodecs
     import numpy as np
     import zarr
-    from volume_inputs import RANDOM, TYPES, Input, is_read_as, numbers
+    from volume_inputs import ISONEST, RANDOM, TYPES, Input, is_read_as, numbers
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
@@ -224,10 +226,13 @@ class Zarr(Input):
         group.create_dataset("a/volume", data=data)
         self.reads(data)
         group.create_dataset("b", data=other)
-        self.refuses(2, "a/volume", "b", "--dataset")
+        self.reads(data)  # the only one with the most axes
+        group.create_dataset("c", data=data[None, ::-1])
+        self.refuses(2, "a/volume", "b", "c", "--dataset")
+        self.reads(np.ascontiguousarray(data[::-1]), "--dataset", "c")
         self.reads(data, "--dataset", "a/volume")
         self.reads(other, "--dataset", "/b")
-        self.refuses(3, "a/volume", options=("--dataset", "c"))
+        self.refuses(3, "a/volume", options=("--dataset", "d"))
         self.refuses(3, options=("--dataset", "../v.zarr/b/.."))
 
     def test_what_xarray_writes(self):
@@ -241,13 +246,58 @@ class Zarr(Input):
         x.to_zarr(self.fresh(), encoding={"t": {"dtype": "i2", "scale_factor": 0.01, "add_offset": 15,
                                                 "_FillValue": -32768}})
         expected = xarray.open_zarr(self.path, consolidated=False).t.values
-        done = self.preprocess()
+        found, _ = self.read_values()
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+    def read_values(self, *options):
+        """Of the store, and the notes."""
+        done = self.preprocess("--json", *options)
         self.assertEqual(done.returncode, 0, done.stderr)
-        import subprocess
-        from volume_inputs import ISONEST
         subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.npy",
                         "--force"], check=True, capture_output=True)
-        np.testing.assert_allclose(np.load(self.here / "s.npy"), expected, rtol=1e-6)
+        return np.load(self.here / "s.npy"), json.loads(done.stdout)["notes"]
+
+    def test_coordinates_that_xarray_writes_place_the_volume(self):
+        try:
+            import xarray
+        except ImportError:
+            self.skipTest("no xarray")
+        data = numbers((3, 4, 5, 6), "f4")
+        at = {"time": np.arange("2020-01-01", "2020-01-04", dtype="M8[D]").astype("M8[ns]"), "z": [10, 30, 50, 70],
+              "y": [40.0, 38, 36, 34, 32], "x": (np.arange(6) * 0.25 - 7).astype("f4")}
+        x = xarray.Dataset({"t": (("time", "z", "y", "x"), data), "mask": (("y", "x"), numbers((5, 6), "u1"))}, coords=at)
+        x.to_zarr(self.fresh(), encoding={"x": {"dtype": "i2", "scale_factor": 0.25, "add_offset": -7.0,
+                                                "_FillValue": -32768}})
+        self.refuses(5, "time 3, z 4, y 5, x 6")  # of the arrays the only one with four axes
+        found, notes = self.read_values("--index", "time=1")
+        np.testing.assert_array_equal(found, data[1, :, ::-1])
+        self.lies([-7, 32, 10], [0.25, 2, 20])
+        self.assertEqual([n for n in notes if "even" in n], [])
+        self.assertEqual(self.preprocess("--index", "time=1", "--spacing", "1,2,3").returncode, 0)
+        self.lies([0, 0, 0], [1, 2, 3])
+        x.assign_coords(z=[1, 2, 4, 8]).to_zarr(self.fresh())
+        _, notes = self.read_values("--index", "time=0")
+        self.assertIn("'z' are not evenly spaced", "".join(notes))
+        self.lies([-7, 32, 0], [0.25, 2, 1])
+
+    def test_what_xarray_writes_in_version_3(self):
+        stored = numbers((4, 5, 6), "i2")
+        stored[1, 2, 3] = -9
+        packed = base64.b64encode(struct.pack("<d", -9.0)).decode()
+        for attributes, kind, fill in (({"scale_factor": 0.5, "add_offset": 10.0, "_FillValue": -9}, "i2", 0),
+                                       ({"_FillValue": packed}, "f4", 0), ({"missing_value": -9}, "f8", -9)):
+            with self.subTest(attributes=attributes):
+                V3(self.fresh() / "t", stored.astype(kind), (4, 4, 4), fill=fill, names=["z", "y", "x"],
+                   attributes=attributes)
+                for name, at in (("z", np.arange(4) * 2 + 1), ("y", np.arange(5)[::-1]), ("x", np.arange(6) / 4)):
+                    V3(self.path / name, at, (len(at),), names=[name])
+                (self.path / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group"}')
+                found, notes = self.read_values()
+                expected = stored * attributes.get("scale_factor", 1.0) + attributes.get("add_offset", 0.0)
+                expected[1, 2, 3] = np.nan
+                np.testing.assert_array_equal(found, expected[:, ::-1])
+                self.lies([0, 0, 1], [0.25, 1, 2])
+                self.assertIn("-9", "".join(notes))
 
     def test_what_cannot_be_is_refused(self):
         data = numbers((5, 6, 7))

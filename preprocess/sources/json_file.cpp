@@ -51,7 +51,7 @@ std::string quoted_numbers(const std::string& text, std::size_t& depth) {
 }  // namespace
 
 std::optional<nlohmann::json> read_json(const std::filesystem::path& path) {
-    constexpr std::uint64_t kMost = std::uint64_t{1} << 26U;
+    constexpr std::uint64_t kMost = std::uint64_t{1} << 24U;
     constexpr std::size_t kDeepest = 64;
     std::error_code error;
     if (!std::filesystem::is_regular_file(path, error)) {

@@ -7,7 +7,7 @@
 
 namespace isonest::detail {
 
-/// None if there is no such file. Files of more than 64 MiB and what nests deeper than 64 levels
+/// None if there is no such file. Files of more than 16 MiB and what nests deeper than 64 levels
 /// are refused. Numbers that JSON does not know (NaN, Infinity, -Infinity, which Python writes)
 /// become strings of that name. Throws Error{corrupt, unsupported, io}.
 std::optional<nlohmann::json> read_json(const std::filesystem::path& path);

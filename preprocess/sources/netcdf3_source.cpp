@@ -13,10 +13,10 @@
 
 #include "preprocess/sources/cf_convention.h"
 #include "preprocess/sources/netcdf3_header.h"
+#include "preprocess/sources/noted_source.h"
 #include "preprocess/sources/nrrd_fields.h"
 #include "preprocess/sources/placed_array.h"
 #include "preprocess/sources/scaled_source.h"
-#include "preprocess/sources/wrapped_source.h"
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {
@@ -183,24 +183,6 @@ std::vector<double> read_numbers(const std::filesystem::path& path, const Netcdf
     return numbers;
 }
 
-/// A source with more to say.
-class NotedSource : public WrappedSource {
-  public:
-    NotedSource(std::unique_ptr<VolumeSource> inner, std::vector<std::string> notes)
-        : WrappedSource(std::move(inner)), notes_(std::move(notes)) {}
-    [[nodiscard]] std::vector<std::string> notes() const override { return notes_; }
-    [[nodiscard]] std::span<const std::byte> mapped() const override {
-        return inner_source().mapped();
-    }
-    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-              std::byte* dst) override {
-        inner_source().read(z0, nz, y0, ny, dst);
-    }
-
-  private:
-    std::vector<std::string> notes_;
-};
-
 std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const SourceOptions& options) {
     const std::filesystem::path& path = input.path();
     const NetcdfHeader header = read_netcdf3_header(path);
@@ -259,9 +241,7 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
     array.layout.exact_length = false;
     array.layout.offset = v.begin;
     auto source = open_placed(array, options.index);
-    if (!notes.empty()) {
-        source = std::make_unique<NotedSource>(std::move(source), notes);
-    }
+    source = with_notes(std::move(source), std::move(notes));
     const auto numbers = [&](const std::string& name) -> std::vector<double> {
         const NetcdfAttribute* const attribute = attribute_of(v, name);
         std::vector<double> list =

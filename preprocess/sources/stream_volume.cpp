@@ -13,6 +13,7 @@
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 
+#include "preprocess/sources/hdf5_source.h"
 #include "preprocess/sources/wrapped_source.h"
 #include "store/files/scratch_file.h"
 
@@ -70,6 +71,28 @@ void copy_all(int descriptor, ScratchFile& copy) {
     }
 }
 
+/// A name of the copy for as long as HDF5 opens it: it does not take /proc's.
+class ShortName {
+  public:
+    ShortName(const ScratchFile& copy, const std::filesystem::path& folder)
+        : name_(folder / fmt::format("{}{}", ScratchFile::kPrefix, ::getpid())) {
+        const std::string from = fmt::format("/proc/self/fd/{}", copy.descriptor());
+        if (::linkat(AT_FDCWD, from.c_str(), AT_FDCWD, name_.c_str(), AT_SYMLINK_FOLLOW) != 0) {
+            throw Error(ErrorKind::unsupported, {kName},
+                        fmt::format("HDF5 needs a file with a name, which its temporary copy in {} "
+                                    "cannot be given ({}): name the file instead",
+                                    folder.string(), std::strerror(errno)));
+        }
+    }
+    ShortName(const ShortName&) = delete;
+    ShortName& operator=(const ShortName&) = delete;
+    ~ShortName() { ::unlink(name_.c_str()); }
+    [[nodiscard]] const std::filesystem::path& path() const { return name_; }
+
+  private:
+    std::filesystem::path name_;
+};
+
 /// The same error about what the user named.
 [[noreturn]] void rethrow_named(const Error& error, const std::string& path) {
     ErrorPlace place = error.place();
@@ -86,7 +109,12 @@ std::unique_ptr<VolumeSource> open_volume_stream(int descriptor,
                                                  const SourceOptions& options) {
     ScratchFile copy(scratch_folder);
     copy_all(descriptor, copy);
-    const std::string path = fmt::format("/proc/self/fd/{}", copy.descriptor());
+    std::string path = fmt::format("/proc/self/fd/{}", copy.descriptor());
+    std::optional<ShortName> name;
+    if (is_hdf5(path)) {
+        name.emplace(copy, scratch_folder);
+        path = name->path().string();
+    }
     try {
         std::unique_ptr<VolumeSource> source = open_volume(path, options);
         return std::make_unique<StreamedSource>(std::move(copy), std::move(source));

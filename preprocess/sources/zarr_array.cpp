@@ -362,6 +362,12 @@ std::filesystem::path ZarrArray::file_of(const Lengths& index) const {
     return folder / name;
 }
 
+std::filesystem::path description_of(const std::filesystem::path& folder) {
+    std::error_code error;
+    std::filesystem::path v3 = folder / "zarr.json";
+    return std::filesystem::is_regular_file(v3, error) ? v3 : folder / ".zarray";
+}
+
 bool is_zarr_array(const std::filesystem::path& folder) {
     std::error_code error;
     if (std::filesystem::is_regular_file(folder / ".zarray", error)) {

@@ -58,6 +58,8 @@ struct ZarrArray {
 /// Whether a folder holds an array, or a group.
 bool is_zarr_array(const std::filesystem::path& folder);
 bool is_zarr_group(const std::filesystem::path& folder);
+/// The file that describes an array: zarr.json, else .zarray.
+std::filesystem::path description_of(const std::filesystem::path& folder);
 /// A group's attributes. Throws Error{corrupt, io}.
 nlohmann::json zarr_group_attributes(const std::filesystem::path& folder);
 

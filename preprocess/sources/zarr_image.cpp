@@ -90,6 +90,7 @@ ZarrImage image_of(const fs::path& folder, const std::optional<OmePlace>& ome) {
     }
     image.scale.assign(count, 1);
     image.translation.assign(count, 0);
+    image.ome = ome.has_value();
     if (ome) {
         transform(member(ome->dataset, "coordinateTransformations"), image, folder.string());
         transform(member(ome->image, "coordinateTransformations"), image, folder.string());
@@ -168,6 +169,40 @@ void search(const fs::path& root, const fs::path& inside, int depth,
             }
         }
     }
+}
+
+/// Axes of more than one position; none for what cannot be read.
+std::size_t long_axes(const fs::path& root, const Candidate& candidate) {
+    try {
+        fs::path folder = root / candidate.folder;
+        if (candidate.ome) {
+            folder /= levels_of(folder).front().first;
+        }
+        const Lengths shape = read_zarr_array(folder).shape;
+        return static_cast<std::size_t>(
+            std::count_if(shape.begin(), shape.end(), [](std::uint64_t n) { return n > 1; }));
+    } catch (const Error&) {
+        return 0;
+    }
+}
+
+/// Null if several have as many. Coordinates, which have one axis, lie beside a volume.
+const Candidate* only_with_most_axes(const fs::path& root, const std::vector<Candidate>& found) {
+    if (found.size() == 1) {
+        return &found.front();
+    }
+    const Candidate* best = nullptr;
+    std::size_t most = 0;
+    for (const Candidate& candidate : found) {
+        const std::size_t axes = long_axes(root, candidate);
+        if (axes > most) {
+            best = &candidate;
+            most = axes;
+        } else if (axes == most) {
+            best = nullptr;
+        }
+    }
+    return best;
 }
 
 std::string list_of(const std::vector<std::string>& names) {
@@ -257,8 +292,8 @@ ZarrImage find_zarr_image(const fs::path& root, const std::string& dataset) {
     }
     std::vector<Candidate> found;
     search(root, {}, 0, found);
-    if (found.size() == 1) {
-        return find_zarr_image(root / found.front().folder, "");
+    if (const Candidate* const only = only_with_most_axes(root, found)) {
+        return find_zarr_image(root / only->folder, "");
     }
     if (found.empty()) {
         throw Error(ErrorKind::not_found, {root.string()}, "there is no array in this Zarr group");

@@ -17,11 +17,13 @@ struct ZarrImage {
     std::vector<ArrayAxis> axes;      ///< of the array
     std::vector<double> scale;        ///< per axis: world units from one position to the next
     std::vector<double> translation;  ///< per axis: where position 0 lies
+    bool ome = false;                 ///< OME's description places it
     std::vector<std::filesystem::path> files;  ///< the descriptions that were read
 };
 
 /// `root`: an array, an OME image (then its finest level, unless `dataset` names another one's
-/// path), or a group with one of either. Source: https://ngff.openmicroscopy.org (0.4, 0.5).
+/// path), or a group: of its arrays and images the only one with the most axes of more than one
+/// position. Source: https://ngff.openmicroscopy.org (0.4, 0.5).
 /// Throws Error{not_found, invalid_argument} (listing what there is), and what read_zarr_array()
 /// throws.
 ZarrImage find_zarr_image(const std::filesystem::path& root, const std::string& dataset);

@@ -12,6 +12,7 @@
 #include <isonest/labels.h>
 
 #include "store/base/label_bits.h"
+#include "store/base/memory_budget.h"
 #include "store/base/workers.h"
 #include "store/container/reader.h"
 
@@ -23,6 +24,7 @@ using namespace detail;
 using Table = std::unordered_map<std::int64_t, Label>;
 /// Of an entry of the table, with what the table itself takes.
 constexpr std::uint64_t kEntryBytes = sizeof(Label) + 64;
+constexpr std::uint64_t kLeastEntries = 1000;
 
 void include(Label& label, const Label& other) {
     label.low = label.nodes == 0 ? other.low : min(label.low, other.low);
@@ -48,10 +50,17 @@ std::optional<std::int64_t> label_of(T value, bool bits) {
     }
 }
 
+void refuse_more(std::uint64_t labels, std::uint64_t most, const std::string& name) {
+    if (labels > most) {
+        throw Error(ErrorKind::limit, {name}, fmt::format("has more than {} labels", most),
+                    {{RemedyKind::more_memory}});
+    }
+}
+
 /// Runs of one label along x go into the table at once.
 template <class T>
 void add_chunk(const std::vector<std::byte>& raw, const ArrayInfo& array, const Int3& chunk,
-               bool bits, Table& table, const std::string& name) {
+               bool bits, std::uint64_t most, Table& table, const std::string& name) {
     const Int3 first = array.first_node(chunk);
     const Int3 size = min(array.chunk, array.nodes - first);
     for (std::int64_t i = 0; i < size.y * size.z; ++i) {
@@ -71,6 +80,7 @@ void add_chunk(const std::vector<std::byte>& raw, const ArrayInfo& array, const 
                 Label& label = table[*id];
                 include(label, run);
                 label.id = *id;
+                refuse_more(table.size(), most, name);
             } else if (std::isfinite(static_cast<double>(row[x]))) {
                 throw Error(ErrorKind::unsupported, {name},
                             fmt::format("the value {} is no label: labels are whole numbers up to "
@@ -91,9 +101,10 @@ std::vector<Label> find_labels(const Store& store, const LabelOptions& options,
     const std::string name = reader.path().string();
     const auto threads = static_cast<std::uint64_t>(Workers::count_of(options.threads));
     const std::uint64_t chunks = threads * array.chunk_bytes();
-    // A chunk's own table, too, holds up to all of its nodes.
-    const std::uint64_t most =
-        options.memory > chunks ? (options.memory - chunks) / kEntryBytes / 2 : 0;
+    // Half for the tables of single chunks.
+    constexpr std::uint64_t kBeside = kLibraryHeap + 2 * kLeastEntries * kEntryBytes;
+    require_memory(name, options.memory, kBeside + chunks, "this store's chunks");
+    const std::uint64_t most = (options.memory - kLibraryHeap - chunks) / kEntryBytes / 2;
     Table all;
     std::mutex mutex;
     progress.begin("find labels", static_cast<std::uint64_t>(array.grid.product()), "chunks");
@@ -105,8 +116,8 @@ std::vector<Label> find_labels(const Store& store, const LabelOptions& options,
             reader.decode(array, chunk, raw);
             Table own;
             dispatch(reader.layout().header().type, [&](auto tag) {
-                add_chunk<typename decltype(tag)::type>(raw, array, chunk,
-                                                        reader.layout().header().labels, own, name);
+                add_chunk<typename decltype(tag)::type>(
+                    raw, array, chunk, reader.layout().header().labels, most / threads, own, name);
             });
             {
                 const std::lock_guard lock(mutex);
@@ -115,11 +126,7 @@ std::vector<Label> find_labels(const Store& store, const LabelOptions& options,
                     include(known, label);
                     known.id = id;
                 }
-                if (all.size() > most) {
-                    throw Error(ErrorKind::limit, {name},
-                                fmt::format("has more than {} labels", most),
-                                {{RemedyKind::more_memory}});
-                }
+                refuse_more(all.size(), most, name);
             }
             progress.advance(1);
         });

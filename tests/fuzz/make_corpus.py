@@ -1,5 +1,6 @@
 """Makes the seeds of the fuzzing corpus anew.   Usage: make_corpus.py ISONEST"""
 import gzip
+import json
 import pathlib
 import struct
 import subprocess
@@ -9,10 +10,13 @@ import zlib
 
 import h5py
 import mrcfile
+import netCDF4
 import nibabel
 import numpy as np
 import pydicom
+import tifffile
 import vtk
+import zarr
 from vtk.util import numpy_support
 
 isonest = sys.argv[1]
@@ -153,6 +157,67 @@ def dicom_file(path, way=None):
 seed("volume", "dicom", saved("v.dcm", dicom_file))
 for way in ("jpeg", "jpegls", "j2k", "rle"):
     seed("volume", f"dicom_{way}", saved("v.dcm", lambda p: dicom_file(p, f"--{way}")))
+stack = np.arange(3 * 20 * 17, dtype="u2").reshape(3, 20, 17)
+for name, options in (("strips", {"rowsperstrip": 7}), ("tiles", {"tile": (16, 16)}), ("big", {"bigtiff": True}),
+                      ("big_endian", {"byteorder": ">"}), ("deflate", {"compression": "zlib", "predictor": 2})):
+    seed("volume", f"tiff_{name}", saved("v.tif", lambda p: tifffile.imwrite(p, stack, photometric="minisblack",
+                                                                            metadata=None, **options)))
+seed("volume", "tiff_imagej", saved("v.tif", lambda p: tifffile.imwrite(
+    p, stack[None, :, None], imagej=True, resolution=(2, 4), metadata={"axes": "TZCYX", "spacing": 3.5, "unit": "um"})))
+seed("volume", "tiff_ome", saved("v.tif", lambda p: tifffile.imwrite(
+    p, stack, ome=True, photometric="minisblack", metadata={"axes": "ZYX", "PhysicalSizeX": 0.5})))
+seed("volume", "tiff_colours", saved("v.tif", lambda p: tifffile.imwrite(
+    p, np.zeros((2, 8, 8, 3), "u1"), photometric="rgb", planarconfig="contig", metadata=None)))
+for way in ("lzw:2", "packbits", "zstd", "jpeg"):
+    def packed(path):
+        plain = path.with_name("plain.tif")
+        tifffile.imwrite(plain, stack.astype("u1"), photometric="minisblack", metadata=None)
+        subprocess.run(["tiffcp", "-c", way, plain, path], check=True)
+    seed("volume", f"tiff_{way.split(':')[0]}", saved("v.tif", packed))
+
+
+def netcdf(path, kind):
+    with netCDF4.Dataset(path, "w", format=kind) as file:
+        for dim, length in (("time", None), ("y", 3), ("x", 4)):
+            file.createDimension(dim, length)
+        file.createVariable("y", "f8", ("y",))[:] = [3, 2, 1]
+        v = file.createVariable("t", "i2", ("time", "y", "x"), fill_value=-9)
+        v.scale_factor, v.add_offset, v.long_name = 0.5, 10.0, "temperature"
+        v[:] = grid
+
+
+for kind in ("NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA"):
+    seed("volume", kind.lower(), saved("v.nc", lambda p: netcdf(p, kind)))
+
+
+def zarr_folder(kind, description, chunk):
+    text = json.dumps(description).encode()
+    return bytes([kind]) + struct.pack("<H", len(text)) + text + chunk
+
+
+with tempfile.TemporaryDirectory() as name:
+    for codec in (None, zarr.Blosc("lz4"), zarr.Zlib(), zarr.Zstd(), zarr.GZip()):
+        zarr.save_array(name, grid, chunks=(2, 3, 4), compressor=codec)
+        description = json.loads((pathlib.Path(name) / ".zarray").read_text())
+        seed("zarr", f"v2_{codec.codec_id if codec else 'plain'}",
+             zarr_folder(0, description, (pathlib.Path(name) / "0.0.0").read_bytes()))
+array = {"zarr_format": 3, "node_type": "array", "shape": [2, 3, 4], "data_type": "int16", "fill_value": -1,
+         "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [2, 3, 4]}},
+         "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+         "codecs": [{"name": "transpose", "configuration": {"order": [2, 0, 1]}},
+                    {"name": "bytes", "configuration": {"endian": "little"}}, {"name": "gzip"}],
+         "dimension_names": ["z", "y", "x"], "attributes": {"scale_factor": 0.5, "_FillValue": "AAAAAAAA8D8="}}
+seed("zarr", "v3", zarr_folder(1, array, gzip.compress(grid.transpose(2, 0, 1).tobytes(), mtime=0)))
+shard = [{"name": "sharding_indexed", "configuration": {
+    "chunk_shape": [1, 3, 2], "codecs": [{"name": "bytes", "configuration": {"endian": "big"}}],
+    "index_codecs": [{"name": "bytes", "configuration": {"endian": "little"}}]}}]
+entries = [(0, 12), (12, 12), (2**64 - 1, 2**64 - 1), (24, 12)]
+seed("zarr", "v3_shard", zarr_folder(1, {**array, "codecs": shard},
+                                     bytes(36) + b"".join(struct.pack("<QQ", *e) for e in entries)))
+image = {"axes": [{"name": a, "type": "space"} for a in "zyx"], "datasets": [{"path": "0", "coordinateTransformations": [
+    {"type": "scale", "scale": [2, 1, 1]}, {"type": "translation", "translation": [3, 0, 0]}]}]}
+seed("zarr", "ome", zarr_folder(2, {"zarr_format": 3, "node_type": "group",
+                                    "attributes": {"ome": {"version": "0.5", "multiscales": [image]}}}, b""))
 seed("store_header", "nodes", bytes([0]) + struct.pack("<QQQ", 9, 10, 1 << 20))
 seed("store_header", "chunk", bytes([4]) + struct.pack("<I", 256))
 seed("store_header", "fields", bytes([6]) + b"linf_plus,l1_bar")

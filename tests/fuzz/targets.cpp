@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <string_view>
 
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
@@ -190,6 +191,44 @@ void volume(Bytes bytes) {
     use_volume(written("v", bytes), options);
 }
 
+void zarr(Bytes bytes) {
+    if (bytes.size() < 3) {
+        return;
+    }
+    const std::size_t length = bytes[1] + std::size_t{256} * bytes[2];
+    const Bytes rest = bytes.subspan(3);
+    const Bytes description = rest.first(std::min(length, rest.size()));
+    const Bytes chunk = rest.subspan(description.size());
+    static const fs::path root = folder() / "v.zarr";
+    fs::remove_all(root);
+    fs::create_directories(root / "c" / "0" / "0");
+    switch (bytes[0] % 3) {
+        case 0:
+            written("v.zarr/.zarray", description);
+            written("v.zarr/0.0.0", chunk);
+            break;
+        case 1:
+            written("v.zarr/zarr.json", description);
+            written("v.zarr/c/0/0/0", chunk);
+            break;
+        default: {  // a group, with an array that is whole
+            constexpr std::string_view kArray =
+                R"({"zarr_format": 3, "node_type": "array", "shape": [2, 3, 4], "data_type": "uint8",
+                "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [2, 3, 4]}},
+                "chunk_key_encoding": {"name": "default"}, "fill_value": 7, "codecs": [{"name": "bytes"}],
+                "attributes": {}})";
+            fs::create_directories(root / "0");
+            written("v.zarr/zarr.json", description);
+            written("v.zarr/0/zarr.json",
+                    {reinterpret_cast<const std::uint8_t*>(kArray.data()), kArray.size()});
+            break;
+        }
+    }
+    SourceOptions options;
+    options.max_heap = kMemory;
+    use_volume(root, options);
+}
+
 void raw(Bytes bytes) {
     if (bytes.size() < 8) {
         return;
@@ -228,6 +267,7 @@ const std::vector<Target>& targets() {
                                          {"nrrd", nrrd},
                                          {"raw", raw},
                                          {"volume", volume},
+                                         {"zarr", zarr},
                                          {"ply", ply}};
     return all;
 }

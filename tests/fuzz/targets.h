@@ -21,7 +21,10 @@ void chunk_decode(Bytes bytes);  ///< a stored chunk
 void nrrd(Bytes bytes);          ///< an NRRD file
 void raw(Bytes bytes);           ///< a raw file, perhaps gzipped
 void volume(Bytes bytes);        ///< a file of any of the other formats of one file
-void ply(Bytes bytes);           ///< a mesh for `picture`
+/// A Zarr folder: of which kind (an array of version 2, of version 3, a group), two bytes that say
+/// how long its description is, that, and its only chunk.
+void zarr(Bytes bytes);
+void ply(Bytes bytes);  ///< a mesh for `picture`
 
 struct Target {
     std::string name;
