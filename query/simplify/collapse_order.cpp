@@ -15,7 +15,7 @@ CollapseOrder::CollapseOrder(const Patch& patch, const CollapsingPatch& mesh,
     : patch_(patch),
       mesh_(mesh),
       locked_(locked),
-      square_error_(error * error),
+      most_(static_cast<float>(error * error)),
       quadrics_(patch.positions.size()),
       version_(patch.positions.size()) {
     origin_ = patch.point(mesh.triangles().front()[0]);
@@ -46,19 +46,23 @@ void CollapseOrder::add_quadrics(const PatchTriangle& t) {
     }
 }
 
+float CollapseOrder::square_error(std::uint32_t from, std::uint32_t to) const {
+    return static_cast<float>(quadrics_[from].mean(at(to)));
+}
+
 void CollapseOrder::push(std::uint32_t from, std::uint32_t to) {
-    const double error = quadrics_[from].mean(at(to));
-    if (error <= square_error_) {
+    const float error = square_error(from, to);
+    if (error <= most_) {
         queue_.push({error, from, to, version_[from], false});
     }
 }
 
 /// The edge from `from` that comes next after one of this error, to this vertex.
-void CollapseOrder::push_next(std::uint32_t from, double after, std::uint32_t after_to) {
+void CollapseOrder::push_next(std::uint32_t from, float after, std::uint32_t after_to) {
     mesh_.neighbours_of(from, near_);
-    Collapse best{square_error_, from, kNone, version_[from], true};
+    Collapse best{most_, from, kNone, version_[from], true};
     for (const std::uint32_t to : near_) {
-        const double error = quadrics_[from].mean(at(to));
+        const float error = square_error(from, to);
         if ((error > after || (error == after && to > after_to)) &&
             (error < best.square_error || (error == best.square_error && to < best.to))) {
             best.square_error = error;
@@ -78,8 +82,8 @@ std::optional<Collapse> CollapseOrder::next() {
     while (!queue_.empty()) {
         const Collapse next = queue_.top();
         queue_.pop();
-        if (next.version == version_[next.from]) {
-            if (next.has_others) {
+        if (next.version() == version_[next.from]) {
+            if (next.has_others()) {
                 push_next(next.from, next.square_error, next.to);
             }
             return next;
@@ -97,9 +101,9 @@ void CollapseOrder::collapsed(std::uint32_t from, std::uint32_t to) {
         if (!locked_[v]) {
             push(v, to);
         }
-        if (!locked_[to]) {
-            push(to, v);
-        }
+    }
+    if (!locked_[to]) {
+        add(to);
     }
 }
 

@@ -15,11 +15,18 @@
 namespace isonest::detail {
 
 struct Collapse {
-    double square_error = 0;  ///< world units
+    float square_error = 0;  ///< world units
     std::uint32_t from = 0;
     std::uint32_t to = 0;
-    std::uint32_t version = 0;  ///< of the quadric of `from`
-    bool has_others = false;    ///< edges from `from` that have not been queued
+    std::uint32_t state = 0;
+
+    Collapse(float error, std::uint32_t start, std::uint32_t end, std::uint32_t version,
+             bool has_others)
+        : square_error(error), from(start), to(end), state(2 * version + (has_others ? 1U : 0U)) {}
+    /// Of the quadric of `from`.
+    [[nodiscard]] std::uint32_t version() const { return state / 2; }
+    /// Edges from `from` that have not been queued.
+    [[nodiscard]] bool has_others() const { return state % 2 != 0; }
 
     /// A queue's top is the smallest.
     bool operator<(const Collapse& other) const {
@@ -48,12 +55,13 @@ class CollapseOrder {
     [[nodiscard]] Double3 at(std::uint32_t v) const { return minus(patch_.point(v), origin_); }
     void add_quadrics(const PatchTriangle& t);
     void push(std::uint32_t from, std::uint32_t to);
-    void push_next(std::uint32_t from, double after, std::uint32_t after_to);
+    [[nodiscard]] float square_error(std::uint32_t from, std::uint32_t to) const;
+    void push_next(std::uint32_t from, float after, std::uint32_t after_to);
 
     const Patch& patch_;
     const CollapsingPatch& mesh_;
     const std::vector<bool>& locked_;
-    double square_error_;
+    float most_;  ///< square error
     Double3 origin_{};
     std::vector<Quadric> quadrics_;
     std::vector<std::uint32_t> version_;

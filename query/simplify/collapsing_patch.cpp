@@ -12,6 +12,11 @@ namespace {
 /// A triangle's normal may not turn further than to this cosine by one collapse.
 constexpr double kLeastCosine = 0.1;
 
+/// There are few.
+bool is_among(const std::vector<std::uint32_t>& vertices, std::uint32_t v) {
+    return std::find(vertices.begin(), vertices.end(), v) != vertices.end();
+}
+
 }  // namespace
 
 CollapsingPatch::CollapsingPatch(const Patch& patch, const std::vector<bool>& locked)
@@ -33,13 +38,11 @@ void CollapsingPatch::neighbours_of(std::uint32_t v, std::vector<std::uint32_t>&
     found.clear();
     for (const std::uint32_t i : around_[v]) {
         for (const std::uint32_t w : triangles_[i]) {
-            if (w != v) {
+            if (w != v && !is_among(found, w)) {
                 found.push_back(w);
             }
         }
     }
-    std::sort(found.begin(), found.end());
-    found.erase(std::unique(found.begin(), found.end()), found.end());
 }
 
 bool CollapsingPatch::is_allowed(std::uint32_t from, std::uint32_t to) {
@@ -50,8 +53,8 @@ bool CollapsingPatch::is_allowed(std::uint32_t from, std::uint32_t to) {
     neighbours_of(from, near_);
     neighbours_of(to, far_);
     common_.clear();
-    std::set_intersection(near_.begin(), near_.end(), far_.begin(), far_.end(),
-                          std::back_inserter(common_));
+    std::copy_if(near_.begin(), near_.end(), std::back_inserter(common_),
+                 [&](std::uint32_t v) { return is_among(far_, v); });
     const bool is_border = near_.size() != around_[from].size();
     if (static_cast<int>(common_.size()) != edge ||
         (is_border &&
@@ -72,7 +75,7 @@ bool CollapsingPatch::is_last_triangle(std::uint32_t from, std::uint32_t to) con
 /// Whether an edge between two locked vertices would arise.
 bool CollapsingPatch::joins_locked(std::uint32_t to) const {
     return std::any_of(near_.begin(), near_.end(), [&](std::uint32_t v) {
-        return v != to && locked_[v] && !std::binary_search(common_.begin(), common_.end(), v);
+        return v != to && locked_[v] && !is_among(common_, v);
     });
 }
 

@@ -34,7 +34,7 @@ class CollapsingPatch {
         std::replace(t.begin(), t.end(), from, to);
         return t;
     }
-    /// The vertices that share an edge with `v`, sorted.
+    /// The vertices that share an edge with `v`.
     void neighbours_of(std::uint32_t v, std::vector<std::uint32_t>& found) const;
     [[nodiscard]] bool is_border(std::uint32_t a, std::uint32_t b) const {
         return shared_triangles(a, b) == 1;
@@ -70,7 +70,7 @@ class CollapsingPatch {
     std::vector<std::vector<std::uint32_t>> around_;  ///< triangles of each vertex
     std::vector<std::uint32_t> near_;                 ///< neighbours of `from` that is asked about
     std::vector<std::uint32_t> far_;                  ///< of `to`
-    std::vector<std::uint32_t> common_;
+    std::vector<std::uint32_t> common_;               ///< of both
 };
 
 }  // namespace isonest::detail

@@ -216,7 +216,7 @@ void ProjectedCover::visit(std::uint32_t triangle) {
     }
 }
 
-bool ProjectedCover::covers(const PatchTriangle& triangle) {
+std::optional<double> ProjectedCover::covers(const PatchTriangle& triangle) {
     const auto point = [&](std::uint32_t v) {
         const auto& p = positions_[v];
         return Double3{static_cast<double>(p[0]), static_cast<double>(p[1]),
@@ -227,7 +227,7 @@ bool ProjectedCover::covers(const PatchTriangle& triangle) {
     stack_.clear();
     const std::uint32_t first = start(triangle[0]);
     if (first == kNone) {
-        return false;
+        return std::nullopt;
     }
     visit(first);
     double highest = 0;
@@ -242,7 +242,7 @@ bool ProjectedCover::covers(const PatchTriangle& triangle) {
             height = height_over(s);
         }
         if (height > limit_ || stack_.size() > kMostVisited) {
-            return false;
+            return std::nullopt;
         }
         highest = std::max(highest, height);
         degree += turns_around_middle(s);
@@ -252,15 +252,14 @@ bool ProjectedCover::covers(const PatchTriangle& triangle) {
             if (other != kNone && meets(*s[e], *s[(e + 1) % 3], -tiny_)) {
                 visit(other);
             } else if (other == kNone && meets(*s[e], *s[(e + 1) % 3], tiny_)) {
-                return false;
+                return std::nullopt;
             }
         }
     }
     if (degree == 0) {
-        return false;
+        return std::nullopt;
     }
-    largest_ = std::max(largest_, highest);
-    return true;
+    return highest;
 }
 
 }  // namespace isonest::detail

@@ -11,6 +11,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -25,11 +26,9 @@ class ProjectedCover {
     ProjectedCover(std::span<const std::array<float, 3>> positions,
                    std::span<const PatchTriangle> surface, double limit);
 
-    /// Whether it is certain that no point of the triangle is further than the limit from the
-    /// surface. REQUIRES: it has an area.
-    [[nodiscard]] bool covers(const PatchTriangle& triangle);
-    /// No point of a triangle that was covered was further away; at most the limit.
-    [[nodiscard]] double largest() const { return largest_; }
+    /// A distance, at most the limit, within which all points of the triangle are from the surface.
+    /// Nothing: it is not certain that there is one. REQUIRES: it has an area.
+    [[nodiscard]] std::optional<double> covers(const PatchTriangle& triangle);
 
   private:
     /// Seen from above: where in the plane, how far inside of the three edges, and how high.
@@ -74,7 +73,6 @@ class ProjectedCover {
     std::vector<std::uint32_t> seen_in_;
     std::vector<Seen> seen_;  ///< vertices
     std::vector<std::uint32_t> stack_;
-    double largest_ = 0;
 };
 
 }  // namespace isonest::detail

@@ -166,7 +166,7 @@ bool ServerLists::fits(std::uint32_t moved, std::span<const std::uint32_t> befor
     return true;
 }
 
-bool ServerLists::is_served_back(const Server& server) {
+std::optional<double> ServerLists::served_back(const Server& server) const {
     int left = kMostBack;
     for (const Plan& plan : plans_) {
         if (planned_[plan.first] != server.triangle) {
@@ -178,14 +178,13 @@ bool ServerLists::is_served_back(const Server& server) {
             most = std::max(most, square_distance(server.corners[i], fine));
         }
         if (most <= square_limit_) {
-            worst_ = std::max(worst_, most);
-            return true;
+            return std::sqrt(most);
         }
         if (--left == 0) {
-            return false;
+            return std::nullopt;
         }
     }
-    return false;
+    return std::nullopt;
 }
 
 void ServerLists::take() {

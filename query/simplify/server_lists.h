@@ -8,6 +8,7 @@
 #include <tsl/robin_map.h>
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -38,9 +39,9 @@ class ServerLists {
     /// May be false where a search among more triangles than these found something.
     bool fits(std::uint32_t moved, std::span<const std::uint32_t> before,
               std::span<const Server> after, const std::vector<PatchTriangle>& triangles);
-    /// After fits() was true: whether one of the first few fine triangles that this one then serves
-    /// is by itself near to all of it.
-    bool is_served_back(const Server& server);
+    /// After fits() was true: how far this one is at most from one of the first few fine triangles
+    /// that it then serves. Nothing: further than the limit from each of them.
+    [[nodiscard]] std::optional<double> served_back(const Server& server) const;
     /// They were replaced. REQUIRES: fits() was true, and asked last.
     void take();
 

@@ -8,6 +8,7 @@
 #include "query/simplify/collapse_edges.h"
 #include "query/simplify/projected_cover.h"
 #include "query/simplify/server_lists.h"
+#include "query/simplify/star_displacement.h"
 #include "query/simplify/surface_distance.h"
 #include "query/simplify/triangle_tree.h"
 
@@ -26,10 +27,9 @@ class PatchSimplifier {
         : patch_(patch),
           limit_(limit),
           locked_(std::move(locked)),
-          fine_(patch.positions, patch.fine),
-          to_fine_(fine_, limit),
-          above_(patch.positions, patch.fine, limit),
-          servers_(patch, limit) {
+          star_(patch.positions),
+          servers_(patch, limit),
+          off_(patch.triangles.size()) {
         find_servers();
         mesh_.emplace(patch, locked_);
         order_.emplace(patch, *mesh_, locked_, kFurthest * limit);
@@ -39,7 +39,7 @@ class PatchSimplifier {
         collapse_edges(
             patch_, locked_, *mesh_, *order_,
             [this](std::uint32_t from, std::uint32_t to) { return stays_near(from, to); },
-            [this] { servers_.take(); });
+            [this] { take(); });
     }
 
     /// Of the patch as it is now.
@@ -67,13 +67,16 @@ class PatchSimplifier {
             }
         }
         simplified.first_server.push_back(static_cast<std::uint32_t>(servers.size()));
-        simplified.largest =
-            std::max({largest_, servers_.largest(), to_fine_.largest(), above_.largest()});
+        simplified.largest = std::max(largest_, servers_.largest());
         return simplified;
     }
 
   private:
     void find_servers() {
+        for (std::size_t i = 0; i < off_.size(); ++i) {
+            const bool is_fine = i < patch_.fine.size() && patch_.fine[i] == patch_.triangles[i];
+            off_[i] = is_fine ? 0 : limit_;
+        }
         const TriangleTree tree(patch_.positions, patch_.triangles);
         SurfaceDistance distance(tree, limit_);
         for (std::uint32_t i = 0; i < patch_.fine.size(); ++i) {
@@ -86,6 +89,7 @@ class PatchSimplifier {
             }
             const Triangle t = patch_.at(patch_.fine[i]);
             if (distance.serves(t)) {
+                largest_ = std::max(largest_, distance.largest());
                 servers_.set(i, distance.servers());
                 continue;
             }
@@ -103,7 +107,6 @@ class PatchSimplifier {
             });
             servers_.set(i, all);
         }
-        largest_ = distance.largest();
     }
 
     bool stays_near(std::uint32_t from, std::uint32_t to) {
@@ -116,24 +119,79 @@ class PatchSimplifier {
             }
         }
         return !after_.empty() && servers_.fits(from, around, after_, mesh_->triangles()) &&
-               std::all_of(after_.begin(), after_.end(), [&](const Server& s) {
-                   const PatchTriangle t =
-                       CollapsingPatch::moved(mesh_->triangles()[s.triangle], from, to);
-                   return servers_.is_served_back(s) || above_.covers(t) ||
-                          to_fine_.covers(s.corners);
-               });
+               (moves_little(from, to) || are_covered(from, to));
+    }
+
+    /// Whether the new triangles are so near to the old ones that the full surface is near.
+    bool moves_little(std::uint32_t from, std::uint32_t to) {
+        double most = 0;
+        star_.opposite().clear();
+        for (const std::uint32_t i : mesh_->around(from)) {
+            const PatchTriangle& t = mesh_->triangles()[i];
+            const std::size_t k = t[0] == from ? 0 : t[1] == from ? 1 : 2;
+            star_.opposite().push_back({t[(k + 1) % 3], t[(k + 2) % 3]});
+            most = std::max(most, off_[i]);
+        }
+        if (!(most < limit_)) {
+            return false;
+        }
+        const std::optional<double> moved = star_.of(from, to);
+        if (!moved || most + *moved > limit_) {
+            return false;
+        }
+        after_off_.assign(after_.size(), most + *moved);
+        return true;
+    }
+
+    bool are_covered(std::uint32_t from, std::uint32_t to) {
+        after_off_.clear();
+        return std::all_of(after_.begin(), after_.end(), [&](const Server& s) {
+            const std::optional<double> off =
+                off_of(s, CollapsingPatch::moved(mesh_->triangles()[s.triangle], from, to));
+            after_off_.push_back(off.value_or(limit_));
+            return off.has_value();
+        });
+    }
+
+    /// A bound on the distance of a new triangle from the full surface; nothing: above the limit.
+    std::optional<double> off_of(const Server& server, const PatchTriangle& t) {
+        if (const std::optional<double> off = servers_.served_back(server)) {
+            return off;
+        }
+        if (!above_) {
+            above_.emplace(patch_.positions, patch_.fine, limit_);
+        }
+        if (const std::optional<double> off = above_->covers(t)) {
+            return off;
+        }
+        if (!to_fine_) {
+            fine_.emplace(patch_.positions, patch_.fine);
+            to_fine_.emplace(*fine_, limit_);
+        }
+        return to_fine_->covers(server.corners) ? std::optional(to_fine_->largest()) : std::nullopt;
+    }
+
+    void take() {
+        servers_.take();
+        for (std::size_t i = 0; i < after_.size(); ++i) {
+            off_[after_[i].triangle] = after_off_[i];
+            largest_ = std::max(largest_, after_off_[i]);
+        }
     }
 
     const Patch& patch_;
     double limit_;
     std::vector<bool> locked_;
-    TriangleTree fine_;
-    SurfaceDistance to_fine_;
-    ProjectedCover above_;
+    std::optional<TriangleTree> fine_;        ///< made when it is needed
+    std::optional<SurfaceDistance> to_fine_;  ///< the same
+    std::optional<ProjectedCover> above_;     ///< the same
+    StarDisplacement star_;
     ServerLists servers_;
+    std::vector<double> off_;  ///< of each triangle: no point of it is further off
     std::optional<CollapsingPatch> mesh_;
     std::optional<CollapseOrder> order_;
     std::vector<Server> after_;
+    std::vector<double> after_off_;
     double largest_ = 0;
 };
 

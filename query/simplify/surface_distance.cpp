@@ -11,6 +11,7 @@ namespace {
 constexpr int kMostCuts = 48;
 constexpr int kMostPieces = 1 << 18U;  ///< of one triangle; beyond them it counts as a miss
 constexpr int kMostServerCuts = 12;
+constexpr std::size_t kRecent = 8;
 /// A piece that has more limits as its radius than this is cut along the edges of the surface: else
 /// the pieces of a flat one would be the more the smaller the limit.
 constexpr double kMuchLarger = 8;
@@ -82,17 +83,23 @@ bool SurfaceDistance::serve(const Triangle& t, int depth) {
         if (std::find(servers_.begin(), servers_.end(), server) == servers_.end()) {
             servers_.push_back(server);
         }
-        last_ = server;
         return true;
     };
-    if (last_ != TriangleTree::kNone && take(last_)) {
-        return true;
+    for (std::size_t i = 0; i < recent_.size(); ++i) {
+        if (take(recent_[i])) {
+            remember(recent_[i], i);
+            return true;
+        }
     }
     const Double3 centre = centroid(t);
     bool any = false;
     if (surface_.near(centre, square_limit_, [&](std::uint32_t server) {
             any = true;
-            return take(server);
+            if (!take(server)) {
+                return false;
+            }
+            remember(server, recent_.size());
+            return true;
         })) {
         return true;
     }
@@ -106,7 +113,36 @@ bool SurfaceDistance::serve(const Triangle& t, int depth) {
 
 bool SurfaceDistance::serves(const Triangle& t) {
     servers_.clear();
+    largest_ = 0;
     return serve(t, 0);
+}
+
+/// Puts a triangle first; `place`: where it was.
+void SurfaceDistance::remember(std::uint32_t triangle, std::size_t place) {
+    if (place == recent_.size()) {
+        if (place == kRecent) {
+            --place;
+        } else {
+            recent_.push_back(triangle);
+        }
+    }
+    std::copy_backward(recent_.begin(), recent_.begin() + static_cast<std::ptrdiff_t>(place),
+                       recent_.begin() + static_cast<std::ptrdiff_t>(place) + 1);
+    recent_.front() = triangle;
+}
+
+/// Whether one of the recent triangles is near to all that is within the radius of the centre.
+bool SurfaceDistance::is_near_recent(const Double3& centre, double radius) {
+    const double enough = limit_ - radius;
+    for (std::size_t i = 0; i < recent_.size(); ++i) {
+        const double d = square_distance(centre, surface_.triangle(recent_[i]));
+        if (d <= enough * enough) {
+            largest_ = std::max(largest_, std::min(std::sqrt(d) + radius, limit_));
+            remember(recent_[i], i);
+            return true;
+        }
+    }
+    return false;
 }
 
 bool SurfaceDistance::cover(const Triangle& t, int depth) {
@@ -146,32 +182,34 @@ bool SurfaceDistance::cover(const Triangle& t, int depth) {
     if (radius > std::max(limit_, size_) && !is_last) {
         return cut();
     }
-    // Any triangle that is near enough will do; the nearest only where it has to be small.
-    if (radius < limit_ * kNearEnough) {
-        const double enough = limit_ - radius;
-        double d = 0;
-        if (surface_.near(centre, enough * enough, [&](std::uint32_t i) {
-                d = square_distance(centre, surface_.triangle(i));
-                return d <= enough * enough;
-            })) {
-            largest_ = std::max(largest_, std::min(std::sqrt(d) + radius, limit_));
-            return true;
-        }
-    }
-    if (surface_.near(centre, square_limit_, [&](std::uint32_t i) { return served_by(t, i); })) {
+    const bool is_small = radius < limit_ * kNearEnough;
+    if (is_small && is_near_recent(centre, radius)) {
         return true;
     }
-    const bool is_small = radius < limit_ * kNearEnough;
-    if (is_last || (is_small && !surface_.near(centre, square_limit_, [&](auto i) {
-            return square_distance(centre, surface_.triangle(i)) <= square_limit_;
-        }))) {
-        return miss();
+    // Any triangle that is near enough will do.
+    bool any = false;
+    if (surface_.near(centre, square_limit_, [&](std::uint32_t i) {
+            const double d = square_distance(centre, surface_.triangle(i));
+            if (d > square_limit_) {
+                return false;
+            }
+            any = true;
+            if (is_small && std::sqrt(d) + radius <= limit_) {
+                largest_ = std::max(largest_, std::sqrt(d) + radius);
+            } else if (!served_by(t, i)) {
+                return false;
+            }
+            remember(i, recent_.size());
+            return true;
+        })) {
+        return true;
     }
-    return cut();
+    return is_last || (is_small && !any) ? miss() : cut();
 }
 
 bool SurfaceDistance::covers(const Triangle& t) {
     pieces_ = 0;
+    largest_ = 0;
     return cover(t, 0);
 }
 

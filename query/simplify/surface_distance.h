@@ -33,13 +33,15 @@ class SurfaceDistance {
     [[nodiscard]] bool covers(const Triangle& t);
     /// Where, after one of the two was false.
     [[nodiscard]] const Double3& miss() const { return miss_; }
-    /// No point asked about with success was further away than this; at most the limit.
+    /// After one of the two was true: no point of `t` is further away than this; at most the limit.
     [[nodiscard]] double largest() const { return largest_; }
 
   private:
     bool serve(const Triangle& t, int depth);
     bool served_by(const Triangle& t, std::uint32_t server);
     bool cover(const Triangle& t, int depth);
+    bool is_near_recent(const Double3& centre, double radius);
+    void remember(std::uint32_t triangle, std::size_t place);
 
     const TriangleTree& surface_;
     double limit_;
@@ -48,8 +50,8 @@ class SurfaceDistance {
     double square_limit_;
     double size_;
     std::vector<std::uint32_t> servers_;
-    std::uint32_t last_ = TriangleTree::kNone;  ///< served the triangle before
-    int pieces_ = 0;                            ///< of the triangle that is being covered
+    std::vector<std::uint32_t> recent_;  ///< were near to what was asked about before; latest first
+    int pieces_ = 0;                     ///< of the triangle that is being covered
     Double3 miss_{};
     double largest_ = 0;
 };
