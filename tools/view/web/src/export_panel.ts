@@ -35,7 +35,7 @@ export class ExportPanel {
     const names = ["across x", "across y", "across z", "oblique"];
     const subjects: (readonly [Subject, string])[] = flat ? [] : [["seen", "the surface as it is seen"], ["full", "the surface at full resolution"]];
     kSliceNames.forEach((name, i) => {
-      if (!flat || views.state.slices[name].on) subjects.push([name, flat ? "the data as they are seen" : `the slice ${names[i]}`]);
+      if (!store.labels && (!flat || views.state.slices[name].on)) subjects.push([name, flat ? "the data as they are seen" : `the slice ${names[i]}`]);
     });
     this.subject = select("Mesh", subjects, () => this.refresh(), { id: "export-subject" });
     this.format = select("Format", kFormats.map((one) => [one, `.${one}`] as const), () => undefined, { id: "export-format" });

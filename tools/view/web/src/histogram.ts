@@ -29,7 +29,7 @@ export class HistogramPanel {
     this.largest = store.max_value ?? 1;
     const name = store.labels ? "Label" : "Isovalue";
     setAttributes(this.range, {
-      min: this.least, max: this.largest, step: store.labels ? 1 : niceStep(this.largest - this.least), "aria-label": name,
+      min: this.least, max: this.largest, step: niceStep(this.largest - this.least), "aria-label": name,
     });
     setAttributes(this.number, { "aria-label": `${name}, as a number`, ...(store.labels ? { step: 1 } : {}) });
     const label = h("label", { class: "iso-label", for: "iso-number" }, name);
@@ -38,6 +38,11 @@ export class HistogramPanel {
       h("div", { class: "iso-head" }, label, this.number),
       h("div", { class: "plot" }, this.plot), this.range, this.marks, this.note,
     );
+    if (store.labels) {
+      // Labels are names: neither their order nor what lies between them says anything.
+      for (const element of this.element.querySelectorAll<HTMLElement>(".plot, .marks, #iso")) element.hidden = true;
+      this.note.textContent = "The surface of this label is shown. The cursor tells the label that it is on.";
+    }
     this.range.addEventListener("input", () => views.set({ iso: this.range.valueAsNumber }));
     this.number.addEventListener("change", () => {
       if (Number.isFinite(this.number.valueAsNumber)) views.set({ iso: this.number.valueAsNumber });
@@ -58,10 +63,14 @@ export class HistogramPanel {
 
   /** Moves by a part of the range; of integers at least by half a number. */
   step(part: number): void {
-    const least = this.store.labels ? 1 : this.store.integer ? 0.5 : 0;
+    if (this.store.labels) {
+      this.views.set({ iso: Math.round(this.views.state.iso) + Math.sign(part) });
+      return;
+    }
+    const least = this.store.integer ? 0.5 : 0;
     const by = Math.sign(part) * Math.max(Math.abs(part) * (this.largest - this.least), least);
     const iso = Math.min(Math.max(this.views.state.iso + by, this.least), this.largest);
-    this.views.set({ iso: this.store.labels ? Math.round(iso) : iso });
+    this.views.set({ iso });
   }
 
   fail(message: string): void {

@@ -34,7 +34,7 @@ async function start(): Promise<void> {
   const store = await api.store();
   byId("store").textContent = store.name;
   document.title = `${store.name} – isonest`;
-  const histogram = api.histogram();
+  const histogram: Promise<HistogramInfo | null> = store.labels ? Promise.resolve(null) : api.histogram();
   const wanted = new URLSearchParams(location.hash.slice(1)).has("iso");
   // The first surface is the one that is suggested, unless finding it takes long, or the URL says another.
   const info = wanted || store.dimension === 2 ? null : await within(histogram, 1500);
@@ -47,9 +47,9 @@ function within<T>(promise: Promise<T>, time: number): Promise<T | null> {
   return Promise.race([promise.catch(() => null), late]);
 }
 
-function run(store: StoreInfo, histogram: Promise<HistogramInfo>, info: HistogramInfo | null): void {
+function run(store: StoreInfo, histogram: Promise<HistogramInfo | null>, info: HistogramInfo | null): void {
   const middle = ((store.min_value ?? 0) + (store.max_value ?? 1)) / 2;
-  const isovalue = store.labels ? (store.max_value ?? 1) : (info?.suggested[0]?.isovalue ?? middle);
+  const isovalue = store.labels ? 1 : (info?.suggested[0]?.isovalue ?? middle);
   const canvas = byId("canvas") as HTMLCanvasElement;
   const initial = defaults(store, isovalue, canvas.clientWidth / Math.max(canvas.clientHeight, 1));
   const views = new ViewStore(fromFragment(location.hash, initial));
@@ -62,7 +62,7 @@ function run(store: StoreInfo, histogram: Promise<HistogramInfo>, info: Histogra
   const failed = (error: Error): void => banner.show(error);
   const readout = readoutLine();
   byId("stage").append(readout);
-  const probe = new Probe(api, stage, readout, failed, store.labels);
+  const probe = new Probe(api, stage, store, readout, failed);
   new Overlay(byId("stage"), stage, probe);
   new Pointer(views, store, stage, probe);
   let refresh = (): void => undefined; // until the panels are there
@@ -82,7 +82,7 @@ function run(store: StoreInfo, histogram: Promise<HistogramInfo>, info: Histogra
   );
   const flat = store.dimension === 2;
   byId("panel").append(
-    ...(flat ? [] : [surfacePanel.choices]), slicePanel.element, ...(flat ? [] : [clipping.element]),
+    ...(flat ? [] : [surfacePanel.choices]), ...(store.labels ? [] : [slicePanel.element]), ...(flat ? [] : [clipping.element]),
     probe.element, exporting.element, viewPanel(views, store, moves), memory.element,
   );
   if (!flat) byId("dock").append(surfacePanel.state, histogramPanel.element);
@@ -127,7 +127,7 @@ function run(store: StoreInfo, histogram: Promise<HistogramInfo>, info: Histogra
     button("Help", () => dialog.showModal(), { id: "help-button" }),
   );
   const loading = histogram.then(
-    (found) => histogramPanel.show(found),
+    (found) => found && histogramPanel.show(found),
     (error: Error) => histogramPanel.fail(error.message),
   );
   bindFragment(views, initial);

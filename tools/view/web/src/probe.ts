@@ -2,7 +2,7 @@
 import type { Api } from "./api";
 import { button, h, section } from "./dom";
 import { lengthOf } from "./geometry";
-import type { ValueInfo, Vector } from "./protocol";
+import type { StoreInfo, ValueInfo, Vector } from "./protocol";
 import type { Hit, Stage } from "./stage";
 import { place, short } from "./words";
 
@@ -23,9 +23,9 @@ export class Probe {
   constructor(
     private readonly api: Api,
     private readonly stage: Stage,
+    private readonly store: StoreInfo,
     private readonly readout: HTMLElement,
     private readonly failed: (error: Error) => void,
-    private readonly labels: boolean,
   ) {
     this.toggle = button("Measure a distance", () => this.setMeasuring(!this.measuring), { id: "measure", "aria-pressed": "false" });
     const centre = button("Mark the middle of the picture", () => void this.markMiddle(), { id: "mark-middle" });
@@ -106,8 +106,7 @@ export class Probe {
 
   private words(info: ValueInfo): string {
     if (!info.inside) return "outside of the volume";
-    // Between nodes labels have no value; the nearest node has one.
-    if (this.labels && info.node_value !== null) return `label ${info.node_value}`;
+    if (this.store.labels) return info.node_value === null ? "no label" : `label ${info.node_value}`;
     return info.value === null ? "no value" : `value ${short(info.value)}`;
   }
 

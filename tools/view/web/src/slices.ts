@@ -36,7 +36,7 @@ export class Slice {
     this.refiner = new Refiner(api, {
       kind: "slice",
       stream: `slice-${name}`,
-      coarse: () => (views.state.slices[name].on ? { ...this.basis(), triangles: kMovingTriangles } : null),
+      coarse: () => (views.state.slices[name].on && !store.labels ? { ...this.basis(), triangles: kMovingTriangles } : null),
       steps: () => this.steps(),
       enough: (shown) => this.enough(shown),
       show: (mesh) => {

@@ -98,7 +98,7 @@ export function defaults(store: StoreInfo, isovalue: number, aspect: number): Vi
   return {
     surface: !flat,
     iso: isovalue,
-    target: store.labels ? "triangles" : "screen",
+    target: store.labels ? "full" : "screen",
     pixels: 2, // of a diamond of tetrahedra: its triangles are about half as large
     error: (largest - least) / 100,
     distance: Math.hypot(...store.spacing) / 2,

@@ -32,7 +32,11 @@ export class Surface {
     this.refiner = new Refiner(api, {
       kind: "surface",
       stream: "surface",
-      coarse: () => (views.state.surface ? { ...this.basis(), triangles: views.state.moving } : null),
+      coarse: () => {
+        if (!views.state.surface) return null;
+        // Labels have no errors among which one could be chosen for a number of triangles.
+        return { ...this.basis(), ...(store.labels ? { error: 0 } : { triangles: views.state.moving }) };
+      },
       steps: () => this.steps(),
       enough: (shown) => this.enough(shown),
       show: (mesh, parameters) => {
@@ -95,6 +99,7 @@ export class Surface {
     const state: ViewState = this.views.state;
     const { most: limit, pixels } = state;
     const basis = this.basis();
+    if (this.store.labels && state.target !== "distance") return [];
     const first: Step = {
       parameters: { ...basis, triangles: Math.min(kFirstSteps * state.moving, limit) },
       aim: "with more triangles",

@@ -13,7 +13,7 @@ const kTargets: readonly (readonly [Target, string])[] = [
   ["triangles", "to a number of triangles"],
 ];
 /** Errors and cameras are of values, and labels have none. */
-const kOfLabels: readonly Target[] = ["full", "distance", "triangles"];
+const kOfLabels: readonly Target[] = ["full", "distance"];
 
 export class SurfacePanel {
   /** How good the surface is now. */
@@ -57,6 +57,7 @@ export class SurfacePanel {
       triangles.set(state.triangles);
       moving.set(state.moving);
       most.set(state.most);
+      moving.row.hidden = most.row.hidden = store.labels;
       for (const [name, { row }] of Object.entries({ screen: pixels, error, distance, triangles })) row.hidden = state.target !== name;
     });
   }
