@@ -1,4 +1,4 @@
-// Starts `isonest view` and a real Chromium on it; for tests/view and tools/bench/view.mjs.
+// Starts `isonest view` and a real Chromium on it; for tests/view.
 import { execFile, spawn } from "node:child_process";
 import { existsSync } from "node:fs";
 import { mkdtemp, readFile, rm } from "node:fs/promises";
