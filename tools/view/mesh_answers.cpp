@@ -52,7 +52,7 @@ HttpAnswer as_answer(MeshMessage& mesh, const MeshRequest& request, const Extrac
 
 /// A slider waits for the answer; who asked for a limit waits for the best mesh.
 constexpr double kSliderSeconds = 0.04;
-constexpr double kPatience = 30;
+constexpr double kPatience = 2;
 
 /// A new folder below `scratch`.
 std::filesystem::path new_folder(const std::filesystem::path& scratch) {
