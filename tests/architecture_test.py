@@ -23,7 +23,7 @@ ROOMS = {
               "container": {"base", "files", "lattice"}},
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
                    "synthetic": set()},
-    "query": {"view": set(), "march": {"view"}, "mesh": {"view", "march"},
+    "query": {"view": set(), "march": {"view"}, "formats": set(), "mesh": {"view", "march"},
               "simplify": {"view", "mesh", "traverse"},
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "finite_elements": {"view", "traverse"},
@@ -31,16 +31,32 @@ ROOMS = {
               "distance": {"view", "march", "simplify", "traverse"},
               "extract": {"view", "march", "mesh", "simplify", "traverse", "distance"}},
 }
+# Rooms within a room. What stands beside them (the room's entrance) may include all of them; they may
+# include of it what is named here.
+SHARED = {"bytes", "placement", "wrapping", "volume_format.h"}
+INNER_ROOMS = {
+    "preprocess/sources": {
+        "bytes": {"nrrd", "volume_format.h"}, "wrapping": {"bytes"}, "placement": SHARED,
+        **{name: SHARED for name in ("dicom", "meta_image", "mrc", "nifti", "nrrd", "numpy",
+                                     "openvdb", "tiff", "zarr")},
+        "hdf5": SHARED | {"nrrd"}, "netcdf": SHARED | {"nrrd"}, "vtk": SHARED | {"nrrd"},
+    },
+}
 STORAGE_HEADERS = re.compile(r"(hdf5|hdf5_hl|H5\w+|zstd\w*)\.h")
 # Zarr's chunks are zstd frames of its own.
-STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/sources/hdf5_",
-                   "preprocess/sources/zarr_codec")
+STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/sources/hdf5/",
+                   "preprocess/sources/zarr/zarr_codec")
 TOP_LEVEL = {*MAY_INCLUDE, "CMakeLists.txt", "README.md", "CONTRIBUTING.md", "LICENSE",
              "CMakePresets.json", "pyproject.toml"}
 LOCAL_OUTPUT = re.compile(r"build.*|quickstart-out|.*\.isonest")  # as in .gitignore
 FLAG = re.compile(r'"(?:[^"\\]|\\.)*--[a-z](?:[^"\\]|\\.)*"')
 INCLUDE = re.compile(r'\s*#\s*include\s+([<"])([^>"]+)[>"]')
 PUBLIC = re.compile(r"isonest/\w+\.h")
+
+
+def place_in(parent, name):
+    """The room, or file, of `parent` that `name` is in; nothing if it is elsewhere."""
+    return name.removeprefix(parent + "/").split("/")[0] if name.startswith(parent + "/") else ""
 
 
 def find_faults(root):
@@ -74,6 +90,11 @@ def find_faults(root):
                 if quote == '"' and room in rooms and of[0] == folder \
                         and of[1] not in {room, *rooms[room]}:
                     faults.append(f"{place}; {folder}/{room}/ may include {sorted(rooms[room])}")
+                for parent, inner in INNER_ROOMS.items():
+                    here, there = (place_in(parent, which) for which in (name, target))
+                    if quote == '"' and here in inner and there \
+                            and there not in {here, *inner[here]}:
+                        faults.append(f"{place}; {parent}/{here}/ may include {sorted(inner[here])}")
                 if PUBLIC.fullmatch(target) and owner.get(target) not in may:
                     faults.append(f"{place}, of {owner.get(target)}; {folder}/ may include "
                                   f"{', '.join(sorted(may))}")
@@ -101,6 +122,7 @@ PLANTED = {
     "store/public/isonest/planted.h": '#include "store/base/box.h"',
     "query/mesh/planted_names.h": "namespace isonest {",
     "query/view/planted_room.h": '#include "query/traverse/interest.h"',
+    "preprocess/sources/dicom/planted_inner.h": '#include "preprocess/sources/zarr/zarr_source.h"',
     "query/planted_hdf5.cpp": "#include <hdf5.h>",
     "preprocess/planted_hdf5.cpp": "#include <hdf5.h>",
     "tools/planted.cpp": '#include "tests/test_support.h"',

@@ -1,5 +1,5 @@
 // The fewest segments for a chain, beside those that all pairs of points show.
-#include "query/simplify/fewest_segments.h"
+#include "query/simplify/lines/fewest_segments.h"
 
 #include <algorithm>
 #include <catch2/catch.hpp>

@@ -4,7 +4,7 @@
 
 #include <isonest/error.h>
 
-#include "query/traverse/hex_projection.h"
+#include "query/traverse/hexahedra/hex_projection.h"
 #include "query/view/topology.h"
 #include "tests/test_support.h"
 

@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-#include "query/traverse/cube_nodes.h"
+#include "query/traverse/bricks/cube_nodes.h"
 
 namespace isonest::detail {
 namespace {

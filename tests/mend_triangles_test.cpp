@@ -8,7 +8,7 @@
 
 #include <isonest/extract.h>
 
-#include "query/simplify/point_triangle.h"
+#include "query/simplify/proof/point_triangle.h"
 #include "tests/test_support.h"
 
 using namespace isonest;

@@ -4,7 +4,7 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/missing_source.h"
+#include "preprocess/sources/wrapping/missing_source.h"
 #include "tests/test_support.h"
 
 using namespace isonest;

@@ -1,5 +1,5 @@
 // The window over the planes of the input: what is there when it is needed, and what it takes.
-#include "preprocess/sources/plane_window.h"
+#include "preprocess/sources/wrapping/plane_window.h"
 
 #include <catch2/catch.hpp>
 #include <map>

@@ -1,5 +1,5 @@
 // PLY files that lie, and the ones that tools of other people write.
-#include "tools/drawing/ply_reader.h"
+#include "tools/drawing/input/ply_reader.h"
 
 #include <catch2/catch.hpp>
 #include <optional>

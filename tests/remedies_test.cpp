@@ -1,6 +1,6 @@
 // Every remedy of the library has a name and a text, in a command that has the option and in one
 // that has not; no text names an option that the command has not.
-#include "tools/cli/remedies.h"
+#include "tools/cli/terminal/remedies.h"
 
 #include <catch2/catch.hpp>
 #include <set>

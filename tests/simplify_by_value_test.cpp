@@ -9,7 +9,7 @@
 #include <isonest/mesh_sink.h>
 
 #include "query/extract/value_simplification.h"
-#include "query/simplify/value_cover.h"
+#include "query/simplify/by_value/value_cover.h"
 #include "store/lattice/bisection.h"
 #include "tests/surface_samples.h"
 #include "tests/test_support.h"

@@ -1,5 +1,5 @@
 // Isolines within a distance: measured by sampling in both directions, and with the same topology.
-#include "query/simplify/simplify_lines.h"
+#include "query/simplify/lines/simplify_lines.h"
 
 #include <algorithm>
 #include <catch2/catch.hpp>

@@ -3,7 +3,7 @@
 
 #include <catch2/catch.hpp>
 
-#include "query/simplify/patch_topology.h"
+#include "query/simplify/collapse/patch_topology.h"
 #include "query/simplify/simplify_patch.h"
 #include "store/base/workers.h"
 #include "tests/surface_samples.h"

@@ -3,10 +3,10 @@
 #include <random>
 
 #include "query/mesh/zero_area.h"
-#include "query/simplify/collapse_order.h"
-#include "query/simplify/projected_cover.h"
-#include "query/simplify/star_displacement.h"
-#include "query/simplify/surface_distance.h"
+#include "query/simplify/collapse/collapse_order.h"
+#include "query/simplify/proof/projected_cover.h"
+#include "query/simplify/proof/star_displacement.h"
+#include "query/simplify/proof/surface_distance.h"
 #include "tests/surface_samples.h"
 
 using namespace isonest;

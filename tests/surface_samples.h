@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "query/simplify/patch.h"
-#include "query/simplify/triangle_tree.h"
+#include "query/simplify/proof/triangle_tree.h"
 
 namespace isonest::detail::test {
 

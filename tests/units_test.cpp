@@ -1,5 +1,5 @@
 // The command line's numbers: what is taken, what is refused, and how it reads.
-#include "tools/cli/units.h"
+#include "tools/cli/options/units.h"
 
 #include <catch2/catch.hpp>
 #include <limits>
@@ -8,9 +8,9 @@
 
 #include <isonest/error.h>
 
-#include "tools/cli/help_format.h"
-#include "tools/cli/suggestions.h"
-#include "tools/cli/terminal_progress.h"
+#include "tools/cli/terminal/help_format.h"
+#include "tools/cli/terminal/suggestions.h"
+#include "tools/cli/terminal/terminal_progress.h"
 
 using namespace isonest;
 using namespace isonest::detail;

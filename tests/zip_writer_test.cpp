@@ -1,6 +1,6 @@
 // An archive, read again by the letter of PKWARE's APPNOTE.TXT, from its last record back; with
 // sizes and places that need ZIP64 and without.
-#include "query/mesh/zip_writer.h"
+#include "query/formats/zip_writer.h"
 
 #include <zlib.h>
 

@@ -9,7 +9,7 @@
 
 #include "preprocess/levels/indicator_chunks.h"
 #include "preprocess/levels/pass_context.h"
-#include "preprocess/sources/plane_window.h"
+#include "preprocess/sources/wrapping/plane_window.h"
 #include "store/container/format.h"
 
 namespace isonest::detail {

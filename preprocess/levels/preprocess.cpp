@@ -26,7 +26,7 @@
 #include "preprocess/levels/resume.h"
 #include "preprocess/levels/resumed_input.h"
 #include "preprocess/levels/run_journal.h"
-#include "preprocess/sources/plane_window.h"
+#include "preprocess/sources/wrapping/plane_window.h"
 #include "store/base/in_order.h"
 #include "store/base/rotation.h"
 #include "store/base/workers.h"

@@ -6,13 +6,13 @@
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 
-#include "preprocess/sources/converted_source.h"
-#include "preprocess/sources/cropped_source.h"
-#include "preprocess/sources/gzip_stream.h"
-#include "preprocess/sources/missing_source.h"
-#include "preprocess/sources/raw_source.h"
+#include "preprocess/sources/bytes/gzip_stream.h"
+#include "preprocess/sources/bytes/raw_source.h"
 #include "preprocess/sources/volume_format.h"
-#include "preprocess/sources/wrapped_source.h"
+#include "preprocess/sources/wrapping/converted_source.h"
+#include "preprocess/sources/wrapping/cropped_source.h"
+#include "preprocess/sources/wrapping/missing_source.h"
+#include "preprocess/sources/wrapping/wrapped_source.h"
 
 namespace isonest {
 using namespace detail;

@@ -6,7 +6,7 @@
 #include <cstddef>
 
 #include "query/march/finest_crossing.h"
-#include "query/simplify/point_triangle.h"
+#include "query/simplify/proof/point_triangle.h"
 #include "query/traverse/element.h"
 
 namespace isonest::detail {

@@ -14,9 +14,9 @@
 #include "query/mesh/border_count.h"
 #include "query/mesh/emit_mesh.h"
 #include "query/mesh/measuring_sink.h"
+#include "query/traverse/hexahedra/traverse_quadrilaterals.h"
 #include "query/traverse/planar.h"
 #include "query/traverse/traversal_budget.h"
-#include "query/traverse/traverse_quadrilaterals.h"
 #include "query/view/label_view.h"
 #include "store/base/workers.h"
 

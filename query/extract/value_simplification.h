@@ -5,7 +5,7 @@
 #include <span>
 
 #include "query/extract/extract_query.h"
-#include "query/simplify/simplify_mesh_by_value.h"
+#include "query/simplify/by_value/simplify_mesh_by_value.h"
 
 namespace isonest::detail {
 

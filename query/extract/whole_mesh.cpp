@@ -8,7 +8,7 @@
 #include "query/extract/value_simplification.h"
 #include "query/mesh/border_count.h"
 #include "query/mesh/components.h"
-#include "query/simplify/simplify_lines.h"
+#include "query/simplify/lines/simplify_lines.h"
 #include "query/simplify/triangle_budget.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"

@@ -7,7 +7,7 @@
 #include <limits>
 #include <vector>
 
-#include "query/simplify/point_triangle.h"
+#include "query/simplify/proof/point_triangle.h"
 
 namespace isonest::detail {
 

@@ -5,12 +5,12 @@
 #include <limits>
 #include <optional>
 
-#include "query/simplify/collapse_edges.h"
-#include "query/simplify/projected_cover.h"
-#include "query/simplify/server_lists.h"
-#include "query/simplify/star_displacement.h"
-#include "query/simplify/surface_distance.h"
-#include "query/simplify/triangle_tree.h"
+#include "query/simplify/collapse/collapse_edges.h"
+#include "query/simplify/proof/projected_cover.h"
+#include "query/simplify/proof/server_lists.h"
+#include "query/simplify/proof/star_displacement.h"
+#include "query/simplify/proof/surface_distance.h"
+#include "query/simplify/proof/triangle_tree.h"
 
 namespace isonest::detail {
 namespace {

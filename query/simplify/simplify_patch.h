@@ -1,12 +1,12 @@
 // Fewer triangles for a patch, none of them and nothing of the full surface further from the other
 // than a distance.
 //
-// Edges are collapsed one after the other (query/simplify/collapse_order.h), each only after it was
-// measured: all that the triangles around it were near to is near to those that replace them
-// (query/simplify/server_lists.h), and these are near to the full surface: by how far they are from
-// the triangles before (query/simplify/star_displacement.h), or measured
-// (query/simplify/projected_cover.h, query/simplify/surface_distance.h). So the errors by which the
-// collapses are ordered play no part in the bound.
+// Edges are collapsed one after the other (query/simplify/collapse/collapse_order.h), each only
+// after it was measured: all that the triangles around it were near to is near to those that
+// replace them (query/simplify/proof/server_lists.h), and these are near to the full surface: by
+// how far they are from the triangles before (query/simplify/proof/star_displacement.h), or
+// measured (query/simplify/proof/projected_cover.h, query/simplify/proof/surface_distance.h). So
+// the errors by which the collapses are ordered play no part in the bound.
 #pragma once
 
 #include <array>

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <optional>
 
-#include "query/traverse/hanging_node.h"
+#include "query/traverse/hexahedra/hanging_node.h"
 #include "query/view/node_sampler.h"
 
 namespace isonest::detail {

@@ -18,8 +18,8 @@
 // What is found goes to the action, which decides nothing.
 //
 // This is the traversal of planes, of whole domains and of tests. Isosurfaces and slices of volumes
-// larger than memory take the fast path (query/traverse/brick_traversal.h), which finds the same
-// elements by cubes; tests/adapt_traverse_test.cpp holds both against each other.
+// larger than memory take the fast path (query/traverse/bricks/brick_traversal.h), which finds the
+// same elements by cubes; tests/adapt_traverse_test.cpp holds both against each other.
 #pragma once
 
 #include <concepts>

@@ -19,7 +19,7 @@
 #include <isonest/progress.h>
 
 #include "query/traverse/adapt_traverse.h"
-#include "query/traverse/cube_order.h"
+#include "query/traverse/bricks/cube_order.h"
 #include "query/traverse/element_tests.h"
 #include "query/view/node_sampler.h"
 #include "store/base/workers.h"

@@ -9,11 +9,11 @@
 #include <memory>
 
 #include "query/march/clip.h"
-#include "query/traverse/brick_traversal.h"
-#include "query/traverse/facing_brick.h"
-#include "query/traverse/finest_brick.h"
-#include "query/traverse/finest_hexahedra.h"
-#include "query/traverse/traverse_hexahedra.h"
+#include "query/traverse/bricks/brick_traversal.h"
+#include "query/traverse/bricks/facing_brick.h"
+#include "query/traverse/bricks/finest_brick.h"
+#include "query/traverse/hexahedra/finest_hexahedra.h"
+#include "query/traverse/hexahedra/traverse_hexahedra.h"
 
 namespace isonest::detail {
 namespace {

@@ -12,7 +12,7 @@
 
 #include "query/check/check.h"
 #include "tests/test_support.h"
-#include "tools/drawing/ply_reader.h"
+#include "tools/drawing/input/ply_reader.h"
 
 namespace isonest::detail::fuzz {
 namespace {

@@ -2,8 +2,8 @@
 
 #include <fmt/format.h>
 
-#include "tools/cli/help_format.h"
-#include "tools/cli/units.h"
+#include "tools/cli/options/units.h"
+#include "tools/cli/terminal/help_format.h"
 
 namespace isonest::detail::cli {
 

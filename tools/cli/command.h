@@ -9,7 +9,7 @@
 
 #include <isonest/progress.h>
 
-#include "tools/cli/terminal_progress.h"
+#include "tools/cli/terminal/terminal_progress.h"
 
 namespace isonest::detail::cli {
 

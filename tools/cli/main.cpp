@@ -15,11 +15,11 @@
 #include "store/container/format.h"
 #include "store/container/writer.h"
 #include "tools/cli/command.h"
-#include "tools/cli/help_format.h"
-#include "tools/cli/interrupt.h"
-#include "tools/cli/remedies.h"
-#include "tools/cli/suggestions.h"
-#include "tools/cli/terminal_progress.h"
+#include "tools/cli/terminal/help_format.h"
+#include "tools/cli/terminal/interrupt.h"
+#include "tools/cli/terminal/remedies.h"
+#include "tools/cli/terminal/suggestions.h"
+#include "tools/cli/terminal/terminal_progress.h"
 
 namespace isonest::detail::cli {
 namespace {

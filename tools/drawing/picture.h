@@ -12,7 +12,7 @@
 #include <isonest/int3.h>
 #include <isonest/progress.h>
 
-#include "tools/drawing/ply_reader.h"
+#include "tools/drawing/input/ply_reader.h"
 
 namespace isonest::detail::cli {
 

@@ -7,7 +7,7 @@
 
 #include <isonest/error.h>
 
-#include "tools/cli/units.h"
+#include "tools/cli/options/units.h"
 
 namespace isonest::detail::view {
 namespace {

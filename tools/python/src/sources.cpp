@@ -18,7 +18,7 @@
 #include <isonest/open_volume.h>
 #include <isonest/preprocess.h>
 
-#include "preprocess/sources/missing_source.h"
+#include "preprocess/sources/wrapping/missing_source.h"
 #include "tools/python/src/arrays.h"
 #include "tools/python/src/progress.h"
 

@@ -1,0 +1,286 @@
+#include "preprocess/sources/bytes/byte_reader.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+#include <zlib.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+#include <utility>
+
+#include <isonest/error.h>
+
+namespace isonest::detail {
+namespace {
+
+class FileBytes : public ByteReader {
+  public:
+    FileBytes(std::filesystem::path path, std::uint64_t start, std::uint64_t size)
+        : path_(std::move(path)),
+          start_(start),
+          size_(size),
+          fd_(::open(path_.c_str(), O_RDONLY | O_CLOEXEC)) {
+        if (fd_ < 0) {
+            throw Error(ErrorKind::io, {path_.string()},
+                        fmt::format("cannot open: {}", std::strerror(errno)));
+        }
+    }
+    FileBytes(const FileBytes&) = delete;
+    FileBytes& operator=(const FileBytes&) = delete;
+    ~FileBytes() override { ::close(fd_); }
+    [[nodiscard]] std::uint64_t size() const override { return size_; }
+    void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        at += start_;
+        while (bytes > 0) {
+            const ssize_t n = ::pread(fd_, dst, bytes, static_cast<off_t>(at));
+            if (n < 0 && errno == EINTR) {
+                continue;
+            }
+            if (n <= 0) {
+                throw Error(n == 0 ? ErrorKind::corrupt : ErrorKind::io,
+                            {path_.string(), fmt::format("byte {}", at)},
+                            n == 0 ? std::string("the file ends here; was it cut short?")
+                                   : fmt::format("cannot read: {}", std::strerror(errno)));
+            }
+            dst += n;
+            at += static_cast<std::uint64_t>(n);
+            bytes -= static_cast<std::uint64_t>(n);
+        }
+    }
+
+  private:
+    std::filesystem::path path_;
+    std::uint64_t start_;
+    std::uint64_t size_;
+    int fd_;
+};
+
+/// Source: RFC 4648, section 4.
+class Base64Bytes : public ByteReader {
+  public:
+    Base64Bytes(const std::filesystem::path& path, std::uint64_t start, std::uint64_t size)
+        : name_(path.string()), size_(size), text_(path, start, (size + 2) / 3 * 4) {}
+    [[nodiscard]] std::uint64_t size() const override { return size_; }
+    [[nodiscard]] std::uint64_t heap() const override { return kGroups * 7; }
+    void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        while (bytes > 0) {
+            const std::uint64_t first = at / 3;
+            const std::uint64_t groups =
+                std::min<std::uint64_t>(kGroups, (at + bytes + 2) / 3 - first);
+            decode(first, groups);
+            const std::uint64_t skip = at % 3;
+            const std::uint64_t n = std::min(bytes, 3 * groups - skip);
+            std::copy_n(decoded_.begin() + static_cast<std::ptrdiff_t>(skip), n, dst);
+            dst += n;
+            at += n;
+            bytes -= n;
+        }
+    }
+
+  private:
+    static constexpr std::uint64_t kGroups = std::uint64_t{1} << 15U;
+
+    void decode(std::uint64_t first, std::uint64_t groups) {
+        letters_.resize(4 * groups);
+        text_.read(4 * first, letters_.data(), letters_.size());
+        decoded_.resize(3 * groups);
+        for (std::uint64_t g = 0; g < groups; ++g) {
+            unsigned word = 0;
+            for (std::uint64_t i = 0; i < 4; ++i) {
+                const int value = value_of(std::to_integer<unsigned char>(letters_[4 * g + i]));
+                if (value < 0) {
+                    throw Error(
+                        ErrorKind::corrupt, {name_},
+                        fmt::format("letter {} of its numbers is not base64", 4 * (first + g) + i));
+                }
+                word = word << 6U | static_cast<unsigned>(value);
+            }
+            for (unsigned i = 0; i < 3; ++i) {
+                decoded_[3 * g + i] = static_cast<std::byte>(word >> (16U - 8U * i) & 0xFFU);
+            }
+        }
+    }
+    static int value_of(unsigned char c) {
+        static const std::array<int, 256> values = [] {
+            std::array<int, 256> v{};
+            v.fill(-1);
+            constexpr std::string_view kLetters =
+                "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+            for (std::size_t i = 0; i < kLetters.size(); ++i) {
+                v.at(static_cast<unsigned char>(kLetters[i])) = static_cast<int>(i);
+            }
+            v['='] = 0;
+            return v;
+        }();
+        return values.at(c);
+    }
+
+    std::string name_;
+    std::uint64_t size_;
+    FileBytes text_;
+    std::vector<std::byte> letters_;
+    std::vector<std::byte> decoded_;
+};
+
+class ZlibBlocks : public ByteReader {
+  public:
+    ZlibBlocks(std::unique_ptr<ByteReader> packed, std::string name,
+               const std::vector<std::uint64_t>& packed_sizes, std::uint64_t block,
+               std::uint64_t size)
+        : packed_(std::move(packed)), name_(std::move(name)), block_(block), size_(size) {
+        std::uint64_t at = 0;
+        for (const std::uint64_t bytes : packed_sizes) {
+            starts_.push_back(at);
+            most_packed_ = std::max(most_packed_, bytes);
+            at += bytes;
+        }
+        starts_.push_back(at);
+    }
+    [[nodiscard]] std::uint64_t size() const override { return size_; }
+    [[nodiscard]] std::uint64_t heap() const override {
+        return packed_->heap() + block_ + most_packed_ + starts_.size() * sizeof(std::uint64_t);
+    }
+    void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        while (bytes > 0) {
+            decode(at / block_);
+            const std::uint64_t skip = at % block_;
+            const std::uint64_t n = std::min(bytes, decoded_.size() - skip);
+            std::copy_n(decoded_.begin() + static_cast<std::ptrdiff_t>(skip), n, dst);
+            dst += n;
+            at += n;
+            bytes -= n;
+        }
+    }
+
+  private:
+    void decode(std::uint64_t block) {
+        if (block == current_) {
+            return;
+        }
+        current_ = ~std::uint64_t{0};
+        letters_.resize(starts_[block + 1] - starts_[block]);
+        packed_->read(starts_[block], letters_.data(), letters_.size());
+        decoded_.resize(std::min(block_, size_ - block * block_));
+        uLongf made = decoded_.size();
+        if (::uncompress(reinterpret_cast<Bytef*>(decoded_.data()), &made,
+                         reinterpret_cast<const Bytef*>(letters_.data()),
+                         letters_.size()) != Z_OK ||
+            made != decoded_.size()) {
+            throw Error(ErrorKind::corrupt, {name_, fmt::format("block {}", block)},
+                        "it does not unpack to what its header says");
+        }
+        current_ = block;
+    }
+
+    std::unique_ptr<ByteReader> packed_;
+    std::string name_;
+    std::uint64_t block_;
+    std::uint64_t size_;
+    std::vector<std::uint64_t> starts_;
+    std::uint64_t most_packed_ = 0;
+    std::uint64_t current_ = ~std::uint64_t{0};
+    std::vector<std::byte> letters_;
+    std::vector<std::byte> decoded_;
+};
+
+class TextNumbers : public ByteReader {
+  public:
+    TextNumbers(const std::filesystem::path& path, std::uint64_t start, ValueType type,
+                std::uint64_t count)
+        : name_(path.string()),
+          type_(type),
+          count_(count),
+          end_(regular_file_size(path)),
+          at_(start),
+          text_(path, 0, end_) {}
+    [[nodiscard]] std::uint64_t size() const override { return count_ * size_of(type_); }
+    [[nodiscard]] bool sequential() const override { return true; }
+    [[nodiscard]] std::uint64_t heap() const override { return kPart + kLongest; }
+    void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        dispatch(type_, [&](auto tag) {
+            using T = typename decltype(tag)::type;
+            for (; done_ < at / sizeof(T); ++done_) {
+                static_cast<void>(next<T>());
+            }
+            for (std::uint64_t i = 0; i < bytes / sizeof(T); ++i, ++done_) {
+                const T value = next<T>();
+                std::memcpy(dst + i * sizeof(T), &value, sizeof(T));
+            }
+        });
+    }
+
+  private:
+    static constexpr std::size_t kPart = std::size_t{1} << 16U;
+    static constexpr std::size_t kLongest = 64;  ///< letters of a number
+
+    template <class T>
+    T next() {
+        const std::string_view word = next_word();
+        T value{};
+        const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
+        if (error != std::errc{} || end != word.data() + word.size()) {
+            throw Error(ErrorKind::corrupt, {name_, fmt::format("number {}", done_)},
+                        fmt::format("{:?} is no {}", word.substr(0, kLongest), name_of(type_)));
+        }
+        return value;
+    }
+    std::string_view next_word() {
+        const auto blank = [](char c) { return c == ' ' || (c >= '\t' && c <= '\r'); };
+        while (true) {
+            const auto from = std::find_if_not(part_.begin() + used_, part_.end(), blank);
+            const auto to = std::find_if(from, part_.end(), blank);
+            if (from != part_.end() && (to != part_.end() || at_ == end_)) {
+                used_ = to - part_.begin();
+                return {&*from, static_cast<std::size_t>(to - from)};
+            }
+            const std::string rest(from, part_.end());
+            if (at_ == end_ || rest.size() > kLongest) {
+                throw Error(ErrorKind::corrupt, {name_, fmt::format("number {}", done_)},
+                            "the numbers end here; was the file cut short?");
+            }
+            const std::uint64_t more = std::min<std::uint64_t>(kPart, end_ - at_);
+            part_.assign(rest);
+            part_.resize(rest.size() + more);
+            text_.read(at_, reinterpret_cast<std::byte*>(part_.data()) + rest.size(), more);
+            at_ += more;
+            used_ = 0;
+        }
+    }
+
+    std::string name_;
+    ValueType type_;
+    std::uint64_t count_;
+    std::uint64_t end_;
+    std::uint64_t at_;  ///< of what follows the part
+    FileBytes text_;
+    std::string part_;
+    std::ptrdiff_t used_ = 0;
+    std::uint64_t done_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<ByteReader> file_bytes(const std::filesystem::path& path, std::uint64_t start,
+                                       std::uint64_t size) {
+    return std::make_unique<FileBytes>(path, start, size);
+}
+std::unique_ptr<ByteReader> base64_bytes(const std::filesystem::path& path, std::uint64_t start,
+                                         std::uint64_t size) {
+    return std::make_unique<Base64Bytes>(path, start, size);
+}
+std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std::string name,
+                                        const std::vector<std::uint64_t>& packed_sizes,
+                                        std::uint64_t block, std::uint64_t size) {
+    return std::make_unique<ZlibBlocks>(std::move(packed), std::move(name), packed_sizes, block,
+                                        size);
+}
+std::unique_ptr<ByteReader> text_numbers(const std::filesystem::path& path, std::uint64_t start,
+                                         ValueType type, std::uint64_t count) {
+    return std::make_unique<TextNumbers>(path, start, type, count);
+}
+
+}  // namespace isonest::detail

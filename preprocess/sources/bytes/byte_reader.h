@@ -1,0 +1,57 @@
+// Numbers whose bytes have to be made from what the file holds.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <isonest/volume_source.h>
+
+#include "preprocess/sources/bytes/raw_source.h"
+
+namespace isonest::detail {
+
+/// A sequence of bytes at any place of which one can read. Thread-safety: one thread.
+class ByteReader {
+  public:
+    ByteReader() = default;
+    ByteReader(const ByteReader&) = delete;
+    ByteReader& operator=(const ByteReader&) = delete;
+    virtual ~ByteReader() = default;
+    /// How many there are.
+    [[nodiscard]] virtual std::uint64_t size() const = 0;
+    /// REQUIRES: all of them are there. Throws Error{io, corrupt}.
+    virtual void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) = 0;
+    /// Reads must come in ascending order.
+    [[nodiscard]] virtual bool sequential() const { return false; }
+    /// Bytes that it holds.
+    [[nodiscard]] virtual std::uint64_t heap() const { return 0; }
+};
+
+/// Bytes [start, start + size) of a file. Throws Error{io}.
+std::unique_ptr<ByteReader> file_bytes(const std::filesystem::path& path, std::uint64_t start,
+                                       std::uint64_t size);
+/// `size` bytes in base64 without line breaks, from byte `start` of a file on. Throws Error{io}.
+std::unique_ptr<ByteReader> base64_bytes(const std::filesystem::path& path, std::uint64_t start,
+                                         std::uint64_t size);
+/// Blocks of zlib, one after the other in `packed`, of these packed sizes; each makes `block`
+/// bytes, but the last one the rest of `size`.
+std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std::string name,
+                                        const std::vector<std::uint64_t>& packed_sizes,
+                                        std::uint64_t block, std::uint64_t size);
+/// `count` numbers of a type in text, white space between them, from byte `start` of a file on.
+/// Sequential. Throws Error{io}; read() Error{corrupt}.
+std::unique_ptr<ByteReader> text_numbers(const std::filesystem::path& path, std::uint64_t start,
+                                         ValueType type, std::uint64_t count);
+
+/// The numbers of a layout (without packing, lines and offset_from_end) in such bytes. `files` are
+/// all that are read. Throws Error{invalid_argument} where the bytes are not enough, and
+/// Error{unsupported} for an order of axes in which a sequential reader cannot give them.
+std::unique_ptr<VolumeSource> open_bytes(std::unique_ptr<ByteReader> bytes, const std::string& name,
+                                         const RawLayout& layout,
+                                         std::vector<std::filesystem::path> files);
+
+}  // namespace isonest::detail

@@ -1,0 +1,79 @@
+#include "preprocess/sources/bytes/json_file.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <string>
+#include <string_view>
+#include <system_error>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/raw_source.h"
+
+namespace isonest::detail {
+namespace {
+
+/// Puts quotation marks around NaN and the infinities that stand outside of strings; gives the
+/// deepest nesting.
+std::string quoted_numbers(const std::string& text, std::size_t& depth) {
+    constexpr std::array<std::string_view, 3> kWords{"NaN", "-Infinity", "Infinity"};
+    std::string out;
+    bool inside = false;
+    std::size_t open = 0;
+    for (std::size_t at = 0; at < text.size();) {
+        const char c = text[at];
+        if (inside && c == '\\') {
+            out += text.substr(at, 2);
+            at += 2;
+            continue;
+        }
+        inside = c == '"' ? !inside : inside;
+        if (!inside) {
+            open += c == '{' || c == '[' ? 1 : 0;
+            open -= (c == '}' || c == ']') && open > 0 ? 1 : 0;
+            depth = std::max(depth, open);
+            const auto* const word = std::find_if(
+                kWords.begin(), kWords.end(),
+                [&](std::string_view w) { return text.compare(at, w.size(), w) == 0; });
+            if (word != kWords.end()) {
+                out += fmt::format("\"{}\"", *word);
+                at += word->size();
+                continue;
+            }
+        }
+        out += c;
+        ++at;
+    }
+    return out;
+}
+
+}  // namespace
+
+std::optional<nlohmann::json> read_json(const std::filesystem::path& path) {
+    constexpr std::uint64_t kMost = std::uint64_t{1} << 24U;
+    constexpr std::size_t kDeepest = 64;
+    std::error_code error;
+    if (!std::filesystem::is_regular_file(path, error)) {
+        return std::nullopt;
+    }
+    const std::uint64_t size = regular_file_size(path);
+    if (size > kMost) {
+        throw Error(ErrorKind::unsupported, {path.string()},
+                    fmt::format("a description of {} bytes", size));
+    }
+    std::size_t depth = 0;
+    const std::string text =
+        quoted_numbers(first_bytes(path, static_cast<std::size_t>(size)), depth);
+    if (depth > kDeepest) {
+        throw Error(ErrorKind::unsupported, {path.string()},
+                    fmt::format("JSON that nests {} levels deep", depth));
+    }
+    nlohmann::json json = nlohmann::json::parse(text, nullptr, false);
+    if (json.is_discarded()) {
+        throw Error(ErrorKind::corrupt, {path.string()}, "not JSON");
+    }
+    return json;
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,308 @@
+#include "preprocess/sources/dicom/dicom_elements.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <fstream>
+#include <string_view>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/header_number.h"
+#include "preprocess/sources/bytes/raw_source.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::uint64_t kPreamble = 128;
+constexpr std::uint64_t kWindow = 16384;
+constexpr std::uint64_t kMostText = 65536;
+constexpr std::uint64_t kMostBytes = 1U << 20U;
+constexpr int kMostDepth = 16;
+constexpr DicomTag kItem = 0xFFFEE000;
+constexpr DicomTag kItemEnd = 0xFFFEE00D;
+constexpr DicomTag kSequenceEnd = 0xFFFEE0DD;
+constexpr std::uint32_t kUndefined = 0xFFFFFFFF;
+
+bool is_long(std::string_view vr) {
+    constexpr std::array<std::string_view, 14> kLong{"OB", "OD", "OF", "OL", "OV", "OW", "SQ",
+                                                     "SV", "UC", "UN", "UR", "UT", "UV", "??"};
+    return std::find(kLong.begin(), kLong.end(), vr) != kLong.end();
+}
+
+bool is_pixels(DicomTag tag) {
+    return tag == kPixelData || tag == kFloatPixelData || tag == kDoublePixelData;
+}
+
+DicomSyntax syntax_of(const std::string& uid, const std::string& name) {
+    if (uid == "1.2.840.10008.1.2") {
+        return {uid, false, false, true};
+    }
+    if (uid == "1.2.840.10008.1.2.1") {
+        return {uid, true, false, true};
+    }
+    if (uid == "1.2.840.10008.1.2.2") {
+        return {uid, true, true, true};
+    }
+    if (uid == "1.2.840.10008.1.2.1.99") {
+        throw Error(ErrorKind::unsupported, {name},
+                    "a deflated DICOM file: unpack it first, for example with gdcmconv");
+    }
+    return {uid, true, false, false};
+}
+
+}  // namespace
+
+bool is_dicom_file(const std::filesystem::path& path) {
+    std::ifstream file(path, std::ios::binary);
+    std::array<char, kPreamble + 4> head{};
+    return file.read(head.data(), head.size()) &&
+           std::string_view(head.data() + kPreamble, 4) == "DICM";
+}
+
+DicomFile::DicomFile(const std::filesystem::path& path)
+    : name_(path.string()), reader_(file_bytes(path, 0, regular_file_size(path))) {
+    read_own_group();
+}
+
+void DicomFile::fail(std::uint64_t at, const std::string& problem) const {
+    throw Error(ErrorKind::corrupt, {name_, fmt::format("byte {}", at)}, problem,
+                {{RemedyKind::good_copy}});
+}
+
+void DicomFile::read(std::uint64_t at, std::byte* dst, std::uint64_t count) {
+    if (at > size() || count > size() - at) {
+        fail(at, fmt::format("{} bytes are to follow, but the file has {}", count, size()));
+    }
+    reader_->read(at, dst, count);
+}
+
+std::string DicomFile::bytes(std::uint64_t at, std::uint64_t count) {
+    if (at < window_at_ || at + count > window_at_ + window_.size()) {
+        if (at > size() || count > size() - at) {
+            fail(at, fmt::format("{} bytes are to follow, but the file has {}", count, size()));
+        }
+        std::string window(std::min(std::max(count, kWindow), size() - at), '\0');
+        reader_->read(at, reinterpret_cast<std::byte*>(window.data()), window.size());
+        window_ = std::move(window);
+        window_at_ = at;
+    }
+    return window_.substr(at - window_at_, count);
+}
+
+DicomElement DicomFile::element(std::uint64_t at, std::uint64_t end, const Coding& coding) {
+    const auto need = [&](std::uint64_t count) {
+        if (at + count > end) {
+            fail(at, "the file ends inside of an element");
+        }
+    };
+    need(8);
+    const std::string head = bytes(at, 8);
+    DicomElement result;
+    result.tag = static_cast<DicomTag>(number_at<std::uint16_t>(head, 0, coding.big_endian)) << 16U;
+    result.tag |= number_at<std::uint16_t>(head, 2, coding.big_endian);
+    std::uint32_t length = 0;
+    if (!coding.explicit_vr || result.tag >> 16U == kItem >> 16U) {
+        length = number_at<std::uint32_t>(head, 4, coding.big_endian);
+        result.at = at + 8;
+    } else {
+        result.vr = head.substr(4, 2);
+        if (is_long(result.vr)) {
+            need(12);
+            length = number_at<std::uint32_t>(bytes(at + 8, 4), 0, coding.big_endian);
+            result.at = at + 12;
+        } else {
+            length = number_at<std::uint16_t>(head, 6, coding.big_endian);
+            result.at = at + 8;
+        }
+    }
+    result.undefined = length == kUndefined;
+    result.length = result.undefined ? 0 : length;
+    if (result.at + result.length > end) {
+        fail(at, fmt::format("the element ({:04x},{:04x}) takes {} bytes, but {} follow",
+                             result.tag >> 16U, result.tag & 0xFFFFU, result.length,
+                             end - std::min(end, result.at)));
+    }
+    return result;
+}
+
+/// The elements from `at` on; returns where the next thing is.
+std::uint64_t DicomFile::set(std::uint64_t at, std::uint64_t end, bool delimited,
+                             const Coding& coding, int depth) {
+    while (delimited || at < end) {
+        const DicomElement e = element(at, end, coding);
+        if (delimited && e.tag == kItemEnd) {
+            return e.at;
+        }
+        if (depth == 0 && is_pixels(e.tag)) {
+            pixels_ = e;
+            return end;
+        }
+        // Sequences of implicit VR with a length cannot be told from other values: the visitor
+        // knows those that it wants.
+        const bool sequential = e.vr == "SQ" || e.undefined ||
+                                (e.vr.empty() && visitor_ != nullptr && visitor_->enter(e.tag, -1));
+        if (sequential) {
+            // What is UN and of no length is encoded with implicit VR (PS3.5, 6.2.2).
+            at = sequence(e, end, e.vr == "UN" ? Coding{false, false} : coding, depth + 1);
+        } else {
+            if (visitor_ != nullptr) {
+                visitor_->value(e);
+            }
+            at = e.at + e.length;
+        }
+    }
+    return at;
+}
+
+std::uint64_t DicomFile::sequence(const DicomElement& of, std::uint64_t end, const Coding& coding,
+                                  int depth) {
+    if (depth > kMostDepth) {
+        fail(of.at, fmt::format("sequences lie more than {} deep", kMostDepth));
+    }
+    const Visitor* const visitor = visitor_;
+    if (!of.undefined && (visitor == nullptr || !visitor->enter(of.tag, -1))) {
+        return of.at + of.length;
+    }
+    const std::uint64_t stop = of.undefined ? end : of.at + of.length;
+    std::uint64_t at = of.at;
+    std::int64_t number = 0;
+    while (of.undefined || at < stop) {
+        const DicomElement item = element(at, stop, coding);
+        if (of.undefined && item.tag == kSequenceEnd) {
+            return item.at;
+        }
+        if (item.tag != kItem) {
+            fail(at, "a sequence has something else than items");
+        }
+        const bool enters = visitor != nullptr && visitor->enter(of.tag, number++);
+        if (!enters && !item.undefined) {
+            at = item.at + item.length;
+            continue;
+        }
+        visitor_ = enters ? visitor : nullptr;
+        at = set(item.at, item.undefined ? stop : item.at + item.length, item.undefined, coding,
+                 depth);
+        visitor_ = visitor;
+        if (enters) {
+            visitor->leave(of.tag);
+        }
+    }
+    return at;
+}
+
+void DicomFile::read_own_group() {
+    if (size() < kPreamble + 4 || bytes(kPreamble, 4) != "DICM") {
+        throw Error(ErrorKind::unsupported, {name_},
+                    "no DICOM file: after 128 bytes there is no DICM");
+    }
+    std::uint64_t at = kPreamble + 4;
+    std::string uid;
+    while (at + 8 <= size()) {
+        if (number_at<std::uint16_t>(bytes(at, 2), 0, false) != 2) {
+            break;
+        }
+        const DicomElement e = element(at, size(), {true, false});
+        if (e.undefined) {
+            fail(at, "an element of the file's own group has no length");
+        }
+        if (e.tag == 0x00020002) {
+            class_uid_ = text(e);
+        } else if (e.tag == 0x00020010) {
+            uid = text(e);
+        }
+        at = e.at + e.length;
+    }
+    if (uid.empty()) {
+        fail(at, "the file does not say how it is encoded (0002,0010)");
+    }
+    start_ = at;
+    syntax_ = syntax_of(uid, name_);
+}
+
+DicomElement DicomFile::visit(const Visitor& visitor) {
+    visitor_ = &visitor;
+    pixels_ = {};
+    set(start_, size(), false, {syntax_.explicit_vr, syntax_.big_endian}, 0);
+    visitor_ = nullptr;
+    return pixels_;
+}
+
+std::string DicomFile::text(const DicomElement& element) {
+    std::string result = bytes(element.at, std::min(element.length, kMostText));
+    const std::size_t last = result.find_last_not_of(std::string_view(" \0", 2));
+    result.resize(last == std::string::npos ? 0 : last + 1);
+    const std::size_t first = result.find_first_not_of(' ');
+    return first == std::string::npos ? std::string{} : result.substr(first);
+}
+
+std::vector<double> DicomFile::numbers(const DicomElement& element) {
+    std::vector<double> result;
+    const std::uint64_t length = std::min(element.length, kMostBytes);
+    const std::string all = bytes(element.at, length);
+    const bool big = syntax_.big_endian;
+    const auto binary = [&](auto zero) {
+        using T = decltype(zero);
+        for (std::size_t at = 0; at + sizeof(T) <= all.size(); at += sizeof(T)) {
+            result.push_back(static_cast<double>(number_at<T>(all, at, big)));
+        }
+    };
+    // With implicit VR the values that are asked for are text but for FD.
+    if (element.vr == "FD") {
+        binary(double{});
+    } else if (element.vr == "FL") {
+        binary(float{});
+    } else if (element.vr == "US") {
+        binary(std::uint16_t{});
+    } else if (element.vr == "SS") {
+        binary(std::int16_t{});
+    } else if (element.vr == "UL") {
+        binary(std::uint32_t{});
+    } else if (element.vr == "SL") {
+        binary(std::int32_t{});
+    } else {
+        for (std::size_t at = 0; at < all.size();) {
+            const std::size_t end = std::min(all.find('\\', at), all.size());
+            std::size_t from = at;
+            while (from < end && (all[from] == ' ' || all[from] == '+')) {
+                ++from;
+            }
+            double value = 0;
+            if (std::from_chars(all.data() + from, all.data() + end, value).ec == std::errc{}) {
+                result.push_back(value);
+            }
+            at = end + 1;
+        }
+    }
+    return result;
+}
+
+std::uint16_t DicomFile::whole(const DicomElement& element) {
+    return element.length < 2
+               ? std::uint16_t{0}
+               : number_at<std::uint16_t>(bytes(element.at, 2), 0, syntax_.big_endian);
+}
+
+std::vector<DicomElement> DicomFile::fragments(const DicomElement& pixels, std::size_t most) {
+    std::vector<DicomElement> result;
+    std::uint64_t at = pixels.at;
+    while (true) {
+        const DicomElement item = element(at, size(), {true, false});
+        if (item.tag == kSequenceEnd) {
+            return result;
+        }
+        if (item.tag != kItem || item.undefined) {
+            fail(at, "the pixel data has something else than fragments");
+        }
+        if (result.size() > most) {
+            throw Error(ErrorKind::unsupported, {name_},
+                        fmt::format("pixel data of more than {} fragments", most));
+        }
+        result.push_back(item);
+        at = item.at + item.length;
+    }
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,177 @@
+#include "preprocess/sources/dicom/dicom_frames.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+#include <utility>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/header_number.h"
+#include "preprocess/sources/bytes/raw_rows.h"
+#include "preprocess/sources/dicom/dicom_codec.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::size_t kMostFragments = 4000000;
+
+}  // namespace
+
+DicomFrames::DicomFrames(std::vector<std::filesystem::path> files, const DicomNumbers& numbers)
+    : files_(std::move(files)), numbers_(numbers) {}
+
+std::uint64_t DicomFrames::heap() const {
+    // Packed frames are hardly larger than unpacked ones; an unpacker holds numbers of 32 bits.
+    return 8 * static_cast<std::uint64_t>(numbers_.columns * numbers_.rows) +
+           4 * numbers_.frame_bytes();
+}
+
+void DicomFrames::open(std::uint32_t file) {
+    if (file == current_) {
+        return;
+    }
+    current_ = ~std::uint32_t{0};
+    unpacked_frame_ = -1;
+    file_ = std::make_unique<DicomFile>(files_[file]);
+    header_ = read_dicom_header(*file_);
+    if (header_.pixels.tag == 0 || header_.numbers != numbers_) {
+        file_->fail(0, "the file was changed while it was read");
+    }
+    if (file_->syntax().native) {
+        const std::uint64_t need =
+            numbers_.frame_bytes() * static_cast<std::uint64_t>(header_.frames);
+        if (header_.pixels.length < need) {
+            file_->fail(header_.pixels.at,
+                        fmt::format("{} frames of {} x {} pixels need {} bytes, but there are {}",
+                                    header_.frames, numbers_.columns, numbers_.rows, need,
+                                    header_.pixels.length));
+        }
+        if (file_->syntax().big_endian && header_.pixels.vr == "OW" && numbers_.allocated == 8) {
+            throw Error(ErrorKind::unsupported, {file_->name()},
+                        "numbers of 8 bits in big-endian words of 16: repack the file, for "
+                        "example with gdcmconv");
+        }
+    } else {
+        find_frames(file_->fragments(header_.pixels, kMostFragments));
+    }
+    current_ = file;
+}
+
+/// PS3.5, A.4: a fragment for each frame, or all for the only one, or as the table of offsets says.
+void DicomFrames::find_frames(const std::vector<DicomElement>& fragments) {
+    const auto frames = static_cast<std::size_t>(header_.frames);
+    first_.clear();
+    if (fragments.empty()) {
+        file_->fail(header_.pixels.at, "the pixel data has no table of offsets");
+    }
+    fragments_.assign(fragments.begin() + 1, fragments.end());
+    if (fragments_.size() == frames) {
+        for (std::size_t i = 0; i <= frames; ++i) {
+            first_.push_back(i);
+        }
+        return;
+    }
+    if (frames == 1 && !fragments_.empty()) {
+        first_ = {0, fragments_.size()};
+        return;
+    }
+    const DicomElement& table = fragments[0];
+    if (table.length != 4 * frames) {
+        file_->fail(table.at, fmt::format("{} fragments, {} frames and no table of offsets that "
+                                          "says which belong to which",
+                                          fragments_.size(), frames));
+    }
+    // Offsets are from the first fragment's head on.
+    for (std::size_t i = 0; i < frames; ++i) {
+        const std::uint64_t head =
+            table.at + table.length + 8 +
+            number_at<std::uint32_t>(file_->bytes(table.at + 4 * i, 4), 0, false);
+        const auto found = std::lower_bound(
+            fragments_.begin(), fragments_.end(), head,
+            [](const DicomElement& fragment, std::uint64_t at) { return fragment.at < at; });
+        const auto index = static_cast<std::size_t>(found - fragments_.begin());
+        if (found == fragments_.end() || found->at != head ||
+            (i == 0 ? index != 0 : index <= first_.back())) {
+            file_->fail(table.at, fmt::format("the offset of frame {} is not where one begins", i));
+        }
+        first_.push_back(index);
+    }
+    first_.push_back(fragments_.size());
+}
+
+void DicomFrames::unpack(std::int64_t frame) {
+    if (frame == unpacked_frame_) {
+        return;
+    }
+    unpacked_frame_ = -1;
+    std::uint64_t bytes = 0;
+    for (std::size_t i = first_[static_cast<std::size_t>(frame)];
+         i < first_[static_cast<std::size_t>(frame) + 1]; ++i) {
+        bytes += fragments_[i].length;
+    }
+    // What is packed well is smaller; some room for what is not.
+    const std::uint64_t most = 2 * numbers_.frame_bytes() + 65536;
+    if (bytes > most || bytes > 0xFFFFFFFE) {
+        file_->fail(header_.pixels.at, fmt::format("frame {} takes {} bytes, unpacked only {}",
+                                                   frame, bytes, numbers_.frame_bytes()));
+    }
+    packed_.resize(bytes);
+    std::uint64_t at = 0;
+    for (std::size_t i = first_[static_cast<std::size_t>(frame)];
+         i < first_[static_cast<std::size_t>(frame) + 1]; ++i) {
+        file_->read(fragments_[i].at, reinterpret_cast<std::byte*>(packed_.data() + at),
+                    fragments_[i].length);
+        at += fragments_[i].length;
+    }
+    unpacked_.resize(numbers_.frame_bytes());
+    const std::string problem =
+        unpack_dicom_frame(file_->syntax().uid, numbers_, packed_, unpacked_, file_->name());
+    if (!problem.empty()) {
+        throw Error(ErrorKind::corrupt, {file_->name(), fmt::format("frame {}", frame)}, problem,
+                    {{RemedyKind::good_copy}});
+    }
+    unpacked_frame_ = frame;
+}
+
+/// The stored bits, with their sign, in place of the allocated ones.
+void DicomFrames::mend_bits(std::byte* data, std::size_t count) const {
+    if (numbers_.floating || numbers_.stored == numbers_.allocated) {
+        return;
+    }
+    const auto shift = static_cast<unsigned>(numbers_.high + 1 - numbers_.stored);
+    const auto unused = static_cast<unsigned>(32 - numbers_.stored);
+    const auto size = static_cast<std::size_t>(numbers_.allocated / 8);
+    for (std::size_t i = 0; i < count; ++i) {
+        std::uint32_t bits = 0;
+        std::memcpy(&bits, data + i * size, size);
+        bits = bits >> shift << unused;
+        bits = numbers_.is_signed
+                   ? static_cast<std::uint32_t>(static_cast<std::int32_t>(bits) >> unused)
+                   : bits >> unused;
+        std::memcpy(data + i * size, &bits, size);
+    }
+}
+
+void DicomFrames::read(std::uint32_t file, std::int64_t frame, std::int64_t y0, std::int64_t ny,
+                       std::byte* dst) {
+    open(file);
+    const auto count = static_cast<std::size_t>(ny * numbers_.columns);
+    const auto size = static_cast<std::size_t>(numbers_.allocated / 8);
+    const auto first = static_cast<std::uint64_t>(y0 * numbers_.columns) * size;
+    if (file_->syntax().native) {
+        file_->read(
+            header_.pixels.at + static_cast<std::uint64_t>(frame) * numbers_.frame_bytes() + first,
+            dst, count * size);
+        if (file_->syntax().big_endian) {
+            swap_bytes(dst, count * size, size);
+        }
+    } else {
+        unpack(frame);
+        std::memcpy(dst, unpacked_.data() + first, count * size);
+    }
+    mend_bits(dst, count);
+}
+
+}  // namespace isonest::detail

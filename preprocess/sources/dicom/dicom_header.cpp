@@ -1,0 +1,276 @@
+#include "preprocess/sources/dicom/dicom_header.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include <isonest/error.h>
+
+namespace isonest::detail {
+namespace {
+
+constexpr DicomTag kSharedGroups = 0x52009229;
+constexpr DicomTag kFrameGroups = 0x52009230;
+constexpr DicomTag kFrameContent = 0x00209111;
+constexpr DicomTag kPlanePosition = 0x00209113;
+constexpr DicomTag kPlaneOrientation = 0x00209116;
+constexpr DicomTag kPixelMeasures = 0x00289110;
+constexpr DicomTag kValueTransformation = 0x00289145;
+constexpr std::int64_t kMostFrames = 1000000;
+
+class HeaderVisitor {
+  public:
+    HeaderVisitor(DicomFile& file, DicomHeader& header) : file_(file), header_(header) {}
+
+    bool enter(DicomTag sequence, std::int64_t item) {
+        const bool groups = sequence == kSharedGroups || sequence == kFrameGroups;
+        const bool wanted = path_.empty()
+                                ? groups
+                                : sequence == kFrameContent || sequence == kPlanePosition ||
+                                      sequence == kPlaneOrientation || sequence == kPixelMeasures ||
+                                      sequence == kValueTransformation;
+        if (!wanted || item < 0) {
+            return wanted;
+        }
+        if (sequence == kFrameGroups) {
+            if (item >= kMostFrames) {
+                file_.fail(0, fmt::format("more than {} frames", kMostFrames));
+            }
+            header_.per_frame.emplace_back();
+        } else if (item > 0) {
+            return false;
+        }
+        path_.push_back(sequence);
+        return true;
+    }
+    void leave(DicomTag /*sequence*/) { path_.pop_back(); }
+
+    void value(const DicomElement& e) {
+        const bool in_frame = !path_.empty() && path_.front() == kFrameGroups;
+        place(e, in_frame ? header_.per_frame.back() : header_.shared);
+        if (path_.empty()) {
+            whole_image(e);
+        }
+    }
+
+  private:
+    std::optional<double> number(const DicomElement& e) {
+        const std::vector<double> all = file_.numbers(e);
+        return all.empty() || !std::isfinite(all[0]) ? std::nullopt : std::optional(all[0]);
+    }
+    std::optional<std::int64_t> whole_number(const DicomElement& e) {
+        const std::optional<double> value = number(e);
+        return value && std::fabs(*value) < 9e15 ? std::optional(static_cast<std::int64_t>(*value))
+                                                 : std::nullopt;
+    }
+    /// Fewer or other than finite numbers are none.
+    template <std::size_t N>
+    std::optional<std::array<double, N>> several(const DicomElement& e) {
+        const std::vector<double> all = file_.numbers(e);
+        std::array<double, N> result{};
+        if (all.size() < N ||
+            !std::all_of(all.begin(), all.begin() + N, [](double v) { return std::isfinite(v); })) {
+            return std::nullopt;
+        }
+        std::copy_n(all.begin(), N, result.begin());
+        return result;
+    }
+    void set_spacing(const DicomElement& e, DicomPlace& place) {
+        if (const auto rows_columns = several<2>(e);
+            rows_columns && (*rows_columns)[0] > 0 && (*rows_columns)[1] > 0) {
+            place.spacing = {(*rows_columns)[1], (*rows_columns)[0]};
+        }
+    }
+    void place(const DicomElement& e, DicomPlace& place) {
+        switch (e.tag) {
+            case 0x00200032:
+                if (const auto xyz = several<3>(e)) {
+                    place.position = Double3{(*xyz)[0], (*xyz)[1], (*xyz)[2]};
+                }
+                break;
+            case 0x00200037:
+                if (const auto six = several<6>(e)) {
+                    place.orientation = {Double3{(*six)[0], (*six)[1], (*six)[2]},
+                                         Double3{(*six)[3], (*six)[4], (*six)[5]}};
+                }
+                break;
+            case 0x00280030:
+                set_spacing(e, place);
+                break;
+            case 0x00180088:
+                place.step = number(e);
+                break;
+            case 0x00180050:
+                place.thickness = number(e);
+                break;
+            case 0x00281052:
+                place.intercept = number(e);
+                break;
+            case 0x00281053:
+                place.slope = number(e);
+                break;
+            case 0x00209128:
+                if (e.length >= 4) {
+                    place.time = number_of_bits(e);
+                }
+                break;
+            default:
+                break;
+        }
+    }
+    /// UL, also where the VR is implicit.
+    std::int64_t number_of_bits(const DicomElement& e) {
+        DicomElement binary = e;
+        binary.vr = "UL";
+        return static_cast<std::int64_t>(file_.numbers(binary).front());
+    }
+    void whole_image(const DicomElement& e) {
+        DicomNumbers& n = header_.numbers;
+        switch (e.tag) {
+            case 0x00080018:
+                header_.instance = file_.text(e);
+                break;
+            case 0x00080060:
+                header_.modality = file_.text(e);
+                break;
+            case 0x0008103E:
+                header_.description = file_.text(e);
+                break;
+            case 0x00181164:  // Imager pixel spacing, where the image has no other.
+                if (!header_.shared.spacing) {
+                    set_spacing(e, header_.shared);
+                }
+                break;
+            case 0x0020000E:
+                header_.series = file_.text(e);
+                break;
+            case 0x00200013:
+                header_.number = whole_number(e);
+                break;
+            case 0x00200100:
+                header_.shared.time = whole_number(e);
+                break;
+            case 0x00280002:
+                n.samples = file_.whole(e);
+                break;
+            case 0x00280004:
+                header_.photometric = file_.text(e);
+                break;
+            case 0x00280008:
+                header_.frames = whole_number(e).value_or(1);
+                break;
+            case 0x00280010:
+                n.rows = file_.whole(e);
+                break;
+            case 0x00280011:
+                n.columns = file_.whole(e);
+                break;
+            case 0x00280100:
+                n.allocated = file_.whole(e);
+                break;
+            case 0x00280101:
+                n.stored = file_.whole(e);
+                break;
+            case 0x00280102:
+                n.high = file_.whole(e);
+                break;
+            case 0x00280103:
+                n.is_signed = file_.whole(e) == 1;
+                break;
+            case 0x00280120:
+                header_.padding = file_.whole(e);
+                break;
+            case 0x00283000:
+                header_.has_modality_table = true;
+                break;
+            case 0x3004000C:
+                header_.grid_offsets = file_.numbers(e);
+                break;
+            case 0x3004000E:
+                header_.dose_scaling = number(e);
+                break;
+            default:
+                break;
+        }
+    }
+
+    DicomFile& file_;
+    DicomHeader& header_;
+    std::vector<DicomTag> path_;
+};
+
+void check(const DicomFile& file, DicomHeader& header) {
+    DicomNumbers& n = header.numbers;
+    n.floating = header.pixels.tag != kPixelData;
+    const auto refuse = [&](ErrorKind kind, const char* inside, const std::string& problem) {
+        throw Error(kind, {file.name(), inside}, problem);
+    };
+    if (n.rows < 1 || n.columns < 1) {
+        refuse(ErrorKind::corrupt, "Rows, Columns", "an image without rows or columns");
+    }
+    if (header.frames < 1 || header.frames > kMostFrames) {
+        refuse(ErrorKind::corrupt, "NumberOfFrames", fmt::format("{} frames", header.frames));
+    }
+    if (n.samples != 1 || header.photometric == "PALETTE COLOR") {
+        refuse(ErrorKind::unsupported, "PhotometricInterpretation",
+               fmt::format("a picture in colours ({}) is no scalar volume", header.photometric));
+    }
+    if (n.floating) {
+        n.allocated = n.stored = header.pixels.tag == kFloatPixelData ? 32 : 64;
+        n.high = n.stored - 1;
+    } else if (n.allocated != 8 && n.allocated != 16 && n.allocated != 32) {
+        refuse(ErrorKind::unsupported, "BitsAllocated",
+               fmt::format("{} bits for each number: 8, 16 and 32 are read", n.allocated));
+    } else if (n.stored < 1 || n.stored > n.allocated || n.high >= n.allocated ||
+               n.high + 1 < n.stored) {
+        refuse(ErrorKind::corrupt, "BitsStored",
+               fmt::format("{} bits up to bit {} do not lie in {} bits", n.stored, n.high,
+                           n.allocated));
+    }
+    if (!header.per_frame.empty() &&
+        static_cast<std::int64_t>(header.per_frame.size()) != header.frames) {
+        refuse(ErrorKind::corrupt, "PerFrameFunctionalGroupsSequence",
+               fmt::format("{} frames are described, but there are {}", header.per_frame.size(),
+                           header.frames));
+    }
+    if (header.padding && n.is_signed) {
+        header.padding = static_cast<std::int16_t>(*header.padding);
+    }
+}
+
+}  // namespace
+
+ValueType DicomNumbers::type() const {
+    if (floating) {
+        return allocated == 32 ? ValueType::f32 : ValueType::f64;
+    }
+    switch (allocated) {
+        case 8:
+            return is_signed ? ValueType::i8 : ValueType::u8;
+        case 16:
+            return is_signed ? ValueType::i16 : ValueType::u16;
+        default:
+            return is_signed ? ValueType::i32 : ValueType::u32;
+    }
+}
+
+std::string DicomNumbers::text() const {
+    return fmt::format("{} x {} of {}{} bits", columns, rows, is_signed ? "signed " : "", stored);
+}
+
+DicomHeader read_dicom_header(DicomFile& file) {
+    DicomHeader header;
+    HeaderVisitor visitor(file, header);
+    header.pixels =
+        file.visit({.value = [&](const DicomElement& e) { visitor.value(e); },
+                    .enter = [&](DicomTag sequence,
+                                 std::int64_t item) { return visitor.enter(sequence, item); },
+                    .leave = [&](DicomTag sequence) { visitor.leave(sequence); }});
+    if (header.pixels.tag != 0) {
+        check(file, header);
+    }
+    return header;
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,73 @@
+// What the header of a DICOM image says: its numbers, and where its frames lie (PS3.3, C.7.6).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <isonest/int3.h>
+#include <isonest/value_type.h>
+
+#include "preprocess/sources/dicom/dicom_elements.h"
+
+namespace isonest::detail {
+
+/// What may be said of all frames of a file, or of one. World coordinates are the patient's: x to
+/// the left, y to the back, z to the head, millimetres.
+struct DicomPlace {
+    std::optional<Double3> position = {};  ///< of the first sample
+    /// The directions along a row, and along a column.
+    std::optional<std::array<Double3, 2>> orientation = {};
+    std::optional<std::array<double, 2>> spacing = {};  ///< between columns (x), and rows (y)
+    std::optional<double> step = {};                    ///< between slices
+    std::optional<double> thickness = {};               ///< of a slice
+    std::optional<double> slope = {};
+    std::optional<double> intercept = {};
+    std::optional<std::int64_t> time = {};  ///< temporal position
+};
+
+/// How the numbers are stored.
+struct DicomNumbers {
+    std::int64_t columns = 0;
+    std::int64_t rows = 0;
+    int samples = 1;  ///< per pixel
+    int allocated = 16;
+    int stored = 16;
+    int high = 15;  ///< the highest bit
+    bool is_signed = false;
+    bool floating = false;  ///< of 32 or 64 bits
+    [[nodiscard]] ValueType type() const;
+    [[nodiscard]] std::uint64_t frame_bytes() const {
+        return static_cast<std::uint64_t>(columns * rows) * static_cast<unsigned>(allocated / 8);
+    }
+    /// "512 x 512 of 12 bits"
+    [[nodiscard]] std::string text() const;
+    bool operator==(const DicomNumbers&) const = default;
+};
+
+struct DicomHeader {
+    std::string instance = {};  ///< SOP instance UID
+    std::string series = {};    ///< its UID
+    std::string description = {};
+    std::string modality = {};
+    std::string photometric = {};
+    std::optional<std::int64_t> number = {};  ///< in the series
+    DicomNumbers numbers = {};
+    std::int64_t frames = 1;
+    DicomPlace shared = {};
+    std::vector<DicomPlace> per_frame = {};  ///< empty, or one for each
+    std::vector<double> grid_offsets = {};   ///< dose: of the frames along the normal
+    std::optional<double> dose_scaling = {};
+    std::optional<std::int64_t> padding = {};  ///< the stored number outside of the image
+    bool has_modality_table = false;           ///< numbers have a meaning by a table
+    DicomElement pixels = {};                  ///< its tag is 0: this is no image
+};
+
+/// Throws Error{corrupt, io, unsupported}: colours, bits that are no bytes. An object that is no
+/// image has no pixels.
+DicomHeader read_dicom_header(DicomFile& file);
+
+}  // namespace isonest::detail

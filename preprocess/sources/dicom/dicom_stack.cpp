@@ -1,0 +1,263 @@
+#include "preprocess/sources/dicom/dicom_stack.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <tuple>
+
+#include <isonest/error.h>
+
+namespace isonest::detail {
+namespace {
+
+constexpr double kMostShift = 0.1;   ///< of a voxel
+constexpr double kSamePlace = 1e-3;  ///< of a pixel
+constexpr std::size_t kMostListed = 10;
+
+using Slices = std::vector<DicomSlice>;
+
+double dot_of(const Double3& a, const Double3& b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+class Stacking {
+  public:
+    Stacking(const DicomSeries& series, const std::vector<std::filesystem::path>& files,
+             bool as_it_is, const std::string& name)
+        : series_(series), files_(files), as_it_is_(as_it_is), name_(name) {}
+
+    DicomStack run() {
+        if (!series_.difference.empty()) {
+            refuse(series_.difference + "; name the files that belong together");
+        }
+        stack_.slices = series_.slices;
+        const bool placed = series_.orientation && series_.spacing &&
+                            std::all_of(stack_.slices.begin(), stack_.slices.end(),
+                                        [](const DicomSlice& s) { return s.position.has_value(); });
+        if (placed) {
+            by_position();
+        } else {
+            by_number();
+        }
+        return std::move(stack_);
+    }
+
+  private:
+    [[noreturn]] void refuse(const std::string& problem, std::vector<Remedy> remedies = {}) const {
+        throw Error(ErrorKind::unsupported, {name_}, problem, std::move(remedies));
+    }
+    [[nodiscard]] std::string text(const DicomSlice& slice) const {
+        const std::string file = files_[slice.file].string();
+        const bool frames = std::any_of(stack_.slices.begin(), stack_.slices.end(),
+                                        [](const DicomSlice& s) { return s.frame > 0; });
+        return frames ? fmt::format("{} (frame {})", file, slice.frame + 1) : file;
+    }
+    [[nodiscard]] double along(const DicomSlice& slice) const {
+        return dot_of(*slice.position, normal_);
+    }
+
+    void by_position() {
+        const auto& [row, column] = *series_.orientation;
+        normal_ = {row[1] * column[2] - row[2] * column[1], row[2] * column[0] - row[0] * column[2],
+                   row[0] * column[1] - row[1] * column[0]};
+        const double length = std::sqrt(dot_of(normal_, normal_));
+        if (!(length > 0.5)) {
+            refuse("rows and columns run in one direction (ImageOrientationPatient)");
+        }
+        for (double& v : normal_) {
+            v /= length;
+        }
+        std::stable_sort(
+            stack_.slices.begin(), stack_.slices.end(),
+            [&](const DicomSlice& a, const DicomSlice& b) { return along(a) < along(b); });
+        group_by_place();
+        const Slices& s = stack_.slices;
+        const auto last = static_cast<std::size_t>(stack_.count - 1);
+        for (std::size_t a = 0; a < 3; ++a) {
+            stack_.steps[0].at(a) = row.at(a) * (*series_.spacing)[0];
+            stack_.steps[1].at(a) = column.at(a) * (*series_.spacing)[1];
+            stack_.steps[2].at(a) = last > 0 ? (s[last].position->at(a) - s[0].position->at(a)) /
+                                                   static_cast<double>(last)
+                                             : normal_.at(a) * series_.step.value_or(1);
+        }
+        stack_.first = *s[0].position;
+        check_distances();
+    }
+
+    /// Images at the same place belong to different times.
+    void group_by_place() {
+        Slices& s = stack_.slices;
+        const double same = kSamePlace * std::min((*series_.spacing)[0], (*series_.spacing)[1]);
+        std::vector<std::size_t> starts;
+        for (std::size_t i = 0; i < s.size(); ++i) {
+            if (i == 0 || along(s[i]) - along(s[i - 1]) > same) {
+                starts.push_back(i);
+            }
+        }
+        std::map<std::size_t, std::size_t> sizes;  // how many places have so many images
+        const auto size_at = [&](std::size_t g) {
+            return (g + 1 < starts.size() ? starts[g + 1] : s.size()) - starts[g];
+        };
+        for (std::size_t g = 0; g < starts.size(); ++g) {
+            ++sizes[size_at(g)];
+        }
+        const std::size_t usual =
+            std::max_element(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) {
+                return a.second < b.second;
+            })->first;
+        std::vector<std::string> wrong;
+        for (std::size_t g = 0; g < starts.size(); ++g) {
+            const auto begin = s.begin() + static_cast<std::ptrdiff_t>(starts[g]);
+            const auto end = begin + static_cast<std::ptrdiff_t>(size_at(g));
+            std::stable_sort(begin, end, [](const DicomSlice& a, const DicomSlice& b) {
+                return std::make_tuple(a.time, a.number.value_or(0), a.file, a.frame) <
+                       std::make_tuple(b.time, b.number.value_or(0), b.file, b.frame);
+            });
+            const auto copy = std::adjacent_find(
+                begin, end,
+                [](const DicomSlice& a, const DicomSlice& b) { return a.instance == b.instance; });
+            if (copy != end || size_at(g) != usual) {
+                const auto& other = copy != end ? *std::next(copy) : *std::prev(end);
+                wrong.push_back(size_at(g) == 1
+                                    ? fmt::format("{} is the only image at its place", text(*begin))
+                                    : fmt::format("{} and {} lie at the same place",
+                                                  text(copy != end ? *copy : *begin), text(other)));
+            }
+        }
+        if (!wrong.empty()) {
+            refuse("there are doubled slices: " + list(wrong));
+        }
+        stack_.times = static_cast<std::int64_t>(usual);
+        stack_.count = static_cast<std::int64_t>(starts.size());
+        Slices sorted(s.size());
+        for (std::size_t g = 0; g < starts.size(); ++g) {
+            for (std::size_t t = 0; t < usual; ++t) {
+                sorted[t * starts.size() + g] = s[starts[g] + t];
+            }
+        }
+        s = std::move(sorted);
+    }
+
+    void check_distances() {
+        const Slices& s = stack_.slices;
+        const auto count = static_cast<std::size_t>(stack_.count);
+        if (count < 3) {
+            return;
+        }
+        std::vector<double> gaps;
+        for (std::size_t i = 1; i < count; ++i) {
+            gaps.push_back(along(s[i]) - along(s[i - 1]));
+        }
+        std::vector<double> sorted = gaps;
+        std::nth_element(sorted.begin(),
+                         sorted.begin() + static_cast<std::ptrdiff_t>(count / 2 - 1), sorted.end());
+        const double usual = sorted[count / 2 - 1];
+        std::vector<std::string> missing;
+        std::vector<std::string> uneven;
+        for (std::size_t i = 0; i < gaps.size(); ++i) {
+            const double more = std::round(gaps[i] / usual) - 1;
+            if (std::fabs(gaps[i] - (more + 1) * usual) > 2 * kMostShift * usual || more < 0) {
+                uneven.push_back(
+                    fmt::format("{:.6g} from {} to {}", gaps[i], text(s[i]), text(s[i + 1])));
+            } else if (more > 0) {
+                missing.push_back(
+                    fmt::format("{} between {} and {}", more, text(s[i]), text(s[i + 1])));
+            }
+        }
+        if (missing.empty() && uneven.empty()) {
+            check_line();
+            return;
+        }
+        report(!missing.empty() ? fmt::format("slices are missing: {}", list(missing))
+                                : fmt::format("slices are not at even distances of {:.6g}: {}",
+                                              usual, list(uneven)));
+    }
+
+    /// Small differences add up.
+    void check_line() {
+        const Double3& step = stack_.steps[2];
+        const double length = std::sqrt(dot_of(step, step));
+        for (std::size_t i = 0; i < static_cast<std::size_t>(stack_.count); ++i) {
+            Double3 beside = *stack_.slices[i].position;
+            for (std::size_t a = 0; a < 3; ++a) {
+                beside.at(a) -= stack_.first.at(a) + static_cast<double>(i) * step.at(a);
+            }
+            const double shift = std::sqrt(dot_of(beside, beside));
+            const double forth = std::fabs(dot_of(beside, normal_));
+            const double aside = std::sqrt(std::max(shift * shift - forth * forth, 0.0));
+            if (forth > kMostShift * length ||
+                aside > kMostShift * std::min((*series_.spacing)[0], (*series_.spacing)[1])) {
+                report(
+                    fmt::format("{} lies {:.3g} beside its place between the first and the last "
+                                "slice",
+                                text(stack_.slices[i]), shift));
+                return;
+            }
+        }
+    }
+
+    void report(const std::string& problem) {
+        if (!as_it_is_) {
+            refuse(problem, {{RemedyKind::place_in_world, "spacing"}});
+        }
+        stack_.notes.push_back(problem);
+    }
+
+    void by_number() {
+        Slices& s = stack_.slices;
+        std::vector<std::int64_t> numbers;
+        for (const DicomSlice& slice : s) {
+            if (slice.number && slice.frame == 0) {
+                numbers.push_back(*slice.number);
+            }
+        }
+        const auto files = static_cast<std::size_t>(
+            std::count_if(s.begin(), s.end(), [](const DicomSlice& a) { return a.frame == 0; }));
+        std::sort(numbers.begin(), numbers.end());
+        const bool numbered = numbers.size() == files &&
+                              std::adjacent_find(numbers.begin(), numbers.end()) == numbers.end();
+        if (numbered) {
+            std::stable_sort(s.begin(), s.end(), [](const DicomSlice& a, const DicomSlice& b) {
+                return std::make_pair(*a.number, a.frame) < std::make_pair(*b.number, b.frame);
+            });
+        }
+        if (s.size() > 1) {
+            stack_.notes.push_back(
+                fmt::format("its images do not say where they lie: they are sorted by their {}",
+                            numbered ? "numbers" : "files' names"));
+        }
+        stack_.count = static_cast<std::int64_t>(s.size());
+        const std::array<double, 2> spacing = series_.spacing.value_or(std::array{1.0, 1.0});
+        stack_.steps = {Double3{spacing[0], 0, 0}, Double3{0, spacing[1], 0},
+                        Double3{0, 0, series_.step.value_or(1)}};
+    }
+
+    static std::string list(const std::vector<std::string>& places) {
+        std::string text;
+        for (std::size_t i = 0; i < places.size() && i < kMostListed; ++i) {
+            text += "\n  " + places[i];
+        }
+        if (places.size() > kMostListed) {
+            text += fmt::format("\n  and {} more", places.size() - kMostListed);
+        }
+        return text;
+    }
+
+    const DicomSeries& series_;
+    const std::vector<std::filesystem::path>& files_;
+    bool as_it_is_;
+    const std::string& name_;
+    Double3 normal_{};
+    DicomStack stack_;
+};
+
+}  // namespace
+
+DicomStack stack_slices(const DicomSeries& series, const std::vector<std::filesystem::path>& files,
+                        bool as_it_is, const std::string& name) {
+    return Stacking(series, files, as_it_is, name).run();
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,226 @@
+#include "preprocess/sources/hdf5/hdf5_datasets.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <set>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/hdf5/hdf5_axes.h"
+#include "store/container/handles.h"
+
+namespace isonest::detail {
+namespace {
+
+/// How many datasets are looked at: some seconds of work.
+constexpr std::size_t kMostSeen = 200000;
+/// How many a message names.
+constexpr std::size_t kMostListed = 40;
+
+struct Candidate {
+    std::string path;
+    std::string description;
+    std::size_t axes = 0;  ///< 0: not a volume
+};
+
+/// What a file has: those with the most axes, and the first of the others.
+struct Listing {
+    std::vector<Candidate> best;
+    std::vector<Candidate> others;
+    std::size_t count = 0;
+    std::size_t count_best = 0;  ///< some of them may not be in `best`
+    std::size_t count_wide = 0;  ///< of more than 3 axes
+    std::string wide;            ///< the first of them
+    bool whole = true;
+    std::set<haddr_t> seen;
+
+    [[nodiscard]] std::size_t axes() const { return best.empty() ? 0 : best.front().axes; }
+
+    void add(Candidate c) {
+        ++count;
+        if (c.axes > axes()) {
+            for (Candidate& old : best) {
+                keep(others, std::move(old));
+            }
+            best.clear();
+            count_best = 0;
+        }
+        const bool is_best = c.axes > 0 && (best.empty() || c.axes == axes());
+        count_best += is_best ? 1 : 0;
+        keep(is_best ? best : others, std::move(c));
+    }
+
+    [[nodiscard]] std::string text() const {
+        std::string text;
+        std::size_t left = kMostListed;
+        for (const std::vector<Candidate>* list : {&best, &others}) {
+            for (const Candidate& c : *list) {
+                if (left > 0) {
+                    text += "\n  " + c.description;
+                    --left;
+                }
+            }
+        }
+        if (count > kMostListed) {
+            text += fmt::format("\n  and {} more", count - kMostListed);
+        }
+        return text.empty() ? " none" : text;
+    }
+
+  private:
+    static void keep(std::vector<Candidate>& list, Candidate c) {
+        if (list.size() < kMostListed) {
+            list.push_back(std::move(c));
+        }
+    }
+};
+
+herr_t list_dataset(hid_t file, const char* name, const H5O_info_t* info, void* data) {
+    auto& listing = *static_cast<Listing*>(data);
+    if (info->type != H5O_TYPE_DATASET || !listing.seen.insert(info->addr).second) {
+        return 0;
+    }
+    if (listing.count >= kMostSeen) {
+        listing.whole = false;
+        return 1;
+    }
+    Candidate c;
+    c.path = std::string("/") + name;
+    const DatasetHandle dataset(H5Dopen2(file, name, H5P_DEFAULT));
+    if (dataset.valid()) {
+        const DatasetShape shape = shape_of(dataset.get());
+        const auto type = value_type_of(dataset.get());
+        c.axes = type && !is_dimension_scale(dataset.get()) ? shape.axes.size() : 0;
+        if (type && shape.axes.empty() && !shape.dims.empty() && listing.count_wide++ == 0) {
+            listing.wide = c.path;
+        }
+        c.description = fmt::format("{} [{}] {}", c.path, shape.text(),
+                                    type ? name_of(*type) : "not a number type that is read");
+    } else {
+        c.description = c.path + ": HDF5 cannot open it";
+    }
+    listing.add(std::move(c));
+    return 0;
+}
+
+Listing list_datasets(hid_t file, const std::filesystem::path& path) {
+    Listing listing;
+    if (H5Ovisit2(file, H5_INDEX_NAME, H5_ITER_INC, &list_dataset, &listing, H5O_INFO_BASIC) < 0) {
+        throw Error(ErrorKind::corrupt, {path.string()},
+                    fmt::format("HDF5 cannot list its datasets: {}", hdf5_message()));
+    }
+    return listing;
+}
+
+}  // namespace
+
+std::optional<ValueType> value_type_of(hid_t dataset) {
+    TypeHandle type(H5Dget_type(dataset));
+    if (H5Tget_class(type.get()) == H5T_ENUM) {
+        type = TypeHandle(H5Tget_super(type.get()));
+    }
+    const std::size_t size = H5Tget_size(type.get());
+    if (H5Tget_class(type.get()) == H5T_FLOAT) {
+        return size <= 4   ? std::optional(ValueType::f32)
+               : size <= 8 ? std::optional(ValueType::f64)
+                           : std::nullopt;
+    }
+    if (H5Tget_class(type.get()) != H5T_INTEGER || size > 8 || size == 3) {
+        return std::nullopt;
+    }
+    if (size > 4) {
+        return ValueType::f64;
+    }
+    const bool is_signed = H5Tget_sign(type.get()) == H5T_SGN_2;
+    if (size == 1) {
+        return is_signed ? ValueType::i8 : ValueType::u8;
+    }
+    if (size == 2) {
+        return is_signed ? ValueType::i16 : ValueType::u16;
+    }
+    return is_signed ? ValueType::i32 : ValueType::u32;
+}
+
+std::string DatasetShape::text() const {
+    return fmt::format("{}", fmt::join(dims, ", "));
+}
+
+Int3 DatasetShape::along_axes(const std::vector<hsize_t>& numbers) const {
+    Int3 out{1, 1, 1};
+    int axis = 0;
+    for (std::size_t i = axes.size(); i-- > 0;) {
+        out[axis++] = static_cast<std::int64_t>(numbers[axes[i]]);
+    }
+    return out;
+}
+
+std::vector<hsize_t> DatasetShape::along_dims(const Int3& numbers, hsize_t otherwise) const {
+    std::vector<hsize_t> out(dims.size(), otherwise);
+    int axis = 0;
+    for (std::size_t i = axes.size(); i-- > 0;) {
+        out[axes[i]] = static_cast<hsize_t>(numbers[axis++]);
+    }
+    return out;
+}
+
+std::vector<hsize_t> DatasetShape::place_of(const Int3& node) const {
+    std::vector<hsize_t> out = along_dims(node, 0);
+    for (std::size_t i = 0; i < at.size(); ++i) {
+        out[i] += at[i];
+    }
+    return out;
+}
+
+DatasetShape shape_of(hid_t dataset) {
+    DatasetShape shape;
+    const SpaceHandle space(H5Dget_space(dataset));
+    const int rank = H5Sget_simple_extent_ndims(space.get());
+    if (rank < 1) {
+        return shape;
+    }
+    shape.dims.resize(static_cast<std::size_t>(rank));
+    H5Sget_simple_extent_dims(space.get(), shape.dims.data(), nullptr);
+    constexpr std::size_t kMostAxes = 3;
+    std::size_t surplus = shape.dims.size() - std::min(shape.dims.size(), kMostAxes);
+    for (std::size_t i = 0; i < shape.dims.size(); ++i) {
+        if (surplus > 0 && shape.dims[i] == 1) {
+            --surplus;
+        } else {
+            shape.axes.push_back(i);
+        }
+    }
+    if (surplus > 0) {
+        shape.axes.clear();
+    }
+    return shape;
+}
+
+std::string choose_dataset(hid_t file, const std::filesystem::path& path, bool indexed) {
+    const Listing listing = list_datasets(file, path);
+    if (!listing.whole) {
+        throw Error(
+            ErrorKind::invalid_argument, {path.string()},
+            fmt::format("has more than {} datasets; among them are:{}", kMostSeen, listing.text()),
+            {{RemedyKind::choose_dataset}});
+    }
+    if (listing.count_wide == 1 && (indexed || listing.count_best == 0)) {
+        return listing.wide;
+    }
+    if (listing.count_best != 1) {
+        const bool none = listing.count_best == 0;
+        throw Error(
+            none ? ErrorKind::not_found : ErrorKind::invalid_argument, {path.string()},
+            fmt::format("{}; the file has:{}",
+                        none ? "no dataset that is a volume" : "several volumes", listing.text()),
+            none ? std::vector<Remedy>{} : std::vector<Remedy>{{RemedyKind::choose_dataset}});
+    }
+    return listing.best.front().path;
+}
+
+std::string list_of_datasets(hid_t file, const std::filesystem::path& path) {
+    return list_datasets(file, path).text();
+}
+
+}  // namespace isonest::detail

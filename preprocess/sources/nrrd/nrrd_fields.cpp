@@ -1,0 +1,222 @@
+// Source: http://teem.sourceforge.net/nrrd/format.html
+#include "preprocess/sources/nrrd/nrrd_fields.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <iterator>
+#include <sstream>
+
+#include <isonest/error.h>
+
+namespace isonest::detail {
+namespace {
+
+/// All fields there are. They may be written without their spaces.
+constexpr std::array kFields{"content",         "number",       "type",
+                             "block size",      "dimension",    "space",
+                             "space dimension", "sizes",        "spacings",
+                             "thicknesses",     "axis mins",    "axis maxs",
+                             "centers",         "kinds",        "labels",
+                             "units",           "min",          "max",
+                             "old min",         "old max",      "data file",
+                             "endian",          "encoding",     "line skip",
+                             "byte skip",       "sample units", "space directions",
+                             "space units",     "space origin", "measurement frame"};
+
+std::string without_spaces(std::string text) {
+    std::erase(text, ' ');
+    return text;
+}
+
+/// The name in kFields; empty if it is none.
+std::string field_of(std::string_view text) {
+    const std::string key = without_spaces(lower(text));
+    if (key == "centerings") {
+        return "centers";
+    }
+    const auto* const it = std::find_if(kFields.begin(), kFields.end(), [&](const char* field) {
+        return without_spaces(field) == key;
+    });
+    return it == kFields.end() ? std::string{} : *it;
+}
+
+std::string_view trim(std::string_view s) {
+    const auto from = s.find_first_not_of(" \t\r");
+    const auto to = s.find_last_not_of(" \t\r");
+    return from == std::string_view::npos ? std::string_view{} : s.substr(from, to - from + 1);
+}
+
+std::vector<std::string> split_words(std::string_view text) {
+    std::istringstream in{std::string(text)};
+    return {std::istream_iterator<std::string>(in), {}};
+}
+
+/// A line without its end; `at` moves behind it.
+std::string_view next_line(std::string_view text, std::size_t& at) {
+    const std::size_t end = std::min(text.find('\n', at), text.size());
+    std::string_view line = text.substr(at, end - at);
+    at = std::min(end + 1, text.size());
+    if (line.ends_with('\r')) {
+        line.remove_suffix(1);
+    }
+    return line;
+}
+
+}  // namespace
+
+std::string lower(std::string_view text) {
+    std::string out(text);
+    std::transform(out.begin(), out.end(), out.begin(), [](char c) {
+        return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+    });
+    return out;
+}
+
+NrrdFields::NrrdFields(std::string_view text, std::string name) : name_(std::move(name)) {
+    std::size_t at = 0;
+    next_line(text, at);
+    for (std::size_t number = 2; at < text.size(); ++number) {
+        const std::string_view line = next_line(text, at);
+        if (line.empty()) {
+            bytes_ = at;
+            break;
+        }
+        if (line.find('\r') != std::string_view::npos) {
+            corrupt(
+                fmt::format("line {} has a carriage return in its middle, which some programs "
+                            "take for the end of a line and others do not",
+                            number));
+        }
+        add(line, number);
+    }
+}
+
+void NrrdFields::add(std::string_view line, std::size_t number) {
+    if (line[0] == '#') {
+        return;
+    }
+    std::size_t colon = line.find(": ");
+    if (colon == std::string_view::npos && line.ends_with(':')) {
+        colon = line.size() - 1;
+    }
+    const std::string field =
+        colon == std::string_view::npos ? std::string{} : field_of(trim(line.substr(0, colon)));
+    if (field.empty()) {
+        if (line.find(":=") == std::string_view::npos) {
+            constexpr std::size_t kShown = 40;
+            const std::string_view shown = line.substr(0, kShown);
+            const bool text = std::all_of(shown.begin(), shown.end(),
+                                          [](char c) { return c >= ' ' && c <= '~'; });
+            corrupt(
+                fmt::format("line {}{} is no field of the format ('name: value'), no "
+                            "'key:=value' and no comment",
+                            number, text ? fmt::format(", '{}',", shown) : std::string{}));
+        }
+        return;
+    }
+    const std::string_view value = trim(line.substr(colon + 1));
+    if (!fields_.emplace(field, value).second) {
+        corrupt(fmt::format("'{}' comes twice, again on line {}", field, number));
+    }
+}
+
+void NrrdFields::corrupt(const std::string& what) const {
+    throw Error(ErrorKind::corrupt, {name_, "NRRD header"}, what);
+}
+
+void NrrdFields::unsupported(const std::string& what) const {
+    throw Error(ErrorKind::unsupported, {name_, "NRRD header"}, what);
+}
+
+const std::string* NrrdFields::find(const char* field) const {
+    const auto it = fields_.find(field);
+    return it == fields_.end() ? nullptr : &it->second;
+}
+
+const std::string& NrrdFields::require(const char* field) const {
+    const std::string* const value = find(field);
+    if (value == nullptr) {
+        corrupt(fmt::format("there is no field '{}'", field));
+    }
+    return *value;
+}
+
+std::vector<std::string> NrrdFields::words(const char* field) const {
+    const std::string* const text = find(field);
+    return text == nullptr ? std::vector<std::string>{} : split_words(lower(*text));
+}
+
+double NrrdFields::number(const char* field, std::string_view word) const {
+    const std::string_view digits =
+        word.starts_with('+') && !word.starts_with("+-") ? word.substr(1) : word;
+    double value = 0;
+    const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
+    if (error == std::errc::result_out_of_range) {
+        corrupt(fmt::format("'{}': {} is out of the range of 64-bit floats", field, word));
+    }
+    if (error != std::errc{} || end != digits.data() + digits.size()) {
+        corrupt(fmt::format("'{}': '{}' is not a number", field, word));
+    }
+    return value;
+}
+
+std::vector<double> NrrdFields::numbers(const char* field) const {
+    std::vector<double> out;
+    for (const std::string& word : words(field)) {
+        out.push_back(number(field, word));
+    }
+    return out;
+}
+
+std::vector<std::int64_t> NrrdFields::integers(const char* field) const {
+    std::vector<std::int64_t> out;
+    for (const std::string& word : split_words(require(field))) {
+        std::int64_t value = 0;
+        const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
+        if (error != std::errc{} || end != word.data() + word.size()) {
+            corrupt(fmt::format("'{}': '{}' is not a whole number of 64 bits", field, word));
+        }
+        out.push_back(value);
+    }
+    return out;
+}
+
+std::vector<std::vector<double>> NrrdFields::vectors(const char* field) const {
+    std::vector<std::vector<double>> out;
+    const std::string* const found = find(field);
+    std::string_view text = found == nullptr ? std::string_view{} : *found;
+    std::size_t length = 0;
+    while (!(text = trim(text)).empty()) {
+        if (lower(text.substr(0, 4)) == "none") {
+            out.emplace_back();
+            text.remove_prefix(4);
+            continue;
+        }
+        const std::size_t end = text.find(')');
+        if (text[0] != '(' || end == std::string_view::npos) {
+            corrupt(fmt::format("'{}': '{}' is no vector", field, *found));
+        }
+        std::string_view inside = text.substr(1, end - 1);
+        text.remove_prefix(end + 1);
+        std::vector<double>& vector = out.emplace_back();
+        while (true) {
+            const std::size_t comma = std::min(inside.find(','), inside.size());
+            vector.push_back(number(field, trim(inside.substr(0, comma))));
+            if (comma == inside.size()) {
+                break;
+            }
+            inside.remove_prefix(comma + 1);
+        }
+        length = length == 0 ? vector.size() : length;
+        if (vector.size() != length) {
+            corrupt(
+                fmt::format("'{}': vectors of {} and of {} numbers", field, length, vector.size()));
+        }
+    }
+    return out;
+}
+
+}  // namespace isonest::detail

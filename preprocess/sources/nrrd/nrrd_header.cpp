@@ -1,0 +1,332 @@
+#include "preprocess/sources/nrrd/nrrd_header.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/nrrd/nrrd_fields.h"
+
+namespace isonest::detail {
+namespace {
+
+class Parser {
+  public:
+    Parser(std::string_view text, const std::string& name, const std::optional<Double3>& spacing)
+        : fields_(text, name), spacing_(spacing) {}
+
+    NrrdHeader parse() {
+        NrrdHeader header;
+        read_type(header);
+        read_axes(header);
+        read_encoding(header);
+        return header;
+    }
+
+  private:
+    void read_type(NrrdHeader& header) const {
+        const std::string type = lower(fields_.require("type"));
+        static const std::map<std::string, ValueType> types{{"signed char", ValueType::i8},
+                                                            {"int8", ValueType::i8},
+                                                            {"int8_t", ValueType::i8},
+                                                            {"char", ValueType::i8},
+                                                            {"uchar", ValueType::u8},
+                                                            {"unsigned char", ValueType::u8},
+                                                            {"uint8", ValueType::u8},
+                                                            {"uint8_t", ValueType::u8},
+                                                            {"short", ValueType::i16},
+                                                            {"short int", ValueType::i16},
+                                                            {"signed short", ValueType::i16},
+                                                            {"signed short int", ValueType::i16},
+                                                            {"int16", ValueType::i16},
+                                                            {"int16_t", ValueType::i16},
+                                                            {"ushort", ValueType::u16},
+                                                            {"unsigned short", ValueType::u16},
+                                                            {"unsigned short int", ValueType::u16},
+                                                            {"uint16", ValueType::u16},
+                                                            {"uint16_t", ValueType::u16},
+                                                            {"int", ValueType::i32},
+                                                            {"signed int", ValueType::i32},
+                                                            {"int32", ValueType::i32},
+                                                            {"int32_t", ValueType::i32},
+                                                            {"uint", ValueType::u32},
+                                                            {"unsigned int", ValueType::u32},
+                                                            {"uint32", ValueType::u32},
+                                                            {"uint32_t", ValueType::u32},
+                                                            {"float", ValueType::f32},
+                                                            {"double", ValueType::f64}};
+        const auto it = types.find(type);
+        if (it == types.end()) {
+            fields_.unsupported(fmt::format(
+                "type '{}': integers of 8 to 32 bits, float and double are read", type));
+        }
+        header.layout.type = it->second;
+    }
+
+    void read_axes(NrrdHeader& header) const {
+        const std::vector<std::int64_t> dimension = fields_.integers("dimension");
+        const std::vector<std::int64_t> sizes = fields_.integers("sizes");
+        if (dimension.size() != 1 || sizes.empty() ||
+            dimension[0] != static_cast<std::int64_t>(sizes.size())) {
+            fields_.corrupt("'dimension' and 'sizes' do not agree");
+        }
+        if (std::any_of(sizes.begin(), sizes.end(), [](std::int64_t n) { return n < 1; })) {
+            fields_.corrupt("'sizes' must be positive whole numbers");
+        }
+        const std::vector<std::string> kinds = words_per_axis("kinds", sizes.size());
+        std::vector<std::size_t> axes;
+        for (std::size_t i = 0; i < sizes.size(); ++i) {
+            if (sizes[i] != 1) {
+                require_scalars(i, sizes[i], kinds[i]);
+            }
+            if (sizes.size() <= 3 || sizes[i] != 1) {
+                axes.push_back(i);
+            }
+        }
+        if (axes.size() > 3) {
+            fields_.unsupported(fmt::format(
+                "{} axes: volumes of one scalar on at most 3 axes are read", axes.size()));
+        }
+        for (std::size_t a = 0; a < axes.size(); ++a) {
+            header.layout.nodes[static_cast<int>(a)] = sizes[axes[a]];
+        }
+        read_geometry(header, axes, sizes.size());
+    }
+
+    /// Along an axis of a volume, samples of one thing follow each other.
+    void require_scalars(std::size_t axis, std::int64_t size, const std::string& kind) const {
+        if (kind != "domain" && kind != "space" && kind != "time" && kind != "none" &&
+            kind != "???" && !kind.empty()) {
+            fields_.unsupported(
+                fmt::format("axis {} (the fastest is 0), of {} samples, is of kind '{}', which is "
+                            "no place or time: volumes of one scalar are read; write its samples "
+                            "to files of their own",
+                            axis, size, kind));
+        }
+    }
+
+    /// `axes`: which of the file's `count` axes are the volume's.
+    void read_geometry(NrrdHeader& header, const std::vector<std::size_t>& axes,
+                       std::size_t count) const {
+        RawLayout& layout = header.layout;
+        constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+        Double3 steps{kUnknown, kUnknown, kUnknown};
+        const bool directed = fields_.find("space directions") != nullptr;
+        if (const auto spacing = per_axis("spacings", count); !spacing.empty()) {
+            if (directed) {
+                fields_.corrupt("both 'spacings' and 'space directions'");
+            }
+            for (std::size_t a = 0; a < axes.size(); ++a) {
+                steps.at(a) = spacing[axes[a]];
+            }
+        } else if (directed) {
+            const auto vectors = fields_.vectors("space directions");
+            if (vectors.size() != count) {
+                fields_.corrupt("'space directions' and 'sizes' do not agree");
+            }
+            header.oblique = !along_axes(layout.nodes, axes, vectors, steps);
+            for (std::size_t a = 0; a < axes.size(); ++a) {
+                const std::vector<double>& v = vectors[axes[a]];
+                std::copy_n(v.begin(), std::min<std::size_t>(v.size(), 3),
+                            header.steps.at(a).begin());
+            }
+        }
+        if (!directed) {
+            read_axis_ends(layout, axes, count, steps);
+        }
+        for (std::size_t a = 0; a < 3 && spacing_; ++a) {
+            steps.at(a) = std::copysign((*spacing_).at(a), steps.at(a) < 0 ? -1.0 : 1.0);
+        }
+        if (fields_.find("space origin") != nullptr) {
+            read_origin(layout);
+        }
+        for (std::size_t a = 0; a < 3; ++a) {
+            const double step = std::isnan(steps.at(a)) ? 1 : steps.at(a);
+            layout.spacing[a] = std::fabs(step);
+            header.backward.at(a) = step < 0;
+            if (header.backward.at(a)) {
+                const std::int64_t last = layout.nodes[static_cast<int>(a)] - 1;
+                layout.origin[a] += step * static_cast<double>(last);
+            }
+        }
+    }
+
+    void read_origin(RawLayout& layout) const {
+        const auto origin = fields_.vectors("space origin");
+        if (origin.size() != 1 || origin[0].empty()) {
+            fields_.corrupt("'space origin' is not one vector");
+        }
+        for (std::size_t a = 0; a < std::min<std::size_t>(origin[0].size(), 3); ++a) {
+            layout.origin[a] = std::isnan(origin[0][a]) ? 0 : origin[0][a];
+        }
+    }
+
+    /// Gives the steps along the world's axes, and true if these alone place no node of the volume
+    /// a tenth of a voxel or more from where the directions do. Otherwise leaves the steps.
+    static bool along_axes(const Int3& nodes, const std::vector<std::size_t>& axes,
+                           const std::vector<std::vector<double>>& vectors, Double3& steps) {
+        constexpr double kMostShift = 0.1;
+        Double3 found = steps;
+        Double3 voxel{HUGE_VAL, HUGE_VAL, HUGE_VAL};
+        for (std::size_t a = 0; a < axes.size(); ++a) {
+            const std::vector<double>& v = vectors[axes[a]];
+            if (v.empty()) {
+                continue;  // none
+            }
+            double length = 0;
+            for (const double component : v) {
+                length = std::hypot(length, component);
+            }
+            if (a >= v.size() || !(length > 0) || !std::isfinite(length)) {
+                return false;
+            }
+            found.at(a) = std::copysign(length, v[a]);
+            voxel.at(a) = length;
+        }
+        const double least = std::min({voxel[0], voxel[1], voxel[2]});
+        for (std::size_t world = 0;; ++world) {
+            double shift = 0;
+            bool there = world < 3;
+            for (std::size_t a = 0; a < axes.size(); ++a) {
+                const std::vector<double>& v = vectors[axes[a]];
+                if (world < v.size()) {
+                    there = true;
+                    const double along = world == a ? found.at(a) : 0;
+                    const auto cells = std::max<std::int64_t>(nodes[static_cast<int>(a)] - 1, 1);
+                    shift += std::fabs(v[world] - along) * static_cast<double>(cells);
+                }
+            }
+            if (!there) {
+                break;
+            }
+            const double size = world < 3 && voxel.at(world) < HUGE_VAL ? voxel.at(world) : least;
+            if (!(shift < kMostShift * size)) {
+                return false;
+            }
+        }
+        steps = found;
+        return true;
+    }
+
+    /// A word of the field for each of the file's axes; empty ones if there is no such field.
+    [[nodiscard]] std::vector<std::string> words_per_axis(const char* field,
+                                                          std::size_t count) const {
+        std::vector<std::string> out = fields_.words(field);
+        out.resize(fields_.find(field) == nullptr ? count : out.size());
+        if (out.size() != count) {
+            fields_.corrupt(fmt::format("'{}' and 'sizes' do not agree", field));
+        }
+        return out;
+    }
+
+    /// A number of the field for each of the file's axes; none if there is no such field.
+    [[nodiscard]] std::vector<double> per_axis(const char* field, std::size_t count) const {
+        std::vector<double> out = fields_.numbers(field);
+        if (fields_.find(field) != nullptr && out.size() != count) {
+            fields_.corrupt(fmt::format("'{}' and 'sizes' do not agree", field));
+        }
+        return out;
+    }
+
+    /// The first sample lies at an axis' minimum or, where samples are the middles of cells, half a
+    /// step from it. An axis that does not say so is taken for one of cells, as ITK and VTK do.
+    void read_axis_ends(RawLayout& layout, const std::vector<std::size_t>& axes, std::size_t count,
+                        Double3& steps) const {
+        const std::vector<double> mins = per_axis("axis mins", count);
+        const std::vector<double> maxs = per_axis("axis maxs", count);
+        const std::vector<std::string> centers = words_per_axis("centers", count);
+        for (std::size_t a = 0; a < axes.size() && !mins.empty(); ++a) {
+            const std::size_t axis = axes[a];
+            if (std::isnan(mins[axis])) {
+                continue;
+            }
+            const bool nodes = centers[axis] == "node";
+            const std::int64_t cells = layout.nodes[static_cast<int>(a)] - (nodes ? 1 : 0);
+            if (std::isnan(steps.at(a)) && !maxs.empty() && cells > 0) {
+                steps.at(a) = (maxs[axis] - mins[axis]) / static_cast<double>(cells);
+            }
+            steps.at(a) = std::isnan(steps.at(a)) ? 1 : steps.at(a);
+            if (spacing_) {
+                steps.at(a) = std::copysign((*spacing_).at(a), steps.at(a));
+            }
+            layout.origin[a] = mins[axis] + (nodes ? 0 : steps.at(a) / 2);
+        }
+    }
+
+    void read_encoding(NrrdHeader& header) const {
+        RawLayout& layout = header.layout;
+        const std::string encoding = lower(fields_.require("encoding"));
+        if (encoding != "raw" && encoding != "gzip" && encoding != "gz") {
+            fields_.unsupported(fmt::format("encoding '{}': raw and gzip are read", encoding));
+        }
+        layout.packing = encoding == "raw" ? Packing::plain : Packing::gzip;
+        layout.exact_length = false;
+        if (size_of(layout.type) > 1) {
+            const std::string endian = lower(fields_.require("endian"));
+            if (endian != "little" && endian != "big") {
+                fields_.corrupt(fmt::format("endian '{}'", endian));
+            }
+            layout.big_endian = endian == "big";
+        }
+        layout.lines = static_cast<std::uint64_t>(skip("line skip", 0));
+        const std::int64_t bytes = skip("byte skip", -1);
+        layout.offset_from_end = bytes < 0;
+        layout.offset = static_cast<std::uint64_t>(std::max<std::int64_t>(bytes, 0));
+        const std::string* const file = fields_.find("data file");
+        if (file != nullptr) {
+            if (file->starts_with("LIST") || file->find('%') != std::string::npos) {
+                fields_.unsupported("data spread over several files; join them into one");
+            }
+            if (file->empty()) {
+                fields_.corrupt("'data file' names no file");
+            }
+            header.data_file = *file;
+        } else if (fields_.bytes() == 0) {
+            fields_.corrupt("no empty line ends it, and there is no 'data file'");
+        }
+        header.header_bytes = fields_.bytes();
+    }
+
+    /// 0 if there is no such field.
+    [[nodiscard]] std::int64_t skip(const char* field, std::int64_t least) const {
+        if (fields_.find(field) == nullptr) {
+            return 0;
+        }
+        const std::vector<std::int64_t> skip = fields_.integers(field);
+        if (skip.size() != 1 || skip[0] < least) {
+            fields_.corrupt(
+                fmt::format("'{}: {}': one number from {} on", field, *fields_.find(field), least));
+        }
+        return skip[0];
+    }
+
+    NrrdFields fields_;
+    std::optional<Double3> spacing_;
+};
+
+}  // namespace
+
+NrrdHeader parse_nrrd_header(std::string_view text, const std::string& name,
+                             const std::optional<Double3>& spacing) {
+    if (!text.starts_with("NRRD000")) {
+        throw Error(ErrorKind::corrupt, {name}, "not an NRRD file");
+    }
+    const std::string_view version = text.substr(0, text.find_first_of("\r\n"));
+    if (version < "NRRD0001" || version > "NRRD0005") {
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("'{:.20}': versions NRRD0001 to NRRD0005 are read", version));
+    }
+    return Parser(text, name, spacing).parse();
+}
+
+bool nrrd_header_ends(std::string_view text) {
+    return text.find("\n\n") != std::string_view::npos ||
+           text.find("\n\r\n") != std::string_view::npos;
+}
+
+}  // namespace isonest::detail

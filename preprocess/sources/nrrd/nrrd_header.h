@@ -1,0 +1,38 @@
+// The text header of NRRD files.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "preprocess/sources/bytes/raw_source.h"
+
+namespace isonest::detail {
+
+struct NrrdHeader {
+    /// But for `start`, which is the data file's.
+    RawLayout layout;
+    std::string data_file;           ///< empty: the data follow the header
+    std::uint64_t header_bytes = 0;  ///< with the empty line that ends it
+    /// Axes that run toward smaller world coordinates; the layout's origin is their low end's.
+    std::array<bool, 3> backward{};
+    /// Axes that are not along the world's: over the whole volume, nodes lie a tenth of a voxel or
+    /// more from where spacings would put them.
+    bool oblique = false;
+    /// Of an oblique volume: the world's step along each axis; zero where the header says none.
+    std::array<Double3, 3> steps{};
+};
+
+/// Parses the start of an NRRD file. Source: http://teem.sourceforge.net/nrrd/format.html
+/// `spacing`: what the steps' lengths are instead of the header's, the first sample staying where
+/// it is; of an oblique volume, whose directions it replaces, too.
+/// Lines that the format does not know, fields that come twice and numbers that are none or out of
+/// range are errors. Throws Error{corrupt, unsupported}; `name` is used in messages. No I/O.
+NrrdHeader parse_nrrd_header(std::string_view text, const std::string& name,
+                             const std::optional<Double3>& spacing = {});
+
+/// Whether the text has the empty line that ends a header.
+bool nrrd_header_ends(std::string_view text);
+
+}  // namespace isonest::detail

@@ -1,0 +1,172 @@
+// OpenVDB files, in a module of its own: with the library come others that start threads as soon as
+// they are loaded (Debian's log4cplus), which no program should pay for that reads no such file.
+#include "preprocess/sources/openvdb/vdb_module.h"
+
+#include <fmt/format.h>
+#include <openvdb/openvdb.h>
+#include <openvdb/tools/Dense.h>
+
+#include <exception>
+#include <new>
+#include <utility>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/file_identity.h"
+#include "preprocess/sources/placement/placement.h"
+#include "preprocess/sources/wrapping/mirrored_source.h"
+
+namespace isonest::detail {
+namespace {
+
+/// The box of a grid's active values, the background where nothing is.
+template <class Grid>
+class VdbSource : public VolumeSource {
+  public:
+    VdbSource(typename Grid::Ptr grid, const openvdb::CoordBBox& box, Placement place,
+              std::filesystem::path path, std::string name)
+        : grid_(std::move(grid)),
+          box_(box),
+          place_(std::move(place)),
+          path_(std::move(path)),
+          name_(std::move(name)) {}
+    [[nodiscard]] VolumeDescription describe() const override {
+        const openvdb::Coord size = box_.dim();
+        return {{size.x(), size.y(), size.z()},
+                std::is_same_v<typename Grid::ValueType, float> ? ValueType::f32 : ValueType::f64,
+                place_.spacing,
+                place_.origin,
+                name_,
+                place_.direction};
+    }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return {path_}; }
+    [[nodiscard]] std::string identity() const override {
+        return fmt::format("{}grid {}\n", identity_of({path_}), grid_->getName());
+    }
+    [[nodiscard]] std::uint64_t heap() const override { return (1U << 20U) + grid_->memUsage(); }
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        using Value = typename Grid::ValueType;
+        const auto low = [&](std::int64_t y, std::int64_t z) {
+            return box_.min() + openvdb::Coord(0, static_cast<int>(y), static_cast<int>(z));
+        };
+        const openvdb::CoordBBox part(
+            low(y0, z0), low(y0 + ny - 1, z0 + nz - 1) + openvdb::Coord(box_.dim().x() - 1, 0, 0));
+        openvdb::tools::Dense<Value, openvdb::tools::LayoutXYZ> dense(
+            part, reinterpret_cast<Value*>(dst));
+        // By one thread: how many there are is the caller's business.
+        openvdb::tools::copyToDense(*grid_, dense, true);
+    }
+
+  private:
+    typename Grid::Ptr grid_;
+    openvdb::CoordBBox box_;
+    Placement place_;
+    std::filesystem::path path_;
+    std::string name_;
+};
+
+std::string list_of(const openvdb::GridPtrVec& grids) {
+    std::string text;
+    for (const auto& grid : grids) {
+        text += fmt::format("\n  {} ({})", grid->getName(), grid->valueType());
+    }
+    return text.empty() ? " nothing" : text;
+}
+
+/// The one that is named, or the only one that can be read.
+std::string choose_grid(const openvdb::GridPtrVec& grids, const std::string& wanted,
+                        const std::string& name) {
+    std::vector<std::string> fitting;
+    for (const auto& grid : grids) {
+        const bool is_read = grid->valueType() == "float" || grid->valueType() == "double";
+        if (is_read && (wanted.empty() || grid->getName() == wanted)) {
+            fitting.push_back(grid->getName());
+        }
+    }
+    if (fitting.size() == 1) {
+        return fitting[0];
+    }
+    if (fitting.empty() && !wanted.empty()) {
+        throw Error(ErrorKind::not_found, {name},
+                    fmt::format("there is no grid {} of floating point numbers; there are:{}",
+                                wanted, list_of(grids)),
+                    {{RemedyKind::choose_dataset}});
+    }
+    throw Error(fitting.empty() ? ErrorKind::unsupported : ErrorKind::invalid_argument, {name},
+                fmt::format("there are {} grids of floating point numbers; the file has:{}",
+                            fitting.size(), list_of(grids)),
+                {{RemedyKind::choose_dataset}});
+}
+
+Double3 to_double3(const openvdb::Vec3d& v) {
+    return {v.x(), v.y(), v.z()};
+}
+
+template <class Grid>
+std::unique_ptr<VolumeSource> open_grid(const openvdb::GridBase::Ptr& base,
+                                        const VolumeInput& input, const SourceOptions& options,
+                                        const std::string& name) {
+    const typename Grid::Ptr grid = openvdb::gridPtrCast<Grid>(base);
+    const openvdb::CoordBBox box = grid->evalActiveVoxelBoundingBox();
+    if (box.empty()) {
+        throw Error(ErrorKind::unsupported, {name}, "the grid has no active values");
+    }
+    if (grid->memUsage() > options.max_heap) {
+        throw Error(ErrorKind::limit, {name},
+                    fmt::format("the grid takes {} bytes of memory", grid->memUsage()),
+                    {{RemedyKind::more_memory}});
+    }
+    const openvdb::math::Transform& transform = grid->transform();
+    if (!transform.isLinear()) {
+        throw Error(ErrorKind::unsupported, {name},
+                    "its transform has perspective; resample the grid");
+    }
+    const openvdb::Coord size = box.dim();
+    const openvdb::Vec3d first = transform.indexToWorld(box.min());
+    std::array<Double3, 3> steps{};
+    for (int a = 0; a < 3; ++a) {
+        openvdb::Coord next = box.min();
+        next[a] += 1;
+        steps.at(static_cast<std::size_t>(a)) = to_double3(transform.indexToWorld(next) - first);
+    }
+    Placement place;
+    if (!options.spacing) {
+        place = place_in_world({size.x(), size.y(), size.z()}, steps, to_double3(first), name);
+    }
+    const std::array<bool, 3> backward = place.backward;
+    std::unique_ptr<VolumeSource> source =
+        std::make_unique<VdbSource<Grid>>(grid, box, place, input.path(), name);
+    return backward[0] || backward[1] || backward[2] ? mirrored(std::move(source), backward)
+                                                     : std::move(source);
+}
+
+std::unique_ptr<VolumeSource> open_vdb(const VolumeInput& input, const SourceOptions& options) {
+    const std::string path = input.path().string();
+    try {
+        openvdb::initialize();
+        openvdb::io::File file(path);
+        file.open(false);
+        const openvdb::GridPtrVecPtr grids = file.readAllGridMetadata();
+        const std::string chosen = choose_grid(*grids, options.dataset, path);
+        const openvdb::GridBase::Ptr grid = file.readGrid(chosen);
+        const std::string name = path + ":" + chosen;
+        return grid->valueType() == "float"
+                   ? open_grid<openvdb::FloatGrid>(grid, input, options, name)
+                   : open_grid<openvdb::DoubleGrid>(grid, input, options, name);
+    } catch (const Error&) {
+        throw;
+    } catch (const std::bad_alloc&) {
+        throw;
+    } catch (const std::exception& e) {
+        throw Error(ErrorKind::corrupt, {path}, e.what(), {{RemedyKind::good_copy}});
+    }
+}
+
+}  // namespace
+}  // namespace isonest::detail
+
+isonest::VolumeSource* isonest_open_vdb(const isonest::detail::VolumeInput& input,
+                                        const isonest::SourceOptions& options) {
+    return isonest::detail::open_vdb(input, options).release();
+}

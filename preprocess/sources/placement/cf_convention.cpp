@@ -1,0 +1,64 @@
+#include "preprocess/sources/placement/cf_convention.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include <isonest/error.h>
+
+namespace isonest::detail {
+
+Scaling cf_scaling(const NumbersOfAttribute& attribute, const std::string& name) {
+    Scaling scaling;
+    const auto one = [&](const char* key, double otherwise) {
+        const std::vector<double> numbers = attribute(key);
+        if (numbers.size() > 1) {
+            throw Error(ErrorKind::corrupt, {name, key},
+                        fmt::format("{} numbers in place of one", numbers.size()));
+        }
+        return numbers.empty() ? otherwise : numbers.front();
+    };
+    scaling.slope = one("scale_factor", 1);
+    scaling.intercept = one("add_offset", 0);
+    for (const char* const key : {"_FillValue", "missing_value"}) {
+        for (const double number : attribute(key)) {
+            // NaN is missing anyway.
+            if (!std::isnan(number) && std::find(scaling.missing.begin(), scaling.missing.end(),
+                                                 number) == scaling.missing.end()) {
+                scaling.missing.push_back(number);
+            }
+        }
+    }
+    scaling.least_valid = one("valid_min", -HUGE_VAL);
+    scaling.most_valid = one("valid_max", HUGE_VAL);
+    if (const std::vector<double> range = attribute("valid_range"); range.size() == 2) {
+        scaling.least_valid = range[0];
+        scaling.most_valid = range[1];
+    }
+    return scaling;
+}
+
+std::optional<EvenAxis> even_axis(const std::vector<double>& coordinates) {
+    if (coordinates.empty() || !std::all_of(coordinates.begin(), coordinates.end(),
+                                            [](double c) { return std::isfinite(c); })) {
+        return std::nullopt;
+    }
+    EvenAxis axis;
+    axis.first = coordinates.front();
+    if (coordinates.size() == 1) {
+        return axis;
+    }
+    axis.step =
+        (coordinates.back() - coordinates.front()) / static_cast<double>(coordinates.size() - 1);
+    constexpr double kMostShift = 0.1;
+    for (std::size_t i = 0; i < coordinates.size(); ++i) {
+        if (!(std::fabs(coordinates[i] - axis.first - static_cast<double>(i) * axis.step) <
+              kMostShift * std::fabs(axis.step))) {
+            return std::nullopt;
+        }
+    }
+    return axis;
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,33 @@
+// What the attributes of climate and forecast data (CF) say of stored numbers.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <isonest/value_type.h>
+
+#include "preprocess/sources/wrapping/scaled_source.h"
+
+namespace isonest::detail {
+
+/// The numbers of an attribute, or none if there is no such one, or it is text.
+using NumbersOfAttribute = std::function<std::vector<double>(const std::string& name)>;
+
+/// By `scale_factor`, `add_offset`, `_FillValue`, `missing_value`, `valid_min`, `valid_max` and
+/// `valid_range`; the latter four, too, are of stored numbers. Missing data are only those that
+/// the attributes name, not NetCDF's default fill values, as xarray has it.
+/// Source: https://cfconventions.org/Data/cf-conventions/cf-conventions-1.11/cf-conventions.html,
+/// sections 2.5.1 and 8.1. Throws Error{corrupt} for a scale factor of 0 or that is no number.
+Scaling cf_scaling(const NumbersOfAttribute& attribute, const std::string& name);
+
+/// The spacing and the first of evenly spaced coordinates; none if they are not even by a tenth of
+/// their mean distance, or no numbers. One coordinate has spacing 1.
+struct EvenAxis {
+    double first = 0;
+    double step = 1;
+};
+std::optional<EvenAxis> even_axis(const std::vector<double>& coordinates);
+
+}  // namespace isonest::detail

@@ -1,0 +1,51 @@
+#include "preprocess/sources/placement/placed_array.h"
+
+#include <utility>
+
+#include "preprocess/sources/placement/placement.h"
+#include "preprocess/sources/wrapping/mirrored_source.h"
+
+namespace isonest::detail {
+
+std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
+                                          std::span<const AxisIndex> index,
+                                          std::unique_ptr<ByteReader> bytes) {
+    RawLayout layout = array.layout;
+    const ArrayPlace place = place_in_array(array.axes, index, array.name, array.strides);
+    layout.nodes = place.nodes;
+    layout.strides = place.strides;
+    layout.first = place.first;
+    layout.whole = place.whole;
+    if (array.stored) {
+        layout.type = bits_type(*array.stored);
+    }
+    std::array<bool, 3> backward{};
+    if (!array.steps.empty()) {
+        const ChosenAxes chosen = choose_axes(array.axes, index, array.name);
+        std::array<Double3, 3> steps{};
+        Double3 first = array.first;
+        for (std::size_t a = 0; a < 3; ++a) {
+            if (chosen.axis.at(a)) {
+                steps.at(a) = array.steps[*chosen.axis.at(a)];
+            }
+        }
+        for (std::size_t i = 0; i < array.axes.size(); ++i) {
+            for (std::size_t w = 0; w < 3; ++w) {
+                first.at(w) += array.steps[i].at(w) * static_cast<double>(chosen.at[i]);
+            }
+        }
+        const Placement world = place_in_world(layout.nodes, steps, first, array.name);
+        layout.spacing = world.spacing;
+        layout.origin = world.origin;
+        layout.direction = world.direction;
+        backward = world.backward;
+    }
+    auto source = bytes ? open_bytes(std::move(bytes), array.name, layout, {array.file})
+                        : open_raw(array.file, array.name, layout);
+    if (backward[0] || backward[1] || backward[2]) {
+        source = mirrored(std::move(source), backward);
+    }
+    return array.stored ? converted(std::move(source), *array.stored) : std::move(source);
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,101 @@
+// The pages of TIFF files, and rows of their numbers. Needs libtiff.
+#pragma once
+
+#include <tiffio.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <isonest/value_type.h>
+
+#include "preprocess/sources/wrapping/converted_source.h"
+
+namespace isonest::detail {
+
+/// What all pages of a volume have in common.
+struct TiffPage {
+    std::int64_t width = 0;
+    std::int64_t height = 0;
+    std::int64_t samples = 1;  ///< per pixel
+    ValueType type = ValueType::u8;
+    std::optional<StoredNumber> stored;  ///< in place of the type
+    [[nodiscard]] std::string text() const;
+    bool operator==(const TiffPage&) const = default;
+};
+
+/// One file at a time is open. Thread-safety: one thread.
+class TiffPages {
+  public:
+    /// Reads the headers of all pages of all files. Throws Error{corrupt, io, unsupported} (a page
+    /// that differs from the first one is named), Error{limit} if a strip or a row of tiles takes
+    /// more than `max_heap` bytes.
+    TiffPages(std::vector<std::filesystem::path> files, std::uint64_t max_heap);
+
+    [[nodiscard]] std::int64_t count() const { return static_cast<std::int64_t>(places_.size()); }
+    [[nodiscard]] const TiffPage& page() const { return page_; }
+    /// Of the first page.
+    [[nodiscard]] const std::string& description() const { return description_; }
+    [[nodiscard]] double x_resolution() const { return resolution_[0]; }
+    [[nodiscard]] double y_resolution() const { return resolution_[1]; }
+    /// Rows that are decoded together, of any page at most.
+    [[nodiscard]] std::int64_t rows() const { return rows_; }
+    /// Bytes that are held.
+    [[nodiscard]] std::uint64_t heap() const;
+    /// The first page's numbers lie in the file as they are, one after the other, from here on.
+    struct Plain {
+        std::uint64_t offset;
+        bool big_endian;
+    };
+    [[nodiscard]] std::optional<Plain> plain() const { return plain_; }
+    [[nodiscard]] const std::vector<std::filesystem::path>& files() const { return files_; }
+
+    /// A sample of row `y`, native endianness, of the width. REQUIRES: they are there.
+    void read_row(std::int64_t page, std::int64_t y, std::int64_t sample, std::byte* dst);
+
+  private:
+    struct Close {
+        void operator()(TIFF* file) const { TIFFClose(file); }
+    };
+    struct Place {
+        std::uint32_t file;
+        std::uint64_t directory;  ///< its offset in the file
+    };
+    void open(std::uint32_t file);
+    void list(std::uint32_t file);
+    void look_at(std::uint32_t file, std::uint64_t directory);
+    void check_size(std::uint64_t bytes) const;
+    void go_to(std::int64_t page);
+    void decode(std::int64_t page, std::int64_t y, std::int64_t sample);
+    [[nodiscard]] std::string name_of_page(std::int64_t page) const;
+    [[noreturn]] void fail(std::int64_t page, const std::string& what) const;
+
+    std::vector<std::filesystem::path> files_;
+    std::uint64_t max_heap_;
+    std::vector<Place> places_;
+    TiffPage page_;
+    std::string description_;
+    std::array<double, 2> resolution_{};
+    std::optional<Plain> plain_;
+    std::int64_t rows_ = 1;
+    std::uint64_t buffer_bytes_ = 0;
+    mutable std::string problem_;  ///< libtiff's last message
+    std::unique_ptr<TIFF, Close> file_;
+    std::uint32_t open_ = ~std::uint32_t{0};
+    std::int64_t current_ = -1;   ///< the page whose directory is read
+    bool tiled_ = false;          ///< of the current page
+    bool separate_ = false;       ///< its samples lie in planes of their own
+    std::int64_t part_rows_ = 1;  ///< of its strips or tiles
+    // What is decoded: rows of a page, all samples or one.
+    std::vector<std::byte> buffer_;
+    std::vector<std::byte> tile_;
+    std::int64_t decoded_page_ = -1;
+    std::int64_t decoded_from_ = 0;
+    std::int64_t decoded_sample_ = 0;
+};
+
+}  // namespace isonest::detail

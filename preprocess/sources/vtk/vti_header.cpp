@@ -1,0 +1,216 @@
+// Source: https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
+#if ISONEST_WITH_EXPAT
+#include "preprocess/sources/vtk/vti_header.h"
+
+#include <expat.h>
+#include <fmt/format.h>
+
+#include <charconv>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <sstream>
+#include <string_view>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/raw_source.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::size_t kPart = std::size_t{1} << 18U;
+constexpr std::size_t kMostArrays = 10000;
+
+using Attributes = std::map<std::string, std::string, std::less<>>;
+
+struct FreeParser {
+    void operator()(XML_Parser parser) const { XML_ParserFree(parser); }
+};
+
+class Reader {
+  public:
+    explicit Reader(const std::filesystem::path& path)
+        : path_(path), parser_(XML_ParserCreate(nullptr)) {
+        if (!parser_) {
+            throw std::bad_alloc();
+        }
+    }
+
+    VtiHeader read() {
+        XML_SetUserData(parser_.get(), this);
+        XML_SetElementHandler(parser_.get(), &Reader::on_start, &Reader::on_end);
+        const std::uint64_t size = regular_file_size(path_);
+        for (std::uint64_t at = 0; at < size && !stopped_;) {
+            const std::string part = first_bytes(path_, kPart, at);
+            at += part.size();
+            const bool last = at >= size || part.empty();
+            if (XML_Parse(parser_.get(), part.data(), static_cast<int>(part.size()), last) !=
+                    XML_STATUS_OK &&
+                !stopped_) {
+                corrupt(XML_ErrorString(XML_GetErrorCode(parser_.get())));
+            }
+            if (last) {
+                break;
+            }
+        }
+        if (!problem_.empty()) {
+            throw Error(unsupported_ ? ErrorKind::unsupported : ErrorKind::corrupt,
+                        {path_.string(), "VTI header"}, problem_);
+        }
+        if (!image_) {
+            corrupt("there is no ImageData");
+        }
+        if (!header_.encoding.empty()) {
+            find_mark();
+        }
+        return header_;
+    }
+
+  private:
+    [[noreturn]] void corrupt(const std::string& what) const {
+        throw Error(
+            ErrorKind::corrupt,
+            {path_.string(), fmt::format("line {}", XML_GetCurrentLineNumber(parser_.get()))},
+            what);
+    }
+    /// The parser's C code cannot be left by an exception.
+    void stop(const std::string& problem, bool unsupported = false) {
+        problem_ = problem;
+        unsupported_ = unsupported;
+        stopped_ = true;
+        XML_StopParser(parser_.get(), XML_FALSE);
+    }
+
+    static void on_start(void* self, const XML_Char* name, const XML_Char** given) {
+        Attributes attributes;
+        for (; given[0] != nullptr; given += 2) {
+            attributes[given[0]] = given[1];
+        }
+        auto& reader = *static_cast<Reader*>(self);
+        if (!reader.stopped_) {
+            reader.start(name, attributes);
+        }
+    }
+    static void on_end(void* self, const XML_Char* name) {
+        const std::string_view tag = name;
+        if (tag == "PointData" || tag == "CellData") {
+            static_cast<Reader*>(self)->section_.clear();
+        }
+    }
+
+    static std::string text(const Attributes& attributes, std::string_view key) {
+        const auto it = attributes.find(key);
+        return it == attributes.end() ? std::string() : it->second;
+    }
+    /// True if there is such an attribute, and it has that many numbers.
+    template <class T, std::size_t N>
+    bool numbers(const Attributes& attributes, const char* key, std::array<T, N>& to) {
+        const std::string all = text(attributes, key);
+        if (all.empty()) {
+            return false;
+        }
+        std::istringstream words(all);
+        std::string word;
+        for (T& number : to) {
+            word.clear();
+            words >> word;
+            const auto [end, error] =
+                std::from_chars(word.data(), word.data() + word.size(), number);
+            if (error != std::errc{} || end != word.data() + word.size() ||
+                !std::isfinite(static_cast<double>(number))) {
+                stop(fmt::format("{} = '{:.80}' are not {} numbers", key, all, N));
+                return false;
+            }
+        }
+        return true;
+    }
+
+    void start(const std::string& tag, const Attributes& attributes) {
+        if (tag == "VTKFile") {
+            const std::string type = text(attributes, "type");
+            if (type != "ImageData") {
+                return stop(fmt::format("a file of type '{:.40}': ImageData is read", type), true);
+            }
+            header_.big_endian = text(attributes, "byte_order") == "BigEndian";
+            header_.wide = text(attributes, "header_type") == "UInt64";
+            header_.compressor = text(attributes, "compressor");
+        } else if (tag == "ImageData") {
+            image_ = numbers(attributes, "WholeExtent", header_.extent);
+            numbers(attributes, "Origin", header_.origin);
+            numbers(attributes, "Spacing", header_.spacing);
+            numbers(attributes, "Direction", header_.direction);
+        } else if (tag == "Piece") {
+            std::array<std::int64_t, 6> extent = header_.extent;
+            numbers(attributes, "Extent", extent);
+            if (extent != header_.extent || ++pieces_ > 1) {
+                stop("the image is in several pieces; write it as one", true);
+            }
+        } else if (tag == "PointData" || tag == "CellData") {
+            section_ = tag;
+        } else if (tag == "DataArray" && !section_.empty()) {
+            add_array(attributes);
+        } else if (tag == "AppendedData") {
+            header_.encoding = text(attributes, "encoding");
+            header_.appended = behind_tag();
+            stopped_ = true;
+            XML_StopParser(parser_.get(), XML_FALSE);
+        }
+    }
+
+    [[nodiscard]] std::uint64_t behind_tag() const {
+        return static_cast<std::uint64_t>(XML_GetCurrentByteIndex(parser_.get()) +
+                                          XML_GetCurrentByteCount(parser_.get()));
+    }
+
+    void add_array(const Attributes& attributes) {
+        VtiArray array;
+        array.name = text(attributes, "Name");
+        array.type = text(attributes, "type");
+        array.format = text(attributes, "format");
+        array.of_cells = section_ == "CellData";
+        array.content = behind_tag();
+        std::array<std::int64_t, 1> number{1};
+        numbers(attributes, "NumberOfComponents", number);
+        array.components = number[0];
+        number = {0};
+        numbers(attributes, "offset", number);
+        array.offset = static_cast<std::uint64_t>(number[0]);
+        if (array.components < 1 || number[0] < 0 || header_.arrays.size() >= kMostArrays) {
+            return stop(fmt::format("array '{:.80}' with {} components at offset {}", array.name,
+                                    array.components, number[0]));
+        }
+        header_.arrays.push_back(array);
+    }
+
+    /// Appended data begin behind an underscore.
+    void find_mark() {
+        constexpr std::size_t kBlanks = 4096;
+        const std::string part = first_bytes(path_, kBlanks, header_.appended);
+        const std::size_t mark = part.find_first_not_of(" \t\r\n");
+        if (mark == std::string::npos || part[mark] != '_') {
+            throw Error(ErrorKind::corrupt, {path_.string(), "AppendedData"},
+                        "it does not begin with an underscore");
+        }
+        header_.appended += mark + 1;
+    }
+
+    const std::filesystem::path& path_;
+    std::unique_ptr<std::remove_pointer_t<XML_Parser>, FreeParser> parser_;
+    VtiHeader header_;
+    std::string section_;
+    std::string problem_;
+    bool unsupported_ = false;
+    bool stopped_ = false;
+    bool image_ = false;
+    int pieces_ = 0;
+};
+
+}  // namespace
+
+VtiHeader read_vti_header(const std::filesystem::path& path) {
+    return Reader(path).read();
+}
+
+}  // namespace isonest::detail
+#endif

@@ -1,0 +1,184 @@
+#include "preprocess/sources/wrapping/cropped_source.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/wrapping/wrapped_source.h"
+#include "store/base/rotation.h"
+
+namespace isonest::detail {
+namespace {
+
+class CroppedSource : public WrappedSource {
+  public:
+    CroppedSource(std::unique_ptr<VolumeSource> inner, const Int3& lo, const Int3& nodes,
+                  const Int3& every)
+        : WrappedSource(std::move(inner)),
+          given_(inner_source().describe()),
+          step_(inner_source().granularity()),
+          lo_(lo),
+          nodes_(nodes),
+          every_(every),
+          value_(size_of(given_.type)) {
+        // What one read of the inner source gives: whole steps of it.
+        const std::int64_t row = given_.nodes.x * static_cast<std::int64_t>(value_);
+        piece_ = {sequential() ? 1 : std::min(step_.planes, given_.nodes.z),
+                  std::min(step_.rows, given_.nodes.y)};
+        constexpr std::int64_t kWanted = std::int64_t{1} << 20U;
+        const std::int64_t more =
+            kWanted / std::max<std::int64_t>(piece_.planes * row * piece_.rows, 1);
+        piece_.rows = std::min(given_.nodes.y, piece_.rows * std::max<std::int64_t>(more, 1));
+        piece_bytes_ = static_cast<std::size_t>(piece_.planes * piece_.rows * row);
+    }
+    [[nodiscard]] VolumeDescription describe() const override {
+        VolumeDescription result = given_;
+        result.nodes = nodes_;
+        Double3 shift{};
+        for (int a = 0; a < 3; ++a) {
+            const auto i = static_cast<std::size_t>(a);
+            shift.at(i) = given_.spacing.at(i) * static_cast<double>(lo_[a]);
+            result.spacing.at(i) *= static_cast<double>(every_[a]);
+        }
+        shift = rotated(given_.direction, shift);
+        for (std::size_t i = 0; i < 3; ++i) {
+            result.origin.at(i) += shift.at(i);
+        }
+        return result;
+    }
+    [[nodiscard]] std::string identity() const override {
+        return identity_and(fmt::format("part from {} {} {}, every {} {} {}", lo_.x, lo_.y, lo_.z,
+                                        every_.x, every_.y, every_.z));
+    }
+    [[nodiscard]] Granularity granularity() const override {
+        if (sequential()) {
+            return {1, nodes_.y};
+        }
+        return {std::min(nodes_.z, ceil_div(piece_.planes, every_.z)),
+                std::min(nodes_.y, ceil_div(piece_.rows, every_.y))};
+    }
+    [[nodiscard]] std::uint64_t heap() const override {
+        return inner_source().heap() + piece_bytes_;
+    }
+
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        buffer_.resize(piece_bytes_);
+        const std::int64_t first = lo_.z + z0 * every_.z;
+        const std::int64_t end = lo_.z + (z0 + nz - 1) * every_.z + 1;
+        if (sequential()) {
+            while (passed_ < first) {
+                take_planes(passed_, 1, z0, nz, y0, ny, nullptr);
+                ++passed_;
+            }
+        }
+        const std::int64_t step = piece_.planes;
+        for (std::int64_t z = sequential() ? first : first / step * step; z < end; z += step) {
+            take_planes(z, std::min(step, given_.nodes.z - z), z0, nz, y0, ny, dst);
+        }
+        if (sequential()) {
+            passed_ = end;
+        }
+    }
+
+  private:
+    /// The smallest node of the part that lies at `at` or behind, along one axis.
+    [[nodiscard]] std::int64_t at_or_behind(std::int64_t at, int axis) const {
+        return at <= lo_[axis] ? 0 : ceil_div(at - lo_[axis], every_[axis]);
+    }
+
+    /// Takes from the inner planes [z, z + count) what belongs to planes [z0, z0 + nz) and rows
+    /// [y0, y0 + ny) of the part; without `dst` it only reads, all rows.
+    void take_planes(std::int64_t z, std::int64_t count, std::int64_t z0, std::int64_t nz,
+                     std::int64_t y0, std::int64_t ny, std::byte* dst) {
+        const bool all = sequential();
+        const std::int64_t from = std::max(z0, at_or_behind(z, 2));
+        const std::int64_t to = std::min(z0 + nz, at_or_behind(z + count, 2));
+        if (!all && from >= to) {
+            return;
+        }
+        const std::int64_t rows = piece_.rows;
+        const std::int64_t first = all ? 0 : (lo_.y + y0 * every_.y) / rows * rows;
+        const std::int64_t end = all ? given_.nodes.y : lo_.y + (y0 + ny - 1) * every_.y + 1;
+        for (std::int64_t y = first; y < end; y += rows) {
+            const std::int64_t size = std::min(rows, given_.nodes.y - y);
+            const std::int64_t row_from = std::max(y0, at_or_behind(y, 1));
+            const std::int64_t row_to = std::min(y0 + ny, at_or_behind(y + size, 1));
+            if (!all && row_from >= row_to) {
+                continue;
+            }
+            inner_source().read(z, count, y, size, buffer_.data());
+            for (std::int64_t pz = from; dst != nullptr && pz < to; ++pz) {
+                for (std::int64_t py = row_from; py < row_to; ++py) {
+                    const std::int64_t row =
+                        (lo_.z + pz * every_.z - z) * size + lo_.y + py * every_.y - y;
+                    take_row(
+                        buffer_.data() + static_cast<std::size_t>(row * given_.nodes.x) * value_,
+                        dst + static_cast<std::size_t>(((pz - z0) * ny + py - y0) * nodes_.x) *
+                                  value_);
+                }
+            }
+        }
+    }
+
+    void take_row(const std::byte* from, std::byte* to) const {
+        from += static_cast<std::size_t>(lo_.x) * value_;
+        if (every_.x == 1) {
+            std::memcpy(to, from, static_cast<std::size_t>(nodes_.x) * value_);
+            return;
+        }
+        const std::size_t step = static_cast<std::size_t>(every_.x) * value_;
+        for (std::int64_t x = 0; x < nodes_.x; ++x, from += step, to += value_) {
+            std::memcpy(to, from, value_);
+        }
+    }
+
+    VolumeDescription given_;
+    Granularity step_;
+    Granularity piece_;  ///< planes and rows of one read
+    Int3 lo_;
+    Int3 nodes_;
+    Int3 every_;
+    std::size_t value_;
+    std::size_t piece_bytes_ = 0;
+    std::vector<std::byte> buffer_;
+    std::int64_t passed_ = 0;  ///< of a stream: planes that were read
+};
+
+}  // namespace
+
+std::unique_ptr<VolumeSource> cropped(std::unique_ptr<VolumeSource> inner,
+                                      const std::array<NodeRange, 3>& crop, const Int3& every) {
+    const VolumeDescription given = inner->describe();
+    Int3 lo{0, 0, 0};
+    Int3 size = given.nodes;
+    for (int a = 0; a < 3; ++a) {
+        const std::int64_t n = given.nodes[a];
+        const NodeRange& range = crop.at(static_cast<std::size_t>(a));
+        const auto place = [n](std::int64_t at) { return at < 0 ? at + n : at; };
+        const std::int64_t from = place(range.from.value_or(0));
+        const std::int64_t to = range.to ? place(*range.to) : n;
+        if (from < 0 || to > n || from >= to) {
+            throw Error(ErrorKind::invalid_argument, {given.name},
+                        fmt::format("its axis {} has nodes 0 to {}; no crop from {} to {}",
+                                    "xyz"[a], n - 1, from, to - 1),
+                        {{RemedyKind::correct_numbers, "crop"}});
+        }
+        if (every[a] < 1) {
+            throw Error(ErrorKind::invalid_argument, {given.name},
+                        fmt::format("no node is each {}-th", every[a]));
+        }
+        lo[a] = from;
+        size[a] = ceil_div(to - from, every[a]);
+    }
+    if (size == given.nodes) {
+        return inner;
+    }
+    return std::make_unique<CroppedSource>(std::move(inner), lo, size, every);
+}
+
+}  // namespace isonest::detail

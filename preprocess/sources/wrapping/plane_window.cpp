@@ -1,0 +1,137 @@
+#include "preprocess/sources/wrapping/plane_window.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <vector>
+
+#include <isonest/error.h>
+
+namespace isonest::detail {
+
+PlaneWindow::PlaneWindow(VolumeSource& source, std::int64_t planes, std::uint64_t budget,
+                         const std::filesystem::path& scratch_folder, Progress& progress)
+    : source_(source),
+      nodes_(source.describe().nodes),
+      step_(source.granularity()),
+      progress_(progress),
+      row_bytes_(nodes_.x * static_cast<std::int64_t>(size_of(source.describe().type))),
+      plane_bytes_(row_bytes_ * nodes_.y) {
+    const std::int64_t nz = nodes_.z;
+    if (!source.mapped().empty()) {
+        base_ = source.mapped().data();
+        capacity_ = nz;
+        whole_ = true;
+        return;
+    }
+    const std::int64_t step = step_.planes;
+    const std::int64_t affordable = static_cast<std::int64_t>(budget) / plane_bytes_;
+    // Reads end at whole steps, and none is cut where the ring wraps around.
+    const std::int64_t needed = std::min(nz, ceil_div(planes + step - 1, step) * step);
+    if (affordable >= needed) {
+        // Reading ahead: as far as the next planes that are needed at a time.
+        const std::int64_t ahead = (2 * planes + step - 1) / step * step;
+        capacity_ = std::min(nz, std::max(needed, std::min(ahead, affordable / step * step)));
+        ring_bytes_ = static_cast<std::uint64_t>(capacity_ * plane_bytes_);
+        ring_ = std::make_unique_for_overwrite<std::byte[]>(ring_bytes_);
+        base_ = ring_.get();
+    } else {
+        spool(budget, scratch_folder);
+    }
+}
+
+void PlaneWindow::spool(std::uint64_t budget, const std::filesystem::path& folder) {
+    const Int3 n = nodes_;
+    const auto step = step_;
+    spool_.emplace(folder);
+    std::int64_t planes = std::min(n.z, step.planes);
+    std::int64_t rows = n.y;
+    const auto limit = static_cast<std::int64_t>(std::min<std::uint64_t>(budget, 64U << 20U));
+    if (planes * plane_bytes_ > limit) {
+        rows = std::min(n.y, step.rows);
+        rows = std::max(rows, limit / (planes * row_bytes_) / step.rows * step.rows);
+    } else {
+        planes = std::min(n.z, limit / (planes * plane_bytes_) * planes);
+    }
+    const std::int64_t piece = planes * rows * row_bytes_;
+    if (static_cast<std::uint64_t>(piece) > std::max<std::uint64_t>(budget, 1U << 20U)) {
+        throw Error(ErrorKind::limit, {source_.describe().name},
+                    fmt::format("its chunks are so large that reading needs {} MiB at a time",
+                                (piece >> 20) + 1),
+                    {{RemedyKind::more_memory}, {RemedyKind::smaller_input_chunk}});
+    }
+    std::vector<std::byte> buffer(static_cast<std::size_t>(piece));
+    progress_.begin("copy input", static_cast<std::uint64_t>(plane_bytes_ * n.z), "B");
+    for (std::int64_t z = 0; z < n.z; z += planes) {
+        const std::int64_t nz = std::min(planes, n.z - z);
+        for (std::int64_t y = 0; y < n.y; y += rows) {
+            progress_.check();
+            const std::int64_t ny = std::min(rows, n.y - y);
+            source_.read(z, nz, y, ny, buffer.data());
+            for (std::int64_t p = 0; p < nz; ++p) {
+                spool_->write_at(
+                    static_cast<std::uint64_t>((z + p) * plane_bytes_ + y * row_bytes_),
+                    {buffer.data() + p * ny * row_bytes_,
+                     static_cast<std::size_t>(ny * row_bytes_)});
+            }
+            progress_.advance(static_cast<std::uint64_t>(nz * ny * row_bytes_));
+        }
+    }
+    base_ = spool_->map(static_cast<std::uint64_t>(plane_bytes_ * n.z)).data();
+    capacity_ = n.z;
+    whole_ = true;
+}
+
+void PlaneWindow::read_until(std::int64_t z_end) {
+    const std::int64_t nz = nodes_.z;
+    const std::int64_t step = step_.planes;
+    while (end_ < std::min(z_end, nz)) {
+        // Up to the next multiple of the step, as one read unless the ring wraps around.
+        std::int64_t to = std::min(nz, (end_ / step + 1) * step);
+        if (step == 1) {
+            to = std::min({nz, z_end, end_ + 16});
+        }
+        to = std::min(to, begin_ + capacity_);
+        if (to <= end_) {
+            return;
+        }
+        const std::int64_t slot = end_ % capacity_;
+        const std::int64_t first = std::min(to - end_, capacity_ - slot);
+        source_.read(end_, first, 0, nodes_.y, ring_.get() + slot * plane_bytes_);
+        end_ += first;
+        progress_.check();
+    }
+}
+
+void PlaneWindow::load(std::int64_t z_begin, std::int64_t z_end) {
+    if (whole_) {
+        return;
+    }
+    begin_ = std::max(begin_, z_begin);
+    if (end_ < begin_ && !source_.sequential()) {
+        const std::int64_t step = step_.planes;
+        end_ = begin_ / step * step;
+    }
+    read_until(z_end);
+    if (end_ < std::min(z_end, nodes_.z)) {
+        throw Error(ErrorKind::io, {source_.describe().name},
+                    "the window is too small; this is a bug");
+    }
+}
+
+void PlaneWindow::prefetch(std::int64_t z_end) {
+    if (whole_) {
+        return;
+    }
+    const std::int64_t step = step_.planes;
+    // Only whole steps: half of a compressed chunk would have to be decoded again.
+    std::int64_t to = std::min({z_end, begin_ + capacity_, nodes_.z});
+    if (to < nodes_.z) {
+        to = to / step * step;
+    }
+    if (to > end_) {
+        read_until(to);
+    }
+}
+
+}  // namespace isonest::detail

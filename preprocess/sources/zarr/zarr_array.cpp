@@ -1,0 +1,400 @@
+// Sources: https://zarr-specs.readthedocs.io/en/latest/v2/v2.0.html, .../v3/core/index.html
+#include "preprocess/sources/zarr/zarr_array.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <map>
+#include <numeric>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/json_file.h"
+
+namespace isonest::detail {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::size_t kMostAxes = 32;
+
+class Description {
+  public:
+    explicit Description(const std::filesystem::path& folder) { array_.folder = folder; }
+
+    ZarrArray read() {
+        array_.description = array_.folder / "zarr.json";
+        if (const auto v3 = read_json(array_.description)) {
+            read_v3(*v3);
+        } else {
+            array_.description = array_.folder / ".zarray";
+            const auto v2 = read_json(array_.description);
+            if (!v2) {
+                throw Error(ErrorKind::not_found, {array_.folder.string()},
+                            "there is no Zarr array in this folder");
+            }
+            read_v2(*v2);
+        }
+        check_lengths();
+        return std::move(array_);
+    }
+
+  private:
+    [[noreturn]] void corrupt(const std::string& what) const {
+        throw Error(ErrorKind::corrupt, {array_.description.string()}, what);
+    }
+    [[noreturn]] void unsupported(const std::string& what) const {
+        throw Error(ErrorKind::unsupported, {array_.description.string()}, what);
+    }
+    /// Null if it is not there.
+    static const json& member(const json& object, const char* key) {
+        static const json null;
+        if (!object.is_object()) {
+            return null;
+        }
+        const auto it = object.find(key);
+        return it == object.end() ? null : *it;
+    }
+    [[nodiscard]] Lengths lengths(const json& list, const char* what) const {
+        Lengths all;
+        if (!list.is_array() || list.size() > kMostAxes) {
+            corrupt(fmt::format("'{}' is no list of up to {} lengths", what, kMostAxes));
+        }
+        for (const json& length : list) {
+            if (!length.is_number_unsigned() || length.get<std::uint64_t>() < 1 ||
+                length.get<std::uint64_t>() > (std::uint64_t{1} << 50U)) {
+                corrupt(fmt::format("'{}' has a length {:.40}", what, length.dump()));
+            }
+            all.push_back(length.get<std::uint64_t>());
+        }
+        return all;
+    }
+
+    void read_v2(const json& d) {
+        if (member(d, "zarr_format") != 2) {
+            unsupported("not of Zarr's version 2 or 3");
+        }
+        array_.shape = lengths(member(d, "shape"), "shape");
+        array_.chunk.shape = lengths(member(d, "chunks"), "chunks");
+        const json& type = member(d, "dtype");
+        if (!type.is_string()) {
+            unsupported("records of several fields; store the field that is the volume");
+        }
+        const auto text = type.get<std::string>();
+        array_.chunk.big_endian = text.starts_with('>');
+        set_type(text.empty() ? text : text.substr(1));
+        if (const json& filters = member(d, "filters"); !filters.is_null() && !filters.empty()) {
+            unsupported(fmt::format("its chunks went through the filter {:.60}",
+                                    member(filters.front(), "id").dump()));
+        }
+        if (const json& packed = member(d, "compressor"); !packed.is_null()) {
+            const json& id = member(packed, "id");
+            array_.chunk.codecs.push_back(
+                zarr_codec(id.is_string() ? id.get<std::string>() : "", array_.folder.string()));
+        }
+        axes_in_order(array_.chunk);
+        if (member(d, "order") == "F") {
+            std::reverse(array_.chunk.order.begin(), array_.chunk.order.end());
+        }
+        if (member(d, "dimension_separator") == "/") {
+            array_.separator = '/';
+        }
+        set_fill(member(d, "fill_value"));
+        array_.attributes = read_json(array_.folder / ".zattrs").value_or(json::object());
+        set_names(member(array_.attributes, "_ARRAY_DIMENSIONS"));
+    }
+
+    void read_v3(const json& d) {
+        if (member(d, "zarr_format") != 3 || member(d, "node_type") != "array") {
+            unsupported("no array of Zarr's version 3");
+        }
+        array_.shape = lengths(member(d, "shape"), "shape");
+        const json& type = member(d, "data_type");
+        if (!type.is_string()) {
+            unsupported(fmt::format("numbers of type {:.60}", type.dump()));
+        }
+        set_type(type.get<std::string>());
+        const json& grid = member(d, "chunk_grid");
+        if (member(grid, "name") != "regular") {
+            unsupported("a chunk grid that is not regular");
+        }
+        const Lengths outer =
+            lengths(member(member(grid, "configuration"), "chunk_shape"), "chunk_shape");
+        const json& keys = member(d, "chunk_key_encoding");
+        const json& separator = member(member(keys, "configuration"), "separator");
+        const bool v2_keys = member(keys, "name") == "v2";
+        array_.separator = separator.is_null() ? (v2_keys ? '.' : '/')
+                           : separator == "."  ? '.'
+                                               : '/';
+        array_.prefix = v2_keys ? "" : "c";
+        array_.chunk.shape = outer;
+        read_codecs(member(d, "codecs"), outer, array_.chunk, true);
+        if (const json& more = member(d, "storage_transformers");
+            !more.is_null() && !more.empty()) {
+            unsupported("storage transformers");
+        }
+        set_fill(member(d, "fill_value"));
+        array_.attributes = member(d, "attributes");
+        set_names(member(d, "dimension_names"));
+    }
+
+    static void axes_in_order(ZarrChunk& chunk) {
+        chunk.order.resize(chunk.shape.size());
+        std::iota(chunk.order.begin(), chunk.order.end(), std::size_t{0});
+    }
+
+    /// transpose*, then bytes or sharding_indexed, then from bytes to bytes.
+    void read_codecs(const json& list, const Lengths& shape, ZarrChunk& chunk, bool may_shard) {
+        chunk.shape = shape;
+        axes_in_order(chunk);
+        bool in_bytes = false;
+        if (!list.is_array()) {
+            corrupt("'codecs' is no list");
+        }
+        for (const json& codec : list) {
+            const json& id = codec.is_string() ? codec : member(codec, "name");
+            const std::string name = id.is_string() ? id.get<std::string>() : "";
+            const json& options = member(codec, "configuration");
+            if (name == "transpose" && !in_bytes) {
+                transpose(member(options, "order"), chunk);
+            } else if (name == "bytes" && !in_bytes) {
+                chunk.big_endian = member(options, "endian") == "big";
+                in_bytes = true;
+            } else if (name == "sharding_indexed" && !in_bytes && may_shard) {
+                shard(options, chunk);
+                in_bytes = true;
+            } else if (in_bytes && !array_.shard) {
+                chunk.codecs.push_back(zarr_codec(name, array_.folder.string()));
+            } else {
+                unsupported(fmt::format("codec '{:.40}' at this place of the list", name));
+            }
+        }
+        if (!in_bytes) {
+            corrupt("no codec makes bytes of the numbers");
+        }
+    }
+
+    void transpose(const json& order, ZarrChunk& chunk) const {
+        std::vector<std::size_t> axes;
+        for (const json& axis : order.is_array() ? order : json::array()) {
+            axes.push_back(axis.is_number_unsigned() ? axis.get<std::size_t>() : kMostAxes);
+        }
+        std::vector<std::size_t> sorted = axes;
+        std::sort(sorted.begin(), sorted.end());
+        std::vector<std::size_t> all(chunk.shape.size());
+        std::iota(all.begin(), all.end(), std::size_t{0});
+        if (sorted != all) {
+            unsupported(fmt::format("transpose by {:.60}", order.dump()));
+        }
+        std::vector<std::size_t> made;
+        for (const std::size_t axis : axes) {
+            made.push_back(chunk.order[axis]);
+        }
+        chunk.order = made;
+    }
+
+    void shard(const json& options, ZarrChunk& chunk) {
+        for (std::size_t i = 0; i < chunk.order.size(); ++i) {
+            if (chunk.order[i] != i) {
+                unsupported("shards that are transposed");
+            }
+        }
+        ZarrArray::Shard s;
+        s.shape = chunk.shape;
+        const Lengths inner = lengths(member(options, "chunk_shape"), "chunk_shape");
+        if (inner.size() != s.shape.size()) {
+            corrupt("the chunks of a shard have another number of axes");
+        }
+        for (std::size_t i = 0; i < inner.size(); ++i) {
+            if (s.shape[i] % inner[i] != 0) {
+                corrupt("the chunks of a shard do not fill it");
+            }
+        }
+        s.index_at_end = member(options, "index_location") != "start";
+        ZarrChunk index;
+        read_codecs(member(options, "index_codecs"), s.shape, index, false);
+        if (index.big_endian || std::any_of(index.codecs.begin(), index.codecs.end(),
+                                            [](ZarrCodec c) { return c != ZarrCodec::crc32c; })) {
+            unsupported("an index of shards that is compressed, or big endian");
+        }
+        s.index_codecs = index.codecs;
+        read_codecs(member(options, "codecs"), inner, chunk, false);
+        array_.shard = s;
+    }
+
+    void set_type(const std::string& text) {
+        static const std::map<std::string, ValueType> types{
+            {"u1", ValueType::u8},       {"i1", ValueType::i8},       {"u2", ValueType::u16},
+            {"i2", ValueType::i16},      {"u4", ValueType::u32},      {"i4", ValueType::i32},
+            {"f4", ValueType::f32},      {"f8", ValueType::f64},      {"b1", ValueType::u8},
+            {"uint8", ValueType::u8},    {"int8", ValueType::i8},     {"uint16", ValueType::u16},
+            {"int16", ValueType::i16},   {"uint32", ValueType::u32},  {"int32", ValueType::i32},
+            {"float32", ValueType::f32}, {"float64", ValueType::f64}, {"bool", ValueType::u8}};
+        static const std::map<std::string, StoredNumber> others{
+            {"f2", StoredNumber::f16},    {"i8", StoredNumber::i64},
+            {"u8", StoredNumber::u64},    {"float16", StoredNumber::f16},
+            {"int64", StoredNumber::i64}, {"uint64", StoredNumber::u64}};
+        if (const auto it = types.find(text); it != types.end()) {
+            array_.type = it->second;
+        } else if (const auto other = others.find(text); other != others.end()) {
+            array_.stored = other->second;
+        } else {
+            unsupported(fmt::format(
+                "numbers of type '{:.40}': integers and floating point numbers of up to 64 bits "
+                "are read",
+                text));
+        }
+    }
+
+    void set_fill(const json& given) {
+        array_.fill.assign(array_.value_bytes(), std::byte{0});
+        if (given.is_null()) {
+            return;
+        }
+        array_.has_fill = true;
+        double number = 0;
+        if (given.is_boolean()) {
+            number = given.get<bool>() ? 1 : 0;
+        } else if (given.is_number()) {
+            number = given.get<double>();
+        } else if (given == "NaN") {
+            number = std::numeric_limits<double>::quiet_NaN();
+        } else if (given == "Infinity" || given == "-Infinity") {
+            number = given == "Infinity" ? HUGE_VAL : -HUGE_VAL;
+        } else if (given.is_string() && given.get<std::string>().starts_with("0x")) {
+            return set_fill_bits(given.get<std::string>());
+        } else {
+            unsupported(fmt::format("the fill value {:.60}", given.dump()));
+        }
+        array_.fill_number = number;
+        if (array_.stored == StoredNumber::i64 || array_.stored == StoredNumber::u64) {
+            if (given.is_number_unsigned()) {
+                return put(given.get<std::uint64_t>());
+            }
+            if (given.is_number_integer()) {
+                return put(given.get<std::int64_t>());
+            }
+        } else if (array_.stored == StoredNumber::f16) {
+            constexpr std::uint16_t kNan = 0x7E00;
+            constexpr std::uint16_t kInfinity = 0x7C00;
+            constexpr std::uint16_t kNegative = 0x8000;
+            if (number == 0 || !std::isfinite(number)) {
+                return put<std::uint16_t>(std::isnan(number) ? kNan
+                                          : number == 0      ? 0
+                                          : number > 0       ? kInfinity
+                                                             : kInfinity | kNegative);
+            }
+        } else {
+            const bool fits = dispatch(array_.type, [&](auto tag) {
+                using T = typename decltype(tag)::type;
+                if constexpr (std::is_integral_v<T>) {
+                    if (!(number >= static_cast<double>(std::numeric_limits<T>::min()) &&
+                          number <= static_cast<double>(std::numeric_limits<T>::max()) &&
+                          number == std::floor(number))) {
+                        return false;
+                    }
+                }
+                put(static_cast<T>(number));
+                return true;
+            });
+            if (fits) {
+                return;
+            }
+        }
+        unsupported(fmt::format("the fill value {:.60} for these numbers", given.dump()));
+    }
+    /// "0x7fc00000": the bits.
+    void set_fill_bits(const std::string& text) {
+        std::uint64_t bits = 0;
+        const auto [end, error] =
+            std::from_chars(text.data() + 2, text.data() + text.size(), bits, 16);
+        if (error != std::errc{} || end != text.data() + text.size()) {
+            corrupt(fmt::format("the fill value '{:.40}'", text));
+        }
+        std::memcpy(array_.fill.data(), &bits, array_.fill.size());
+        array_.fill_number = std::numeric_limits<double>::quiet_NaN();
+    }
+    template <class T>
+    void put(T value) {
+        std::memcpy(array_.fill.data(), &value, std::min(sizeof(T), array_.fill.size()));
+    }
+
+    void set_names(const json& list) {
+        if (!list.is_array() || list.size() != array_.shape.size()) {
+            return;
+        }
+        for (const json& name : list) {
+            array_.names.push_back(name.is_string() ? name.get<std::string>() : "");
+        }
+    }
+
+    void check_lengths() const {
+        if (array_.shape.empty() || array_.chunk.shape.size() != array_.shape.size()) {
+            corrupt("the array and its chunks have not the same number of axes, or none");
+        }
+        constexpr std::uint64_t kMost = std::uint64_t{1} << 40U;
+        for (const Lengths* const lengths :
+             {&array_.chunk.shape, array_.shard ? &array_.shard->shape : &array_.chunk.shape}) {
+            std::uint64_t values = array_.value_bytes();
+            for (const std::uint64_t length : *lengths) {
+                if (length > kMost / values) {
+                    corrupt("a chunk of more than 2^40 bytes");
+                }
+                values *= length;
+            }
+        }
+    }
+
+    ZarrArray array_;
+};
+
+}  // namespace
+
+std::filesystem::path ZarrArray::file_of(const Lengths& index) const {
+    std::string name = prefix;
+    for (const std::uint64_t i : index) {
+        name += fmt::format("{}{}", name.empty() ? "" : std::string(1, separator), i);
+    }
+    return folder / name;
+}
+
+std::filesystem::path description_of(const std::filesystem::path& folder) {
+    std::error_code error;
+    std::filesystem::path v3 = folder / "zarr.json";
+    return std::filesystem::is_regular_file(v3, error) ? v3 : folder / ".zarray";
+}
+
+bool is_zarr_array(const std::filesystem::path& folder) {
+    std::error_code error;
+    if (std::filesystem::is_regular_file(folder / ".zarray", error)) {
+        return true;
+    }
+    const auto v3 = read_json(folder / "zarr.json");
+    return v3 && v3->is_object() && v3->value("node_type", json()) == "array";
+}
+
+bool is_zarr_group(const std::filesystem::path& folder) {
+    std::error_code error;
+    if (std::filesystem::is_regular_file(folder / ".zgroup", error)) {
+        return true;
+    }
+    const auto v3 = read_json(folder / "zarr.json");
+    return v3 && v3->is_object() && v3->value("node_type", json()) == "group";
+}
+
+json zarr_group_attributes(const std::filesystem::path& folder) {
+    if (const auto v3 = read_json(folder / "zarr.json"); v3 && v3->is_object()) {
+        return v3->value("attributes", json::object());
+    }
+    return read_json(folder / ".zattrs").value_or(json::object());
+}
+
+ZarrArray read_zarr_array(const std::filesystem::path& folder) {
+    return Description(folder).read();
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,306 @@
+#include "preprocess/sources/zarr/zarr_image.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/json_file.h"
+#include "preprocess/sources/bytes/natural_order.h"
+
+namespace isonest::detail {
+namespace {
+
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+/// Null if it is not there.
+const json& member(const json& object, const char* key) {
+    static const json null;
+    const auto it = object.is_object() ? object.find(key) : object.end();
+    return object.is_object() && it != object.end() ? *it : null;
+}
+
+/// OME's list of images of a group; null if it has none.
+const json& multiscales(const json& attributes) {
+    const json& inside = member(member(attributes, "ome"), "multiscales");
+    return inside.is_null() ? member(attributes, "multiscales") : inside;
+}
+
+/// Where an array is, from OME's point of view.
+struct OmePlace {
+    json image;
+    json dataset;
+};
+
+/// Multiplies and adds what OME's transformations say, in their order.
+void transform(const json& list, ZarrImage& image, const std::string& name) {
+    for (const json& one : list.is_array() ? list : json::array()) {
+        const bool scales = member(one, "type") == "scale";
+        const json& numbers = member(one, scales ? "scale" : "translation");
+        if (member(one, "type") == "identity") {
+            continue;
+        }
+        if ((!scales && member(one, "type") != "translation") || !numbers.is_array() ||
+            numbers.size() != image.axes.size() ||
+            !std::all_of(numbers.begin(), numbers.end(),
+                         [](const json& n) { return n.is_number(); })) {
+            throw Error(ErrorKind::unsupported, {name, "coordinateTransformations"},
+                        fmt::format("{:.120}: a scale or a translation with a number for each of "
+                                    "the {} axes is read",
+                                    one.dump(), image.axes.size()),
+                        {{RemedyKind::place_in_world, "spacing"}});
+        }
+        for (std::size_t i = 0; i < numbers.size(); ++i) {
+            const auto number = numbers[i].get<double>();
+            image.scale[i] *= scales ? number : 1;
+            image.translation[i] =
+                scales ? image.translation[i] * number : image.translation[i] + number;
+        }
+    }
+}
+
+ZarrImage image_of(const fs::path& folder, const std::optional<OmePlace>& ome) {
+    ZarrImage image;
+    image.array = read_zarr_array(folder);
+    image.files.push_back(image.array.description);
+    const std::size_t count = image.array.shape.size();
+    const json& axes = ome ? member(ome->image, "axes") : json();
+    const bool described = axes.is_array() && axes.size() == count;
+    for (std::size_t i = 0; i < count; ++i) {
+        ArrayAxis axis;
+        axis.length = static_cast<std::int64_t>(image.array.shape[i]);
+        if (!image.array.names.empty()) {
+            axis.name = image.array.names[i];
+        }
+        if (described) {
+            const json& name = axes[i].is_string() ? axes[i] : member(axes[i], "name");
+            const json& type = member(axes[i], "type");
+            axis.name = name.is_string() ? name.get<std::string>() : "";
+            axis.of_volume = type.is_string()
+                                 ? type == "space"
+                                 : axis.name == "x" || axis.name == "y" || axis.name == "z";
+        }
+        image.axes.push_back(axis);
+    }
+    image.scale.assign(count, 1);
+    image.translation.assign(count, 0);
+    image.ome = ome.has_value();
+    if (ome) {
+        transform(member(ome->dataset, "coordinateTransformations"), image, folder.string());
+        transform(member(ome->image, "coordinateTransformations"), image, folder.string());
+    }
+    return image;
+}
+
+/// A path within the folder.
+std::string inner_path(const json& path, const fs::path& folder) {
+    const std::string text = path.is_string() ? path.get<std::string>() : "";
+    const fs::path p(text);
+    if (text.empty() || p.is_absolute() ||
+        std::any_of(p.begin(), p.end(), [](const fs::path& part) { return part == ".."; })) {
+        throw Error(ErrorKind::corrupt, {folder.string(), "multiscales"},
+                    fmt::format("a level at {:.80}", path.dump()));
+    }
+    return text;
+}
+
+/// OME's levels of a group, and what says so.
+std::vector<std::pair<std::string, OmePlace>> levels_of(const fs::path& folder) {
+    std::vector<std::pair<std::string, OmePlace>> levels;
+    const json attributes = zarr_group_attributes(folder);
+    for (const json& image : multiscales(attributes)) {
+        for (const json& dataset : member(image, "datasets")) {
+            levels.emplace_back(inner_path(member(dataset, "path"), folder),
+                                OmePlace{image, dataset});
+        }
+    }
+    return levels;
+}
+
+fs::path attributes_file(const fs::path& folder) {
+    std::error_code error;
+    const fs::path v3 = folder / "zarr.json";
+    return fs::is_regular_file(v3, error) ? v3 : folder / ".zattrs";
+}
+
+struct Candidate {
+    fs::path folder;  ///< relative to the root
+    bool ome;
+};
+
+/// Arrays and OME's images in a group, to a depth of 4.
+void search(const fs::path& root, const fs::path& inside, int depth,
+            std::vector<Candidate>& found) {
+    constexpr int kDeepest = 4;
+    constexpr std::size_t kMost = 10000;
+    std::vector<fs::path> folders;
+    std::error_code error;
+    for (auto entry = fs::directory_iterator(root / inside, error);
+         !error && entry != fs::directory_iterator(); entry.increment(error)) {
+        std::error_code unknown;
+        if (entry->is_directory(unknown)) {
+            folders.push_back(entry->path().filename());
+        }
+        if (folders.size() > kMost) {
+            break;
+        }
+    }
+    std::sort(folders.begin(), folders.end(), [](const fs::path& a, const fs::path& b) {
+        return naturally_less(a.string(), b.string());
+    });
+    for (const fs::path& name : folders) {
+        const fs::path path = inside / name;
+        if (found.size() >= kMost) {
+            return;
+        }
+        if (is_zarr_array(root / path)) {
+            found.push_back({path, false});
+        } else if (is_zarr_group(root / path)) {
+            if (!levels_of(root / path).empty()) {
+                found.push_back({path, true});
+            } else if (depth < kDeepest) {
+                search(root, path, depth + 1, found);
+            }
+        }
+    }
+}
+
+/// Axes of more than one position; none for what cannot be read.
+std::size_t long_axes(const fs::path& root, const Candidate& candidate) {
+    try {
+        fs::path folder = root / candidate.folder;
+        if (candidate.ome) {
+            folder /= levels_of(folder).front().first;
+        }
+        const Lengths shape = read_zarr_array(folder).shape;
+        return static_cast<std::size_t>(
+            std::count_if(shape.begin(), shape.end(), [](std::uint64_t n) { return n > 1; }));
+    } catch (const Error&) {
+        return 0;
+    }
+}
+
+/// Null if several have as many. Coordinates, which have one axis, lie beside a volume.
+const Candidate* only_with_most_axes(const fs::path& root, const std::vector<Candidate>& found) {
+    if (found.size() == 1) {
+        return &found.front();
+    }
+    const Candidate* best = nullptr;
+    std::size_t most = 0;
+    for (const Candidate& candidate : found) {
+        const std::size_t axes = long_axes(root, candidate);
+        if (axes > most) {
+            best = &candidate;
+            most = axes;
+        } else if (axes == most) {
+            best = nullptr;
+        }
+    }
+    return best;
+}
+
+std::string list_of(const std::vector<std::string>& names) {
+    constexpr std::size_t kMostListed = 40;
+    std::string list;
+    for (std::size_t i = 0; i < std::min(names.size(), kMostListed); ++i) {
+        list += "\n  " + names[i];
+    }
+    return names.size() > kMostListed
+               ? fmt::format("{}\n  and {} more", list, names.size() - kMostListed)
+           : list.empty() ? " none"
+                          : list;
+}
+
+/// The array at a path of the root, with OME's words on it if its parent is an OME image.
+ZarrImage named_image(const fs::path& root, const std::string& dataset) {
+    std::string inner = dataset;
+    while (inner.starts_with('/')) {
+        inner.erase(0, 1);
+    }
+    while (inner.ends_with('/')) {
+        inner.pop_back();
+    }
+    const fs::path path = root / inner_path(json(inner), root);
+    if (!is_zarr_array(path)) {
+        return find_zarr_image(path, "");
+    }
+    // A level of any group above it.
+    for (fs::path group = path.parent_path(); group.string().size() >= root.string().size();
+         group = group.parent_path()) {
+        for (const auto& [level, place] : levels_of(group)) {
+            std::error_code error;
+            if (fs::equivalent(group / level, path, error)) {
+                ZarrImage image = image_of(path, place);
+                image.files.push_back(attributes_file(group));
+                return image;
+            }
+        }
+        if (group == group.parent_path()) {
+            break;
+        }
+    }
+    return image_of(path, std::nullopt);
+}
+
+std::vector<std::string> all_names(const fs::path& root) {
+    std::vector<std::string> names;
+    for (const auto& [level, place] : levels_of(root)) {
+        names.push_back(level);
+    }
+    if (names.empty()) {
+        std::vector<Candidate> found;
+        search(root, {}, 0, found);
+        for (const Candidate& c : found) {
+            names.push_back(c.folder.string());
+        }
+    }
+    return names;
+}
+
+}  // namespace
+
+ZarrImage find_zarr_image(const fs::path& root, const std::string& dataset) {
+    std::error_code error;
+    if (!dataset.empty()) {
+        const fs::path inside(dataset);
+        const bool leaves = std::find(inside.begin(), inside.end(), "..") != inside.end();
+        if (leaves || !fs::is_directory(root.string() + "/" + dataset, error)) {
+            throw Error(ErrorKind::not_found, {root.string()},
+                        fmt::format("there is no array {}; the folder has:{}", dataset,
+                                    list_of(all_names(root))));
+        }
+        return named_image(root, dataset);
+    }
+    if (is_zarr_array(root)) {
+        return image_of(root, std::nullopt);
+    }
+    if (const auto levels = levels_of(root); !levels.empty()) {
+        if (multiscales(zarr_group_attributes(root)).size() > 1) {
+            throw Error(ErrorKind::invalid_argument, {root.string()},
+                        "there are several images, with these levels:" + list_of(all_names(root)),
+                        {{RemedyKind::choose_dataset}});
+        }
+        ZarrImage image = image_of(root / levels.front().first, levels.front().second);
+        image.files.push_back(attributes_file(root));
+        return image;
+    }
+    std::vector<Candidate> found;
+    search(root, {}, 0, found);
+    if (const Candidate* const only = only_with_most_axes(root, found)) {
+        return find_zarr_image(root / only->folder, "");
+    }
+    if (found.empty()) {
+        throw Error(ErrorKind::not_found, {root.string()}, "there is no array in this Zarr group");
+    }
+    throw Error(ErrorKind::invalid_argument, {root.string()},
+                "there are several arrays:" + list_of(all_names(root)),
+                {{RemedyKind::choose_dataset}});
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,31 @@
+// Which array of a Zarr folder is the volume, and where it lies: OME's images, or a lone array.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <isonest/int3.h>
+
+#include "preprocess/sources/placement/axis_choice.h"
+#include "preprocess/sources/zarr/zarr_array.h"
+
+namespace isonest::detail {
+
+struct ZarrImage {
+    ZarrArray array;
+    std::vector<ArrayAxis> axes;      ///< of the array
+    std::vector<double> scale;        ///< per axis: world units from one position to the next
+    std::vector<double> translation;  ///< per axis: where position 0 lies
+    bool ome = false;                 ///< OME's description places it
+    std::vector<std::filesystem::path> files;  ///< the descriptions that were read
+};
+
+/// `root`: an array, an OME image (then its finest level, unless `dataset` names another one's
+/// path), or a group: of its arrays and images the only one with the most axes of more than one
+/// position. Source: https://ngff.openmicroscopy.org (0.4, 0.5).
+/// Throws Error{not_found, invalid_argument} (listing what there is), and what read_zarr_array()
+/// throws.
+ZarrImage find_zarr_image(const std::filesystem::path& root, const std::string& dataset);
+
+}  // namespace isonest::detail

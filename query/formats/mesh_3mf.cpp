@@ -1,0 +1,172 @@
+// 3MF: XML in a ZIP archive. Its lines have no fixed places, so that batches come in order; what
+// costs time, printing and deflating them, is done by all threads. The format: 3MF Consortium, "3MF
+// Core Specification" 1.4. (lib3mf has the whole mesh in memory before it writes.)
+#include <oneapi/tbb/task_arena.h>
+
+#include <algorithm>
+#include <charconv>
+#include <string_view>
+
+#include "query/formats/mesh_files.h"
+#include "query/formats/zip_writer.h"
+#include "store/base/in_order.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::string_view kTypes =
+    "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
+    "<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">\n"
+    "<Default Extension=\"rels\" "
+    "ContentType=\"application/vnd.openxmlformats-package.relationships+xml\"/>\n"
+    "<Default Extension=\"model\" "
+    "ContentType=\"application/vnd.ms-package.3dmanufacturing-3dmodel+xml\"/>\n"
+    "</Types>\n";
+constexpr std::string_view kRelations =
+    "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
+    "<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\">\n"
+    "<Relationship Id=\"rel0\" Target=\"/3D/3dmodel.model\" "
+    "Type=\"http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel\"/>\n"
+    "</Relationships>\n";
+constexpr std::string_view kModel =
+    "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
+    "<model unit=\"millimeter\" xml:lang=\"en-US\" "
+    "xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\">\n"
+    "<metadata name=\"Application\">isonest</metadata>\n"
+    "<resources>\n";
+/// Of the type "model", which is the default and means a solid, though whether the mesh is closed
+/// is not known: slicers repair an open "model", and leave out other types or refuse the file.
+constexpr std::string_view kVertices = "<object id=\"1\">\n<mesh>\n<vertices>\n";
+constexpr std::string_view kTriangles = "</vertices>\n<triangles>\n";
+constexpr std::string_view kBuild =
+    "</triangles>\n</mesh>\n</object>\n</resources>\n"
+    "<build>\n<item objectid=\"1\"/>\n</build>\n</model>\n";
+/// A mesh has at least one triangle, so that without one there is no object.
+constexpr std::string_view kNothing = "</resources>\n<build/>\n</model>\n";
+
+/// The vertices or triangles of a piece: pieces begin at multiples of it, so that the bytes do not
+/// depend on the batches.
+constexpr std::size_t kRows = 2048;
+constexpr std::size_t kMostText = 80;  ///< of one of them
+
+/// What stands before each of the three numbers.
+using Tag = std::array<std::string_view, 3>;
+constexpr Tag kVertex{"<vertex x=\"", "\" y=\"", "\" z=\""};
+constexpr Tag kTriangle{"<triangle v1=\"", "\" v2=\"", "\" v3=\""};
+constexpr std::string_view kTagEnd = "\"/>\n";
+
+/// Prints float32 with the fewest digits that read back as the same number.
+template <class Number>
+DeflatedPiece piece_of(const Tag& tag, std::span<const std::array<Number, 3>> rows) {
+    std::string text(rows.size() * kMostText, '\0');
+    char* out = text.data();
+    for (const auto& row : rows) {
+        for (std::size_t i = 0; i < row.size(); ++i) {
+            out = std::copy(tag[i].begin(), tag[i].end(), out);
+            out = std::to_chars(out, text.data() + text.size(), row[i]).ptr;
+        }
+        out = std::copy(kTagEnd.begin(), kTagEnd.end(), out);
+    }
+    return deflate_piece({text.data(), static_cast<std::size_t>(out - text.data())});
+}
+
+/// Cuts batches into pieces.
+template <class Number>
+class Rows {
+  public:
+    using Row = std::array<Number, 3>;
+    explicit Rows(const Tag& tag) : tag_(tag) {}
+
+    void add(std::span<const Row> rows, ZipWriter& zip) {
+        if (!begun_.empty()) {
+            const std::size_t missing = std::min(kRows - begun_.size(), rows.size());
+            begun_.insert(begun_.end(), rows.begin(), rows.begin() + missing);
+            rows = rows.subspan(missing);
+            if (begun_.size() == kRows) {
+                flush(zip);
+            }
+        }
+        const std::size_t whole = rows.size() / kRows;
+        in_order(
+            static_cast<std::int64_t>(whole), tbb::this_task_arena::max_concurrency() + 1,
+            [&](std::int64_t i) {
+                return piece_of<Number>(tag_,
+                                        rows.subspan(static_cast<std::size_t>(i) * kRows, kRows));
+            },
+            [&](std::int64_t /*i*/, const DeflatedPiece& piece) { zip.add(piece); });
+        rows = rows.subspan(whole * kRows);
+        begun_.insert(begun_.end(), rows.begin(), rows.end());
+    }
+    void flush(ZipWriter& zip) {
+        if (!begun_.empty()) {
+            zip.add(piece_of<Number>(tag_, begun_));
+            begun_.clear();
+        }
+    }
+
+  private:
+    const Tag& tag_;
+    std::vector<Row> begun_;  ///< less than a piece
+};
+
+class ThreeMfFile : public MeshFile {
+  public:
+    using MeshFile::MeshFile;
+    void begin(const MeshLayout& layout) override {
+        constexpr int kBits = 31;
+        require_bits(kBits, layout.vertices, "vertices", "3MF");
+        require_bits(kBits, layout.elements, "triangles", "3MF");
+        ZipWriter& zip = zip_.emplace(create());
+        vertices_.emplace(kVertex);
+        triangles_.emplace(kTriangle);
+        left_ = layout.vertices;
+        has_triangles_ = layout.elements > 0;
+        zip.begin_entry("[Content_Types].xml");
+        zip.add(kTypes);
+        zip.end_entry();
+        zip.begin_entry("_rels/.rels");
+        zip.add(kRelations);
+        zip.end_entry();
+        zip.begin_entry("3D/3dmodel.model");
+        zip.add(kModel);
+        if (has_triangles_) {
+            zip.add(kVertices);
+        }
+    }
+
+    void vertices(const VertexBatch& batch) override {
+        vertices_->add(batch.positions, *zip_);
+        left_ -= batch.positions.size();
+        if (left_ == 0) {
+            vertices_->flush(*zip_);
+            zip_->add(kTriangles);
+        }
+    }
+
+    void elements(const ElementBatch& batch) override { triangles_->add(batch.corners, *zip_); }
+
+    void end() override {
+        triangles_->flush(*zip_);
+        zip_->add(has_triangles_ ? kBuild : kNothing);
+        zip_->end_entry();
+        zip_->finish();
+        zip_.reset();
+        MeshFile::end();
+    }
+
+  private:
+    std::optional<ZipWriter> zip_;
+    std::optional<Rows<float>> vertices_;
+    std::optional<Rows<std::uint64_t>> triangles_;
+    std::uint64_t left_ = 0;  ///< vertices to come
+    bool has_triangles_ = false;
+};
+
+}  // namespace
+
+std::unique_ptr<MeshSink> threemf_file(const std::filesystem::path& path,
+                                       const MeshFileOptions& o) {
+    return std::make_unique<ThreeMfFile>(path, o);
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,79 @@
+#include "query/formats/mesh_files.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+
+#include <isonest/error.h>
+
+namespace isonest {
+namespace {
+
+using Open = std::unique_ptr<MeshSink> (*)(const std::filesystem::path&, const MeshFileOptions&);
+struct Format {
+    std::string_view extension;
+    Open open;
+};
+constexpr std::array<Format, 8> kFormats{{{".ply", detail::ply_file},
+                                          {".stl", detail::stl_file},
+                                          {".obj", detail::obj_file},
+                                          {".vtp", detail::vtp_file},
+                                          {".vtkhdf", detail::vtkhdf_file},
+                                          {".glb", detail::glb_file},
+                                          {".3mf", detail::threemf_file},
+                                          {".ngmesh", detail::ngmesh_file}}};
+
+}  // namespace
+
+std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
+                                         const MeshFileOptions& options) {
+    std::string end = path.extension().string();
+    std::transform(end.begin(), end.end(), end.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    for (const Format& format : kFormats) {
+        if (format.extension == end) {
+            return format.open(path, options);
+        }
+    }
+    throw Error(ErrorKind::invalid_argument, {path.string()},
+                "a mesh's name must end with .ply, .stl, .obj, .vtp, .vtkhdf, .glb, .3mf or "
+                ".ngmesh, which chooses its format");
+}
+
+namespace detail {
+
+void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) {
+    check_output(path_, replace_, {inputs.begin(), inputs.end()});
+    if (layout.corners == 2 && !holds_lines()) {
+        throw Error(ErrorKind::invalid_argument, {path_.string()},
+                    "lines are written as .vtp or .obj");
+    }
+}
+
+OutputFile& MeshFile::create(
+    const std::function<void(const std::filesystem::path& temporary)>& prepare) {
+    file_.reset();
+    return file_.emplace(path_, replace_, prepare);
+}
+
+void MeshFile::end() {
+    file_->publish_as_named();
+    file_.reset();
+}
+
+void MeshFile::require_bits(unsigned bits, std::uint64_t count, const char* what,
+                            const char* format) const {
+    if (count >= std::uint64_t{1} << bits) {
+        throw Error(ErrorKind::limit, {path_.string()},
+                    fmt::format("the surface has {} {}, more than {} can number (2^{} - 1)", count,
+                                what, format, bits),
+                    {{RemedyKind::other_format, ".vtp,.vtkhdf"},
+                     {RemedyKind::smaller_box},
+                     {RemedyKind::larger_error}});
+    }
+}
+
+}  // namespace detail
+}  // namespace isonest

@@ -1,0 +1,45 @@
+// Binary PLY. The format: G. Turk, "The PLY Polygon File Format" (1994).
+#include <fmt/format.h>
+
+#include "query/formats/mesh_sections.h"
+
+namespace isonest::detail {
+namespace {
+
+std::string property_of(const VertexAttribute& attribute) {
+    if (attribute.name == "normal") {
+        return "property float nx\nproperty float ny\nproperty float nz\n";
+    }
+    return fmt::format("property {} {}\n", attribute.is_double ? "double" : "float",
+                       attribute.name);
+}
+
+class PlyFile : public SectionedFile {
+  public:
+    using SectionedFile::SectionedFile;
+    void begin(const MeshLayout& layout) override {
+        require_bits(32, layout.vertices, "vertices", "PLY");
+        std::string header = fmt::format(
+            "ply\nformat binary_little_endian 1.0\ncomment isonest\nelement vertex {}\n"
+            "property float x\nproperty float y\nproperty float z\n",
+            layout.vertices);
+        for (const VertexAttribute& attribute : layout.attributes) {
+            header += property_of(attribute);
+        }
+        header +=
+            fmt::format("element face {}\nproperty list uchar {} vertex_indices\nend_header\n",
+                        layout.elements, layout.vertices > 0x7FFFFFFFULL ? "uint" : "int");
+        create().write_at(0, std::as_bytes(std::span(header)));
+        const VertexSection rows{header.size(), true, 0, layout.row_bytes};
+        const std::uint64_t faces = header.size() + layout.vertices * rows.stride();
+        use({{rows}, {indices32_section(faces, std::byte{3})}});
+    }
+};
+
+}  // namespace
+
+std::unique_ptr<MeshSink> ply_file(const std::filesystem::path& path, const MeshFileOptions& o) {
+    return std::make_unique<PlyFile>(path, o);
+}
+
+}  // namespace isonest::detail

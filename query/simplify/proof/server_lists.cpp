@@ -1,0 +1,213 @@
+#include "query/simplify/proof/server_lists.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "query/simplify/proof/halves.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+constexpr std::uint32_t kSeveral = kNone - 1;
+constexpr int kMostBack = 4;  ///< fine triangles asked whether they serve their server
+constexpr int kMostCuts = 6;  ///< of a fine triangle, one in the other
+
+}  // namespace
+
+ServerLists::ServerLists(const Patch& patch, double limit)
+    : patch_(patch),
+      square_limit_(limit * limit),
+      only_(patch.fine.size(), kNone),
+      served_(patch.triangles.size()),
+      gathered_in_(patch.fine.size()),
+      measured_in_(patch.positions.size()),
+      row_(patch.positions.size()) {}
+
+void ServerLists::set(std::uint32_t fine, std::span<const std::uint32_t> servers) {
+    if (servers.size() == 1) {
+        only_[fine] = servers.front();
+    } else {
+        only_[fine] = kSeveral;
+        several_[fine].assign(servers.begin(), servers.end());
+    }
+    for (const std::uint32_t s : servers) {
+        served_[s].push_back(fine);
+    }
+}
+
+std::span<const std::uint32_t> ServerLists::servers_of(std::uint32_t fine) const {
+    if (only_[fine] == kNone) {
+        return {};
+    }
+    return only_[fine] == kSeveral ? std::span<const std::uint32_t>(several_.at(fine))
+                                   : std::span(&only_[fine], 1);
+}
+
+bool ServerLists::is_changed(std::uint32_t triangle) const {
+    return std::find(before_.begin(), before_.end(), triangle) != before_.end();
+}
+
+void ServerLists::gather(std::span<const std::uint32_t> before) {
+    gathered_.clear();
+    for (const std::uint32_t i : before) {
+        for (const std::uint32_t fine : served_[i]) {
+            if (gathered_in_[fine] != question_) {
+                gathered_in_[fine] = question_;
+                gathered_.push_back(fine);
+            }
+        }
+    }
+}
+
+double ServerLists::square_to(std::uint32_t vertex, std::size_t server) {
+    if (measured_in_[vertex] != question_) {
+        measured_in_[vertex] = question_;
+        row_[vertex] = static_cast<std::uint32_t>(squares_.size());
+        squares_.resize(squares_.size() + changed_, -1);
+    }
+    double& d = squares_[row_[vertex] + server];
+    if (d < 0) {
+        d = square_distance(patch_.point(vertex), servers_[server].corners);
+    }
+    return d;
+}
+
+bool ServerLists::serves_alone(const PatchTriangle& t, std::size_t server) {
+    double most = 0;
+    for (const std::uint32_t v : t) {
+        const double d = square_to(v, server);
+        if (d > square_limit_) {
+            return false;
+        }
+        most = std::max(most, d);
+    }
+    worst_ = std::max(worst_, most);
+    last_ = server;
+    return true;
+}
+
+bool ServerLists::fits_cut(const Triangle& t, int depth) {
+    const Double3 centre = centroid(t);
+    bool any = false;
+    for (const Server& server : servers_) {
+        if (square_distance(centre, server.corners) > square_limit_) {
+            continue;
+        }
+        any = true;
+        double most = 0;
+        for (const Double3& corner : t) {
+            most = std::max(most, square_distance(corner, server.corners));
+        }
+        if (most <= square_limit_) {
+            worst_ = std::max(worst_, most);
+            if (std::find(found_.begin(), found_.end(), server.triangle) == found_.end()) {
+                found_.push_back(server.triangle);
+            }
+            return true;
+        }
+    }
+    if (!any || depth == kMostCuts) {
+        return false;
+    }
+    const auto parts = halves(t);
+    return fits_cut(parts[0], depth + 1) && fits_cut(parts[1], depth + 1);
+}
+
+bool ServerLists::fits_one(std::uint32_t fine, const std::vector<PatchTriangle>& triangles) {
+    const PatchTriangle& t = patch_.fine[fine];
+    found_.clear();
+    for (std::size_t i = 0; i < changed_; ++i) {
+        // The one that served the triangle before is near to this one, too, more often than not.
+        const std::size_t server = i == 0 ? last_ : i - (i <= last_ ? 1 : 0);
+        if (serves_alone(t, server)) {
+            found_.push_back(servers_[server].triangle);
+            return true;
+        }
+    }
+    for (const std::uint32_t other : servers_of(fine)) {
+        if (!is_changed(other)) {
+            servers_.push_back({other, patch_.at(triangles[other])});
+        }
+    }
+    const bool fits = fits_cut(patch_.at(t), 0);
+    servers_.resize(changed_);
+    return fits;
+}
+
+bool ServerLists::fits(std::uint32_t moved, std::span<const std::uint32_t> before,
+                       std::span<const Server> after, const std::vector<PatchTriangle>& triangles) {
+    before_ = before;
+    servers_.assign(after.begin(), after.end());
+    changed_ = after.size();
+    last_ = 0;
+    ++question_;
+    squares_.clear();
+    plans_.clear();
+    planned_.clear();
+    worst_ = 0;
+    bool is_near = false;
+    for (std::size_t i = 0; i < changed_ && !is_near; ++i) {
+        is_near = square_to(moved, i) <= square_limit_;
+    }
+    if (!is_near) {
+        return false;
+    }
+    gather(before);
+    for (const std::uint32_t fine : gathered_) {
+        if (!fits_one(fine, triangles)) {
+            return false;
+        }
+        plans_.push_back({fine, static_cast<std::uint32_t>(planned_.size()),
+                          static_cast<std::uint32_t>(found_.size())});
+        planned_.insert(planned_.end(), found_.begin(), found_.end());
+    }
+    return true;
+}
+
+std::optional<double> ServerLists::served_back(const Server& server) const {
+    int left = kMostBack;
+    for (const Plan& plan : plans_) {
+        if (planned_[plan.first] != server.triangle) {
+            continue;
+        }
+        const Triangle fine = patch_.at(patch_.fine[plan.fine]);
+        double most = 0;
+        for (std::size_t i = 0; i < 3 && most <= square_limit_; ++i) {
+            most = std::max(most, square_distance(server.corners[i], fine));
+        }
+        if (most <= square_limit_) {
+            return std::sqrt(most);
+        }
+        if (--left == 0) {
+            return std::nullopt;
+        }
+    }
+    return std::nullopt;
+}
+
+void ServerLists::take() {
+    for (const std::uint32_t fine : gathered_) {
+        if (only_[fine] != kSeveral) {
+            continue;
+        }
+        const auto of = several_.find(fine);
+        for (const std::uint32_t s : of->second) {
+            if (!is_changed(s)) {
+                auto& served = served_[s];
+                served.erase(std::find(served.begin(), served.end(), fine));
+            }
+        }
+        several_.erase(of);
+    }
+    for (const std::uint32_t i : before_) {
+        served_[i].clear();
+    }
+    for (const Plan& plan : plans_) {
+        set(plan.fine, std::span(planned_).subspan(plan.first, plan.count));
+    }
+    largest_ = std::max(largest_, std::sqrt(worst_));
+}
+
+}  // namespace isonest::detail

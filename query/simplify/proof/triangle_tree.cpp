@@ -1,0 +1,101 @@
+#include "query/simplify/proof/triangle_tree.h"
+
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+namespace isonest::detail {
+
+TriangleTree::TriangleTree(std::span<const std::array<float, 3>> positions,
+                           std::vector<Corners> triangles)
+    : positions_(positions), triangles_(std::move(triangles)), order_(triangles_.size()) {
+    std::iota(order_.begin(), order_.end(), 0U);
+    nodes_.reserve(triangles_.size());
+    if (triangles_.empty()) {
+        return;
+    }
+    std::vector<std::array<float, 3>> middles(triangles_.size());
+    std::transform(triangles_.begin(), triangles_.end(), middles.begin(), [&](const Corners& c) {
+        std::array<float, 3> sum{};
+        for (std::size_t a = 0; a < 3; ++a) {
+            sum[a] = positions_[c[0]][a] + positions_[c[1]][a] + positions_[c[2]][a];
+        }
+        return sum;
+    });
+    double sum = 0;
+    for (std::uint32_t i = 0; i < triangles_.size(); ++i) {
+        const Triangle t = triangle(i);
+        sum += square(minus(t[1], t[0])) + square(minus(t[2], t[1])) + square(minus(t[0], t[2]));
+    }
+    typical_edge_ = std::sqrt(sum / (3 * static_cast<double>(triangles_.size())));
+    build(0, static_cast<std::uint32_t>(triangles_.size()), middles);
+}
+
+void TriangleTree::build(std::uint32_t first, std::uint32_t count,
+                         const std::vector<std::array<float, 3>>& middles) {
+    constexpr float kMost = std::numeric_limits<float>::max();
+    Node node{{kMost, kMost, kMost}, {-kMost, -kMost, -kMost}, first, count};
+    for (std::uint32_t i = first; i < first + count; ++i) {
+        for (const std::uint32_t v : triangles_[order_[i]]) {
+            for (std::size_t a = 0; a < 3; ++a) {
+                node.lo[a] = std::min(node.lo[a], positions_[v][a]);
+                node.hi[a] = std::max(node.hi[a], positions_[v][a]);
+            }
+        }
+    }
+    const std::size_t at = nodes_.size();
+    nodes_.push_back(node);
+    if (count <= kLeaf) {
+        return;
+    }
+    std::size_t axis = 0;
+    for (std::size_t a = 1; a < 3; ++a) {
+        axis = node.hi[a] - node.lo[a] > node.hi[axis] - node.lo[axis] ? a : axis;
+    }
+    const std::uint32_t half = count / 2;
+    const auto begin = order_.begin() + first;
+    std::nth_element(begin, begin + half, begin + count, [&](std::uint32_t s, std::uint32_t t) {
+        const float a = middles[s][axis];
+        const float b = middles[t][axis];
+        return a != b ? a < b : s < t;
+    });
+    build(first, half, middles);
+    nodes_[at].count = 0;
+    nodes_[at].first = static_cast<std::uint32_t>(nodes_.size());
+    build(first + half, count - half, middles);
+}
+
+void TriangleTree::closest(std::uint32_t at, const Double3& p, Found& found) const {
+    const Node& node = nodes_[at];
+    if (node.count > 0) {
+        for (std::uint32_t i = node.first; i < node.first + node.count; ++i) {
+            const double d = square_distance(p, triangle(order_[i]));
+            if (d < found.square_distance ||
+                (d == found.square_distance && found.triangle == kNone)) {
+                found = {order_[i], d};
+            }
+        }
+        return;
+    }
+    std::array<std::uint32_t, 2> child{at + 1, node.first};
+    std::array<double, 2> d{square_to_box(p, nodes_[child[0]]), square_to_box(p, nodes_[child[1]])};
+    if (d[1] < d[0]) {
+        std::swap(child[0], child[1]);
+        std::swap(d[0], d[1]);
+    }
+    for (std::size_t i = 0; i < 2; ++i) {
+        if (d[i] <= found.square_distance) {
+            closest(child[i], p, found);
+        }
+    }
+}
+
+TriangleTree::Found TriangleTree::nearest(const Double3& p, double most) const {
+    Found found{kNone, most};
+    if (!nodes_.empty() && square_to_box(p, nodes_[0]) <= most) {
+        closest(0, p, found);
+    }
+    return found;
+}
+
+}  // namespace isonest::detail

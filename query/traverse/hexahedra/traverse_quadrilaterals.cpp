@@ -1,0 +1,192 @@
+#include "query/traverse/hexahedra/traverse_quadrilaterals.h"
+
+#include <oneapi/tbb/enumerable_thread_specific.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "query/traverse/height_rounding.h"
+#include "query/traverse/hexahedra/hex_projection.h"
+
+namespace isonest::detail {
+namespace {
+
+struct Cell {
+    int level;
+    Int3 at;
+
+    [[nodiscard]] std::int64_t edge() const { return std::int64_t{1} << level; }
+};
+
+/// Corners and midpoints of edges, counterclockwise from the low corner, in half edges.
+constexpr std::array<Int3, 8> kAround{
+    {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {2, 1, 0}, {2, 2, 0}, {1, 2, 0}, {0, 2, 0}, {0, 1, 0}}};
+
+/// One thread's traversal.
+class QuadWorker {
+  public:
+    QuadWorker(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
+               const PartSink& sink, Progress& progress)
+        : query_(query),
+          is_finest_(query.tolerance.is_zero()),
+          projection_(cache, query.stop, query.tolerance.threshold()),
+          attributes_(query.attributes, cache, query.attribute_values),
+          mesh_(&attributes_),
+          scale_(query.attributes.graph_scale.value_or(1)),
+          part_vertices_(part_vertices),
+          sink_(sink),
+          progress_(progress) {}
+    QuadWorker(const QuadWorker&) = delete;
+    QuadWorker& operator=(const QuadWorker&) = delete;
+
+    /// The numbers of the parts that follow begin with that of their subtree.
+    void begin(std::uint64_t subtree) {
+        constexpr unsigned kPartBits = 40;
+        parts_ = subtree << kPartBits;
+    }
+    void flush() {
+        progress_.check();
+        if (!mesh_.empty()) {
+            sink_(parts_++, mesh_.finish(query_.box));
+        }
+    }
+    /// AdaptTraverse down to `level_left`: cells of it are left, unvisited, to others.
+    void visit(const Cell& cell, int level_left, std::vector<Cell>* left) {
+        if (left != nullptr && cell.level == level_left) {
+            left->push_back(cell);
+            return;
+        }
+        const Int3 low = cell.at * cell.edge();
+        const Overlap where = overlap_of(query_.box, low, low + Int3{cell.edge(), cell.edge(), 0});
+        if (where == Overlap::outside) {
+            return;
+        }
+        ++counts_.visited;
+        double number = 0;
+        bool refined = cell.level > 0;
+        if (refined && !is_finest_) {
+            number = projection_.number(cell.level, cell.at);
+            refined = !projection_.stops(number);
+        }
+        if (!refined) {
+            add(cell, number, where == Overlap::crossing);
+            return;
+        }
+        for (unsigned child = 0; child < 4; ++child) {
+            const Cell part{cell.level - 1, cell.at * 2 + Int3{child & 1U, child >> 1U, 0}};
+            const Int3 end = projection_.lattice().elements_at(part.level);
+            if (max(part.at + Int3{1, 1, 1}, end) == end) {
+                visit(part, level_left, left);
+            }
+        }
+    }
+    [[nodiscard]] TraversalCounts counts() const {
+        TraversalCounts counts = counts_;
+        counts.value_rounding = std::max(counts.value_rounding, attributes_.value_rounding());
+        counts.error_bound = std::max(counts.error_bound, projection_.largest_number());
+        return counts;
+    }
+
+  private:
+    [[nodiscard]] double value(const Int3& node) {
+        return is_finest_ ? projection_.exact(node, 0) : projection_.value(node);
+    }
+
+    void add(const Cell& cell, double number, bool cut) {
+        std::array<Corner, 8> around;
+        std::size_t count = 0;
+        for (std::size_t i = 0; i < 8; ++i) {
+            const Int3& o = kAround[i];
+            const bool corner = i % 2 == 0;
+            if (!corner && (is_finest_ || cell.level == 0 ||
+                            !projection_.is_refined(cell.level, cell.at + o - Int3{1, 1, 0}))) {
+                continue;
+            }
+            const Int3 twice = (cell.at * 2 + o) * cell.edge();
+            const Int3 node{twice.x / 2, twice.y / 2, 0};
+            around[count++] = {node, value(node)};
+            if (!std::isfinite(around[count - 1].value)) {
+                return;
+            }
+        }
+        ++counts_.leaves;
+        counts_.error_bound = std::max(counts_.error_bound, number);
+        if (count == 4) {
+            const bool first = std::fabs(around[0].value - around[2].value) <=
+                               std::fabs(around[1].value - around[3].value);
+            const std::size_t a = first ? 0 : 1;
+            add_triangle({around[a], around[a + 1], around[a + 2]}, cut);
+            add_triangle({around[a], around[a + 2], around[(a + 3) % 4]}, cut);
+        } else {
+            const Corner centre = centre_of(cell);
+            for (std::size_t i = 0; i < count; ++i) {
+                add_triangle({centre, around[i], around[(i + 1) % count]}, cut);
+            }
+        }
+        if (mesh_.size() >= part_vertices_) {
+            flush();
+        }
+    }
+    /// Of the bilinear function.
+    [[nodiscard]] Corner centre_of(const Cell& cell) {
+        double sum = 0;
+        for (std::size_t i = 0; i < 8; i += 2) {
+            const Int3& o = kAround[i];
+            sum += projection_.value((cell.at + Int3{o.x / 2, o.y / 2, 0}) * cell.edge());
+        }
+        return {projection_.lattice().centre_of(cell.level, cell.at), sum / 4};
+    }
+    void add_triangle(const std::array<Corner, 3>& corners, bool cut) {
+        mesh_.add_graph(corners, cut);
+        counts_.height_rounding =
+            std::max(counts_.height_rounding, height_rounding(corners, scale_, cut));
+    }
+
+    const TraversalQuery& query_;
+    bool is_finest_;  ///< nothing stops above the finest level, and no field is needed
+    HexProjection projection_;
+    AttributeSampler attributes_;
+    LocalMesh mesh_;
+    double scale_;
+    std::size_t part_vertices_;
+    const PartSink& sink_;
+    Progress& progress_;
+    std::uint64_t parts_ = 0;
+    TraversalCounts counts_;
+};
+
+/// Levels below the coarsest at which the subtrees begin that are the threads' work.
+constexpr int kTopLevels = 5;
+
+}  // namespace
+
+TraversalCounts traverse_quadrilaterals(ChunkCache& cache, const TraversalQuery& query,
+                                        std::size_t part_vertices, const PartSink& sink,
+                                        Progress& progress) {
+    const Lattice& lattice = cache.source().layout().lattice();
+    tbb::enumerable_thread_specific<QuadWorker> workers(
+        [&] { return QuadWorker(cache, query, part_vertices, sink, progress); });
+    std::vector<Cell> left;
+    QuadWorker& first = workers.local();
+    first.begin(0);
+    first.visit({lattice.top(), {0, 0, 0}}, std::max(lattice.top() - kTopLevels, 0), &left);
+    first.flush();
+    progress.begin("extract", left.size(), "");
+    tbb::parallel_for(std::size_t{0}, left.size(), [&](std::size_t i) {
+        QuadWorker& worker = workers.local();
+        worker.begin(i + 1);
+        worker.visit(left[i], 0, nullptr);
+        worker.flush();
+        progress.advance(1);
+    });
+    TraversalCounts counts;
+    for (const QuadWorker& worker : workers) {
+        counts.add(worker.counts());
+    }
+    return counts;
+}
+
+}  // namespace isonest::detail

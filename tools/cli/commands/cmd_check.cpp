@@ -1,0 +1,145 @@
+// isonest check: the consistency tests of a store.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <isonest/error.h>
+#include <isonest/open_volume.h>
+
+#include "query/check/check.h"
+#include "tools/cli/command.h"
+#include "tools/cli/commands/analyses.h"
+#include "tools/cli/options/source_options.h"
+#include "tools/cli/options/units.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+struct Arguments {
+    std::string store;
+    std::vector<std::string> source;
+    SourceOptions source_options;
+    CheckOptions check;
+};
+
+std::uint64_t stored_chunks(const StoreLayout& layout) {
+    std::int64_t count = 0;
+    for (const ArrayInfo& array : layout.arrays()) {
+        count += array.alias ? 0 : array.grid.product();
+    }
+    return static_cast<std::uint64_t>(count);
+}
+
+/// Damaged analyses are findings; stale ones are not, as nobody uses them.
+void check_analyses(const StoreReader& store, Result& result) {
+    result.json["analyses"] = Json::array();
+    for (const FoundAnalysis& found : all_analyses(store, AnalysisDepth::bytes)) {
+        result.json["analyses"].push_back(analysis_json(found));
+        result.text += "analysis " + analysis_line(found);
+        if (found.state == AnalysisState::damaged) {
+            result.json["ok"] = false;
+            result.exit_code = static_cast<int>(ErrorKind::corrupt);
+        }
+    }
+}
+
+Result run(Arguments& a, Progress& progress) {
+    const StoreReader store(a.store);
+    std::unique_ptr<VolumeSource> source;
+    if (!a.source.empty()) {
+        a.source_options.max_heap = a.check.memory / 4;
+        source = open_input(a.source, std::filesystem::temp_directory_path(), a.source_options);
+        a.check.source = source.get();
+    }
+    const CheckReport r = check(store, a.check, progress);
+    Result result;
+    result.exit_code = r.failures > 0 ? static_cast<int>(ErrorKind::corrupt) : 0;
+    result.json = {{"store", a.store},         {"ok", r.failures == 0}, {"chunks", r.chunks},
+                   {"nodes", r.nodes},         {"cubes", r.cubes},      {"failures", r.failures},
+                   {"findings", Json::array()}};
+    check_analyses(store, result);
+    for (const Finding& f : r.findings) {
+        Json finding{{"test", f.test},   {"level", f.level},
+                     {"field", f.field}, {"chunk", {f.chunk.x, f.chunk.y, f.chunk.z}},
+                     {"node", nullptr},  {"message", f.message}};
+        std::string node;
+        if (f.node.x >= 0) {
+            finding["node"] = {f.node.x, f.node.y, f.node.z};
+            node = fmt::format(", node {} {} {}", f.node.x, f.node.y, f.node.z);
+        }
+        result.json["findings"].push_back(std::move(finding));
+        result.text += fmt::format("{}: level {}, {}, chunk {} {} {}{}: {}\n", f.test, f.level,
+                                   f.field, f.chunk.x, f.chunk.y, f.chunk.z, node, f.message);
+    }
+    if (r.failures > r.findings.size()) {
+        result.text += fmt::format("... and {} more\n", r.failures - r.findings.size());
+    }
+    const bool only_values = std::all_of(r.findings.begin(), r.findings.end(),
+                                         [](const Finding& f) { return f.test == "source"; });
+    if (r.failures > 0 && only_values && store.has_missing() && !a.source_options.missing) {
+        result.text +=
+            "The store has missing values: if preprocess was given --missing V, give the same "
+            "here.\n";
+    }
+    const std::vector<std::string>& unknown = store.layout().header().unknown_fields;
+    if (!unknown.empty()) {
+        result.warning = fmt::format("{}: of the newer format version {}; not checked: {}", a.store,
+                                     store.version().text(), fmt::join(unknown, ", "));
+    }
+    const std::uint64_t all = stored_chunks(store.layout());
+    result.json["chunks_total"] = all;
+    if (r.chunks < all && r.failures == 0) {
+        result.text += fmt::format(
+            "{}: nothing is wrong in the table and in a sample of {} of {} chunks; without --quick "
+            "all are read\n",
+            a.store, r.chunks, all);
+        return result;
+    }
+    result.text += fmt::format(
+        "{}: {} ({} chunks, {} nodes, {} cubes by brute force{})\n", a.store,
+        r.failures == 0 ? std::string("all is well") : fmt::format("{} findings", r.failures),
+        r.chunks, human_count(static_cast<double>(r.nodes)), r.cubes,
+        a.source.empty() ? "" : ", values as in the source");
+    return result;
+}
+
+}  // namespace
+
+void add_check(CLI::App& app, Invocation& chosen) {
+    const auto a = std::make_shared<Arguments>();
+    CLI::App* const c = add_command(
+        app, chosen, "check",
+        {"Test a store, from checksums to brute force",
+         "All checksums, the table, levels against each other, saturation across chunk borders; "
+         "and\n"
+         "with --source the values against the original and sampled bounds against brute force. "
+         "Exits\n"
+         "with 4 if anything is wrong; each finding names level, chunk and node.",
+         "isonest check scan.isonest\n"
+         "isonest check scan.isonest --quick\n"
+         "isonest check scan.isonest --deep --json\n"
+         "isonest check head.isonest --source head.raw.gz --dims 256,256,113 --type uint16"});
+    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    CLI::Option* const quick = c->add_flag_callback(
+        "--quick", [a] { a->check.depth = CheckDepth::quick; },
+        "seconds for any size: the chunk table, and a sample of some\n"
+        "thousand chunks' checksums");
+    c->add_flag_callback(
+         "--deep", [a] { a->check.depth = CheckDepth::deep; },
+         "everything: also that HDF5 finds the same chunks by its own index")
+        ->excludes(quick);
+    c->add_option("--source", a->source, "the volume that the store was made from")
+        ->type_name("INPUT");
+    add_source_options(c, a->source_options);
+    add_memory(c, a->check.memory);
+    add_threads(c, a->check.threads);
+    c->callback(
+        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+}
+
+}  // namespace isonest::detail::cli

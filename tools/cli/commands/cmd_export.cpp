@@ -1,0 +1,110 @@
+// isonest export: a field of a store as a plain volume file.
+#include <fmt/format.h>
+
+#include <memory>
+#include <optional>
+
+#include "query/extract/export.h"
+#include "query/study/export_computed.h"
+#include "tools/cli/command.h"
+#include "tools/cli/options/fields.h"
+#include "tools/cli/options/units.h"
+#include "tools/cli/terminal/leftovers.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+struct Arguments {
+    std::string store;
+    std::string output;
+    ExportOptions options;
+    std::optional<ComputedField> computed;  ///< in place of the options' field
+};
+
+/// An indicator that the store does not hold.
+Result run_computed(const StoreReader& store, const Arguments& a, Progress& progress) {
+    const ExportOptions& o = a.options;
+    export_computed_field(store, a.output, {*a.computed, o.level, o.force, o.memory}, progress);
+    const Int3 nodes = store.layout().header().nodes;
+    const std::string name = name_of(*a.computed);
+    Result result;
+    result.warning = leftovers_of(a.output);
+    result.json = {{"output", a.output},
+                   {"field", name},
+                   {"level", o.level},
+                   {"nodes", {nodes.x, nodes.y, nodes.z}},
+                   {"type", name_of(ValueType::f32)}};
+    result.text = fmt::format("{}: {}, {} x {} x {} {}\n", a.output, name, nodes.x, nodes.y,
+                              nodes.z, name_of(ValueType::f32));
+    return result;
+}
+
+Result run(const Arguments& a, Progress& progress) {
+    const StoreReader store(a.store);
+    if (a.computed) {
+        return run_computed(store, a, progress);
+    }
+    export_field(store, a.output, a.options, progress);
+    const bool values = a.options.field == Field::values;
+    const Int3 nodes = values ? store.layout().array(a.options.level, Field::values).nodes
+                              : store.layout().header().nodes;
+    const std::string_view type = name_of(values ? store.layout().header().type : ValueType::f32);
+    Result result;
+    result.warning = leftovers_of(a.output);
+    result.json = {{"output", a.output},
+                   {"field", name_of(a.options.field)},
+                   {"level", a.options.level},
+                   {"nodes", {nodes.x, nodes.y, nodes.z}},
+                   {"type", type}};
+    result.text = fmt::format("{}: {}, {} x {} x {} {}\n", a.output, name_of(a.options.field),
+                              nodes.x, nodes.y, nodes.z, type);
+    return result;
+}
+
+}  // namespace
+
+void add_export(CLI::App& app, Invocation& chosen) {
+    const auto a = std::make_shared<Arguments>();
+    CLI::App* const c = add_command(
+        app, chosen, "export",
+        {"Write a field of a store as a plain volume file",
+         "The name decides: .h5 (dataset 'data', [z,y,x]), .nrrd, .nii (NIfTI), .vti, .npy,\n"
+         ".mha (MetaImage) or .raw. Values come in the input's type; an indicator comes as float32 "
+         "on\n"
+         "the finest lattice, 0 at the macro vertices. One that is not in the store is computed in "
+         "memory,\n"
+         "which has to hold 20 bytes a node.",
+         "isonest export scan.isonest --field values --level 2 -o quarter.nrrd\n"
+         "isonest export scan.isonest --field deviation_bar -o deviation.h5\n"
+         "isonest export scan.isonest --field lp:3 -o eta3.nrrd"});
+    ExportOptions& e = a->options;
+    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    add_parsed(
+        c, "--field",
+        [a](const std::string& text) {
+            a->computed = computed_field_from_name(text);
+            if (!a->computed) {
+                a->options.field = parse_field_or_values("--field", text);
+            }
+        },
+        fmt::format(
+            "values, {}; computed from the values, as they are or saturated (_bar, _plus):\n"
+            "lp:P, grad_lp:P (any P from 1 to inf), gradient, curvature",
+            list_names(all_fields())),
+        "NAME")
+        ->required();
+    add_parsed(
+        c, "--level",
+        [&e](const std::string& text) {
+            constexpr int kMost = 64;
+            e.level = static_cast<int>(parse_integer("--level", text, 0, kMost));
+        },
+        "values: the lattice of stride 2^L; indicators: nodes of level L and coarser [0]", "L");
+    c->add_option("-o,--output", a->output, "the file to write")->required()->type_name("FILE");
+    c->add_flag("--force", e.force, "replace an existing file");
+    add_memory(c, e.memory);
+    c->callback(
+        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+}
+
+}  // namespace isonest::detail::cli

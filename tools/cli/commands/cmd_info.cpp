@@ -1,0 +1,208 @@
+// isonest info: what a store holds.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <memory>
+
+#include <isonest/error.h>
+
+#include "query/extract/info.h"
+#include "query/statistics/histogram.h"
+#include "store/files/output_file.h"
+#include "tools/cli/command.h"
+#include "tools/cli/commands/analyses.h"
+#include "tools/cli/options/units.h"
+#include "tools/cli/terminal/histogram_text.h"
+#include "tools/cli/terminal/leftovers.h"
+#include "tools/drawing/canvas.h"
+#include "tools/drawing/histogram_plot.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+double ratio(const ArrayReport& r) {
+    return r.stored_bytes > 0
+               ? static_cast<double>(r.raw_bytes) / static_cast<double>(r.stored_bytes)
+               : 0;
+}
+
+/// JSON has no infinity: the range of an array without any finite value is null.
+Json number(double value) {
+    return std::isfinite(value) ? Json(value) : Json();
+}
+
+Json to_json(const Int3& v) {
+    return Json{v.x, v.y, v.z};
+}
+
+struct Arguments {
+    std::string store;
+    std::string plot;
+    bool histogram = false;
+    HistogramOptions options;
+};
+
+void add_histogram(const StoreReader& store, const Arguments& a, Result& result,
+                   Progress& progress) {
+    const Histogram h = histogram(store, a.options, progress);
+    result.json["histogram"] = histogram_json(h);
+    result.text += "\n" + histogram_text(h);
+    if (a.plot.empty()) {
+        return;
+    }
+    draw_histogram(a.plot, store.path().filename().string(), h,
+                   [&](double value) { return value_text(h, value); });
+    const std::string leftovers = leftovers_of(a.plot);
+    result.warning += result.warning.empty() || leftovers.empty() ? leftovers : "\n" + leftovers;
+    result.json["output"] = a.plot;
+    result.text += fmt::format("{}: the same as a plot\n", a.plot);
+}
+
+void add_analyses(const StoreReader& store, Result& result) {
+    result.json["analyses"] = Json::array();
+    for (const FoundAnalysis& found : all_analyses(store, AnalysisDepth::attributes)) {
+        Json json = analysis_json(found);
+        std::string steps;
+        if (found.file) {
+            json["file_bytes"] = found.file->file_bytes();
+            json["steps"] = Json::array();
+            for (const AnalysisStep& step : found.file->steps()) {
+                json["steps"].push_back({{"distance", step.bound}, {"triangles", step.triangles}});
+                steps += fmt::format("{:>14.4g} {:>12}\n", step.bound, step.triangles);
+            }
+        }
+        result.text += "\nanalysis " + analysis_line(found);
+        if (!steps.empty()) {
+            result.text += fmt::format("{:>14} {:>12}\n", "distance", "triangles") + steps;
+        }
+        result.json["analyses"].push_back(std::move(json));
+    }
+}
+
+Result run(const Arguments& a, Progress& progress) {
+    const std::string& path = a.store;
+    const StoreReader store(path);
+    if (!a.plot.empty()) {
+        if (!is_canvas(a.plot)) {
+            throw Error(ErrorKind::invalid_argument, {a.plot},
+                        "a plot's name must end with .svg or .png");
+        }
+        check_output(a.plot, true, {store.path()});
+    }
+    const StoreHeader& h = store.layout().header();
+    const std::vector<ArrayReport> arrays = describe_arrays(store);
+    Result result;
+    Json fields = Json::array();
+    for (const Field field : h.fields) {
+        fields.push_back(name_of(field));
+    }
+    const bool any = store.min_value() <= store.max_value();
+    result.json = {{"store", path},
+                   {"format", store.version().text()},
+                   {"nodes", to_json(h.nodes)},
+                   {"type", name_of(h.type)},
+                   {"spacing", h.spacing},
+                   {"origin", h.origin},
+                   {"direction", h.direction},
+                   {"min_value", any ? number(store.min_value()) : Json()},
+                   {"max_value", any ? number(store.max_value()) : Json()},
+                   {"has_missing", store.has_missing()},
+                   {"levels", store.layout().lattice().top() + 1},
+                   {"fields", fields},
+                   {"unknown_fields", h.unknown_fields},
+                   {"exact", h.exact},
+                   {"chunk", h.chunk},
+                   {"compression", h.compression},
+                   {"chunks", store.layout().rows()},
+                   {"cube_range_bytes", cube_range_bytes(store)},
+                   {"file_bytes", store.file_bytes()},
+                   {"arrays", Json::array()}};
+    result.text = fmt::format(
+        "{}: {} x {} x {} {}, {} levels, {}\n"
+        "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}{}\n"
+        "{}{}\n"
+        "indicators {} ({}), chunks of {}^3 nodes, zstd level {}\n"
+        "ranges of cubes: {}\n\n"
+        "{:>5} {:<14} {:>18} {:>8} {:>10} {:>7}  {}\n",
+        path, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type), store.layout().lattice().top() + 1,
+        human_bytes(static_cast<double>(store.file_bytes())), h.spacing[0], h.spacing[1],
+        h.spacing[2], h.origin[0], h.origin[1], h.origin[2],
+        h.direction == kAlongWorld
+            ? ""
+            : fmt::format("\naxes along ({:.5g}), ({:.5g}), ({:.5g})",
+                          fmt::join(h.direction[0], ", "), fmt::join(h.direction[1], ", "),
+                          fmt::join(h.direction[2], ", ")),
+        value_text(h.labels, store.min_value(), store.max_value()),
+        store.has_missing() ? ", some missing" : "",
+        h.fields.empty() ? std::string("none") : list_names(h.fields),
+        h.exact ? "32-bit" : "16-bit, rounded up", h.chunk, h.compression,
+        human_bytes(static_cast<double>(cube_range_bytes(store))), "level", "field", "nodes",
+        "chunks", "stored", "ratio", "range");
+    if (!h.unknown_fields.empty()) {
+        result.warning = fmt::format("{}: of the newer format version {}; not read: {}", path,
+                                     store.version().text(), fmt::join(h.unknown_fields, ", "));
+    }
+    for (const ArrayReport& r : arrays) {
+        result.json["arrays"].push_back({{"level", r.level},
+                                         {"field", name_of(r.field)},
+                                         {"nodes", to_json(r.nodes)},
+                                         {"chunk", to_json(r.chunk)},
+                                         {"chunks", r.chunks},
+                                         {"raw_bytes", r.raw_bytes},
+                                         {"stored_bytes", r.stored_bytes},
+                                         {"ratio", ratio(r)},
+                                         {"min", number(r.min)},
+                                         {"max", number(r.max)},
+                                         {"alias", r.alias}});
+        result.text +=
+            fmt::format("{:>5} {:<14} {:>18} {:>8} {:>10} {:>7}  {}\n", r.level, name_of(r.field),
+                        fmt::format("{}x{}x{}", r.nodes.x, r.nodes.y, r.nodes.z), r.chunks,
+                        r.alias ? "shared" : human_bytes(static_cast<double>(r.stored_bytes)),
+                        r.alias ? "" : fmt::format("{:.2f}", ratio(r)), human_range(r.min, r.max));
+    }
+    add_analyses(store, result);
+    if (a.histogram) {
+        add_histogram(store, a, result, progress);
+    }
+    return result;
+}
+
+}  // namespace
+
+void add_info(CLI::App& app, Invocation& chosen) {
+    const auto a = std::make_shared<Arguments>();
+    CLI::App* const c = add_command(
+        app, chosen, "info",
+        {"Say what a store holds: size, type, range, levels, fields, compression",
+         "Reads the header and the chunk table only. With --histogram it also reads the values "
+         "and\n"
+         "says how often they occur, how much surface each isovalue has, and which isovalues are\n"
+         "likely to show something: where the surface is at its sharpest.",
+         "isonest info scan.isonest\n"
+         "isonest info scan.isonest --histogram\n"
+         "isonest info scan.isonest --histogram --json -o histogram.png"});
+    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    CLI::Option* const histogram = c->add_flag(
+        "--histogram", a->histogram, "the values, the surface of each isovalue, and suggestions");
+    HistogramOptions& o = a->options;
+    add_parsed(
+        c, "--level",
+        [&o](const std::string& text) {
+            constexpr int kMost = 20;
+            o.level = static_cast<int>(parse_integer("--level", text, 0, kMost));
+        },
+        fmt::format("of the values; 0 = all [the finest with at most {} M nodes]",
+                    kMostHistogramNodes >> 20),
+        "L");
+    c->add_option("-o,--output", a->plot, "draw it into this file, .png or .svg")
+        ->type_name("PLOT");
+    add_memory(c, o.memory);
+    add_threads(c, o.threads);
+    for (const char* const name : {"--level", "--output", "--memory", "--threads"}) {
+        c->get_option(name)->needs(histogram);
+    }
+    c->callback(
+        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+}
+
+}  // namespace isonest::detail::cli

@@ -1,0 +1,89 @@
+// isonest make-volume: synthetic volumes of any size.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <limits>
+#include <memory>
+
+#include <isonest/error.h>
+
+#include "preprocess/synthetic/make_volume.h"
+#include "preprocess/synthetic/synthetic.h"
+#include "store/lattice/lattice.h"
+#include "tools/cli/command.h"
+#include "tools/cli/options/source_options.h"
+#include "tools/cli/options/units.h"
+#include "tools/cli/terminal/leftovers.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+struct Arguments {
+    std::string output;
+    MakeVolumeOptions options;
+};
+
+Int3 parse_nodes(const std::string& text) {
+    if (text.find(',') != std::string::npos) {
+        const bool plane = std::count(text.begin(), text.end(), ',') == 1;
+        return parse_int3("--size", plane ? text + ",1" : text, kMaxNodesPerAxis);
+    }
+    const std::int64_t n = parse_integer("--size", text, 1, kMaxNodesPerAxis);
+    return {n, n, n};
+}
+
+Result run(const Arguments& a, Progress& progress) {
+    make_volume(a.output, a.options, progress);
+    const MakeVolumeOptions& o = a.options;
+    Result result;
+    result.warning = leftovers_of(a.output);
+    result.json = {{"output", a.output},
+                   {"name", o.name},
+                   {"nodes", {o.nodes.x, o.nodes.y, o.nodes.z}},
+                   {"type", name_of(o.type)}};
+    result.text = fmt::format("{}: {}, {} x {} x {} {}\n", a.output, o.name, o.nodes.x, o.nodes.y,
+                              o.nodes.z, name_of(o.type));
+    return result;
+}
+
+}  // namespace
+
+void add_make_volume(CLI::App& app, Invocation& chosen) {
+    const auto a = std::make_shared<Arguments>();
+    MakeVolumeOptions& o = a->options;
+    std::string names;
+    for (const std::string& name : synthetic_names()) {
+        names += (names.empty() ? "" : ", ") + name;
+    }
+    CLI::App* const c = add_command(
+        app, chosen, "make-volume",
+        {"Write a synthetic volume, to try things out and to measure",
+         "The file is made slab by slab and may be larger than memory.",
+         "isonest make-volume bucky --size 129 -o bucky.h5\n"
+         "isonest make-volume noise --size 200,100,50 --type uint8 --seed 7 -o noise.h5\n"
+         "isonest make-volume cahn-hilliard --size 257,257 -o mixture.h5"});
+    c->add_option("NAME", o.name, "one of " + names)->required();
+    add_parsed(
+        c, "--size", [&o](const std::string& text) { o.nodes = parse_nodes(text); },
+        "nodes per axis", "N or X,Y[,Z]")
+        ->required();
+    add_parsed(
+        c, "--type", [&o](const std::string& text) { o.type = parse_type(text); },
+        "value type; integers use the type's whole range [float32]", "T");
+    add_parsed(
+        c, "--seed",
+        [&o](const std::string& text) {
+            o.seed = static_cast<std::uint64_t>(
+                parse_integer("--seed", text, 0, std::numeric_limits<std::int64_t>::max()));
+        },
+        "which noise [1]", "N");
+    add_threads(c, o.threads);
+    c->add_option("-o,--output", a->output, "the file to write: .h5, .nrrd or .raw")
+        ->required()
+        ->type_name("FILE");
+    c->add_flag("--force", o.force, "replace an existing file");
+    c->callback(
+        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+}
+
+}  // namespace isonest::detail::cli

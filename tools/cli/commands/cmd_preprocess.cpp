@@ -1,0 +1,143 @@
+// isonest preprocess: from a volume file to a store.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <isonest/open_volume.h>
+#include <isonest/preprocess.h>
+
+#include "store/container/format.h"
+#include "tools/cli/command.h"
+#include "tools/cli/options/fields.h"
+#include "tools/cli/options/source_options.h"
+#include "tools/cli/options/units.h"
+#include "tools/cli/terminal/leftovers.h"
+#include "tools/cli/terminal/paraview_hint.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+struct Arguments {
+    std::vector<std::string> input;
+    std::string store;
+    SourceOptions source;
+    PreprocessOptions preprocess;
+};
+
+std::vector<Field> parse_indicators(const std::string& text) {
+    if (text == "all") {
+        return all_indicators();
+    }
+    std::vector<Field> fields = parse_fields("--indicators", text);
+    std::sort(fields.begin(), fields.end());
+    fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
+    return fields;
+}
+
+Result run(Arguments& a, Progress& progress) {
+    // A quarter of the budget is enough for the chunks of the input, and the passes need the rest.
+    a.source.max_heap = a.preprocess.memory / 4;
+    const std::unique_ptr<VolumeSource> source =
+        open_input(a.input, std::filesystem::path(a.store).parent_path(), a.source);
+    const ValueType type = source->describe().type;
+    const PreprocessReport r = preprocess(*source, a.store, a.preprocess, progress);
+    const double rate = r.seconds > 0 ? static_cast<double>(r.input_bytes) / r.seconds : 0;
+    Result result;
+    result.warning = leftovers_of(a.store);
+    result.json = {{"store", a.store},
+                   {"nodes", {r.nodes.x, r.nodes.y, r.nodes.z}},
+                   {"type", name_of(type)},
+                   {"levels", r.levels},
+                   {"min_value", r.min_value},
+                   {"max_value", r.max_value},
+                   {"has_missing", r.has_missing},
+                   {"input_bytes", r.input_bytes},
+                   {"store_bytes", r.store_bytes},
+                   {"chunks", r.chunks},
+                   {"resumed_chunks", r.resumed_chunks},
+                   {"input_on_disk", r.input_on_disk},
+                   {"notes", source->notes()},
+                   {"seconds", r.seconds}};
+    result.text = fmt::format(
+        "{}: {} x {} x {} {}, {}{}\n"
+        "{} levels in {} chunks, {} ({:.2f} of the input's {}), in {} ({}/s)\n",
+        a.store, r.nodes.x, r.nodes.y, r.nodes.z, name_of(type),
+        value_text(source->describe().labels, r.min_value, r.max_value),
+        r.has_missing ? ", some missing" : "", r.levels, r.chunks,
+        human_bytes(static_cast<double>(r.store_bytes)),
+        static_cast<double>(r.store_bytes) /
+            static_cast<double>(std::max<std::uint64_t>(r.input_bytes, 1)),
+        human_bytes(static_cast<double>(r.input_bytes)), human_seconds(r.seconds),
+        human_bytes(rate));
+    for (const std::string& note : source->notes()) {
+        result.text += fmt::format("note: {}\n", note);
+    }
+    result.text += paraview_hint(a.store);
+    if (r.resumed_chunks > 0) {
+        result.text +=
+            fmt::format("{} chunks were taken over from an interrupted run\n", r.resumed_chunks);
+    }
+    return result;
+}
+
+}  // namespace
+
+void add_preprocess(CLI::App& app, Invocation& chosen) {
+    const auto a = std::make_shared<Arguments>();
+    CLI::App* const c = add_command(
+        app, chosen, "preprocess",
+        {"Turn a volume into a store: all levels, with the error of every node",
+         "INPUT is a file, a folder of slices, the slices themselves (scan/*.tif), or - for "
+         "standard\n"
+         "input. What it is, its first bytes tell; `isonest --version` lists the formats that are "
+         "read.\n"
+         "Raw numbers (also gzip) need --dims and --type. NaN means missing data. Every input byte "
+         "is\n"
+         "read once, and the volume may be larger than memory.",
+         "isonest preprocess scan.h5 -o scan.isonest\n"
+         "isonest preprocess scan.h5 --dataset /entry/data -o scan.isonest --memory 8G\n"
+         "isonest preprocess head.raw.gz --dims 256,256,113 --type uint16 --endian big "
+         "--spacing 1,1,2 -o head.isonest"});
+    c->add_option("INPUT", a->input, "the volume: a file, a folder, or slices")->required();
+    c->add_option("-o,--output", a->store, "the store to write")->required()->type_name("STORE");
+    add_source_options(c, a->source);
+    PreprocessOptions& p = a->preprocess;
+    add_memory(c, p.memory);
+    add_threads(c, p.threads);
+    add_parsed(
+        c, "--chunk",
+        [&p](const std::string& text) {
+            p.chunk = static_cast<int>(parse_integer("--chunk", text, kMinChunk, kMaxChunk));
+        },
+        fmt::format("nodes per axis of a chunk, a power of two [{}]", p.chunk), "N");
+    add_parsed(
+        c, "--compression",
+        [&p](const std::string& text) {
+            constexpr int kMost = 19;
+            p.compression = static_cast<int>(parse_integer("--compression", text, 1, kMost));
+        },
+        fmt::format("zstd level, 1 to 19 [{}]", p.compression), "LEVEL");
+    add_parsed(
+        c, "--indicators", [&p](const std::string& text) { p.fields = parse_indicators(text); },
+        fmt::format("comma separated choice of {}, or all that are not of cells [{}]",
+                    list_names(all_fields()), list_names(default_indicators())),
+        "NAMES");
+    c->add_flag("--exact", p.exact, "indicators in full precision, not rounded up to 16 bits");
+    c->add_flag("--force", p.force, "replace an existing store");
+    c->add_flag("--resume", p.resume,
+                "go on with what an interrupted run for the same store left; and if\n"
+                "this one is interrupted, leave what it has done");
+    c->callback([a, &chosen] {
+        chosen.run = [a](Progress& progress) { return run(*a, progress); };
+        chosen.stages = {{"check the interrupted run", "checking the interrupted run", 0.1},
+                         {"resume", "taking over what is done", 0.1},
+                         {"copy input", "copying the input", 0.5},
+                         {"levels 0-2", "reading the volume", 1}};
+    });
+}
+
+}  // namespace isonest::detail::cli

@@ -1,0 +1,343 @@
+// isonest study: the indicators compared on one store, as a table and plots.
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "query/study/study.h"
+#include "store/files/output_file.h"
+#include "tools/cli/command.h"
+#include "tools/cli/options/extract_options.h"
+#include "tools/cli/options/fields.h"
+#include "tools/cli/options/units.h"
+#include "tools/cli/terminal/leftovers.h"
+#include "tools/drawing/plot.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+struct Arguments {
+    std::string store;
+    std::string folder;
+    StudyOptions study;
+};
+
+using Value = double (*)(const StudyRow&);
+struct Column {
+    const char* name;   ///< of the CSV's column and of the plot's file
+    const char* title;  ///< of the plot, in words
+    const char* axis;
+    Value of;
+};
+constexpr std::array<Column, 11> kColumns{
+    {{"visited", "Elements visited", "visited cells, all levels",
+      [](const StudyRow& r) { return static_cast<double>(r.visited); }},
+     {"leaves", "Elements of the adaptive grid", "elements",
+      [](const StudyRow& r) { return static_cast<double>(r.leaves); }},
+     {"l1", "Error of the function in the L1 norm", "||P U - U||, L1",
+      [](const StudyRow& r) { return r.norms.l1; }},
+     {"l2", "Error of the function in the L2 norm", "||P U - U||, L2",
+      [](const StudyRow& r) { return r.norms.l2; }},
+     {"linf", "Largest error of the function", "||P U - U||, L infinity",
+      [](const StudyRow& r) { return r.norms.linf; }},
+     {"efficiency_l1", "Accuracy for each element, L1 norm", "1 / (elements error), L1",
+      [](const StudyRow& r) { return r.efficiency(r.norms.l1); }},
+     {"efficiency_l2", "Accuracy for each element, L2 norm", "1 / (elements error), L2",
+      [](const StudyRow& r) { return r.efficiency(r.norms.l2); }},
+     {"efficiency_linf", "Accuracy for each element, maximum norm",
+      "1 / (elements error), L infinity",
+      [](const StudyRow& r) { return r.efficiency(r.norms.linf); }},
+     {"efficiency_visited_l1", "Accuracy for each element visited, L1 norm",
+      "1 / (visited error), L1",
+      [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.l1); }},
+     {"efficiency_visited_l2", "Accuracy for each element visited, L2 norm",
+      "1 / (visited error), L2",
+      [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.l2); }},
+     {"efficiency_visited_linf", "Accuracy for each element visited, maximum norm",
+      "1 / (visited error), L infinity",
+      [](const StudyRow& r) { return r.efficiency_of_visited(r.norms.linf); }}}};
+constexpr std::array<Column, 3> kIsoColumns{
+    {{"iso_visited", "Elements visited for the isosurface", "elements visited for the isosurface",
+      [](const StudyRow& r) { return static_cast<double>(r.iso_visited); }},
+     {"iso_leaves", "Elements that hold the isosurface", "elements that hold the isosurface",
+      [](const StudyRow& r) { return static_cast<double>(r.iso_leaves); }},
+     {"efficiency_iso_visited_l2", "Accuracy for each element visited for the isosurface, L2 norm",
+      "1 / (visited for the isosurface, error), L2",
+      [](const StudyRow& r) { return r.efficiency_of_visited_for_iso(r.norms.l2); }}}};
+
+constexpr std::array<Column, 3> kTrueColumns{
+    {{"value_lp", "Error of the function in L^p, integrated", "||P U - U|| in L^p, integrated",
+      [](const StudyRow& r) { return r.true_norms.value; }},
+     {"gradient_lp", "Error of the gradient in L^p, of the gradient",
+      "||grad P U - grad U|| / ||grad U|| in L^p",
+      [](const StudyRow& r) { return r.true_norms.gradient; }},
+     {"gradient_linf", "Largest error of the gradient, of the gradient",
+      "||grad P U - grad U|| / ||grad U||, L infinity",
+      [](const StudyRow& r) { return r.true_norms.gradient_linf; }}}};
+constexpr Column kGraphColumn{"graph_distance", "Distance of the graphs", "distance of the graphs",
+                              [](const StudyRow& r) { return r.graph_distance; }};
+
+constexpr Column kNodeColumn{"nodes", "Nodes of the adaptive grid", "nodes",
+                             [](const StudyRow& r) { return static_cast<double>(r.nodes); }};
+
+/// What there is besides kColumns.
+std::vector<const Column*> further_columns(const StudyOptions& options) {
+    std::vector<const Column*> columns;
+    const auto add = [&](bool wanted, std::span<const Column> group) {
+        for (const Column& column : group) {
+            if (wanted) {
+                columns.push_back(&column);
+            }
+        }
+    };
+    add(!options.plane, {&kNodeColumn, 1});
+    add(options.iso.has_value(), kIsoColumns);
+    add(options.power.has_value(), kTrueColumns);
+    add(options.graphs, {&kGraphColumn, 1});
+    return columns;
+}
+
+void write_csv(const std::filesystem::path& path, const Study& study,
+               const std::vector<const Column*>& further) {
+    std::string text = "field,threshold";
+    const auto columns = [&](auto&& f) {
+        std::for_each(kColumns.begin(), kColumns.end(), f);
+        for (const Column* column : further) {
+            f(*column);
+        }
+    };
+    columns([&](const Column& c) { text += fmt::format(",{}", c.name); });
+    text += '\n';
+    for (const StudyRow& row : study.rows) {
+        text += fmt::format("{},{:.6g}", name_of(row.field), row.threshold);
+        columns([&](const Column& c) { text += fmt::format(",{:.10g}", c.of(row)); });
+        text += '\n';
+    }
+    OutputFile file(path, true);
+    file.write_at(0, std::as_bytes(std::span(text)));
+    file.publish_as_named();
+}
+
+/// A plot that the folder gets, as .svg and .png.
+struct PlotFile {
+    const Column* column;
+    const Column* over;  ///< nothing: the threshold
+};
+
+std::vector<PlotFile> plots_of(const std::vector<const Column*>& further) {
+    std::vector<PlotFile> plots;
+    for (const Column& column : kColumns) {
+        plots.push_back({&column, nullptr});
+    }
+    const bool nodes = std::find(further.begin(), further.end(), &kNodeColumn) != further.end();
+    for (std::size_t i = 2; i < 5; ++i) {
+        plots.push_back({&kColumns.at(i), &kColumns.at(1)});
+        if (nodes) {
+            plots.push_back({&kColumns.at(i), &kNodeColumn});
+        }
+    }
+    for (const Column* column : further) {
+        plots.push_back({column, nullptr});
+    }
+    return plots;
+}
+
+constexpr const char* kTable = "study.csv";
+
+std::array<std::string, 2> names_of(const PlotFile& plot) {
+    const std::string name = plot.over != nullptr
+                                 ? fmt::format("{}_by_{}", plot.column->name, plot.over->name)
+                                 : plot.column->name;
+    return {name + ".svg", name + ".png"};
+}
+
+void draw(const std::filesystem::path& folder, const Study& study, const PlotFile& file) {
+    const auto x = [&](const StudyRow& r) {
+        return file.over != nullptr ? file.over->of(r) : r.threshold;
+    };
+    Plot plot;
+    plot.x = file.over != nullptr ? file.over->axis : "threshold, of the largest";
+    plot.title = fmt::format("{}, by {}", file.column->title,
+                             file.over != nullptr ? file.over->axis : "the threshold");
+    plot.y = file.column->axis;
+    for (const StudyRow& row : study.rows) {
+        if (plot.series.empty() || plot.series.back().name != name_of(row.field)) {
+            plot.series.push_back({name_of(row.field), {}});
+        }
+        plot.series.back().points.emplace_back(x(row), file.column->of(row));
+    }
+    for (const std::string& name : names_of(file)) {
+        draw_plot(folder / name, plot);
+    }
+}
+
+/// The folder, made with those above it where they are missing; what was made and has stayed empty
+/// is removed at the end.
+class Folder {
+  public:
+    explicit Folder(const std::filesystem::path& path) {
+        std::error_code error;
+        for (std::filesystem::path p = path; !p.empty() && !std::filesystem::exists(p, error);
+             p = p.parent_path()) {
+            made_.push_back(p);
+        }
+        std::filesystem::create_directories(path, error);
+        if (error) {
+            remove_empty();
+            throw Error(ErrorKind::io, {path.string()},
+                        fmt::format("cannot make this folder: {}", error.message()));
+        }
+    }
+    Folder(const Folder&) = delete;
+    Folder& operator=(const Folder&) = delete;
+    ~Folder() { remove_empty(); }
+
+  private:
+    void remove_empty() {
+        for (const std::filesystem::path& p : made_) {
+            ::rmdir(p.c_str());
+        }
+    }
+    std::vector<std::filesystem::path> made_;  ///< innermost first
+};
+
+std::vector<StudyField> parse_study_fields(const std::string& text) {
+    std::vector<StudyField> fields;
+    for (std::size_t begin = 0; begin <= text.size();) {
+        const std::size_t end = std::min(text.find(',', begin), text.size());
+        const std::string name = text.substr(begin, end - begin);
+        if (const auto computed = computed_field_from_name(name)) {
+            fields.emplace_back(*computed);
+        } else {
+            fields.emplace_back(parse_field("--fields", name));
+        }
+        begin = end + 1;
+    }
+    return fields;
+}
+
+Result run(Arguments& a, Progress& progress) {
+    const StoreReader store(a.store);
+    if (a.study.fields.empty()) {
+        for (const Field field : store.layout().header().fields) {
+            if (!is_of_cells(field) || suit_cells(store.layout(), a.study)) {
+                a.study.fields.emplace_back(field);
+            }
+        }
+    }
+    const std::filesystem::path folder = a.folder;
+    const Folder made(folder);
+    const std::vector<const Column*> further = further_columns(a.study);
+    const std::vector<PlotFile> plots = plots_of(further);
+    std::vector<std::filesystem::path> outputs{folder / kTable};
+    for (const PlotFile& plot : plots) {
+        for (const std::string& name : names_of(plot)) {
+            outputs.push_back(folder / name);
+        }
+    }
+    for (const std::filesystem::path& output : outputs) {
+        check_output(output, true, {store.path()});
+    }
+    const Study s = study(store, a.study, progress);
+    write_csv(folder / kTable, s, further);
+    for (const PlotFile& plot : plots) {
+        draw(folder, s, plot);
+    }
+    Result result;
+    result.warning = leftovers_of(outputs);
+    Json rows = Json::array();
+    for (const StudyRow& r : s.rows) {
+        Json row = {{"field", name_of(r.field)}, {"threshold", r.threshold},
+                    {"visited", r.visited},      {"leaves", r.leaves},
+                    {"l1", r.norms.l1},          {"l2", r.norms.l2},
+                    {"linf", r.norms.linf},      {"iso_visited", r.iso_visited},
+                    {"iso_leaves", r.iso_leaves}};
+        for (const Column* column : further) {
+            row.emplace(column->name, column->of(r));
+        }
+        rows.push_back(std::move(row));
+    }
+    result.json = {{"folder", a.folder},
+                   {"all_elements", s.all_elements},
+                   {"all_cells", s.all_cells},
+                   {"rows", rows}};
+    result.text = fmt::format(
+        "{}: study.csv and plots of {} fields at {} thresholds; the finest mesh "
+        "has {} elements, the finest grid {} cells\n",
+        a.folder, a.study.fields.size(), a.study.steps, s.all_elements, s.all_cells);
+    return result;
+}
+
+}  // namespace
+
+void add_study(CLI::App& app, Invocation& chosen) {
+    const auto a = std::make_shared<Arguments>();
+    CLI::App* const c = add_command(
+        app, chosen, "study",
+        {"Compare a store's indicators: how many elements for how much error",
+         "For thresholds from 1 down, as fractions of each field's largest value, the elements of "
+         "the\n"
+         "adaptive mesh of the whole volume, the cells of all levels that a traversal visits to "
+         "find\n"
+         "them, the error of the function on the mesh in three norms, and the efficiency 1 / (k "
+         "error),\n"
+         "k being the elements, or the visited cells as in the paper: as study.csv and as plots "
+         "(.svg\n"
+         "and .png). The volume must fit into the memory, 20 bytes a node.",
+         "isonest preprocess map.h5 --indicators all -o map.isonest\n"
+         "isonest study map.isonest --out map-study\n"
+         "isonest study head.isonest --fields linf_bar,normal_bar --iso 120 --out head-study\n"
+         "isonest study head.isonest --plane 0,0,1,40 --out slice-study"});
+    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    c->add_option("-o,--out", a->folder, "the folder for the table and the plots")
+        ->required()
+        ->type_name("FOLDER");
+    StudyOptions& s = a->study;
+    add_parsed(
+        c, "--fields", [&s](const std::string& text) { s.fields = parse_study_fields(text); },
+        "the fields to compare, with commas [all of the store]; those of cells by\n"
+        "hexahedra or quadrilaterals, others by tetrahedra or triangles; lp:P_bar,\n"
+        "grad_lp:P_bar (any P from 1 to inf), gradient_bar and curvature_bar\n"
+        "(also _plus) are computed from the values",
+        "NAMES");
+    add_parsed(
+        c, "--iso", [&s](const std::string& text) { s.iso = parse_number("--iso", text); },
+        "also count what extracting this isosurface visits", "V");
+    add_parsed(
+        c, "--plane",
+        [&s](const std::string& text) {
+            const std::vector<double> v = parse_numbers("--plane", text, 4, "NX,NY,NZ,D");
+            s.plane = WorldPlane{{v[0], v[1], v[2]}, v[3]};
+        },
+        "the mesh of the slice x NX + y NY + z NZ = D and its error, in place\n"
+        "of the whole volume's",
+        "NX,NY,NZ,D");
+    add_parsed(
+        c, "--norm", [&s](const std::string& text) { s.power = parse_number("--norm", text); },
+        "also the errors of value and gradient in L^P, integrated exactly", "P");
+    c->add_flag("--graph-distance", s.graphs,
+                "also the distance of the graphs of the data and of the mesh; takes long\n"
+                "where the error is large");
+    add_parsed(
+        c, "--steps",
+        [&s](const std::string& text) {
+            constexpr int kMost = 1000;
+            s.steps = static_cast<int>(parse_integer("--steps", text, 2, kMost));
+        },
+        "number of thresholds [25]", "N");
+    add_parsed(
+        c, "--least", [&s](const std::string& text) { s.least = parse_number("--least", text); },
+        "the least threshold [1e-4]", "T");
+    add_memory(c, s.memory);
+    add_threads(c, s.threads);
+    c->callback(
+        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+}
+
+}  // namespace isonest::detail::cli

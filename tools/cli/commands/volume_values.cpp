@@ -1,0 +1,104 @@
+#include "tools/cli/commands/volume_values.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include <isonest/error.h>
+
+#include "query/view/indicator_box.h"
+#include "store/base/box.h"
+#include "store/container/chunk_cache.h"
+#include "store/container/gather.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+constexpr std::uint64_t kSlab = std::uint64_t{8} << 20U;  ///< bytes of input read at once
+
+bool is_no_store(const Error& error) {
+    return std::any_of(error.remedies().begin(), error.remedies().end(),
+                       [](const Remedy& r) { return r.kind == RemedyKind::make_store; });
+}
+
+/// Planes per slab; whole ones.
+std::int64_t planes_at_once(const VolumeDescription& d, std::int64_t multiple) {
+    const auto plane = static_cast<std::uint64_t>(d.nodes.x * d.nodes.y) * size_of(d.type);
+    const auto fit = static_cast<std::int64_t>(std::max<std::uint64_t>(1, kSlab / plane));
+    return std::min(d.nodes.z, ceil_div(fit, multiple) * multiple);
+}
+
+}  // namespace
+
+VolumeValues::VolumeValues(const std::string& path, const SourceOptions& options) : path_(path) {
+    try {
+        store_ = std::make_unique<StoreReader>(path);
+    } catch (const Error& error) {
+        if (!is_no_store(error)) {
+            throw;
+        }
+        source_ = open_volume(path, options);
+    }
+}
+
+VolumeDescription VolumeValues::describe() const {
+    if (source_) {
+        return source_->describe();
+    }
+    const StoreHeader& h = store_->layout().header();
+    return {h.nodes, h.type, h.spacing, h.origin, path_, h.direction};
+}
+
+std::vector<std::filesystem::path> VolumeValues::files() const {
+    return source_ ? source_->files() : std::vector<std::filesystem::path>{store_->path()};
+}
+
+std::uint64_t VolumeValues::heap() const {
+    const VolumeDescription d = describe();
+    const std::int64_t multiple = source_ ? source_->granularity().planes : 1;
+    const std::uint64_t slab =
+        static_cast<std::uint64_t>(d.nodes.x * d.nodes.y * planes_at_once(d, multiple)) *
+        size_of(d.type);
+    return slab + (source_ ? source_->heap() : kSlab + 4 * largest_chunk_bytes(store_->layout()));
+}
+
+std::vector<float> VolumeValues::read(Progress& progress) {
+    const VolumeDescription d = describe();
+    std::vector<float> values(static_cast<std::size_t>(d.nodes.product()));
+    const std::int64_t planes = planes_at_once(d, source_ ? source_->granularity().planes : 1);
+    progress.begin("read", static_cast<std::uint64_t>(d.nodes.z), "planes");
+    std::unique_ptr<ChunkCache> cache;
+    if (store_) {
+        cache = std::make_unique<ChunkCache>(*store_, kSlab);
+    }
+    dispatch(d.type, [&](auto tag) {
+        using T = typename decltype(tag)::type;
+        for (std::int64_t z = 0; z < d.nodes.z; z += planes) {
+            progress.check();
+            const std::int64_t count = std::min(planes, d.nodes.z - z);
+            Box<T> slab({0, 0, z}, {d.nodes.x, d.nodes.y, count});
+            if (source_) {
+                source_->read(z, count, 0, d.nodes.y,
+                              reinterpret_cast<std::byte*>(slab.data.data()));
+            } else {
+                gather_values(*cache, store_->layout().array(0, Field::values), slab);
+            }
+            float* const to = values.data() + d.nodes.linear({0, 0, z});
+            for (std::size_t i = 0; i < slab.data.size(); ++i) {
+                to[i] = static_cast<float>(slab.data[i]);
+                if (!std::isfinite(to[i])) {
+                    const Int3 p = slab.size.unlinear(static_cast<std::int64_t>(i)) + slab.lo;
+                    throw Error(ErrorKind::unsupported,
+                                {path_, fmt::format("node ({}, {}, {})", p.x, p.y, p.z)},
+                                "the value is missing or too large for float32: all of a volume "
+                                "that is smoothed have to be numbers");
+                }
+            }
+            progress.advance(static_cast<std::uint64_t>(count));
+        }
+    });
+    return values;
+}
+
+}  // namespace isonest::detail::cli

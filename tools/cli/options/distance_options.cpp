@@ -1,0 +1,205 @@
+#include "tools/cli/options/distance_options.h"
+
+#include <fmt/format.h>
+
+#include <limits>
+
+#include <isonest/error.h>
+
+#include "tools/cli/options/units.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+/// "0.5", "0.5mm" or "0.5voxel".
+DistanceBound parse_distance(const std::string& option, const std::string& text) {
+    DistanceBound distance;
+    const std::size_t last_digit = text.find_last_of("0123456789.");
+    const std::size_t unit = last_digit == std::string::npos ? text.size() : last_digit + 1;
+    const std::string name = text.substr(unit);
+    distance.voxels = name == "voxel" || name == "voxels";
+    if (!distance.voxels && !name.empty() && name != "mm") {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} '{}': the unit {} is none that is known; give world units "
+                                "(0.5 or 0.5mm) or voxels (0.5voxel)",
+                                option, text, name));
+    }
+    distance.value = parse_number(option, text.substr(0, unit));
+    if (distance.value < 0) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} '{}': give a number >= 0", option, text));
+    }
+    return distance;
+}
+
+const char* analysis_name(AnalysisUse use) {
+    switch (use) {
+        case AnalysisUse::made:
+            return "made";
+        case AnalysisUse::found:
+            return "found";
+        case AnalysisUse::replaced_stale:
+            return "replaced_stale";
+        case AnalysisUse::replaced_damaged:
+            return "replaced_damaged";
+        case AnalysisUse::not_used:
+            break;
+    }
+    return "not_used";
+}
+
+}  // namespace
+
+std::optional<SurfaceStop> DistanceArguments::stop() const {
+    if (by_error) {
+        return ErrorBudget{.most = triangles, .simplified = simplify};
+    }
+    if (triangles > 0) {
+        return TriangleBudget{triangles, distance};
+    }
+    if (distance && nested) {
+        return NestedDistanceBound{*distance};
+    }
+    return distance ? std::optional<SurfaceStop>(*distance) : std::nullopt;
+}
+
+void add_distance_options(CLI::App* c, DistanceArguments& a,
+                          const std::vector<std::string>& others) {
+    CLI::Option* const distance = add_parsed(
+        c, "--distance",
+        [&a](const std::string& text) { a.distance = parse_distance("--distance", text); },
+        "in place of the error: simplify, at most this far from the\n"
+        "surface at full resolution, anywhere and in both directions;\n"
+        "world units, or voxels: 0.5voxel",
+        "D[mm|voxel]");
+    CLI::Option* const triangles = add_parsed(
+        c, "--triangles",
+        [&a](const std::string& text) {
+            a.triangles = static_cast<std::uint64_t>(
+                parse_integer("--triangles", text, 1, std::numeric_limits<std::int64_t>::max()));
+        },
+        "in place of the error: at most so many triangles, at the\n"
+        "smallest distance that is found; with --distance: whichever\n"
+        "is reached first",
+        "N");
+    CLI::Option* const by = add_parsed(
+        c, "--by",
+        [&a](const std::string& text) {
+            if (text != "distance" && text != "error") {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--by '{}': give distance or error", text));
+            }
+            a.by_error = text == "error";
+        },
+        "what --triangles makes small: the distance (if not given), or\n"
+        "the error of the values, with triangles of the nested grid, or\n"
+        "with those that --simplify makes",
+        "distance|error");
+    by->needs(triangles);
+    CLI::Option* const simplify =
+        c->add_flag("--simplify", a.simplify,
+                    "with --error, or --by error: fewer triangles than the nested grid\n"
+                    "has, the error proven on them; takes longer");
+    simplify->excludes(distance);
+    // A flag's value comes behind "=" alone, so that it never takes the name of a store.
+    CLI::Option* const keep =
+        c->add_flag("--keep-analysis")
+            ->description(
+                "keep an analysis of the surface beside the store, or in\n"
+                "--keep-analysis=FOLDER: made once, in several times the time;\n"
+                "other distances and numbers of triangles then take little")
+            ->each([&a](const std::string& text) {
+                a.analysis.emplace();
+                if (text != "true") {
+                    a.analysis->folder = text;
+                }
+            });
+    for (const char* const other : {"--stop", "--focus", "--camera", "--graph"}) {
+        simplify->excludes(c->get_option(other));
+    }
+    CLI::Option* const nested = c->add_flag(
+        "--no-simplify", a.nested, "within the distance, but with the nested grid's own triangles");
+    nested->needs(distance)->excludes(triangles)->excludes(keep);
+    for (const std::string& other : others) {
+        keep->excludes(c->get_option(other));
+        distance->excludes(c->get_option(other));
+        triangles->excludes(c->get_option(other));
+    }
+}
+
+std::string analysis_text(const ExtractReport& r) {
+    if (!r.analysis) {
+        return "";
+    }
+    const std::string file = r.analysis_file.string();
+    switch (*r.analysis) {
+        case AnalysisUse::made:
+            return fmt::format("{}: the analysis of this surface, made and kept\n", file);
+        case AnalysisUse::found:
+            return fmt::format("{}: made from this analysis\n", file);
+        case AnalysisUse::replaced_stale:
+            return fmt::format("{}: was of another store or version, and made anew\n", file);
+        case AnalysisUse::replaced_damaged:
+            return fmt::format("{}: was damaged, and made anew\n", file);
+        case AnalysisUse::not_used:
+            break;
+    }
+    return "No analysis was used: what is asked for is finer than an analysis holds, an eighth of "
+           "a "
+           "voxel.\n";
+}
+
+std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
+    if (!r.distance) {
+        return fmt::format("error at most {:.6g} (asked for {} triangles){}", r.error_bound,
+                           a.triangles, simplified_text(r));
+    }
+    if (a.nested && r.distance_bound > 0) {
+        return fmt::format(
+            "within {:.4g} of the surface at full resolution (asked for {:.4g}), triangles of the "
+            "nested grid",
+            r.distance_bound, *r.distance);
+    }
+    if (r.full_triangles == 0) {
+        return "the surface at full resolution";
+    }
+    const std::string within = fmt::format(
+        "within {:.4g} of the surface at full resolution, which has {} {}", r.distance_bound,
+        r.full_triangles, r.dimension == 2 ? "line segments" : "triangles");
+    if (!r.within_budget) {
+        return within + fmt::format(" (asked for {:.4g})", *r.distance);
+    }
+    return within + (*r.within_budget
+                         ? fmt::format(" (asked for {} triangles)", a.triangles)
+                         : fmt::format(" (the distance {:.4g} was reached before {} triangles)",
+                                       *r.distance, a.triangles));
+}
+
+std::string simplified_text(const ExtractReport& r) {
+    return r.nested_triangles > 0
+               ? fmt::format(", simplified from {} triangles", r.nested_triangles)
+               : "";
+}
+
+void add_distance_json(Json& json, const ExtractReport& r) {
+    if (r.within_budget) {
+        json["within_budget"] = *r.within_budget;
+    }
+    if (r.nested_triangles > 0) {
+        json["nested_triangles"] = r.nested_triangles;
+        json["scratch_bytes"] = r.scratch_bytes;
+    }
+    if (!r.distance) {
+        return;
+    }
+    if (r.analysis) {
+        json["analysis"] = analysis_name(*r.analysis);
+        json["analysis_file"] = r.analysis_file.string();
+    }
+    json["distance"] = *r.distance;
+    json["distance_bound"] = r.distance_bound;
+    json["full_triangles"] = r.full_triangles;
+    json["scratch_bytes"] = r.scratch_bytes;
+}
+
+}  // namespace isonest::detail::cli

@@ -1,0 +1,204 @@
+#include "tools/cli/options/label_options.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <iterator>
+#include <span>
+
+#include <isonest/error.h>
+#include <isonest/labels.h>
+#include <isonest/mesh_file.h>
+
+#include "store/files/output_file.h"
+#include "tools/cli/options/units.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::int64_t kMost = (std::int64_t{1} << 62U) - 1;
+constexpr const char* kNeuroglancer = "neuroglancer";
+constexpr std::array kFormats{"ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf", kNeuroglancer};
+
+/// "all", "3,7,12-20".
+std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::string& text) {
+    std::vector<std::pair<std::int64_t, std::int64_t>> ranges;
+    if (text == "all") {
+        return ranges;
+    }
+    for (std::size_t at = 0; at <= text.size();) {
+        const std::size_t end = std::min(text.find(',', at), text.size());
+        const std::string item = text.substr(at, end - at);
+        // A dash in front is a sign.
+        const std::size_t dash = item.find('-', 1);
+        const std::int64_t first = parse_integer("--labels", item.substr(0, dash), -kMost, kMost);
+        const std::int64_t last =
+            dash == std::string::npos
+                ? first
+                : parse_integer("--labels", item.substr(dash + 1), -kMost, kMost);
+        if (last < first) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--labels '{}': the smaller number comes first", item));
+        }
+        ranges.emplace_back(first, last);
+        at = end + 1;
+    }
+    return ranges;
+}
+
+/// Those that are wanted. Throws Error{not_found} for a single one that is not there.
+std::vector<Label> chosen_of(const std::vector<Label>& all,
+                             const std::vector<std::pair<std::int64_t, std::int64_t>>& ranges,
+                             const std::string& store) {
+    std::vector<Label> chosen;
+    const auto from = [&](std::int64_t id) {
+        return std::lower_bound(all.begin(), all.end(), id,
+                                [](const Label& label, std::int64_t i) { return label.id < i; });
+    };
+    for (const auto& [first, last] : ranges) {
+        const auto begin = from(first);
+        const auto end = last == kMost ? all.end() : from(last + 1);
+        if (begin == end) {
+            throw Error(ErrorKind::not_found, {store},
+                        first == last
+                            ? fmt::format("there is no label {}", first)
+                            : fmt::format("there are no labels from {} to {}", first, last));
+        }
+        chosen.insert(chosen.end(), begin, end);
+    }
+    if (ranges.empty()) {
+        std::copy_if(all.begin(), all.end(), std::back_inserter(chosen),
+                     [](const Label& label) { return label.id != 0; });
+    }
+    std::sort(chosen.begin(), chosen.end(),
+              [](const Label& a, const Label& b) { return a.id < b.id; });
+    chosen.erase(std::unique(chosen.begin(), chosen.end(),
+                             [](const Label& a, const Label& b) { return a.id == b.id; }),
+                 chosen.end());
+    return chosen;
+}
+
+void write_text(const fs::path& path, const std::string& text) {
+    OutputFile file(path, true);
+    file.write_at(0, std::as_bytes(std::span(text)));
+    file.publish_as_named();
+}
+
+/// What a mesh's file is called.
+std::string mesh_name(std::int64_t id, const std::string& format) {
+    return fmt::format("{}.{}", id, format == kNeuroglancer ? "ngmesh" : format);
+}
+
+/// A file for each label that says which files its mesh is.
+void write_neuroglancer(const fs::path& folder, const std::vector<Label>& labels) {
+    write_text(folder / "info", Json{{"@type", "neuroglancer_legacy_mesh"}}.dump() + "\n");
+    for (const Label& label : labels) {
+        write_text(folder / fmt::format("{}:0", label.id),
+                   Json{{"fragments", {mesh_name(label.id, kNeuroglancer)}}}.dump() + "\n");
+    }
+}
+
+Json json_of(const Label& label, const ExtractReport& r, const std::string& mesh) {
+    Json json = {{"id", label.id},
+                 {"nodes", label.nodes},
+                 {"low", {label.low.x, label.low.y, label.low.z}},
+                 {"high", {label.high.x, label.high.y, label.high.z}},
+                 {"mesh", mesh},
+                 {"vertices", r.vertices},
+                 {"triangles", r.triangles}};
+    if (r.distance) {
+        json["distance_bound"] = r.distance_bound;
+    }
+    return json;
+}
+
+}  // namespace
+
+void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::string>& others) {
+    CLI::Option* const one = add_parsed(
+        c, "--label",
+        [&a](const std::string& text) { a.one = parse_integer("--label", text, -kMost, kMost); },
+        "in place of an isovalue: the surface around the nodes with\n"
+        "this label, half way to the others",
+        "ID");
+    CLI::Option* const several = add_parsed(
+        c, "--labels", [&a](const std::string& text) { a.several = parse_labels(text); },
+        "a mesh for each of these labels (all: but 0), and a list of\n"
+        "them, labels.json; MESH is then their folder",
+        "all|LIST");
+    one->excludes(several);
+    for (const std::string& other : others) {
+        one->excludes(c->get_option(other));
+        several->excludes(c->get_option(other));
+    }
+    add_parsed(
+        c, "--format",
+        [&a](const std::string& text) {
+            if (std::find(kFormats.begin(), kFormats.end(), text) == kFormats.end()) {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--format '{}': give one of ply, stl, obj, vtp, vtkhdf, "
+                                        "glb, 3mf, neuroglancer",
+                                        text));
+            }
+            a.format = text;
+        },
+        "of these meshes; neuroglancer: a folder of precomputed\n"
+        "meshes [ply]",
+        "NAME")
+        ->needs(several);
+}
+
+Result extract_label_meshes(const Store& store, const LabelArguments& labels,
+                            const ExtractArguments& a, const SurfaceQuery& query,
+                            Progress& progress) {
+    const fs::path folder = a.mesh;
+    std::error_code error;
+    if (fs::exists(folder, error) && !fs::is_directory(folder, error)) {
+        throw Error(ErrorKind::invalid_argument, {a.mesh},
+                    "is no folder: the meshes of labels are written into one");
+    }
+    const std::vector<Label> chosen =
+        chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
+                  *labels.several, a.store);
+    fs::create_directory(folder, error);
+    if (!fs::is_directory(folder)) {
+        throw Error(ErrorKind::io, {a.mesh}, "cannot be made a folder: " + error.message());
+    }
+    ExtractOptions options = a.options;
+    options.scratch = folder;
+    std::vector<ExtractReport> reports(chosen.size());
+    extract_labels(
+        store, chosen, query,
+        [&](const Label& label) {
+            return open_mesh_file(folder / mesh_name(label.id, labels.format), {.replace = true});
+        },
+        [&](std::size_t i, const ExtractReport& report) { reports[i] = report; }, options,
+        progress);
+    if (labels.format == kNeuroglancer) {
+        write_neuroglancer(folder, chosen);
+    }
+    Result result;
+    Json list = Json::array();
+    std::uint64_t triangles = 0;
+    double bound = 0;
+    for (std::size_t i = 0; i < chosen.size(); ++i) {
+        list.push_back(json_of(chosen[i], reports[i], mesh_name(chosen[i].id, labels.format)));
+        triangles += reports[i].triangles;
+        bound = std::max(bound, reports[i].distance_bound);
+    }
+    result.json = {{"folder", a.mesh}, {"labels", list}};
+    write_text(folder / "labels.json", result.json.dump(2) + "\n");
+    result.text =
+        fmt::format("{}: {} meshes of {} labels, {} triangles; the list is {}\n", a.mesh,
+                    labels.format, chosen.size(), triangles, (folder / "labels.json").string());
+    if (bound > 0) {
+        result.text += fmt::format("each within {:.6g} of the label's surface\n", bound);
+    }
+    return result;
+}
+
+}  // namespace isonest::detail::cli

@@ -1,0 +1,250 @@
+#include "tools/cli/options/source_options.h"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <string_view>
+#include <utility>
+
+#include <isonest/error.h>
+
+#include "store/lattice/lattice.h"
+#include "tools/cli/command.h"
+#include "tools/cli/options/units.h"
+
+namespace isonest::detail::cli {
+
+ValueType parse_type(const std::string& text) {
+    // NumPy's and C's names. Those that end in 8 but f8 are of 8 bits, as everywhere in isonest.
+    constexpr std::array<std::pair<std::string_view, std::string_view>, 14> kOthers{
+        {{"u1", "uint8"},
+         {"i1", "int8"},
+         {"u2", "uint16"},
+         {"i2", "int16"},
+         {"u4", "uint32"},
+         {"i4", "int32"},
+         {"f4", "float32"},
+         {"f8", "float64"},
+         {"uchar", "uint8"},
+         {"char", "int8"},
+         {"ushort", "uint16"},
+         {"short", "int16"},
+         {"uint", "uint32"},
+         {"int", "int32"}}};
+    std::string_view name = text;
+    for (const auto& [other, ours] : kOthers) {
+        if (text == other) {
+            name = ours;
+        }
+    }
+    const std::optional<ValueType> type = value_type_from_name(name);
+    if (!type) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("--type '{}': give uint8, int8, uint16, int16, uint32, int32, "
+                                "float32 or float64 (or u1, i2, f4, ...)",
+                                text));
+    }
+    return *type;
+}
+
+namespace {
+
+/// "A,B": for data in a plane.
+bool in_plane(const std::string& text) {
+    return std::count(text.begin(), text.end(), ',') == 1;
+}
+
+std::vector<std::string> split(const std::string& text, char at) {
+    std::vector<std::string> parts{""};
+    for (const char c : text) {
+        if (c == at) {
+            parts.emplace_back();
+        } else {
+            parts.back() += c;
+        }
+    }
+    return parts;
+}
+
+std::int64_t parse_position(const char* option, const std::string& text) {
+    constexpr std::int64_t kMost = std::int64_t{1} << 40U;
+    return parse_integer(option, text, -kMost, kMost);
+}
+
+/// "5,:,:,:" or "time=5,c=0".
+std::vector<AxisIndex> parse_index(const std::string& text) {
+    std::vector<AxisIndex> index;
+    for (const std::string& part : split(text, ',')) {
+        const std::size_t sign = part.find('=');
+        AxisIndex entry;
+        if (sign != std::string::npos) {
+            entry.axis = part.substr(0, sign);
+        }
+        const std::string at = sign == std::string::npos ? part : part.substr(sign + 1);
+        if (at != ":") {
+            entry.at = parse_position("--index", at);
+        }
+        const bool named = !index.empty() && !index.front().axis.empty();
+        if ((!index.empty() && named == entry.axis.empty()) ||
+            (sign != std::string::npos && entry.axis.empty())) {
+            throw Error(ErrorKind::invalid_argument,
+                        fmt::format("--index '{}': give a number or : for each axis (5,:,:,:), or "
+                                    "names (time=5,c=0)",
+                                    text));
+        }
+        index.push_back(std::move(entry));
+    }
+    return index;
+}
+
+/// "10:200,:,-64:" along x, y and z.
+std::array<NodeRange, 3> parse_crop(const std::string& text) {
+    std::array<NodeRange, 3> crop;
+    const std::vector<std::string> parts = split(text, ',');
+    const auto fail = [&] {
+        throw Error(
+            ErrorKind::invalid_argument,
+            fmt::format("--crop '{}': give FROM:TO for x, y and z, like 10:200,:,-64:", text));
+    };
+    if (parts.size() != 3 && parts.size() != 2) {
+        fail();
+    }
+    for (std::size_t a = 0; a < parts.size(); ++a) {
+        const std::size_t colon = parts[a].find(':');
+        if (colon == std::string::npos) {
+            fail();
+        }
+        const std::string from = parts[a].substr(0, colon);
+        const std::string to = parts[a].substr(colon + 1);
+        if (!from.empty()) {
+            crop.at(a).from = parse_position("--crop", from);
+        }
+        if (!to.empty()) {
+            crop.at(a).to = parse_position("--crop", to);
+        }
+    }
+    return crop;
+}
+
+Int3 parse_nodes(const char* option, const std::string& text) {
+    std::string commas = text;
+    std::replace(commas.begin(), commas.end(), 'x', ',');
+    return parse_int3(option, in_plane(commas) ? commas + ",1" : commas, kMaxNodesPerAxis);
+}
+
+void add_parts(CLI::App* command, SourceOptions& o, const char* group) {
+    add_parsed(
+        command, "--series", [&o](const std::string& text) { o.series = text; },
+        "DICOM: the series' UID, if there are several", "UID")
+        ->group(group);
+    add_parsed(
+        command, "--index", [&o](const std::string& text) { o.index = parse_index(text); },
+        "of an array with time steps or channels: a position or : for each\n"
+        "axis, slowest first (5,:,:,:), or by name (time=5,c=0)",
+        "AT")
+        ->group(group);
+    add_parsed(
+        command, "--crop", [&o](const std::string& text) { o.crop = parse_crop(text); },
+        "nodes FROM up to, but without, TO along x, y, z; as in Python,\n"
+        "negative numbers count from the end",
+        "X0:X1,Y0:Y1,Z0:Z1")
+        ->group(group);
+    add_parsed(
+        command, "--every",
+        [&o](const std::string& text) {
+            if (text.find_first_of(",x") != std::string::npos) {
+                o.every = parse_nodes("--every", text);
+            } else {
+                const std::int64_t n = parse_integer("--every", text, 1, kMaxNodesPerAxis);
+                o.every = {n, n, n};
+            }
+        },
+        "each N-th node only, from the first on", "N or X,Y[,Z]")
+        ->group(group);
+}
+
+}  // namespace
+
+std::unique_ptr<VolumeSource> open_input(const std::vector<std::string>& input,
+                                         const std::filesystem::path& scratch_folder,
+                                         const SourceOptions& options) {
+    if (input == std::vector<std::string>{"-"}) {
+        return open_volume_stream(STDIN_FILENO, scratch_folder, options);
+    }
+    return open_volume(std::vector<std::filesystem::path>(input.begin(), input.end()), options);
+}
+
+void add_source_options(CLI::App* command, SourceOptions& o) {
+    const char* const group = "How to read INPUT";
+    add_parsed(
+        command, "--dataset", [&o](const std::string& text) { o.dataset = text; },
+        "the array's path or name in a file of several (HDF5, Zarr, .npz, ...)", "PATH")
+        ->group(group);
+    add_parts(command, o, group);
+    add_parsed(
+        command, "--dims", [&o](const std::string& text) { o.dims = parse_nodes("--dims", text); },
+        "raw: nodes per axis, fastest first (64,64,32 or 64x64x32)", "X,Y[,Z]")
+        ->group(group);
+    add_parsed(
+        command, "--type",
+        [&o](const std::string& text) {
+            const bool ordered = text.starts_with('<') || text.starts_with('>');
+            o.type = parse_type(ordered ? text.substr(1) : text);
+            if (ordered) {
+                o.big_endian = text.starts_with('>');
+            }
+        },
+        "raw: uint8, int16, float32, ... or u1, i2, f4, >i2", "T")
+        ->group(group);
+    add_parsed(
+        command, "--endian",
+        [&o](const std::string& text) {
+            if (text != "big" && text != "little") {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--endian '{}': give big or little", text));
+            }
+            o.big_endian = text == "big";
+        },
+        "raw: big or little [little]", "END")
+        ->group(group);
+    add_parsed(
+        command, "--offset",
+        [&o](const std::string& text) {
+            o.offset = static_cast<std::uint64_t>(
+                parse_integer("--offset", text, 0, std::numeric_limits<std::int64_t>::max()));
+        },
+        "raw: bytes to skip (after decompression) [0]", "BYTES")
+        ->group(group);
+    add_parsed(
+        command, "--spacing",
+        [&o](const std::string& text) {
+            o.spacing = parse_double3("--spacing", in_plane(text) ? text + ",1" : text);
+            if (!std::all_of(o.spacing->begin(), o.spacing->end(),
+                             [](double s) { return s > 0; })) {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--spacing '{}': give three numbers > 0", text));
+            }
+        },
+        "node distance in world units, instead of the file's", "X,Y[,Z]")
+        ->group(group);
+    add_parsed(
+        command, "--origin",
+        [&o](const std::string& text) {
+            o.origin = parse_double3("--origin", in_plane(text) ? text + ",0" : text);
+        },
+        "world position of the first node, instead of the file's", "X,Y[,Z]")
+        ->group(group);
+    command->add_flag("--labels", o.labels,
+                      "integers of 64 bits are labels (0 to 2^62 - 1), kept as they are for\n"
+                      "extract --label; else float64, and refused beyond 2^53");
+    add_parsed(
+        command, "--missing",
+        [&o](const std::string& text) { o.missing = parse_number("--missing", text); },
+        "this value stands for missing data, as NaN does", "V")
+        ->group(group);
+}
+
+}  // namespace isonest::detail::cli
