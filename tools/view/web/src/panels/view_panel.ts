@@ -1,9 +1,9 @@
 // From where the volume is seen, and how the page looks.
-import type { CameraMoves } from "./camera_moves";
-import { kDirections } from "./camera_moves";
-import { button, checkbox, h, section, select } from "./dom";
-import type { StoreInfo } from "./protocol";
-import type { ViewState, ViewStore } from "./state";
+import type { CameraMoves } from "../camera_moves";
+import { kDirections } from "../camera_moves";
+import { button, checkbox, h, section, select } from "../dom";
+import type { StoreInfo } from "../protocol";
+import type { ViewState, ViewStore } from "../state";
 
 export function viewPanel(views: ViewStore, store: StoreInfo, moves: CameraMoves): HTMLElement {
   const directions = Object.keys(kDirections).map((name) => button(name[0]!.toUpperCase() + name.slice(1), () => moves.from(name)));

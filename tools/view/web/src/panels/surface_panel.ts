@@ -1,9 +1,9 @@
 // Choices for the surface, and in plain words how good it is now.
-import { checkbox, h, numberField, section, select } from "./dom";
-import type { StoreInfo } from "./protocol";
-import type { Surface } from "./surface";
-import type { Target, ViewStore } from "./state";
-import { bytes, rounding, short, surfaceBound, whole } from "./words";
+import { checkbox, h, numberField, section, select } from "../dom";
+import type { StoreInfo } from "../protocol";
+import type { Surface } from "../surface";
+import type { Target, ViewStore } from "../state";
+import { bytes, rounding, short, surfaceBound, whole } from "../words";
 
 const kTargets: readonly (readonly [Target, string])[] = [
   ["screen", "to the screen's pixels"],

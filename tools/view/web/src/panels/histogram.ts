@@ -1,9 +1,9 @@
 // The histogram over the isovalue's slider: how often values occur, how much surface each isovalue has, what is suggested.
-import { button, h, setAttributes, svg } from "./dom";
-import type { HistogramInfo, StoreInfo } from "./protocol";
+import { button, h, setAttributes, svg } from "../dom";
+import type { HistogramInfo, StoreInfo } from "../protocol";
 import { niceStep } from "./slider";
-import type { ViewStore } from "./state";
-import { short, whole } from "./words";
+import type { ViewStore } from "../state";
+import { short, whole } from "../words";
 
 const kWidth = 256;
 const kHeight = 72;

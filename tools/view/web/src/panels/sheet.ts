@@ -1,5 +1,5 @@
 // On a narrow screen the panel is a sheet below the picture, which can be folded.
-import { byId } from "./dom";
+import { byId } from "../dom";
 
 /** Wires the button that folds the panel. */
 export function bindSheet(): void {

@@ -1,12 +1,12 @@
 // Sliders for the slices, their colours and their window.
-import { button, checkbox, h, section, select } from "./dom";
-import { reachOf } from "./geometry";
-import type { StoreInfo } from "./protocol";
-import { colorOf, kMapNames } from "./shaders";
+import { button, checkbox, h, section, select } from "../dom";
+import { reachOf } from "../geometry";
+import type { StoreInfo } from "../protocol";
+import { colorOf, kMapNames } from "../shaders";
 import { Slider } from "./slider";
-import type { Slice } from "./slices";
-import { kSliceNames, type SliceName, type ViewStore } from "./state";
-import { short, sliceBound, whole } from "./words";
+import type { Slice } from "../slices";
+import { kSliceNames, type SliceName, type ViewStore } from "../state";
+import { short, sliceBound, whole } from "../words";
 
 const kTitles: Readonly<Record<SliceName, string>> = { x: "Across x", y: "Across y", z: "Across z", o: "Oblique" };
 const kFirstMaps = ["gray", "viridis", "cividis", "magma", "inferno", "turbo", "coolwarm"];

@@ -1,11 +1,11 @@
 // The box that surface and slices are clipped to: its sliders, and its outline in the picture.
 import { BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments } from "three";
-import { button, checkbox, h, section } from "./dom";
-import { cornersOf } from "./geometry";
-import type { Box, StoreInfo, Vector } from "./protocol";
+import { button, checkbox, h, section } from "../dom";
+import { cornersOf } from "../geometry";
+import type { Box, StoreInfo, Vector } from "../protocol";
 import { Slider } from "./slider";
-import type { Stage } from "./stage";
-import type { ViewStore } from "./state";
+import type { Stage } from "../stage";
+import type { ViewStore } from "../state";
 
 const kLeastPart = 1e-3; // of the volume, along an axis
 

@@ -1,12 +1,12 @@
 // What is seen as a file: the mesh, the picture, and the command line that makes the same mesh.
-import type { Api, Parameters } from "./api";
-import { button, h, section, select } from "./dom";
-import type { StoreInfo } from "./protocol";
-import type { Slice } from "./slices";
-import type { Stage } from "./stage";
-import type { SliceName, ViewStore } from "./state";
-import { kSliceNames } from "./state";
-import type { Surface } from "./surface";
+import type { Api, Parameters } from "../api";
+import { button, h, section, select } from "../dom";
+import type { StoreInfo } from "../protocol";
+import type { Slice } from "../slices";
+import type { Stage } from "../stage";
+import type { SliceName, ViewStore } from "../state";
+import { kSliceNames } from "../state";
+import type { Surface } from "../surface";
 
 const kFormats = ["ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf"] as const;
 const kPause = 400; // milliseconds, between the last change and the question for the command line

@@ -1,9 +1,9 @@
 // How much memory the page and the server hold; and whether the server and its store are still there.
-import type { Api } from "./api";
-import type { DrawnMesh } from "./drawn_mesh";
-import { h, section } from "./dom";
-import type { StatusInfo, StoreInfo } from "./protocol";
-import { bytes, whole } from "./words";
+import type { Api } from "../api";
+import type { DrawnMesh } from "../drawn_mesh";
+import { h, section } from "../dom";
+import type { StatusInfo, StoreInfo } from "../protocol";
+import { bytes, whole } from "../words";
 
 const kPause = 2000; // milliseconds
 

@@ -1,6 +1,6 @@
 // A slider with a number field beside it, for one number.
-import { h, numberField } from "./dom";
-import { short } from "./words";
+import { h, numberField } from "../dom";
+import { short } from "../words";
 
 const kSteps = 1000;
 
