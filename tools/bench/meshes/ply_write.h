@@ -1,7 +1,7 @@
 // Writes a binary PLY file that ply_mesh.h reads, for the programs that run a peer's algorithm.
 #pragma once
 
-#include "tools/bench/ply_mesh.h"
+#include "tools/bench/meshes/ply_mesh.h"
 
 namespace bench {
 

@@ -16,7 +16,7 @@
 #include <numbers>
 #include <span>
 
-#include "tools/bench/ply_mesh.h"
+#include "tools/bench/meshes/ply_mesh.h"
 
 using namespace bench;
 

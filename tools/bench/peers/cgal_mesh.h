@@ -6,7 +6,7 @@
 #include <CGAL/Polygon_mesh_processing/polygon_soup_to_polygon_mesh.h>
 #include <CGAL/Surface_mesh.h>
 
-#include "tools/bench/ply_mesh.h"
+#include "tools/bench/meshes/ply_mesh.h"
 
 namespace bench {
 

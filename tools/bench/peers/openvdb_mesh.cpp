@@ -12,7 +12,7 @@
 
 #include <ctime>
 
-#include "tools/bench/ply_write.h"
+#include "tools/bench/meshes/ply_write.h"
 
 using namespace bench;
 

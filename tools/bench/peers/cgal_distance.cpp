@@ -15,7 +15,7 @@
 
 #include <ctime>
 
-#include "tools/bench/cgal_mesh.h"
+#include "tools/bench/peers/cgal_mesh.h"
 
 using namespace bench;
 

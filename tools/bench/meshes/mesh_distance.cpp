@@ -28,7 +28,7 @@
 #include <thread>
 #include <tuple>
 
-#include "tools/bench/triangle_tree.h"
+#include "tools/bench/meshes/triangle_tree.h"
 
 using namespace bench;
 

@@ -17,8 +17,8 @@
 
 #include <ctime>
 
-#include "tools/bench/cgal_mesh.h"
-#include "tools/bench/ply_write.h"
+#include "tools/bench/meshes/ply_write.h"
+#include "tools/bench/peers/cgal_mesh.h"
 
 using namespace bench;
 namespace collapse = CGAL::Surface_mesh_simplification;

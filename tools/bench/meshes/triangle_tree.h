@@ -6,7 +6,7 @@
 #include <limits>
 #include <span>
 
-#include "tools/bench/ply_mesh.h"
+#include "tools/bench/meshes/ply_mesh.h"
 
 namespace bench {
 
