@@ -1,8 +1,9 @@
-"""The arrows between the folders, what stands at the top level, and that the library names no flags of the
-program. Arguments are not used.
+"""The arrows between the folders, how many files a folder shows, what stands at the top level, and that the
+library names no flags of the program. Arguments are not used.
 
 The checker first has to find faults planted into a copy of the tree, then none in the tree itself.
 """
+import collections
 import pathlib
 import re
 import shutil
@@ -19,8 +20,9 @@ MAY_INCLUDE = {
 }
 # The rooms of a folder, each with those that it may include beside itself and public headers.
 ROOMS = {
-    "store": {"base": set(), "files": {"base"}, "lattice": {"base"},
-              "container": {"base", "files", "lattice"}},
+    "store": {"base": set(), "files": {"base"}, "lattice": {"base"}, "hdf5": {"base", "files"},
+              "container": {"base", "files", "lattice", "hdf5"},
+              "exports": {"base", "files", "hdf5", "container"}},
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
                    "synthetic": set()},
     "query": {"view": set(), "march": {"view"}, "formats": set(), "mesh": {"view", "march"},
@@ -48,6 +50,9 @@ STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/sources/hdf5/
                    "preprocess/sources/zarr/zarr_codec")
 TOP_LEVEL = {*MAY_INCLUDE, "CMakeLists.txt", "README.md", "CONTRIBUTING.md", "LICENSE",
              "CMakePresets.json", "pyproject.toml"}
+MOST_FILES = 32  # that a folder shows: what is more has rooms
+DATA_FOLDERS = ("tests/fuzz/corpus/", "tests/store/golden/", "tools/pictures/figures/")
+FETCHED = {"node_modules", "dist", "__pycache__"}
 LOCAL_OUTPUT = re.compile(r"build.*|quickstart-out|.*\.isonest")  # as in .gitignore
 FLAG = re.compile(r'"(?:[^"\\]|\\.)*--[a-z](?:[^"\\]|\\.)*"')
 INCLUDE = re.compile(r'\s*#\s*include\s+([<"])([^>"]+)[>"]')
@@ -59,18 +64,29 @@ def place_in(parent, name):
     return name.removeprefix(parent + "/").split("/")[0] if name.startswith(parent + "/") else ""
 
 
+def paths_below(folder):
+    """All files, in order, without what was fetched or made."""
+    for path in sorted(folder.iterdir()):
+        if path.is_dir() and path.name not in FETCHED:
+            yield from paths_below(path)
+        elif path.is_file():
+            yield path
+
+
 def find_faults(root):
-    faults, files = [], 0
+    faults, files, shown = [], 0, collections.Counter()
     # Where each public header lives: <isonest/error.h> is store/public/isonest/error.h.
     owner = {f"isonest/{path.name.removesuffix('.in')}": path.relative_to(root).parts[0]
              for path in root.glob("*/public/isonest/*.h*")
              if not LOCAL_OUTPUT.fullmatch(path.relative_to(root).parts[0])}
     for folder, may in MAY_INCLUDE.items():
-        for path in sorted((root / folder).rglob("*")):
+        for path in paths_below(root / folder):
+            name = path.relative_to(root).as_posix()
+            if not name.startswith(DATA_FOLDERS) and not path.name.startswith("."):
+                shown[path.parent.relative_to(root).as_posix()] += 1
             if path.suffix not in (".h", ".cpp"):
                 continue
             files += 1
-            name = path.relative_to(root).as_posix()
             public = "/public/" in name
             text = path.read_text(encoding="utf-8")
             for number, line in enumerate(text.splitlines(), 1):
@@ -106,6 +122,8 @@ def find_faults(root):
                 faults.append(f"{name}: an inner header puts names into namespace isonest")
             if folder in ("store", "preprocess", "query") and path.parent == root / folder:
                 faults.append(f"{name} belongs into a room")
+    faults += [f"{folder}/ shows {count} files, at most {MOST_FILES} are to be seen at once: it needs rooms"
+               for folder, count in sorted(shown.items()) if count > MOST_FILES]
     for entry in sorted(root.iterdir()):
         if not (entry.name.startswith(".") or entry.name in TOP_LEVEL
                 or LOCAL_OUTPUT.fullmatch(entry.name)):
@@ -122,6 +140,7 @@ PLANTED = {
     "store/public/isonest/planted.h": '#include "store/base/box.h"',
     "query/mesh/planted_names.h": "namespace isonest {",
     "query/view/planted_room.h": '#include "query/traverse/interest.h"',
+    "store/container/planted_room.h": '#include "store/exports/volume_file.h"',
     "preprocess/sources/dicom/planted_inner.h": '#include "preprocess/sources/zarr/zarr_source.h"',
     "query/planted_hdf5.cpp": "#include <hdf5.h>",
     "preprocess/planted_hdf5.cpp": "#include <hdf5.h>",
@@ -136,13 +155,19 @@ with tempfile.TemporaryDirectory() as temporary:
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("node_modules"))
     for name, text in PLANTED.items():
         (copy / name).write_text(text + "\n")
+    for folder, count in (("crowded", MOST_FILES + 1), ("full", MOST_FILES), ("full/node_modules", 99)):
+        (copy / "tools" / folder).mkdir()
+        for i in range(count):
+            (copy / "tools" / folder / f"{i}.txt").touch()
     found = "\n".join(find_faults(copy)[0])
-    missed = [name for name in PLANTED if name not in found]
+    missed = [name for name in (*PLANTED, "tools/crowded/ shows") if name not in found]
+    if "tools/full" in found:
+        sys.exit("the checker finds a fault where there is none")
 if missed:
     sys.exit(f"the checker misses planted faults: {', '.join(missed)}")
 
 faults, files = find_faults(ROOT)
 if files < 40:
     sys.exit(f"only {files} source files found below {ROOT}")
-print("\n".join(faults) or f"{files} files: all includes follow the arrows")
+print("\n".join(faults) or f"{files} files: all includes follow the arrows, no folder is crowded")
 sys.exit(1 if faults else 0)

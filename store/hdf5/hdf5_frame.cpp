@@ -1,4 +1,4 @@
-#include "store/container/hdf5_frame.h"
+#include "store/hdf5/hdf5_frame.h"
 
 #include <fmt/format.h>
 

@@ -1,4 +1,4 @@
-#include "store/container/handles.h"
+#include "store/hdf5/handles.h"
 
 #include <string_view>
 

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "store/container/handles.h"
+#include "store/hdf5/handles.h"
 
 namespace isonest::detail {
 

@@ -1,6 +1,6 @@
 // Source: the registered HDF5 filter plugins, https://github.com/HDFGroup/hdf5_plugins (ZSTD,
 // 32015): cd_values[0] is the compression level, and the chunk is one zstd frame.
-#include "store/container/zstd_filter.h"
+#include "store/hdf5/zstd_filter.h"
 
 #include <zstd.h>
 

@@ -1,4 +1,4 @@
-#include "store/container/volume_file.h"
+#include "store/exports/volume_file.h"
 
 #include <fmt/format.h>
 
@@ -9,11 +9,11 @@
 
 #include <isonest/error.h>
 
-#include "store/container/handles.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_writer.h"
-#include "store/container/volume_headers.h"
+#include "store/exports/volume_headers.h"
 #include "store/files/output_file.h"
+#include "store/hdf5/handles.h"
 
 namespace isonest::detail {
 namespace {

@@ -1,4 +1,4 @@
-#include "store/container/polydata_file.h"
+#include "store/exports/polydata_file.h"
 
 #include <algorithm>
 #include <string>
@@ -6,9 +6,9 @@
 
 #include <isonest/error.h>
 
-#include "store/container/handles.h"
-#include "store/container/hdf5_frame.h"
 #include "store/container/hdf5_types.h"
+#include "store/hdf5/handles.h"
+#include "store/hdf5/hdf5_frame.h"
 
 namespace isonest::detail {
 

@@ -1,7 +1,7 @@
 // The entry points by which HDF5 loads the zstd filter from its plugin folder.
 #include <H5PLextern.h>
 
-#include "store/container/zstd_filter.h"
+#include "store/hdf5/zstd_filter.h"
 
 extern "C" {
 

@@ -1,4 +1,4 @@
-#include "store/container/volume_headers.h"
+#include "store/exports/volume_headers.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "store/container/volume_file.h"
+#include "store/exports/volume_file.h"
 
 namespace isonest::detail {
 
