@@ -11,9 +11,11 @@ import itertools
 import os
 import pathlib
 import re
-import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 try:
     import netCDF4
@@ -38,8 +40,8 @@ failures = []
 
 def run(*arguments):
     """(exit code, stderr, peak heap or None)"""
-    done = subprocess.run([ISONEST, *map(str, arguments), "-q"], capture_output=True, text=True,
-                          timeout=600, env={**os.environ, "LD_PRELOAD": str(HEAP)})
+    done = served.run([ISONEST, *map(str, arguments), "-q"], capture_output=True, text=True,
+                      timeout=600, env={**os.environ, "LD_PRELOAD": str(HEAP)})
     peak = re.search(r"peak heap (\d+) bytes", done.stderr)
     return done.returncode, done.stderr, int(peak[1]) if peak else None
 
