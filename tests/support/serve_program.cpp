@@ -1,16 +1,17 @@
-// Preloaded into the program, runs its main() again and again, each time in a process of its own that
-// is forked when everything is loaded: to load the program takes longer than most of what tests ask of
-// it. served.py is the other end, and says when not to use it.
+// Preloaded into the program, runs its main() again and again, each time in a process of its own
+// that is forked when everything is loaded: to load the program takes longer than most of what
+// tests ask of it. served.py is the other end, and says when not to use it.
 //
 //   LD_PRELOAD=libisonest_serve.so ISONEST_SERVE=SOCKET isonest
 //
-// A request is the number of its bytes and of its arguments (uint32 both, native), with three file
-// descriptors: standard input, output and error. It is followed by the arguments, the working folder
-// and the environment, each ended by a zero byte. Two int32 answer it: the process's id, and its status
-// as waitpid() gives it. The end of the socket ends the program.
+// A request is the number of its bytes, of its arguments, and the umask (uint32 each, native), with
+// three file descriptors: standard input, output and error. It is followed by the arguments, the
+// working folder and the environment, each ended by a zero byte. Two int32 answer it: the process's
+// id, and its status as waitpid() gives it. The end of the socket ends the program.
 #include <dlfcn.h>
 #include <sys/prctl.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -33,6 +34,7 @@ struct Request {
     std::array<int, 3> files;
     std::string text;
     std::uint32_t arguments = 0;
+    mode_t mask = 0;
 };
 
 void receive_all(int socket, void* to, std::size_t count) {
@@ -49,7 +51,7 @@ void receive_all(int socket, void* to, std::size_t count) {
 
 Request receive(int socket) {
     Request request;
-    std::array<std::uint32_t, 2> counts{};
+    std::array<std::uint32_t, 3> counts{};
     alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof request.files)> control{};
     iovec where{counts.data(), sizeof counts};
     msghdr message{};
@@ -67,6 +69,7 @@ Request receive(int socket) {
     std::memcpy(request.files.data(), CMSG_DATA(header), sizeof request.files);
     request.text.resize(counts[0]);
     request.arguments = counts[1];
+    request.mask = counts[2];
     receive_all(socket, request.text.data(), request.text.size());
     return request;
 }
@@ -88,6 +91,7 @@ Request receive(int socket) {
     if (::chdir(words[request.arguments]) != 0) {
         ::_exit(127);
     }
+    ::umask(request.mask);
     ::clearenv();
     for (std::size_t i = request.arguments + 1; i < words.size(); ++i) {
         ::putenv(words[i]);

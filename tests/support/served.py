@@ -49,7 +49,8 @@ def _served(command, files, cwd, env, timeout):
     text = b"".join(os.fsencode(word) + b"\0" for word in words)
     with _lock:
         server = _server(command[0], env.get("LD_PRELOAD", ""))
-        server.sendmsg([struct.pack("II", len(text), len(command))],
+        os.umask(mask := os.umask(0))
+        server.sendmsg([struct.pack("III", len(text), len(command), mask)],
                        [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", files))])
         server.sendall(text)
         process = _number(server)

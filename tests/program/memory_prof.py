@@ -1,0 +1,201 @@
+"""The heap of every command stays within --memory, or the command says how much it needs at least.
+
+Usage: memory_test.py ISONEST PLUGIN_FOLDER
+
+For chunk sizes and budgets: either the peak of malloc'ed bytes (tools/bench/peak_heap.cpp) is at most
+--memory, or the exit code is 7 with a message that names the least memory; with that one it works,
+and stays within it.
+"""
+import gzip
+import itertools
+import os
+import pathlib
+import re
+import sys
+import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
+
+try:
+    import netCDF4
+    import nibabel
+    import numpy as np
+    import tifffile
+    import zarr
+except ImportError as error:
+    print(f"skipped: {error}")
+    sys.exit(77)
+
+ISONEST = pathlib.Path(sys.argv[1]).resolve()
+HEAP = ISONEST.parent.parent / "tools" / "bench" / "libisonest_peak_heap.so"
+MIB = 1 << 20
+LIMIT = 7
+CHUNKS = [16, 64, 128, 256]
+BUDGETS = ["20M", "64M"]
+LARGEST = "4096x4096"
+SIDE = 560  # an eighth of its cube is 21 MiB
+failures = []
+
+
+import time
+def run(*arguments):
+    t=time.time(); r=run_(*arguments); print(f"{time.time()-t:.2f}", *arguments[:1], *[str(a)[-24:] for a in arguments[1:]], r[0], r[2], flush=True); return r
+def run_(*arguments):
+    """(exit code, stderr, peak heap or None)"""
+    done = served.run([ISONEST, *map(str, arguments), "-q"], capture_output=True, text=True,
+                      timeout=600, env={**os.environ, "LD_PRELOAD": str(HEAP)})
+    peak = re.search(r"peak heap (\d+) bytes", done.stderr)
+    return done.returncode, done.stderr, int(peak[1]) if peak else None
+
+
+def bytes_of(memory):
+    return int(memory[:-1]) * MIB if memory.endswith("M") else int(memory)
+
+
+def require(good, what):
+    if not good:
+        failures.append(what)
+        print("FAILED:", what, flush=True)
+
+
+def must_stay_within(command, memory):
+    """Returns the least memory that the command names, or None if it worked."""
+    code, text, peak = run(*command, "--memory", memory)
+    what = f"{' '.join(map(str, command))} --memory {memory}: exit {code}, heap {peak}, {text}"
+    if code == LIMIT:
+        least = re.search(r"give at least --memory (\d+M)", text)
+        require(least is not None, "no least memory is named: " + what)
+        return least[1] if least else None
+    require(code == 0, what)
+    require(peak <= bytes_of(memory), "more heap than --memory: " + what)
+    return None
+
+
+def check(command, budgets):
+    # Nothing works in one byte, and what is named works.
+    least = must_stay_within(command, "1")
+    require(least is not None, f"--memory 1 is accepted: {command}")
+    for memory in [*budgets, *([least] if least else [])]:
+        named = must_stay_within(command, memory)
+        if named is not None:
+            require(memory != least, f"the least memory, {least}, is not enough: {command}")
+            require(named == least, f"two least memories, {least} and {named}: {command}")
+
+
+def waves():
+    x = np.arange(SIDE, dtype="f4") / 9
+    return (120 + 40 * (np.sin(x)[:, None, None] + np.cos(x)[:, None] + np.sin(2 * x))).astype("u1")
+
+
+def inputs(folder):
+    """Files of SIDE^3 bytes as Python's packages write them."""
+    data = waves()
+    stack = folder / "stack"
+    stack.mkdir()
+    for z, plane in enumerate(data):
+        tifffile.imwrite(stack / f"{z}.tif", plane, photometric="minisblack", metadata=None,
+                         compression="zlib" if z % 2 else None, rowsperstrip=SIDE if z % 3 else 7)
+    tifffile.imwrite(folder / "v.tif", data, photometric="minisblack", metadata=None, tile=(128, 128), compression="zlib")
+    zarr.save_array(str(folder / "v.zarr"), data, chunks=(64, 64, 64))
+    zarr.save_array(str(folder / "z.zarr"), data, chunks=(1, SIDE, SIDE), compressor=zarr.Zstd(1))
+    with gzip.open(folder / "v.nii.gz", "wb", 1) as file:
+        file.write(nibabel.Nifti1Image(data.T, np.eye(4)).to_bytes())
+    with netCDF4.Dataset(folder / "v.nc", "w", format="NETCDF3_64BIT_OFFSET") as file:
+        for dim in "zyx":
+            file.createDimension(dim, SIDE)
+        file.createVariable("v", "i1", tuple("zyx"))[:] = data.view("i1")
+        file["v"].setncattr("_Unsigned", "true")
+    return [[stack], [folder / "v.tif"], [folder / "v.zarr"], [folder / "z.zarr"], [folder / "v.nii.gz"], [folder / "v.nc"]]
+
+
+if not HEAP.exists() or run("info", "--help")[2] is None:
+    print(f"{HEAP} is not there or cannot be preloaded (sanitizers?)")
+    sys.exit(77)
+
+with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
+    folder = pathlib.Path(name)
+    volume, mesh = folder / "v.h5", folder / "m.ply"
+    assert run("make-volume", "noise", "--size", "131,100,120", "-o", volume)[0] == 0
+    thin = folder / "thin.h5"
+    assert run("make-volume", "noise", "--size", "1000,3,3", "-o", thin)[0] == 0
+
+    for chunk in CHUNKS:
+        store = folder / f"{chunk}.isonest"
+        check(["preprocess", volume, "-o", store, "--chunk", chunk, "--force"], ["48M"])
+        assert run("preprocess", volume, "-o", store, "--chunk", chunk, "--force", "--memory",
+                   "2G")[0] == 0
+        full = ["extract", store, "--iso", 0.5, "-o", mesh]
+        for command in [
+                full,
+                [*full, "--error-relative", 0.1, "--normals", "--vertex-error", "deviation_bar"],
+                [*full, "--normals", "--vertex-values", store],
+                [*full, "--close", "--normals", "--box", "1.5,2,3.25,120.5,90,100"],
+                [*full, "--close", "--error-relative", 0.1],
+                ["extract", store, "--iso", 0.1, "-o", mesh, "--error-relative", 0.03, "--simplify", "--box",
+                 "10,10,10,70,60,60"],
+                ["extract", store, "--iso", 0.5, "-o", folder / "m.3mf"],
+                ["slice", store, "--plane", "1,2,3,300", "-o", mesh, "--error-relative", 0.1],
+                ["slice", store, "--plane", "1,2,3,300", "-o", folder / "s.png", "--size",
+                 "1500x1500"],
+                ["export", store, "--field", "values", "-o", folder / "e.nrrd", "--force"],
+                ["export", store, "--field", "deviation_bar", "-o", folder / "e.h5", "--force"],
+                ["export", store, "--field", "lp:3", "-o", folder / "e.raw", "--force"],
+                ["smooth", store, "--steps", 1, "--tau", 1, "--lambda", 0.1, "-o", folder / "u.raw", "--force"],
+                ["smooth", volume, "--steps", 1, "--tau", 1, "--lambda", 0.1, "--threshold", 0.003, "-o",
+                 folder / "u.raw", "--force"],
+                ["smooth", volume, "--steps", 2, "--tau", 1, "--lambda", 0.1, "--threshold", 0.3, "-o",
+                 folder / "u.h5", "--grid", folder / "g.h5", "--snapshots", 1, "--force"],
+                ["info", store, "--histogram", "-o", folder / "h.svg"],
+                ["check", store],
+                ["check", store, "--deep", "--source", volume],
+                ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar",
+                 "--iso", 0.5],
+                ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "lp:3_bar",
+                 "--norm", 3],
+                ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar",
+                 "--plane", "1,2,3,300"]]:
+            check(command, BUDGETS)
+        for threads, command in itertools.product([1, 8], [full, ["check", store]]):
+            must_stay_within([*command, "--threads", threads], "200M")
+
+    # Inputs of others, of eight times the memory, in chunks and pieces of many sizes.
+    for path, *options in inputs(folder):
+        bytes_in = SIDE**3
+        must_stay_within(["preprocess", path, "-o", folder / "input.isonest", "--chunk", 16, "--force", *options],
+                         str(bytes_in // 8))
+        values = folder / "input.raw"
+        assert run("export", folder / "input.isonest", "--field", "values", "-o", values, "--force")[0] == 0
+        require(np.array_equal(np.memmap(values, "u1", "r"), waves().reshape(-1)), f"other numbers from {path}")
+
+    # Labels, each in a part of the volume.
+    labels = folder / "labels.isonest"
+    assert run("make-volume", "sphere", "--size", 65, "--type", "uint8", "-o", folder / "labels.h5")[0] == 0
+    assert run("preprocess", folder / "labels.h5", "-o", labels)[0] == 0
+    for options in ([], ["--distance", "1voxel"]):
+        # To look for labels takes less than to extract them.
+        command = ["extract", labels, "--labels", "1-40", "-o", folder / "meshes", *options]
+        least = "1"
+        for _ in range(3):
+            least = must_stay_within(command, least) or least
+        for memory in [*BUDGETS, least]:
+            named = must_stay_within(command, memory)
+            require(named is None or memory != least, f"the least memory, {least}, is not enough: {command}")
+
+    # Pictures in strips; the default memory draws the largest.
+    store = folder / "64.isonest"
+    ball = folder / "ball.isonest"
+    assert run("make-volume", "sphere", "--size", 33, "-o", folder / "ball.h5")[0] == 0
+    assert run("preprocess", folder / "ball.h5", "-o", ball)[0] == 0
+    assert run("extract", ball, "--iso", 0.5, "-o", mesh)[0] == 0
+    check(["picture", mesh, "-o", folder / "p.png", "--size", LARGEST, "--flat"], ["256M"])
+    check(["picture", mesh, "-o", folder / "p.png", "--size", "300x200"], BUDGETS)
+    for command in [["picture", mesh], ["slice", store, "--plane", "0,0,1,30"]]:
+        code, text, peak = run(*command, "-o", folder / "p.png", "--size", LARGEST)
+        require(code == 0 and peak <= 1024 * MIB, f"{command} {LARGEST}: {code}, {peak}, {text}")
+
+    # A study needs what there is, not the cube around it.
+    assert run("preprocess", thin, "-o", folder / "thin.isonest")[0] == 0
+    check(["study", folder / "thin.isonest", "-o", folder / "study", "--steps", 2], BUDGETS)
+
+sys.exit(1 if failures else 0)
