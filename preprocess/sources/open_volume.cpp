@@ -7,7 +7,7 @@
 #include <isonest/open_volume.h>
 
 #include "preprocess/sources/bytes/gzip_stream.h"
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/wrapping/cropped_source.h"

@@ -13,7 +13,7 @@
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 
-#include "preprocess/sources/hdf5/hdf5_source.h"
+#include "preprocess/sources/hdf5/hdf5_format.h"
 #include "preprocess/sources/wrapping/wrapped_source.h"
 #include "store/files/scratch_file.h"
 

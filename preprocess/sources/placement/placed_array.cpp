@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "preprocess/sources/numbers/byte_source.h"
+#include "preprocess/sources/numbers/raw_source.h"
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
 

@@ -1,4 +1,4 @@
-#include "preprocess/sources/meta_image/meta_image_source.h"
+#include "preprocess/sources/meta_image/meta_image_format.h"
 
 #include <fmt/format.h>
 
@@ -13,6 +13,8 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/gzip_stream.h"
+#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/numbers/raw_layout.h"
 #include "preprocess/sources/placement/placed_array.h"
 
 namespace isonest::detail {

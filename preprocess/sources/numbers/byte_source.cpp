@@ -1,12 +1,12 @@
-// Numbers whose bytes a ByteReader makes, as a volume.
+#include "preprocess/sources/numbers/byte_source.h"
+
 #include <fmt/format.h>
 
 #include <utility>
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/byte_reader.h"
-#include "preprocess/sources/bytes/raw_rows.h"
+#include "preprocess/sources/numbers/raw_rows.h"
 
 namespace isonest::detail {
 namespace {

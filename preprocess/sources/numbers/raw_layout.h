@@ -1,14 +1,11 @@
-// Raw numbers in a file, plain or gzip; also the data part of NRRD.
+// Where numbers lie in a file, and how.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
-#include <memory>
 #include <optional>
-#include <string>
 
 #include <isonest/volume_source.h>
-
-#include "preprocess/sources/volume_format.h"
 
 namespace isonest::detail {
 
@@ -38,22 +35,5 @@ struct RawLayout {
     Directions direction = kAlongWorld;
     std::filesystem::path header;  ///< what describes them, if it is another file
 };
-
-/// Opens the numbers in `path`: the one place that decides where in a file they are. `name` is used
-/// in messages.
-/// Throws Error{not_found, io, invalid_argument} (the file's length does not fit: both byte
-/// counts), Error{corrupt} (not packed as the layout says, fewer lines), Error{unsupported}.
-std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const std::string& name,
-                                       const RawLayout& given);
-
-/// `count` bytes from byte `at` on, or all where the file ends before. Throws Error{io}.
-std::string first_bytes(const std::filesystem::path& path, std::size_t count, std::uint64_t at = 0);
-
-/// Throws Error{not_found, invalid_argument, io} unless `path` is a readable regular file; gives
-/// its size.
-std::uint64_t regular_file_size(const std::filesystem::path& path);
-
-/// Raw numbers, which the caller has to describe: it recognises every file.
-VolumeFormat raw_format();
 
 }  // namespace isonest::detail

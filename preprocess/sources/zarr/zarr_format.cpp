@@ -1,4 +1,4 @@
-#include "preprocess/sources/zarr/zarr_source.h"
+#include "preprocess/sources/zarr/zarr_format.h"
 
 #include <fmt/format.h>
 

@@ -1,4 +1,4 @@
-#include "preprocess/sources/openvdb/vdb_source.h"
+#include "preprocess/sources/openvdb/openvdb_format.h"
 
 #include <string_view>
 

@@ -1,4 +1,4 @@
-#include "preprocess/sources/nrrd/nrrd_source.h"
+#include "preprocess/sources/nrrd/nrrd_format.h"
 
 #include <fmt/format.h>
 
@@ -7,7 +7,9 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/nrrd/nrrd_header.h"
+#include "preprocess/sources/numbers/raw_source.h"
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
 

@@ -1,4 +1,4 @@
-#include "preprocess/sources/tiff/tiff_source.h"
+#include "preprocess/sources/tiff/tiff_format.h"
 
 #include <algorithm>
 #include <string_view>
@@ -15,7 +15,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/file_identity.h"
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/numbers/raw_source.h"
 #include "preprocess/sources/tiff/tiff_axes.h"
 #include "preprocess/sources/tiff/tiff_pages.h"
 

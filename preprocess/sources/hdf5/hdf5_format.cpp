@@ -1,4 +1,4 @@
-#include "preprocess/sources/hdf5/hdf5_source.h"
+#include "preprocess/sources/hdf5/hdf5_format.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -13,7 +13,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/file_identity.h"
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/hdf5/hdf5_axes.h"
 #include "preprocess/sources/hdf5/hdf5_chunks.h"
 #include "preprocess/sources/hdf5/hdf5_datasets.h"

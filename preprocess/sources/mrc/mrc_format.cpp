@@ -1,4 +1,4 @@
-#include "preprocess/sources/mrc/mrc_source.h"
+#include "preprocess/sources/mrc/mrc_format.h"
 
 #include <fmt/format.h>
 

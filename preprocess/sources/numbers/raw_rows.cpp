@@ -1,4 +1,4 @@
-#include "preprocess/sources/bytes/raw_rows.h"
+#include "preprocess/sources/numbers/raw_rows.h"
 
 #include <fmt/format.h>
 

@@ -1,4 +1,4 @@
-#include "preprocess/sources/netcdf/netcdf3_source.h"
+#include "preprocess/sources/netcdf/netcdf_format.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -11,8 +11,9 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/bytes/lower_case.h"
+#include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/netcdf/netcdf3_header.h"
-#include "preprocess/sources/nrrd/nrrd_fields.h"
 #include "preprocess/sources/placement/cf_convention.h"
 #include "preprocess/sources/placement/placed_array.h"
 #include "preprocess/sources/wrapping/noted_source.h"

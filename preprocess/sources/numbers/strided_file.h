@@ -5,7 +5,7 @@
 #include <memory>
 #include <string>
 
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/numbers/raw_layout.h"
 
 namespace isonest::detail {
 

@@ -1,4 +1,4 @@
-#include "preprocess/sources/dicom/dicom_source.h"
+#include "preprocess/sources/dicom/dicom_format.h"
 
 #include <fmt/format.h>
 

@@ -1,4 +1,4 @@
-#include "preprocess/sources/nifti/nifti_source.h"
+#include "preprocess/sources/nifti/nifti_format.h"
 
 #include <fmt/format.h>
 
@@ -11,6 +11,7 @@
 
 #include "preprocess/sources/bytes/gzip_stream.h"
 #include "preprocess/sources/bytes/header_number.h"
+#include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/placement/placed_array.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
 

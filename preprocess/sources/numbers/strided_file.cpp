@@ -1,4 +1,4 @@
-#include "preprocess/sources/bytes/strided_file.h"
+#include "preprocess/sources/numbers/strided_file.h"
 
 #include <fmt/format.h>
 
@@ -8,7 +8,7 @@
 #include <isonest/memory_volume.h>
 
 #include "preprocess/sources/bytes/file_identity.h"
-#include "preprocess/sources/bytes/raw_rows.h"
+#include "preprocess/sources/numbers/raw_rows.h"
 #include "store/files/mapped_file.h"
 
 namespace isonest::detail {

@@ -10,7 +10,7 @@
 
 #include <isonest/volume_source.h>
 
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/numbers/raw_layout.h"
 
 namespace isonest::detail {
 

@@ -1,9 +1,10 @@
-// Raw numbers, which the caller describes.
+#include "preprocess/sources/raw/raw_format.h"
+
 #include <fmt/format.h>
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/numbers/raw_source.h"
 
 namespace isonest::detail {
 namespace {

@@ -1,4 +1,4 @@
-#include "preprocess/sources/numpy/npy_source.h"
+#include "preprocess/sources/numpy/numpy_format.h"
 
 #include <fmt/format.h>
 
@@ -10,6 +10,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/gzip_stream.h"
+#include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/bytes/zip_directory.h"
 #include "preprocess/sources/numpy/npy_header.h"
 #include "preprocess/sources/placement/placed_array.h"
