@@ -102,21 +102,32 @@ class DicomSource : public VolumeSource {
     bool own_scalings_;
 };
 
-std::vector<std::filesystem::path> files_below(const std::filesystem::path& folder) {
-    std::vector<std::filesystem::path> files;
+/// Calls goes_on(path) for each file in the folder or below it, but for hidden ones, until it is
+/// false.
+template <class F>
+std::error_code for_files_below(const std::filesystem::path& folder, const F& goes_on) {
     std::error_code error;
     std::filesystem::recursive_directory_iterator it(folder, error);
     for (; !error && it != std::filesystem::recursive_directory_iterator(); it.increment(error)) {
         if (it->path().filename().string().starts_with('.')) {
             it.disable_recursion_pending();
-        } else if (it->is_regular_file(error)) {
-            files.push_back(it->path());
+        } else if (it->is_regular_file(error) && !goes_on(it->path())) {
+            break;
         }
-        if (files.size() > kMostFolderFiles) {
+    }
+    return error;
+}
+
+std::vector<std::filesystem::path> files_below(const std::filesystem::path& folder) {
+    std::vector<std::filesystem::path> files;
+    const std::error_code error = for_files_below(folder, [&](const std::filesystem::path& file) {
+        if (files.size() >= kMostFolderFiles) {
             throw Error(ErrorKind::unsupported, {folder.string()},
                         fmt::format("more than {} files", kMostFolderFiles));
         }
-    }
+        files.push_back(file);
+        return true;
+    });
     if (error) {
         throw Error(ErrorKind::io, {folder.string()}, error.message());
     }
@@ -253,29 +264,19 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
     if (!own_scalings) {
         result = scaled(std::move(result), scaling);
     }
-    return backward[0] || backward[1] || backward[2] ? mirrored(std::move(result), backward)
-                                                     : std::move(result);
+    return mirrored(std::move(result), backward);
 }
 
 /// Any of the first files of the folder, or below it.
 bool has_dicom(const std::filesystem::path& folder) {
     constexpr int kMostLookedAt = 200;
     int looked_at = 0;
-    std::error_code error;
-    std::filesystem::recursive_directory_iterator it(folder, error);
-    for (; !error && it != std::filesystem::recursive_directory_iterator(); it.increment(error)) {
-        if (it->path().filename().string().starts_with('.')) {
-            it.disable_recursion_pending();
-        } else if (it->is_regular_file(error)) {
-            if (is_dicom_file(it->path())) {
-                return true;
-            }
-            if (++looked_at >= kMostLookedAt) {
-                return false;
-            }
-        }
-    }
-    return false;
+    bool found = false;
+    for_files_below(folder, [&](const std::filesystem::path& file) {
+        found = is_dicom_file(file);
+        return !found && ++looked_at < kMostLookedAt;
+    });
+    return found;
 }
 
 bool is_dicom(const VolumeInput& input) {

@@ -439,22 +439,19 @@ class Hdf5Source : public VolumeSource {
     TypeHandle memory_type_;  ///< of read()'s values; little endian, as memory is
 };
 
+std::unique_ptr<VolumeSource> open_hdf5(const std::filesystem::path& path,
+                                        const SourceOptions& options) {
+    auto source = std::make_unique<Hdf5Source>(path, options);
+    const Scaling scaling = source->scaling();
+    const std::array<bool, 3> back = source->backward();
+    std::unique_ptr<VolumeSource> volume = mirrored(std::move(source), back);
+    return scaled(std::move(volume), scaling);
+}
+
 }  // namespace
 
 bool is_hdf5(const std::filesystem::path& path) {
     return start_of_hdf5(path).has_value();
-}
-
-std::unique_ptr<VolumeSource> open_hdf5_volume(const std::filesystem::path& path,
-                                               const SourceOptions& options) {
-    auto source = std::make_unique<Hdf5Source>(path, options);
-    const Scaling scaling = source->scaling();
-    const std::array<bool, 3> back = source->backward();
-    std::unique_ptr<VolumeSource> volume = std::move(source);
-    if (back[0] || back[1] || back[2]) {
-        volume = mirrored(std::move(volume), back);
-    }
-    return scaled(std::move(volume), scaling);
 }
 
 VolumeFormat hdf5_format() {
@@ -462,10 +459,8 @@ VolumeFormat hdf5_format() {
             .takes = {.dataset = true, .index = true},
             .recognises =
                 [](const VolumeInput& input) { return !input.folder && is_hdf5(input.path()); },
-            .open =
-                [](const VolumeInput& input, const SourceOptions& options) {
-                    return open_hdf5_volume(input.path(), options);
-                }};
+            .open = [](const VolumeInput& input,
+                       const SourceOptions& options) { return open_hdf5(input.path(), options); }};
 }
 
 }  // namespace isonest::detail

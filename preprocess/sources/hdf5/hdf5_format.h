@@ -1,9 +1,7 @@
 // A volume in an HDF5 dataset.
 #pragma once
 
-#include <memory>
-
-#include <isonest/open_volume.h>
+#include <filesystem>
 
 #include "preprocess/sources/volume_format.h"
 
@@ -12,10 +10,6 @@ namespace isonest::detail {
 /// Whether the file has HDF5's signature: at its start, or behind a user block of 512 bytes, 1024,
 /// 2048 and so on (MATLAB 7.3). Throws Error{io}.
 bool is_hdf5(const std::filesystem::path& path);
-
-/// See open_volume().
-std::unique_ptr<VolumeSource> open_hdf5_volume(const std::filesystem::path& path,
-                                               const SourceOptions& options);
 
 VolumeFormat hdf5_format();
 

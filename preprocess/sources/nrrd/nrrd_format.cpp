@@ -53,9 +53,7 @@ std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOp
     } else {
         header.layout.start = header.header_bytes;
     }
-    auto source = open_raw(data, data.string(), header.layout);
-    const auto& back = header.backward;
-    return back[0] || back[1] || back[2] ? mirrored(std::move(source), back) : std::move(source);
+    return mirrored(open_raw(data, data.string(), header.layout), header.backward);
 }
 
 }  // namespace

@@ -197,10 +197,7 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
     const std::optional<StoredNumber> stored = image.array.stored;
     std::unique_ptr<VolumeSource> source = with_notes(
         zarr_chunks(std::move(image), chosen, place, options.max_heap, name), std::move(notes));
-    const auto& back = place.backward;
-    if (back[0] || back[1] || back[2]) {
-        source = mirrored(std::move(source), back);
-    }
+    source = mirrored(std::move(source), place.backward);
     if (stored) {
         source = converted(std::move(source), *stored);
     }
