@@ -29,8 +29,9 @@ ERROR_KINDS = {2: "invalid_argument", 3: "not_found", 4: "corrupt", 5: "unsuppor
 
 
 def run(*arguments, cwd=None, **options):
-    return served.run([ISONEST, *map(os.fsdecode, map(os.fspath, map(_text, arguments)))],
-                      cwd=cwd, capture_output=True, timeout=600, **options)
+    start = subprocess.run if options.keys() & {"preexec_fn", "input", "stdin"} else served.run
+    return start([ISONEST, *map(os.fsdecode, map(os.fspath, map(_text, arguments)))],
+                 cwd=cwd, capture_output=True, timeout=600, **options)
 
 
 def _text(argument):

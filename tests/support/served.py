@@ -29,7 +29,8 @@ def _server(program, preload):
     if key not in _servers:
         ours, its = socket.socketpair()
         with its:
-            environment = {**os.environ, "LD_PRELOAD": f"{_library(program)} {preload}", "ISONEST_SERVE": str(its.fileno())}
+            environment = {**os.environ, "LD_PRELOAD": f"{_library(program)} {preload}", "LD_BIND_NOW": "1",
+                           "ISONEST_SERVE": str(its.fileno())}
             process = subprocess.Popen([program], env=environment, pass_fds=[its.fileno()], stdin=subprocess.DEVNULL,
                                        stdout=subprocess.DEVNULL, cwd="/")
         _servers[key] = ours, process  # the end of the first ends the second
