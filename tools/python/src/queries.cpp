@@ -98,7 +98,7 @@ py::tuple extract_mesh(const OpenStore& handle, const Asked<Query>& asked,
     py::array elements = report.dimension == 2 && mesh.triangles.empty()
                              ? as_array(std::move(mesh.lines))
                              : as_array(std::move(mesh.triangles));
-    return py::make_tuple(as_array(std::move(mesh.positions)), std::move(elements),
+    return py::make_tuple(as_array(std::move(mesh.vertices)), std::move(elements),
                           array_or_none(std::move(mesh.normals)),
                           array_or_none(std::move(mesh.values)),
                           array_or_none(std::move(mesh.errors)), std::move(report));
