@@ -1,0 +1,41 @@
+#include "tools/python/src/fields.h"
+
+#include <algorithm>
+#include <optional>
+
+#include <isonest/error.h>
+
+namespace isonest::python {
+
+Field field_of_name(const std::string& name) {
+    const std::optional<Field> field = field_from_name(name);
+    if (!field) {
+        throw Error(ErrorKind::invalid_argument, "there is no field '" + name + "'",
+                    {{RemedyKind::other_field, "values, " + list_names(all_fields())}});
+    }
+    return *field;
+}
+
+Field indicator_of_name(const std::string& name) {
+    const std::optional<Field> field = field_from_name(name);
+    if (!field || *field == Field::values) {
+        throw Error(ErrorKind::invalid_argument, "there is no indicator '" + name + "'",
+                    {{RemedyKind::other_field, list_names(all_fields())}});
+    }
+    return *field;
+}
+
+std::vector<Field> indicators_of_names(const std::vector<std::string>& names) {
+    if (names == std::vector<std::string>{"all"}) {
+        return all_indicators();
+    }
+    std::vector<Field> fields;
+    for (const std::string& name : names) {
+        fields.push_back(indicator_of_name(name));
+    }
+    std::sort(fields.begin(), fields.end());
+    fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
+    return fields;
+}
+
+}  // namespace isonest::python
