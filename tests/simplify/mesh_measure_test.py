@@ -1,4 +1,4 @@
-"""The programs that judge meshes (tools/bench/mesh_distance.cpp, mesh_quality.cpp) against what numpy finds by
+"""The programs that judge meshes (tools/bench/meshes/mesh_distance.cpp, mesh_quality.cpp) against what numpy finds by
 trying every pair, and against meshes of which everything is known.
 
 usage: mesh_measure_test.py ISONEST PLUGIN_FOLDER    (the programs lie beside ISONEST)

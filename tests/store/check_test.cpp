@@ -3,7 +3,7 @@
 
 #include <catch2/catch.hpp>
 
-#include "store/container/handles.h"
+#include "store/hdf5/handles.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;

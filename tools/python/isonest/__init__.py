@@ -55,7 +55,8 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         axis, ``(5, None, None, None)`` or by name, ``{"time": 5}``. crop: ``np.s_[10:20, :, 5:]``; every: of what is
         left, each so-many-th node, one number or (z, y, x).
     shape, dtype, offset: of raw numbers; ">u2" is a dtype of big-endian numbers.
-    indicators: names of the error indicators, or "all"; exact: not rounded up to 16 bits.
+    indicators: names of the error indicators, in a list or with commas; "nodes" are all of nodes, "all" those of
+        hexahedral cells too; exact: not rounded up to 16 bits.
     chunk: nodes per axis, a power of two from 8 to 256. compression: zstd level, 1 to 19.
     replace: an existing store. resume: go on with what an interrupted run left, and leave what this one has done.
     memory: bytes of heap, at most, beside the volume. threads: 0 is all cores.
@@ -70,7 +71,7 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     options.replace = replace
     options.resume = resume
     if indicators is not None:
-        options.indicators = [indicators] if isinstance(indicators, str) else list(indicators)
+        options.indicators = indicators.split(",") if isinstance(indicators, str) else list(indicators)
     source = _sources.of_volume(volume, identified=resume, memory=options.memory, spacing=spacing, origin=origin,
                                 missing=missing, dataset=dataset, series=series, labels=labels, index=index, crop=crop,
                                 every=every, shape=shape, dtype=dtype, offset=offset)

@@ -82,7 +82,7 @@ void send_vertices(const ArrayMesh& mesh, Rows& rows, MeshSink& sink, Progress& 
         for (std::size_t i = at; i < std::min(mesh.vertices, at + MeshSink::kMostRows); ++i) {
             rows.add(i);
         }
-        sink.vertices(rows.batch(at));
+        sink.add_vertices(rows.batch(at));
     }
 }
 
@@ -117,7 +117,7 @@ void send_elements(const ArrayMesh& mesh, std::size_t corners, Rows& rows, MeshS
                 rows.add(static_cast<std::size_t>(vertex));
             }
         }
-        sink.elements({at, numbers, nearby, rows.batch(0)});
+        sink.add_elements({at, numbers, nearby, rows.batch(0)});
         progress.advance(numbers.size());
     }
 }

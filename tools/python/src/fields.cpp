@@ -26,12 +26,14 @@ Field indicator_of_name(const std::string& name) {
 }
 
 std::vector<Field> indicators_of_names(const std::vector<std::string>& names) {
-    if (names == std::vector<std::string>{"all"}) {
-        return all_indicators();
-    }
     std::vector<Field> fields;
     for (const std::string& name : names) {
-        fields.push_back(indicator_of_name(name));
+        const std::vector<Field> named = indicators_from_name(name);
+        if (named.empty()) {
+            throw Error(ErrorKind::invalid_argument, "there is no indicator '" + name + "'",
+                        {{RemedyKind::other_field, "nodes, all, " + list_names(all_fields())}});
+        }
+        fields.insert(fields.end(), named.begin(), named.end());
     }
     std::sort(fields.begin(), fields.end());
     fields.erase(std::unique(fields.begin(), fields.end()), fields.end());

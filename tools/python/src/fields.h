@@ -8,9 +8,10 @@
 
 namespace isonest::python {
 
-/// Throw Error{invalid_argument} listing the indicators that there are. The second removes
-/// duplicates and sorts as a store does; "all" alone are those of preprocess --indicators all.
+/// Throws Error{invalid_argument} listing the indicators that there are.
 Field indicator_of_name(const std::string& name);
+/// Several, sorted as in a store, none twice; "nodes" and "all" are groups of them. Throws as
+/// above.
 std::vector<Field> indicators_of_names(const std::vector<std::string>& names);
 /// The same, or the values.
 Field field_of_name(const std::string& name);

@@ -54,8 +54,8 @@ class SharedSink : public MeshSink {
         mesh_->prepare(layout, inputs);
     }
     void begin(const MeshLayout& layout) override { mesh_->begin(layout); }
-    void vertices(const VertexBatch& batch) override { mesh_->vertices(batch); }
-    void elements(const ElementBatch& batch) override { mesh_->elements(batch); }
+    void add_vertices(const VertexBatch& batch) override { mesh_->add_vertices(batch); }
+    void add_elements(const ElementBatch& batch) override { mesh_->add_elements(batch); }
     [[nodiscard]] bool concurrent() const override { return mesh_->concurrent(); }
 
   private:
@@ -73,7 +73,7 @@ py::tuple as_tuple(Collector& mesh, ExtractReport report) {
     const MeshLayout& layout = mesh.origin().layout;
     py::array elements =
         layout.corners == 2 ? as_array(std::move(mesh.lines)) : as_array(std::move(mesh.triangles));
-    return py::make_tuple(as_array(std::move(mesh.positions)), std::move(elements),
+    return py::make_tuple(as_array(std::move(mesh.vertices)), std::move(elements),
                           array_or_none(std::move(mesh.normals), layout, "normal"),
                           array_or_none(std::move(mesh.values), layout, "value"),
                           array_or_none(std::move(mesh.errors), layout, "error"), mesh.origin(),
