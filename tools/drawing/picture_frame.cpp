@@ -9,7 +9,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-constexpr Color kInk{0.15, 0.15, 0.15};
+constexpr Color kFrameInk{0.15, 0.15, 0.15};
 constexpr double kUp = -1.5707963267948966;  // quarter of a turn
 
 /// The largest number 1, 2 or 5 times a power of ten that is at most `value`.
@@ -47,7 +47,7 @@ std::string tick_text(double value) {
 void draw_axes(Canvas& canvas, const Rectangle& r, const AxisText& x, const AxisText& y,
                double size) {
     constexpr double kTick = 5;
-    canvas.color(kInk);
+    canvas.color(kFrameInk);
     canvas.line(r.left, r.top, r.right, r.top, 1);
     canvas.line(r.left, r.bottom, r.right, r.bottom, 1);
     canvas.line(r.left, r.top, r.left, r.bottom, 1);
@@ -90,7 +90,7 @@ void draw_color_bar(Canvas& canvas, const Rectangle& r, const ColorMap& map, dou
         canvas.area(r.left, r.bottom - height * std::min(i + 2, kSteps) / kSteps, r.right,
                     r.bottom - height * i / kSteps);
     }
-    canvas.color(kInk);
+    canvas.color(kFrameInk);
     canvas.line(r.left, r.top, r.right, r.top, 1);
     canvas.line(r.left, r.bottom, r.right, r.bottom, 1);
     canvas.line(r.left, r.top, r.left, r.bottom, 1);
@@ -121,7 +121,7 @@ void draw_scale_bar(Canvas& canvas, double x, double y, double most, double pixe
     if (!(pixels > 1) || !std::isfinite(pixels)) {
         return;
     }
-    canvas.color(kInk);
+    canvas.color(kFrameInk);
     canvas.line(x, y, x + pixels, y, 2);
     canvas.line(x, y - 4, x, y + 4, 2);
     canvas.line(x + pixels, y - 4, x + pixels, y + 4, 2);

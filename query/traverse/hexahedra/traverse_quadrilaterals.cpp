@@ -14,7 +14,7 @@
 namespace isonest::detail {
 namespace {
 
-struct Cell {
+struct QuadCell {
     int level;
     Int3 at;
 
@@ -54,7 +54,7 @@ class QuadWorker {
         }
     }
     /// AdaptTraverse down to `level_left`: cells of it are left, unvisited, to others.
-    void visit(const Cell& cell, int level_left, std::vector<Cell>* left) {
+    void visit(const QuadCell& cell, int level_left, std::vector<QuadCell>* left) {
         if (left != nullptr && cell.level == level_left) {
             left->push_back(cell);
             return;
@@ -76,7 +76,7 @@ class QuadWorker {
             return;
         }
         for (unsigned child = 0; child < 4; ++child) {
-            const Cell part{cell.level - 1, cell.at * 2 + Int3{child & 1U, child >> 1U, 0}};
+            const QuadCell part{cell.level - 1, cell.at * 2 + Int3{child & 1U, child >> 1U, 0}};
             const Int3 end = projection_.lattice().elements_at(part.level);
             if (max(part.at + Int3{1, 1, 1}, end) == end) {
                 visit(part, level_left, left);
@@ -95,7 +95,7 @@ class QuadWorker {
         return is_finest_ ? projection_.exact(node, 0) : projection_.value(node);
     }
 
-    void add(const Cell& cell, double number, bool cut) {
+    void add(const QuadCell& cell, double number, bool cut) {
         std::array<Corner, 8> around;
         std::size_t count = 0;
         for (std::size_t i = 0; i < 8; ++i) {
@@ -131,7 +131,7 @@ class QuadWorker {
         }
     }
     /// Of the bilinear function.
-    [[nodiscard]] Corner centre_of(const Cell& cell) {
+    [[nodiscard]] Corner centre_of(const QuadCell& cell) {
         double sum = 0;
         for (std::size_t i = 0; i < 8; i += 2) {
             const Int3& o = kAround[i];
@@ -159,7 +159,7 @@ class QuadWorker {
 };
 
 /// Levels below the coarsest at which the subtrees begin that are the threads' work.
-constexpr int kTopLevels = 5;
+constexpr int kTopQuadLevels = 5;
 
 }  // namespace
 
@@ -169,10 +169,10 @@ TraversalCounts traverse_quadrilaterals(ChunkCache& cache, const TraversalQuery&
     const Lattice& lattice = cache.source().layout().lattice();
     tbb::enumerable_thread_specific<QuadWorker> workers(
         [&] { return QuadWorker(cache, query, part_vertices, sink, progress); });
-    std::vector<Cell> left;
+    std::vector<QuadCell> left;
     QuadWorker& first = workers.local();
     first.begin(0);
-    first.visit({lattice.top(), {0, 0, 0}}, std::max(lattice.top() - kTopLevels, 0), &left);
+    first.visit({lattice.top(), {0, 0, 0}}, std::max(lattice.top() - kTopQuadLevels, 0), &left);
     first.flush();
     progress.begin("extract", left.size(), "");
     tbb::parallel_for(std::size_t{0}, left.size(), [&](std::size_t i) {
