@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/numbers/raw_layout.h"
 
 namespace isonest::detail {
 
