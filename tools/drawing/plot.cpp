@@ -111,16 +111,16 @@ void draw(Canvas& d, const Plot& plot) {
             draw_tick(std::pow(10, e), e);
         }
     };
-    constexpr Color kGrid{0.88, 0.88, 0.88};
+    constexpr Color kPlotGrid{0.88, 0.88, 0.88};
     constexpr Color kPlotInk{0.2, 0.2, 0.2};
     ticks(x, [&](double v, double e) {
-        d.color(kGrid);
+        d.color(kPlotGrid);
         d.line(px(v), kPlotTop, px(v), kPlotTop + h, 1);
         d.color(kPlotInk);
         d.text(px(v), kPlotTop + h + 18, fmt::format("1e{:g}", e), 12, 0.5);
     });
     ticks(y, [&](double v, double e) {
-        d.color(kGrid);
+        d.color(kPlotGrid);
         d.line(kPlotLeft, py(v), kPlotLeft + w, py(v), 1);
         d.color(kPlotInk);
         d.text(kPlotLeft - 8, py(v) + 4, fmt::format("1e{:g}", e), 12, 1);
