@@ -36,7 +36,7 @@ constexpr std::string_view kModel =
     "<resources>\n";
 /// Of the type "model", which is the default and means a solid, though whether the mesh is closed
 /// is not known: slicers repair an open "model", and leave out other types or refuse the file.
-constexpr std::string_view kVertices = "<object id=\"1\">\n<mesh>\n<vertices>\n";
+constexpr std::string_view kVerticesStart = "<object id=\"1\">\n<mesh>\n<vertices>\n";
 constexpr std::string_view kTriangles = "</vertices>\n<triangles>\n";
 constexpr std::string_view kBuild =
     "</triangles>\n</mesh>\n</object>\n</resources>\n"
@@ -130,7 +130,7 @@ class ThreeMfFile : public MeshFile {
         zip.begin_entry("3D/3dmodel.model");
         zip.add(kModel);
         if (has_triangles_) {
-            zip.add(kVertices);
+            zip.add(kVerticesStart);
         }
     }
 

@@ -104,9 +104,9 @@ bool SlicePicture::framed() const {
 }
 
 Rectangle SlicePicture::place() const {
-    constexpr double kMargin = 0.01;
-    Rectangle room{kMargin * options_.width, kMargin * options_.height,
-                   (1 - kMargin) * options_.width, (1 - kMargin) * options_.height};
+    constexpr double kPictureMargin = 0.01;
+    Rectangle room{kPictureMargin * options_.width, kPictureMargin * options_.height,
+                   (1 - kPictureMargin) * options_.width, (1 - kPictureMargin) * options_.height};
     if (framed()) {
         const double s = letter_size(options_);
         room = {6.2 * s, 1.5 * s, options_.width - 9 * s, options_.height - 4 * s};

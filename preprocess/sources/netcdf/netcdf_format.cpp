@@ -116,12 +116,12 @@ const NetcdfVariable& choose(const NetcdfHeader& header, const SourceOptions& op
     std::size_t count = 0;
     for (const NetcdfVariable& v : header.variables) {
         const bool scale = v.dims.size() == 1 && v.name == header.dims[v.dims[0]].name;
-        constexpr int kChar = 2;
+        constexpr int kText = 2;
         if (!options.dataset.empty()) {
             if (v.name == options.dataset) {
                 return v;
             }
-        } else if (!scale && v.type != kChar && !v.dims.empty()) {
+        } else if (!scale && v.type != kText && !v.dims.empty()) {
             const std::size_t axes = long_axes(header, v);
             const std::size_t most = best == nullptr ? 0 : long_axes(header, *best);
             if (best == nullptr || axes > most) {

@@ -102,7 +102,7 @@ bool is_nifti(const VolumeInput& input) {
     return header != input.path() && version_of(head_of(header), big) != 0;
 }
 
-struct Header {
+struct NiftiHeader {
     bool big = false;
     bool single = true;  ///< header and image in one file
     std::vector<std::int64_t> dims;
@@ -117,8 +117,8 @@ struct Header {
     std::array<double, 12> rows{};
 };
 
-Header parse(std::string_view head, const std::string& name) {
-    Header h;
+NiftiHeader parse(std::string_view head, const std::string& name) {
+    NiftiHeader h;
     const int version = version_of(head, h.big);
     const auto real = [&](std::size_t at1, std::size_t at2, std::size_t i) {
         return version == 1 ? static_cast<double>(number_at<float>(head, at1 + 4 * i, h.big))
@@ -180,7 +180,7 @@ void set_type(int datatype, const std::string& name, PlacedArray& array) {
 
 /// The columns of the map from indices to millimetres, and where the first voxel lies: by the
 /// sform, else the qform, else the voxel's size alone.
-void set_place(const Header& h, PlacedArray& array) {
+void set_place(const NiftiHeader& h, PlacedArray& array) {
     std::array<Double3, 3> columns{};
     if (h.sform > 0) {
         for (std::size_t a = 0; a < 3; ++a) {
@@ -216,7 +216,7 @@ void set_place(const Header& h, PlacedArray& array) {
 std::unique_ptr<VolumeSource> open_nifti(const VolumeInput& input, const SourceOptions& options) {
     const std::filesystem::path header = header_file(input.path());
     const std::string name = header.string();
-    const Header h = parse(header == input.path() ? input.unpacked : head_of(header), name);
+    const NiftiHeader h = parse(header == input.path() ? input.unpacked : head_of(header), name);
     PlacedArray array;
     array.name = name;
     array.file = h.single ? header : image_file(header);

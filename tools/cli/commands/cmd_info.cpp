@@ -35,14 +35,14 @@ Json to_json(const Int3& v) {
     return Json{v.x, v.y, v.z};
 }
 
-struct Arguments {
+struct InfoArguments {
     std::string store;
     std::string plot;
     bool histogram = false;
     HistogramOptions options;
 };
 
-void add_histogram(const StoreReader& store, const Arguments& a, Result& result,
+void add_histogram(const StoreReader& store, const InfoArguments& a, Result& result,
                    Progress& progress) {
     const Histogram h = histogram(store, a.options, progress);
     result.json["histogram"] = histogram_json(h);
@@ -79,7 +79,7 @@ void add_analyses(const StoreReader& store, Result& result) {
     }
 }
 
-Result run(const Arguments& a, Progress& progress) {
+Result run(const InfoArguments& a, Progress& progress) {
     const std::string& path = a.store;
     const StoreReader store(path);
     if (!a.plot.empty()) {
@@ -170,7 +170,7 @@ Result run(const Arguments& a, Progress& progress) {
 }  // namespace
 
 void add_info(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<InfoArguments>();
     CLI::App* const c = add_command(
         app, chosen, "info",
         {"Say what a store holds: size, type, range, levels, fields, compression",

@@ -11,7 +11,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
+constexpr std::int64_t kMostElements = std::numeric_limits<std::int64_t>::max();
 
 ComponentChoice& chosen(std::optional<ComponentChoice>& choice) {
     if (!choice) {
@@ -29,7 +29,7 @@ std::uint64_t parse_largest(const std::string& text) {
         return 1;
     }
     try {
-        return static_cast<std::uint64_t>(parse_integer("--components", text, 1, kMost));
+        return static_cast<std::uint64_t>(parse_integer("--components", text, 1, kMostElements));
     } catch (const Error&) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("--components '{}': give largest, all, or how many of the largest "
@@ -74,8 +74,8 @@ std::vector<CLI::Option*> add_component_options(CLI::App* command,
         add_parsed(
             command, "--min-component",
             [&choice](const std::string& text) {
-                chosen(choice).least_triangles =
-                    static_cast<std::uint64_t>(parse_integer("--min-component", text, 0, kMost));
+                chosen(choice).least_triangles = static_cast<std::uint64_t>(
+                    parse_integer("--min-component", text, 0, kMostElements));
             },
             "drop pieces of fewer triangles (in a plane: lines); before\n"
             "--distance simplifies",
