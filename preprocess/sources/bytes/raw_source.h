@@ -36,6 +36,7 @@ struct RawLayout {
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
     Directions direction = kAlongWorld;
+    std::optional<LengthUnit> unit = {};  ///< of spacing and origin
     std::filesystem::path header;  ///< what describes them, if it is another file
 };
 

@@ -10,6 +10,7 @@
 #include "preprocess/sources/nrrd/nrrd_header.h"
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
+#include "preprocess/sources/wrapping/noted_source.h"
 
 namespace isonest::detail {
 namespace {
@@ -51,7 +52,7 @@ std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOp
     } else {
         header.layout.start = header.header_bytes;
     }
-    auto source = open_raw(data, data.string(), header.layout);
+    auto source = with_notes(open_raw(data, data.string(), header.layout), header.notes);
     const auto& back = header.backward;
     return back[0] || back[1] || back[2] ? mirrored(std::move(source), back) : std::move(source);
 }

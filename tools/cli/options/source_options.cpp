@@ -237,6 +237,18 @@ void add_source_options(CLI::App* command, SourceOptions& o) {
         },
         "world position of the first node, instead of the file's", "X,Y[,Z]")
         ->group(group);
+    add_parsed(
+        command, "--unit",
+        [&o](const std::string& text) {
+            o.unit = length_unit_from(text);
+            if (!o.unit) {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--unit '{}': give a unit of length: {}", text,
+                                        list_of_length_units()));
+            }
+        },
+        "of length, of spacing and origin, instead of the file's: mm, um, nm, ...", "U")
+        ->group(group);
     command->add_flag("--labels", o.labels,
                       "integers of 64 bits are labels (0 to 2^62 - 1), kept as they are for\n"
                       "extract --label; else float64, and refused beyond 2^53");

@@ -30,8 +30,8 @@ __all__ = ["preprocess", "open", "view", "isosurface", "Store", "View", "Mesh", 
 
 
 def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optional[Sequence[float]] = None,
-               origin: Optional[Sequence[float]] = None, missing: Optional[float] = None, dataset: str = "",
-               series: str = "", labels: bool = False, index: Any = None, crop: Optional[Sequence[slice]] = None,
+               origin: Optional[Sequence[float]] = None, unit: Optional[str] = None, missing: Optional[float] = None,
+               dataset: str = "", series: str = "", labels: bool = False, index: Any = None, crop: Optional[Sequence[slice]] = None,
                every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
                offset: Optional[int] = None, indicators: Optional[Sequence[str]] = None, exact: bool = False,
                chunk: int = 64, compression: int = 1, replace: bool = False, resume: bool = False,
@@ -46,6 +46,7 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         and what is masked are missing data. Nobody may change the volume meanwhile.
     spacing: distance of neighbouring nodes, origin: world position of the first node, both in the order of the
         array's axes. Without them 1 and 0, or what the file says.
+    unit: of length, of both: "mm", "um", "nm", ...; without it what the file says, or not known.
     missing: this value stands for missing data.
     dataset: of a file of several, series: of DICOM. labels: integers of 64 bits are
         labels, kept as they are (0 to 2**62 - 1). index: of files with time steps or channels what is taken of each
@@ -69,8 +70,8 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     if indicators is not None:
         options.indicators = list(indicators)
     if _sources.is_files(volume):
-        source = _sources.of_files(volume, spacing=spacing, origin=origin, missing=missing, dataset=dataset,
-                                   series=series, labels=labels, index=index, shape=shape, dtype=dtype, offset=offset, crop=crop,
+        source = _sources.of_files(volume, spacing=spacing, origin=origin, unit=unit, missing=missing,
+                                   dataset=dataset, series=series, labels=labels, index=index, shape=shape, dtype=dtype, offset=offset, crop=crop,
                                    every=every, max_heap=options.memory // 4)
     else:
         of_files = {"dataset": dataset or None, "series": series or None, "labels": labels or None, "index": index, "shape": shape,
@@ -78,7 +79,7 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         given = [name for name, value in of_files.items() if value is not None]
         if given:
             raise ValueError(f"{given[0]}= is for files; this volume is an array, which can be sliced")
-        source = _sources.of_array(volume, spacing, origin, missing, resume)
+        source = _sources.of_array(volume, spacing, origin, unit, missing, resume)
     with reporting(progress) as report:
         return _core.preprocess(source, os.fspath(store), options, report)
 

@@ -94,6 +94,11 @@ class Store:
         return backwards(self._core.origin)
 
     @property
+    def unit(self) -> Optional[str]:
+        """Of length, of spacing and origin and all that is made from them: "mm", "um", ...; None if not known."""
+        return self._core.unit
+
+    @property
     def direction(self) -> Directions:
         """World directions (x, y, z) of the axes x, y and z: unit vectors at right angles."""
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self._core.direction
@@ -187,7 +192,7 @@ class Store:
         guarantee: "deviation" and "plus" are bounds, "estimate" is none.
         simplify: keep the error by fewer triangles; takes longer.
         distance: in place of an error, how far the mesh may be from the surface at full resolution and the other
-            way round, in the units of the spacing; or a text such as "0.5voxel".
+            way round, in the units of the spacing; or a text such as "0.5voxel", or "0.5mm" if :attr:`unit` is known.
         triangles: in place of an error, at most so many, at the smallest distance that is found; with a distance,
             whichever is reached first.
         box: only what is inside, ``((z0, y0, x0), (z1, y1, x1))`` in the coordinates of the result.
@@ -210,7 +215,7 @@ class Store:
         if distance is not None or triangles is not None:
             if error or simplify:
                 raise ValueError("error= and simplify= do not go with distance= or triangles=")
-            within, voxels = to_distance(distance) if distance is not None else (0.0, False)
+            within, voxels = to_distance(distance, self._core) if distance is not None else (0.0, False)
             if triangles is not None:
                 query.set_triangles(int(triangles), within if distance is not None else None, voxels)
             else:
@@ -257,7 +262,7 @@ class Store:
         query.set_label(int(label))
         query.set_error(0.0, False, "deviation")
         if distance is not None or triangles is not None:
-            within, voxels = to_distance(distance) if distance is not None else (0.0, False)
+            within, voxels = to_distance(distance, self._core) if distance is not None else (0.0, False)
             if triangles is not None:
                 query.set_triangles(int(triangles), within if distance is not None else None, voxels)
             else:
