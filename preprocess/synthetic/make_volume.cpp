@@ -11,7 +11,7 @@
 
 #include "preprocess/synthetic/synthetic.h"
 #include "store/base/workers.h"
-#include "store/container/volume_file.h"
+#include "store/exports/volume_file.h"
 #include "store/files/output_file.h"
 #include "store/lattice/lattice.h"
 

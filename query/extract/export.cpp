@@ -6,7 +6,7 @@
 #include "store/base/memory_budget.h"
 #include "store/container/gather.h"
 #include "store/container/indicator_code.h"
-#include "store/container/volume_file.h"
+#include "store/exports/volume_file.h"
 #include "store/files/output_file.h"
 
 namespace isonest::detail {

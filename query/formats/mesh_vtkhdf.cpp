@@ -1,6 +1,6 @@
 // VTKHDF PolyData: HDF5 whose arrays are written in place.
 #include "query/formats/mesh_sections.h"
-#include "store/container/polydata_file.h"
+#include "store/exports/polydata_file.h"
 
 namespace isonest::detail {
 namespace {

@@ -7,7 +7,7 @@
 #include "query/study/compute_indicator.h"
 #include "query/study/whole_lattice.h"
 #include "store/base/memory_budget.h"
-#include "store/container/volume_file.h"
+#include "store/exports/volume_file.h"
 #include "store/files/output_file.h"
 
 namespace isonest::detail {

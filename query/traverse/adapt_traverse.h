@@ -19,7 +19,7 @@
 //
 // This is the traversal of planes, of whole domains and of tests. Isosurfaces and slices of volumes
 // larger than memory take the fast path (query/traverse/bricks/brick_traversal.h), which finds the
-// same elements by cubes; tests/adapt_traverse_test.cpp holds both against each other.
+// same elements by cubes; tests/traverse/adapt_traverse_test.cpp holds both against each other.
 #pragma once
 
 #include <concepts>

@@ -10,8 +10,8 @@
 #include <isonest/error.h>
 
 #include "store/container/codec.h"
-#include "store/container/hdf5_frame.h"
 #include "store/container/hdf5_types.h"
+#include "store/hdf5/hdf5_frame.h"
 
 namespace isonest::detail {
 namespace {

@@ -9,8 +9,8 @@
 
 #include <isonest/error.h>
 
-#include "store/container/handles.h"
 #include "store/container/hdf5_types.h"
+#include "store/hdf5/handles.h"
 
 namespace isonest::detail {
 CubeRangeTable::CubeRangeTable(std::int64_t file, const StoreLayout& layout,

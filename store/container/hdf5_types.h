@@ -11,7 +11,7 @@
 #include <isonest/value_type.h>
 
 #include "store/container/format.h"
-#include "store/container/handles.h"
+#include "store/hdf5/handles.h"
 
 namespace isonest::detail {
 

@@ -9,9 +9,9 @@
 
 #include <isonest/error.h>
 
-#include "store/container/handles.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_reader.h"
+#include "store/hdf5/handles.h"
 
 namespace isonest::detail {
 

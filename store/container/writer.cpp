@@ -22,13 +22,13 @@
 #include <isonest/field.h>
 #include <isonest/value_type.h>
 
-#include "store/container/handles.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_writer.h"
-#include "store/container/zstd_filter.h"
 #include "store/files/early_write_back.h"
 #include "store/files/output_file.h"
 #include "store/files/scratch_file.h"
+#include "store/hdf5/handles.h"
+#include "store/hdf5/zstd_filter.h"
 
 namespace isonest::detail {
 

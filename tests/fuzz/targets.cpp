@@ -11,7 +11,7 @@
 #include <isonest/open_volume.h>
 
 #include "query/check/check.h"
-#include "tests/test_support.h"
+#include "tests/support/test_support.h"
 #include "tools/drawing/input/ply_reader.h"
 
 namespace isonest::detail::fuzz {

@@ -18,7 +18,7 @@
 #include "store/container/codec.h"
 #include "store/container/format.h"
 #include "store/container/hdf5_types.h"
-#include "store/container/zstd_filter.h"
+#include "store/hdf5/zstd_filter.h"
 
 namespace {
 

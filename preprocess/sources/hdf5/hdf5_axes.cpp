@@ -3,8 +3,8 @@
 #include <algorithm>
 
 #include "preprocess/sources/nrrd/nrrd_fields.h"
-#include "store/container/handles.h"
 #include "store/container/hdf5_types.h"
+#include "store/hdf5/handles.h"
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {

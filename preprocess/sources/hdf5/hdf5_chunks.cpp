@@ -14,7 +14,7 @@
 
 #include "store/container/codec.h"
 #include "store/container/format.h"
-#include "store/container/handles.h"
+#include "store/hdf5/handles.h"
 
 namespace isonest::detail {
 namespace {

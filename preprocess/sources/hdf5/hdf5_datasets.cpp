@@ -9,7 +9,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/hdf5/hdf5_axes.h"
-#include "store/container/handles.h"
+#include "store/hdf5/handles.h"
 
 namespace isonest::detail {
 namespace {

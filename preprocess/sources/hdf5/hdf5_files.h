@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "store/container/handles.h"
+#include "store/hdf5/handles.h"
 
 namespace isonest::detail {
 

@@ -24,10 +24,10 @@
 #include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
-#include "store/container/handles.h"
 #include "store/container/hdf5_types.h"
-#include "store/container/zstd_filter.h"
 #include "store/files/mapped_file.h"
+#include "store/hdf5/handles.h"
+#include "store/hdf5/zstd_filter.h"
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {

@@ -13,7 +13,7 @@
 #include "query/finite_elements/grid_elements.h"
 #include "query/finite_elements/numbered_elements.h"
 #include "store/base/rotation.h"
-#include "store/container/volume_file.h"
+#include "store/exports/volume_file.h"
 #include "store/files/output_file.h"
 #include "tools/drawing/png_writer.h"
 #include "tools/drawing/slice_picture.h"

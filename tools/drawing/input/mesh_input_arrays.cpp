@@ -9,7 +9,7 @@
 
 #include <isonest/error.h>
 
-#include "store/container/polydata_file.h"
+#include "store/exports/polydata_file.h"
 #include "tools/drawing/input/mesh_input.h"
 
 namespace isonest::detail::cli {

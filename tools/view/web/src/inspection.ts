@@ -1,7 +1,7 @@
 // What a test or a script may read of the page, as `window.isonest`. It changes nothing.
 import type { Api } from "./api";
 import type { Banner } from "./banner";
-import type { MemoryPanel } from "./memory_panel";
+import type { MemoryPanel } from "./panels/memory_panel";
 import type { Probe } from "./probe";
 import type { StatusInfo, ValueInfo, Vector } from "./protocol";
 import type { Refiner } from "./refiner";
@@ -9,7 +9,7 @@ import type { Slice } from "./slices";
 import type { Stage } from "./stage";
 import type { SliceName, ViewState, ViewStore } from "./state";
 import type { Surface } from "./surface";
-import type { SurfacePanel } from "./surface_panel";
+import type { SurfacePanel } from "./panels/surface_panel";
 
 export interface Inspection {
   /** Everything that is chosen. */

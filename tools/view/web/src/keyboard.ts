@@ -2,7 +2,7 @@
 import type { CameraMoves } from "./camera_moves";
 import { button, h } from "./dom";
 import { reachOf } from "./geometry";
-import type { HistogramPanel } from "./histogram";
+import type { HistogramPanel } from "./panels/histogram";
 import type { Probe } from "./probe";
 import type { StoreInfo } from "./protocol";
 import { kSliceNames, type SliceName, type ViewStore } from "./state";

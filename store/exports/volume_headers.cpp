@@ -1,0 +1,183 @@
+#include "store/exports/volume_headers.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <string_view>
+
+#include "store/container/header_writer.h"
+
+namespace isonest::detail {
+namespace {
+
+/// The word of a list in the order of ValueType.
+std::string_view word_of(ValueType type, const std::array<std::string_view, 8>& words) {
+    return words.at(static_cast<std::size_t>(type));
+}
+
+template <class T>
+void put(std::string& header, std::size_t at, T value) {
+    std::memcpy(header.data() + at, &value, sizeof(value));
+}
+
+/// The world's vector from a node to the next along an axis.
+Double3 step(const VolumeFileSpec& spec, std::size_t axis) {
+    Double3 v = spec.direction.at(axis);
+    for (double& component : v) {
+        component *= spec.spacing.at(axis);
+    }
+    return v;
+}
+
+/// NIfTI's number of a unit; 0 for what it does not have.
+char nifti_unit(const VolumeFileSpec& spec) {
+    return spec.unit == LengthUnit::metre        ? 1
+           : spec.unit == LengthUnit::millimetre ? 2
+           : spec.unit == LengthUnit::micrometre ? 3
+                                                 : 0;
+}
+
+template <class Real, class Integer>
+void put_nifti(const VolumeFileSpec& spec, std::string& header, std::size_t dim, std::size_t pixdim,
+               std::size_t rows) {
+    put<Integer>(header, dim, 3);
+    for (std::size_t i = 1; i < 8; ++i) {
+        const std::int64_t n = i <= 3 ? spec.nodes[static_cast<int>(i) - 1] : 1;
+        put(header, dim + i * sizeof(Integer), static_cast<Integer>(n));
+    }
+    for (std::size_t i = 0; i < 4; ++i) {
+        put(header, pixdim + i * sizeof(Real),
+            static_cast<Real>(i == 0 ? 1 : spec.spacing.at(i - 1)));
+    }
+    for (std::size_t w = 0; w < 3; ++w) {
+        for (std::size_t a = 0; a < 3; ++a) {
+            put(header, rows + (4 * w + a) * sizeof(Real), static_cast<Real>(step(spec, a).at(w)));
+        }
+        put(header, rows + (4 * w + 3) * sizeof(Real), static_cast<Real>(spec.origin.at(w)));
+    }
+}
+
+}  // namespace
+
+VolumeHeader nrrd_file_header(const VolumeFileSpec& spec) {
+    const std::string_view type = spec.type == ValueType::f32   ? "float"
+                                  : spec.type == ValueType::f64 ? "double"
+                                                                : name_of(spec.type);
+    std::string directions;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const Double3 v = step(spec, a);
+        directions += fmt::format(" ({},{},{})", v[0], v[1], v[2]);
+    }
+    return {
+        fmt::format("NRRD0004\ntype: {}\ndimension: 3\nspace dimension: 3\nsizes: {} {} {}\n"
+                    "space directions:{}\nspace origin: ({},{},{})\n{}"
+                    "endian: little\nencoding: raw\n\n",
+                    type, spec.nodes.x, spec.nodes.y, spec.nodes.z, directions, spec.origin[0],
+                    spec.origin[1], spec.origin[2],
+                    spec.unit ? fmt::format("space units: \"{0}\" \"{0}\" \"{0}\"\n",
+                                            symbol_of(*spec.unit))
+                              : "")};
+}
+
+VolumeHeader nifti_file_header(const VolumeFileSpec& spec) {
+    constexpr std::array<std::int16_t, 8> kTypes{2, 256, 512, 4, 768, 8, 16, 64};
+    const std::int16_t type = kTypes.at(static_cast<std::size_t>(spec.type));
+    const auto bits = static_cast<std::int16_t>(8 * size_of(spec.type));
+    constexpr std::int64_t kMostShort = 32767;
+    if (std::max({spec.nodes.x, spec.nodes.y, spec.nodes.z}) <= kMostShort) {
+        std::string header(352, '\0');
+        put<std::int32_t>(header, 0, 348);
+        put_nifti<float, std::int16_t>(spec, header, 40, 76, 280);
+        put(header, 70, type);
+        put(header, 72, bits);
+        put<float>(header, 108, 352);
+        put<float>(header, 112, 1);
+        put<std::int16_t>(header, 254, 1);
+        header[123] = nifti_unit(spec);
+        std::memcpy(header.data() + 344, "n+1", 4);
+        return {header};
+    }
+    std::string header(544, '\0');
+    put<std::int32_t>(header, 0, 540);
+    std::memcpy(header.data() + 4, "n+2\0\r\n\032\n", 8);
+    put(header, 12, type);
+    put(header, 14, bits);
+    put_nifti<double, std::int64_t>(spec, header, 16, 104, 400);
+    put<std::int64_t>(header, 168, 544);
+    put<double>(header, 176, 1);
+    put<std::int32_t>(header, 348, 1);
+    put<std::int32_t>(header, 500, nifti_unit(spec));
+    return {header};
+}
+
+VolumeHeader vti_file_header(const VolumeFileSpec& spec) {
+    constexpr std::array<std::string_view, 8> kTypes{"UInt8",  "Int8",  "UInt16",  "Int16",
+                                                     "UInt32", "Int32", "Float32", "Float64"};
+    const std::string extent =
+        fmt::format("0 {} 0 {} 0 {}", spec.nodes.x - 1, spec.nodes.y - 1, spec.nodes.z - 1);
+    std::string text = fmt::format(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"1.0\" "
+        "byte_order=\"LittleEndian\" header_type=\"UInt64\">\n"
+        "<ImageData WholeExtent=\"{}\" Origin=\"{} {} {}\" Spacing=\"{} {} {}\"{}>\n"
+        "<Piece Extent=\"{}\">\n<PointData Scalars=\"data\">\n"
+        "<DataArray type=\"{}\" Name=\"data\" format=\"appended\" offset=\"0\"/>\n"
+        "</PointData>\n</Piece>\n</ImageData>\n<AppendedData encoding=\"raw\">\n_",
+        extent, spec.origin[0], spec.origin[1], spec.origin[2], spec.spacing[0], spec.spacing[1],
+        spec.spacing[2],
+        spec.direction == kAlongWorld
+            ? ""
+            : fmt::format(" Direction=\"{}\"", fmt::join(vtk_direction(spec.direction), " ")),
+        extent, word_of(spec.type, kTypes));
+    const std::uint64_t bytes =
+        static_cast<std::uint64_t>(spec.nodes.product()) * size_of(spec.type);
+    text.append(reinterpret_cast<const char*>(&bytes), sizeof(bytes));
+    return {text, "\n</AppendedData>\n</VTKFile>\n"};
+}
+
+VolumeHeader npy_file_header(const VolumeFileSpec& spec) {
+    constexpr std::array<std::string_view, 8> kTypes{"|u1", "|i1", "<u2", "<i2",
+                                                     "<u4", "<i4", "<f4", "<f8"};
+    std::string text =
+        fmt::format("{{'descr': '{}', 'fortran_order': False, 'shape': ({}, {}, {}), }}",
+                    word_of(spec.type, kTypes), spec.nodes.z, spec.nodes.y, spec.nodes.x);
+    constexpr std::size_t kBefore = 10;
+    constexpr std::size_t kMultiple = 64;
+    const std::size_t whole = (kBefore + text.size() + 1 + kMultiple - 1) / kMultiple * kMultiple;
+    text.resize(whole - kBefore - 1, ' ');
+    text += '\n';
+    std::string header("\x93NUMPY\1\0", 8);
+    header += static_cast<char>(text.size() % 256);
+    header += static_cast<char>(text.size() / 256);
+    return {header + text};
+}
+
+/// A line about a unit that MetaIO knows.
+std::string meta_image_unit(const VolumeFileSpec& spec) {
+    const bool known = spec.unit == LengthUnit::centimetre || spec.unit == LengthUnit::millimetre ||
+                       spec.unit == LengthUnit::micrometre;
+    return known ? fmt::format("DistanceUnits = {}\n", symbol_of(*spec.unit)) : "";
+}
+
+VolumeHeader meta_image_file_header(const VolumeFileSpec& spec) {
+    constexpr std::array<std::string_view, 8> kTypes{"MET_UCHAR", "MET_CHAR",  "MET_USHORT",
+                                                     "MET_SHORT", "MET_UINT",  "MET_INT",
+                                                     "MET_FLOAT", "MET_DOUBLE"};
+    std::string matrix;
+    for (const Double3& axis : spec.direction) {
+        matrix += fmt::format("{}{} {} {}", matrix.empty() ? "" : " ", axis[0], axis[1], axis[2]);
+    }
+    return {fmt::format(
+        "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n"
+        "CompressedData = False\nTransformMatrix = {}\nOffset = {} {} {}\n"
+        "CenterOfRotation = 0 0 0\nElementSpacing = {} {} {}\nDimSize = {} {} {}\n"
+        "ElementType = {}\n{}ElementDataFile = LOCAL\n",
+        matrix, spec.origin[0], spec.origin[1], spec.origin[2], spec.spacing[0], spec.spacing[1],
+        spec.spacing[2], spec.nodes.x, spec.nodes.y, spec.nodes.z, word_of(spec.type, kTypes),
+        meta_image_unit(spec))};
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,49 @@
+#include "store/hdf5/handles.h"
+
+#include <string_view>
+
+namespace isonest::detail {
+
+FileHandle open_hdf5(const std::filesystem::path& path) {
+    const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
+    H5Pset_file_locking(access.get(), false, true);
+    return FileHandle(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access.get()));
+}
+
+PropertyHandle written_file_access() {
+    PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
+    H5Pset_libver_bounds(access.get(), H5F_LIBVER_V110, H5F_LIBVER_V110);
+    H5Pset_file_locking(access.get(), false, true);
+    return access;
+}
+
+FileHandle create_hdf5(const std::filesystem::path& path, const PropertyHandle& access) {
+    const PropertyHandle creation(H5Pcreate(H5P_FILE_CREATE));
+    H5Pset_obj_track_times(creation.get(), false);
+    return FileHandle(H5Fcreate(path.c_str(), H5F_ACC_EXCL, creation.get(), access.get()));
+}
+
+std::string hdf5_message() {
+    std::string text;
+    H5Ewalk2(
+        H5E_DEFAULT, H5E_WALK_UPWARD,
+        [](unsigned, const H5E_error2_t* error, void* data) -> herr_t {
+            auto& out = *static_cast<std::string*>(data);
+            if (out.empty() && error->desc != nullptr) {
+                out = error->desc;
+            }
+            return 0;
+        },
+        &text);
+    // "file write failed: time = ..., errno = 28, error message = 'No space left on device', ..."
+    constexpr std::string_view kMessage = "error message = '";
+    const std::size_t message = text.find(kMessage);
+    const std::size_t what = text.find(':');
+    if (message != std::string::npos && what < message) {
+        const std::size_t begin = message + kMessage.size();
+        return text.substr(0, what) + ": " + text.substr(begin, text.find('\'', begin) - begin);
+    }
+    return text;
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,134 @@
+// The angles that the report states, against all angles of the mesh, sorted.
+#include "query/mesh/measuring_sink.h"
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+
+#include <isonest/extract.h>
+
+#include "tests/support/test_support.h"
+
+using namespace isonest;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
+
+namespace {
+
+using Point = std::array<float, 3>;
+
+/// By the law of cosines, each of the three.
+double angle_of(const Point& a, const Point& b, const Point& c) {
+    const auto size = [](const Point& p, const Point& q) {
+        return std::hypot(static_cast<long double>(p[0]) - q[0],
+                          static_cast<long double>(p[1]) - q[1],
+                          static_cast<long double>(p[2]) - q[2]);
+    };
+    const std::array<long double, 3> s{size(b, c), size(c, a), size(a, b)};
+    long double least = 180;
+    for (std::size_t i = 0; i < 3; ++i) {
+        const long double u = s[(i + 1) % 3];
+        const long double v = s[(i + 2) % 3];
+        if (u == 0 || v == 0) {
+            return 0;
+        }
+        const long double cosine = (u * u + v * v - s[i] * s[i]) / (2 * u * v);
+        least = std::min(least, std::acos(std::clamp(cosine, -1.0L, 1.0L)) * 180 / M_PIl);
+    }
+    return static_cast<double>(least);
+}
+
+void require_sorted(const TriangleQuality& q, const MeshCollector& mesh) {
+    std::vector<double> angles;
+    for (const auto& t : mesh.triangles) {
+        angles.push_back(
+            angle_of(mesh.positions[t[0]], mesh.positions[t[1]], mesh.positions[t[2]]));
+    }
+    std::sort(angles.begin(), angles.end());
+    const auto quantile = [&](double share) {
+        return angles[static_cast<std::size_t>(share * static_cast<double>(angles.size()))];
+    };
+    constexpr double kUnsure = 1e-6;
+    CHECK(q.least == Approx(angles.front()).margin(kUnsure));
+    for (const auto& [stated, share] : {std::pair{q.per_mille, 0.001},
+                                        {q.percent, 0.01},
+                                        {q.five_percent, 0.05},
+                                        {q.median, 0.5}}) {
+        CAPTURE(share);
+        CHECK(stated <= quantile(share) + kUnsure);
+        CHECK(stated >= quantile(share) - 0.01 - kUnsure);
+    }
+    const auto narrow = std::count_if(angles.begin(), angles.end(), [](double a) { return a < 5; });
+    CHECK(q.narrow_share ==
+          Approx(static_cast<double>(narrow) / static_cast<double>(angles.size())).margin(1e-4));
+}
+
+/// Takes batches in order, and twice.
+class TwiceInOrder : public MeshCollector {
+  public:
+    [[nodiscard]] bool concurrent() const override { return false; }
+    [[nodiscard]] bool again() override { return std::exchange(again_, false); }
+
+  private:
+    bool again_ = true;
+};
+
+}  // namespace
+
+TEST_CASE("smallest angles are those of the law of cosines, down to triangles without area") {
+    CHECK(smallest_angle({0, 0, 0}, {1, 0, 0}, {0, 1, 0}) == Approx(45));
+    CHECK(smallest_angle({1, 0, 0}, {0, 1, 0}, {0, 0, 1}) == Approx(60));
+    CHECK(smallest_angle({0, 0, 0}, {1, 0, 0}, {1, 1e-4F, 0}) == Approx(0.00572957786));
+    CHECK(smallest_angle({0, 0, 0}, {0, 0, 0}, {1, 1, 0}) == 0);
+    CHECK(smallest_angle({2, 2, 2}, {2, 2, 2}, {2, 2, 2}) == 0);
+    CHECK(smallest_angle({0, 0, 0}, {1, 1, 1}, {3, 3, 3}) == 0);
+    for (int i = 0; i < 1000; ++i) {
+        std::array<Point, 3> p{};
+        for (int k = 0; k < 9; ++k) {
+            p[static_cast<std::size_t>(k / 3)][static_cast<std::size_t>(k % 3)] =
+                static_cast<float>(noise({i, k, 0}));
+        }
+        CHECK(smallest_angle(p[0], p[1], p[2]) == Approx(angle_of(p[0], p[1], p[2])).margin(1e-6));
+    }
+}
+
+TEST_CASE("the report's angles are the mesh's, for any threads and any sink") {
+    FunctionVolume<float> volume(
+        {45, 38, 41}, [](const Int3& p) { return static_cast<float>(smooth(p) + 0.1 * noise(p)); });
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(8));
+    const Store store(folder / "s");
+    SurfaceQuery query;
+    query.iso = 0.3;
+    ExtractOptions options;
+    options.scratch = folder.path();
+    MeshCollector unmeasured;
+    CHECK(!extract(store, query, unmeasured, options).quality);
+    options.quality = true;
+    for (const bool simplified : {false, true}) {
+        if (simplified) {
+            query.stop = DistanceBound{0.3, true};
+        }
+        std::optional<TriangleQuality> first;
+        for (const int threads : {1, 2, 4}) {
+            options.threads = threads;
+            MeshCollector mesh;
+            const ExtractReport r = extract(store, query, mesh, options);
+            REQUIRE(r.quality);
+            CHECK((simplified || mesh.positions == unmeasured.positions));
+            require_sorted(*r.quality, mesh);
+            first = first.value_or(*r.quality);
+            CHECK(r.quality->least == first->least);
+            CHECK(r.quality->median == first->median);
+            CHECK(r.quality->narrow_share == first->narrow_share);
+        }
+        TwiceInOrder twice;
+        const ExtractReport r = extract(store, query, twice, options);
+        require_sorted(r.quality.value(), twice);
+        CHECK(r.quality->narrow_share == first->narrow_share);
+    }
+    query.iso = 1e9;
+    MeshCollector empty;
+    const ExtractReport r = extract(store, query, empty, options);
+    REQUIRE(r.quality);
+    CHECK(r.quality->median == 0);
+}

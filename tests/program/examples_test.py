@@ -1,0 +1,90 @@
+"""What is installed serves a consumer: tools/examples are configured and built against a copy of the built tree,
+run in empty folders and print the numbers that are known; every public header compiles on its own.
+
+usage: examples_test.py ISONEST [PLUGIN_FOLDER]
+"""
+import math
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+build_tree = pathlib.Path(sys.argv[1]).resolve().parent.parent
+
+
+def cache(name):
+    text = (build_tree / "CMakeCache.txt").read_text(encoding="utf-8")
+    found = re.search(rf"^{name}:\w+=(.*)$", text, re.M)
+    return found.group(1) if found else ""
+
+
+def run(*command, **more):
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, **more)
+    if done.returncode != 0:
+        sys.exit(f"{' '.join(str(c) for c in command)}: exit {done.returncode}\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def check(condition, what):
+    if not condition:
+        sys.exit(what)
+
+
+if not cache("CMAKE_HOME_DIRECTORY") or cache("ISONEST_INSTALL") in ("OFF", "FALSE", "0"):
+    print("this build tree is not one that installs")
+    sys.exit(77)
+sanitizers = cache("ISONEST_SANITIZE")
+flags = [f"-fsanitize={sanitizers}"] if sanitizers else []
+compiler = cache("CMAKE_CXX_COMPILER")
+
+with tempfile.TemporaryDirectory() as temporary:
+    work = pathlib.Path(temporary)
+    prefix = work / "prefix"
+    run("cmake", "--install", build_tree, "--prefix", prefix)
+
+    # Each header alone, and nothing of the insides beside them.
+    headers = sorted((prefix / "include").rglob("*.h"))
+    check(len(headers) >= 12, f"only {len(headers)} headers are installed")
+    for header in headers:
+        name = header.relative_to(prefix / "include").as_posix()
+        check(name.startswith("isonest/") and name.count("/") == 1, f"{name} is installed")
+        run(compiler, "-std=c++20", *WARNINGS, "-I", prefix / "include", "-fsyntax-only", "-x", "c++", "-",
+            input=f"#include <{name}>\n#include <{name}>\n")
+
+    run("cmake", "-S", ROOT / "tools" / "examples", "-B", work / "build", f"-DCMAKE_PREFIX_PATH={prefix}",
+        f"-DCMAKE_CXX_COMPILER={compiler}", "-DCMAKE_BUILD_TYPE=Release",
+        f"-DCMAKE_CXX_FLAGS={' '.join(WARNINGS + flags)}")
+    run("cmake", "--build", work / "build", "--parallel", "2")
+    programs = sorted(source.stem for source in (ROOT / "tools" / "examples").glob("*.cpp"))
+    check(len(programs) >= 3, f"examples: {programs}")
+    printed = {}
+    for program in programs:
+        empty = work / program
+        empty.mkdir()
+        printed[program] = run(work / "build" / program, cwd=empty)
+        print(f"{program}: {printed[program].strip()}")
+
+    # A closed surface of genus 0 has 2 V - T = 4.
+    vertices, triangles, error = map(float, re.match(
+        r"(\d+) vertices, (\d+) triangles, error at most ([\d.e+-]+)$", printed["volume_in_memory"]).groups())
+    check(vertices > 100 and 2 * vertices - triangles == 4, "volume_in_memory: the ball is not closed")
+    check(0 < error <= 0.5, "volume_in_memory: the error is not within what was asked for")
+
+    # 19.5 x 14.5 world units. u is linear, but goes on as a constant beyond the volume, where coarse elements reach:
+    # the mean is off by no more than the error asked for.
+    triangles, area, mean = map(float, re.match(
+        r"(\d+) triangles, area ([\d.]+), mean value ([\d.]+)$", printed["slice_callback"]).groups())
+    check(math.isclose(area, 19.5 * 14.5, abs_tol=1e-3), "slice_callback: the area")
+    check(math.isclose(mean, 19.5 / 2 + 2 * 14.5 / 2 + 3 * 4.25, abs_tol=1), "slice_callback: the mean")
+    check(triangles < 39 * 29, "slice_callback: a linear function needs few triangles")
+
+    # The gyroid on 70 x 80 x 90 nodes, 0.1 apart: the file's own count of bytes, and the refusal.
+    glb = (work / "own_source" / "gyroid.glb").read_bytes()
+    check(glb[:4] == b"glTF" and int.from_bytes(glb[8:12], "little") == len(glb), "own_source: gyroid.glb")
+    triangles = int(re.search(r"gyroid.glb: (\d+) triangles", printed["own_source"]).group(1))
+    check(f'"count":{3 * triangles},' .encode() in glb, "own_source: the number of triangles")
+    check("refused: gyroid.glb: " in printed["own_source"], "own_source: the file was replaced")
+print(f"{len(headers)} headers, {len(programs)} programs")

@@ -1,0 +1,20 @@
+// On a narrow screen the panel is a sheet below the picture, which can be folded.
+import { byId } from "../dom";
+
+/** Wires the button that folds the panel. */
+export function bindSheet(): void {
+  const toggle = byId("sheet-toggle");
+  const narrow = matchMedia("(max-width: 700px)");
+  const set = (open: boolean): void => {
+    document.body.classList.toggle("folded", !open);
+    toggle.setAttribute("aria-expanded", String(open));
+  };
+  toggle.addEventListener("click", () => set(document.body.classList.contains("folded")));
+  narrow.addEventListener("change", () => set(!narrow.matches));
+  set(!narrow.matches);
+}
+
+/** The line that the folded sheet shows. */
+bindSheet.summary = (text: string): void => {
+  byId("sheet-summary").textContent = text;
+};

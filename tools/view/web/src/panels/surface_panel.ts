@@ -1,0 +1,106 @@
+// Choices for the surface, and in plain words how good it is now.
+import { checkbox, h, numberField, section, select } from "../dom";
+import type { StoreInfo } from "../protocol";
+import type { Surface } from "../surface";
+import type { Target, ViewStore } from "../state";
+import { bytes, rounding, short, surfaceBound, unitOf, whole } from "../words";
+
+const kTargets: readonly (readonly [Target, string])[] = [
+  ["screen", "to the screen's pixels"],
+  ["full", "to full resolution"],
+  ["error", "to an error in values"],
+  ["distance", "to a distance"],
+  ["triangles", "to a number of triangles"],
+];
+/** Errors and cameras are of values, and labels have none. */
+const kOfLabels: readonly Target[] = ["full", "distance"];
+
+export class SurfacePanel {
+  /** How good the surface is now. */
+  readonly state: HTMLElement;
+  readonly choices: HTMLElement;
+  private readonly bound = h("p", { class: "bound", id: "surface-bound" });
+  private readonly count = h("p", { class: "count", id: "surface-count" });
+  private readonly detail = h("p", { class: "note" });
+  private readonly progress = h("p", { class: "progress", id: "surface-progress" });
+  private readonly unit: string;
+
+  constructor(
+    private readonly views: ViewStore,
+    store: StoreInfo,
+    private readonly surface: Surface,
+  ) {
+    this.unit = unitOf(store);
+    const shown = checkbox("Show the surface", (on) => views.set({ surface: on }), { id: "surface-on" });
+    const target = select(
+      "Refine", kTargets.filter(([name]) => !store.labels || kOfLabels.includes(name)), (choice) => views.set({ target: choice }), { id: "target" },
+    );
+    const pixels = numberField("Pixels", (value) => views.set({ pixels: value }), { id: "pixels", min: 0.25, max: 64 });
+    const error = numberField("Error", (value) => views.set({ error: value }), { id: "error", min: 0 });
+    const distance = numberField(`Distance, ${this.unit}`, (value) => views.set({ distance: value }), { id: "distance", min: 0 });
+    const triangles = numberField("Triangles", (value) => views.set({ triangles: Math.round(value) }), { id: "triangles", min: 100, max: 100_000_000 });
+    const moving = numberField("Triangles while moving", (value) => views.set({ moving: Math.round(value) }), { id: "moving", min: 100, max: 10_000_000 });
+    const most = numberField("Triangles at most", (value) => views.set({ most: Math.round(value) }), { id: "most", min: 100, max: store.most_triangles });
+    const largest = checkbox("Only the largest piece", (on) => views.set({ largest: on }), { id: "largest" });
+    const facets = checkbox("Show the triangles", (on) => views.set({ facets: on }), { id: "facets" });
+    this.state = h("div", { class: "state", role: "group", "aria-label": "The surface now" }, this.bound, this.count, this.progress, this.detail);
+    this.choices = section(
+      "surface", "Surface", true,
+      shown.row, target.row, pixels.row, error.row, distance.row, triangles.row, moving.row, most.row, largest.row, facets.row,
+    );
+    views.subscribe((state) => {
+      shown.set(state.surface);
+      largest.set(state.largest);
+      facets.set(state.facets);
+      target.input.value = state.target;
+      pixels.set(state.pixels);
+      error.set(Number(state.error.toPrecision(9)));
+      distance.set(Number(state.distance.toPrecision(9)));
+      triangles.set(state.triangles);
+      moving.set(state.moving);
+      most.set(state.most);
+      moving.row.hidden = most.row.hidden = store.labels;
+      for (const [name, { row }] of Object.entries({ screen: pixels, error, distance, triangles })) row.hidden = state.target !== name;
+    });
+  }
+
+  /** What is shown, or under way, has changed. */
+  refresh(): void {
+    const { header } = this.surface.drawn;
+    this.bound.textContent = this.sentence();
+    this.count.textContent = header ? `${whole(header.triangles)} triangles on the screen` : "";
+    this.progress.textContent = this.underWay();
+    this.progress.classList.toggle("active", this.surface.refiner.busy && header !== null);
+    const limited = header && this.limited() ? `It would take more than ${whole(this.views.state.most)} triangles to be as fine as wanted. ` : "";
+    this.detail.textContent = header ? `${limited}${rounding(header, this.unit)}` : "";
+  }
+
+  /** The bound in a sentence's words, without a stop; empty if there is no surface. */
+  sentence(): string {
+    const { header } = this.surface.drawn;
+    if (!header) return "";
+    if (header.triangles === 0) return header.full_resolution ? "No surface: nothing has this value here" : "No surface that is coarse enough; a finer one may show some";
+    const text = surfaceBound(header, this.unit);
+    return text[0]?.toUpperCase() + text.slice(1);
+  }
+
+  private underWay(): string {
+    const { aim, received, step, busy } = this.surface.refiner;
+    const { header } = this.surface.drawn;
+    if (aim !== null) {
+      const which = step[1] > 1 ? ` (step ${step[0]} of ${step[1]})` : "";
+      const got = received > 0 ? `, ${bytes(received)} received` : "";
+      return header && step[1] > 0 ? `Refining ${aim}${which}${got}…` : `Loading ${short(this.views.state.iso)}${got}…`;
+    }
+    if (busy) return "Refines when you rest.";
+    return header ? "Not being refined." : "";
+  }
+
+  private limited(): boolean {
+    const { header, refiner } = { header: this.surface.drawn.header, refiner: this.surface.refiner };
+    const { target } = this.views.state;
+    if (!header || header.full_resolution || refiner.busy) return false;
+    if (target === "screen") return header.stop !== "camera";
+    return target === "full" || (target === "error" && header.tolerance > this.views.state.error);
+  }
+}
