@@ -69,7 +69,8 @@ class GlbFile : public SectionedFile {
                 "\"attributes\":{{{}}},\"indices\":{},\"material\":0,\"mode\":4}}]}}],"
                 "\"materials\":[{}],\"buffers\":[{{"
                 "\"byteLength\":{}}}],\"bufferViews\":[{}],\"accessors\":[{}]}}",
-                scale_of(layout.unit), names, arrays.count - 1, kMaterial, arrays.end, arrays.views, arrays.accessors);
+                scale_of(layout.unit), names, arrays.count - 1, kMaterial, arrays.end, arrays.views,
+                arrays.accessors);
         } else {
             // glTF has no empty mesh. VTK refuses a scene without nodes and a file without binary
             // data.

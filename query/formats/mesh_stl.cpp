@@ -39,7 +39,8 @@ class StlFile : public SectionedFile {
         require_bits(32, layout.elements, "triangles", "STL");
         std::array<char, kHeader + sizeof(std::uint32_t)> header{"binary STL, isonest"};
         if (layout.unit) {
-            const std::string unit = fmt::format("binary STL, isonest, unit {}", symbol_of(*layout.unit));
+            const std::string unit =
+                fmt::format("binary STL, isonest, unit {}", symbol_of(*layout.unit));
             std::copy(unit.begin(), unit.end(), header.begin());
         }
         const auto count = static_cast<std::uint32_t>(layout.elements);

@@ -1,9 +1,9 @@
-#include <isonest/length_unit.h>
-
 #include <algorithm>
 #include <array>
 #include <numeric>
 #include <utility>
+
+#include <isonest/length_unit.h>
 
 namespace isonest {
 namespace {
@@ -22,7 +22,7 @@ constexpr std::array<LengthUnitInfo, 11> kUnits{
      {LengthUnit::micrometre, "um", "micrometre", 1, kMillion},
      {LengthUnit::nanometre, "nm", "nanometre", 1, kBillion},
      {LengthUnit::angstrom, "angstrom", "angstrom", 1, 10 * kBillion},
-     {LengthUnit::picometre, "pm", "picometre", 1, kThousand * kBillion},
+     {LengthUnit::picometre, "pm", "picometre", 1, kThousand* kBillion},
      {LengthUnit::foot, "ft", "foot", 381, 1250},
      {LengthUnit::inch, "in", "inch", 127, 5000}}};
 

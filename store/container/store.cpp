@@ -1,8 +1,7 @@
-#include <isonest/store.h>
-
 #include <fmt/format.h>
 
 #include <isonest/error.h>
+#include <isonest/store.h>
 
 #include "store/container/reader.h"
 
@@ -37,11 +36,12 @@ std::optional<LengthUnit> Store::unit() const {
 }
 double Store::world_units(double length, LengthUnit given) const {
     if (!unit()) {
-        throw Error(ErrorKind::invalid_argument, {path().string()},
-                    fmt::format("nothing says how many world units {:g} {} are: the volume's unit "
-                                "of length is not known",
-                                length, symbol_of(given)),
-                    {{RemedyKind::world_units}, {RemedyKind::say_unit, std::string(symbol_of(given))}});
+        throw Error(
+            ErrorKind::invalid_argument, {path().string()},
+            fmt::format("nothing says how many world units {:g} {} are: the volume's unit "
+                        "of length is not known",
+                        length, symbol_of(given)),
+            {{RemedyKind::world_units}, {RemedyKind::say_unit, std::string(symbol_of(given))}});
     }
     return converted_length(length, given, *unit());
 }

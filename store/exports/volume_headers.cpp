@@ -72,15 +72,14 @@ VolumeHeader nrrd_file_header(const VolumeFileSpec& spec) {
         const Double3 v = step(spec, a);
         directions += fmt::format(" ({},{},{})", v[0], v[1], v[2]);
     }
-    return {
-        fmt::format("NRRD0004\ntype: {}\ndimension: 3\nspace dimension: 3\nsizes: {} {} {}\n"
-                    "space directions:{}\nspace origin: ({},{},{})\n{}"
-                    "endian: little\nencoding: raw\n\n",
-                    type, spec.nodes.x, spec.nodes.y, spec.nodes.z, directions, spec.origin[0],
-                    spec.origin[1], spec.origin[2],
-                    spec.unit ? fmt::format("space units: \"{0}\" \"{0}\" \"{0}\"\n",
-                                            symbol_of(*spec.unit))
-                              : "")};
+    return {fmt::format(
+        "NRRD0004\ntype: {}\ndimension: 3\nspace dimension: 3\nsizes: {} {} {}\n"
+        "space directions:{}\nspace origin: ({},{},{})\n{}"
+        "endian: little\nencoding: raw\n\n",
+        type, spec.nodes.x, spec.nodes.y, spec.nodes.z, directions, spec.origin[0], spec.origin[1],
+        spec.origin[2],
+        spec.unit ? fmt::format("space units: \"{0}\" \"{0}\" \"{0}\"\n", symbol_of(*spec.unit))
+                  : "")};
 }
 
 VolumeHeader nifti_file_header(const VolumeFileSpec& spec) {

@@ -37,7 +37,7 @@ struct RawLayout {
     Double3 origin{0, 0, 0};
     Directions direction = kAlongWorld;
     std::optional<LengthUnit> unit = {};  ///< of spacing and origin
-    std::filesystem::path header;  ///< what describes them, if it is another file
+    std::filesystem::path header;         ///< what describes them, if it is another file
 };
 
 /// Opens the numbers in `path`: the one place that decides where in a file they are. `name` is used

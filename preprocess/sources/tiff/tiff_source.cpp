@@ -42,14 +42,10 @@ class TiffSource : public VolumeSource {
           name_(std::move(name)) {}
     [[nodiscard]] VolumeDescription describe() const override {
         const TiffPage& page = pages_->page();
-        return {place_.nodes,
-                page.stored ? bits_type(*page.stored) : page.type,
-                spacing_,
-                {0, 0, 0},
-                name_,
-                kAlongWorld,
-                false,
-                unit_};
+        return {place_.nodes, page.stored ? bits_type(*page.stored) : page.type,
+                spacing_,     {0, 0, 0},
+                name_,        kAlongWorld,
+                false,        unit_};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return pages_->files();
@@ -116,8 +112,7 @@ PagePlace place_of(const std::vector<ArrayAxis>& page_axes, const TiffPage& page
 
 /// ImageJ's large files: the images follow the first page's numbers.
 std::unique_ptr<VolumeSource> open_images(const TiffPages& pages, const PagePlace& place,
-                                          const Double3& spacing,
-                                          std::optional<LengthUnit> unit,
+                                          const Double3& spacing, std::optional<LengthUnit> unit,
                                           const std::string& name) {
     RawLayout layout;
     layout.nodes = place.nodes;
@@ -172,7 +167,8 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
     if (contiguous) {
         source = open_images(*pages, place, spacing, axes.unit.unit, name);
     } else {
-        source = std::make_unique<TiffSource>(std::move(pages), place, spacing, axes.unit.unit, name);
+        source =
+            std::make_unique<TiffSource>(std::move(pages), place, spacing, axes.unit.unit, name);
     }
     source = with_notes(std::move(source), axes.unit.notes);
     return stored ? converted(std::move(source), *stored) : std::move(source);

@@ -29,8 +29,8 @@ std::uint64_t product(const Lengths& lengths) {
 
 class ZarrSource : public VolumeSource {
   public:
-    ZarrSource(ZarrImage image, ChosenAxes chosen, Placement place,
-               std::optional<LengthUnit> unit, std::uint64_t max_heap, std::string name)
+    ZarrSource(ZarrImage image, ChosenAxes chosen, Placement place, std::optional<LengthUnit> unit,
+               std::uint64_t max_heap, std::string name)
         : image_(std::move(image)),
           chosen_(std::move(chosen)),
           place_(std::move(place)),

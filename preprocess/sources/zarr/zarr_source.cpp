@@ -130,8 +130,8 @@ std::vector<double> coordinates_of(const std::filesystem::path& folder, std::int
         const Scaling scaling = scaling_of(image.array, name);
         const std::optional<StoredNumber> stored = image.array.stored;
         const std::vector<ArrayAxis> axes{{"", length}};
-        std::unique_ptr<VolumeSource> source =
-            zarr_chunks(std::move(image), choose_axes(axes, {}, name), {}, {}, options.max_heap, name);
+        std::unique_ptr<VolumeSource> source = zarr_chunks(
+            std::move(image), choose_axes(axes, {}, name), {}, {}, options.max_heap, name);
         if (stored) {
             source = converted(std::move(source), *stored);
         }
@@ -221,9 +221,9 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
     notes.insert(notes.end(), unit.notes.begin(), unit.notes.end());
     const Placement place = place_of(image, chosen, unit, name);
     const std::optional<StoredNumber> stored = image.array.stored;
-    std::unique_ptr<VolumeSource> source = with_notes(
-        zarr_chunks(std::move(image), chosen, place, unit.unit, options.max_heap, name),
-        std::move(notes));
+    std::unique_ptr<VolumeSource> source =
+        with_notes(zarr_chunks(std::move(image), chosen, place, unit.unit, options.max_heap, name),
+                   std::move(notes));
     const auto& back = place.backward;
     if (back[0] || back[1] || back[2]) {
         source = mirrored(std::move(source), back);

@@ -182,7 +182,8 @@ NodeSet all_nodes(const Lattice& lattice) {
 }
 
 VolumeFileSpec spec_of(const SmoothedPlace& place, ValueType type) {
-    return {place.lattice.nodes(), type, place.spacing, place.origin, place.direction, place.force, place.unit};
+    return {place.lattice.nodes(), type,        place.spacing, place.origin,
+            place.direction,       place.force, place.unit};
 }
 
 }  // namespace

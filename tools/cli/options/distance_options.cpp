@@ -146,7 +146,8 @@ std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
     }
     if (a.nested && r.distance_bound > 0) {
         return fmt::format(
-            "within {:.4g}{} of the surface at full resolution (asked for {:.4g}{}), triangles of the "
+            "within {:.4g}{} of the surface at full resolution (asked for {:.4g}{}), triangles of "
+            "the "
             "nested grid",
             r.distance_bound, a.unit, *r.distance, a.unit);
     }

@@ -16,8 +16,8 @@ struct DistanceArguments {
     std::optional<DistanceBound> distance;  ///< as given until resolve()
     Length length;                          ///< the distance as given
     std::string unit;                       ///< behind a length of a report: " mm"
-    std::uint64_t triangles = 0;  ///< 0: not asked for
-    bool nested = false;          ///< elements of the nested grid, not simplified
+    std::uint64_t triangles = 0;            ///< 0: not asked for
+    bool nested = false;                    ///< elements of the nested grid, not simplified
     std::optional<KeptAnalysis> analysis;
     bool by_error = false;  ///< the error is what the number of triangles makes small
     bool simplify = false;  ///< within the error

@@ -184,8 +184,8 @@ Source source_of_files(const std::vector<Path>& paths, const SourceOptions& opti
 }
 
 Source source_of_array(py::array array, const Double3& spacing, const Double3& origin,
-                       const std::optional<std::string>& unit, std::string name, bool identified, std::vector<Path> files,
-                       std::optional<double> missing) {
+                       const std::optional<std::string>& unit, std::string name, bool identified,
+                       std::vector<Path> files, std::optional<double> missing) {
     if (array.ndim() != 3) {
         throw py::value_error("a volume has three axes");
     }
@@ -206,8 +206,8 @@ Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype
                         std::int64_t planes, std::int64_t rows, std::uint64_t heap,
                         std::string identity, std::vector<Path> files,
                         std::optional<double> missing) {
-    VolumeDescription description{int3_of(nodes), value_type_of(dtype), spacing, origin,
-                                  std::move(name), kAlongWorld, false, unit_of(unit)};
+    VolumeDescription description{int3_of(nodes),  value_type_of(dtype), spacing, origin,
+                                  std::move(name), kAlongWorld,          false,   unit_of(unit)};
     const VolumeSource::Granularity granularity{std::max<std::int64_t>(planes, 1),
                                                 std::max<std::int64_t>(rows, 1)};
     auto volume =
@@ -253,8 +253,8 @@ void add_sources(py::module_& module) {
     module.def("source_of_array", &source_of_array, "array"_a, py::kw_only(), "spacing"_a,
                "origin"_a, "unit"_a, "name"_a, "identified"_a, "files"_a, "missing"_a);
     module.def("source_of_reader", &source_of_reader, "reader"_a, py::kw_only(), "nodes"_a,
-               "dtype"_a, "spacing"_a, "origin"_a, "unit"_a, "name"_a, "planes"_a, "rows"_a, "heap"_a,
-               "identity"_a, "files"_a, "missing"_a);
+               "dtype"_a, "spacing"_a, "origin"_a, "unit"_a, "name"_a, "planes"_a, "rows"_a,
+               "heap"_a, "identity"_a, "files"_a, "missing"_a);
 
     py::class_<PreprocessOptions>(module, "PreprocessOptions")
         .def(py::init<>())

@@ -182,17 +182,18 @@ void add_stores(py::module_& module) {
                                    return unit ? std::optional(std::string(symbol_of(*unit)))
                                                : std::nullopt;
                                })
-        .def("world_units",
-             [](const OpenStore& s, double length, const std::string& unit) {
-                 const auto given = length_unit_from(unit);
-                 if (!given) {
-                     throw Error(ErrorKind::invalid_argument,
-                                 "there is no unit of length '" + unit + "'; there are " +
-                                     list_of_length_units());
-                 }
-                 return s.get()->world_units(length, *given);
-             },
-             "length"_a, "unit"_a)
+        .def(
+            "world_units",
+            [](const OpenStore& s, double length, const std::string& unit) {
+                const auto given = length_unit_from(unit);
+                if (!given) {
+                    throw Error(ErrorKind::invalid_argument, "there is no unit of length '" + unit +
+                                                                 "'; there are " +
+                                                                 list_of_length_units());
+                }
+                return s.get()->world_units(length, *given);
+            },
+            "length"_a, "unit"_a)
         .def_property_readonly("direction", [](const OpenStore& s) { return s.get()->direction(); })
         .def_property_readonly("levels", [](const OpenStore& s) { return s.get()->levels(); })
         .def_property_readonly("indicators",
