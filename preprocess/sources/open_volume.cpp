@@ -7,22 +7,22 @@
 #include <isonest/open_volume.h>
 
 #include "preprocess/sources/bytes/gzip_stream.h"
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/wrapping/cropped_source.h"
+#include "preprocess/sources/wrapping/described_source.h"
 #include "preprocess/sources/wrapping/missing_source.h"
-#include "preprocess/sources/wrapping/wrapped_source.h"
 
 namespace isonest {
 using namespace detail;
 namespace {
 
 /// A source with another spacing, origin or unit than the file says.
-class Placed : public WrappedSource {
+class Placed : public DescribedSource {
   public:
     Placed(std::unique_ptr<VolumeSource> inner, const SourceOptions& options)
-        : WrappedSource(std::move(inner)),
+        : DescribedSource(std::move(inner)),
           spacing_(options.spacing),
           origin_(options.origin),
           unit_(options.unit) {}
@@ -35,13 +35,6 @@ class Placed : public WrappedSource {
             result.direction = kAlongWorld;
         }
         return result;
-    }
-    [[nodiscard]] std::span<const std::byte> mapped() const override {
-        return inner_source().mapped();
-    }
-    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-              std::byte* dst) override {
-        inner_source().read(z0, nz, y0, ny, dst);
     }
 
   private:

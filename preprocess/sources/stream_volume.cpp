@@ -13,8 +13,8 @@
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 
-#include "preprocess/sources/hdf5/hdf5_source.h"
-#include "preprocess/sources/wrapping/wrapped_source.h"
+#include "preprocess/sources/hdf5/hdf5_format.h"
+#include "preprocess/sources/wrapping/described_source.h"
 #include "store/files/scratch_file.h"
 
 namespace isonest {
@@ -24,10 +24,10 @@ namespace {
 constexpr const char* kName = "standard input";
 
 /// A source that reads the copy, and keeps it as long as it lives.
-class StreamedSource : public WrappedSource {
+class StreamedSource : public DescribedSource {
   public:
     StreamedSource(ScratchFile copy, std::unique_ptr<VolumeSource> inner)
-        : WrappedSource(std::move(inner)), copy_(std::move(copy)) {}
+        : DescribedSource(std::move(inner)), copy_(std::move(copy)) {}
     [[nodiscard]] VolumeDescription describe() const override {
         VolumeDescription result = inner_source().describe();
         result.name = kName;
@@ -36,13 +36,6 @@ class StreamedSource : public WrappedSource {
     /// The next run would find nothing there.
     [[nodiscard]] std::string identity() const override { return ""; }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return {}; }
-    [[nodiscard]] std::span<const std::byte> mapped() const override {
-        return inner_source().mapped();
-    }
-    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-              std::byte* dst) override {
-        inner_source().read(z0, nz, y0, ny, dst);
-    }
 
   private:
     ScratchFile copy_;

@@ -24,6 +24,18 @@ struct BlockCommon {
     std::vector<ElementAxes<D>> walks;
 };
 
+/// The rows of nodes in an array of the block at which a row of finest cells of one parity lies, as
+/// BlockNodes::for_finest_cells says. Row: NodeRow or SumRow.
+template <class Row, int D, class Real>
+std::array<Row, 4> corner_rows(Real* array, const std::array<std::uint32_t, 4>& first,
+                               std::uint32_t parity) {
+    std::array<Row, 4> rows;
+    for (std::size_t r = 0; r < 4; ++r) {
+        rows[r] = {array + first[r] + parity, array + first[r] + BlockLayout<D>::kEven};
+    }
+    return rows;
+}
+
 /// A thread's arrays of one block after the other.
 template <bool HasValue, bool HasStopping, class Real, int D>
 class BlockNodes {

@@ -62,18 +62,9 @@ class BlockProduct {
                    std::uint32_t parity, const Real* there) {
         const LocalBlock<Real, D>& block = nodes_.block;
         const auto rows = [&](const std::vector<Real>& a) {
-            CornerRows<Real> out;
-            for (std::size_t r = 0; r < 4; ++r) {
-                out[r] = {a.data() + first[r] + parity,
-                          a.data() + first[r] + BlockLayout<D>::kEven};
-            }
-            return out;
+            return corner_rows<NodeRow<Real>, D>(a.data(), first, parity);
         };
-        std::array<SumRow<Real>, 4> sums;
-        for (std::size_t r = 0; r < 4; ++r) {
-            sums[r] = {sum_.data() + first[r] + parity,
-                       sum_.data() + first[r] + BlockLayout<D>::kEven};
-        }
+        const auto sums = corner_rows<SumRow<Real>, D>(sum_.data(), first, parity);
         if constexpr (std::is_same_v<Real, float> && Work == ElementWork::stiffness) {
             if constexpr (Coefficient) {
                 add_finest_products(terms, rows(block.value), rows(block.stopping),

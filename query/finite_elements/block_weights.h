@@ -139,12 +139,7 @@ class BlockWeights {
         nodes_.for_finest_cells([&](std::int64_t y, std::int64_t z, const auto& first,
                                     std::uint32_t parity, const Real* there) {
             const auto rows = [&](const std::vector<Real>& a) {
-                CornerRows<Real> out;
-                for (std::size_t r = 0; r < 4; ++r) {
-                    out[r] = {a.data() + first[r] + parity,
-                              a.data() + first[r] + BlockLayout<D>::kEven};
-                }
-                return out;
+                return corner_rows<NodeRow<Real>, D>(a.data(), first, parity);
             };
             // An edge belongs to its lower end.
             constexpr std::uint32_t kOdd = BlockLayout<D>::kEven;
@@ -162,10 +157,7 @@ class BlockWeights {
                 edges[1][r] = along_y + first[y_odd + 2 * (r >> 1U)] + in_row;
                 edges[2][r] = along_z + first[(r >> 1U) + 2 * z_odd] + in_row;
             }
-            std::array<SumRow<Real>, 4> sums;
-            for (std::size_t r = 0; r < 4; ++r) {
-                sums[r] = {mass_.data() + first[r] + parity, mass_.data() + first[r] + kOdd};
-            }
+            const auto sums = corner_rows<SumRow<Real>, D>(mass_.data(), first, parity);
             add_finest_weights(Coefficient, terms, rows(block.stopping), rows(block.active), there,
                                edges, sums);
         });

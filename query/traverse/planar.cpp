@@ -1,8 +1,5 @@
 #include "query/traverse/planar.h"
 
-#include <oneapi/tbb/enumerable_thread_specific.h>
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,6 +10,7 @@
 #include "query/traverse/adapt_traverse.h"
 #include "query/traverse/element_tests.h"
 #include "query/traverse/height_rounding.h"
+#include "query/traverse/subtree_walk.h"
 #include "query/view/node_sampler.h"
 
 namespace isonest::detail {
@@ -24,26 +22,14 @@ class PlanarAction {
     PlanarAction(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
                  const PartSink& sink, Progress& progress)
         : attributes_(query.attributes, cache, query.attribute_values),
-          box_(query.box),
-          part_vertices_(part_vertices),
-          sink_(sink),
-          progress_(progress),
+          parts_(query.box, part_vertices, sink, progress),
           crossing_(cache, query.iso),
           mesh_(&attributes_, false, query.vertices == VertexPlace::exact ? &crossing_ : nullptr) {}
     PlanarAction(const PlanarAction&) = delete;
     PlanarAction& operator=(const PlanarAction&) = delete;
 
-    /// The numbers of the parts that follow begin with that of their subtree.
-    void begin(std::uint64_t subtree) {
-        constexpr unsigned kPartBits = 40;
-        parts_ = subtree << kPartBits;
-    }
-    void flush() {
-        progress_.check();
-        if (!mesh_.empty()) {
-            sink_(parts_++, mesh_.finish(box_));
-        }
-    }
+    void begin(std::uint64_t subtree) { parts_.begin(subtree); }
+    void flush() { parts_.flush(mesh_); }
     /// Of the leaves that were complete.
     [[nodiscard]] TraversalCounts counts() const {
         TraversalCounts counts = counts_;
@@ -65,19 +51,11 @@ class PlanarAction {
         }
         return corners;
     }
-    void flush_if_full() {
-        if (mesh_.size() >= part_vertices_) {
-            flush();
-        }
-    }
+    void flush_if_full() { parts_.flush_if_full(mesh_); }
 
   private:
     AttributeSampler attributes_;
-    ClipBox box_;
-    std::size_t part_vertices_;
-    const PartSink& sink_;
-    Progress& progress_;
-    std::uint64_t parts_ = 0;
+    SubtreeParts parts_;
     FinestCrossing crossing_;
 
   protected:
@@ -123,16 +101,43 @@ class AddGraph : public PlanarAction {
 
 /// One thread's traversal and what it does with the leaves.
 template <class Interest, class Action>
-struct PlanarWorker {
+class PlanarWorker {
+  public:
     PlanarWorker(ChunkCache& cache, const TraversalQuery& query, const Interest& interest,
                  std::size_t part_vertices, const PartSink& sink, Progress& progress)
-        : numbers(cache),
-          traversal(numbers, InBox{query.box}, interest, StopsBelow{query.tolerance, query.stop}),
-          action(cache, query, part_vertices, sink, progress) {}
+        : numbers_(cache),
+          traversal_(numbers_, InBox{query.box}, interest, StopsBelow{query.tolerance, query.stop}),
+          action_(cache, query, part_vertices, sink, progress),
+          progress_(progress) {}
+    PlanarWorker(const PlanarWorker&) = delete;
+    PlanarWorker& operator=(const PlanarWorker&) = delete;
 
-    NodeSampler numbers;
-    AdaptTraverse<2, NodeSampler, InBox, Interest, StopsBelow> traversal;
-    Action action;
+    void begin(std::uint64_t subtree) {
+        finished_ = traversal_.counts().finished;
+        action_.begin(subtree);
+    }
+    void flush() {
+        action_.flush();
+        progress_.advance(traversal_.counts().finished - finished_);
+    }
+    void above(const Lattice& lattice, int level_left, std::vector<Element<2>>& left) {
+        for (const Element<2>& t : traversal_.roots(lattice)) {
+            traversal_.above(t, level_left, action_, left);
+        }
+    }
+    void subtree(const Element<2>& t) { traversal_.subtree(t, action_); }
+    [[nodiscard]] TraversalCounts counts() const {
+        TraversalCounts counts = action_.counts();
+        counts.visited = traversal_.counts().visited;
+        return counts;
+    }
+
+  private:
+    NodeSampler numbers_;
+    AdaptTraverse<2, NodeSampler, InBox, Interest, StopsBelow> traversal_;
+    Action action_;
+    Progress& progress_;
+    std::uint64_t finished_ = 0;  ///< before the subtree
 };
 
 /// Levels below the coarsest at which the subtrees begin that are the threads' work: at most 2 *
@@ -144,32 +149,12 @@ TraversalCounts run(ChunkCache& cache, const TraversalQuery& query, const Intere
                     std::size_t part_vertices, const PartSink& sink, Progress& progress) {
     const Lattice& lattice = cache.source().layout().lattice();
     using Worker = PlanarWorker<Interest, Action>;
-    tbb::enumerable_thread_specific<Worker> workers(
-        [&] { return Worker(cache, query, interest, part_vertices, sink, progress); });
-    const auto in_subtree = [&](std::uint64_t number, const auto& visit) {
-        Worker& worker = workers.local();
-        const std::uint64_t before = worker.traversal.counts().finished;
-        worker.action.begin(number);
-        visit(worker);
-        worker.action.flush();
-        progress.advance(worker.traversal.counts().finished - before);
-    };
-    std::vector<Element<2>> left;
-    in_subtree(0, [&](Worker& worker) {
-        for (const Element<2>& t : worker.traversal.roots(lattice)) {
-            worker.traversal.above(t, std::max(lattice.top() - kTopLevels, 0), worker.action, left);
-        }
-    });
-    tbb::parallel_for(std::size_t{0}, left.size(), [&](std::size_t i) {
-        in_subtree(i + 1,
-                   [&](Worker& worker) { worker.traversal.subtree(left[i], worker.action); });
-    });
-    TraversalCounts counts;
-    for (const Worker& worker : workers) {
-        counts.add(worker.action.counts());
-        counts.visited += worker.traversal.counts().visited;
-    }
-    return counts;
+    return walk_subtrees<Element<2>>(
+        [&] { return Worker(cache, query, interest, part_vertices, sink, progress); },
+        [&](Worker& worker, std::vector<Element<2>>& left) {
+            worker.above(lattice, std::max(lattice.top() - kTopLevels, 0), left);
+        },
+        [](Worker& worker, const Element<2>& t) { worker.subtree(t); });
 }
 
 }  // namespace

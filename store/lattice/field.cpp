@@ -98,7 +98,7 @@ const std::vector<Field>& default_indicators() {
     return fields;
 }
 
-const std::vector<Field>& all_indicators() {
+const std::vector<Field>& node_indicators() {
     static const std::vector<Field> fields = [] {
         std::vector<Field> all;
         for (int i = 1; i < kFieldCount; ++i) {
@@ -113,11 +113,22 @@ const std::vector<Field>& all_indicators() {
 
 const std::vector<Field>& all_fields() {
     static const std::vector<Field> fields = [] {
-        std::vector<Field> all = all_indicators();
+        std::vector<Field> all = node_indicators();
         all.insert(all.end(), {Field::hex_linf, Field::hex_deviation});
         return all;
     }();
     return fields;
+}
+
+std::vector<Field> indicators_from_name(std::string_view name) {
+    if (name == "nodes") {
+        return node_indicators();
+    }
+    if (name == "all") {
+        return all_fields();
+    }
+    const std::optional<Field> field = field_from_name(name);
+    return field && *field != Field::values ? std::vector{*field} : std::vector<Field>{};
 }
 
 std::vector<std::string> names_of(const std::vector<Field>& fields) {

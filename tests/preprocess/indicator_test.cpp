@@ -160,19 +160,19 @@ TEST_CASE("indicators equal an explicit recursive bisection on every value type"
 
 TEST_CASE("every indicator equals the recursion, with spacing and on borders") {
     for (const Int3& n : {Int3{17, 17, 17}, Int3{12, 9, 19}, Int3{2, 3, 5}}) {
-        require_agreement<float>(n, 8, noise_f, all_indicators(), {1, 1, 1});
-        require_agreement<float>(n, 8, smooth_f, all_indicators(), {0.5, 1.25, 3});
+        require_agreement<float>(n, 8, noise_f, node_indicators(), {1, 1, 1});
+        require_agreement<float>(n, 8, smooth_f, node_indicators(), {0.5, 1.25, 3});
     }
     require_agreement<std::uint8_t>(
         {11, 14, 9}, 8, [](const Int3& p) { return static_cast<std::uint8_t>(6 * noise(p)); },
-        all_indicators(), {1, 1, 2});
+        node_indicators(), {1, 1, 2});
 }
 
 TEST_CASE("every indicator equals the recursion on triangles and edges where axes are flat") {
     for (const Int3& n : {Int3{33, 33, 1}, Int3{20, 11, 1}, Int3{1, 18, 13}, Int3{12, 1, 25},
                           Int3{40, 1, 1}, Int3{1, 37, 1}, Int3{1, 1, 21}, Int3{2, 3, 1}}) {
-        require_agreement<float>(n, 8, noise_f, all_indicators());
-        require_agreement<float>(n, 16, smooth_f, all_indicators(), {0.5, 1.25, 3});
+        require_agreement<float>(n, 8, noise_f, node_indicators());
+        require_agreement<float>(n, 16, smooth_f, node_indicators(), {0.5, 1.25, 3});
     }
 }
 
@@ -190,10 +190,10 @@ TEST_CASE("missing data make every diamond that touches them refine to the end")
         [&](const Int3& p) {
             return p == Int3{5, 9, 4} || p.x == 12 ? nan : smooth_f(p);
         },
-        all_indicators());
+        node_indicators());
     require_agreement<float>(
         {17, 10, 1}, 8, [&](const Int3& p) { return p.x == 5 && p.y > 6 ? nan : noise_f(p); },
-        all_indicators());
+        node_indicators());
 }
 
 TEST_CASE("normal_component is the part of the jump that is normal to the children's face") {

@@ -33,17 +33,16 @@ ROOMS = {
               "distance": {"view", "march", "simplify", "traverse"},
               "extract": {"view", "march", "mesh", "simplify", "traverse", "distance"}},
 }
-# Rooms within a room. What stands beside them (the room's entrance) may include all of them; they may
-# include of it what is named here.
-SHARED = {"bytes", "placement", "wrapping", "volume_format.h"}
+# Rooms within a room, each with those that it may include beside itself; every folder there is one of them.
+SHARED = {"bytes": set(), "numbers": {"bytes"}, "wrapping": set(),
+          "placement": {"bytes", "numbers", "wrapping"}}
+FORMATS = ("dicom", "hdf5", "meta_image", "mrc", "netcdf", "nifti", "nrrd", "numpy", "openvdb", "raw",
+           "tiff", "vtk", "zarr")
 INNER_ROOMS = {
-    "preprocess/sources": {
-        "bytes": {"nrrd", "volume_format.h"}, "wrapping": {"bytes"}, "placement": SHARED,
-        **{name: SHARED for name in ("dicom", "meta_image", "mrc", "nifti", "nrrd", "numpy",
-                                     "openvdb", "tiff", "zarr")},
-        "hdf5": SHARED | {"nrrd"}, "netcdf": SHARED | {"nrrd"}, "vtk": SHARED | {"nrrd"},
-    },
+    "preprocess/sources": SHARED | {name: {*SHARED, "volume_format.h"} for name in FORMATS},
 }
+# Of these, the rooms that show one header, and to nobody but the files beside the rooms (the entrance).
+FACES = {"preprocess/sources": {name: f"{name}/{name}_format.h" for name in FORMATS}}
 STORAGE_HEADERS = re.compile(r"(hdf5|hdf5_hl|H5\w+|zstd\w*)\.h")
 # Zarr's chunks are zstd frames of its own.
 STORAGE_ALLOWED = ("store/", "tests/", "tools/bench/", "preprocess/sources/hdf5/",
@@ -111,6 +110,12 @@ def find_faults(root):
                     if quote == '"' and here in inner and there \
                             and there not in {here, *inner[here]}:
                         faults.append(f"{place}; {parent}/{here}/ may include {sorted(inner[here])}")
+                    face = FACES[parent].get(there)
+                    entrance = here and here not in inner
+                    if quote == '"' and face and here != there and folder != "tests" \
+                            and not (entrance and target == f"{parent}/{face}"):
+                        faults.append(f"{place}; of {parent}/{there}/ only {face} may be included, "
+                                      f"and only by files of {parent}/")
                 if PUBLIC.fullmatch(target) and owner.get(target) not in may:
                     faults.append(f"{place}, of {owner.get(target)}; {folder}/ may include "
                                   f"{', '.join(sorted(may))}")
@@ -120,6 +125,9 @@ def find_faults(root):
             if folder in ("store", "preprocess", "query") and not public \
                     and path.suffix == ".h" and re.search(r"^namespace isonest \{", text, re.M):
                 faults.append(f"{name}: an inner header puts names into namespace isonest")
+            faults += [f"{name} is in a room without arrows" for parent, inner in INNER_ROOMS.items()
+                       if root / parent in path.parents and path.parent != root / parent
+                       and place_in(parent, name) not in inner]
             if folder in ("store", "preprocess", "query") and path.parent == root / folder:
                 faults.append(f"{name} belongs into a room")
     faults += [f"{folder}/ shows {count} files, at most {MOST_FILES} are to be seen at once: it needs rooms"
@@ -141,7 +149,11 @@ PLANTED = {
     "query/mesh/planted_names.h": "namespace isonest {",
     "query/view/planted_room.h": '#include "query/traverse/interest.h"',
     "store/container/planted_room.h": '#include "store/exports/volume_file.h"',
-    "preprocess/sources/dicom/planted_inner.h": '#include "preprocess/sources/zarr/zarr_source.h"',
+    "preprocess/sources/dicom/planted_inner.h": '#include "preprocess/sources/zarr/zarr_format.h"',
+    "preprocess/sources/bytes/planted_shared.h": '#include "preprocess/sources/numbers/raw_rows.h"',
+    "preprocess/sources/planted_inside.cpp": '#include "preprocess/sources/zarr/zarr_array.h"',
+    "preprocess/levels/planted_face.cpp": '#include "preprocess/sources/zarr/zarr_format.h"',
+    "preprocess/sources/unknown/planted.h": "",
     "query/planted_hdf5.cpp": "#include <hdf5.h>",
     "preprocess/planted_hdf5.cpp": "#include <hdf5.h>",
     "tools/planted.cpp": '#include "tests/support/test_support.h"',
@@ -154,6 +166,7 @@ with tempfile.TemporaryDirectory() as temporary:
     for folder in MAY_INCLUDE:
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("node_modules"))
     for name, text in PLANTED.items():
+        (copy / name).parent.mkdir(exist_ok=True)
         (copy / name).write_text(text + "\n")
     for folder, count in (("crowded", MOST_FILES + 1), ("full", MOST_FILES), ("full/node_modules", 99)):
         (copy / "tools" / folder).mkdir()

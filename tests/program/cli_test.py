@@ -173,6 +173,25 @@ class Cli(unittest.TestCase):
             with self.subTest(arguments=arguments):
                 self.fails(2, *arguments)
 
+    def test_indicators_are_chosen_by_name_and_in_sets(self):
+        measures = ["linf", "deviation", "l1", "l2", "grad_linf", "grad_l1", "grad_l2", "grad_edge", "normal", "normal_edge",
+                    "normal_turn", "normal_component"]
+        nodes = [f"{name}_{how}" for name in measures for how in ("bar", "plus")]
+        cells = ["hex_linf", "hex_deviation"]
+        store = self.here / "sets.isonest"
+        for dims in ("9x9x9", "9x1x9", "9x9x1", "1x9x1", "1x1x1"):
+            x, y, z = map(int, dims.split("x"))
+            (self.here / "sets.raw").write_bytes((bytes(range(250)) * 3)[:x * y * z])
+            for names, expected in (("all", nodes + cells), ("nodes", nodes), ("nodes,hex_deviation", nodes + cells[1:]),
+                                    ("l1_plus,all", nodes + cells), ("hex_linf,linf_bar,hex_linf", ["linf_bar", "hex_linf"])):
+                with self.subTest(dims=dims, names=names):
+                    self.ok("preprocess", self.here / "sets.raw", "--dims", dims, "--type", "uint8", "--indicators", names,
+                            "-o", store, "--force")
+                    self.assertEqual(json.loads(self.ok("info", store, "--json").stdout)["fields"], expected)
+                    self.ok("check", store, "--source", self.here / "sets.raw", "--dims", dims, "--type", "uint8")
+        self.assertIn(b"nodes, all, linf_bar", self.fails(2, "preprocess", self.here / "sets.raw", "--dims", "1x1x1", "--type",
+                                                          "uint8", "--indicators", "node", "-o", store, "--force").stderr)
+
     def test_an_output_that_is_an_input_is_refused_and_the_input_stays(self):
         with tempfile.TemporaryDirectory(dir=self.here) as folder:
             here = pathlib.Path(folder)

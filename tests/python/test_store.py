@@ -99,6 +99,16 @@ def test_indicators_are_chosen_by_name(tmp_path, noise):
     assert errors.dtype == np.float32 and errors.max() > 0
 
 
+def test_sets_of_indicators_have_names(tmp_path, noise):
+    stores = {}
+    for name, chosen in (("all", "all"), ("nodes", ["nodes"]), ("some", "linf_bar,hex_linf")):
+        isonest.preprocess(noise, tmp_path / name, indicators=chosen)
+        stores[name] = isonest.open(tmp_path / name).indicators
+    assert len(stores["nodes"]) == 24 and not any(name.startswith("hex") for name in stores["nodes"])
+    assert stores["all"] == stores["nodes"] + ["hex_linf", "hex_deviation"]
+    assert stores["some"] == ["linf_bar", "hex_linf"]
+
+
 def test_many_threads_may_use_a_store(store):
     expected = store.isosurface(0.3).faces
     found = []

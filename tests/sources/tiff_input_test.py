@@ -55,6 +55,25 @@ class Tiff(DamagedFiles, Input):
                                        capture_output=True)
                         self.reads(data)
 
+    def test_tiles_that_reach_beyond_the_page(self):
+        for height, width in ((32, 32), (48, 16), (16, 64), (96, 64), (128, 16)):
+            for compression, planar, samples in itertools.product((None, "zlib", "lzw"), ("contig", "separate"), (1, 3)):
+                if samples == 1 and planar == "separate":
+                    continue
+                with self.subTest(tile=(height, width), compression=compression, planar=planar, samples=samples):
+                    data = numbers((3, 37, 41, samples), "u2")
+                    tifffile.imwrite(self.path, np.moveaxis(data, -1, 1) if planar == "separate" else data.squeeze(),
+                                     tile=(height, width), compression=compression, planarconfig=planar, metadata=None,
+                                     photometric="rgb" if samples == 3 else "minisblack")
+                    for c in range(samples):
+                        self.reads(np.ascontiguousarray(data[..., c]), *(("--index", f"c={c}") if samples > 1 else ()))
+        # Pages of one stack, each with tiles of its own height.
+        data = numbers((3, 37, 41))
+        with tifffile.TiffWriter(self.path) as file:
+            for plane, tile in zip(data, ((16, 16), (64, 64), (48, 16))):
+                file.write(plane, tile=tile, photometric="minisblack", metadata=None)
+        self.reads(data)
+
     def stack(self, data, names):
         folder = self.here / "stack"
         shutil.rmtree(folder, ignore_errors=True)

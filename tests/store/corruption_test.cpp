@@ -199,7 +199,7 @@ TEST_CASE("flipped bytes and cut ends give a right mesh or a clear error") {
         {33, 20, 17}, [](const Int3& p) { return static_cast<std::uint8_t>(100 + 40 * smooth(p)); },
         110, with_chunk(16, true), flips / 4, cuts / 4);
     PreprocessOptions all = with_chunk(8);
-    all.fields = all_indicators();
+    all.fields = node_indicators();
     damage<std::int16_t>(
         {40, 30, 1}, [](const Int3& p) { return static_cast<std::int16_t>(900 * smooth(p)); }, 99,
         all, flips / 4, cuts / 4);

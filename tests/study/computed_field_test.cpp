@@ -67,7 +67,7 @@ struct Loaded {
 
 PreprocessOptions all_computed_fields() {
     PreprocessOptions options = with_chunk(8, true);
-    options.fields = all_indicators();
+    options.fields = node_indicators();
     return options;
 }
 

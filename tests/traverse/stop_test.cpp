@@ -16,7 +16,7 @@ template <class T>
 struct Subject {
     explicit Subject(FunctionVolume<T>& v) : volume(v) {
         PreprocessOptions p = with_chunk(8);
-        p.fields = all_indicators();
+        p.fields = node_indicators();
         make_store(volume, folder / "s", p);
         store.emplace(folder / "s");
     }
@@ -75,7 +75,7 @@ TEST_CASE("every field as stop test gives a whole mesh, and larger thresholds sm
     FunctionVolume<double> volume({31, 33, 30}, bumpy);
     volume.spacing_ = {1, 1.2, 0.9};
     Subject subject(volume);
-    for (const Field field : all_indicators()) {
+    for (const Field field : node_indicators()) {
         std::size_t before = std::numeric_limits<std::size_t>::max();
         for (const double threshold : {0.0, 0.02, 0.2}) {
             CAPTURE(name_of(field), threshold);
@@ -180,9 +180,9 @@ TEST_CASE("bricks that face away as a whole are not read, and the mesh is the sa
     });
     const TemporaryFolder folder;
     PreprocessOptions fine = with_chunk(8);
-    fine.fields = all_indicators();
+    fine.fields = node_indicators();
     PreprocessOptions whole = with_chunk(128);
-    whole.fields = all_indicators();
+    whole.fields = node_indicators();
     whole.memory = std::uint64_t{8} << 30U;
     make_store(volume, folder / "fine", fine);
     make_store(volume, folder / "whole", whole);

@@ -14,6 +14,8 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/bytes/regular_file.h"
+
 namespace isonest::detail {
 namespace {
 

@@ -1,4 +1,4 @@
-// Numbers whose bytes have to be made from what the file holds.
+// Bytes that have to be made from what the file holds.
 #pragma once
 
 #include <cstddef>
@@ -8,9 +8,7 @@
 #include <string>
 #include <vector>
 
-#include <isonest/volume_source.h>
-
-#include "preprocess/sources/bytes/raw_source.h"
+#include <isonest/value_type.h>
 
 namespace isonest::detail {
 
@@ -46,12 +44,5 @@ std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std:
 /// Sequential. Throws Error{io}; read() Error{corrupt}.
 std::unique_ptr<ByteReader> text_numbers(const std::filesystem::path& path, std::uint64_t start,
                                          ValueType type, std::uint64_t count);
-
-/// The numbers of a layout (without packing, lines and offset_from_end) in such bytes. `files` are
-/// all that are read. Throws Error{invalid_argument} where the bytes are not enough, and
-/// Error{unsupported} for an order of axes in which a sequential reader cannot give them.
-std::unique_ptr<VolumeSource> open_bytes(std::unique_ptr<ByteReader> bytes, const std::string& name,
-                                         const RawLayout& layout,
-                                         std::vector<std::filesystem::path> files);
 
 }  // namespace isonest::detail

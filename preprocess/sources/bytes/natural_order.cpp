@@ -8,7 +8,7 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/nrrd/nrrd_fields.h"
+#include "preprocess/sources/bytes/lower_case.h"
 
 namespace isonest::detail {
 namespace {

@@ -9,8 +9,8 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/header_number.h"
-#include "preprocess/sources/bytes/raw_rows.h"
 #include "preprocess/sources/dicom/dicom_codec.h"
+#include "preprocess/sources/numbers/raw_rows.h"
 
 namespace isonest::detail {
 namespace {

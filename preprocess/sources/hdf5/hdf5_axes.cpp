@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "preprocess/sources/nrrd/nrrd_fields.h"
+#include "preprocess/sources/bytes/lower_case.h"
 #include "store/container/hdf5_types.h"
 #include "store/hdf5/handles.h"
 #include "store/lattice/lattice.h"

@@ -8,7 +8,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/header_number.h"
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/bytes/regular_file.h"
 
 namespace isonest::detail {
 namespace {

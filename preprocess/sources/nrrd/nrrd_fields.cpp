@@ -11,6 +11,8 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/bytes/lower_case.h"
+
 namespace isonest::detail {
 namespace {
 
@@ -66,14 +68,6 @@ std::string_view next_line(std::string_view text, std::size_t& at) {
 }
 
 }  // namespace
-
-std::string lower(std::string_view text) {
-    std::string out(text);
-    std::transform(out.begin(), out.end(), out.begin(), [](char c) {
-        return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-    });
-    return out;
-}
 
 NrrdFields::NrrdFields(std::string_view text, std::string name) : name_(std::move(name)) {
     std::size_t at = 0;

@@ -47,7 +47,4 @@ class NrrdFields {
     std::uint64_t bytes_ = 0;
 };
 
-/// ASCII letters in lower case.
-std::string lower(std::string_view text);
-
 }  // namespace isonest::detail

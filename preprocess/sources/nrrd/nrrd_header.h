@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/numbers/raw_layout.h"
 
 namespace isonest::detail {
 

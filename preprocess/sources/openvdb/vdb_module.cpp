@@ -134,11 +134,8 @@ std::unique_ptr<VolumeSource> open_grid(const openvdb::GridBase::Ptr& base,
     if (!options.spacing) {
         place = place_in_world({size.x(), size.y(), size.z()}, steps, to_double3(first), name);
     }
-    const std::array<bool, 3> backward = place.backward;
-    std::unique_ptr<VolumeSource> source =
-        std::make_unique<VdbSource<Grid>>(grid, box, place, input.path(), name);
-    return backward[0] || backward[1] || backward[2] ? mirrored(std::move(source), backward)
-                                                     : std::move(source);
+    return mirrored(std::make_unique<VdbSource<Grid>>(grid, box, place, input.path(), name),
+                    place.backward);
 }
 
 std::unique_ptr<VolumeSource> open_vdb(const VolumeInput& input, const SourceOptions& options) {

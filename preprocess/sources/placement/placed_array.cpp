@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "preprocess/sources/numbers/byte_source.h"
+#include "preprocess/sources/numbers/raw_source.h"
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
 
@@ -42,9 +44,7 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
     }
     auto source = bytes ? open_bytes(std::move(bytes), array.name, layout, {array.file})
                         : open_raw(array.file, array.name, layout);
-    if (backward[0] || backward[1] || backward[2]) {
-        source = mirrored(std::move(source), backward);
-    }
+    source = mirrored(std::move(source), backward);
     return array.stored ? converted(std::move(source), *array.stored) : std::move(source);
 }
 

@@ -14,7 +14,7 @@
 #include <isonest/volume_source.h>
 
 #include "preprocess/sources/bytes/byte_reader.h"
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/numbers/raw_layout.h"
 #include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/wrapping/converted_source.h"
 

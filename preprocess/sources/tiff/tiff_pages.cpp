@@ -12,7 +12,7 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/bytes/regular_file.h"
 
 namespace isonest::detail {
 namespace {
@@ -40,6 +40,15 @@ T tag_or(TIFF* file, std::uint32_t tag, T otherwise) {
 
 std::size_t bytes_of(const TiffPage& page) {
     return size_of(page.stored ? bits_type(*page.stored) : page.type);
+}
+
+/// Rows of the page that lie in one strip, or beside each other in tiles, which may be taller than
+/// the page.
+std::int64_t rows_of_part(TIFF* file, std::int64_t height) {
+    constexpr std::uint32_t kAll = std::numeric_limits<std::uint32_t>::max();
+    return std::min<std::int64_t>(
+        height, TIFFIsTiled(file) != 0 ? tag_or<std::uint32_t>(file, TIFFTAG_TILELENGTH, 1)
+                                       : tag_or<std::uint32_t>(file, TIFFTAG_ROWSPERSTRIP, kAll));
 }
 
 }  // namespace
@@ -169,11 +178,7 @@ void TiffPages::look_at(std::uint32_t file, std::uint64_t directory) {
         unsupported(fmt::format("it is {}, but the first page is {}", page.text(), page_.text()));
     }
     const bool tiled = TIFFIsTiled(t) != 0;
-    const std::int64_t rows =
-        tiled ? tag_or<std::uint32_t>(t, TIFFTAG_TILELENGTH, 1)
-              : std::min<std::int64_t>(
-                    page.height, tag_or<std::uint32_t>(t, TIFFTAG_ROWSPERSTRIP,
-                                                       std::numeric_limits<std::uint32_t>::max()));
+    const std::int64_t rows = rows_of_part(t, page.height);
     if (rows < 1) {
         fail(number, "its strips have no rows");
     }
@@ -181,10 +186,10 @@ void TiffPages::look_at(std::uint32_t file, std::uint64_t directory) {
         static_cast<std::uint64_t>(page.width * page.samples) * bytes_of(page);
     const auto part = static_cast<std::uint64_t>(
         std::max<tmsize_t>(tiled ? TIFFTileSize(t) : TIFFStripSize(t), 0));
-    check_size(static_cast<std::uint64_t>(std::min(rows, page.height)) * row);
+    check_size(static_cast<std::uint64_t>(rows) * row);
     check_size(part);
     buffer_bytes_ = std::max({buffer_bytes_, static_cast<std::uint64_t>(rows) * row, part});
-    rows_ = std::max(rows_, std::min(rows, page.height));
+    rows_ = std::max(rows_, rows);
     places_.push_back({file, directory});
 }
 
@@ -211,12 +216,8 @@ void TiffPages::go_to(std::int64_t page) {
     tiled_ = TIFFIsTiled(t) != 0;
     separate_ = tag_or<std::uint16_t>(t, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG) ==
                 PLANARCONFIG_SEPARATE;
-    part_rows_ = tiled_ ? tag_or<std::uint32_t>(t, TIFFTAG_TILELENGTH, 1)
-                        : std::min<std::int64_t>(
-                              page_.height,
-                              tag_or<std::uint32_t>(t, TIFFTAG_ROWSPERSTRIP,
-                                                    std::numeric_limits<std::uint32_t>::max()));
-    if (part_rows_ < 1 || part_rows_ > std::max(rows_, page_.height) ||
+    part_rows_ = rows_of_part(t, page_.height);
+    if (part_rows_ < 1 || part_rows_ > rows_ ||
         tag_or<std::uint32_t>(t, TIFFTAG_IMAGEWIDTH, 0) != page_.width ||
         tag_or<std::uint32_t>(t, TIFFTAG_IMAGELENGTH, 0) != page_.height) {
         fail(page, "it has changed since it was looked at");

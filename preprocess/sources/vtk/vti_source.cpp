@@ -1,4 +1,5 @@
-#include "preprocess/sources/vtk/vti_source.h"
+#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/vtk/vtk_format.h"
 
 #if ISONEST_WITH_EXPAT
 

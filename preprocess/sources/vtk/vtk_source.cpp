@@ -1,5 +1,3 @@
-#include "preprocess/sources/vtk/vtk_source.h"
-
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -14,8 +12,10 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/byte_reader.h"
-#include "preprocess/sources/nrrd/nrrd_fields.h"
+#include "preprocess/sources/bytes/lower_case.h"
+#include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/placement/placed_array.h"
+#include "preprocess/sources/vtk/vtk_format.h"
 
 namespace isonest::detail {
 namespace {

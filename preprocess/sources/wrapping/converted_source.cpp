@@ -7,7 +7,7 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/wrapping/wrapped_source.h"
+#include "preprocess/sources/wrapping/described_source.h"
 #include "store/base/label_bits.h"
 
 namespace isonest::detail {
@@ -110,7 +110,9 @@ void to_labels(const std::string& name, std::size_t count, std::byte* values) {
 }
 
 void take_for_labels(VolumeSource& source) {
-    if (auto* const numbers = dynamic_cast<ConvertedSource*>(&source)) {
+    if (const auto* const outer = dynamic_cast<DescribedSource*>(&source)) {
+        take_for_labels(outer->undescribed());
+    } else if (auto* const numbers = dynamic_cast<ConvertedSource*>(&source)) {
         numbers->take_for_labels();
     }
 }

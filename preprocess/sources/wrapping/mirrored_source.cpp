@@ -68,7 +68,9 @@ class MirroredSource : public WrappedSource {
 
 std::unique_ptr<VolumeSource> mirrored(std::unique_ptr<VolumeSource> inner,
                                        const std::array<bool, 3>& backward) {
-    return std::make_unique<MirroredSource>(std::move(inner), backward);
+    return backward[0] || backward[1] || backward[2]
+               ? std::make_unique<MirroredSource>(std::move(inner), backward)
+               : std::move(inner);
 }
 
 }  // namespace isonest::detail

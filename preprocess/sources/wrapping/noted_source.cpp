@@ -2,26 +2,19 @@
 
 #include <utility>
 
-#include "preprocess/sources/wrapping/wrapped_source.h"
+#include "preprocess/sources/wrapping/described_source.h"
 
 namespace isonest::detail {
 namespace {
 
-class NotedSource : public WrappedSource {
+class NotedSource : public DescribedSource {
   public:
     NotedSource(std::unique_ptr<VolumeSource> inner, std::vector<std::string> notes)
-        : WrappedSource(std::move(inner)), notes_(std::move(notes)) {}
+        : DescribedSource(std::move(inner)), notes_(std::move(notes)) {}
     [[nodiscard]] std::vector<std::string> notes() const override {
         std::vector<std::string> all = inner_source().notes();
         all.insert(all.end(), notes_.begin(), notes_.end());
         return all;
-    }
-    [[nodiscard]] std::span<const std::byte> mapped() const override {
-        return inner_source().mapped();
-    }
-    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-              std::byte* dst) override {
-        inner_source().read(z0, nz, y0, ny, dst);
     }
 
   private:

@@ -12,7 +12,8 @@
 
 namespace isonest::detail {
 
-/// Forwards everything but mapped() and read(), which depend on what is changed.
+/// Forwards everything but mapped() and read(): who changes values has to say how. Who changes none
+/// derives from DescribedSource.
 class WrappedSource : public VolumeSource {
   public:
     [[nodiscard]] VolumeDescription describe() const override { return inner_->describe(); }

@@ -14,7 +14,7 @@
 
 #include "preprocess/sources/bytes/file_identity.h"
 #include "preprocess/sources/bytes/header_number.h"
-#include "preprocess/sources/bytes/raw_source.h"
+#include "preprocess/sources/bytes/regular_file.h"
 
 namespace isonest::detail {
 namespace {

@@ -1,25 +1,15 @@
 #include "query/traverse/hexahedra/traverse_quadrilaterals.h"
 
-#include <oneapi/tbb/enumerable_thread_specific.h>
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <vector>
 
 #include "query/traverse/height_rounding.h"
+#include "query/traverse/hexahedra/cell_walk.h"
 #include "query/traverse/hexahedra/hex_projection.h"
 
 namespace isonest::detail {
 namespace {
-
-struct Cell {
-    int level;
-    Int3 at;
-
-    [[nodiscard]] std::int64_t edge() const { return std::int64_t{1} << level; }
-};
 
 /// Corners and midpoints of edges, counterclockwise from the low corner, in half edges.
 constexpr std::array<Int3, 8> kAround{
@@ -30,41 +20,21 @@ class QuadWorker {
   public:
     QuadWorker(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
                const PartSink& sink, Progress& progress)
-        : query_(query),
+        : walk(cache.source().layout().lattice(), query.box),
+          query_(query),
           is_finest_(query.tolerance.is_zero()),
           projection_(cache, query.stop, query.tolerance.threshold()),
           attributes_(query.attributes, cache, query.attribute_values),
           mesh_(&attributes_),
           scale_(query.attributes.graph_scale.value_or(1)),
-          part_vertices_(part_vertices),
-          sink_(sink),
-          progress_(progress) {}
+          parts_(query.box, part_vertices, sink, progress) {}
     QuadWorker(const QuadWorker&) = delete;
     QuadWorker& operator=(const QuadWorker&) = delete;
 
-    /// The numbers of the parts that follow begin with that of their subtree.
-    void begin(std::uint64_t subtree) {
-        constexpr unsigned kPartBits = 40;
-        parts_ = subtree << kPartBits;
-    }
-    void flush() {
-        progress_.check();
-        if (!mesh_.empty()) {
-            sink_(parts_++, mesh_.finish(query_.box));
-        }
-    }
-    /// AdaptTraverse down to `level_left`: cells of it are left, unvisited, to others.
-    void visit(const Cell& cell, int level_left, std::vector<Cell>* left) {
-        if (left != nullptr && cell.level == level_left) {
-            left->push_back(cell);
-            return;
-        }
-        const Int3 low = cell.at * cell.edge();
-        const Overlap where = overlap_of(query_.box, low, low + Int3{cell.edge(), cell.edge(), 0});
-        if (where == Overlap::outside) {
-            return;
-        }
-        ++counts_.visited;
+    void begin(std::uint64_t subtree) { parts_.begin(subtree); }
+    void flush() { parts_.flush(mesh_); }
+    /// See CellWalk.
+    bool refines(const Cell& cell, Overlap where) {
         double number = 0;
         bool refined = cell.level > 0;
         if (refined && !is_finest_) {
@@ -73,22 +43,18 @@ class QuadWorker {
         }
         if (!refined) {
             add(cell, number, where == Overlap::crossing);
-            return;
         }
-        for (unsigned child = 0; child < 4; ++child) {
-            const Cell part{cell.level - 1, cell.at * 2 + Int3{child & 1U, child >> 1U, 0}};
-            const Int3 end = projection_.lattice().elements_at(part.level);
-            if (max(part.at + Int3{1, 1, 1}, end) == end) {
-                visit(part, level_left, left);
-            }
-        }
+        return refined;
     }
     [[nodiscard]] TraversalCounts counts() const {
         TraversalCounts counts = counts_;
+        counts.visited = walk.visited();
         counts.value_rounding = std::max(counts.value_rounding, attributes_.value_rounding());
         counts.error_bound = std::max(counts.error_bound, projection_.largest_number());
         return counts;
     }
+
+    CellWalk<2> walk;
 
   private:
     [[nodiscard]] double value(const Int3& node) {
@@ -126,9 +92,7 @@ class QuadWorker {
                 add_triangle({centre, around[i], around[(i + 1) % count]}, cut);
             }
         }
-        if (mesh_.size() >= part_vertices_) {
-            flush();
-        }
+        parts_.flush_if_full(mesh_);
     }
     /// Of the bilinear function.
     [[nodiscard]] Corner centre_of(const Cell& cell) {
@@ -151,10 +115,7 @@ class QuadWorker {
     AttributeSampler attributes_;
     LocalMesh mesh_;
     double scale_;
-    std::size_t part_vertices_;
-    const PartSink& sink_;
-    Progress& progress_;
-    std::uint64_t parts_ = 0;
+    SubtreeParts parts_;
     TraversalCounts counts_;
 };
 
@@ -166,27 +127,8 @@ constexpr int kTopLevels = 5;
 TraversalCounts traverse_quadrilaterals(ChunkCache& cache, const TraversalQuery& query,
                                         std::size_t part_vertices, const PartSink& sink,
                                         Progress& progress) {
-    const Lattice& lattice = cache.source().layout().lattice();
-    tbb::enumerable_thread_specific<QuadWorker> workers(
-        [&] { return QuadWorker(cache, query, part_vertices, sink, progress); });
-    std::vector<Cell> left;
-    QuadWorker& first = workers.local();
-    first.begin(0);
-    first.visit({lattice.top(), {0, 0, 0}}, std::max(lattice.top() - kTopLevels, 0), &left);
-    first.flush();
-    progress.begin("extract", left.size(), "");
-    tbb::parallel_for(std::size_t{0}, left.size(), [&](std::size_t i) {
-        QuadWorker& worker = workers.local();
-        worker.begin(i + 1);
-        worker.visit(left[i], 0, nullptr);
-        worker.flush();
-        progress.advance(1);
-    });
-    TraversalCounts counts;
-    for (const QuadWorker& worker : workers) {
-        counts.add(worker.counts());
-    }
-    return counts;
+    return walk_cells(cache.source().layout().lattice(), kTopLevels, progress,
+                      [&] { return QuadWorker(cache, query, part_vertices, sink, progress); });
 }
 
 }  // namespace isonest::detail

@@ -94,9 +94,12 @@ bool is_of_cells(Field field);
 /// What preprocess makes unless told otherwise.
 const std::vector<Field>& default_indicators();
 /// All indicator fields of nodes, in the order of the store.
-const std::vector<Field>& all_indicators();
+const std::vector<Field>& node_indicators();
 /// Those and, behind them, the fields of cells.
 const std::vector<Field>& all_fields();
+/// The indicator of that name; of `nodes`, node_indicators(); of `all`, all_fields(). Empty where
+/// none has it.
+std::vector<Field> indicators_from_name(std::string_view name);
 std::vector<std::string> names_of(const std::vector<Field>& fields);
 /// "linf_bar, linf_plus": for messages.
 std::string list_names(const std::vector<Field>& fields);

@@ -28,16 +28,6 @@ struct Arguments {
     PreprocessOptions preprocess;
 };
 
-std::vector<Field> parse_indicators(const std::string& text) {
-    if (text == "all") {
-        return all_indicators();
-    }
-    std::vector<Field> fields = parse_fields("--indicators", text);
-    std::sort(fields.begin(), fields.end());
-    fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
-    return fields;
-}
-
 Result run(Arguments& a, Progress& progress) {
     // A quarter of the budget is enough for the chunks of the input, and the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
@@ -123,8 +113,10 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
         },
         fmt::format("zstd level, 1 to 19 [{}]", p.compression), "LEVEL");
     add_parsed(
-        c, "--indicators", [&p](const std::string& text) { p.fields = parse_indicators(text); },
-        fmt::format("comma separated choice of {}, or all that are not of cells [{}]",
+        c, "--indicators",
+        [&p](const std::string& text) { p.fields = parse_indicators("--indicators", text); },
+        fmt::format("comma separated choice of {}; nodes: all but those of cells, which begin with "
+                    "hex; all [{}]",
                     list_names(all_fields()), list_names(default_indicators())),
         "NAMES");
     c->add_flag("--exact", p.exact, "indicators in full precision, not rounded up to 16 bits");

@@ -34,13 +34,20 @@ Field parse_field_or_values(const std::string& option, const std::string& text) 
     return *field;
 }
 
-std::vector<Field> parse_fields(const std::string& option, const std::string& text) {
+std::vector<Field> parse_indicators(const std::string& option, const std::string& text) {
     std::vector<Field> fields;
     for (std::size_t begin = 0; begin <= text.size();) {
         const std::size_t end = std::min(text.find(',', begin), text.size());
-        fields.push_back(parse_field(option, text.substr(begin, end - begin)));
+        const std::string name = text.substr(begin, end - begin);
+        const std::vector<Field> named = indicators_from_name(name);
+        if (named.empty()) {
+            refuse(option, name, "nodes, all, ");
+        }
+        fields.insert(fields.end(), named.begin(), named.end());
         begin = end + 1;
     }
+    std::sort(fields.begin(), fields.end());
+    fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
     return fields;
 }
 

@@ -12,7 +12,8 @@ namespace isonest::detail::cli {
 Field parse_field(const std::string& option, const std::string& text);
 /// The same, or the values.
 Field parse_field_or_values(const std::string& option, const std::string& text);
-/// Several indicators, with commas.
-std::vector<Field> parse_fields(const std::string& option, const std::string& text);
+/// Several indicators, with commas, and names of sets of them (indicators_from_name()); in the
+/// store's order, each once. Throws as parse_field().
+std::vector<Field> parse_indicators(const std::string& option, const std::string& text);
 
 }  // namespace isonest::detail::cli

@@ -33,7 +33,7 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
                origin: Optional[Sequence[float]] = None, unit: Optional[str] = None, missing: Optional[float] = None,
                dataset: str = "", series: str = "", labels: bool = False, index: Any = None, crop: Optional[Sequence[slice]] = None,
                every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
-               offset: Optional[int] = None, indicators: Optional[Sequence[str]] = None, exact: bool = False,
+               offset: Optional[int] = None, indicators: Optional[Union[str, Sequence[str]]] = None, exact: bool = False,
                chunk: int = 64, compression: int = 1, replace: bool = False, resume: bool = False,
                memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> PreprocessReport:
     """Turns a volume into the file ``store``, which appears whole or not at all.
@@ -53,7 +53,8 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         axis, ``(5, None, None, None)`` or by name, ``{"time": 5}``. crop: ``np.s_[10:20, :, 5:]``; every: of what is
         left, each so-many-th node, one number or (z, y, x).
     shape, dtype, offset: of raw numbers; ">u2" is a dtype of big-endian numbers.
-    indicators: names of the error indicators; exact: not rounded up to 16 bits.
+    indicators: names of the error indicators, in a list or with commas; "nodes" are all of nodes, "all" those of hexahedral
+    cells too; exact: not rounded up to 16 bits.
     chunk: nodes per axis, a power of two from 8 to 256. compression: zstd level, 1 to 19.
     replace: an existing store. resume: go on with what an interrupted run left, and leave what this one has done.
     memory: bytes of heap, at most, beside the volume. threads: 0 is all cores.
@@ -68,7 +69,7 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     options.replace = replace
     options.resume = resume
     if indicators is not None:
-        options.indicators = list(indicators)
+        options.indicators = indicators.split(",") if isinstance(indicators, str) else list(indicators)
     if _sources.is_files(volume):
         source = _sources.of_files(volume, spacing=spacing, origin=origin, unit=unit, missing=missing,
                                    dataset=dataset, series=series, labels=labels, index=index, shape=shape, dtype=dtype, offset=offset, crop=crop,

@@ -230,12 +230,12 @@ PreprocessReport preprocess_source(Source& source, const Path& store,
 std::vector<Field> fields_of(const std::vector<std::string>& names) {
     std::vector<Field> fields;
     for (const std::string& name : names) {
-        const std::optional<Field> field = field_from_name(name);
-        if (!field || *field == Field::values) {
+        const std::vector<Field> named = indicators_from_name(name);
+        if (named.empty()) {
             throw Error(ErrorKind::invalid_argument, "there is no indicator '" + name + "'",
-                        {{RemedyKind::other_field, list_names(all_fields())}});
+                        {{RemedyKind::other_field, "nodes, all, " + list_names(all_fields())}});
         }
-        fields.push_back(*field);
+        fields.insert(fields.end(), named.begin(), named.end());
     }
     std::sort(fields.begin(), fields.end());
     fields.erase(std::unique(fields.begin(), fields.end()), fields.end());

@@ -1,0 +1,48 @@
+#include "preprocess/sources/bytes/regular_file.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+
+#include <isonest/error.h>
+
+namespace isonest::detail {
+
+std::uint64_t regular_file_size(const std::filesystem::path& path) {
+    struct stat status {};
+    if (::stat(path.c_str(), &status) != 0) {
+        throw Error(errno == ENOENT ? ErrorKind::not_found : ErrorKind::io, {path.string()},
+                    std::strerror(errno));
+    }
+    if (!S_ISREG(status.st_mode)) {
+        throw Error(ErrorKind::invalid_argument, {path.string()}, "not a regular file");
+    }
+    if (status.st_size == 0) {
+        throw Error(ErrorKind::invalid_argument, {path.string()}, "the file is empty");
+    }
+    return static_cast<std::uint64_t>(status.st_size);
+}
+
+std::string first_bytes(const std::filesystem::path& path, std::size_t count, std::uint64_t at) {
+    std::string text(count, '\0');
+    const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (fd < 0) {
+        throw Error(ErrorKind::io, {path.string()},
+                    fmt::format("cannot open: {}", std::strerror(errno)));
+    }
+    const ssize_t n = ::pread(fd, text.data(), count, static_cast<off_t>(at));
+    const int error = errno;
+    ::close(fd);
+    if (n < 0) {
+        throw Error(ErrorKind::io, {path.string()},
+                    fmt::format("cannot read: {}", std::strerror(error)));
+    }
+    text.resize(static_cast<std::size_t>(n));
+    return text;
+}
+
+}  // namespace isonest::detail

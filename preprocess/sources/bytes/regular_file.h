@@ -1,0 +1,18 @@
+// The size of a file and bytes of it, before anything is known of its format.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+namespace isonest::detail {
+
+/// `count` bytes from byte `at` on, or all where the file ends before. Throws Error{io}.
+std::string first_bytes(const std::filesystem::path& path, std::size_t count, std::uint64_t at = 0);
+
+/// Throws Error{not_found, invalid_argument, io} unless `path` is a readable regular file; gives
+/// its size.
+std::uint64_t regular_file_size(const std::filesystem::path& path);
+
+}  // namespace isonest::detail

@@ -1,0 +1,306 @@
+#include "preprocess/sources/dicom/dicom_format.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+#include <string_view>
+#include <utility>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/file_identity.h"
+#include "preprocess/sources/bytes/natural_order.h"
+#include "preprocess/sources/dicom/dicom_codec.h"
+#include "preprocess/sources/dicom/dicom_frames.h"
+#include "preprocess/sources/dicom/dicom_series.h"
+#include "preprocess/sources/dicom/dicom_stack.h"
+#include "preprocess/sources/placement/axis_choice.h"
+#include "preprocess/sources/placement/placement.h"
+#include "preprocess/sources/wrapping/mirrored_source.h"
+#include "preprocess/sources/wrapping/scaled_source.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::string_view kDirectoryClass = "1.2.840.10008.1.3.10";
+
+/// What all slices of a volume have in common.
+struct SliceVolume {
+    DicomNumbers numbers;
+    std::vector<DicomSlice> slices;
+    Placement place;
+    std::string name;
+    std::vector<std::string> notes;
+    std::optional<LengthUnit> unit;
+};
+
+/// Stored numbers; values as float32 where each slice has a scaling of its own.
+class DicomSource : public VolumeSource {
+  public:
+    DicomSource(std::vector<std::filesystem::path> files, SliceVolume volume, bool own_scalings)
+        : frames_(std::move(files), volume.numbers),
+          volume_(std::move(volume)),
+          own_scalings_(own_scalings) {}
+    [[nodiscard]] VolumeDescription describe() const override {
+        const DicomNumbers& n = volume_.numbers;
+        return {{n.columns, n.rows, static_cast<std::int64_t>(volume_.slices.size())},
+                own_scalings_ ? ValueType::f32 : n.type(),
+                volume_.place.spacing,
+                volume_.place.origin,
+                volume_.name,
+                volume_.place.direction,
+                false,
+                volume_.unit};
+    }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
+        return frames_.files();
+    }
+    [[nodiscard]] std::string identity() const override {
+        std::uint64_t order = 0;
+        for (const DicomSlice& s : volume_.slices) {
+            order = order * 1000003 + s.file * 31 + s.frame;
+        }
+        return fmt::format("{}slices {} in order {:x}\n", identity_of(files()),
+                           volume_.slices.size(), order);
+    }
+    [[nodiscard]] Granularity granularity() const override { return {1, volume_.numbers.rows}; }
+    [[nodiscard]] std::uint64_t heap() const override {
+        return (1U << 20U) + frames_.heap() + volume_.slices.size() * sizeof(DicomSlice);
+    }
+    [[nodiscard]] std::vector<std::string> notes() const override { return volume_.notes; }
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        const auto count = static_cast<std::size_t>(ny * volume_.numbers.columns);
+        const std::size_t size = size_of(describe().type);
+        for (std::int64_t z = z0; z < z0 + nz; ++z, dst += count * size) {
+            const DicomSlice& slice = volume_.slices[static_cast<std::size_t>(z)];
+            // Stored numbers of up to 32 bits lie at the end of the room for the values.
+            const std::size_t stored = size_of(volume_.numbers.type());
+            std::byte* const from = dst + count * (size - stored);
+            frames_.read(slice.file, slice.frame, y0, ny, from);
+            if (own_scalings_) {
+                scale(slice, from, count, dst);
+            }
+        }
+    }
+
+  private:
+    void scale(const DicomSlice& slice, const std::byte* from, std::size_t count,
+               std::byte* dst) const {
+        dispatch(volume_.numbers.type(), [&](auto tag) {
+            using T = typename decltype(tag)::type;
+            for (std::size_t i = 0; i < count; ++i) {
+                T in{};
+                std::memcpy(&in, from + i * sizeof(T), sizeof(T));
+                const auto out =
+                    static_cast<float>(slice.slope * static_cast<double>(in) + slice.intercept);
+                std::memcpy(dst + i * sizeof(float), &out, sizeof(float));
+            }
+        });
+    }
+
+    DicomFrames frames_;
+    SliceVolume volume_;
+    bool own_scalings_;
+};
+
+/// Calls goes_on(path) for each file in the folder or below it, but for hidden ones, until it is
+/// false.
+template <class F>
+std::error_code for_files_below(const std::filesystem::path& folder, const F& goes_on) {
+    std::error_code error;
+    std::filesystem::recursive_directory_iterator it(folder, error);
+    for (; !error && it != std::filesystem::recursive_directory_iterator(); it.increment(error)) {
+        if (it->path().filename().string().starts_with('.')) {
+            it.disable_recursion_pending();
+        } else if (it->is_regular_file(error) && !goes_on(it->path())) {
+            break;
+        }
+    }
+    return error;
+}
+
+std::vector<std::filesystem::path> files_below(const std::filesystem::path& folder) {
+    std::vector<std::filesystem::path> files;
+    const std::error_code error = for_files_below(folder, [&](const std::filesystem::path& file) {
+        if (files.size() >= kMostFolderFiles) {
+            throw Error(ErrorKind::unsupported, {folder.string()},
+                        fmt::format("more than {} files", kMostFolderFiles));
+        }
+        files.push_back(file);
+        return true;
+    });
+    if (error) {
+        throw Error(ErrorKind::io, {folder.string()}, error.message());
+    }
+    std::sort(files.begin(), files.end(),
+              [](const auto& a, const auto& b) { return naturally_less(a.string(), b.string()); });
+    return files;
+}
+
+/// The files that are looked at, and whether all of them have to be images.
+std::vector<std::filesystem::path> files_of(const VolumeInput& input) {
+    if (input.folder) {
+        return files_below(input.path());
+    }
+    // A DICOMDIR lists the files below its folder.
+    if (input.paths.size() == 1 && DicomFile(input.path()).class_uid() == kDirectoryClass) {
+        const std::filesystem::path folder = input.path().parent_path();
+        return files_below(folder.empty() ? "." : folder);
+    }
+    std::vector<std::filesystem::path> files = input.paths;
+    std::stable_sort(files.begin(), files.end(), [](const auto& a, const auto& b) {
+        return naturally_less(a.string(), b.string());
+    });
+    return files;
+}
+
+/// Which of the stack's slices the caller wants: the whole of one time.
+std::vector<DicomSlice> chosen_slices(const DicomStack& stack, const DicomNumbers& numbers,
+                                      const SourceOptions& options, const std::string& name) {
+    std::vector<ArrayAxis> axes;
+    if (stack.times > 1) {
+        axes.push_back({"t", stack.times, false});
+    }
+    const std::size_t z = axes.size();
+    axes.push_back({"z", stack.count});
+    axes.push_back({"y", numbers.rows});
+    axes.push_back({"x", numbers.columns});
+    const ChosenAxes chosen = choose_axes(axes, options.index, name);
+    if (chosen.nodes.x != numbers.columns || chosen.nodes.y != numbers.rows ||
+        chosen.nodes.z != stack.count) {
+        throw Error(ErrorKind::unsupported, {name},
+                    "an index chooses a time; a part of the slices is a crop",
+                    {{RemedyKind::choose_index}});
+    }
+    const std::int64_t time = z == 1 ? chosen.at[0] : 0;
+    const auto from = stack.slices.begin() + static_cast<std::ptrdiff_t>(time * stack.count);
+    return {from, from + static_cast<std::ptrdiff_t>(stack.count)};
+}
+
+std::vector<std::string> notes_of(const DicomSeries& series, const DicomFolder& folder,
+                                  const DicomStack& stack) {
+    std::vector<std::string> notes = stack.notes;
+    if (folder.others > 0) {
+        notes.push_back(
+            fmt::format("{} files that are no DICOM images are left out", folder.others));
+    }
+    if (series.dark_is_large) {
+        notes.emplace_back("larger values are meant to be shown darker (MONOCHROME1)");
+    }
+    if (series.has_modality_table) {
+        notes.emplace_back(
+            "its table of values (Modality LUT) is not applied: values are as "
+            "stored");
+    }
+    if (series.padding) {
+        notes.push_back(
+            fmt::format("what is stored as {} lies outside of the image (padding); it "
+                        "is kept as a value",
+                        *series.padding));
+    }
+    return notes;
+}
+
+std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceOptions& options) {
+    const std::string name =
+        input.paths.size() == 1
+            ? input.path().string()
+            : fmt::format("{} and {} more", input.path().string(), input.paths.size() - 1);
+    const std::vector<std::filesystem::path> files = files_of(input);
+    const DicomFolder folder = find_dicom_series(files);
+    if (folder.series.empty()) {
+        throw Error(ErrorKind::unsupported, {name}, "there are no DICOM images in it");
+    }
+    const DicomSeries& series = choose_series(folder.series, options.series, name);
+    const DicomStack stack = stack_slices(series, files, options.spacing.has_value(), name);
+    SliceVolume volume;
+    volume.numbers = series.numbers;
+    volume.slices = chosen_slices(stack, series.numbers, options, name);
+    volume.name = name;
+    volume.notes = notes_of(series, folder, stack);
+    if (series.spacing) {
+        volume.unit = LengthUnit::millimetre;
+    }
+    if (!options.spacing) {
+        volume.place = place_in_world({series.numbers.columns, series.numbers.rows, stack.count},
+                                      stack.steps, stack.first, name);
+    } else {
+        volume.place.origin = stack.first;
+    }
+    const std::array<bool, 3> backward = volume.place.backward;
+    // Of the files only those of the volume.
+    std::vector<std::filesystem::path> used;
+    std::vector<std::uint32_t> number(files.size(), ~std::uint32_t{0});
+    for (DicomSlice& slice : volume.slices) {
+        std::uint32_t& n = number[slice.file];
+        if (n == ~std::uint32_t{0}) {
+            n = static_cast<std::uint32_t>(used.size());
+            used.push_back(files[slice.file]);
+        }
+        slice.file = n;
+    }
+    Scaling scaling;
+    scaling.slope = volume.slices[0].slope;
+    scaling.intercept = volume.slices[0].intercept;
+    if (!series.numbers.floating) {
+        const int bits = series.numbers.stored;
+        scaling.stored =
+            series.numbers.is_signed
+                ? std::pair{-(std::int64_t{1} << (bits - 1)), (std::int64_t{1} << (bits - 1)) - 1}
+                : std::pair{std::int64_t{0}, (std::int64_t{1} << bits) - 1};
+    }
+    const bool own_scalings =
+        !series.numbers.floating &&
+        std::any_of(volume.slices.begin(), volume.slices.end(), [&](const DicomSlice& s) {
+            return s.slope != scaling.slope || s.intercept != scaling.intercept;
+        });
+    if (own_scalings) {
+        volume.notes.emplace_back("each slice has a scaling of its own, which is applied");
+    }
+    auto source = std::make_unique<DicomSource>(std::move(used), std::move(volume), own_scalings);
+    if (source->heap() > options.max_heap) {
+        throw Error(ErrorKind::limit, {name},
+                    fmt::format("a slice of {} takes {} bytes to unpack", series.numbers.text(),
+                                source->heap()),
+                    {{RemedyKind::more_memory}});
+    }
+    std::unique_ptr<VolumeSource> result = std::move(source);
+    if (!own_scalings) {
+        result = scaled(std::move(result), scaling);
+    }
+    return mirrored(std::move(result), backward);
+}
+
+/// Any of the first files of the folder, or below it.
+bool has_dicom(const std::filesystem::path& folder) {
+    constexpr int kMostLookedAt = 200;
+    int looked_at = 0;
+    bool found = false;
+    for_files_below(folder, [&](const std::filesystem::path& file) {
+        found = is_dicom_file(file);
+        return !found && ++looked_at < kMostLookedAt;
+    });
+    return found;
+}
+
+bool is_dicom(const VolumeInput& input) {
+    constexpr std::size_t kMagic = 128;
+    return input.folder ? has_dicom(input.path())
+                        : input.head.size() >= kMagic + 4 &&
+                              std::string_view(input.head).substr(kMagic, 4) == "DICM";
+}
+
+}  // namespace
+
+VolumeFormat dicom_format() {
+    return {.about = {dicom_codec_is_built() ? "DICOM" : "DICOM (what is not packed)",
+                      ".dcm, a folder or a list of them", ""},
+            .takes = {.index = true, .series = true},
+            .several_files = true,
+            .recognises = is_dicom,
+            .open = open_dicom};
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,497 @@
+#include "preprocess/sources/hdf5/hdf5_format.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <string_view>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/file_identity.h"
+#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/hdf5/hdf5_axes.h"
+#include "preprocess/sources/hdf5/hdf5_chunks.h"
+#include "preprocess/sources/hdf5/hdf5_datasets.h"
+#include "preprocess/sources/hdf5/hdf5_files.h"
+#include "preprocess/sources/placement/axis_choice.h"
+#include "preprocess/sources/placement/axis_units.h"
+#include "preprocess/sources/placement/cf_convention.h"
+#include "preprocess/sources/wrapping/converted_source.h"
+#include "preprocess/sources/wrapping/mirrored_source.h"
+#include "preprocess/sources/wrapping/scaled_source.h"
+#include "store/container/hdf5_types.h"
+#include "store/files/mapped_file.h"
+#include "store/hdf5/handles.h"
+#include "store/hdf5/zstd_filter.h"
+#include "store/lattice/lattice.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::array<char, 8> kSignature{'\x89', 'H', 'D', 'F', '\r', '\n', '\x1a', '\n'};
+
+/// Where HDF5 begins in a file, behind a user block of 0 or 512 2^k bytes.
+std::optional<std::uint64_t> start_of_hdf5(const std::filesystem::path& path) {
+    constexpr std::uint64_t kLeast = 512;
+    const std::uint64_t size = regular_file_size(path);
+    for (std::uint64_t at = 0; at + kSignature.size() <= size; at = at == 0 ? kLeast : 2 * at) {
+        if (first_bytes(path, kSignature.size(), at) ==
+            std::string_view(kSignature.data(), kSignature.size())) {
+            return at;
+        }
+    }
+    return std::nullopt;
+}
+
+/// Whether the file says that a program has it open for writing, or died having it.
+bool is_being_written(const std::filesystem::path& path) {
+    constexpr std::size_t kVersion = 8;
+    constexpr std::size_t kFlags = 11;
+    constexpr int kWriting = 1 | 4;
+    const auto start = start_of_hdf5(path);
+    const std::string bytes = start ? first_bytes(path, kFlags + 1, *start) : "";
+    return bytes.size() > kFlags && bytes[kVersion] == 3 && (bytes[kFlags] & kWriting) != 0;
+}
+
+class Hdf5Source : public VolumeSource {
+  public:
+    Hdf5Source(const std::filesystem::path& path, const SourceOptions& options) {
+        const QuietHdf5 quiet;
+        register_zstd_filter();
+        file_ = open_hdf5(path);
+        if (!file_.valid() && is_being_written(path)) {
+            throw Error(ErrorKind::io, {path.string()},
+                        "another program writes it, or died before it closed it; wait until it is "
+                        "closed, or if nothing writes it, run h5clear -s");
+        }
+        if (!file_.valid()) {
+            throw Error(ErrorKind::corrupt, {path.string()},
+                        fmt::format("HDF5 cannot open it: {}", hdf5_message()));
+        }
+        files_ = {path};
+        dataset_name_ = options.dataset.empty()
+                            ? choose_dataset(file_.get(), path, !options.index.empty())
+                            : options.dataset;
+        name_ = path.string() + ":" + dataset_name_;
+        std::string reason;
+        dataset_ = open_dataset(file_.get(), dataset_name_, access_, files_, &reason);
+        if (!dataset_.valid()) {
+            throw Error(ErrorKind::not_found, {path.string()},
+                        fmt::format("there is no dataset {} ({}); the file has:{}", dataset_name_,
+                                    reason, list_of_datasets(file_.get(), path)));
+        }
+        shape_ = shape_of(dataset_.get());
+        const auto type = value_type_of(dataset_.get());
+        axes_ = hdf5_axes(dataset_.get(), shape_.dims);
+        if (type && (shape_.axes.empty() || !options.index.empty()) && !shape_.dims.empty()) {
+            choose_part(options);
+        }
+        if (!type || shape_.axes.empty()) {
+            throw Error(
+                ErrorKind::unsupported, {name_},
+                fmt::format("volumes of one scalar (integers and floating point numbers of up to "
+                            "64 bits) on 1 to 3 axes are read, this is [{}] {}",
+                            shape_.text(), type ? name_of(*type) : "of another type"));
+        }
+        type_ = *type;
+        memory_type_ = file_type(type_);
+        take_unsigned();
+        if (std::any_of(shape_.dims.begin(), shape_.dims.end(), [](hsize_t n) {
+                return n < 1 || n > static_cast<hsize_t>(kMaxNodesPerAxis);
+            })) {
+            throw Error(ErrorKind::unsupported, {name_},
+                        fmt::format("[{}] nodes: each axis must have 1 to {}", shape_.text(),
+                                    kMaxNodesPerAxis));
+        }
+        nodes_ = shape_.along_axes(shape_.dims);
+        add_files_of(dataset_.get(), name_, files_);
+        unwritten_is_undefined_ = is_unwritten_undefined();
+        set_chunks(options);
+        read_coordinates();
+        read_element_size();
+        read_place("spacing", spacing_);
+        read_place("origin", origin_);
+        read_direction();
+        if (const auto unit = length_unit_from(text_of_attribute(dataset_.get(), "unit"))) {
+            unit_ = unit;
+        }
+        map_contiguous();
+        take_labels(options.labels);
+    }
+    /// What the dataset's attributes say of its numbers.
+    [[nodiscard]] Scaling scaling() const {
+        return cf_scaling(
+            [this](const std::string& name) {
+                std::vector<double> numbers = numbers_of_attribute(dataset_.get(), name);
+                const bool stored = name != "scale_factor" && name != "add_offset";
+                for (double& number : numbers) {
+                    number += stored && unsigned_ && number < 0
+                                  ? std::ldexp(1.0, static_cast<int>(8 * size_of(type_)))
+                                  : 0;
+                }
+                return numbers;
+            },
+            name_);
+    }
+    /// Axes whose coordinates run downward.
+    [[nodiscard]] const std::array<bool, 3>& backward() const { return backward_; }
+    [[nodiscard]] std::vector<std::string> notes() const override { return notes_; }
+
+    [[nodiscard]] VolumeDescription describe() const override {
+        return {nodes_, type_, spacing_, origin_, name_, direction_, labels_, unit_};
+    }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
+    [[nodiscard]] std::string identity() const override {
+        return fmt::format("{}dataset {}\n", identity_of(files_), dataset_name_) +
+               (shape_.at.empty() ? "" : fmt::format("at {}\n", fmt::join(shape_.at, " ")));
+    }
+    [[nodiscard]] Granularity granularity() const override { return granularity_; }
+    [[nodiscard]] std::uint64_t heap() const override { return heap_; }
+    [[nodiscard]] std::span<const std::byte> mapped() const override { return mapped_; }
+
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        if (chunks_) {
+            chunks_->read(z0, nz, y0, ny, dst);
+            return;
+        }
+        read_by_hdf5(z0, nz, y0, ny, dst);
+    }
+
+  private:
+    void choose_part(const SourceOptions& options) {
+        std::vector<ArrayAxis> axes;
+        for (std::size_t i = 0; i < shape_.dims.size(); ++i) {
+            axes.push_back({axes_[i].name, static_cast<std::int64_t>(shape_.dims[i]), true});
+        }
+        const ChosenAxes chosen = choose_axes(axes, options.index, name_);
+        shape_.axes.clear();
+        for (std::size_t a = 3; a-- > 0;) {
+            if (chosen.axis.at(a)) {
+                shape_.axes.push_back(*chosen.axis.at(a));
+            }
+        }
+        shape_.at.assign(chosen.at.begin(), chosen.at.end());
+    }
+
+    void take_unsigned() {
+        const ValueType given = type_;
+        unsigned_ = is_said_unsigned(dataset_.get());
+        type_ = !unsigned_                ? given
+                : given == ValueType::i8  ? ValueType::u8
+                : given == ValueType::i16 ? ValueType::u16
+                : given == ValueType::i32 ? ValueType::u32
+                                          : given;
+        unsigned_ = type_ != given;
+        if (unsigned_) {
+            notes_.emplace_back("stored numbers are taken as unsigned (_Unsigned)");
+        }
+    }
+
+    /// Evenly spaced coordinates of the axes place the volume in the world.
+    void read_coordinates() {
+        const CommonUnit common = common_unit(units_of_axes());
+        for (std::size_t i = 0; i < shape_.axes.size(); ++i) {
+            const Hdf5Axis& axis = axes_[shape_.axes[shape_.axes.size() - 1 - i]];
+            if (axis.uneven) {
+                notes_.push_back(fmt::format(
+                    "the coordinates '{}' are not evenly spaced: the nodes are placed 1 apart",
+                    axis.name));
+            }
+            if (!axis.even || nodes_[static_cast<int>(i)] < 2 || axis.even->step == 0) {
+                continue;
+            }
+            const double step = common.converted(i, axis.even->step);
+            spacing_.at(i) = std::fabs(step);
+            origin_.at(i) = common.converted(i, axis.even->first);
+            if (step < 0) {
+                backward_.at(i) = true;
+                origin_.at(i) += step * static_cast<double>(nodes_[static_cast<int>(i)] - 1);
+            }
+        }
+        unit_ = common.unit;
+        notes_.insert(notes_.end(), common.notes.begin(), common.notes.end());
+    }
+
+    /// Of axes of more than one node; those that coordinates do not place have none.
+    [[nodiscard]] AxisUnits units_of_axes() const {
+        AxisUnits units;
+        for (std::size_t i = 0; i < shape_.axes.size(); ++i) {
+            const Hdf5Axis& axis = axes_[shape_.axes[shape_.axes.size() - 1 - i]];
+            if (nodes_[static_cast<int>(i)] > 1) {
+                units.at(i) = axis.even && axis.even->step != 0 ? axis.unit : "";
+            }
+        }
+        return units;
+    }
+
+    /// Fiji's and ilastik's size of a voxel in micrometres, slowest axis first.
+    void read_element_size() {
+        if (const auto size = read_numbers(dataset_.get(), "element_size_um", 3);
+            size && shape_.axes.size() == 3 &&
+            std::all_of(size->begin(), size->end(), [](double s) { return s > 0; })) {
+            std::reverse_copy(size->begin(), size->end(), spacing_.begin());
+            unit_ = LengthUnit::micrometre;
+        }
+    }
+
+    void read_by_hdf5(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+                      std::byte* dst) {
+        const QuietHdf5 quiet;
+        if (unwritten_is_undefined_) {
+            std::memset(dst, 0, static_cast<std::size_t>(nz * ny * nodes_.x) * size_of(type_));
+        }
+        const std::vector<hsize_t> start = shape_.place_of({0, y0, z0});
+        const std::vector<hsize_t> count = shape_.along_dims({nodes_.x, ny, nz}, 1);
+        const SpaceHandle from(H5Dget_space(dataset_.get()));
+        H5Sselect_hyperslab(from.get(), H5S_SELECT_SET, start.data(), nullptr, count.data(),
+                            nullptr);
+        const SpaceHandle to(
+            H5Screate_simple(static_cast<int>(count.size()), count.data(), nullptr));
+        const PropertyHandle transfer(H5Pcreate(H5P_DATASET_XFER));
+        bool lossy = false;
+        H5Pset_type_conv_cb(transfer.get(), &stop_if_lossy, &lossy);
+        if (H5Dread(dataset_.get(), memory_type_.get(), to.get(), from.get(), transfer.get(), dst) <
+            0) {
+            const std::string planes = fmt::format("planes {} to {}", z0, z0 + nz - 1);
+            if (lossy) {
+                throw Error(ErrorKind::unsupported, {name_, planes},
+                            "there are 64-bit integers that float64 cannot hold (beyond 2^53)");
+            }
+            throw Error(ErrorKind::io, {name_, planes},
+                        fmt::format("cannot read: {}", hdf5_message()));
+        }
+        if (labels_) {
+            to_labels(name_, static_cast<std::size_t>(nz * ny * nodes_.x), dst);
+        }
+    }
+
+    /// Integers of 64 bits are read as they are.
+    void take_labels(bool wanted) {
+        const TypeHandle type(H5Dget_type(dataset_.get()));
+        constexpr std::size_t kSize = 8;
+        labels_ =
+            wanted && H5Tget_class(type.get()) == H5T_INTEGER && H5Tget_size(type.get()) == kSize;
+        if (labels_) {
+            const bool is_signed = H5Tget_sign(type.get()) == H5T_SGN_2;
+            memory_type_ = TypeHandle(H5Tcopy(is_signed ? H5T_NATIVE_INT64 : H5T_NATIVE_UINT64));
+        }
+    }
+
+    /// HDF5 takes all negative integers of 64 bits for too long for float64.
+    static bool is_exact(hid_t from, const void* in, void* out) {
+        constexpr std::size_t kSize = 8;
+        if (H5Tget_class(from) != H5T_INTEGER || H5Tget_sign(from) != H5T_SGN_2 ||
+            H5Tget_size(from) != kSize || H5Tget_precision(from) != 8 * kSize) {
+            return false;
+        }
+        std::array<std::byte, kSize> bytes{};
+        std::memcpy(bytes.data(), in, kSize);
+        if (H5Tget_order(from) != H5Tget_order(H5T_NATIVE_INT64)) {
+            std::reverse(bytes.begin(), bytes.end());
+        }
+        std::int64_t value = 0;
+        std::memcpy(&value, bytes.data(), kSize);
+        constexpr std::int64_t kMost = std::int64_t{1} << 53U;
+        if (value < -kMost || value > kMost) {
+            return false;
+        }
+        const auto converted = static_cast<double>(value);
+        std::memcpy(out, &converted, kSize);
+        return true;
+    }
+
+    static H5T_conv_ret_t stop_if_lossy(H5T_conv_except_t kind, hid_t from, hid_t /*to*/, void* in,
+                                        void* out, void* lossy) {
+        if (kind == H5T_CONV_EXCEPT_PRECISION && is_exact(from, in, out)) {
+            return H5T_CONV_HANDLED;
+        }
+        if (kind != H5T_CONV_EXCEPT_PRECISION && kind != H5T_CONV_EXCEPT_RANGE_HI &&
+            kind != H5T_CONV_EXCEPT_RANGE_LOW && kind != H5T_CONV_EXCEPT_TRUNCATE) {
+            return H5T_CONV_UNHANDLED;
+        }
+        *static_cast<bool*>(lossy) = true;
+        return H5T_CONV_ABORT;
+    }
+
+    /// An attribute of three numbers, x first, or of one for each axis of the volume.
+    void read_place(const char* name, Double3& place) const {
+        for (const std::size_t count : {std::size_t{3}, shape_.axes.size()}) {
+            if (const auto numbers = read_numbers(dataset_.get(), name, count)) {
+                std::copy(numbers->begin(), numbers->end(), place.begin());
+                return;
+            }
+        }
+    }
+
+    /// VTK's matrix, row by row: its columns are the axes.
+    void read_direction() {
+        if (const auto numbers = read_numbers(dataset_.get(), "direction", 9)) {
+            for (std::size_t i = 0; i < 9; ++i) {
+                direction_.at(i % 3).at(i / 3) = (*numbers)[i];
+            }
+        }
+    }
+
+    /// Whether HDF5 leaves memory as it is where nothing was written.
+    [[nodiscard]] bool is_unwritten_undefined() const {
+        const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
+        H5D_fill_value_t fill = H5D_FILL_VALUE_UNDEFINED;
+        H5D_fill_time_t time = H5D_FILL_TIME_NEVER;
+        return H5Pfill_value_defined(creation.get(), &fill) < 0 ||
+               H5Pget_fill_time(creation.get(), &time) < 0 || fill == H5D_FILL_VALUE_UNDEFINED ||
+               time == H5D_FILL_TIME_NEVER;
+    }
+
+    /// Whole rows of chunks are read at a time, so HDF5's chunk cache only has to hold one chunk.
+    void set_chunks(const SourceOptions& options) {
+        const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
+        if (H5Pget_layout(creation.get()) != H5D_CHUNKED) {
+            return;
+        }
+        std::vector<hsize_t> dims(shape_.dims.size(), 1);
+        H5Pget_chunk(creation.get(), static_cast<int>(dims.size()), dims.data());
+        std::uint64_t bytes = size_of(type_);
+        for (const hsize_t n : dims) {
+            bytes *= n;
+            if (bytes > options.max_heap) {
+                throw Error(ErrorKind::limit, {name_},
+                            fmt::format("one chunk of [{}] values takes more than {} MiB",
+                                        fmt::join(dims, ", "), options.max_heap >> 20U),
+                            {{RemedyKind::more_memory}, {RemedyKind::smaller_input_chunk}});
+            }
+        }
+        const Int3 chunk = shape_.along_axes(dims);
+        granularity_ = {std::min(nodes_.z, chunk.z), std::min(nodes_.y, chunk.y)};
+        chunks_ = Hdf5Chunks::open(dataset_.get(), name_, shape_, dims, memory_type_.get(),
+                                   options.max_heap / 3);
+        if (chunks_) {
+            heap_ += chunks_->heap();
+            return;
+        }
+        require_filters(creation.get());
+        // The cached chunk, and the filters' input and output.
+        heap_ += 3 * bytes;
+        H5Pset_chunk_cache(access_.get(), 521, std::max<std::uint64_t>(bytes, 1U << 20U), 1.0);
+        dataset_.reset();
+        dataset_ = open_dataset(file_.get(), dataset_name_, access_, files_);
+        if (!dataset_.valid()) {
+            throw Error(ErrorKind::io, {name_}, fmt::format("cannot open: {}", hdf5_message()));
+        }
+    }
+
+    void require_filters(hid_t creation) const {
+        for (int i = 0; i < H5Pget_nfilters(creation); ++i) {
+            unsigned flags = 0;
+            unsigned configuration = 0;
+            std::size_t numbers = 0;
+            std::array<char, 64> name{};
+            const H5Z_filter_t filter =
+                H5Pget_filter2(creation, static_cast<unsigned>(i), &flags, &numbers, nullptr,
+                               name.size() - 1, name.data(), &configuration);
+            if (H5Zfilter_avail(filter) <= 0) {
+                throw Error(
+                    ErrorKind::unsupported, {name_},
+                    fmt::format("its chunks went through HDF5 filter {} ({}), which is not here; "
+                                "store it with another one (h5repack -f GZIP=1), or let "
+                                "HDF5_PLUGIN_PATH name the folder of that filter's plugin",
+                                filter, name[0] == 0 ? "without a name" : name.data()));
+            }
+        }
+    }
+
+    /// A dataset that lies in its file as read() would give it needs no copy. The map is of the
+    /// very file that HDF5 reads, and used only if both show the same first and last row.
+    void map_contiguous() {
+        const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
+        const TypeHandle stored(H5Dget_type(dataset_.get()));
+        const haddr_t offset = H5Dget_offset(dataset_.get());
+        if (!shape_.at.empty() || H5Pget_layout(creation.get()) != H5D_CONTIGUOUS ||
+            offset == HADDR_UNDEF || H5Pget_external_count(creation.get()) != 0 ||
+            H5Tequal(stored.get(), memory_type_.get()) <= 0 || offset % size_of(type_) != 0) {
+            return;
+        }
+        const FileHandle file(H5Iget_file_id(dataset_.get()));
+        const PropertyHandle access(H5Fget_access_plist(file.get()));
+        void* descriptor = nullptr;
+        if (H5Pget_driver(access.get()) != H5FD_SEC2 ||
+            H5Fget_vfd_handle(file.get(), H5P_DEFAULT, &descriptor) < 0) {
+            return;
+        }
+        const auto bytes = static_cast<std::uint64_t>(nodes_.product()) * size_of(type_);
+        map_.emplace(*static_cast<const int*>(descriptor), file_of(dataset_.get()));
+        if (map_->bytes().size() < bytes || map_->bytes().size() - bytes < offset) {
+            throw Error(ErrorKind::corrupt, {name_}, "the file ends before the dataset does");
+        }
+        mapped_ = map_->bytes().subspan(offset, bytes);
+        if (!shows_row(0, 0) || !shows_row(nodes_.z - 1, nodes_.y - 1)) {
+            mapped_ = {};
+            map_.reset();
+        }
+    }
+
+    bool shows_row(std::int64_t z, std::int64_t y) {
+        std::vector<std::byte> row(static_cast<std::size_t>(nodes_.x) * size_of(type_));
+        read_by_hdf5(z, 1, y, 1, row.data());
+        const auto at = static_cast<std::size_t>(z * nodes_.y + y) * row.size();
+        return std::equal(row.begin(), row.end(),
+                          mapped_.begin() + static_cast<std::ptrdiff_t>(at));
+    }
+
+    std::vector<std::filesystem::path> files_;
+    FileHandle file_;
+    PropertyHandle access_{H5Pcreate(H5P_DATASET_ACCESS)};
+    DatasetHandle dataset_;
+    std::string dataset_name_;
+    std::string name_;
+    DatasetShape shape_;
+    Int3 nodes_{1, 1, 1};
+    ValueType type_ = ValueType::f32;
+    Double3 spacing_{1, 1, 1};
+    Double3 origin_{0, 0, 0};
+    Directions direction_ = kAlongWorld;
+    std::optional<LengthUnit> unit_;
+    std::vector<Hdf5Axis> axes_;  ///< of the dataset
+    std::array<bool, 3> backward_{};
+    bool labels_ = false;    ///< the stored integers of 64 bits are labels
+    bool unsigned_ = false;  ///< the stored integers are signed, and mean unsigned ones
+    std::vector<std::string> notes_;
+    Granularity granularity_;
+    bool unwritten_is_undefined_ = false;
+    std::optional<Hdf5Chunks> chunks_;
+    std::optional<MappedFile> map_;
+    std::span<const std::byte> mapped_;
+    std::uint64_t heap_ = 2U << 20U;
+    TypeHandle memory_type_;  ///< of read()'s values; little endian, as memory is
+};
+
+std::unique_ptr<VolumeSource> open_hdf5(const std::filesystem::path& path,
+                                        const SourceOptions& options) {
+    auto source = std::make_unique<Hdf5Source>(path, options);
+    const Scaling scaling = source->scaling();
+    const std::array<bool, 3> back = source->backward();
+    std::unique_ptr<VolumeSource> volume = mirrored(std::move(source), back);
+    return scaled(std::move(volume), scaling);
+}
+
+}  // namespace
+
+bool is_hdf5(const std::filesystem::path& path) {
+    return start_of_hdf5(path).has_value();
+}
+
+VolumeFormat hdf5_format() {
+    return {.about = {"HDF5", ".h5 .hdf5 .nc .mat", ""},
+            .takes = {.dataset = true, .index = true},
+            .recognises =
+                [](const VolumeInput& input) { return !input.folder && is_hdf5(input.path()); },
+            .open = [](const VolumeInput& input,
+                       const SourceOptions& options) { return open_hdf5(input.path(), options); }};
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,246 @@
+#include "preprocess/sources/meta_image/meta_image_format.h"
+
+#include <fmt/format.h>
+
+#include <charconv>
+#include <cmath>
+#include <map>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/gzip_stream.h"
+#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/numbers/raw_layout.h"
+#include "preprocess/sources/placement/placed_array.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::size_t kMostHeader = std::size_t{1} << 20U;
+
+std::string_view trim(std::string_view text) {
+    const auto from = text.find_first_not_of(" \t\r");
+    const auto to = text.find_last_not_of(" \t\r");
+    return from == std::string_view::npos ? std::string_view{} : text.substr(from, to - from + 1);
+}
+
+/// "Key = Value" lines; the last key is ElementDataFile.
+class Header {
+  public:
+    Header(std::string_view text, std::string name) : name_(std::move(name)) {
+        while (bytes_ < text.size() && values_.find("ElementDataFile") == values_.end()) {
+            const std::size_t end = text.find('\n', bytes_);
+            if (end == std::string_view::npos && text.size() >= kMostHeader) {
+                break;
+            }
+            const std::string_view line = text.substr(bytes_, std::min(end, text.size()) - bytes_);
+            const std::size_t sign = line.find('=');
+            if (sign == std::string_view::npos && !trim(line).empty()) {
+                corrupt(fmt::format("line '{:.60}' is not 'Key = Value'", trim(line)));
+            }
+            if (sign != std::string_view::npos) {
+                values_[std::string(trim(line.substr(0, sign)))] = trim(line.substr(sign + 1));
+            }
+            bytes_ = end == std::string_view::npos ? text.size() : end + 1;
+        }
+        if (values_.find("ElementDataFile") == values_.end()) {
+            corrupt("there is no ElementDataFile");
+        }
+    }
+    [[nodiscard]] std::size_t bytes() const { return bytes_; }
+    /// Empty if there is no such key.
+    [[nodiscard]] std::string text(std::initializer_list<const char*> keys) const {
+        for (const char* const key : keys) {
+            if (const auto it = values_.find(key); it != values_.end()) {
+                return it->second;
+            }
+        }
+        return "";
+    }
+    [[nodiscard]] bool flag(std::initializer_list<const char*> keys) const {
+        const std::string value = text(keys);
+        return value == "True" || value == "true" || value == "TRUE" || value == "1";
+    }
+    /// None if there is no such key.
+    [[nodiscard]] std::vector<double> numbers(std::initializer_list<const char*> keys,
+                                              std::size_t count) const {
+        const std::string all = text(keys);
+        std::vector<double> numbers;
+        std::istringstream words(all);
+        for (std::string word; words >> word;) {
+            double value = 0;
+            const auto [end, error] =
+                std::from_chars(word.data(), word.data() + word.size(), value);
+            if (error != std::errc{} || end != word.data() + word.size() || !std::isfinite(value)) {
+                corrupt(fmt::format("{}: '{}' is no number", *keys.begin(), word));
+            }
+            numbers.push_back(value);
+        }
+        if (!numbers.empty() && numbers.size() != count) {
+            corrupt(fmt::format("{} has {} numbers, not {}", *keys.begin(), numbers.size(), count));
+        }
+        return numbers;
+    }
+    [[nodiscard]] std::int64_t integer(const char* key, std::int64_t otherwise) const {
+        const std::vector<double> value = numbers({key}, 1);
+        if (!value.empty() && (value[0] != std::floor(value[0]) || std::fabs(value[0]) > 1e15)) {
+            corrupt(fmt::format("{} = {} is no whole number", key, value[0]));
+        }
+        return value.empty() ? otherwise : static_cast<std::int64_t>(value[0]);
+    }
+    [[noreturn]] void corrupt(const std::string& what) const {
+        throw Error(ErrorKind::corrupt, {name_, "MetaImage header"}, what);
+    }
+    [[noreturn]] void unsupported(const std::string& what) const {
+        throw Error(ErrorKind::unsupported, {name_, "MetaImage header"}, what);
+    }
+
+  private:
+    std::string name_;
+    std::map<std::string, std::string> values_;
+    std::size_t bytes_ = 0;
+};
+
+bool is_meta_image(const VolumeInput& input) {
+    if (input.folder) {
+        return false;
+    }
+    // The keys may come in any order, but files begin with one of these.
+    for (const char* const key : {"ObjectType", "NDims", "Comment"}) {
+        if (input.head.starts_with(key) && input.head.find('=') != std::string::npos) {
+            const std::string_view line =
+                trim(std::string_view(input.head).substr(std::string_view(key).size()));
+            if (line.starts_with('=')) {
+                return input.head.find("NDims") != std::string::npos ||
+                       input.head.find("Image") != std::string::npos;
+            }
+        }
+    }
+    return false;
+}
+
+void set_type(const Header& header, PlacedArray& array) {
+    static const std::map<std::string, ValueType> types{
+        {"MET_CHAR", ValueType::i8},   {"MET_UCHAR", ValueType::u8},
+        {"MET_SHORT", ValueType::i16}, {"MET_USHORT", ValueType::u16},
+        {"MET_INT", ValueType::i32},   {"MET_UINT", ValueType::u32},
+        {"MET_FLOAT", ValueType::f32}, {"MET_DOUBLE", ValueType::f64}};
+    const std::string type = header.text({"ElementType"});
+    if (const auto it = types.find(type); it != types.end()) {
+        array.layout.type = it->second;
+    } else if (type == "MET_LONG_LONG" || type == "MET_ULONG_LONG") {
+        array.stored = type == "MET_LONG_LONG" ? StoredNumber::i64 : StoredNumber::u64;
+    } else {
+        // MET_LONG has 32 or 64 bits, depending on the machine that wrote it.
+        header.unsupported(fmt::format(
+            "ElementType '{}': integers of 8 to 64 bits, float and double are read", type));
+    }
+}
+
+void set_axes(const Header& header, PlacedArray& array) {
+    constexpr std::int64_t kMostAxes = 10;
+    const std::int64_t dims = header.integer("NDims", 0);
+    if (dims < 1 || dims > kMostAxes) {
+        header.corrupt(fmt::format("NDims = {}", dims));
+    }
+    const auto count = static_cast<std::size_t>(dims);
+    const std::vector<double> sizes = header.numbers({"DimSize"}, count);
+    if (sizes.empty()) {
+        header.corrupt("there is no DimSize");
+    }
+    constexpr std::array<const char*, 4> kNames{"x", "y", "z", "t"};
+    for (std::size_t i = count; i-- > 0;) {
+        if (sizes[i] < 1 || sizes[i] != std::floor(sizes[i]) || sizes[i] > 1e15) {
+            header.corrupt(fmt::format("DimSize has a {}", sizes[i]));
+        }
+        array.axes.push_back({i < kNames.size() ? kNames.at(i) : fmt::format("axis{}", i),
+                              static_cast<std::int64_t>(sizes[i]), i < 3});
+    }
+    std::vector<double> spacing = header.numbers({"ElementSpacing"}, count);
+    if (spacing.empty()) {
+        spacing = header.numbers({"ElementSize"}, count);
+    }
+    spacing.resize(count, 1);
+    std::vector<double> offset = header.numbers({"Offset", "Position", "Origin"}, count);
+    offset.resize(std::max<std::size_t>(count, 3), 0);
+    const std::vector<double> matrix =
+        header.numbers({"TransformMatrix", "Rotation", "Orientation"}, count * count);
+    array.first = {offset[0], offset[1], offset[2]};
+    for (std::size_t i = count; i-- > 0;) {
+        Double3 step{0, 0, 0};
+        for (std::size_t w = 0; w < std::min<std::size_t>(3, count) && i < 3; ++w) {
+            const double along = matrix.empty() ? (i == w ? 1 : 0) : matrix[i * count + w];
+            step.at(w) = along * spacing[i];
+        }
+        array.steps.push_back(step);
+    }
+    const std::int64_t channels = header.integer("ElementNumberOfChannels", 1);
+    if (channels < 1) {
+        header.corrupt(fmt::format("ElementNumberOfChannels = {}", channels));
+    }
+    if (channels > 1) {
+        array.axes.push_back({"c", channels, false});
+        array.steps.push_back({0, 0, 0});
+    }
+}
+
+std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
+                                              const SourceOptions& options) {
+    const std::filesystem::path& path = input.path();
+    const Header header(first_bytes(path, kMostHeader), path.string());
+    PlacedArray array;
+    array.file = path;
+    array.name = path.string();
+    set_type(header, array);
+    set_axes(header, array);
+    if (options.spacing) {
+        array.steps.clear();
+    }
+    RawLayout& layout = array.layout;
+    layout.big_endian = header.flag({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"});
+    layout.exact_length = false;
+    // MetaIO writes ?, um, mm or cm; ITK's files have no such line, whatever ITK takes them for.
+    layout.unit = length_unit_from(header.text({"DistanceUnits"}));
+    const std::string binary = header.text({"BinaryData"});
+    if (!binary.empty() && !header.flag({"BinaryData"})) {
+        header.unsupported("numbers as text (BinaryData = False)");
+    }
+    const std::string file = header.text({"ElementDataFile"});
+    if (file.empty()) {
+        header.corrupt("ElementDataFile names no file");
+    }
+    if (file.starts_with("LIST") || file.find('%') != std::string::npos) {
+        header.unsupported("data spread over several files; join them into one");
+    }
+    if (file == "LOCAL" || file == "Local" || file == "local") {
+        layout.start = header.bytes();
+    } else {
+        array.file = path.parent_path() / file;
+        array.name = array.file.string();
+        layout.header = path;
+        const std::int64_t skip = header.integer("HeaderSize", 0);
+        layout.offset_from_end = skip == -1;
+        layout.start = static_cast<std::uint64_t>(std::max<std::int64_t>(skip, 0));
+    }
+    layout.packing = Packing::plain;
+    if (header.flag({"CompressedData"})) {
+        regular_file_size(array.file);
+        layout.packing = is_gzip(array.file, layout.start) ? Packing::gzip : Packing::zlib;
+    }
+    return open_placed(array, options.index);
+}
+
+}  // namespace
+
+VolumeFormat meta_image_format() {
+    return {.about = {"MetaImage", ".mha .mhd", ""},
+            .takes = {.index = true},
+            .recognises = is_meta_image,
+            .open = open_meta_image};
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,287 @@
+#include "preprocess/sources/netcdf/netcdf_format.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/lower_case.h"
+#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/netcdf/netcdf3_header.h"
+#include "preprocess/sources/placement/axis_units.h"
+#include "preprocess/sources/placement/cf_convention.h"
+#include "preprocess/sources/placement/placed_array.h"
+#include "preprocess/sources/wrapping/noted_source.h"
+#include "preprocess/sources/wrapping/scaled_source.h"
+#include "store/lattice/lattice.h"
+
+namespace isonest::detail {
+namespace {
+
+bool is_netcdf3(const VolumeInput& input) {
+    return input.head.size() > 4 && input.head.starts_with("CDF") &&
+           (input.head[3] == 1 || input.head[3] == 2 || input.head[3] == 5);
+}
+
+const NetcdfAttribute* attribute_of(const NetcdfVariable& v, const std::string& name) {
+    const auto it = std::find_if(v.attributes.begin(), v.attributes.end(),
+                                 [&](const NetcdfAttribute& a) { return a.name == name; });
+    return it == v.attributes.end() ? nullptr : &*it;
+}
+
+bool is_unsigned(const NetcdfVariable& v) {
+    const NetcdfAttribute* const said = attribute_of(v, "_Unsigned");
+    return said != nullptr && lower(said->text) == "true";
+}
+
+void set_type(const NetcdfVariable& v, PlacedArray& array) {
+    const bool is_signed = !is_unsigned(v);
+    ValueType& type = array.layout.type;
+    switch (v.type) {
+        case 1:
+            type = is_signed ? ValueType::i8 : ValueType::u8;
+            return;
+        case 3:
+            type = is_signed ? ValueType::i16 : ValueType::u16;
+            return;
+        case 4:
+            type = is_signed ? ValueType::i32 : ValueType::u32;
+            return;
+        case 5:
+            type = ValueType::f32;
+            return;
+        case 6:
+            type = ValueType::f64;
+            return;
+        case 7:
+            type = ValueType::u8;
+            return;
+        case 8:
+            type = ValueType::u16;
+            return;
+        case 9:
+            type = ValueType::u32;
+            return;
+        case 10:
+        case 11:
+            array.stored = v.type == 10 && is_signed ? StoredNumber::i64 : StoredNumber::u64;
+            return;
+        default:
+            throw Error(ErrorKind::unsupported, {array.name}, "text is no volume");
+    }
+}
+
+/// Axes of more than one position.
+std::size_t long_axes(const NetcdfHeader& header, const NetcdfVariable& v) {
+    return static_cast<std::size_t>(std::count_if(
+        v.dims.begin(), v.dims.end(), [&](std::size_t d) { return header.dims[d].length > 1; }));
+}
+
+/// The coordinates of a dimension have its name, and it as their only axis.
+const NetcdfVariable* coordinates_of(const NetcdfHeader& header, std::size_t dim) {
+    for (const NetcdfVariable& v : header.variables) {
+        if (v.name == header.dims[dim].name && v.dims == std::vector{dim}) {
+            return &v;
+        }
+    }
+    return nullptr;
+}
+
+std::string list_of(const NetcdfHeader& header) {
+    constexpr std::size_t kMostListed = 40;
+    static constexpr std::array<const char*, 12> kTypes{"",       "int8",    "text",    "int16",
+                                                        "int32",  "float32", "float64", "uint8",
+                                                        "uint16", "uint32",  "int64",   "uint64"};
+    std::string list;
+    for (std::size_t i = 0; i < std::min(kMostListed, header.variables.size()); ++i) {
+        const NetcdfVariable& v = header.variables[i];
+        std::vector<std::uint64_t> lengths;
+        for (const std::size_t d : v.dims) {
+            lengths.push_back(header.dims[d].length);
+        }
+        list += fmt::format("\n  {:.80} [{}] {}", v.name, fmt::join(lengths, ", "),
+                            kTypes.at(static_cast<std::size_t>(v.type)));
+    }
+    return list.empty() ? " none" : list;
+}
+
+const NetcdfVariable& choose(const NetcdfHeader& header, const SourceOptions& options,
+                             const std::string& name) {
+    const NetcdfVariable* best = nullptr;
+    std::size_t count = 0;
+    for (const NetcdfVariable& v : header.variables) {
+        const bool scale = v.dims.size() == 1 && v.name == header.dims[v.dims[0]].name;
+        constexpr int kChar = 2;
+        if (!options.dataset.empty()) {
+            if (v.name == options.dataset) {
+                return v;
+            }
+        } else if (!scale && v.type != kChar && !v.dims.empty()) {
+            const std::size_t axes = long_axes(header, v);
+            const std::size_t most = best == nullptr ? 0 : long_axes(header, *best);
+            if (best == nullptr || axes > most) {
+                best = &v;
+                count = 1;
+            } else if (axes == most) {
+                ++count;
+            }
+        }
+    }
+    if (best == nullptr) {
+        throw Error(ErrorKind::not_found, {name},
+                    fmt::format("there is no variable '{}' that is a volume; the file has:{}",
+                                options.dataset, list_of(header)));
+    }
+    if (count > 1) {
+        throw Error(ErrorKind::invalid_argument, {name},
+                    fmt::format("several volumes; the file has:{}", list_of(header)),
+                    {{RemedyKind::choose_dataset}});
+    }
+    return *best;
+}
+
+/// Bytes from a position to the next along each axis of a variable.
+std::vector<std::uint64_t> strides_of(const NetcdfHeader& header, const NetcdfVariable& v) {
+    std::vector<std::uint64_t> strides(v.dims.size());
+    std::uint64_t stride = netcdf_type_bytes(v.type);
+    for (std::size_t i = v.dims.size(); i-- > 0;) {
+        strides[i] = i == 0 && v.record ? header.record_bytes : stride;
+        stride *= header.dims[v.dims[i]].length;
+    }
+    return strides;
+}
+
+std::vector<double> read_numbers(const std::filesystem::path& path, const NetcdfHeader& header,
+                                 const NetcdfVariable& v) {
+    PlacedArray array;
+    array.name = path.string() + ":" + v.name;
+    array.file = path;
+    set_type(v, array);
+    const std::uint64_t count = header.dims[v.dims[0]].length;
+    const std::uint64_t stride = strides_of(header, v)[0];
+    const std::size_t value = netcdf_type_bytes(v.type);
+    if (array.stored || count > static_cast<std::uint64_t>(kMaxNodesPerAxis)) {
+        return {};
+    }
+    std::vector<double> numbers;
+    for (std::uint64_t i = 0; i < count; ++i) {
+        const std::string bytes = first_bytes(path, value, v.begin + i * stride);
+        if (bytes.size() != value) {
+            return {};
+        }
+        dispatch(array.layout.type, [&](auto tag) {
+            using T = typename decltype(tag)::type;
+            std::array<char, sizeof(T)> reversed{};
+            std::reverse_copy(bytes.begin(), bytes.end(), reversed.begin());
+            numbers.push_back(static_cast<double>(std::bit_cast<T>(reversed)));
+        });
+    }
+    return numbers;
+}
+
+std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const SourceOptions& options) {
+    const std::filesystem::path& path = input.path();
+    const NetcdfHeader header = read_netcdf3_header(path);
+    const NetcdfVariable& v = choose(header, options, path.string());
+    PlacedArray array;
+    array.file = path;
+    array.name = path.string() + ":" + v.name;
+    set_type(v, array);
+    const std::size_t value = netcdf_type_bytes(v.type);
+    std::vector<std::string> notes;
+    if (is_unsigned(v)) {
+        notes.emplace_back("stored numbers are taken as unsigned (_Unsigned)");
+    }
+    for (const std::uint64_t bytes : strides_of(header, v)) {
+        if (bytes % value != 0) {
+            throw Error(
+                ErrorKind::unsupported, {array.name},
+                fmt::format("records of {} bytes do not hold whole numbers of {}", bytes, value));
+        }
+        array.strides.push_back(bytes / value);
+    }
+    array.steps.assign(v.dims.size(), Double3{0, 0, 0});
+    for (const std::size_t d : v.dims) {
+        if (header.dims[d].length < 1) {
+            throw Error(ErrorKind::invalid_argument, {array.name}, "it has no record");
+        }
+        array.axes.push_back(
+            {header.dims[d].name, static_cast<std::int64_t>(header.dims[d].length), true});
+    }
+    const ChosenAxes chosen = choose_axes(array.axes, options.index, array.name);
+    AxisUnits units;
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (!chosen.axis.at(a)) {
+            continue;
+        }
+        const std::size_t axis = *chosen.axis.at(a);
+        double step = 1;
+        if (header.dims[v.dims[axis]].length > 1) {
+            units.at(a) = "";  // if no coordinates place it
+        }
+        if (const NetcdfVariable* const c = coordinates_of(header, v.dims[axis])) {
+            const auto even = even_axis(read_numbers(path, header, *c));
+            if (!even) {
+                notes.push_back(
+                    fmt::format("the coordinates '{}' are not evenly spaced: the nodes "
+                                "are placed 1 apart",
+                                c->name));
+            } else if (even->step != 0) {
+                step = even->step;
+                array.first.at(a) = even->first;
+                const NetcdfAttribute* const unit = attribute_of(*c, "units");
+                units.at(a) = unit == nullptr ? "" : unit->text;
+            }
+        }
+        array.steps[axis].at(a) = step;
+    }
+    const CommonUnit common = common_unit(units);
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (chosen.axis.at(a)) {
+            double& step = array.steps[*chosen.axis.at(a)].at(a);
+            step = common.converted(a, step);
+            array.first.at(a) = common.converted(a, array.first.at(a));
+        }
+    }
+    array.layout.unit = common.unit;
+    notes.insert(notes.end(), common.notes.begin(), common.notes.end());
+    if (options.spacing) {
+        array.steps.clear();
+    }
+    array.layout.big_endian = true;
+    array.layout.packing = Packing::plain;
+    array.layout.exact_length = false;
+    array.layout.offset = v.begin;
+    auto source = open_placed(array, options.index);
+    source = with_notes(std::move(source), std::move(notes));
+    const auto numbers = [&](const std::string& name) -> std::vector<double> {
+        const NetcdfAttribute* const attribute = attribute_of(v, name);
+        std::vector<double> list =
+            attribute == nullptr ? std::vector<double>{} : attribute->numbers;
+        for (double& number : list) {
+            const bool stored = name != "scale_factor" && name != "add_offset";
+            number += stored && is_unsigned(v) && number < 0
+                          ? std::ldexp(1.0, static_cast<int>(8 * value))
+                          : 0;
+        }
+        return list;
+    };
+    return scaled(std::move(source), cf_scaling(numbers, array.name));
+}
+
+}  // namespace
+
+VolumeFormat netcdf3_format() {
+    return {.about = {"NetCDF-3", ".nc .cdf", ""},
+            .takes = {.dataset = true, .index = true},
+            .recognises = is_netcdf3,
+            .open = open_netcdf3};
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,277 @@
+#include "preprocess/sources/nifti/nifti_format.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <map>
+#include <string>
+#include <utility>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/gzip_stream.h"
+#include "preprocess/sources/bytes/header_number.h"
+#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/placement/placed_array.h"
+#include "preprocess/sources/wrapping/scaled_source.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::size_t kBytes1 = 348;
+constexpr std::size_t kBytes2 = 540;
+
+/// 1 or 2; 0 if it is none. `big`: the byte order of its numbers.
+int version_of(std::string_view head, bool& big) {
+    for (const bool order : {false, true}) {
+        big = order;
+        if (head.size() >= kBytes1 &&
+            number_at<std::int32_t>(head, 0, order) == static_cast<std::int32_t>(kBytes1) &&
+            (head.substr(344, 4) == std::string_view("n+1\0", 4) ||
+             head.substr(344, 4) == std::string_view("ni1\0", 4))) {
+            return 1;
+        }
+        if (head.size() >= kBytes2 &&
+            number_at<std::int32_t>(head, 0, order) == static_cast<std::int32_t>(kBytes2) &&
+            (head.substr(4, 4) == std::string_view("n+2\0", 4) ||
+             head.substr(4, 4) == std::string_view("ni2\0", 4))) {
+            return 2;
+        }
+    }
+    return 0;
+}
+
+/// The start of a file, unpacked where it is gzip; empty if it cannot be read.
+std::string head_of(const std::filesystem::path& path) {
+    std::string text(VolumeInput::kHeadBytes, '\0');
+    try {
+        if (!is_gzip(path)) {
+            return first_bytes(path, text.size());
+        }
+        GzipStream stream(path, path.string(), 0);
+        text.resize(stream.read(reinterpret_cast<std::byte*>(text.data()), text.size()));
+    } catch (const Error&) {
+        text.clear();
+    }
+    return text;
+}
+
+/// The file with the header: that of an image (.img, .img.gz) is its neighbour.
+std::filesystem::path header_file(const std::filesystem::path& named) {
+    std::filesystem::path path = named;
+    const bool packed = path.extension() == ".gz";
+    if (packed) {
+        path.replace_extension();
+    }
+    if (path.extension() != ".img") {
+        return named;
+    }
+    for (const char* const ending : {".hdr", ".hdr.gz"}) {
+        std::filesystem::path header = path;
+        header.replace_extension(ending);
+        std::error_code error;
+        if (std::filesystem::is_regular_file(header, error)) {
+            return header;
+        }
+    }
+    return named;
+}
+
+std::filesystem::path image_file(const std::filesystem::path& header) {
+    std::filesystem::path path = header;
+    if (path.extension() == ".gz") {
+        path.replace_extension();
+    }
+    std::filesystem::path packed = path;
+    path.replace_extension(".img");
+    packed.replace_extension(".img.gz");
+    std::error_code error;
+    return std::filesystem::exists(packed, error) && !std::filesystem::exists(path, error) ? packed
+                                                                                           : path;
+}
+
+bool is_nifti(const VolumeInput& input) {
+    if (input.folder) {
+        return false;
+    }
+    bool big = false;
+    if (version_of(input.unpacked, big) != 0) {
+        return true;
+    }
+    const std::filesystem::path header = header_file(input.path());
+    return header != input.path() && version_of(head_of(header), big) != 0;
+}
+
+struct Header {
+    bool big = false;
+    bool single = true;  ///< header and image in one file
+    std::vector<std::int64_t> dims;
+    std::vector<double> pixdim;
+    int datatype = 0;
+    double offset = 0;
+    double slope = 0;
+    double intercept = 0;
+    int qform = 0;
+    int sform = 0;
+    std::array<double, 6> quaternion{};  ///< b, c, d and the offset
+    std::array<double, 12> rows{};
+    std::optional<LengthUnit> unit;
+};
+
+/// Of `xyzt_units`: the lowest three bits are the unit of length.
+std::optional<LengthUnit> unit_of_code(int code) {
+    switch (code & 7) {
+        case 1:
+            return LengthUnit::metre;
+        case 2:
+            return LengthUnit::millimetre;
+        case 3:
+            return LengthUnit::micrometre;
+        default:
+            return std::nullopt;
+    }
+}
+
+Header parse(std::string_view head, const std::string& name) {
+    Header h;
+    const int version = version_of(head, h.big);
+    const auto real = [&](std::size_t at1, std::size_t at2, std::size_t i) {
+        return version == 1 ? static_cast<double>(number_at<float>(head, at1 + 4 * i, h.big))
+                            : number_at<double>(head, at2 + 8 * i, h.big);
+    };
+    const auto whole = [&](std::size_t at1, std::size_t at2) -> std::int64_t {
+        return version == 1 ? number_at<std::int16_t>(head, at1, h.big)
+                            : number_at<std::int32_t>(head, at2, h.big);
+    };
+    h.single = head[version == 1 ? 345 : 5] == '+';
+    const auto dim = [&](std::size_t i) -> std::int64_t {
+        return version == 1 ? number_at<std::int16_t>(head, 40 + 2 * i, h.big)
+                            : number_at<std::int64_t>(head, 16 + 8 * i, h.big);
+    };
+    constexpr std::int64_t kMostAxes = 7;
+    if (dim(0) < 1 || dim(0) > kMostAxes) {
+        throw Error(ErrorKind::corrupt, {name, "dim"}, fmt::format("{} axes", dim(0)));
+    }
+    for (std::size_t i = 1; i <= static_cast<std::size_t>(dim(0)); ++i) {
+        h.dims.push_back(dim(i));
+    }
+    for (std::size_t i = 0; i < 4; ++i) {
+        h.pixdim.push_back(real(76, 104, i));
+    }
+    h.datatype = version == 1 ? number_at<std::int16_t>(head, 70, h.big)
+                              : number_at<std::int16_t>(head, 12, h.big);
+    h.offset = version == 1 ? static_cast<double>(number_at<float>(head, 108, h.big))
+                            : static_cast<double>(number_at<std::int64_t>(head, 168, h.big));
+    h.slope = real(112, 176, 0);
+    h.intercept = real(112, 176, 1);
+    h.qform = static_cast<int>(whole(252, 344));
+    h.sform = static_cast<int>(whole(254, 348));
+    for (std::size_t i = 0; i < 6; ++i) {
+        h.quaternion.at(i) = real(256, 352, i);
+    }
+    for (std::size_t i = 0; i < 12; ++i) {
+        h.rows.at(i) = real(280, 400, i);
+    }
+    h.unit = unit_of_code(version == 1 ? head[123] : number_at<std::int32_t>(head, 500, h.big));
+    return h;
+}
+
+void set_type(int datatype, const std::string& name, PlacedArray& array) {
+    static const std::map<int, ValueType> types{
+        {2, ValueType::u8},   {4, ValueType::i16},  {8, ValueType::i32},   {16, ValueType::f32},
+        {64, ValueType::f64}, {256, ValueType::i8}, {512, ValueType::u16}, {768, ValueType::u32}};
+    constexpr int kInt64 = 1024;
+    constexpr int kUint64 = 1280;
+    if (const auto it = types.find(datatype); it != types.end()) {
+        array.layout.type = it->second;
+    } else if (datatype == kInt64 || datatype == kUint64) {
+        array.stored = datatype == kInt64 ? StoredNumber::i64 : StoredNumber::u64;
+    } else {
+        throw Error(ErrorKind::unsupported, {name, "datatype"},
+                    fmt::format("{}: numbers of one scalar are read (integers of 8 to 64 bits, "
+                                "float32, float64)",
+                                datatype));
+    }
+}
+
+/// The columns of the map from indices to places, and where the first voxel lies: by the
+/// sform, else the qform, else the voxel's size alone.
+void set_place(const Header& h, PlacedArray& array) {
+    std::array<Double3, 3> columns{};
+    if (h.sform > 0) {
+        for (std::size_t a = 0; a < 3; ++a) {
+            columns.at(a) = {h.rows.at(a), h.rows.at(4 + a), h.rows.at(8 + a)};
+        }
+        array.first = {h.rows[3], h.rows[7], h.rows[11]};
+    } else if (h.qform > 0) {
+        const double b = h.quaternion[0];
+        const double c = h.quaternion[1];
+        const double d = h.quaternion[2];
+        const double a = std::sqrt(std::max(0.0, 1 - (b * b + c * c + d * d)));
+        const double side = h.pixdim[0] < 0 ? -1 : 1;
+        columns = {{{a * a + b * b - c * c - d * d, 2 * (b * c + a * d), 2 * (b * d - a * c)},
+                    {2 * (b * c - a * d), a * a + c * c - b * b - d * d, 2 * (c * d + a * b)},
+                    {2 * (b * d + a * c), 2 * (c * d - a * b), a * a + d * d - b * b - c * c}}};
+        for (std::size_t i = 0; i < 3; ++i) {
+            for (double& component : columns.at(i)) {
+                component *= h.pixdim[i + 1] * (i == 2 ? side : 1);
+            }
+        }
+        array.first = {h.quaternion[3], h.quaternion[4], h.quaternion[5]};
+    } else {
+        for (std::size_t a = 0; a < 3; ++a) {
+            columns.at(a).at(a) = h.pixdim[a + 1] > 0 ? h.pixdim[a + 1] : 1;
+        }
+    }
+    array.steps.assign(array.axes.size(), Double3{0, 0, 0});
+    for (std::size_t a = 0; a < std::min<std::size_t>(3, array.axes.size()); ++a) {
+        array.steps[array.axes.size() - 1 - a] = columns.at(a);
+    }
+}
+
+std::unique_ptr<VolumeSource> open_nifti(const VolumeInput& input, const SourceOptions& options) {
+    const std::filesystem::path header = header_file(input.path());
+    const std::string name = header.string();
+    const Header h = parse(header == input.path() ? input.unpacked : head_of(header), name);
+    PlacedArray array;
+    array.name = name;
+    array.file = h.single ? header : image_file(header);
+    if (!h.single) {
+        array.layout.header = header;
+        array.name = array.file.string();
+    }
+    const std::size_t least = h.single ? kBytes1 : 0;
+    if (!(h.offset >= static_cast<double>(least)) || h.offset > 1e15 ||
+        h.offset != std::floor(h.offset)) {
+        throw Error(ErrorKind::corrupt, {name, "vox_offset"},
+                    fmt::format("the image cannot begin at byte {}", h.offset));
+    }
+    constexpr std::array<const char*, 7> kNames{"x", "y", "z", "t", "u", "v", "w"};
+    for (std::size_t i = h.dims.size(); i-- > 0;) {
+        array.axes.push_back({kNames.at(i), h.dims[i], i < 3});
+    }
+    array.layout.offset = static_cast<std::uint64_t>(h.offset);
+    array.layout.big_endian = h.big;
+    array.layout.unit = h.unit;
+    array.layout.exact_length = false;
+    set_type(h.datatype, name, array);
+    if (!options.spacing) {
+        set_place(h, array);
+    }
+    auto source = open_placed(array, options.index);
+    if (h.slope == 0 || !std::isfinite(h.slope)) {
+        return source;
+    }
+    return scaled(std::move(source), {.slope = h.slope, .intercept = h.intercept});
+}
+
+}  // namespace
+
+VolumeFormat nifti_format() {
+    return {.about = {"NIfTI", ".nii .nii.gz .hdr .img", ""},
+            .takes = {.index = true},
+            .recognises = is_nifti,
+            .open = open_nifti};
+}
+
+}  // namespace isonest::detail

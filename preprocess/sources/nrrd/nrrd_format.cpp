@@ -1,0 +1,70 @@
+#include "preprocess/sources/nrrd/nrrd_format.h"
+
+#include <fmt/format.h>
+
+#include <string>
+#include <utility>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/nrrd/nrrd_header.h"
+#include "preprocess/sources/numbers/raw_source.h"
+#include "preprocess/sources/placement/placement.h"
+#include "preprocess/sources/wrapping/mirrored_source.h"
+#include "preprocess/sources/wrapping/noted_source.h"
+
+namespace isonest::detail {
+namespace {
+
+bool is_nrrd(const VolumeInput& input) {
+    return input.head.starts_with("NRRD000");
+}
+
+/// The file's start, with at least the whole header.
+std::string read_nrrd_header(const std::filesystem::path& path) {
+    constexpr std::size_t kUsual = std::size_t{1} << 16U;
+    constexpr std::size_t kLongest = std::size_t{1} << 22U;
+    for (const std::size_t most : {kUsual, kLongest}) {
+        std::string text = first_bytes(path, most);
+        if (text.size() < most || nrrd_header_ends(text)) {
+            return text;
+        }
+    }
+    throw Error(ErrorKind::unsupported, {path.string(), "NRRD header"},
+                fmt::format("no empty line ends it within the first {} bytes", kLongest));
+}
+
+std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOptions& options) {
+    const std::filesystem::path& path = input.path();
+    const std::string name = path.string();
+    NrrdHeader header = parse_nrrd_header(read_nrrd_header(path), name, options.spacing);
+    if (header.oblique && !options.spacing) {
+        const Placement place =
+            place_in_world(header.layout.nodes, header.steps, header.layout.origin, name);
+        header.layout.spacing = place.spacing;
+        header.layout.origin = place.origin;
+        header.layout.direction = place.direction;
+        header.backward = place.backward;
+    }
+    std::filesystem::path data = path;
+    if (!header.data_file.empty()) {
+        data = path.parent_path() / header.data_file;
+        header.layout.header = path;
+    } else {
+        header.layout.start = header.header_bytes;
+    }
+    return mirrored(with_notes(open_raw(data, data.string(), header.layout), header.notes),
+                    header.backward);
+}
+
+}  // namespace
+
+VolumeFormat nrrd_format() {
+    return {.about = {"NRRD", ".nrrd .nhdr", ""},
+            .takes = {},
+            .recognises = is_nrrd,
+            .open = open_nrrd};
+}
+
+}  // namespace isonest::detail

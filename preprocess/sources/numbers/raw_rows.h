@@ -1,0 +1,66 @@
+// Rows of numbers out of bytes: what all sources of raw numbers share.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <isonest/volume_source.h>
+
+#include "preprocess/sources/numbers/raw_layout.h"
+
+namespace isonest::detail {
+
+/// Reverses the bytes of each number of `size` bytes.
+void swap_bytes(std::byte* data, std::uint64_t bytes, std::size_t size);
+/// Of the volume, and of the array that it is, or is a part of.
+std::uint64_t volume_bytes(const RawLayout& layout);
+std::uint64_t data_bytes(const RawLayout& layout);
+/// "3 x 4 x 5 nodes of uint8", for messages.
+std::string text_of_nodes(const RawLayout& layout);
+/// Throws Error{unsupported} unless each axis has a number of nodes that can be.
+void check_nodes(const std::string& name, const RawLayout& layout);
+/// Whether rows follow each other, and planes, none inside of another one.
+bool is_nested(const RawLayout& layout);
+/// What tells a layout from others, as lines of VolumeSource::identity().
+std::string identity_of_layout(const RawLayout& layout);
+
+/// Rows by reads of bytes at any place.
+class RawBase : public VolumeSource {
+  public:
+    RawBase(std::filesystem::path path, std::string name, RawLayout layout)
+        : path_(std::move(path)), name_(std::move(name)), layout_(std::move(layout)) {}
+    [[nodiscard]] VolumeDescription describe() const override {
+        return {layout_.nodes, layout_.type,      layout_.spacing, layout_.origin,
+                name_,         layout_.direction, false,           layout_.unit};
+    }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
+        return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};
+    }
+    [[nodiscard]] std::string identity() const override;
+
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) final;
+
+  protected:
+    virtual void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) = 0;
+    /// The last node was read.
+    virtual void after_last() {}
+    /// The byte of node (0, 0, 0).
+    [[nodiscard]] std::uint64_t start() const {
+        return layout_.offset + layout_.first * size_of(layout_.type);
+    }
+    std::filesystem::path path_;
+    std::string name_;
+    RawLayout layout_;
+
+  private:
+    /// Of each row what lies between its nodes is read too.
+    void read_rows(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+                   std::byte* dst);
+};
+
+}  // namespace isonest::detail

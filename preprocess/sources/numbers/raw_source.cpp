@@ -1,0 +1,218 @@
+#include "preprocess/sources/numbers/raw_source.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <optional>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/gzip_stream.h"
+#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/numbers/raw_rows.h"
+#include "preprocess/sources/numbers/strided_file.h"
+#include "store/files/mapped_file.h"
+
+namespace isonest::detail {
+namespace {
+
+class PlainSource : public RawBase {
+  public:
+    PlainSource(const std::filesystem::path& path, std::string name, const RawLayout& layout)
+        : RawBase(path, std::move(name), layout), fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
+        if (fd_ < 0) {
+            throw Error(ErrorKind::io, {name_},
+                        fmt::format("cannot open: {}", std::strerror(errno)));
+        }
+        const std::size_t size = size_of(layout.type);
+        if ((!layout.big_endian || size == 1) && start() % size == 0) {
+            map_.emplace(path);
+        }
+    }
+    PlainSource(const PlainSource&) = delete;
+    PlainSource& operator=(const PlainSource&) = delete;
+    ~PlainSource() override { ::close(fd_); }
+    [[nodiscard]] std::span<const std::byte> mapped() const override {
+        return map_ ? map_->bytes().subspan(start(), volume_bytes(layout_))
+                    : std::span<const std::byte>{};
+    }
+
+  private:
+    void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        while (bytes > 0) {
+            const ssize_t n = ::pread(fd_, dst, bytes, static_cast<off_t>(at));
+            if (n < 0 && errno == EINTR) {
+                continue;
+            }
+            if (n <= 0) {
+                throw Error(
+                    ErrorKind::io, {name_, fmt::format("byte {}", at)},
+                    fmt::format("cannot read: {}", n == 0 ? "the file ends there; did it shrink?"
+                                                          : std::strerror(errno)));
+            }
+            dst += n;
+            at += static_cast<std::uint64_t>(n);
+            bytes -= static_cast<std::uint64_t>(n);
+        }
+    }
+    int fd_;
+    std::optional<MappedFile> map_;
+};
+
+DeflateWrapper wrapper_of(Packing packing) {
+    return packing == Packing::zlib      ? DeflateWrapper::zlib
+           : packing == Packing::deflate ? DeflateWrapper::none
+                                         : DeflateWrapper::gzip;
+}
+
+class GzipSource : public RawBase {
+  public:
+    /// The stream starts at layout.start.
+    GzipSource(const std::filesystem::path& path, std::string name, const RawLayout& layout)
+        : RawBase(path, std::move(name), layout),
+          stream_(path, name_, layout.start, wrapper_of(layout.packing)) {}
+    [[nodiscard]] bool sequential() const override { return true; }
+
+  private:
+    void fetch(std::byte* dst, std::uint64_t bytes) {
+        const std::uint64_t n = stream_.read(dst, bytes);
+        at_ += n;
+        if (n < bytes) {
+            throw Error(ErrorKind::invalid_argument, {name_},
+                        fmt::format("its decompressed data end at byte {}, but {} after {} bytes "
+                                    "need {}",
+                                    at_, text_of_nodes(layout_), layout_.offset,
+                                    layout_.offset + data_bytes(layout_)));
+        }
+    }
+    /// Only the end brings the checksum.
+    void require_right_end() {
+        std::vector<std::byte> skipped(1U << 16U);
+        constexpr std::uint64_t kMostBehind = std::uint64_t{1} << 30U;
+        const std::uint64_t most = std::max(kMostBehind, 16 * at_);
+        std::uint64_t behind = 0;
+        while (const std::uint64_t n = stream_.read(skipped.data(), skipped.size())) {
+            if (layout_.exact_length) {
+                throw Error(ErrorKind::invalid_argument, {name_},
+                            fmt::format("there are more than the {} bytes that {} need", at_,
+                                        text_of_nodes(layout_)),
+                            {{RemedyKind::correct_numbers, "dims,type"}});
+            }
+            behind += n;
+            if (behind > most) {
+                throw Error(ErrorKind::unsupported, {name_},
+                            fmt::format("more than {} bytes follow the {} that are data; "
+                                        "decompress it and use encoding: raw",
+                                        most, at_));
+            }
+        }
+    }
+    void skip_to(std::uint64_t at) {
+        std::vector<std::byte> skipped(1U << 16U);
+        while (at_ < at) {
+            fetch(skipped.data(), std::min<std::uint64_t>(at - at_, skipped.size()));
+        }
+    }
+    void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        skip_to(at);
+        fetch(dst, bytes);
+    }
+    void after_last() override {
+        skip_to(layout_.offset + data_bytes(layout_));
+        require_right_end();
+    }
+    GzipStream stream_;
+    std::uint64_t at_ = 0;
+};
+
+/// The place behind `lines` lines from byte `at` on.
+std::uint64_t behind_lines(const std::filesystem::path& path, const std::string& name,
+                           std::uint64_t at, std::uint64_t lines) {
+    constexpr std::size_t kPart = std::size_t{1} << 16U;
+    std::uint64_t found = 0;
+    while (found < lines) {
+        const std::string part = first_bytes(path, kPart, at);
+        if (part.empty()) {
+            throw Error(
+                ErrorKind::corrupt, {name},
+                fmt::format("'line skip: {}', but the file has only {} lines there", lines, found));
+        }
+        std::size_t used = 0;
+        for (; found < lines && used != part.size(); ++found) {
+            const std::size_t end = part.find('\n', used);
+            if (end == std::string::npos) {
+                used = part.size();
+                break;
+            }
+            used = end + 1;
+        }
+        at += used;
+    }
+    return at;
+}
+
+/// The numbers are not compressed. The layout's `offset` becomes that of the file.
+void place_plain(const std::string& name, std::uint64_t size, RawLayout& layout) {
+    const std::uint64_t need = data_bytes(layout);
+    const std::uint64_t skipped = layout.offset;
+    const bool fits = size >= layout.start && size - layout.start >= need &&
+                      size - layout.start - need >= skipped;
+    layout.offset = layout.offset_from_end && fits ? size - need : layout.start + skipped;
+    if (!fits || (layout.exact_length && size - need != layout.offset)) {
+        const bool raw = layout.packing == Packing::recognised;
+        throw Error(
+            ErrorKind::invalid_argument, {name},
+            fmt::format("{} after {} bytes need {} bytes, but the file has {}{}",
+                        text_of_nodes(layout), layout.start + skipped,
+                        need + layout.start + skipped, size,
+                        raw ? "" : "; check the sizes, the type and what is skipped in its header"),
+            raw ? std::vector<Remedy>{{RemedyKind::correct_numbers, "dims,type,offset"}}
+                : std::vector<Remedy>{});
+    }
+}
+
+}  // namespace
+
+std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const std::string& name,
+                                       const RawLayout& given) {
+    RawLayout layout = given;
+    check_nodes(name, layout);
+    const std::uint64_t size = regular_file_size(path);
+    layout.start = behind_lines(path, name, layout.start, layout.lines);
+    const bool gzip = is_gzip(path, layout.start);
+    const bool deflated = layout.packing == Packing::zlib || layout.packing == Packing::deflate;
+    if (deflated || layout.packing == Packing::gzip ||
+        (layout.packing == Packing::recognised && gzip)) {
+        if (!gzip && !deflated) {
+            throw Error(ErrorKind::corrupt, {name, fmt::format("byte {}", layout.start)},
+                        "the header says encoding gzip, but no gzip stream starts here");
+        }
+        if (layout.offset_from_end) {
+            throw Error(
+                ErrorKind::unsupported, {name},
+                "data that are the end of the file (byte skip: -1) do not go with compression");
+        }
+        if (!is_nested(layout)) {
+            throw Error(ErrorKind::unsupported, {name},
+                        "its axes are stored in another order, which a compressed stream cannot be "
+                        "read in; decompress it");
+        }
+        return std::make_unique<GzipSource>(path, name, layout);
+    }
+    place_plain(name, size, layout);
+    if (gzip && size - layout.start != given.offset + data_bytes(layout)) {
+        throw Error(ErrorKind::corrupt, {name, fmt::format("byte {}", layout.start)},
+                    "the header says encoding raw, but a gzip stream starts here");
+    }
+    if (layout.strides) {
+        return open_strided(path, name, layout);
+    }
+    return std::make_unique<PlainSource>(path, name, layout);
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,208 @@
+#include "preprocess/sources/tiff/tiff_format.h"
+
+#include <algorithm>
+#include <string_view>
+
+#include "preprocess/sources/bytes/natural_order.h"
+
+#if ISONEST_WITH_TIFF
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <utility>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/bytes/file_identity.h"
+#include "preprocess/sources/numbers/raw_source.h"
+#include "preprocess/sources/tiff/tiff_axes.h"
+#include "preprocess/sources/tiff/tiff_pages.h"
+#include "preprocess/sources/wrapping/noted_source.h"
+
+namespace isonest::detail {
+namespace {
+
+/// A volume of pages: plane z is page first + z * step.
+struct PagePlace {
+    Int3 nodes;
+    std::int64_t first = 0;
+    std::int64_t step = 1;
+    std::int64_t sample = 0;
+};
+
+class TiffSource : public VolumeSource {
+  public:
+    TiffSource(std::unique_ptr<TiffPages> pages, const PagePlace& place, const Double3& spacing,
+               std::optional<LengthUnit> unit, std::string name)
+        : pages_(std::move(pages)),
+          place_(place),
+          spacing_(spacing),
+          unit_(unit),
+          name_(std::move(name)) {}
+    [[nodiscard]] VolumeDescription describe() const override {
+        const TiffPage& page = pages_->page();
+        return {place_.nodes, page.stored ? bits_type(*page.stored) : page.type,
+                spacing_,     {0, 0, 0},
+                name_,        kAlongWorld,
+                false,        unit_};
+    }
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
+        return pages_->files();
+    }
+    [[nodiscard]] std::string identity() const override {
+        return fmt::format("{}pages {} {} sample {}\n", identity_of(files()), place_.first,
+                           place_.step, place_.sample);
+    }
+    [[nodiscard]] Granularity granularity() const override { return {1, pages_->rows()}; }
+    [[nodiscard]] std::uint64_t heap() const override { return (1U << 20U) + pages_->heap(); }
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        const std::size_t row = static_cast<std::size_t>(place_.nodes.x) * size_of(describe().type);
+        for (std::int64_t z = z0; z < z0 + nz; ++z) {
+            for (std::int64_t y = y0; y < y0 + ny; ++y, dst += row) {
+                pages_->read_row(place_.first + z * place_.step, y, place_.sample, dst);
+            }
+        }
+    }
+
+  private:
+    std::unique_ptr<TiffPages> pages_;
+    PagePlace place_;
+    Double3 spacing_;
+    std::optional<LengthUnit> unit_;
+    std::string name_;
+};
+
+PagePlace place_of(const std::vector<ArrayAxis>& page_axes, const TiffPage& page,
+                   const SourceOptions& options, const std::string& name) {
+    std::vector<ArrayAxis> axes = page_axes;
+    axes.push_back({"y", page.height});
+    axes.push_back({"x", page.width});
+    const bool has_channels = std::any_of(page_axes.begin(), page_axes.end(),
+                                          [](const ArrayAxis& a) { return a.name == "c"; });
+    if (page.samples > 1) {
+        axes.push_back({has_channels ? "sample" : "c", page.samples, false});
+    }
+    const ChosenAxes chosen = choose_axes(axes, options.index, name);
+    const std::size_t y = page_axes.size();
+    PagePlace place;
+    // Axes of length 1 may have been dropped.
+    const auto is_axis = [&](std::size_t a, std::size_t of) {
+        return chosen.axis.at(a) == of || (axes[of].length == 1 && chosen.at[of] == 0);
+    };
+    if (!is_axis(0, y + 1) || !is_axis(1, y) || chosen.nodes.x != page.width ||
+        chosen.nodes.y != page.height) {
+        throw Error(ErrorKind::unsupported, {name},
+                    "an index chooses pages and samples; a part of them is a crop",
+                    {{RemedyKind::choose_index}});
+    }
+    place.nodes = chosen.nodes;
+    std::int64_t stride = 1;
+    for (std::size_t i = y; i-- > 0;) {
+        place.first += chosen.at[i] * stride;
+        if (chosen.axis[2] == i) {
+            place.step = stride;
+        }
+        stride *= axes[i].length;
+    }
+    place.sample = page.samples > 1 ? chosen.at.back() : 0;
+    return place;
+}
+
+/// ImageJ's large files: the images follow the first page's numbers.
+std::unique_ptr<VolumeSource> open_images(const TiffPages& pages, const PagePlace& place,
+                                          const Double3& spacing, std::optional<LengthUnit> unit,
+                                          const std::string& name) {
+    RawLayout layout;
+    layout.nodes = place.nodes;
+    layout.type = pages.page().stored ? bits_type(*pages.page().stored) : pages.page().type;
+    layout.big_endian = pages.plain()->big_endian;
+    layout.packing = Packing::plain;
+    layout.offset = pages.plain()->offset;
+    layout.exact_length = false;
+    layout.spacing = spacing;
+    layout.unit = unit;
+    const std::int64_t plane = place.nodes.x * place.nodes.y;
+    layout.first = static_cast<std::uint64_t>(place.first * plane);
+    layout.strides = Int3{1, place.nodes.x, place.step * plane};
+    layout.whole =
+        layout.first + static_cast<std::uint64_t>(((place.nodes.z - 1) * place.step + 1) * plane);
+    return open_raw(pages.files().front(), name, layout);
+}
+
+std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOptions& options) {
+    std::vector<std::filesystem::path> files = input.paths;
+    if (input.folder) {
+        files = files_in(input.path(), {".tif", ".tiff"});
+    } else {
+        std::stable_sort(files.begin(), files.end(), [](const auto& a, const auto& b) {
+            return naturally_less(a.string(), b.string());
+        });
+    }
+    const std::string name =
+        files.size() == 1 || input.folder
+            ? input.path().string()
+            : fmt::format("{} and {} more", files.front().string(), files.size() - 1);
+    auto pages = std::make_unique<TiffPages>(std::move(files), options.max_heap);
+    const std::int64_t images = imagej_images(pages->description());
+    const bool contiguous = pages->count() == 1 && images > 1 && pages->plain().has_value();
+    const TiffAxes axes =
+        axes_of_description(pages->description(), contiguous ? images : pages->count(), name);
+    Double3 spacing{1, 1, 1};
+    if (axes.spacing) {
+        const std::array<double, 2> resolution{pages->x_resolution(), pages->y_resolution()};
+        for (std::size_t a = 0; a < 3; ++a) {
+            if (axes.spacing->at(a) > 0) {
+                spacing.at(a) = axes.spacing->at(a);
+            } else if (resolution.at(a) > 0 && std::isfinite(resolution.at(a))) {
+                spacing.at(a) = 1 / resolution.at(a);
+            }
+            spacing.at(a) = axes.unit.converted(a, spacing.at(a));
+        }
+    }
+    const PagePlace place = place_of(axes.pages, pages->page(), options, name);
+    const std::optional<StoredNumber> stored = pages->page().stored;
+    std::unique_ptr<VolumeSource> source;
+    if (contiguous) {
+        source = open_images(*pages, place, spacing, axes.unit.unit, name);
+    } else {
+        source =
+            std::make_unique<TiffSource>(std::move(pages), place, spacing, axes.unit.unit, name);
+    }
+    source = with_notes(std::move(source), axes.unit.notes);
+    return stored ? converted(std::move(source), *stored) : std::move(source);
+}
+
+}  // namespace
+}  // namespace isonest::detail
+
+#endif
+
+namespace isonest::detail {
+namespace {
+
+bool is_tiff(const VolumeInput& input) {
+    if (input.folder) {
+        return !files_in(input.path(), {".tif", ".tiff"}).empty();
+    }
+    using namespace std::string_view_literals;
+    return input.head.starts_with("II*\0"sv) || input.head.starts_with("MM\0*"sv) ||
+           input.head.starts_with("II+\0"sv) || input.head.starts_with("MM\0+"sv);
+}
+
+}  // namespace
+
+VolumeFormat tiff_format() {
+    return {
+        .about = {"TIFF", ".tif .tiff, a folder or a list of them", "libtiff-dev"},
+        .takes = {.index = true}, .several_files = true, .recognises = is_tiff,
+#if ISONEST_WITH_TIFF
+        .open = open_tiff
+#else
+        .open = nullptr
+#endif
+    };
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,257 @@
+#include "preprocess/sources/zarr/zarr_format.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstring>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "preprocess/sources/placement/axis_units.h"
+#include "preprocess/sources/placement/cf_convention.h"
+#include "preprocess/sources/placement/placement.h"
+#include "preprocess/sources/wrapping/converted_source.h"
+#include "preprocess/sources/wrapping/mirrored_source.h"
+#include "preprocess/sources/wrapping/noted_source.h"
+#include "preprocess/sources/wrapping/scaled_source.h"
+#include "preprocess/sources/zarr/zarr_chunks.h"
+#include "preprocess/sources/zarr/zarr_image.h"
+#include "store/lattice/lattice.h"
+
+namespace isonest::detail {
+namespace {
+
+/// Of the axes that were chosen; those of one position need none.
+CommonUnit unit_of(const ZarrImage& image, const ChosenAxes& chosen) {
+    AxisUnits units;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const auto axis = chosen.axis.at(a);
+        if (axis && (image.axes[*axis].length > 1 || !image.units[*axis].empty())) {
+            units.at(a) = image.units[*axis];
+        }
+    }
+    return common_unit(units);
+}
+
+/// By the scale and translation of the axes that were chosen.
+Placement place_of(const ZarrImage& image, const ChosenAxes& chosen, const CommonUnit& unit,
+                   const std::string& name) {
+    std::array<Double3, 3> steps{};
+    Double3 first{0, 0, 0};
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (const auto axis = chosen.axis.at(a)) {
+            steps.at(a).at(a) = unit.converted(a, image.scale[*axis]);
+            first.at(a) = unit.converted(a, image.translation[*axis]);
+        }
+    }
+    return place_in_world(chosen.nodes, steps, first, name);
+}
+
+/// xarray writes fill values of version 3 that are floating point numbers as base64 of 8 bytes.
+std::optional<double> number_of_base64(const std::string& text) {
+    constexpr std::string_view kLetters =
+        "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    if (text.size() != 12 || text.back() != '=') {
+        return std::nullopt;
+    }
+    // 66 bits, of which the last two say nothing.
+    std::array<unsigned char, 8> bytes{};
+    for (std::size_t i = 0; i < 11; ++i) {
+        const std::size_t six = kLetters.find(text[i]);
+        if (six == std::string_view::npos) {
+            return std::nullopt;
+        }
+        for (std::size_t bit = 6 * i; bit < std::min<std::size_t>(6 * i + 6, 64); ++bit) {
+            const auto set = static_cast<unsigned>(six >> (6 * i + 5 - bit)) & 1U;
+            bytes.at(bit / 8) =
+                static_cast<unsigned char>(bytes.at(bit / 8) | set << (7 - bit % 8));
+        }
+    }
+    return std::bit_cast<double>(bytes);
+}
+
+/// The numbers of an attribute; none if it is not there.
+std::vector<double> numbers_of(const nlohmann::json& attributes, const std::string& key) {
+    std::vector<double> list;
+    const auto it = attributes.is_object() ? attributes.find(key) : attributes.end();
+    if (!attributes.is_object() || it == attributes.end()) {
+        return list;
+    }
+    for (const nlohmann::json& number : it->is_array() ? *it : nlohmann::json::array({*it})) {
+        if (number.is_number()) {
+            list.push_back(number.get<double>());
+        } else if (number.is_string() && key == "_FillValue") {
+            if (const auto decoded = number_of_base64(number.get<std::string>())) {
+                list.push_back(*decoded);
+            }
+        }
+    }
+    return list;
+}
+
+/// CF's attributes. To xarray the fill value of an array of version 2 is its `_FillValue`.
+Scaling scaling_of(const ZarrArray& array, const std::string& name) {
+    const nlohmann::json& all = array.attributes;
+    const bool fill_is_missing =
+        array.has_fill && all.is_object() && all.contains("_ARRAY_DIMENSIONS");
+    return cf_scaling(
+        [&](const std::string& key) {
+            std::vector<double> list = numbers_of(all, key);
+            if (key == "_FillValue" && list.empty() && fill_is_missing) {
+                list.push_back(array.fill_number);
+            }
+            return list;
+        },
+        name);
+}
+
+/// All numbers of an array of one axis, scaled; none if there is no such array of `length`
+/// numbers.
+std::vector<double> coordinates_of(const std::filesystem::path& folder, std::int64_t length,
+                                   const SourceOptions& options) {
+    if (!is_zarr_array(folder)) {
+        return {};
+    }
+    const std::string name = folder.string();
+    std::vector<double> numbers;
+    try {
+        ZarrImage image;
+        image.array = read_zarr_array(folder);
+        if (image.array.shape != Lengths{static_cast<std::uint64_t>(length)}) {
+            return {};
+        }
+        const Scaling scaling = scaling_of(image.array, name);
+        const std::optional<StoredNumber> stored = image.array.stored;
+        const std::vector<ArrayAxis> axes{{"", length}};
+        std::unique_ptr<VolumeSource> source = zarr_chunks(
+            std::move(image), choose_axes(axes, {}, name), {}, {}, options.max_heap, name);
+        if (stored) {
+            source = converted(std::move(source), *stored);
+        }
+        source = scaled(std::move(source), scaling);
+        const ValueType type = source->describe().type;
+        std::vector<std::byte> bytes(static_cast<std::size_t>(length) * size_of(type));
+        source->read(0, 1, 0, 1, bytes.data());
+        dispatch(type, [&](auto tag) {
+            using T = typename decltype(tag)::type;
+            for (std::size_t at = 0; at < bytes.size(); at += sizeof(T)) {
+                T number{};
+                std::memcpy(&number, bytes.data() + at, sizeof(T));
+                numbers.push_back(static_cast<double>(number));
+            }
+        });
+    } catch (const Error& error) {
+        if (error.kind() != ErrorKind::unsupported) {
+            throw;
+        }
+        return {};  // text, dates
+    }
+    return numbers;
+}
+
+/// CF's `units` of an array.
+std::string unit_of_coordinates(const std::filesystem::path& folder) {
+    const nlohmann::json attributes = read_zarr_array(folder).attributes;
+    const auto it = attributes.is_object() ? attributes.find("units") : attributes.end();
+    return attributes.is_object() && it != attributes.end() && it->is_string()
+               ? it->get<std::string>()
+               : "";
+}
+
+/// The coordinates of an axis are an array of its name beside the volume, as xarray has it.
+void place_by_coordinates(const ChosenAxes& chosen, const SourceOptions& options, ZarrImage& image,
+                          std::vector<std::string>& notes) {
+    const std::filesystem::path group = image.array.folder.parent_path();
+    for (const std::optional<std::size_t>& axis : chosen.axis) {
+        if (!axis || image.array.names.empty()) {
+            continue;
+        }
+        const std::string& name = image.array.names[*axis];
+        if (name.empty() || name == "." || name == ".." || name.find('/') != std::string::npos) {
+            continue;
+        }
+        const std::vector<double> numbers =
+            coordinates_of(group / name, image.axes[*axis].length, options);
+        if (numbers.size() < 2) {
+            continue;
+        }
+        image.files.push_back(description_of(group / name));
+        const std::optional<EvenAxis> even = even_axis(numbers);
+        if (!even || even->step == 0) {
+            notes.push_back(fmt::format(
+                "the coordinates '{}' are not evenly spaced: the nodes are placed 1 apart", name));
+            continue;
+        }
+        image.scale[*axis] = even->step;
+        image.translation[*axis] = even->first;
+        image.units[*axis] = unit_of_coordinates(group / name);
+    }
+}
+
+std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOptions& options) {
+    ZarrImage image = find_zarr_image(input.path(), options.dataset);
+    const std::string name = image.array.folder.string();
+    for (const ArrayAxis& axis : image.axes) {
+        if (axis.of_volume && axis.length > kMaxNodesPerAxis) {
+            throw Error(ErrorKind::unsupported, {name},
+                        fmt::format("[{}] nodes: each axis must have 1 to {}", text_of(image.axes),
+                                    kMaxNodesPerAxis));
+        }
+    }
+    const ChosenAxes chosen = choose_axes(image.axes, options.index, name);
+    if (static_cast<double>(chosen.nodes.x) * static_cast<double>(chosen.nodes.y) *
+            static_cast<double>(chosen.nodes.z) >
+        1e18) {
+        throw Error(ErrorKind::corrupt, {name},
+                    fmt::format("an array of [{}] values cannot be", text_of(image.axes)));
+    }
+    const Scaling scaling = scaling_of(image.array, name);
+    std::vector<std::string> notes;
+    if (!options.spacing && !image.ome) {
+        place_by_coordinates(chosen, options, image, notes);
+    }
+    const CommonUnit unit = unit_of(image, chosen);
+    notes.insert(notes.end(), unit.notes.begin(), unit.notes.end());
+    const Placement place = place_of(image, chosen, unit, name);
+    const std::optional<StoredNumber> stored = image.array.stored;
+    std::unique_ptr<VolumeSource> source =
+        with_notes(zarr_chunks(std::move(image), chosen, place, unit.unit, options.max_heap, name),
+                   std::move(notes));
+    source = mirrored(std::move(source), place.backward);
+    if (stored) {
+        source = converted(std::move(source), *stored);
+    }
+    return scaled(std::move(source), scaling);
+}
+
+bool is_zarr(const VolumeInput& input) {
+    std::error_code error;
+    const std::filesystem::path& folder = input.path();
+    if (!input.folder) {
+        return false;
+    }
+    for (const char* const name : {".zarray", ".zgroup", "zarr.json"}) {
+        if (std::filesystem::is_regular_file(folder / name, error)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+}  // namespace
+
+VolumeFormat zarr_format() {
+    return {.about = {"Zarr, OME-Zarr", ".zarr .ome.zarr folders", ""},
+            .takes = {.dataset = true, .index = true},
+            .recognises = is_zarr,
+            .open = open_zarr};
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,100 @@
+// AdaptTraverse on nested cells: which ones are visited, and by which thread.
+//
+// Source: Gerstner, Rumpf, Weikard (2000), section 2, with cells that are refined into 2^D in place
+// of simplices that are bisected.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include <isonest/int3.h>
+
+#include "query/march/clip.h"
+#include "query/traverse/subtree_walk.h"
+#include "store/lattice/lattice.h"
+
+namespace isonest::detail {
+
+/// The cell of `level` whose low corner is `at`, in cells.
+struct Cell {
+    int level;
+    Int3 at;
+
+    [[nodiscard]] std::int64_t edge() const { return std::int64_t{1} << level; }
+    [[nodiscard]] Int3 low() const { return at * edge(); }
+};
+
+/// One thread's walk. A worker's refines(cell, where), `where` being how the cell lies to the box,
+/// decides whether a cell is refined, and takes it if it is a leaf. D is 3, or 2 where z is flat.
+template <int D>
+class CellWalk {
+  public:
+    CellWalk(const Lattice& lattice, const ClipBox& box) : lattice_(lattice), box_(box) {}
+
+    /// All cells of the level, from the coarsest on; those of `level_left` are left, unvisited, to
+    /// others.
+    template <class Worker>
+    void above(int level_left, Worker& worker, std::vector<Cell>& left) {
+        level_left_ = level_left;
+        const Int3 roots = lattice_.elements_at(lattice_.top());
+        for (std::int64_t i = 0; i < roots.product(); ++i) {
+            visit({lattice_.top(), roots.unlinear(i)}, worker, &left);
+        }
+    }
+    template <class Worker>
+    void subtree(const Cell& cell, Worker& worker) {
+        visit(cell, worker, nullptr);
+    }
+    [[nodiscard]] std::uint64_t visited() const { return visited_; }
+
+  private:
+    template <class Worker>
+    void visit(const Cell& cell, Worker& worker, std::vector<Cell>* left) {
+        if (left != nullptr && cell.level == level_left_) {
+            left->push_back(cell);
+            return;
+        }
+        constexpr Int3 kExtent{1, 1, D == 3 ? 1 : 0};
+        const Overlap where = overlap_of(box_, cell.low(), cell.low() + kExtent * cell.edge());
+        if (where == Overlap::outside) {
+            return;
+        }
+        ++visited_;
+        if (!worker.refines(cell, where)) {
+            return;
+        }
+        const Int3 end = lattice_.elements_at(cell.level - 1);
+        for (unsigned child = 0; child < 1U << D; ++child) {
+            const Cell part{cell.level - 1, cell.at * 2 + corner_offset(child)};
+            if (max(part.at + Int3{1, 1, 1}, end) == end) {
+                visit(part, worker, left);
+            }
+        }
+    }
+
+    const Lattice& lattice_;
+    const ClipBox& box_;
+    int level_left_ = 0;
+    std::uint64_t visited_ = 0;
+};
+
+/// The leaves of all cells, by workers that make() makes, each with a CellWalk<D> `walk`. The
+/// subtrees that are the threads' work begin `top_levels` below the coarsest level.
+template <class Make>
+TraversalCounts walk_cells(const Lattice& lattice, int top_levels, Progress& progress,
+                           const Make& make) {
+    return walk_subtrees<Cell>(
+        make,
+        [&](auto& worker, std::vector<Cell>& left) {
+            worker.walk.above(std::max(lattice.top() - top_levels, 0), worker, left);
+            progress.begin("extract", left.size(), "");
+        },
+        [&](auto& worker, const Cell& cell) {
+            worker.walk.subtree(cell, worker);
+            progress.advance(1);
+        });
+}
+
+}  // namespace isonest::detail
