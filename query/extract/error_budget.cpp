@@ -25,8 +25,8 @@ class CountingSink : public MeshSink {
   public:
     explicit CountingSink(const MeshSink& like) : like_(like) {}
     void begin(const MeshLayout& layout) override { elements_ = layout.elements; }
-    void vertices(const VertexBatch& /*batch*/) override {}
-    void elements(const ElementBatch& /*batch*/) override {}
+    void add_vertices(const VertexBatch& /*batch*/) override {}
+    void add_elements(const ElementBatch& /*batch*/) override {}
     [[nodiscard]] bool concurrent() const override { return true; }
     [[nodiscard]] bool holds_float64() const override { return like_.holds_float64(); }
     [[nodiscard]] std::uint64_t elements() const { return elements_; }

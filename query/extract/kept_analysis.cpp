@@ -218,14 +218,14 @@ void load_step(const AnalysisFile& analysis, std::size_t step, MeshLayout layout
     const auto rows = analysis.rows(step);
     each_batch<std::array<float, 3>>(
         analysis.positions(step), [&](std::size_t first, const auto& positions) {
-            mesh.vertices({first, positions,
-                           rows.empty() ? rows
-                                        : rows.subspan(first * layout.row_bytes,
-                                                       positions.size() * layout.row_bytes),
-                           layout.row_bytes});
+            mesh.add_vertices({first, positions,
+                               rows.empty() ? rows
+                                            : rows.subspan(first * layout.row_bytes,
+                                                           positions.size() * layout.row_bytes),
+                               layout.row_bytes});
         });
     each_batch<ElementCorners>(analysis.corners(step), [&](std::size_t first, const auto& corners) {
-        mesh.elements({first, corners, {}, {}});
+        mesh.add_elements({first, corners, {}, {}});
     });
 }
 

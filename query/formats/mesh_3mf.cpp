@@ -180,7 +180,7 @@ class ThreeMfFile : public MeshFile {
         }
     }
 
-    void vertices(const VertexBatch& batch) override {
+    void add_vertices(const VertexBatch& batch) override {
         vertices_->add(batch.positions, *zip_);
         left_ -= batch.positions.size();
         if (left_ == 0) {
@@ -189,7 +189,7 @@ class ThreeMfFile : public MeshFile {
         }
     }
 
-    void elements(const ElementBatch& batch) override { triangles_->add(batch.corners, *zip_); }
+    void add_elements(const ElementBatch& batch) override { triangles_->add(batch.corners, *zip_); }
 
     void end() override {
         triangles_->flush(*zip_);

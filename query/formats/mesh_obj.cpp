@@ -23,7 +23,7 @@ class ObjFile : public MeshFile {
         }
     }
 
-    void vertices(const VertexBatch& batch) override {
+    void add_vertices(const VertexBatch& batch) override {
         std::string text;
         auto out = std::back_inserter(text);
         for (std::size_t i = 0; i < batch.positions.size(); ++i) {
@@ -37,7 +37,7 @@ class ObjFile : public MeshFile {
         write(text);
     }
 
-    void elements(const ElementBatch& batch) override {
+    void add_elements(const ElementBatch& batch) override {
         std::string text;
         auto out = std::back_inserter(text);
         for (const auto& [a, b, c] : batch.corners) {

@@ -84,7 +84,7 @@ void SectionedFile::Sections::shift(std::uint64_t by) {
     }
 }
 
-void SectionedFile::vertices(const VertexBatch& batch) {
+void SectionedFile::add_vertices(const VertexBatch& batch) {
     for (const VertexSection& section : sections_.vertices) {
         const std::uint64_t at = section.offset + batch.first * section.stride();
         if (section.bytes == 0) {
@@ -100,7 +100,7 @@ void SectionedFile::vertices(const VertexBatch& batch) {
     }
 }
 
-void SectionedFile::elements(const ElementBatch& batch) {
+void SectionedFile::add_elements(const ElementBatch& batch) {
     for (const ElementSection& section : sections_.elements) {
         const std::size_t bytes = batch.corners.size() * section.stride;
         const auto rows = std::make_unique_for_overwrite<std::byte[]>(bytes);

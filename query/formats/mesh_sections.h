@@ -42,8 +42,8 @@ ElementSection indices32_section(std::uint64_t offset, std::optional<std::byte> 
 class SectionedFile : public MeshFile {
   public:
     using MeshFile::MeshFile;
-    void vertices(const VertexBatch& batch) override;
-    void elements(const ElementBatch& batch) override;
+    void add_vertices(const VertexBatch& batch) override;
+    void add_elements(const ElementBatch& batch) override;
     [[nodiscard]] bool concurrent() const override { return true; }
 
   protected:

@@ -58,17 +58,17 @@ ElementBatch elements_of(const PartStore& parts, const PartRecord& r,
 void hand_over(MeshSink& sink, const VertexBatch& all) {
     for (std::size_t at = 0; at < all.positions.size(); at += MeshSink::kMostRows) {
         const std::size_t count = std::min(MeshSink::kMostRows, all.positions.size() - at);
-        sink.vertices({all.first + at, all.positions.subspan(at, count),
-                       all.attributes.subspan(at * all.row_bytes, count * all.row_bytes),
-                       all.row_bytes});
+        sink.add_vertices({all.first + at, all.positions.subspan(at, count),
+                           all.attributes.subspan(at * all.row_bytes, count * all.row_bytes),
+                           all.row_bytes});
     }
 }
 
 void hand_over(MeshSink& sink, const ElementBatch& all) {
     for (std::size_t at = 0; at < all.corners.size(); at += MeshSink::kMostRows) {
         const std::size_t count = std::min(MeshSink::kMostRows, all.corners.size() - at);
-        sink.elements({all.first + at, all.corners.subspan(at, count),
-                       all.nearby_corners.subspan(at, count), all.nearby});
+        sink.add_elements({all.first + at, all.corners.subspan(at, count),
+                           all.nearby_corners.subspan(at, count), all.nearby});
     }
 }
 

@@ -83,7 +83,7 @@ TriangleQuality AngleCounts::quality() const {
     return q;
 }
 
-void MeasuringSink::elements(const ElementBatch& batch) {
+void MeasuringSink::add_elements(const ElementBatch& batch) {
     if (is_first_pass_) {
         AngleCounts counts;
         for (const auto& t : batch.nearby_corners) {
@@ -93,7 +93,7 @@ void MeasuringSink::elements(const ElementBatch& batch) {
         const std::lock_guard lock(mutex_);
         counts_.add(counts);
     }
-    sink_.elements(batch);
+    sink_.add_elements(batch);
 }
 
 bool MeasuringSink::again() {

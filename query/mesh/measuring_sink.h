@@ -41,8 +41,8 @@ class MeasuringSink : public MeshSink {
         sink_.prepare(layout, inputs);
     }
     void begin(const MeshLayout& layout) override { sink_.begin(layout); }
-    void vertices(const VertexBatch& batch) override { sink_.vertices(batch); }
-    void elements(const ElementBatch& batch) override;
+    void add_vertices(const VertexBatch& batch) override { sink_.add_vertices(batch); }
+    void add_elements(const ElementBatch& batch) override;
     [[nodiscard]] bool again() override;
     void end() override { sink_.end(); }
     [[nodiscard]] bool concurrent() const override { return sink_.concurrent(); }

@@ -45,7 +45,7 @@ void MeshCollector::begin(const MeshLayout& layout) {
     const auto count = [](bool is_there, std::uint64_t n) {
         return is_there ? static_cast<std::size_t>(n) : 0;
     };
-    positions.assign(count(true, layout.vertices), {});
+    vertices.assign(count(true, layout.vertices), {});
     triangles.assign(count(layout.corners == 3, layout.elements), {});
     lines.assign(count(layout.corners == 2, layout.elements), {});
     normals.assign(count(layout.find("normal") != nullptr, layout.vertices), {});
@@ -53,10 +53,10 @@ void MeshCollector::begin(const MeshLayout& layout) {
     errors.assign(count(layout.find("error") != nullptr, layout.vertices), 0);
 }
 
-void MeshCollector::vertices(const VertexBatch& batch) {
+void MeshCollector::add_vertices(const VertexBatch& batch) {
     const auto first = static_cast<std::size_t>(batch.first);
     std::copy(batch.positions.begin(), batch.positions.end(),
-              positions.begin() + static_cast<std::ptrdiff_t>(first));
+              vertices.begin() + static_cast<std::ptrdiff_t>(first));
     const std::size_t count = batch.positions.size();
     if (const VertexAttribute* const normal = layout_.find("normal")) {
         for (std::size_t i = 0; i < count; ++i) {
@@ -78,7 +78,7 @@ void MeshCollector::vertices(const VertexBatch& batch) {
     }
 }
 
-void MeshCollector::elements(const ElementBatch& batch) {
+void MeshCollector::add_elements(const ElementBatch& batch) {
     auto i = static_cast<std::size_t>(batch.first);
     for (const auto& [a, b, c] : batch.corners) {
         if (layout_.corners == 3) {
@@ -90,13 +90,13 @@ void MeshCollector::elements(const ElementBatch& batch) {
     }
 }
 
-void CallbackSink::vertices(const VertexBatch& batch) {
+void CallbackSink::add_vertices(const VertexBatch& batch) {
     if (on_vertices_) {
         on_vertices_(batch);
     }
 }
 
-void CallbackSink::elements(const ElementBatch& batch) {
+void CallbackSink::add_elements(const ElementBatch& batch) {
     if (on_elements_) {
         on_elements_(batch);
     }

@@ -44,10 +44,10 @@ RotatedSink::Turned RotatedSink::turned(const VertexBatch& batch) const {
     return t;
 }
 
-void RotatedSink::vertices(const VertexBatch& batch) {
+void RotatedSink::add_vertices(const VertexBatch& batch) {
     const Turned t = turned(batch);
     if (measured_) {
-        inner_.vertices({batch.first, t.positions, t.attributes, batch.row_bytes});
+        inner_.add_vertices({batch.first, t.positions, t.attributes, batch.row_bytes});
         return;
     }
     std::array<float, 3> lo = layout_.lo;
@@ -66,14 +66,14 @@ void RotatedSink::vertices(const VertexBatch& batch) {
     widen(layout_.lo, layout_.hi, lo, hi);
 }
 
-void RotatedSink::elements(const ElementBatch& batch) {
+void RotatedSink::add_elements(const ElementBatch& batch) {
     if (!measured_) {
         return;
     }
     const Turned t = turned(batch.nearby);
     ElementBatch turned_batch = batch;
     turned_batch.nearby = {batch.nearby.first, t.positions, t.attributes, batch.nearby.row_bytes};
-    inner_.elements(turned_batch);
+    inner_.add_elements(turned_batch);
 }
 
 bool RotatedSink::again() {

@@ -21,8 +21,8 @@ class RotatedSink : public MeshSink {
         inner_.prepare(layout, inputs);
     }
     void begin(const MeshLayout& layout) override;
-    void vertices(const VertexBatch& batch) override;
-    void elements(const ElementBatch& batch) override;
+    void add_vertices(const VertexBatch& batch) override;
+    void add_elements(const ElementBatch& batch) override;
     [[nodiscard]] bool again() override;
     void end() override { inner_.end(); }
     [[nodiscard]] bool concurrent() const override { return inner_.concurrent(); }

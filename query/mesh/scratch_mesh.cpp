@@ -81,7 +81,7 @@ void emit_vertices(const ScratchMesh& mesh, const UsedVertices& used, MeshSink& 
         for (const std::uint64_t v : vertices.subspan(at, std::min(kBatch, vertices.size() - at))) {
             copies.add(mesh, v);
         }
-        sink.vertices(copies.batch(at, mesh.layout().row_bytes));
+        sink.add_vertices(copies.batch(at, mesh.layout().row_bytes));
     }
 }
 
@@ -113,7 +113,8 @@ void emit_batches(const ScratchMesh& mesh, std::span<const ElementCorners> eleme
             corners.push_back(numbered);
             nearby_corners.push_back(near);
         }
-        sink.elements({at, corners, nearby_corners, nearby.batch(kNone, mesh.layout().row_bytes)});
+        sink.add_elements(
+            {at, corners, nearby_corners, nearby.batch(kNone, mesh.layout().row_bytes)});
         progress.advance(corners.size());
     }
 }
@@ -130,7 +131,7 @@ void ScratchMesh::begin(const MeshLayout& layout) {
     corner_file_.map(layout.elements * sizeof(ElementCorners));
 }
 
-void ScratchMesh::vertices(const VertexBatch& batch) {
+void ScratchMesh::add_vertices(const VertexBatch& batch) {
     std::copy(batch.positions.begin(), batch.positions.end(),
               position_file_.as<Point>().begin() + static_cast<std::ptrdiff_t>(batch.first));
     if (!batch.attributes.empty()) {
@@ -139,7 +140,7 @@ void ScratchMesh::vertices(const VertexBatch& batch) {
     }
 }
 
-void ScratchMesh::elements(const ElementBatch& batch) {
+void ScratchMesh::add_elements(const ElementBatch& batch) {
     std::copy(batch.corners.begin(), batch.corners.end(),
               corner_file_.as<ElementCorners>().begin() + static_cast<std::ptrdiff_t>(batch.first));
 }

@@ -24,8 +24,8 @@ class ScratchMesh : public MeshSink {
     explicit ScratchMesh(std::filesystem::path folder);
 
     void begin(const MeshLayout& layout) override;
-    void vertices(const VertexBatch& batch) override;
-    void elements(const ElementBatch& batch) override;
+    void add_vertices(const VertexBatch& batch) override;
+    void add_elements(const ElementBatch& batch) override;
     [[nodiscard]] bool concurrent() const override { return true; }
 
     [[nodiscard]] const MeshLayout& layout() const { return layout_; }

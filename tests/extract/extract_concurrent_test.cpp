@@ -25,7 +25,7 @@ Extracted extracted(const Store& store, const SurfaceQuery& query) {
     options.threads = 1;
     options.memory = std::uint64_t{24} << 20U;
     const ExtractReport report = extract(store, query, mesh, options);
-    return {report, std::move(mesh.positions), std::move(mesh.triangles)};
+    return {report, std::move(mesh.vertices), std::move(mesh.triangles)};
 }
 
 void require_same(const Extracted& a, const Extracted& b) {

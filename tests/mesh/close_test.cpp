@@ -517,7 +517,7 @@ TEST_CASE("what is closed stays open at missing values alone, and the report say
                         const auto near = [&](const Int3& p) {
                             bool all = true;
                             for (std::size_t axis = 0; axis < 3; ++axis) {
-                                const auto x = static_cast<double>(mesh.positions[v][axis]);
+                                const auto x = static_cast<double>(mesh.vertices[v][axis]);
                                 const auto at = static_cast<double>(p[static_cast<int>(axis)]);
                                 all = all && std::fabs(x - at) <= 1;
                             }
@@ -554,7 +554,7 @@ namespace {
 
 Mesh mesh_of(const MeshCollector& collected) {
     Mesh mesh;
-    mesh.vertices = collected.positions;
+    mesh.vertices = collected.vertices;
     mesh.triangles = collected.triangles;
     return mesh;
 }
@@ -573,11 +573,11 @@ TEST_CASE("vertices of caps carry the function's value and its gradient's direct
     query.box = WorldBox{{1, 2.25, 3.5}, {9.75, 12.5, 20}};
     MeshCollector mesh;
     extract(store, query, mesh);
-    REQUIRE(!mesh.positions.empty());
+    REQUIRE(!mesh.vertices.empty());
     std::size_t above = 0;
-    for (std::size_t v = 0; v < mesh.positions.size(); ++v) {
+    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
         Double3 p{};
-        std::copy(mesh.positions[v].begin(), mesh.positions[v].end(), p.begin());
+        std::copy(mesh.vertices[v].begin(), mesh.vertices[v].end(), p.begin());
         CHECK(mesh.values[v] == Approx(fine_value(volume, p)).margin(1e-5));
         CHECK(mesh.values[v] > 0.1 - 1e-5);
         above += mesh.values[v] > 0.1 + 1e-5 ? 1 : 0;

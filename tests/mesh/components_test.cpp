@@ -22,10 +22,10 @@ using Corners = std::vector<Point>;
 std::vector<Corners> elements_of(const MeshCollector& mesh) {
     std::vector<Corners> elements;
     for (const auto& t : mesh.triangles) {
-        elements.push_back({mesh.positions[t[0]], mesh.positions[t[1]], mesh.positions[t[2]]});
+        elements.push_back({mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]});
     }
     for (const auto& s : mesh.lines) {
-        elements.push_back({mesh.positions[s[0]], mesh.positions[s[1]]});
+        elements.push_back({mesh.vertices[s[0]], mesh.vertices[s[1]]});
     }
     return elements;
 }
@@ -50,13 +50,13 @@ struct Found {
 /// Breadth first, from the lowest vertex that was not met.
 std::vector<Found> components_of(const MeshCollector& mesh) {
     const auto elements = numbers_of(mesh);
-    std::vector<std::vector<std::size_t>> around(mesh.positions.size());
+    std::vector<std::vector<std::size_t>> around(mesh.vertices.size());
     for (std::size_t e = 0; e < elements.size(); ++e) {
         for (const std::uint32_t v : elements[e]) {
             around[v].push_back(e);
         }
     }
-    std::vector<bool> met(mesh.positions.size());
+    std::vector<bool> met(mesh.vertices.size());
     std::vector<Found> found;
     for (std::uint32_t start = 0; start < met.size(); ++start) {
         if (met[start]) {
@@ -89,9 +89,9 @@ std::vector<Found> components_of(const MeshCollector& mesh) {
                 ++edges[{t[i], t[(i + 1) % 3]}];
                 --edges[{t[(i + 1) % 3], t[i]}];
             }
-            const auto& a = mesh.positions[t[0]];
-            const auto& b = mesh.positions[t[1]];
-            const auto& p = mesh.positions[t[2]];
+            const auto& a = mesh.vertices[t[0]];
+            const auto& b = mesh.vertices[t[1]];
+            const auto& p = mesh.vertices[t[2]];
             for (std::size_t i = 0; i < 3; ++i) {
                 const std::size_t j = (i + 1) % 3;
                 const std::size_t k = (i + 2) % 3;
@@ -181,7 +181,7 @@ ExtractReport require_as_searched(const Volume& volume, SurfaceQuery query,
     CHECK(r.dropped_triangles == all.size() - expected.size());
     CHECK(r.largest_dropped == largest);
     CHECK(r.triangles == expected.size());
-    CHECK(r.vertices == mesh.positions.size());
+    CHECK(r.vertices == mesh.vertices.size());
     CHECK(elements_of(mesh) == expected);
     return r;
 }
@@ -307,10 +307,10 @@ TEST_CASE("what is kept does not depend on threads, memory and chunks") {
                     CHECK(r.components - r.dropped_components == 25);
                     if (!first) {
                         first.emplace();
-                        first->positions = mesh.positions;
+                        first->vertices = mesh.vertices;
                         first->triangles = mesh.triangles;
                     }
-                    CHECK(first->positions == mesh.positions);
+                    CHECK(first->vertices == mesh.vertices);
                     CHECK(first->triangles == mesh.triangles);
                 }
             }
@@ -342,7 +342,7 @@ TEST_CASE("components are dropped before a distance simplifies") {
     const ExtractReport none = volume.extract(query, mesh);
     CHECK(none.triangles == 0);
     CHECK(none.vertices == 0);
-    CHECK(mesh.positions.empty());
+    CHECK(mesh.vertices.empty());
     CHECK(none.dropped_components == none.components);
     CHECK(none.dropped_triangles == all);
 }

@@ -40,8 +40,7 @@ double angle_of(const Point& a, const Point& b, const Point& c) {
 void require_sorted(const TriangleQuality& q, const MeshCollector& mesh) {
     std::vector<double> angles;
     for (const auto& t : mesh.triangles) {
-        angles.push_back(
-            angle_of(mesh.positions[t[0]], mesh.positions[t[1]], mesh.positions[t[2]]));
+        angles.push_back(angle_of(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]));
     }
     std::sort(angles.begin(), angles.end());
     const auto quantile = [&](double share) {
@@ -114,7 +113,7 @@ TEST_CASE("the report's angles are the mesh's, for any threads and any sink") {
             MeshCollector mesh;
             const ExtractReport r = extract(store, query, mesh, options);
             REQUIRE(r.quality);
-            CHECK((simplified || mesh.positions == unmeasured.positions));
+            CHECK((simplified || mesh.vertices == unmeasured.vertices));
             require_sorted(*r.quality, mesh);
             first = first.value_or(*r.quality);
             CHECK(r.quality->least == first->least);

@@ -186,8 +186,8 @@ Mended mended(const Triangles& before, double least_step = 0x1p-20) {
         corners.push_back({t[0], t[1], t[2]});
     }
     scratch.begin(layout);
-    scratch.vertices({0, before.positions, std::as_bytes(std::span(rows)), sizeof(float)});
-    scratch.elements({0, corners, {}, {}});
+    scratch.add_vertices({0, before.positions, std::as_bytes(std::span(rows)), sizeof(float)});
+    scratch.add_elements({0, corners, {}, {}});
     Mended m;
     m.result = mend_triangles(scratch, {least_step, least_step, least_step}, folder.path(),
                               silent_progress());
@@ -440,8 +440,8 @@ Surface surface_of(const Int3& n, const std::function<T(const Int3&)>& f, const 
     s.report = extract(store, query, mesh, {memory, threads, folder.path()});
     CHECK(folder.names().size() == 1);
     CHECK(s.report.triangles == mesh.triangles.size());
-    CHECK(s.report.vertices == mesh.positions.size());
-    s.mesh = {mesh.positions, mesh.triangles};
+    CHECK(s.report.vertices == mesh.vertices.size());
+    s.mesh = {mesh.vertices, mesh.triangles};
     return s;
 }
 

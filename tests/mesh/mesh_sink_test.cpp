@@ -63,7 +63,7 @@ class Witness : public MeshSink {
         positions.resize(layout.vertices);
         triangles.resize(layout.elements);
     }
-    void vertices(const VertexBatch& batch) override {
+    void add_vertices(const VertexBatch& batch) override {
         const std::lock_guard lock(mutex_);
         right = right && batch.positions.size() <= kMostRows && batch.row_bytes == 24 &&
                 batch.attributes.size() == 24 * batch.positions.size();
@@ -72,7 +72,7 @@ class Witness : public MeshSink {
         std::copy(batch.positions.begin(), batch.positions.end(),
                   positions.begin() + static_cast<std::ptrdiff_t>(batch.first));
     }
-    void elements(const ElementBatch& batch) override {
+    void add_elements(const ElementBatch& batch) override {
         const std::lock_guard lock(mutex_);
         right = right && batch.corners.size() <= kMostRows &&
                 batch.nearby_corners.size() == batch.corners.size();
@@ -121,8 +121,8 @@ TEST_CASE("a collector holds the mesh that the file has, numbers and attributes 
         MeshCollector mesh;
         const ExtractReport report =
             extract(*subject.store, subject.query(), mesh, {std::uint64_t{1} << 30U, threads, {}});
-        CHECK(report.vertices == mesh.positions.size());
-        CHECK(mesh.positions == file.vertices);
+        CHECK(report.vertices == mesh.vertices.size());
+        CHECK(mesh.vertices == file.vertices);
         CHECK(mesh.triangles == file.triangles);
         CHECK(mesh.lines.empty());
         bool same = mesh.normals.size() == file.vertices.size() &&

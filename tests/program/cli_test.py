@@ -18,6 +18,9 @@ import time
 import unittest
 import zlib
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
+
 ISONEST, PLUGINS = sys.argv[1:3]
 os.environ["HDF5_PLUGIN_PATH"] = PLUGINS
 COMMANDS = ["preprocess", "extract", "info", "export", "check", "make-volume", "picture"]
@@ -26,8 +29,8 @@ ERROR_KINDS = {2: "invalid_argument", 3: "not_found", 4: "corrupt", 5: "unsuppor
 
 
 def run(*arguments, cwd=None, **options):
-    return subprocess.run([ISONEST, *map(os.fsdecode, map(os.fspath, map(_text, arguments)))],
-                          cwd=cwd, capture_output=True, timeout=600, **options)
+    return served.run([ISONEST, *map(os.fsdecode, map(os.fspath, map(_text, arguments)))],
+                      cwd=cwd, capture_output=True, timeout=600, **options)
 
 
 def _text(argument):
@@ -450,10 +453,10 @@ class Cli(unittest.TestCase):
             self.assertEqual(len(list(folder.iterdir())), 4)
             for option, difference in ((["--exact"], b"'exact false', this one has 'exact true'"),
                                        (["--endian", "big"], b"this one has 'big endian true'")):
-                other = subprocess.run([*command, *option], cwd=folder, capture_output=True)
+                other = served.run([*command, *option], cwd=folder, capture_output=True)
                 self.assertEqual(other.returncode, 2)
                 self.assertIn(difference, other.stderr)
-            done = subprocess.run(command, cwd=folder, capture_output=True, check=True)
+            done = served.run(command, cwd=folder, capture_output=True, check=True)
             self.assertGreater(json.loads(done.stdout)["resumed_chunks"], 0)
             self.assertEqual(sorted(p.name for p in folder.iterdir()), ["n.isonest", "n.raw"])
 
@@ -465,7 +468,7 @@ class Cli(unittest.TestCase):
                                            "data file: n.raw\n\n")
             command = self.interrupted(folder, "n.nhdr")
             os.utime(folder / "n.raw", (1, 1))
-            other = subprocess.run(command, cwd=folder, capture_output=True)
+            other = served.run(command, cwd=folder, capture_output=True)
             self.assertEqual(other.returncode, 2)
             self.assertIn(b"'input bytes 4293378, time ", other.stderr)
 

@@ -4,9 +4,11 @@ Usage: distance_test.py ISONEST PLUGIN_FOLDER    (the programs that measure mesh
 """
 import json
 import pathlib
-import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 try:
     import numpy as np
@@ -20,7 +22,7 @@ failures = []
 
 
 def run(*arguments, program=ISONEST):
-    return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, timeout=300)
+    return served.run([program, *map(str, arguments)], capture_output=True, text=True, timeout=300)
 
 
 def measure(program, *arguments):

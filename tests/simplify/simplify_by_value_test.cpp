@@ -47,7 +47,7 @@ Simple extracted(const Store& store, const SurfaceQuery& query,
     MeshCollector mesh;
     Simple out;
     out.report = extract(store, query, mesh, options);
-    out.positions = mesh.positions;
+    out.positions = mesh.vertices;
     for (const auto& t : mesh.triangles) {
         out.triangles.push_back({t[0], t[1], t[2]});
     }

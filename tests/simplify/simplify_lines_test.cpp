@@ -50,7 +50,7 @@ struct Drawing {
 };
 
 Drawing drawing_of(const MeshCollector& mesh) {
-    return {mesh.positions, mesh.lines};
+    return {mesh.vertices, mesh.lines};
 }
 
 double square_distance(const Double3& p, const Point& a, const Point& b) {
@@ -175,12 +175,12 @@ Simplified simplify(const Drawing& full, double limit, int threads = 2, int flat
     layout.vertices = full.points.size();
     layout.elements = full.lines.size();
     mesh.begin(layout);
-    mesh.vertices({0, full.points, {}, 0});
+    mesh.add_vertices({0, full.points, {}, 0});
     std::vector<ElementCorners> corners;
     for (const auto& line : full.lines) {
         corners.push_back({line[0], line[1], line[1]});
     }
-    mesh.elements({0, corners, {}, {}});
+    mesh.add_elements({0, corners, {}, {}});
     mesh.end();
     Simplified s;
     Workers(threads).execute([&] {

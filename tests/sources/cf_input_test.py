@@ -6,9 +6,12 @@ usage: cf_input_test.py ISONEST PLUGIN_FOLDER
 import itertools
 import json
 import os
-import subprocess
+import pathlib
 import sys
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
 try:
@@ -33,8 +36,8 @@ class Cf(Input):
         done = self.preprocess("--json", *options)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.notes = json.loads(done.stdout)["notes"]
-        subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.npy",
-                        "--force"], check=True, capture_output=True)
+        served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.npy",
+                    "--force"], check=True, capture_output=True)
         return np.load(self.here / "s.npy")
 
     def write(self, data, kind, fmt="NETCDF4", name="t", dims=("z", "y", "x"), coordinates=None, unlimited=None,

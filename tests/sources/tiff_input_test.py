@@ -4,10 +4,14 @@
 usage: tiff_input_test.py ISONEST PLUGIN_FOLDER
 """
 import itertools
+import pathlib
 import shutil
 import subprocess
 import sys
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 try:
     import numpy as np
@@ -90,13 +94,13 @@ class Tiff(DamagedFiles, Input):
         (self.path / ".hidden.tif").write_text("")
         self.reads(data)
         files = [self.path / name for name in sorted(names)]
-        done = subprocess.run([ISONEST, "preprocess", *files, "-o", self.here / "s.isonest", "--chunk", "8", "--force"],
-                              capture_output=True, text=True)
+        done = served.run([ISONEST, "preprocess", *files, "-o", self.here / "s.isonest", "--chunk", "8", "--force"],
+                          capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
-        subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.npy"],
-                       check=True, capture_output=True)
+        served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.npy"],
+                   check=True, capture_output=True)
         np.testing.assert_array_equal(np.load(self.here / "s.npy"), data)
-        done = subprocess.run([ISONEST, "check", self.here / "s.isonest", "--source", *files], capture_output=True)
+        done = served.run([ISONEST, "check", self.here / "s.isonest", "--source", *files], capture_output=True)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         before = files[3].read_bytes()
         self.assertEqual(self.preprocess(store=files[3]).returncode, 2)

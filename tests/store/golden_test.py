@@ -11,10 +11,12 @@ CONTRIBUTING.md, "Golden stores".
 import hashlib
 import json
 import pathlib
-import subprocess
 import sys
 import tempfile
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 ISONEST = sys.argv[1]
 RECORD = "--record" in sys.argv
@@ -28,7 +30,7 @@ NUMBERS = {"volume.raw": ("9,8,7", "int16"), "flat.raw": ("9,8,1", "float32"), "
 
 
 def run(*arguments):
-    done = subprocess.run([ISONEST, *map(str, arguments), "--json"], capture_output=True, text=True)
+    done = served.run([ISONEST, *map(str, arguments), "--json"], capture_output=True, text=True)
     return done.returncode, json.loads(done.stdout)
 
 

@@ -5,10 +5,13 @@ Usage: store_h5py_test.py ISONEST PLUGIN_FOLDER
 import ctypes
 import json
 import os
+import pathlib
 import shutil
-import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 isonest, plugins = sys.argv[1:3]
 os.environ["HDF5_PLUGIN_PATH"] = plugins
@@ -18,8 +21,8 @@ import numpy as np  # noqa: E402
 
 
 def run(*arguments):
-    return json.loads(subprocess.run([isonest, *map(str, arguments), "--json"], check=True,
-                                     capture_output=True, text=True).stdout)
+    return json.loads(served.run([isonest, *map(str, arguments), "--json"], check=True,
+                                 capture_output=True, text=True).stdout)
 
 
 def nodes_at(n, level):
@@ -165,7 +168,7 @@ with tempfile.TemporaryDirectory() as folder:
                 f.attrs.modify("version", np.array([2, 2], "<u4"))
                 del f.attrs["xxh64"]
             change(f)
-        done = subprocess.run([isonest, "check", copy], capture_output=True, text=True)
+        done = served.run([isonest, "check", copy], capture_output=True, text=True)
         return done.returncode, done.stdout + done.stderr
 
     assert forged(lambda f: None) == (0, forged(lambda f: None, True)[1])
@@ -217,7 +220,7 @@ with tempfile.TemporaryDirectory() as folder:
         f.attrs.modify("fields", np.bytes_("linf_bar,linf_plus,curvature_bar"))
         f.attrs.modify("xxh64", np.uint64(digest_of(f)))
     for command in ("info", "check"):
-        done = subprocess.run([isonest, command, newer], capture_output=True, text=True)
+        done = served.run([isonest, command, newer], capture_output=True, text=True)
         assert done.returncode not in (0, 1) and "'curvature_bar'" in done.stderr, (command, done)
 
     try:

@@ -90,7 +90,7 @@ void SlicePicture::begin(const MeshLayout& layout) {
     row_ = 0;
 }
 
-void SlicePicture::vertices(const VertexBatch& batch) {
+void SlicePicture::add_vertices(const VertexBatch& batch) {
     if (row_ > 0) {
         return;
     }
@@ -141,7 +141,7 @@ SliceRaster& SlicePicture::raster() {
     return *raster_;
 }
 
-void SlicePicture::elements(const ElementBatch& batch) {
+void SlicePicture::add_elements(const ElementBatch& batch) {
     const Plane plane(options_.normal);
     const Rectangle r = place();
     const double pixels = scale();

@@ -48,8 +48,8 @@ class SlicePicture : public MeshSink {
     void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override;
     /// These throw Error{io}. REQUIRES: the layout has values.
     void begin(const MeshLayout& layout) override;
-    void vertices(const VertexBatch& batch) override;
-    void elements(const ElementBatch& batch) override;
+    void add_vertices(const VertexBatch& batch) override;
+    void add_elements(const ElementBatch& batch) override;
     [[nodiscard]] bool again() override;
     void end() override;
 

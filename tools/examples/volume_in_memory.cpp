@@ -22,6 +22,6 @@ int main() {
     isonest::MeshCollector mesh;
     const auto report = isonest::extract(
         store, isonest::SurfaceQuery{.iso = 25, .stop = isonest::ErrorBound{.value = 0.5}}, mesh);
-    std::printf("%zu vertices, %zu triangles, error at most %g\n", mesh.positions.size(),
+    std::printf("%zu vertices, %zu triangles, error at most %g\n", mesh.vertices.size(),
                 mesh.triangles.size(), report.error_bound);
 }

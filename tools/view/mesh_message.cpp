@@ -109,7 +109,7 @@ void MeshMessage::begin(const MeshLayout& layout) {
     indices_.assign(layout.elements * 3, 0);
 }
 
-void MeshMessage::vertices(const VertexBatch& batch) {
+void MeshMessage::add_vertices(const VertexBatch& batch) {
     const VertexAttribute* const normal = layout_.find("normal");
     const VertexAttribute* const value = layout_.find("value");
     for (std::size_t i = 0; i < batch.positions.size(); ++i) {
@@ -133,7 +133,7 @@ void MeshMessage::vertices(const VertexBatch& batch) {
     }
 }
 
-void MeshMessage::elements(const ElementBatch& batch) {
+void MeshMessage::add_elements(const ElementBatch& batch) {
     for (std::size_t i = 0; i < batch.corners.size(); ++i) {
         for (std::size_t k = 0; k < 3; ++k) {
             indices_[3 * (batch.first + i) + k] = static_cast<std::uint32_t>(batch.corners[i][k]);

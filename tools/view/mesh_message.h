@@ -34,8 +34,8 @@ class MeshMessage : public MeshSink {
     /// Throws Error{invalid_argument} for lines.
     void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override;
     void begin(const MeshLayout& layout) override;
-    void vertices(const VertexBatch& batch) override;
-    void elements(const ElementBatch& batch) override;
+    void add_vertices(const VertexBatch& batch) override;
+    void add_elements(const ElementBatch& batch) override;
     [[nodiscard]] bool concurrent() const override { return true; }
     [[nodiscard]] bool holds_float64() const override { return false; }
 

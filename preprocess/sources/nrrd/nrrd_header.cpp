@@ -10,6 +10,7 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/bytes/lower_case.h"
 #include "preprocess/sources/nrrd/nrrd_fields.h"
 #include "preprocess/sources/placement/axis_units.h"
 

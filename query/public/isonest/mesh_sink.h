@@ -93,15 +93,16 @@ class MeshSink {
     virtual void prepare(const MeshLayout& /*layout*/,
                          std::span<const std::filesystem::path> /*inputs*/) {}
     virtual void begin(const MeshLayout& layout) = 0;
-    virtual void vertices(const VertexBatch& batch) = 0;
-    virtual void elements(const ElementBatch& batch) = 0;
-    /// After all batches: true if all of them are to come once more, as vertices() and elements().
+    virtual void add_vertices(const VertexBatch& batch) = 0;
+    virtual void add_elements(const ElementBatch& batch) = 0;
+    /// After all batches: true if all of them are to come once more, as add_vertices() and
+    /// add_elements().
     [[nodiscard]] virtual bool again() { return false; }
     virtual void end() {}
 
-    /// True if vertices() and elements() may be called from several threads at once and in any
-    /// order. Else they come from one thread at a time, in ascending order, and all vertices before
-    /// the first element.
+    /// True if add_vertices() and add_elements() may be called from several threads at once and in
+    /// any order. Else they come from one thread at a time, in ascending order, and all vertices
+    /// before the first element.
     [[nodiscard]] virtual bool concurrent() const { return false; }
     /// False if all values have to be float32; the report says by how much that rounds them.
     [[nodiscard]] virtual bool holds_float64() const { return true; }
@@ -110,7 +111,7 @@ class MeshSink {
 /// A mesh in memory. What was there is replaced by begin().
 class MeshCollector : public MeshSink {
   public:
-    std::vector<std::array<float, 3>> positions;  ///< world coordinates x, y, z
+    std::vector<std::array<float, 3>> vertices;  ///< world coordinates x, y, z
     /// Numbers of vertices; one of the two is empty.
     std::vector<std::array<std::uint32_t, 3>> triangles;
     std::vector<std::array<std::uint32_t, 2>> lines;
@@ -121,8 +122,8 @@ class MeshCollector : public MeshSink {
 
     /// Throws Error{limit} beyond 2^32 - 1 vertices, and std::bad_alloc.
     void begin(const MeshLayout& layout) override;
-    void vertices(const VertexBatch& batch) override;
-    void elements(const ElementBatch& batch) override;
+    void add_vertices(const VertexBatch& batch) override;
+    void add_elements(const ElementBatch& batch) override;
     [[nodiscard]] bool concurrent() const override { return true; }
 
   private:
@@ -142,8 +143,8 @@ class CallbackSink : public MeshSink {
     [[nodiscard]] const MeshLayout& layout() const { return layout_; }
 
     void begin(const MeshLayout& layout) override { layout_ = layout; }
-    void vertices(const VertexBatch& batch) override;
-    void elements(const ElementBatch& batch) override;
+    void add_vertices(const VertexBatch& batch) override;
+    void add_elements(const ElementBatch& batch) override;
 
   private:
     OnVertices on_vertices_;

@@ -113,7 +113,7 @@ class PlaneMesh {
         std::vector<std::byte> attributes;
         Batch<Vertex> batch([&](std::uint64_t first, std::span<const Vertex> rows) {
             split(rows, positions, attributes);
-            sink.vertices({first, positions, attributes, sizeof(float)});
+            sink.add_vertices({first, positions, attributes, sizeof(float)});
         });
         const Int3 nodes = grid_.nodes();
         for (std::int64_t row = 0; row < nodes.y * nodes.z; ++row) {
@@ -129,23 +129,23 @@ class PlaneMesh {
         std::vector<std::byte> attributes;
         std::vector<Vertex> corners;
         std::vector<std::array<std::uint32_t, 3>> nearby;
-        Batch<std::array<Int3, 3>> batch(
-            [&](std::uint64_t first, std::span<const std::array<Int3, 3>> rows) {
-                std::vector<std::array<std::uint64_t, 3>> numbers;
-                corners.clear();
-                nearby.clear();
-                for (const auto& t : rows) {
-                    auto& n = numbers.emplace_back();
-                    auto& c = nearby.emplace_back();
-                    for (std::size_t i = 0; i < 3; ++i) {
-                        n.at(i) = grid_.number(t.at(i));
-                        c.at(i) = static_cast<std::uint32_t>(corners.size());
-                        corners.push_back(vertex(t.at(i)));
-                    }
+        Batch<std::array<Int3, 3>> batch([&](std::uint64_t first,
+                                             std::span<const std::array<Int3, 3>> rows) {
+            std::vector<std::array<std::uint64_t, 3>> numbers;
+            corners.clear();
+            nearby.clear();
+            for (const auto& t : rows) {
+                auto& n = numbers.emplace_back();
+                auto& c = nearby.emplace_back();
+                for (std::size_t i = 0; i < 3; ++i) {
+                    n.at(i) = grid_.number(t.at(i));
+                    c.at(i) = static_cast<std::uint32_t>(corners.size());
+                    corners.push_back(vertex(t.at(i)));
                 }
-                split(corners, positions, attributes);
-                sink.elements({first, numbers, nearby, {0, positions, attributes, sizeof(float)}});
-            });
+            }
+            split(corners, positions, attributes);
+            sink.add_elements({first, numbers, nearby, {0, positions, attributes, sizeof(float)}});
+        });
         for_leaves([&](const NumberedElement<2>& t) { batch.add(t.simplex.v); });
         batch.flush();
     }

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <isonest/error.h>
 
@@ -41,6 +42,9 @@ VolumeValues::VolumeValues(const std::string& path, const SourceOptions& options
         source_ = open_volume(path, options);
     }
 }
+
+VolumeValues::VolumeValues(std::unique_ptr<VolumeSource> source)
+    : path_(source->describe().name), source_(std::move(source)) {}
 
 VolumeDescription VolumeValues::describe() const {
     if (source_) {

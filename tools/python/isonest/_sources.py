@@ -131,6 +131,25 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
         heap=planes * rows * each + (2 << 20), identity=identity, **place)
 
 
+def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[Sequence[float]] = None,
+              origin: Optional[Sequence[float]] = None, unit: Optional[str] = None,
+              missing: Optional[float] = None, dataset: str = "", series: str = "", labels: bool = False, index: Any = None, crop: Optional[Sequence[slice]] = None,
+              every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
+              offset: Optional[int] = None) -> Any:
+    """A source of an array or of files. ``memory``: of the work that reads it."""
+    if is_files(volume):
+        return of_files(volume, spacing=spacing, origin=origin, unit=unit, missing=missing, dataset=dataset,
+                        series=series, labels=labels, index=index, shape=shape, dtype=dtype, offset=offset, crop=crop, every=every,
+                        max_heap=memory // 4)
+    of_files_alone = {"dataset": dataset or None, "series": series or None, "labels": labels or None, "index": index,
+                      "shape": shape, "dtype": dtype, "offset": offset, "crop": crop,
+                      "every": None if every == 1 else every}
+    given = [name for name, value in of_files_alone.items() if value is not None]
+    if given:
+        raise ValueError(f"{given[0]}= is for files; this volume is an array, which can be sliced")
+    return of_array(volume, spacing, origin, unit, missing, identified)
+
+
 def is_files(volume: Any) -> bool:
     """Whether this is the name of a file or folder, or a list of such names."""
     if isinstance(volume, (list, tuple)):
@@ -139,9 +158,9 @@ def is_files(volume: Any) -> bool:
 
 
 def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
-             unit: Optional[str], missing: Optional[float], dataset: str, series: str, labels: bool, index: Any, shape: Optional[Sequence[int]],
-             dtype: Any, offset: Optional[int], crop: Optional[Sequence[slice]], every: Union[int, Sequence[int]],
-             max_heap: int) -> Any:
+             unit: Optional[str], missing: Optional[float], dataset: str, series: str, labels: bool, index: Any,
+             shape: Optional[Sequence[int]], dtype: Any, offset: Optional[int], crop: Optional[Sequence[slice]],
+             every: Union[int, Sequence[int]], max_heap: int) -> Any:
     """A source of one file, a folder, or several files."""
     options = _core.SourceOptions()
     options.dataset, options.series, options.labels = dataset, series, labels

@@ -20,9 +20,18 @@
 
 #include "preprocess/sources/wrapping/missing_source.h"
 #include "tools/python/src/arrays.h"
+#include "tools/python/src/fields.h"
 #include "tools/python/src/progress.h"
 
 namespace isonest::python {
+
+std::unique_ptr<VolumeSource> Source::take() {
+    if (!volume_) {
+        throw py::value_error("this source has been used");
+    }
+    return std::move(volume_);
+}
+
 namespace {
 
 using Path = std::filesystem::path;
@@ -124,16 +133,11 @@ class ReaderVolume : public VolumeSource {
     std::vector<Path> files_;
 };
 
-/// One use: preprocess() takes it.
-struct Source {
-    std::unique_ptr<VolumeSource> volume;
-};
-
 Source with_missing(std::unique_ptr<VolumeSource> volume, std::optional<double> missing) {
     if (missing) {
         volume = detail::with_missing(std::move(volume), *missing);
     }
-    return {std::move(volume)};
+    return Source(std::move(volume));
 }
 
 using Range = std::pair<std::optional<std::int64_t>, std::optional<std::int64_t>>;
@@ -180,7 +184,7 @@ void add_source_options(py::module_& module) {
 
 Source source_of_files(const std::vector<Path>& paths, const SourceOptions& options) {
     const py::gil_scoped_release without;
-    return {open_volume(paths, options)};
+    return Source(open_volume(paths, options));
 }
 
 Source source_of_array(py::array array, const Double3& spacing, const Double3& origin,
@@ -218,28 +222,10 @@ Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype
 
 PreprocessReport preprocess_source(Source& source, const Path& store,
                                    const PreprocessOptions& options, const py::object& progress) {
-    const std::unique_ptr<VolumeSource> volume = std::move(source.volume);
-    if (!volume) {
-        throw py::value_error("this source has been used");
-    }
+    const std::unique_ptr<VolumeSource> volume = source.take();
     PreprocessReport report;
     run_watched(progress, [&](Progress& p) { report = preprocess(*volume, store, options, p); });
     return report;
-}
-
-std::vector<Field> fields_of(const std::vector<std::string>& names) {
-    std::vector<Field> fields;
-    for (const std::string& name : names) {
-        const std::vector<Field> named = indicators_from_name(name);
-        if (named.empty()) {
-            throw Error(ErrorKind::invalid_argument, "there is no indicator '" + name + "'",
-                        {{RemedyKind::other_field, "nodes, all, " + list_names(all_fields())}});
-        }
-        fields.insert(fields.end(), named.begin(), named.end());
-    }
-    std::sort(fields.begin(), fields.end());
-    fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
-    return fields;
 }
 
 }  // namespace
@@ -268,7 +254,7 @@ void add_sources(py::module_& module) {
         .def_property(
             "indicators", [](const PreprocessOptions& o) { return names_of(o.fields); },
             [](PreprocessOptions& o, const std::vector<std::string>& names) {
-                o.fields = fields_of(names);
+                o.fields = indicators_of_names(names);
             });
     module.def("preprocess", &preprocess_source, "source"_a, "store"_a, "options"_a, "progress"_a);
 }

@@ -202,6 +202,15 @@ void add_stores(py::module_& module) {
         .def_property_readonly("max", [](const OpenStore& s) { return s.get()->max_value(); })
         .def_property_readonly("has_missing",
                                [](const OpenStore& s) { return s.get()->has_missing(); })
+        .def_property_readonly(
+            "format", [](const OpenStore& s) { return s.get()->reader().version().text(); })
+        .def_property_readonly(
+            "exact", [](const OpenStore& s) { return s.get()->reader().layout().header().exact; })
+        .def_property_readonly(
+            "chunk", [](const OpenStore& s) { return s.get()->reader().layout().header().chunk; })
+        .def_property_readonly(
+            "compression",
+            [](const OpenStore& s) { return s.get()->reader().layout().header().compression; })
         .def_property_readonly("file_bytes",
                                [](const OpenStore& s) { return s.get()->reader().file_bytes(); })
         .def(
