@@ -37,7 +37,8 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
                dataset: str = "", series: str = "", labels: bool = False, index: Any = None,
                crop: Optional[Sequence[slice]] = None, every: Union[int, Sequence[int]] = 1,
                shape: Optional[Sequence[int]] = None, dtype: Any = None, offset: Optional[int] = None,
-               indicators: Union[None, str, Sequence[str]] = None, exact: bool = False, chunk: int = 64, compression: int = 1, replace: bool = False, resume: bool = False,
+               indicators: Union[None, str, Sequence[str]] = None, exact: bool = False, chunk: int = 64,
+               compression: int = 1, replace: bool = False, resume: bool = False,
                memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> PreprocessReport:
     """Turns a volume into the file ``store``, which appears whole or not at all.
 
