@@ -749,7 +749,7 @@ class Cli(unittest.TestCase):
         self.assertGreater(report["error_bound"], 0)
         self.assertIn(f"asked for {full // 2} triangles",
                       self.ok(*extract, "--triangles", full // 2, "--by", "error").stdout.decode())
-        same = [self.json(*extract, "--distance", d)["triangles"] for d in ("0.2", "0.2mm", "0.2voxel")]
+        same = [self.json(*extract, "--distance", d)["triangles"] for d in ("0.2", "0.20", "0.2voxel")]
         self.assertEqual(len(set(same)), 1)
         for options, words in ((("--distance", "1furlong"), "the unit furlong is none that is known"),
                                (("--distance", "nan"), "give a finite number"),
