@@ -228,7 +228,7 @@ void add_source_options(CLI::App* command, SourceOptions& o) {
                             fmt::format("--spacing '{}': give three numbers > 0", text));
             }
         },
-        "node distance in world units, instead of the file's", "X,Y[,Z]")
+        "distance of the nodes, in --unit or the file's unit, instead of the file's", "X,Y[,Z]")
         ->group(group);
     add_parsed(
         command, "--origin",

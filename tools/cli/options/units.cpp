@@ -110,8 +110,11 @@ double parse_number(std::string_view option, std::string_view text) {
 Length parse_length(std::string_view option, std::string_view text) {
     Length length;
     std::string_view rest = text;
-    if (!leading_number(rest, length.value) || length.value < 0) {
-        fail(option, text, "a number >= 0, or one with its unit");
+    if (!leading_number(rest, length.value)) {
+        fail(option, text, "a finite number, alone or with its unit");
+    }
+    if (length.value < 0) {
+        fail(option, text, "a number >= 0");
     }
     if (rest.empty()) {
         return length;
