@@ -204,6 +204,8 @@ std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
     RawLayout& layout = array.layout;
     layout.big_endian = header.flag({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"});
     layout.exact_length = false;
+    // MetaIO writes ?, um, mm or cm; ITK's files have no such line, whatever ITK takes them for.
+    layout.unit = length_unit_from(header.text({"DistanceUnits"}));
     const std::string binary = header.text({"BinaryData"});
     if (!binary.empty() && !header.flag({"BinaryData"})) {
         header.unsupported("numbers as text (BinaryData = False)");

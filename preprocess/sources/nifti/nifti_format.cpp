@@ -115,7 +115,22 @@ struct NiftiHeader {
     int sform = 0;
     std::array<double, 6> quaternion{};  ///< b, c, d and the offset
     std::array<double, 12> rows{};
+    std::optional<LengthUnit> unit;
 };
+
+/// Of `xyzt_units`: the lowest three bits are the unit of length.
+std::optional<LengthUnit> unit_of_code(int code) {
+    switch (code & 7) {
+        case 1:
+            return LengthUnit::metre;
+        case 2:
+            return LengthUnit::millimetre;
+        case 3:
+            return LengthUnit::micrometre;
+        default:
+            return std::nullopt;
+    }
+}
 
 NiftiHeader parse(std::string_view head, const std::string& name) {
     NiftiHeader h;
@@ -157,6 +172,7 @@ NiftiHeader parse(std::string_view head, const std::string& name) {
     for (std::size_t i = 0; i < 12; ++i) {
         h.rows.at(i) = real(280, 400, i);
     }
+    h.unit = unit_of_code(version == 1 ? head[123] : number_at<std::int32_t>(head, 500, h.big));
     return h;
 }
 
@@ -178,7 +194,7 @@ void set_type(int datatype, const std::string& name, PlacedArray& array) {
     }
 }
 
-/// The columns of the map from indices to millimetres, and where the first voxel lies: by the
+/// The columns of the map from indices to places, and where the first voxel lies: by the
 /// sform, else the qform, else the voxel's size alone.
 void set_place(const NiftiHeader& h, PlacedArray& array) {
     std::array<Double3, 3> columns{};
@@ -236,6 +252,7 @@ std::unique_ptr<VolumeSource> open_nifti(const VolumeInput& input, const SourceO
     }
     array.layout.offset = static_cast<std::uint64_t>(h.offset);
     array.layout.big_endian = h.big;
+    array.layout.unit = h.unit;
     array.layout.exact_length = false;
     set_type(h.datatype, name, array);
     if (!options.spacing) {

@@ -41,6 +41,7 @@ Result run(PreprocessArguments& a, Progress& progress) {
     result.json = {{"store", a.store},
                    {"nodes", {r.nodes.x, r.nodes.y, r.nodes.z}},
                    {"type", name_of(type)},
+                   {"unit", unit_json(source->describe().unit)},
                    {"levels", r.levels},
                    {"min_value", r.min_value},
                    {"max_value", r.max_value},

@@ -123,6 +123,7 @@ Result run(SliceArguments& a, Progress& progress) {
     Result result;
     result.warning = extract_warning(a.extract, r);
     result.json = extract_json(a.extract, r);
+    result.json["unit"] = unit_json(store.unit());
     result.text =
         fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.extract.mesh,
                     r.triangles, lines ? "lines" : "triangles", r.vertices,
@@ -165,7 +166,7 @@ void add_slice(CLI::App& app, Invocation& chosen) {
     add_cells_option(c, a->extract);
     add_parsed(
         c, "--plane", [a](const std::string& text) { a->plane = parse_plane(text); },
-        "the plane x NX + y NY + z NZ = D, in world units", "NX,NY,NZ,D")
+        "the plane x NX + y NY + z NZ = D, in the store's unit", "NX,NY,NZ,D")
         ->required();
     c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
     add_parsed(

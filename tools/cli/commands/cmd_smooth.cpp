@@ -121,8 +121,8 @@ Result run(SmoothArguments& a, Progress& progress) {
     a.source.max_heap = a.memory / 4;
     VolumeValues input(a.input, a.source);
     const VolumeDescription d = input.describe();
-    SmoothedPlace place{Lattice(d.nodes), d.spacing, d.origin,  d.direction, 0, 1,
-                        a.colors,         a.size[0], a.size[1], a.force};
+    SmoothedPlace place{Lattice(d.nodes), d.spacing, d.origin,  d.direction, 0,     1,
+                        a.colors,         a.size[0], a.size[1], a.force,     d.unit};
     if (place.lattice.dimension() == 0) {
         throw Error(ErrorKind::unsupported, {a.input}, "there is only one node");
     }

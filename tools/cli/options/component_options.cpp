@@ -38,17 +38,8 @@ std::uint64_t parse_largest(const std::string& text) {
     }
 }
 
-/// "2.5" or "2.5mm3".
 double parse_volume(const std::string& text) {
-    const std::size_t unit = text.find_first_not_of("+-.0123456789eE");
-    const std::string name = unit == std::string::npos ? "" : text.substr(unit);
-    if (unit != 0 && !name.empty() && name != "mm3") {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("--min-volume '{}': the unit {} is none that is known; give cubic "
-                                "world units (nothing, or mm3)",
-                                text, name));
-    }
-    const double volume = parse_number("--min-volume", unit == 0 ? text : text.substr(0, unit));
+    const double volume = parse_number("--min-volume", text);
     if (volume < 0) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("--min-volume '{}': give a number >= 0", text));
@@ -85,9 +76,9 @@ std::vector<CLI::Option*> add_component_options(CLI::App* command,
             [&choice](const std::string& text) {
                 chosen(choice).least_volume = parse_volume(text);
             },
-            "drop closed pieces around less than this volume, in cubic\n"
-            "world units; open ones stay",
-            "V[mm3]")};
+            "drop closed pieces around less than this volume, a number in\n"
+            "cubes of the store's unit; open ones stay",
+            "V")};
 }
 
 std::string component_text(const ExtractReport& r) {

@@ -228,7 +228,7 @@ void add_source_options(CLI::App* command, SourceOptions& o) {
                             fmt::format("--spacing '{}': give three numbers > 0", text));
             }
         },
-        "node distance in world units, instead of the file's", "X,Y[,Z]")
+        "distance of the nodes, in --unit or the file's unit, instead of the file's", "X,Y[,Z]")
         ->group(group);
     add_parsed(
         command, "--origin",
@@ -236,6 +236,18 @@ void add_source_options(CLI::App* command, SourceOptions& o) {
             o.origin = parse_double3("--origin", in_plane(text) ? text + ",0" : text);
         },
         "world position of the first node, instead of the file's", "X,Y[,Z]")
+        ->group(group);
+    add_parsed(
+        command, "--unit",
+        [&o](const std::string& text) {
+            o.unit = length_unit_from(text);
+            if (!o.unit) {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--unit '{}': give a unit of length: {}", text,
+                                        list_of_length_units()));
+            }
+        },
+        "of length, of spacing and origin, instead of the file's: mm, um, nm, ...", "U")
         ->group(group);
     command->add_flag("--labels", o.labels,
                       "integers of 64 bits are labels (0 to 2^62 - 1), kept as they are for\n"
