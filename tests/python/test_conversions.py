@@ -29,7 +29,7 @@ def test_vtk(store, direction, sign):
     pytest.importorskip("vtkmodules.vtkFiltersCore")
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkFiltersCore import vtkMassProperties
-    mesh = store.isosurface(0.0, gradient_direction=direction, values=store)
+    mesh = store.isosurface(0.0, gradient_direction=direction, vertex_values=store)
     data = mesh.to_vtk()
     points, corners = vtk_arrays(data)
     world = mesh.in_world()
@@ -47,7 +47,7 @@ def test_vtk(store, direction, sign):
 
 def test_vtk_keeps_the_memory(store):
     pytest.importorskip("vtkmodules.vtkFiltersCore")
-    mesh = store.isosurface(0.0, values=store)
+    mesh = store.isosurface(0.0, vertex_values=store)
     from vtkmodules.vtkCommonDataModel import vtkPolyData
     before = [array.copy() for array in vtk_arrays(mesh.to_vtk())]
     data = vtkPolyData()
@@ -112,7 +112,7 @@ def test_trimesh(store, monkeypatch):
             assert process is False and set(vertex_attributes) == {"value"} and len(vertex_normals) == len(vertices)
             return types.SimpleNamespace(vertices=vertices, faces=faces, volume=signed_volume(vertices, faces))
         monkeypatch.setitem(sys.modules, "trimesh", types.SimpleNamespace(Trimesh=taken))
-    mesh = store.isosurface(0.0, values=store)
+    mesh = store.isosurface(0.0, vertex_values=store)
     other = mesh.to_trimesh()
     np.testing.assert_array_equal(other.vertices, mesh.in_world().vertices)
     np.testing.assert_array_equal(other.faces, mesh.faces)

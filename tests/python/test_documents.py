@@ -64,10 +64,11 @@ def test_the_snippets_run(names, capsys):
     np.testing.assert_array_equal(names["quarter"], volume[::4, ::4, ::4])
     np.testing.assert_array_equal(names["part"], volume[10:20, :, 40])
     assert names["small"].report.distance_bound <= 0.5 and len(names["fewer"].faces) <= 3000
-    assert pathlib.Path("gyroid.vtu").stat().st_size > 10_000
+    assert pathlib.Path("gyroid.vtu").stat().st_size > 10_000 and pathlib.Path("gyroid.glb").stat().st_size > 10_000
     assert names["polydata"].GetNumberOfPolys() == len(names["surface"].faces)
     capsys.readouterr()
-    for section, count in (("What goes in", 1), ("Errors, progress, Ctrl-C", 2)):
+    for section, count in (("What the program does, from Python", 1), ("What goes in", 1),
+                           ("Errors, progress, Ctrl-C", 2)):
         assert len(snippets(section)) == count
         for code in snippets(section):
             exec(code, names)  # noqa: S102
@@ -154,6 +155,6 @@ def test_everything_that_is_public_says_what_it_is():
     for name in isonest.__all__:
         assert getattr(isonest, name).__doc__, name
     for kind in (isonest.Store, isonest.Mesh, isonest.View):
-        for name, member in vars(kind).items():
+        for name in dir(kind):
             if not name.startswith("_"):
-                assert member.__doc__, f"{kind.__name__}.{name}"
+                assert getattr(kind, name).__doc__, f"{kind.__name__}.{name}"

@@ -70,7 +70,7 @@ def test_values_come_from_another_store(store_path, noise, tmp_path):
     isonest.preprocess(noise, store_path)
     isonest.preprocess(np.broadcast_to(np.arange(40, dtype=np.int16)[:, None, None], noise.shape), tmp_path / "z")
     store, other = isonest.open(store_path), isonest.open(tmp_path / "z")
-    mesh = store.isosurface(0.3, values=other)
+    mesh = store.isosurface(0.3, vertex_values=other)
     other.close()
     np.testing.assert_allclose(mesh.values, mesh.vertices[:, 0], atol=1e-4)
 
@@ -79,7 +79,7 @@ def test_a_relative_error_is_that_fraction_of_the_range(store_path, noise):
     isonest.preprocess(noise, store_path)
     store = isonest.open(store_path)
     low, high = store.range
-    relative = store.isosurface(0.3, error=0.02, relative=True)
+    relative = store.isosurface(0.3, error_relative=0.02)
     assert relative.report.tolerance == pytest.approx(0.02 * (high - low))
     np.testing.assert_array_equal(relative.faces, store.isosurface(0.3, error=0.02 * (high - low)).faces)
 
@@ -119,7 +119,7 @@ def test_closed_solids_and_components(store_path, noise):
     solid = store.isosurface(0.3, close="below")
     edges = np.sort(np.concatenate([solid.faces[:, [0, 1]], solid.faces[:, [1, 2]], solid.faces[:, [2, 0]]]), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] % 2 == 0).all()
-    one = store.isosurface(0.3, largest=1)
+    one = store.isosurface(0.3, components="largest")
     assert one.report.components > 1 and one.report.dropped_components == one.report.components - 1
     assert len(one.faces) < len(store.isosurface(0.3).faces)
 

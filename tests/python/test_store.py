@@ -143,7 +143,7 @@ def test_memory_does_not_grow_with_calls(store):
 
     def work():
         for _ in range(50):
-            store.isosurface(0.3, values=store)
+            store.isosurface(0.3, vertex_values=store)
             store.values()
             store.slice((1, 0, 0), 3)
 

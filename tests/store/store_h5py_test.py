@@ -198,6 +198,24 @@ with tempfile.TemporaryDirectory() as folder:
         assert code == 4 and "VTKHDF" in text, text
     print("h5py: damaged headers and VTKHDF groups are found")
 
+    # The unit of length, with a checksum of its own; without it a store is of the version before.
+    def unit_of(store_of_unit):
+        with h5py.File(store_of_unit) as f:
+            if "unit" not in f.attrs:
+                return list(f.attrs["version"]), None
+            stored = np.asarray(f.attrs["unit"]).tobytes()
+            assert f.attrs["unit_xxh64"] == xxhash.XXH64(stored, len(stored), 0)
+            assert f.attrs["xxh64"] == digest_of(f)
+            return list(f.attrs["version"]), stored.decode()
+
+    assert unit_of(store) == ([2, 3], None)
+    for symbol in "km m dm cm mm um nm angstrom pm ft in".split():
+        with_unit = f"{folder}/unit.isonest"
+        run("preprocess", volume, "-o", with_unit, "--chunk", 16, "--spacing", "1,2,0.5", "--unit", symbol, "--force")
+        assert unit_of(with_unit) == ([2, 7], symbol), unit_of(with_unit)
+        assert run("info", with_unit)["unit"] == symbol
+    print("h5py: the unit of length is the one that was said")
+
     # A store of 2.1 has no ranges; it gives the same meshes.
     older = f"{folder}/older.isonest"
     shutil.copyfile(store, older)

@@ -145,14 +145,14 @@ class IsonestSurface(_StoreReader):
 
     def _options(self):
         options = {"normals": self._normals, "coordinates": "world", "memory": self.memory(), "progress": self.report,
-                   "cells": "hexahedra" if self._hexahedra else "tetrahedra"}
+                   "cells": "hex" if self._hexahedra else "tet"}
         kind = WITHIN[self._within]
         if kind == "triangles":
             options["triangles"] = max(int(self._tolerance), 1)
         elif kind in ("distance", "voxels"):
             options["distance"] = self._tolerance if kind == "distance" else f"{self._tolerance!r}voxel"
         else:
-            options.update(error=self._tolerance, relative=kind == "relative error")
+            options["error_relative" if kind == "relative error" else "error"] = self._tolerance
         if self._use_region:
             x0, x1, y0, y1, z0, z1 = self._region
             options["box"] = (x0, y0, z0), (x1, y1, z1)

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <isonest/error.h>
 
@@ -42,12 +43,15 @@ VolumeValues::VolumeValues(const std::string& path, const SourceOptions& options
     }
 }
 
+VolumeValues::VolumeValues(std::unique_ptr<VolumeSource> source)
+    : path_(source->describe().name), source_(std::move(source)) {}
+
 VolumeDescription VolumeValues::describe() const {
     if (source_) {
         return source_->describe();
     }
     const StoreHeader& h = store_->layout().header();
-    return {h.nodes, h.type, h.spacing, h.origin, path_, h.direction};
+    return {h.nodes, h.type, h.spacing, h.origin, path_, h.direction, false, h.unit};
 }
 
 std::vector<std::filesystem::path> VolumeValues::files() const {

@@ -19,6 +19,7 @@ class VolumeValues {
   public:
     /// Throws what open_volume() and StoreReader throw.
     VolumeValues(const std::string& path, const SourceOptions& options);
+    explicit VolumeValues(std::unique_ptr<VolumeSource> source);
 
     [[nodiscard]] VolumeDescription describe() const;
     /// Files that are read.

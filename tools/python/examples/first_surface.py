@@ -46,6 +46,12 @@ print(f"space within: {volume_of(full.in_world()):.0f}, coarse: {volume_of(coars
 small = store.isosurface(level, distance="0.5voxel")
 print(f"within {small.report.distance_bound:.3g}: {len(small.faces)} triangles")
 np.savez(folder / "balls.npz", vertices=small.vertices, faces=small.faces)
+small.save(folder / "balls.ply")
+
+# %% The larger of its pieces, if there are several, closed where it meets the volume's faces: for a printer.
+solid = store.isosurface(level, distance="0.5voxel", close=True, components="largest")
+solid.save(folder / "ball.stl")
+print(f"{solid.report.components} pieces, {len(solid.faces)} triangles in the largest")
 
 # %% A slice through the middle, with the data's values at its vertices.
 middle = store.slice((0, 1, 0), 40.0, error=200)

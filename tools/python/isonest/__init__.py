@@ -16,25 +16,29 @@ from typing import Any, Optional, Sequence, Union
 
 from . import _core, _sources
 from ._arguments import Bytes, Progress, reporting, to_bytes
-from ._core import PreprocessReport, Report, TriangleQuality
+from ._core import (Analysis, CheckReport, Finding, PreprocessReport, Report, SmoothStep, StoredArray, StudyRow,
+                    TriangleQuality)
 from ._errors import (CancelledError, CorruptError, Error, InputOutputError, InvalidArgumentError, LimitError,
                       MemoryLimitError, NotFoundError, UnsupportedError)
 from ._mesh import Mesh
-from ._store import Histogram, Label, Store
+from ._smooth import Smoothed, smooth
+from ._store import Histogram, Label, Store, Study
 from ._view import View
 
 __version__ = _core.version
-__all__ = ["preprocess", "open", "view", "isosurface", "Store", "View", "Mesh", "Histogram", "Label", "Report",
+__all__ = ["preprocess", "open", "view", "isosurface", "smooth", "Store", "View", "Mesh", "Histogram", "Label", "Study",
+           "StudyRow", "Smoothed", "SmoothStep", "CheckReport", "Finding", "Analysis", "StoredArray", "Report",
            "PreprocessReport", "TriangleQuality", "Error", "InvalidArgumentError", "NotFoundError", "CorruptError",
            "UnsupportedError", "InputOutputError", "LimitError", "MemoryLimitError", "CancelledError"]
 
 
 def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optional[Sequence[float]] = None,
-               origin: Optional[Sequence[float]] = None, missing: Optional[float] = None, dataset: str = "",
-               series: str = "", labels: bool = False, index: Any = None, crop: Optional[Sequence[slice]] = None,
-               every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
-               offset: Optional[int] = None, indicators: Optional[Union[str, Sequence[str]]] = None, exact: bool = False,
-               chunk: int = 64, compression: int = 1, replace: bool = False, resume: bool = False,
+               origin: Optional[Sequence[float]] = None, unit: Optional[str] = None, missing: Optional[float] = None,
+               dataset: str = "", series: str = "", labels: bool = False, index: Any = None,
+               crop: Optional[Sequence[slice]] = None, every: Union[int, Sequence[int]] = 1,
+               shape: Optional[Sequence[int]] = None, dtype: Any = None, offset: Optional[int] = None,
+               indicators: Union[None, str, Sequence[str]] = None, exact: bool = False, chunk: int = 64,
+               compression: int = 1, replace: bool = False, resume: bool = False,
                memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> PreprocessReport:
     """Turns a volume into the file ``store``, which appears whole or not at all.
 
@@ -46,14 +50,15 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         and what is masked are missing data. Nobody may change the volume meanwhile.
     spacing: distance of neighbouring nodes, origin: world position of the first node, both in the order of the
         array's axes. Without them 1 and 0, or what the file says.
+    unit: of length, of both: "mm", "um", "nm", ...; without it what the file says, or not known.
     missing: this value stands for missing data.
     dataset: of a file of several, series: of DICOM. labels: integers of 64 bits are
         labels, kept as they are (0 to 2**62 - 1). index: of files with time steps or channels what is taken of each
         axis, ``(5, None, None, None)`` or by name, ``{"time": 5}``. crop: ``np.s_[10:20, :, 5:]``; every: of what is
         left, each so-many-th node, one number or (z, y, x).
     shape, dtype, offset: of raw numbers; ">u2" is a dtype of big-endian numbers.
-    indicators: names of the error indicators, in a list or with commas; "nodes" are all of nodes, "all" those of hexahedral
-    cells too; exact: not rounded up to 16 bits.
+    indicators: names of the error indicators, in a list or with commas; "nodes" are all of nodes, "all" those of
+        hexahedral cells too; exact: not rounded up to 16 bits.
     chunk: nodes per axis, a power of two from 8 to 256. compression: zstd level, 1 to 19.
     replace: an existing store. resume: go on with what an interrupted run left, and leave what this one has done.
     memory: bytes of heap, at most, beside the volume. threads: 0 is all cores.
@@ -69,17 +74,9 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     options.resume = resume
     if indicators is not None:
         options.indicators = indicators.split(",") if isinstance(indicators, str) else list(indicators)
-    if _sources.is_files(volume):
-        source = _sources.of_files(volume, spacing=spacing, origin=origin, missing=missing, dataset=dataset,
-                                   series=series, labels=labels, index=index, shape=shape, dtype=dtype, offset=offset, crop=crop,
-                                   every=every, max_heap=options.memory // 4)
-    else:
-        of_files = {"dataset": dataset or None, "series": series or None, "labels": labels or None, "index": index, "shape": shape,
-                    "dtype": dtype, "offset": offset, "crop": crop, "every": None if every == 1 else every}
-        given = [name for name, value in of_files.items() if value is not None]
-        if given:
-            raise ValueError(f"{given[0]}= is for files; this volume is an array, which can be sliced")
-        source = _sources.of_array(volume, spacing, origin, missing, resume)
+    source = _sources.of_volume(volume, identified=resume, memory=options.memory, spacing=spacing, origin=origin,
+                                unit=unit, missing=missing, dataset=dataset, series=series, labels=labels, index=index, crop=crop,
+                                every=every, shape=shape, dtype=dtype, offset=offset)
     with reporting(progress) as report:
         return _core.preprocess(source, os.fspath(store), options, report)
 
@@ -96,24 +93,24 @@ def view(path: "os.PathLike[str] | str", *, port: int = 0, memory: Bytes = "1G",
         return store.view(port=port, memory=memory, threads=threads, open=open, height=height, program=program)
 
 
-def isosurface(volume: Any, level: Optional[float] = None, *, spacing: Optional[Sequence[float]] = None,
+def isosurface(volume: Any, iso: Optional[float] = None, *, spacing: Optional[Sequence[float]] = None,
                missing: Optional[float] = None, memory: Bytes = "1G", threads: int = 0,
                scratch: "os.PathLike[str] | str | None" = None, progress: Progress = None, **query: Any) -> Mesh:
     """The surface of a volume in one call, for volumes that are looked at once.
 
     A temporary store is made in the folder ``scratch`` (without it, in the system's) and removed. ``volume``,
     ``spacing`` and ``missing`` are those of :func:`preprocess`, the other arguments those of
-    :meth:`Store.isosurface`. Without a level it is the mean of the smallest and the largest value.
+    :meth:`Store.isosurface`. Without an isovalue it is the mean of the smallest and the largest value.
     """
     indicators = None
-    if query.get("cells") == "hexahedra" and query.get("error"):
+    if query.get("cells") in ("hex", "hexahedra") and (query.get("error") or query.get("error_relative")):
         indicators = ["deviation_bar", "hex_linf", "hex_deviation"]
     with tempfile.TemporaryDirectory(prefix="isonest-", dir=scratch) as folder:
         path = pathlib.Path(folder) / "volume.isonest"
         preprocess(volume, path, spacing=spacing, missing=missing, indicators=indicators, memory=memory,
                    threads=threads, progress=progress)
         with open(path) as store:
-            if level is None:
+            if iso is None:
                 low, high = store.range or (0.0, 0.0)
-                level = low + (high - low) / 2
-            return store.isosurface(level, memory=memory, threads=threads, scratch=folder, progress=progress, **query)
+                iso = low + (high - low) / 2
+            return store.isosurface(iso, memory=memory, threads=threads, scratch=folder, progress=progress, **query)

@@ -33,6 +33,11 @@ class Frame(NamedTuple):
         x, y, z = (float(v) for v in self._vector_to_world(point) + np.array(self.origin))
         return x, y, z
 
+    def vector_to_world(self, vector: Sequence[float]) -> _Vector:
+        """Of (z, y, x)."""
+        x, y, z = (float(v) for v in self._vector_to_world(vector))
+        return x, y, z
+
     def plane_to_world(self, normal: Sequence[float], offset: float) -> tuple[_Vector, float]:
         """Of the plane {normal . p = offset}."""
         x, y, z = (float(v) for v in self._vector_to_world(normal))

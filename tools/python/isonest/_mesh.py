@@ -1,10 +1,13 @@
 """Meshes as arrays, and as the objects of other libraries."""
 from __future__ import annotations
 
+import os
 from typing import Any, Iterator, Optional
 
 import numpy as np
 
+from . import _core
+from ._arguments import Progress, reporting
 from ._frame import Frame
 
 
@@ -19,7 +22,7 @@ class Mesh:
     """
 
     def __init__(self, parts: tuple, *, coordinates: str, frame: Frame, flip: bool, level: Optional[float]) -> None:
-        self._positions, elements, self._normals, self._values, self._errors, self.report = parts
+        self._positions, elements, self._normals, self._values, self._errors, self._layout, self.report = parts
         self._elements = elements.view(np.int32) if len(self._positions) < 2**31 else elements
         self._coordinates = coordinates
         self._frame = frame
@@ -75,7 +78,8 @@ class Mesh:
                f"{self._coordinates} coordinates>"
 
     def _other(self, coordinates: str) -> "Mesh":
-        parts = (self._positions, self._elements, self._normals, self._values, self._errors, self.report)
+        parts = (self._positions, self._elements, self._normals, self._values, self._errors, self._layout,
+                 self.report)
         return Mesh(parts, coordinates=coordinates, frame=self._frame, flip=self._flip, level=self._level)
 
     def in_world(self) -> "Mesh":
@@ -85,6 +89,16 @@ class Mesh:
     def in_array(self) -> "Mesh":
         """The same mesh, the same memory, in array coordinates (z, y, x)."""
         return self._other("array")
+
+    def save(self, path: "os.PathLike[str] | str", *, progress: Progress = None) -> None:
+        """Writes the mesh in the format that the name's end chooses: .ply, .stl, .obj, .vtp, .vtkhdf, .glb, .3mf or
+        .ngmesh; lines as .vtp or .obj. The file is in world coordinates, and byte for byte the one that the program
+        ``isonest extract`` writes. It appears whole or not at all, and replaces a file of its name, unless the mesh
+        was made from that.
+        """
+        with reporting(progress) as report:
+            _core.save_mesh(os.fspath(path), self._layout, self._positions, self._elements.view(np.uint32), self._flip,
+                            self._normals, self._values, self._errors, report)
 
     def _attributes(self) -> dict[str, np.ndarray]:
         named = {"normal": self._normals, "value": self._values, "error": self._errors}

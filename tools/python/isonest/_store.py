@@ -3,16 +3,16 @@ from __future__ import annotations
 
 import os
 import pathlib
-from typing import Any, Literal, NamedTuple, Optional, Sequence, Union
+from typing import Any, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
-from . import _core, _view
-from ._arguments import Box, Bytes, Point, Progress, backwards, reporting, to_bytes, to_distance, to_point
+from . import _core, _sources, _view
+from ._arguments import Bytes, Point, Progress, backwards, reporting, to_bytes
+from ._core import Analysis, CheckReport, StoredArray, StudyRow
+from ._extracting import Extracting
 from ._frame import Directions, Frame
-from ._mesh import Mesh
-
-Coordinates = Literal["array", "world"]
+from ._queries import Coordinates, Place
 
 
 class Histogram(NamedTuple):
@@ -44,7 +44,18 @@ class Label(NamedTuple):
     """Largest indices (z, y, x)."""
 
 
-class Store:
+class Study(NamedTuple):
+    """How many elements each indicator needs for how much error."""
+
+    all_elements: int
+    """Of the finest mesh of triangles or tetrahedra."""
+    all_cells: int
+    """Of the finest grid of quadrilaterals or hexahedra."""
+    rows: "list[StudyRow]"
+    """Field by field, thresholds falling."""
+
+
+class Store(Extracting):
     """A store, open for reading; see :func:`isonest.open`. Any number of threads may use it at once."""
 
     def __init__(self, path: "os.PathLike[str] | str") -> None:
@@ -94,6 +105,11 @@ class Store:
         return backwards(self._core.origin)
 
     @property
+    def unit(self) -> Optional[str]:
+        """Of length, of spacing and origin and all that is made from them: "mm", "um", ...; None if not known."""
+        return self._core.unit
+
+    @property
     def direction(self) -> Directions:
         """World directions (x, y, z) of the axes x, y and z: unit vectors at right angles."""
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self._core.direction
@@ -134,6 +150,36 @@ class Store:
         """The file's size."""
         return self._core.file_bytes
 
+    @property
+    def format(self) -> str:
+        """The version of the file's format."""
+        return self._core.format
+
+    @property
+    def exact(self) -> bool:
+        """Whether the indicators were not rounded up to 16 bits."""
+        return self._core.exact
+
+    @property
+    def chunk(self) -> int:
+        """Nodes of a chunk along each axis."""
+        return self._core.chunk
+
+    @property
+    def compression(self) -> int:
+        """The zstd level."""
+        return self._core.compression
+
+    @property
+    def arrays(self) -> "list[StoredArray]":
+        """All arrays of all levels: their sizes, compressed and not, and ranges."""
+        return _core.stored_arrays(self._core)
+
+    @property
+    def analyses(self) -> "list[Analysis]":
+        """The analyses of surfaces that are kept beside the store (``keep_analysis=True``)."""
+        return _core.analyses(self._core)
+
     def values(self, level: int = 0, box: Optional[Sequence[Union[slice, int]]] = None, *, memory: Bytes = "256M",
                threads: int = 0, progress: Progress = None) -> np.ndarray:
         """The values of a level: those of ``array[::2**level, ::2**level, ::2**level]``.
@@ -170,67 +216,6 @@ class Store:
         return Histogram(edges, h.nodes, h.cubes if h.cube_level is not None else None, h.suggested, h.missing,
                          h.level)
 
-    def isosurface(self, level: float, *, error: float = 0.0, relative: bool = False, guarantee: str = "deviation",
-                   simplify: bool = False, distance: Union[None, float, str] = None, triangles: Optional[int] = None,
-                   box: Optional[Box] = None, normals: bool = True, values: "Optional[Store]" = None,
-                   vertex_error: Optional[str] = None, exact: bool = False,
-                   cells: Literal["tetrahedra", "hexahedra"] = "tetrahedra",
-                   close: Optional[Literal["below", "above"]] = None, largest: int = 0, least_triangles: int = 0,
-                   least_volume: float = 0.0, coordinates: Coordinates = "array",
-                   gradient_direction: Literal["descent", "ascent"] = "descent", quality: bool = False,
-                   memory: Bytes = "1G", threads: int = 0, scratch: "os.PathLike[str] | str" = "",
-                   progress: Progress = None) -> Mesh:
-        """The surface on which the data have the value ``level``; of data in a plane, the lines.
-
-        error: how far the data may be from ``level``, anywhere on the mesh, in units of the data; 0 is full
-            resolution. With ``relative=True`` a fraction of the data's range.
-        guarantee: "deviation" and "plus" are bounds, "estimate" is none.
-        simplify: keep the error by fewer triangles; takes longer.
-        distance: in place of an error, how far the mesh may be from the surface at full resolution and the other
-            way round, in the units of the spacing; or a text such as "0.5voxel".
-        triangles: in place of an error, at most so many, at the smallest distance that is found; with a distance,
-            whichever is reached first.
-        box: only what is inside, ``((z0, y0, x0), (z1, y1, x1))`` in the coordinates of the result.
-        normals: at the vertices, from the data's gradient.
-        values: another store of the same shape whose values the vertices get; without one they have ``level``.
-        vertex_error: an indicator at the vertices, by its name.
-        exact: vertices where the finest data have the value, whatever the error.
-        cells: hexahedra give a third of the triangles.
-        close: a solid, of what is "above" or "below" the level outside of the volume.
-        largest, least_triangles, least_volume: which connected components are kept; 0 is all.
-        coordinates: "array" is (z, y, x) times the spacing, "world" is (x, y, z) with the origin.
-        gradient_direction: of the faces' corners, as scikit-image means it.
-        quality: the report says which angles the triangles have.
-        memory: bytes, beside the mesh. threads: 0 is all cores. scratch: a folder for temporary files.
-
-        A level that does not occur gives an empty mesh. Raises subclasses of :class:`isonest.Error`.
-        """
-        query = _core.SurfaceQuery()
-        query.level = float(level)
-        if distance is not None or triangles is not None:
-            if error or simplify:
-                raise ValueError("error= and simplify= do not go with distance= or triangles=")
-            within, voxels = to_distance(distance) if distance is not None else (0.0, False)
-            if triangles is not None:
-                query.set_triangles(int(triangles), within if distance is not None else None, voxels)
-            else:
-                query.set_distance(within, voxels)
-        elif simplify:
-            query.set_simplified_error(float(error), relative, guarantee)
-        else:
-            query.set_error(float(error), relative, guarantee)
-        if exact:
-            query.set_exact_vertices()
-        query.set_close(close)
-        if largest or least_triangles or least_volume:
-            query.set_components(largest, least_triangles, least_volume)
-        if gradient_direction not in ("descent", "ascent"):
-            raise ValueError(f"gradient_direction={gradient_direction!r}: give 'descent' or 'ascent'")
-        return self._extract(query, box=box, normals=normals, values=values, vertex_error=vertex_error, cells=cells,
-                             coordinates=coordinates, flip=gradient_direction == "ascent",
-                             level=float(level), quality=quality,
-                             memory=memory, threads=threads, scratch=scratch, progress=progress)
-
     def labels(self, *, memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> "list[Label]":
         """The labels of a segmentation, by their ids: what values there are, and where.
 
@@ -241,56 +226,66 @@ class Store:
             rows = self._core.labels(to_bytes(memory), int(threads), report)
         return [Label(row[0], row[1], (row[4], row[3], row[2]), (row[7], row[6], row[5])) for row in rows]
 
-    def label_surface(self, label: int, *, distance: Union[None, float, str] = None, triangles: Optional[int] = None,
-                      box: Optional[Box] = None, normals: bool = False,
-                      cells: Literal["tetrahedra", "hexahedra"] = "tetrahedra",
-                      close: Optional[Literal["below", "above"]] = None, largest: int = 0, least_triangles: int = 0,
-                      least_volume: float = 0.0, coordinates: Coordinates = "array", quality: bool = False,
-                      memory: Bytes = "1G", threads: int = 0, scratch: "os.PathLike[str] | str" = "",
-                      progress: Progress = None) -> Mesh:
-        """The surface around the nodes with this label, half way to the others, whatever their labels are.
+    def check(self, *, quick: bool = False, deep: bool = False, source: Any = None, memory: Bytes = "512M",
+              threads: int = 0, progress: Progress = None, **reading: Any) -> CheckReport:
+        """Tests the store, from checksums to brute force. What is wrong is in the report: nothing is raised for it.
 
-        The arguments are those of :meth:`isosurface`; inside the surface is "above", so ``close="below"`` closes it
-        where the label reaches the border of the volume.
+        quick: seconds for any size, the chunk table and a sample of the checksums.
+        deep: everything, also that HDF5 finds the same chunks by its own index.
+        source: the volume that the store was made from, as of :func:`isonest.preprocess`: the values are compared
+            with it. reading: how it is read, the arguments of :func:`isonest.preprocess` from ``spacing`` to
+            ``offset``.
         """
-        query = _core.SurfaceQuery()
-        query.set_label(int(label))
-        query.set_error(0.0, False, "deviation")
-        if distance is not None or triangles is not None:
-            within, voxels = to_distance(distance) if distance is not None else (0.0, False)
-            if triangles is not None:
-                query.set_triangles(int(triangles), within if distance is not None else None, voxels)
-            else:
-                query.set_distance(within, voxels)
-        query.set_close(close)
-        if largest or least_triangles or least_volume:
-            query.set_components(largest, least_triangles, least_volume)
-        return self._extract(query, box=box, normals=normals, values=None, vertex_error=None, cells=cells,
-                             coordinates=coordinates, flip=False, level=float(label), quality=quality, memory=memory,
-                             threads=threads, scratch=scratch, progress=progress)
+        if quick and deep:
+            raise ValueError("give one of quick= and deep=, not both")
+        if source is None and reading:
+            raise ValueError(f"{next(iter(reading))}= goes with source=")
+        budget = to_bytes(memory)
+        volume = None if source is None else _sources.of_volume(source, identified=False, memory=budget, **reading)
+        with reporting(progress) as report:
+            return _core.check(self._core, quick, deep, volume, budget, int(threads), report)
 
-    def slice(self, normal: Point, offset: float, *, error: float = 0.0, relative: bool = False,
-              guarantee: str = "deviation", box: Optional[Box] = None, normals: bool = False,
-              values: "Optional[Store]" = None, vertex_error: Optional[str] = None,
-              cells: Literal["tetrahedra", "hexahedra"] = "tetrahedra", coordinates: Coordinates = "array",
-              quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: "os.PathLike[str] | str" = "",
-              progress: Progress = None) -> Mesh:
-        """The plane of the points p with ``normal . p = offset`` as triangles that are as large as the error allows.
+    def export(self, output: "os.PathLike[str] | str", field: str = "values", *, level: int = 0,
+               replace: bool = False, memory: Bytes = "256M", progress: Progress = None) -> None:
+        """Writes a field as a volume file: .h5, .nrrd, .nii, .vti, .npy, .mha or .raw.
 
-        The vertices have values; between them they are linear, and at most ``error`` off the data anywhere. Normal
-        and offset are in the coordinates of the result: ``slice((1, 0, 0), 35)`` is the plane number 35 of the
-        array, times the spacing. The other arguments are those of :meth:`isosurface`.
+        field: "values" in their type, or an indicator as float32 on the finest lattice, 0 at the macro vertices.
+            Indicators that no store holds are computed in memory, which takes 20 bytes a node: "lp:3",
+            "grad_lp:1.5_bar", "gradient", "curvature_plus".
+        level: of values, of :meth:`values`; of an indicator, only nodes of this level and coarser.
+        replace: an existing file.
         """
-        query = _core.SliceQuery()
-        direction = to_point("normal", normal)
-        place = float(offset)
-        if coordinates == "array":
-            direction, place = self._frame.plane_to_world(direction, place)
-        query.set_plane(direction, place)
-        query.set_error(float(error), relative, guarantee)
-        return self._extract(query, box=box, normals=normals, values=values,
-                             vertex_error=vertex_error, cells=cells, coordinates=coordinates, flip=False, level=None,
-                             quality=quality, memory=memory, threads=threads, scratch=scratch, progress=progress)
+        with reporting(progress) as report:
+            _core.export_field(self._core, os.fspath(output), field, int(level), replace, to_bytes(memory), report)
+
+    def study(self, fields: Optional[Sequence[str]] = None, *, iso: Optional[float] = None,
+              plane: "Optional[tuple[Point, float]]" = None, norm: Optional[float] = None,
+              graph_distance: bool = False, steps: int = 25, least: float = 1e-4, coordinates: Coordinates = "array",
+              memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> Study:
+        """Compares indicators: at thresholds from 1 down, as fractions of each one's largest value, the elements of the
+        adaptive mesh of the whole volume, and the error of the function on it.
+
+        fields: their names, those of :meth:`export` among them; without them all of the store.
+        iso: also count what extracting this isosurface visits.
+        plane: normal and offset as of :meth:`slice`; the mesh and its error on this plane alone.
+        norm: p, also the errors of value and gradient in L^p, integrated exactly.
+        graph_distance: also the distance of the graphs of data and mesh; takes long where the error is large.
+        steps, least: how many thresholds, and the least one.
+        memory: the volume has to fit into it, 20 bytes a node.
+        """
+        if steps < 2:
+            raise ValueError(f"steps={steps!r}: give 2 or more")
+        options = _core.StudyOptions()
+        options.iso, options.norm, options.graph_distance = iso, norm, graph_distance
+        options.steps, options.least = int(steps), float(least)
+        options.memory, options.threads = to_bytes(memory), int(threads)
+        if plane is not None:
+            place = Place(self._frame, coordinates)
+            place.require()
+            options.set_plane(*place.plane(*plane))
+        names = None if fields is None else list(fields)
+        with reporting(progress) as report:
+            return Study(*_core.study(self._core, names, options, report))
 
     def view(self, *, port: int = 0, memory: Bytes = "1G", threads: int = 0, open: Optional[bool] = None,
              height: int = 600, program: "os.PathLike[str] | str | None" = None) -> _view.View:
@@ -312,29 +307,3 @@ class Store:
         """
         return _view.start(self.path, port=port, memory=memory, threads=threads, open=open, height=height,
                            program=program)
-
-    def _extract(self, query: Any, *, box: Optional[Box], normals: bool, values: "Optional[Store]",
-                 vertex_error: Optional[str], cells: str, coordinates: str, flip: bool, level: Optional[float],
-                 quality: bool, memory: Bytes, threads: int, scratch: "os.PathLike[str] | str",
-                 progress: Progress) -> Mesh:
-        if coordinates not in ("array", "world"):
-            raise ValueError(f"coordinates={coordinates!r}: give 'array' or 'world'")
-        if box is not None:
-            low, high = (to_point("box", corner) for corner in box)
-            if coordinates == "array":
-                low, high = (self._frame.point_to_world(corner) for corner in (low, high))
-            query.set_box(low, high)
-        query.normals = bool(normals)
-        query.set_cells(cells)
-        if values is not None:
-            query.set_values(values._core)
-        if vertex_error is not None:
-            query.set_vertex_error(vertex_error)
-        options = _core.ExtractOptions()
-        options.memory = to_bytes(memory)
-        options.threads = int(threads)
-        options.scratch = os.fspath(scratch)
-        options.quality = quality
-        with reporting(progress) as report:
-            parts = _core.extract(self._core, query, options, report)
-        return Mesh(parts, coordinates=coordinates, frame=self._frame, flip=flip, level=level)

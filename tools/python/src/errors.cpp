@@ -80,7 +80,7 @@ std::string_view words_of(RemedyKind kind) {
         case RemedyKind::scale_values:
             return "scale the data, or take an offset off them, first";
         case RemedyKind::graph:
-            return "draw the graph with the program: isonest extract --graph";
+            return "draw its graph with Store.graph";
         case RemedyKind::choose_index:
             return "choose with index=, an entry per axis (5, None, None, None) or by name "
                    "{{'time': 5}}";
@@ -88,6 +88,10 @@ std::string_view words_of(RemedyKind kind) {
             return "say which one with series=";
         case RemedyKind::install_package:
             return "install {} and build isonest again";
+        case RemedyKind::say_unit:
+            return "preprocess the volume again with unit='{}'";
+        case RemedyKind::world_units:
+            return "give a number alone, in the volume's own unit";
     }
     return "";
 }

@@ -3,11 +3,15 @@
 
 #include <isonest/version.h>
 
+#include "tools/python/src/checks.h"
 #include "tools/python/src/errors.h"
+#include "tools/python/src/meshes.h"
 #include "tools/python/src/queries.h"
 #include "tools/python/src/reports.h"
+#include "tools/python/src/smoothing.h"
 #include "tools/python/src/sources.h"
 #include "tools/python/src/stores.h"
+#include "tools/python/src/studies.h"
 
 PYBIND11_MODULE(_core, module) {
     module.doc() = "The compiled part of isonest. Coordinates are those of the world: x, y, z.";
@@ -17,4 +21,8 @@ PYBIND11_MODULE(_core, module) {
     isonest::python::add_sources(module);
     isonest::python::add_stores(module);
     isonest::python::add_queries(module);
+    isonest::python::add_meshes(module);
+    isonest::python::add_checks(module);
+    isonest::python::add_studies(module);
+    isonest::python::add_smoothing(module);
 }

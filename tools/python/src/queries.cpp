@@ -5,18 +5,15 @@
 
 #include <array>
 #include <cstdint>
-#include <memory>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include <isonest/error.h>
-#include <isonest/extract.h>
 
-#include "tools/python/src/arrays.h"
-#include "tools/python/src/progress.h"
-#include "tools/python/src/stores.h"
+#include "tools/python/src/fields.h"
 
 namespace isonest::python {
 namespace {
@@ -43,68 +40,29 @@ Guarantee guarantee_of(const std::string& name) {
                                                           {"estimate", Guarantee::estimate}}});
 }
 
-Cells cells_of(const std::string& name) {
-    return choose("cells", name,
-                  std::array<std::pair<const char*, Cells>, 2>{
-                      {{"tetrahedra", Cells::tetrahedra}, {"hexahedra", Cells::hexahedra}}});
+/// By the names of the program, or written out. `cubes`: what cells are that are not simplices.
+Cells cells_of(const std::string& name, const char* cubes, const char* cubes_in_full) {
+    return choose(
+        "cells", name,
+        std::array<std::pair<const char*, Cells>, 4>{{{"tet", Cells::tetrahedra},
+                                                      {cubes, Cells::hexahedra},
+                                                      {"tetrahedra", Cells::tetrahedra},
+                                                      {cubes_in_full, Cells::hexahedra}}});
 }
 
-std::optional<Outside> outside_of(const std::optional<std::string>& name) {
-    if (!name) {
-        return std::nullopt;
-    }
-    return choose("close", *name,
+VertexPlace vertices_of(const std::string& name) {
+    return choose("vertices", name,
+                  std::array<std::pair<const char*, VertexPlace>, 2>{
+                      {{"linear", VertexPlace::linear}, {"exact", VertexPlace::exact}}});
+}
+
+Outside outside_of(const std::string& name) {
+    return choose("close", name,
                   std::array<std::pair<const char*, Outside>, 2>{
                       {{"below", Outside::below}, {"above", Outside::above}}});
 }
 
-Field field_of_name(const std::string& name) {
-    const std::optional<Field> field = field_from_name(name);
-    if (!field) {
-        throw Error(ErrorKind::invalid_argument, "there is no indicator '" + name + "'",
-                    {{RemedyKind::other_field, list_names(all_fields())}});
-    }
-    return *field;
-}
-
-/// A query, and the stores that it names.
-template <class Query>
-struct Asked {
-    Query query;
-    std::shared_ptr<const Store> values;
-
-    void set_values(const OpenStore& store) {
-        values = store.get();
-        query.vertex_values = values.get();
-    }
-};
-using AskedSurface = Asked<SurfaceQuery>;
-using AskedSlice = Asked<SliceQuery>;
-
-template <class T>
-py::object array_or_none(std::vector<T>&& rows) {
-    return rows.empty() ? py::object(py::none()) : py::object(as_array(std::move(rows)));
-}
-
-/// (positions, elements, normals, values, errors, report): the arrays own the mesh.
-template <class Query>
-py::tuple extract_mesh(const OpenStore& handle, const Asked<Query>& asked,
-                       const ExtractOptions& options, const py::object& progress) {
-    const std::shared_ptr<const Store> store = handle.get();
-    MeshCollector mesh;
-    ExtractReport report;
-    run_watched(progress,
-                [&](Progress& p) { report = extract(*store, asked.query, mesh, options, p); });
-    py::array elements = report.dimension == 2 && mesh.triangles.empty()
-                             ? as_array(std::move(mesh.lines))
-                             : as_array(std::move(mesh.triangles));
-    return py::make_tuple(as_array(std::move(mesh.vertices)), std::move(elements),
-                          array_or_none(std::move(mesh.normals)),
-                          array_or_none(std::move(mesh.values)),
-                          array_or_none(std::move(mesh.errors)), std::move(report));
-}
-
-/// What surfaces and slices have in common.
+/// What all queries have.
 template <class Query>
 void add_common(py::class_<Asked<Query>>& type) {
     using namespace py::literals;
@@ -117,42 +75,78 @@ void add_common(py::class_<Asked<Query>>& type) {
             },
             "value"_a, "relative"_a, "guarantee"_a)
         .def(
+            "set_threshold",
+            [](A& a, const std::string& field, double value, bool relative) {
+                a.query.stop = FieldThreshold{indicator_of_name(field), value, relative};
+            },
+            "field"_a, "value"_a, "relative"_a)
+        .def(
+            "set_focus",
+            [](A& a, const Double3& lo, const Double3& hi, double falloff) {
+                a.query.focus = Focus{lo, hi, falloff};
+            },
+            "lo"_a, "hi"_a, "falloff"_a)
+        .def(
+            "set_camera",
+            [](A& a, const Double3& position, double fov, int height, double pixels) {
+                a.query.camera = Camera{position, fov, height, pixels};
+            },
+            "position"_a, "fov"_a, "height"_a, "pixels"_a)
+        .def(
             "set_box",
             [](A& a, const Double3& lo, const Double3& hi) {
                 a.query.box = WorldBox{lo, hi};
             },
-            "lo"_a, "hi"_a)
-        .def("set_values", &A::set_values, "store"_a)
-        .def("set_cells", [](A& a, const std::string& name) { a.query.cells = cells_of(name); })
-        .def("set_vertex_error",
-             [](A& a, const std::string& name) { a.query.vertex_error = field_of_name(name); })
-        .def_property(
-            "normals", [](const A& a) { return a.query.normals; },
-            [](A& a, bool normals) { a.query.normals = normals; });
+            "lo"_a, "hi"_a);
 }
 
-void add_surface(py::module_& module) {
+/// What triangles have, and contour lines have not. `cubes`: see cells_of().
+template <class Query>
+void add_attributes(py::class_<Asked<Query>>& type, const char* cubes, const char* cubes_in_full) {
     using namespace py::literals;
-    py::class_<AskedSurface> type(module, "SurfaceQuery");
-    add_common(type);
-    type.def_property(
-            "level", [](const AskedSurface& a) { return a.query.iso; },
-            [](AskedSurface& a, double level) { a.query.iso = level; })
+    using A = Asked<Query>;
+    type.def(
+            "set_vertex_values", [](A& a, const OpenStore& store) { a.set_values(store); },
+            "store"_a)
         .def(
+            "set_cells",
+            [cubes, cubes_in_full](A& a, const std::string& name) {
+                a.query.cells = cells_of(name, cubes, cubes_in_full);
+            },
+            "name"_a)
+        .def(
+            "set_vertex_error",
+            [](A& a, const std::string& name) { a.query.vertex_error = indicator_of_name(name); },
+            "field"_a)
+        .def(
+            "set_normals", [](A& a, bool normals) { a.query.normals = normals; }, "normals"_a);
+}
+
+/// In place of an error.
+void add_surface_stops(py::class_<AskedSurface>& type) {
+    using namespace py::literals;
+    using A = AskedSurface;
+    type.def(
             "set_simplified_error",
-            [](AskedSurface& a, double value, bool relative, const std::string& guarantee) {
+            [](A& a, double value, bool relative, const std::string& guarantee) {
                 a.query.stop = SimplifiedErrorBound{{value, relative, guarantee_of(guarantee)}};
             },
             "value"_a, "relative"_a, "guarantee"_a)
         .def(
             "set_distance",
-            [](AskedSurface& a, double value, bool voxels) {
+            [](A& a, double value, bool voxels) {
                 a.query.stop = DistanceBound{value, voxels};
             },
             "value"_a, "voxels"_a)
         .def(
+            "set_nested_distance",
+            [](A& a, double value, bool voxels) {
+                a.query.stop = NestedDistanceBound{{value, voxels}};
+            },
+            "value"_a, "voxels"_a)
+        .def(
             "set_triangles",
-            [](AskedSurface& a, std::uint64_t most, std::optional<double> within, bool voxels) {
+            [](A& a, std::uint64_t most, std::optional<double> within, bool voxels) {
                 TriangleBudget budget{most};
                 if (within) {
                     budget.within = DistanceBound{*within, voxels};
@@ -160,51 +154,100 @@ void add_surface(py::module_& module) {
                 a.query.stop = budget;
             },
             "most"_a, "within"_a, "voxels"_a)
-        .def("set_exact_vertices", [](AskedSurface& a) { a.query.vertices = VertexPlace::exact; })
-        .def("set_close",
-             [](AskedSurface& a, const std::optional<std::string>& outside) {
-                 a.query.close = outside_of(outside);
-             })
         .def(
-            "set_label", [](AskedSurface& a, std::int64_t id) { a.query.label = LabelChoice{id}; },
-            "id"_a)
-        .def(
-            "set_components",
-            [](AskedSurface& a, std::uint64_t largest, std::uint64_t least_triangles,
-               double least_volume) {
-                a.query.components = ComponentChoice{largest, least_triangles, least_volume};
+            "set_triangles_by_error",
+            [](A& a, std::uint64_t most, bool simplified) {
+                a.query.stop = ErrorBudget{.most = most, .simplified = simplified};
             },
-            "largest"_a, "least_triangles"_a, "least_volume"_a);
+            "most"_a, "simplified"_a);
 }
 
-void add_slice(py::module_& module) {
+void add_surface(py::module_& module) {
     using namespace py::literals;
-    py::class_<AskedSlice> type(module, "SliceQuery");
+    using A = AskedSurface;
+    py::class_<A> type(module, "SurfaceQuery");
     add_common(type);
+    add_attributes(type, "hex", "hexahedra");
+    add_surface_stops(type);
     type.def(
-        "set_plane",
-        [](AskedSlice& a, const Double3& normal, double offset) {
-            a.query.plane = {normal, offset};
-        },
-        "normal"_a, "offset"_a);
+            "set_iso", [](A& a, double iso) { a.query.iso = iso; }, "iso"_a)
+        .def(
+            "set_label", [](A& a, std::int64_t id) { a.query.label = LabelChoice{id}; }, "id"_a)
+        .def(
+            "set_vertices",
+            [](A& a, const std::string& place) { a.query.vertices = vertices_of(place); },
+            "place"_a)
+        .def(
+            "set_close",
+            [](A& a, const std::string& outside) { a.query.close = outside_of(outside); },
+            "outside"_a)
+        .def(
+            "set_components",
+            [](A& a, std::uint64_t largest, std::uint64_t least_triangles, double least_volume) {
+                a.query.components = ComponentChoice{largest, least_triangles, least_volume};
+            },
+            "largest"_a, "least_triangles"_a, "least_volume"_a)
+        .def(
+            "set_bound",
+            [](A& a, const std::string& field) { a.query.bound = indicator_of_name(field); },
+            "field"_a)
+        .def(
+            "set_view",
+            [](A& a, const Double3& direction, const std::optional<std::string>& field) {
+                a.query.culling = BackfaceCulling{direction};
+                if (field) {
+                    a.query.culling->field = indicator_of_name(*field);
+                }
+            },
+            "direction"_a, "cull_by"_a)
+        .def(
+            "set_kept_analysis",
+            [](A& a, const std::filesystem::path& folder) {
+                a.query.analysis = KeptAnalysis{folder};
+            },
+            "folder"_a);
+}
+
+template <class Query>
+void set_plane(Asked<Query>& a, const Double3& normal, double offset) {
+    a.query.plane = {normal, offset};
+}
+
+void add_planes(py::module_& module) {
+    using namespace py::literals;
+    py::class_<AskedSlice> slice(module, "SliceQuery");
+    add_common(slice);
+    add_attributes(slice, "hex", "hexahedra");
+    slice.def("set_plane", &set_plane<SliceQuery>, "normal"_a, "offset"_a);
+
+    py::class_<AskedContours> contours(module, "ContourQuery");
+    add_common(contours);
+    contours.def("set_plane", &set_plane<ContourQuery>, "normal"_a, "offset"_a)
+        .def(
+            "set_values",
+            [](AskedContours& a, std::vector<double> values) {
+                a.query.values = std::move(values);
+            },
+            "values"_a);
+
+    py::class_<AskedGraph> graph(module, "GraphQuery");
+    add_common(graph);
+    add_attributes(graph, "quad", "quadrilaterals");
+    graph.def(
+        "set_scale", [](AskedGraph& a, double scale) { a.query.scale = scale; }, "scale"_a);
 }
 
 }  // namespace
 
 void add_queries(py::module_& module) {
-    using namespace py::literals;
     add_surface(module);
-    add_slice(module);
+    add_planes(module);
     py::class_<ExtractOptions>(module, "ExtractOptions")
         .def(py::init<>())
         .def_readwrite("memory", &ExtractOptions::memory)
         .def_readwrite("threads", &ExtractOptions::threads)
         .def_readwrite("scratch", &ExtractOptions::scratch)
         .def_readwrite("quality", &ExtractOptions::quality);
-    module.def("extract", &extract_mesh<SurfaceQuery>, "store"_a, "query"_a, "options"_a,
-               "progress"_a);
-    module.def("extract", &extract_mesh<SliceQuery>, "store"_a, "query"_a, "options"_a,
-               "progress"_a);
 }
 
 }  // namespace isonest::python

@@ -1,14 +1,36 @@
-// Surfaces and slices of a store.
+// What is asked of a store: from the arguments of Python's functions to the library's queries.
 #pragma once
 
 #include <pybind11/pybind11.h>
+
+#include <memory>
+
+#include <isonest/extract.h>
+
+#include "tools/python/src/stores.h"
 
 namespace isonest::python {
 
 namespace py = pybind11;
 
-/// Adds SurfaceQuery, SliceQuery, ExtractOptions and extract(). Everything is in world coordinates,
-/// x, y, z. REQUIRES: add_stores() and add_reports() were called.
+/// A query, and the store that its vertices have their values from.
+template <class Query>
+struct Asked {
+    Query query;
+    std::shared_ptr<const Store> values;
+
+    void set_values(const OpenStore& store) {
+        values = store.get();
+        query.vertex_values = values.get();
+    }
+};
+using AskedSurface = Asked<SurfaceQuery>;
+using AskedSlice = Asked<SliceQuery>;
+using AskedContours = Asked<ContourQuery>;
+using AskedGraph = Asked<GraphQuery>;
+
+/// Adds SurfaceQuery, SliceQuery, ContourQuery, GraphQuery and ExtractOptions. Everything is in
+/// world coordinates, x, y, z. REQUIRES: add_stores() was called.
 void add_queries(py::module_& module);
 
 }  // namespace isonest::python

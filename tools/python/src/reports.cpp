@@ -1,6 +1,7 @@
 #include "tools/python/src/reports.h"
 
 #include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
 
 #include <optional>
 #include <string>
@@ -35,6 +36,25 @@ void add_preprocess_report(py::module_& module) {
         });
 }
 
+std::optional<std::string> analysis_of(const ExtractReport& r) {
+    if (!r.analysis) {
+        return std::nullopt;
+    }
+    switch (*r.analysis) {
+        case AnalysisUse::made:
+            return "made";
+        case AnalysisUse::found:
+            return "found";
+        case AnalysisUse::replaced_stale:
+            return "replaced_stale";
+        case AnalysisUse::replaced_damaged:
+            return "replaced_damaged";
+        case AnalysisUse::not_used:
+            break;
+    }
+    return "not_used";
+}
+
 void add_extract_report(py::module_& module) {
     using R = ExtractReport;
     using Q = TriangleQuality;
@@ -56,6 +76,16 @@ void add_extract_report(py::module_& module) {
         .def_property_readonly(
             "indicator", [](const R& r) { return std::string(name_of(r.stop)); },
             "the field of the store that said where to stop")
+        .def_property_readonly(
+            "bound", [](const R& r) { return std::string(name_of(r.bound)); },
+            "the field by which elements without surface were left out")
+        .def_property_readonly(
+            "culled_by",
+            [](const R& r) {
+                return r.culled_by ? std::optional(std::string(name_of(*r.culled_by)))
+                                   : std::nullopt;
+            },
+            "the field by which what faces away was left out, or None")
         .def_readonly("distance", &R::distance,
                       "the distance within which the mesh was to be, in world units, or None")
         .def_readonly("distance_bound", &R::distance_bound,
@@ -68,7 +98,16 @@ void add_extract_report(py::module_& module) {
         .def_readonly("components", &R::components)
         .def_readonly("dropped_components", &R::dropped_components)
         .def_readonly("dropped_triangles", &R::dropped_triangles)
+        .def_readonly("largest_dropped", &R::largest_dropped, "triangles of the largest of them")
         .def_readonly("border_vertices", &R::border_vertices)
+        .def_property_readonly(
+            "analysis", [](const R& r) { return analysis_of(r); },
+            "what was done with a kept analysis: 'made', 'found', 'replaced_stale', "
+            "'replaced_damaged' or 'not_used'; None if none was asked for")
+        .def_property_readonly(
+            "analysis_file",
+            [](const R& r) { return r.analysis ? std::optional(r.analysis_file) : std::nullopt; },
+            "where it is kept, or None")
         .def_readonly("mended_triangles", &R::mended_triangles)
         .def_readonly("zero_area_triangles", &R::zero_area_triangles)
         .def_readonly(

@@ -20,9 +20,18 @@
 
 #include "preprocess/sources/wrapping/missing_source.h"
 #include "tools/python/src/arrays.h"
+#include "tools/python/src/fields.h"
 #include "tools/python/src/progress.h"
 
 namespace isonest::python {
+
+std::unique_ptr<VolumeSource> Source::take() {
+    if (!volume_) {
+        throw py::value_error("this source has been used");
+    }
+    return std::move(volume_);
+}
+
 namespace {
 
 using Path = std::filesystem::path;
@@ -124,19 +133,24 @@ class ReaderVolume : public VolumeSource {
     std::vector<Path> files_;
 };
 
-/// One use: preprocess() takes it.
-struct Source {
-    std::unique_ptr<VolumeSource> volume;
-};
-
 Source with_missing(std::unique_ptr<VolumeSource> volume, std::optional<double> missing) {
     if (missing) {
         volume = detail::with_missing(std::move(volume), *missing);
     }
-    return {std::move(volume)};
+    return Source(std::move(volume));
 }
 
 using Range = std::pair<std::optional<std::int64_t>, std::optional<std::int64_t>>;
+
+/// Throws Error{invalid_argument}, which lists the units.
+std::optional<LengthUnit> unit_of(const std::optional<std::string>& text) {
+    const auto unit = text ? length_unit_from(*text) : std::nullopt;
+    if (text && !unit) {
+        throw Error(ErrorKind::invalid_argument, "there is no unit of length '" + *text +
+                                                     "'; there are " + list_of_length_units());
+    }
+    return unit;
+}
 
 /// How files are read, as Python fills it in.
 void add_source_options(py::module_& module) {
@@ -156,6 +170,7 @@ void add_source_options(py::module_& module) {
              [](O& o, const std::string& axis, std::optional<std::int64_t> at) {
                  o.index.push_back({axis, at});
              })
+        .def("set_unit", [](O& o, const std::string& unit) { o.unit = unit_of(unit); })
         .def("set_dims", [](O& o, const Numbers& dims) { o.dims = int3_of(dims); })
         .def("set_dtype", [](O& o, const py::dtype& dtype) { o.type = value_type_of(dtype); })
         .def("set_crop",
@@ -169,12 +184,12 @@ void add_source_options(py::module_& module) {
 
 Source source_of_files(const std::vector<Path>& paths, const SourceOptions& options) {
     const py::gil_scoped_release without;
-    return {open_volume(paths, options)};
+    return Source(open_volume(paths, options));
 }
 
 Source source_of_array(py::array array, const Double3& spacing, const Double3& origin,
-                       std::string name, bool identified, std::vector<Path> files,
-                       std::optional<double> missing) {
+                       const std::optional<std::string>& unit, std::string name, bool identified,
+                       std::vector<Path> files, std::optional<double> missing) {
     if (array.ndim() != 3) {
         throw py::value_error("a volume has three axes");
     }
@@ -182,6 +197,7 @@ Source source_of_array(py::array array, const Double3& spacing, const Double3& o
     layout.strides = Int3{array.strides(2), array.strides(1), array.strides(0)};
     layout.spacing = spacing;
     layout.origin = origin;
+    layout.unit = unit_of(unit);
     layout.name = std::move(name);
     auto volume = std::make_unique<ArrayVolume>(std::move(array), std::move(layout), identified,
                                                 std::move(files));
@@ -189,12 +205,13 @@ Source source_of_array(py::array array, const Double3& spacing, const Double3& o
 }
 
 Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype& dtype,
-                        const Double3& spacing, const Double3& origin, std::string name,
+                        const Double3& spacing, const Double3& origin,
+                        const std::optional<std::string>& unit, std::string name,
                         std::int64_t planes, std::int64_t rows, std::uint64_t heap,
                         std::string identity, std::vector<Path> files,
                         std::optional<double> missing) {
-    VolumeDescription description{int3_of(nodes), value_type_of(dtype), spacing, origin,
-                                  std::move(name)};
+    VolumeDescription description{int3_of(nodes),  value_type_of(dtype), spacing, origin,
+                                  std::move(name), kAlongWorld,          false,   unit_of(unit)};
     const VolumeSource::Granularity granularity{std::max<std::int64_t>(planes, 1),
                                                 std::max<std::int64_t>(rows, 1)};
     auto volume =
@@ -205,28 +222,10 @@ Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype
 
 PreprocessReport preprocess_source(Source& source, const Path& store,
                                    const PreprocessOptions& options, const py::object& progress) {
-    const std::unique_ptr<VolumeSource> volume = std::move(source.volume);
-    if (!volume) {
-        throw py::value_error("this source has been used");
-    }
+    const std::unique_ptr<VolumeSource> volume = source.take();
     PreprocessReport report;
     run_watched(progress, [&](Progress& p) { report = preprocess(*volume, store, options, p); });
     return report;
-}
-
-std::vector<Field> fields_of(const std::vector<std::string>& names) {
-    std::vector<Field> fields;
-    for (const std::string& name : names) {
-        const std::vector<Field> named = indicators_from_name(name);
-        if (named.empty()) {
-            throw Error(ErrorKind::invalid_argument, "there is no indicator '" + name + "'",
-                        {{RemedyKind::other_field, "nodes, all, " + list_names(all_fields())}});
-        }
-        fields.insert(fields.end(), named.begin(), named.end());
-    }
-    std::sort(fields.begin(), fields.end());
-    fields.erase(std::unique(fields.begin(), fields.end()), fields.end());
-    return fields;
 }
 
 }  // namespace
@@ -238,10 +237,10 @@ void add_sources(py::module_& module) {
     add_source_options(module);
     module.def("source_of_files", &source_of_files, "paths"_a, "options"_a);
     module.def("source_of_array", &source_of_array, "array"_a, py::kw_only(), "spacing"_a,
-               "origin"_a, "name"_a, "identified"_a, "files"_a, "missing"_a);
+               "origin"_a, "unit"_a, "name"_a, "identified"_a, "files"_a, "missing"_a);
     module.def("source_of_reader", &source_of_reader, "reader"_a, py::kw_only(), "nodes"_a,
-               "dtype"_a, "spacing"_a, "origin"_a, "name"_a, "planes"_a, "rows"_a, "heap"_a,
-               "identity"_a, "files"_a, "missing"_a);
+               "dtype"_a, "spacing"_a, "origin"_a, "unit"_a, "name"_a, "planes"_a, "rows"_a,
+               "heap"_a, "identity"_a, "files"_a, "missing"_a);
 
     py::class_<PreprocessOptions>(module, "PreprocessOptions")
         .def(py::init<>())
@@ -255,7 +254,7 @@ void add_sources(py::module_& module) {
         .def_property(
             "indicators", [](const PreprocessOptions& o) { return names_of(o.fields); },
             [](PreprocessOptions& o, const std::vector<std::string>& names) {
-                o.fields = fields_of(names);
+                o.fields = indicators_of_names(names);
             });
     module.def("preprocess", &preprocess_source, "source"_a, "store"_a, "options"_a, "progress"_a);
 }

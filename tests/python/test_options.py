@@ -1,0 +1,162 @@
+"""The package has the options of the program: the same names, and the same choices.
+
+The program's options are those of its help. A new one fails here until the package has an argument of its name, or a
+table below says under which name it has it, or why it has none; and the same the other way round.
+"""
+import inspect
+import keyword
+import os
+import re
+import subprocess
+import typing
+
+import pytest
+
+import isonest
+from isonest import Store, _sources
+
+COMMANDS = {
+    "preprocess": [isonest.preprocess],
+    "extract": [Store.isosurface, Store.label_surface, Store.label_surfaces, Store.graph, isonest.Mesh.save],
+    "slice": [Store.slice, Store.contours, isonest.Mesh.save],
+    "study": [Store.study],
+    "smooth": [isonest.smooth, _sources.of_volume],
+    "info": [Store.histogram],
+    "export": [Store.export],
+    "check": [Store.check, _sources.of_volume],
+    "view": [Store.view],
+}
+COMMANDS_LEFT_OUT = {
+    "make-volume": "NumPy makes arrays",
+    "picture": "VTK and Matplotlib draw meshes",
+}
+RENAMED = {  # the command, the option: the argument
+    ("*", "force"): "replace", ("*", "dims"): "shape", ("*", "type"): "dtype", ("*", "endian"): "dtype",
+    ("preprocess", "output"): "store", ("extract", "output"): "path", ("slice", "output"): "path",
+    ("slice", "plane"): "normal",
+}
+PICTURES = "pictures and plots are drawn by other packages"
+LEFT_OUT = {  # the command, the option: why there is no such argument
+    ("*", "help"): "help() says it", ("*", "json"): "what is found is returned", ("*", "quiet"): "nothing is printed",
+    ("extract", "graph"): "a method", ("extract", "format"): "the end of the name that Mesh.save is given",
+    ("slice", "size"): PICTURES, ("slice", "colors"): PICTURES, ("slice", "plain"): PICTURES,
+    ("slice", "range"): PICTURES, ("slice", "grid"): PICTURES, ("study", "out"): PICTURES,
+    ("smooth", "colors"): PICTURES, ("smooth", "size"): PICTURES, ("info", "output"): PICTURES,
+    ("info", "histogram"): "a method",
+}
+ONLY_HERE = {  # the function, the argument: why the program has no such option
+    ("*", "self"): "the store", ("*", "progress"): "the program draws a bar",
+    ("*", "coordinates"): "files are in world coordinates", ("*", "scratch"): "the folder of the output",
+    ("*", "reading"): "those of preprocess", ("preprocess", "volume"): "INPUT", ("smooth", "volume"): "INPUT",
+    ("of_volume", "volume"): "INPUT", ("of_volume", "identified"): "resume, of preprocess",
+    ("isosurface", "gradient_direction"): "that of scikit-image", ("slice", "offset"): "the fourth number of the plane",
+    ("contours", "offset"): "the fourth number of the plane",
+    ("slice", "vertex_values"): "so far for extract alone", ("slice", "quality"): "so far for extract alone",
+    ("view", "open"): "the program prints the URL", ("view", "height"): "of the frame in a notebook",
+    ("view", "program"): "it is the program",
+}
+SYNONYMS = {"tetrahedra", "hexahedra", "quadrilaterals"}
+CHOICES_LEFT_OUT = {  # the command, the option: why the argument takes other things than the form says
+    ("extract", "distance"): "D[mm|voxel] is a number with a unit", ("extract", "labels"): "all is None",
+}
+
+
+def help_of(*command):
+    program = os.environ.get("ISONEST_PROGRAM")
+    if not program:
+        pytest.skip("ISONEST_PROGRAM names no program")
+    return subprocess.run([program, *command, "--help"], capture_output=True, text=True, check=True).stdout
+
+
+def options_of(command):
+    """The names of a command's options, each with the form of its value."""
+    found = re.findall(r"^  (?:-\w,)?--([a-z][a-z-]*)(?:\{.*?\})?(?: (\S+))?(?=  |\n| \(required\))",
+                       help_of(command), re.M)
+    return dict(found)
+
+
+def name_in_python(command, option):
+    """Of the argument."""
+    plain = option.replace("-", "_")
+    plain = plain + "_" if keyword.iskeyword(plain) else plain
+    return RENAMED.get((command, option), RENAMED.get(("*", option), plain))
+
+
+def left_out(table, owner, name):
+    return (owner, name) in table or ("*", name) in table
+
+
+def test_every_command_is_here():
+    commands = set(re.findall(r"^  ([a-z][a-z-]+) {2,}\S", help_of(), re.M))
+    assert commands | {"view"} == set(COMMANDS) | set(COMMANDS_LEFT_OUT)
+
+
+@pytest.fixture(params=COMMANDS)
+def command(request):
+    if request.param == "view" and "\n  view " not in help_of():
+        pytest.skip("this build has no viewer")
+    return request.param
+
+
+def test_every_option_is_an_argument(command):
+    options = options_of(command)
+    assert len(options) > 4
+    arguments = {name for function in COMMANDS[command] for name in inspect.signature(function).parameters}
+    assert {option for option in options if not left_out(LEFT_OUT, command, option)
+            and name_in_python(command, option) not in arguments} == set()
+
+
+def test_every_argument_is_an_option(command):
+    names = {name_in_python(command, option) for option in options_of(command)}
+    for function in COMMANDS[command]:
+        assert {name for name in inspect.signature(function).parameters if name not in names
+                and not left_out(ONLY_HERE, function.__name__, name)} == set(), function.__name__
+
+
+def test_the_tables_name_what_there_is():
+    options = {command: options_of(command) for command in COMMANDS if command != "view"}
+    for command, option in [*RENAMED, *LEFT_OUT, *CHOICES_LEFT_OUT]:
+        if command != "*":
+            assert option in options[command], (command, option)
+    functions = {function.__name__: inspect.signature(function).parameters
+                 for several in COMMANDS.values() for function in several}
+    for function, argument in ONLY_HERE:
+        if function != "*":
+            assert argument in functions[function], (function, argument)
+
+
+def literals(annotation):
+    """The texts that an argument takes."""
+    if typing.get_origin(annotation) is typing.Literal:
+        return {choice for choice in typing.get_args(annotation) if isinstance(choice, str)}
+    return set().union(*map(literals, typing.get_args(annotation)))
+
+
+def test_every_choice_is_the_programs(command):
+    """An option's form lists the words that it takes: largest|K|all."""
+    for option, form in options_of(command).items():
+        if "|" not in form or left_out(CHOICES_LEFT_OUT, command, option) or left_out(LEFT_OUT, command, option):
+            continue
+        ours = set()
+        for function in COMMANDS[command]:
+            if name_in_python(command, option) in inspect.signature(function).parameters:
+                ours |= literals(typing.get_type_hints(function)[name_in_python(command, option)])
+        assert ours - SYNONYMS == {word for word in form.split("|") if word.islower()}, option
+
+
+def test_a_choice_that_there_is_not_is_refused_with_those_that_there_are(tmp_path, noise):
+    isonest.preprocess(noise, tmp_path / "x")
+    store = isonest.open(tmp_path / "x")
+    hints = typing.get_type_hints(Store.isosurface)
+    for name in ("guarantee", "vertices", "cells", "close", "by", "components"):
+        with pytest.raises(ValueError) as caught:
+            store.isosurface(0.3, **{name: "none of them", **({"triangles": 9} if name == "by" else {})})
+        assert all(repr(choice) in str(caught.value) for choice in literals(hints[name])), name
+
+
+def test_the_fields_are_the_programs(noise, tmp_path):
+    with pytest.raises(isonest.InvalidArgumentError) as caught:
+        isonest.preprocess(noise, tmp_path / "x", indicators=["none"])
+    ours = re.findall(r"\w+", caught.value.remedies[0].split(":")[1])
+    listed = " ".join(help_of("export").split())
+    assert len(ours) > 20 and ", ".join(ours) in listed

@@ -1,0 +1,250 @@
+"""What is asked of a surface: pieces, stops, places, kept analyses, contour lines, graphs, labels."""
+import numpy as np
+import pytest
+
+import isonest
+from conftest import area, ball, signed_volume
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory, noise):
+    path = tmp_path_factory.mktemp("store") / "x.isonest"
+    isonest.preprocess(noise, path, indicators=["linf_bar", "linf_plus", "deviation_bar", "normal_turn_plus",
+                                                "hex_linf", "hex_deviation"])
+    return isonest.open(path)
+
+
+@pytest.fixture(scope="module")
+def specks(tmp_path_factory):
+    """A large ball and two small ones, apart."""
+    volume = np.maximum.reduce([np.roll(ball((40, 40, 60), radius), shift, axis=2)
+                                for radius, shift in ((9.3, -14), (3.4, 4), (2.2, 18))])
+    path = tmp_path_factory.mktemp("specks") / "x.isonest"
+    isonest.preprocess(volume, path)
+    return isonest.open(path)
+
+
+def pieces_of(mesh):
+    """The faces of each connected piece, largest first, by SciPy."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    a, b = mesh.faces[:, [0, 1, 2]].ravel(), mesh.faces[:, [1, 2, 0]].ravel()
+    count, of_vertex = connected_components(coo_matrix((np.ones(len(a)), (a, b)), (len(mesh.vertices),) * 2), False)
+    of_face = of_vertex[mesh.faces[:, 0]]
+    return sorted((mesh.faces[of_face == i] for i in range(count)), key=len, reverse=True)
+
+
+def test_specks_are_dropped_by_number_triangles_or_volume(specks):
+    full = specks.isosurface(0.0, coordinates="world")
+    pieces = pieces_of(full)
+    sizes = [len(piece) for piece in pieces]
+    volumes = [abs(signed_volume(full.vertices, piece)) for piece in pieces]
+    assert len(pieces) == 3 and volumes == sorted(volumes, reverse=True)
+    for more, left in (({"components": "largest"}, 1), ({"components": 2}, 2), ({"components": "all"}, 3),
+                       ({"min_component": sizes[1]}, 2), ({"min_component": sizes[1] + 1}, 1),
+                       ({"min_volume": 0.99 * volumes[1]}, 2), ({"min_volume": 1.01 * volumes[1]}, 1)):
+        mesh = specks.isosurface(0.0, coordinates="world", **more)
+        assert [len(piece) for piece in pieces_of(mesh)] == sizes[:left], more
+        report = mesh.report
+        assert (report.components, report.dropped_components) == (3, 3 - left)
+        assert report.dropped_triangles == sum(sizes[left:])
+        assert report.largest_dropped == max(sizes[left:], default=0)
+    small = specks.isosurface(0.0, distance="0.5voxel", components="largest")
+    assert len(pieces_of(small)) == 1 and len(small.faces) < sizes[0] / 4
+
+
+def test_cells_have_the_names_of_the_program_or_longer_ones(store):
+    for short, full in (("tet", "tetrahedra"), ("hex", "hexahedra")):
+        np.testing.assert_array_equal(store.isosurface(0.3, cells=short).faces, store.isosurface(0.3, cells=full).faces)
+    with pytest.raises(ValueError, match="'tet', 'hex'"):
+        store.isosurface(0.3, cells="quad")
+
+
+def test_exact_vertices_are_on_the_finest_surface(tmp_path):
+    """Of a field that is linear along each axis' edges nowhere: the sphere's distance squared."""
+    z, y, x = np.mgrid[:33, :33, :33] - 16.0
+    isonest.preprocess(z**2 + y**2 + x**2, tmp_path / "x")
+    store = isonest.open(tmp_path / "x")
+    off = {}
+    for vertices in ("linear", "exact"):
+        mesh = store.isosurface(150.0, error=20, vertices=vertices)
+        off[vertices] = abs(np.linalg.norm(mesh.vertices - 16, axis=1) - np.sqrt(150)).max()
+    full = store.isosurface(150.0)
+    finest = abs(np.linalg.norm(full.vertices - 16, axis=1) - np.sqrt(150)).max()
+    assert off["exact"] <= finest + 1e-5 < off["linear"] / 4
+
+
+def test_a_threshold_of_the_error_field_is_the_error(store):
+    by_error = store.isosurface(0.3, error=0.2)
+    by_field = store.isosurface(0.3, stop="deviation_bar", threshold=0.2)
+    np.testing.assert_array_equal(by_field.vertices, by_error.vertices)
+    largest = max(array.max for array in store.arrays if array.field == "deviation_bar")
+    relative = store.isosurface(0.3, stop="deviation_bar", threshold_relative=0.1)
+    assert relative.report.tolerance == pytest.approx(0.1 * largest)
+    assert relative.report.indicator == "deviation_bar"
+
+
+def test_the_error_is_kept_by_fewer_triangles(store, noise):
+    from scipy.ndimage import map_coordinates
+    nested, fewer = store.isosurface(0.3, error=0.2), store.isosurface(0.3, error=0.2, simplify=True)
+    assert len(fewer.faces) < len(nested.faces) == len(nested.faces)
+    assert fewer.report.nested_triangles > len(fewer.faces) and fewer.report.error_bound <= 0.2
+    middles = fewer.vertices[fewer.faces].mean(1)
+    assert abs(map_coordinates(noise, middles.T, order=1) - 0.3).max() <= 0.2 + 0.05
+    budget = store.isosurface(0.3, triangles=2000, by="error")
+    assert len(budget.faces) <= 2000 and budget.report.distance is None
+    finer = store.isosurface(0.3, triangles=2000, by="error", simplify=True)
+    assert len(finer.faces) <= 2000 and finer.report.error_bound < budget.report.error_bound
+
+
+def test_a_distance_without_simplification_is_the_nested_grids(tmp_path):
+    isonest.preprocess(ball((33, 33, 33), 12.3), tmp_path / "x")
+    store = isonest.open(tmp_path / "x")
+    nested = store.isosurface(0.0, distance="0.5voxel", no_simplify=True)
+    simplified = store.isosurface(0.0, distance="0.5voxel")
+    full = store.isosurface(0.0)
+    assert len(simplified.faces) < len(nested.faces) < len(full.faces)
+    assert nested.report.distance_bound <= 0.5
+    assert abs(np.linalg.norm(nested.vertices - 16, axis=1) - 12.3).max() < 0.01
+
+
+def test_a_kept_analysis_is_made_once(tmp_path):
+    isonest.preprocess(ball((33, 33, 33), 12.3), tmp_path / "x")
+    store = isonest.open(tmp_path / "x")
+    assert store.analyses == []
+    first = store.isosurface(0.0, distance="0.5voxel", keep_analysis=True)
+    assert first.report.analysis == "made" and first.report.analysis_file.parent == tmp_path
+    again = store.isosurface(0.0, distance="0.5voxel", keep_analysis=True)
+    assert again.report.analysis == "found"
+    np.testing.assert_array_equal(again.faces, first.faces)
+    (analysis,) = store.analyses
+    assert analysis.state == "current" and analysis.path == first.report.analysis_file and analysis.problem is None
+    bounds, triangles = zip(*analysis.steps)
+    assert list(bounds) == sorted(bounds) and list(triangles) == sorted(triangles, reverse=True)
+    folder = tmp_path / "analyses"
+    folder.mkdir()
+    elsewhere = store.isosurface(0.0, triangles=500, keep_analysis=folder).report
+    assert elsewhere.analysis == "made" and elsewhere.analysis_file.parent == folder
+    analysis.path.write_bytes(analysis.path.read_bytes()[:-100])
+    assert store.analyses[0].state == "damaged" and store.analyses[0].problem and not store.check(quick=True).ok
+
+
+def test_the_error_grows_with_the_distance_to_the_focus(store):
+    plain = store.isosurface(0.3, error=0.05)
+    middle = (20.0, 16.0, 13.0)
+    np.testing.assert_array_equal(store.isosurface(0.3, error=0.05, focus=middle).faces, plain.faces)
+    focused = store.isosurface(0.3, error=0.05, focus=middle, falloff=0.5)
+    assert len(focused.faces) < len(plain.faces) / 2
+    box = (12.0, 9.0, 7.0), (27.0, 24.0, 19.0)
+    inside = store.isosurface(0.3, error=0.05, focus=box, falloff=0.5)
+
+    def within(mesh):
+        places = mesh.vertices[((mesh.vertices > box[0]) & (mesh.vertices < box[1])).all(1)]
+        return {tuple(place) for place in places}
+    assert within(plain) <= within(inside) and len(inside.faces) < len(plain.faces)
+    world = store.isosurface(0.3, error=0.05, focus=tuple(corner[::-1] for corner in box), falloff=0.5,
+                             coordinates="world")
+    np.testing.assert_array_equal(world.faces, inside.faces)
+
+
+def test_what_a_camera_sees_small_is_coarse(store):
+    sizes = [len(store.isosurface(0.3, camera=(away, 16, 13), pixels=20, height=600).faces)
+             for away in (-30, -300, -3000)]
+    assert sizes[0] > 2 * sizes[1] > 4 * sizes[2]
+    near = store.isosurface(0.3, camera=(-300, 16, 13), pixels=20, height=600, fov=10)
+    assert len(near.faces) > sizes[1]
+
+
+def test_a_bound_changes_what_is_visited_and_not_the_surface(store):
+    tight, loose = store.isosurface(0.3, bound="deviation_bar"), store.isosurface(0.3, bound="linf_plus")
+    assert (tight.report.bound, loose.report.bound) == ("deviation_bar", "linf_plus")
+    np.testing.assert_array_equal(tight.vertices, loose.vertices)
+
+
+def test_what_faces_away_is_left_out(store):
+    full = store.isosurface(0.3)
+    for coordinates, view in (("array", (1.0, 0.0, 0.0)), ("world", (0.0, 0.0, 1.0))):
+        seen = store.isosurface(0.3, view=view, coordinates=coordinates, cull_by="normal_turn_plus")
+        assert 0 < len(seen.faces) < len(full.faces) and seen.report.culled_by == "normal_turn_plus"
+        mesh = seen.in_array()
+        places = {tuple(sorted(map(tuple, corners))) for corners in mesh.vertices[mesh.faces].tolist()}
+        corners = full.vertices[full.faces]
+        # In (z, y, x) a cross product turns round.
+        facing = -np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 0]
+        size = area(full.vertices, full.faces) / len(full.faces)
+        front = corners[facing < -0.5 * size]
+        assert len(front) > 100
+        assert all(tuple(sorted(map(tuple, face))) in places for face in front.tolist())
+
+
+def test_arguments_that_do_not_go_together(store):
+    calls = [dict(error=0.1, error_relative=0.1), dict(error=0.1, stop="linf_bar"), dict(threshold=0.1),
+             dict(stop="linf_bar", threshold=0.1, threshold_relative=0.1), dict(stop="values"),
+             dict(distance=1, stop="linf_bar"), dict(distance=1, error_relative=0.1), dict(distance=1, simplify=True), dict(triangles=9, simplify=True), dict(by="error"),
+             dict(triangles=9, by="size"), dict(triangles=9, distance=1, by="error"), dict(no_simplify=True),
+             dict(triangles=9, no_simplify=True), dict(keep_analysis=True), dict(stop="linf_bar", simplify=True),
+             dict(distance=1, no_simplify=True, keep_analysis=True), dict(falloff=1), dict(cull_by="normal_turn_plus"),
+             dict(components=0), dict(components="most"), dict(components=-1), dict(min_component=-1),
+             dict(vertices="moved"), dict(focus=(1, 2)), dict(distance=1, focus=(1, 2, 3)),
+             dict(distance=1, guarantee="plus"), dict(guarantee="none"), dict(error_relative=2)]
+    for more in calls:
+        with pytest.raises(ValueError):
+            store.isosurface(0.3, **more)
+            pytest.fail(f"{more} was taken")
+
+
+def test_contours_are_those_of_scikit_image(store, noise):
+    measure = pytest.importorskip("skimage.measure")
+    values = [-0.5, 0.3, 0.9]
+    mesh = store.contours((1, 0, 0), 17, values)
+    assert mesh.faces.shape[1] == 2 and set(mesh.values) == set(values) and (mesh.vertices[:, 0] == 17).all()
+    for value in values:
+        ends = mesh.vertices[mesh.faces[(mesh.values[mesh.faces] == value).all(1)]][:, :, 1:].astype(float)
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
+        lines = measure.find_contours(noise[17], value)
+        theirs = sum(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines)
+        assert length == pytest.approx(theirs, rel=0.01)
+        # Theirs cross the edges of squares, which are edges of our triangles.
+        ours = ends.reshape(-1, 2)
+        assert all(abs(ours - point).max(1).min() < 1e-3 for line in lines for point in line)
+    world = store.contours((0, 0, 1), 17, values, coordinates="world")
+    np.testing.assert_array_equal(world.vertices, mesh.vertices[:, ::-1])
+    assert len(store.contours((1, 0, 0), 17, values, error=0.2).faces) < len(mesh.faces) / 2
+    with pytest.raises(isonest.InvalidArgumentError):
+        store.contours((1, 0, 0), 17, [])
+
+
+def test_the_graph_of_a_map_is_its_values(tmp_path, noise):
+    plane = noise[20]
+    isonest.preprocess(plane, tmp_path / "map", indicators=["deviation_bar", "linf_bar", "hex_linf", "hex_deviation"])
+    store = isonest.open(tmp_path / "map")
+    mesh = store.graph(scale=3)
+    assert len(mesh.vertices) == plane.size and len(mesh.faces) == 2 * (plane.shape[0] - 1) * (plane.shape[1] - 1)
+    y, x = mesh.vertices[:, 1].astype(int), mesh.vertices[:, 2].astype(int)
+    np.testing.assert_allclose(mesh.vertices[:, 0], 3 * plane[y, x], rtol=1e-6)
+    coarse = store.graph(error=0.1, cells="quad")
+    assert len(coarse.faces) < len(mesh.faces) / 2 and coarse.report.error_bound <= 0.1
+    with pytest.raises(isonest.Error) as caught:
+        store.slice((1, 0, 0), 0)
+    assert "draw its graph with Store.graph" in caught.value.remedies
+    with pytest.raises(ValueError, match="'quad'"):
+        store.graph(cells="hex")
+
+
+def test_several_labels_are_those_one_by_one(tmp_path):
+    data = np.zeros((12, 13, 14), "u2")
+    data[2:5, 2:6, 2:7], data[6:10, 6:10, 6:12], data[0:3, 9:13, 10:14] = 3, 700, 9
+    isonest.preprocess(data, tmp_path / "s")
+    store = isonest.open(tmp_path / "s")
+    for more in ({}, {"distance": "0.5voxel", "close": True}):
+        found = store.label_surfaces(**more)
+        assert list(found) == [3, 9, 700]
+        for label, mesh in found.items():
+            one = store.label_surface(label, **more)
+            np.testing.assert_array_equal(mesh.vertices, one.vertices)
+            np.testing.assert_array_equal(mesh.faces, one.faces)
+            assert (mesh.values == label).all() and mesh.report.triangles == len(mesh.faces)
+    assert list(store.label_surfaces([700, 3, 3])) == [3, 700]
+    assert store.label_surfaces([]) == {}
+    with pytest.raises(isonest.NotFoundError, match="no label 4"):
+        store.label_surfaces([3, 4])

@@ -1,0 +1,158 @@
+"""Meshes as files: the program's own, byte for byte, and what other programs read from them."""
+import json
+import os
+import struct
+import subprocess
+import threading
+import zipfile
+
+import numpy as np
+import pytest
+
+import isonest
+
+FORMATS = ["ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf", "ngmesh"]
+
+
+@pytest.fixture(scope="module")
+def stores(tmp_path_factory, noise):
+    folder = tmp_path_factory.mktemp("stores")
+    isonest.preprocess(noise, folder / "v", spacing=(2, 1, 0.5), origin=(30, 20, -10), indicators="all")
+    isonest.preprocess(noise.astype(float) * (1 + 1e-12), folder / "double", spacing=(2, 1, 0.5), origin=(30, 20, -10))
+    isonest.preprocess(noise[20], folder / "map")
+    return folder
+
+
+def run(*arguments):
+    program = os.environ.get("ISONEST_PROGRAM")
+    if not program:
+        pytest.skip("ISONEST_PROGRAM names no program")
+    done = subprocess.run([program, *map(str, arguments), "--json"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return json.loads(done.stdout)
+
+
+def check_bytes(stores, tmp_path, mesh, formats, *command):
+    """A mesh as files has the bytes that the command gives."""
+    for form in formats:
+        run(*command, "-o", tmp_path / f"theirs.{form}")
+        mesh.save(tmp_path / f"ours.{form}")
+        assert (tmp_path / f"ours.{form}").read_bytes() == (tmp_path / f"theirs.{form}").read_bytes(), form
+
+
+def test_every_format_has_the_programs_bytes(stores, tmp_path):
+    store = isonest.open(stores / "v")
+    check_bytes(stores, tmp_path, store.isosurface(0.3, normals=False), FORMATS,
+                "extract", stores / "v", "--iso", "0.3")
+    mesh = store.isosurface(0.3, error=0.1, vertex_error="deviation_bar", vertex_values=isonest.open(stores / "double"))
+    check_bytes(stores, tmp_path, mesh, FORMATS, "extract", stores / "v", "--iso", "0.3", "--error", "0.1",
+                "--vertex-error", "deviation_bar", "--vertex-values", stores / "double", "--normals")
+
+
+def test_other_queries_have_the_programs_bytes(stores, tmp_path):
+    store, double, plane = (isonest.open(stores / name) for name in ("v", "double", "map"))
+    extract = ("extract", stores / "v", "--iso", "0.3")
+    both = ["ply", "glb"]
+    check_bytes(stores, tmp_path, store.isosurface(0.3, distance="0.5voxel", components="largest"), both,
+                *extract, "--distance", "0.5voxel", "--components", "largest", "--normals")
+    check_bytes(stores, tmp_path, store.isosurface(0.3, cells="hex", close="above", error=0, normals=False), both[:0],
+                *extract, "--cells", "hex")
+    check_bytes(stores, tmp_path, store.isosurface(0.3, close="above", min_component=30, normals=False), both,
+                *extract, "--close=above", "--min-component", "30")
+    check_bytes(stores, tmp_path, double.slice((1, 2, 0), 80), ["vtp", "ply", "vtkhdf", "glb"],
+                "slice", stores / "double", "--plane", "0,2,1,150")
+    check_bytes(stores, tmp_path, double.contours((1, 2, 0), 80, [-0.5, 0.3]), ["vtp", "obj"],
+                "slice", stores / "double", "--plane", "0,2,1,150", "--contours", "-0.5,0.3")
+    check_bytes(stores, tmp_path, plane.isosurface(0.3, normals=False), ["vtp", "obj"],
+                "extract", stores / "map", "--iso", "0.3")
+    check_bytes(stores, tmp_path, plane.graph(scale=3, error=0.1, normals=True), ["ply", "glb"],
+                "extract", stores / "map", "--graph", "--scale", "3", "--error", "0.1", "--normals")
+
+
+def test_other_programs_read_what_was_saved(stores, tmp_path):
+    """In world coordinates; the attributes are there, and faces are turned as asked for."""
+    meshio = pytest.importorskip("meshio")
+    mesh = isonest.open(stores / "v").isosurface(0.3, gradient_direction="ascent", vertex_error="deviation_bar")
+    world = mesh.in_world()
+    mesh.save(tmp_path / "m.ply")
+    read = meshio.read(tmp_path / "m.ply")
+    np.testing.assert_array_equal(read.points, world.vertices)
+    np.testing.assert_array_equal(read.cells_dict["triangle"], world.faces)
+    np.testing.assert_array_equal(read.point_data["error"], mesh.errors)
+    np.testing.assert_array_equal(read.point_data["nz"], world.normals[:, 2])
+    mesh.save(tmp_path / "m.ngmesh")
+    content = (tmp_path / "m.ngmesh").read_bytes()
+    count = struct.unpack_from("<I", content)[0]
+    assert count == len(mesh.vertices)
+    np.testing.assert_array_equal(np.frombuffer(content, "<u4", offset=4 + 12 * count).reshape(-1, 3), mesh.faces)
+    mesh.save(tmp_path / "m.3mf")
+    with zipfile.ZipFile(tmp_path / "m.3mf") as archive:
+        assert archive.testzip() is None
+        assert archive.read("3D/3dmodel.model").count(b"<triangle ") == len(mesh.faces)
+
+
+@pytest.mark.parametrize("form", ["vtp", "stl", "obj"])
+def test_vtk_reads_what_was_saved(stores, tmp_path, form):
+    io = {"vtp": ("vtkmodules.vtkIOXML", "vtkXMLPolyDataReader"), "stl": ("vtkmodules.vtkIOGeometry", "vtkSTLReader"),
+          "obj": ("vtkmodules.vtkIOGeometry", "vtkOBJReader")}[form]
+    reader = getattr(pytest.importorskip(io[0]), io[1])()
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    mesh = isonest.open(stores / "v").isosurface(0.3, coordinates="world")
+    mesh.save(tmp_path / f"m.{form}")
+    reader.SetFileName(str(tmp_path / f"m.{form}"))
+    reader.Update()
+    data = reader.GetOutput()
+    points = vtk_to_numpy(data.GetPoints().GetData())
+    corners = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    np.testing.assert_array_equal(points[corners], mesh.vertices[mesh.faces])
+
+
+def test_saving_twice_and_from_threads_gives_the_same_bytes(stores, tmp_path):
+    mesh = isonest.open(stores / "v").isosurface(0.3)
+    threads = [threading.Thread(target=mesh.save, args=(tmp_path / f"{i}.vtp",)) for i in range(4)]
+    [t.start() for t in threads]
+    [t.join() for t in threads]
+    mesh.in_world().save(tmp_path / "4.vtp")
+    assert len({(tmp_path / f"{i}.vtp").read_bytes() for i in range(5)}) == 1
+
+
+def test_a_file_appears_whole_or_not_at_all(stores, tmp_path):
+    store = isonest.open(stores / "v")
+    mesh = store.isosurface(0.3)
+    with pytest.raises(isonest.InvalidArgumentError, match=r"\.ply, \.stl"):
+        mesh.save(tmp_path / "m.txt")
+    with pytest.raises(FileNotFoundError):
+        mesh.save(tmp_path / "none" / "m.ply")
+    with pytest.raises(isonest.InvalidArgumentError, match="lines are written as .vtp or .obj"):
+        store.contours((1, 0, 0), 40, [0.3]).save(tmp_path / "m.ply")
+    (tmp_path / "folder.ply").mkdir()
+    with pytest.raises(isonest.Error):
+        mesh.save(tmp_path / "folder.ply")
+
+    def stop(*_):
+        raise ZeroDivisionError
+    with pytest.raises(ZeroDivisionError):
+        mesh.save(tmp_path / "m.ply", progress=stop)
+    assert [path.name for path in tmp_path.iterdir()] == ["folder.ply"]
+    mesh.save(tmp_path / "m.ply")
+    isonest.open(stores / "v").isosurface(0.6).save(tmp_path / "m.ply")
+    assert (tmp_path / "m.ply").stat().st_size != 0
+
+
+def test_the_store_of_a_mesh_is_not_replaced_by_it(tmp_path, noise):
+    isonest.preprocess(noise, tmp_path / "v.ply")
+    mesh = isonest.open(tmp_path / "v.ply").isosurface(0.3)
+    before = (tmp_path / "v.ply").read_bytes()
+    with pytest.raises(isonest.Error):
+        mesh.save(tmp_path / "v.ply")
+    assert (tmp_path / "v.ply").read_bytes() == before
+
+
+def test_values_beyond_float32_are_refused_where_the_format_has_no_more(tmp_path):
+    volume = np.linspace(0, 1e300, 8 * 9 * 10).reshape(8, 9, 10)
+    isonest.preprocess(volume, tmp_path / "x")
+    mesh = isonest.open(tmp_path / "x").slice((1, 0, 0), 3)
+    mesh.save(tmp_path / "m.vtp")
+    with pytest.raises(isonest.LimitError):
+        mesh.save(tmp_path / "m.glb")
+    assert not (tmp_path / "m.glb").exists()

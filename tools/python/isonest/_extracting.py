@@ -1,0 +1,227 @@
+"""Surfaces, slices, contour lines and graphs of a store."""
+from __future__ import annotations
+
+import os
+from typing import Any, Optional, Sequence, Union
+
+from . import _core, _queries
+from ._arguments import Box, Bytes, Point, Progress, in_own_unit, reporting
+from ._frame import Frame
+from ._mesh import Mesh
+from ._queries import (By, Cells, Close, Components, Coordinates, Distance, Guarantee, Place, PlaneCells, Stop,
+                       SurfaceStop, Vertices, Viewpoint)
+
+_Path = Union[str, "os.PathLike[str]"]
+
+
+class Extracting:
+    """What is extracted from a store."""
+
+    _core: Any
+
+    @property
+    def _frame(self) -> Frame:
+        raise NotImplementedError
+
+    def isosurface(self, iso: float, *, error: float = 0.0, error_relative: Optional[float] = None,
+                   guarantee: Guarantee = "deviation", simplify: bool = False, stop: Optional[str] = None,
+                   threshold: Optional[float] = None, threshold_relative: Optional[float] = None,
+                   distance: Distance = None, triangles: Optional[int] = None, by: By = "distance",
+                   no_simplify: bool = False, keep_analysis: "bool | _Path" = False,
+                   focus: Union[None, Point, Box] = None, falloff: float = 0.0, camera: Optional[Point] = None,
+                   pixels: float = 1.0, fov: float = 40.0, height: int = 1080, box: Optional[Box] = None,
+                   bound: Optional[str] = None, view: Optional[Point] = None, cull_by: Optional[str] = None,
+                   normals: bool = True, vertex_values: "Optional[Extracting]" = None,
+                   vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Cells = "tet",
+                   components: Components = None, min_component: int = 0, min_volume: float = 0.0,
+                   close: Close = None, coordinates: Coordinates = "array", gradient_direction: str = "descent",
+                   quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
+                   progress: Progress = None) -> Mesh:
+        """The surface on which the data have the value ``iso``; of data in a plane, the lines.
+
+        error: how far the data may be from ``iso``, anywhere on the mesh, in units of the data; 0 is full
+            resolution. error_relative: the same as a fraction of the data's range.
+        guarantee: "deviation" and "plus" are bounds, "estimate" is none.
+        simplify: keep the error by fewer triangles; takes longer.
+        stop, threshold, threshold_relative: in place of an error, refine while this field of the store is not below
+            the threshold, in the field's units or as a fraction of its largest value.
+        distance: in place of an error, how far the mesh may be from the surface at full resolution and the other
+            way round, in the units of the spacing; or a text such as "0.5voxel", or "0.5mm" if :attr:`unit` is known.
+        triangles: in place of an error, at most so many, at the smallest distance that is found; with a distance,
+            whichever is reached first. by: "error" makes the error small in place of the distance, with triangles of
+            the nested grid or, with ``simplify``, fewer.
+        no_simplify: within the distance, but with the nested grid's own triangles.
+        keep_analysis: True keeps an analysis of the surface beside the store, or give a folder: made once, in several
+            times the time; other distances and numbers of triangles then take little.
+        focus, falloff: the error holds at this point or in this box, and is 1 + falloff d times as large at the
+            distance d.
+        camera, pixels, fov, height: stop as well where a viewer at this place, with an angle of ``fov`` degrees from
+            top to bottom and a picture ``height`` pixels high, sees less than so many pixels.
+        box: only what is inside, ``((z0, y0, x0), (z1, y1, x1))`` in the coordinates of the result.
+        bound: the field by which elements without surface are left out; the tightest that the store has.
+        view, cull_by: leave out what faces away from a viewer who looks in this direction, by this field.
+        normals: at the vertices, from the data's gradient.
+        vertex_values: another store of the same shape whose values the vertices get; without one they have ``iso``.
+        vertex_error: a field at the vertices, by its name.
+        vertices: "exact" is where the finest data have the value, whatever the error; the bound is then twice it.
+        cells: "hex" gives a third of the triangles.
+        components: of the connected pieces the "largest", so many of the largest, or "all", which counts them.
+        min_component: drop pieces of fewer triangles; min_volume: drop closed pieces around less than this volume.
+        close: a solid, of what is "below" the value outside of the volume (or True), or "above".
+        coordinates: "array" is (z, y, x) times the spacing, "world" is (x, y, z) with the origin.
+        gradient_direction: of the faces' corners, "descent" or "ascent", as scikit-image means it.
+        quality: the report says which angles the triangles have.
+        memory: bytes, beside the mesh. threads: 0 is all cores. scratch: a folder for temporary files.
+
+        A value that does not occur gives an empty mesh. Raises subclasses of :class:`isonest.Error`.
+        """
+        if gradient_direction not in ("descent", "ascent"):
+            raise ValueError(f"gradient_direction={gradient_direction!r}: give 'descent' or 'ascent'")
+        place = self._place(coordinates)
+        query = _core.SurfaceQuery()
+        query.set_iso(float(iso))
+        SurfaceStop(in_own_unit(distance, self._core), triangles, by, simplify, no_simplify, keep_analysis).apply(
+            query, Stop(error, error_relative, guarantee, stop, threshold, threshold_relative))
+        Viewpoint(focus, falloff, camera, pixels, fov, height).apply(query, place)
+        place.set_box(query, box)
+        if bound is not None:
+            query.set_bound(bound)
+        if view is not None:
+            query.set_view(place.direction("view", view), cull_by)
+        elif cull_by is not None:
+            raise ValueError("cull_by= goes with view=")
+        _queries.set_attributes(query, normals=normals, vertex_values=vertex_values, vertex_error=vertex_error,
+                                cells=cells)
+        query.set_vertices(vertices)
+        _queries.set_components(query, components, min_component, min_volume)
+        _queries.set_close(query, close)
+        options = _queries.options(memory, threads, scratch, quality)
+        return self._extract(query, options, progress, place, level=float(iso), flip=gradient_direction == "ascent")
+
+    def label_surface(self, label: int, *, distance: Distance = None, triangles: Optional[int] = None,
+                      box: Optional[Box] = None, normals: bool = False,
+                      vertex_values: "Optional[Extracting]" = None, cells: Cells = "tet",
+                      components: Components = None, min_component: int = 0, min_volume: float = 0.0,
+                      close: Close = None, coordinates: Coordinates = "array", quality: bool = False,
+                      memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
+                      progress: Progress = None) -> Mesh:
+        """The surface around the nodes with this label, half way to the others, whatever their labels are.
+
+        The arguments are those of :meth:`isosurface`; inside the surface is "above", so ``close=True`` closes it
+        where the label reaches the border of the volume.
+        """
+        place = self._place(coordinates)
+        query = self._label_query(place, distance, triangles, box, normals, vertex_values, cells, components,
+                                  min_component, min_volume, close)
+        query.set_label(int(label))
+        options = _queries.options(memory, threads, scratch, quality)
+        return self._extract(query, options, progress, place, level=float(label))
+
+    def label_surfaces(self, labels: "Optional[Sequence[int]]" = None, *, distance: Distance = None,
+                       triangles: Optional[int] = None, box: Optional[Box] = None, normals: bool = False,
+                       vertex_values: "Optional[Extracting]" = None, cells: Cells = "tet",
+                       components: Components = None, min_component: int = 0, min_volume: float = 0.0,
+                       close: Close = None, coordinates: Coordinates = "array", quality: bool = False,
+                       memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
+                       progress: Progress = None) -> "dict[int, Mesh]":
+        """The surfaces of these labels, several at a time; without labels those of all but 0.
+
+        The arguments are those of :meth:`label_surface`, which gives the same meshes one by one.
+        """
+        place = self._place(coordinates)
+        query = self._label_query(place, distance, triangles, box, normals, vertex_values, cells, components,
+                                  min_component, min_volume, close)
+        options = _queries.options(memory, threads, scratch, quality)
+        ids = None if labels is None else [int(label) for label in labels]
+        with reporting(progress) as report:
+            meshes = _core.extract_labels(self._core, ids, query, options, report)
+        return {label: Mesh(parts, coordinates=coordinates, frame=self._frame, flip=False, level=float(label))
+                for label, parts in meshes}
+
+    def slice(self, normal: Point, offset: float, *, error: float = 0.0, error_relative: Optional[float] = None,
+              guarantee: Guarantee = "deviation", stop: Optional[str] = None, threshold: Optional[float] = None,
+              threshold_relative: Optional[float] = None, focus: Union[None, Point, Box] = None, falloff: float = 0.0,
+              camera: Optional[Point] = None, pixels: float = 1.0, fov: float = 40.0, height: int = 1080,
+              box: Optional[Box] = None, normals: bool = False, vertex_values: "Optional[Extracting]" = None,
+              vertex_error: Optional[str] = None, cells: Cells = "tet", coordinates: Coordinates = "array",
+              quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
+              progress: Progress = None) -> Mesh:
+        """The plane of the points p with ``normal . p = offset`` as triangles that are as large as the error allows.
+
+        The vertices have values; between them they are linear, and at most ``error`` off the data anywhere. Normal
+        and offset are in the coordinates of the result: ``slice((1, 0, 0), 35)`` is the plane number 35 of the
+        array, times the spacing. The other arguments are those of :meth:`isosurface`.
+        """
+        place = self._place(coordinates)
+        query = _core.SliceQuery()
+        query.set_plane(*place.plane(normal, offset))
+        Stop(error, error_relative, guarantee, stop, threshold, threshold_relative).apply(query)
+        Viewpoint(focus, falloff, camera, pixels, fov, height).apply(query, place)
+        place.set_box(query, box)
+        _queries.set_attributes(query, normals=normals, vertex_values=vertex_values, vertex_error=vertex_error,
+                                cells=cells)
+        return self._extract(query, _queries.options(memory, threads, scratch, quality), progress, place)
+
+    def contours(self, normal: Point, offset: float, contours: Sequence[float], *, error: float = 0.0,
+                 error_relative: Optional[float] = None, guarantee: Guarantee = "deviation",
+                 stop: Optional[str] = None, threshold: Optional[float] = None,
+                 threshold_relative: Optional[float] = None, focus: Union[None, Point, Box] = None,
+                 falloff: float = 0.0, camera: Optional[Point] = None, pixels: float = 1.0, fov: float = 40.0,
+                 height: int = 1080, box: Optional[Box] = None, coordinates: Coordinates = "array",
+                 memory: Bytes = "1G", threads: int = 0, scratch: _Path = "", progress: Progress = None) -> Mesh:
+        """The lines in a plane on which the data have one of the values ``contours``; they are the vertices' values.
+
+        The other arguments are those of :meth:`slice`.
+        """
+        place = self._place(coordinates)
+        query = _core.ContourQuery()
+        query.set_plane(*place.plane(normal, offset))
+        query.set_values([float(value) for value in contours])
+        Stop(error, error_relative, guarantee, stop, threshold, threshold_relative).apply(query)
+        Viewpoint(focus, falloff, camera, pixels, fov, height).apply(query, place)
+        place.set_box(query, box)
+        return self._extract(query, _queries.options(memory, threads, scratch), progress, place)
+
+    def graph(self, *, scale: float = 1.0, error: float = 0.0, error_relative: Optional[float] = None,
+              guarantee: Guarantee = "deviation", stop: Optional[str] = None, threshold: Optional[float] = None,
+              threshold_relative: Optional[float] = None, focus: Union[None, Point, Box] = None, falloff: float = 0.0,
+              camera: Optional[Point] = None, pixels: float = 1.0, fov: float = 40.0, height: int = 1080,
+              box: Optional[Box] = None, normals: bool = False, vertex_values: "Optional[Extracting]" = None,
+              vertex_error: Optional[str] = None, cells: PlaneCells = "tet", coordinates: Coordinates = "array",
+              quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
+              progress: Progress = None) -> Mesh:
+        """Of data in a plane, a map: the surface whose height, z in world coordinates, is ``scale`` times the value.
+
+        The other arguments are those of :meth:`isosurface`; cells are "tet" or "quad".
+        """
+        place = self._place(coordinates)
+        query = _core.GraphQuery()
+        query.set_scale(float(scale))
+        Stop(error, error_relative, guarantee, stop, threshold, threshold_relative).apply(query)
+        Viewpoint(focus, falloff, camera, pixels, fov, height).apply(query, place)
+        place.set_box(query, box)
+        _queries.set_attributes(query, normals=normals, vertex_values=vertex_values, vertex_error=vertex_error,
+                                cells=cells)
+        return self._extract(query, _queries.options(memory, threads, scratch, quality), progress, place)
+
+    def _place(self, coordinates: str) -> Place:
+        place = Place(self._frame, coordinates)
+        place.require()
+        return place
+
+    def _label_query(self, place: Place, distance: Distance, triangles: Optional[int], box: Optional[Box],
+                     normals: bool, vertex_values: Any, cells: str, components: Components, min_component: int,
+                     min_volume: float, close: Close) -> Any:
+        query = _core.SurfaceQuery()
+        SurfaceStop(in_own_unit(distance, self._core), triangles).apply(query, Stop(0.0, None, "deviation"))
+        place.set_box(query, box)
+        _queries.set_attributes(query, normals=normals, vertex_values=vertex_values, vertex_error=None, cells=cells)
+        _queries.set_components(query, components, min_component, min_volume)
+        _queries.set_close(query, close)
+        return query
+
+    def _extract(self, query: Any, options: Any, progress: Progress, place: Place, *, level: Optional[float] = None,
+                 flip: bool = False) -> Mesh:
+        with reporting(progress) as report:
+            parts = _core.extract(self._core, query, options, report)
+        return Mesh(parts, coordinates=place.coordinates, frame=place.frame, flip=flip, level=level)

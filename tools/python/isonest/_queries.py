@@ -1,0 +1,212 @@
+"""From arguments to queries: which arguments go together, and what they are in world coordinates."""
+from __future__ import annotations
+
+import os
+from typing import Any, Literal, NamedTuple, Optional, Union
+
+import numpy as np
+
+from . import _core
+from ._arguments import Box, Bytes, Point, to_bytes, to_distance, to_point
+from ._frame import Frame
+
+Guarantee = Literal["deviation", "plus", "estimate"]
+Cells = Literal["tet", "hex", "tetrahedra", "hexahedra"]
+"""The longer names say the same."""
+PlaneCells = Literal["tet", "quad", "tetrahedra", "quadrilaterals"]
+Vertices = Literal["linear", "exact"]
+Close = Union[None, bool, Literal["below", "above"]]
+"""True is "below"."""
+Components = Union[None, int, Literal["largest", "all"]]
+By = Literal["distance", "error"]
+Distance = Union[None, float, str]
+Coordinates = Literal["array", "world"]
+
+
+class Stop(NamedTuple):
+    """Where refinement stops: an error, or a field below a threshold."""
+
+    error: float
+    error_relative: Optional[float]
+    guarantee: str
+    stop: Optional[str] = None
+    threshold: Optional[float] = None
+    threshold_relative: Optional[float] = None
+
+    def given(self) -> "list[str]":
+        """Which of them are not as if nothing was said."""
+        return [name for name, value in self._asdict().items() if value and (name, value) != ("guarantee", "deviation")]
+
+    def apply(self, query: Any) -> None:
+        """To a query of any kind."""
+        refuse_both(error=self.error or None, error_relative=self.error_relative, stop=self.stop)
+        refuse_both(threshold=self.threshold, threshold_relative=self.threshold_relative)
+        if self.stop is not None:
+            relative = self.threshold_relative is not None
+            value = self.threshold_relative if relative else self.threshold
+            query.set_threshold(self.stop, float(value or 0.0), relative)
+            return
+        if self.threshold is not None or self.threshold_relative is not None:
+            raise ValueError("threshold= goes with stop=, the field that it is of")
+        query.set_error(*self.as_error())
+
+    def as_error(self) -> "tuple[float, bool, str]":
+        """Value, whether it is a fraction of the data's range, guarantee."""
+        if self.error_relative is not None:
+            return float(self.error_relative), True, self.guarantee
+        return float(self.error), False, self.guarantee
+
+
+class SurfaceStop(NamedTuple):
+    """What surfaces have in place of an error."""
+
+    distance: Distance
+    triangles: Optional[int]
+    by: str = "distance"
+    simplify: bool = False
+    no_simplify: bool = False
+    keep_analysis: Union[bool, str, "os.PathLike[str]"] = False
+
+    def apply(self, query: Any, stop: Stop) -> None:
+        """To a surface's query."""
+        if self.by not in ("distance", "error"):
+            raise ValueError(f"by={self.by!r}: give 'distance' or 'error'")
+        if self.by == "error" and self.triangles is None:
+            raise ValueError("by= goes with triangles=")
+        if self.no_simplify and (self.distance is None or self.triangles is not None):
+            raise ValueError("no_simplify= goes with distance=, and without triangles=")
+        asked = self.distance is not None or self.triangles is not None
+        if self.keep_analysis and (not asked or self.no_simplify):
+            raise ValueError("keep_analysis= goes with distance= or triangles=, and without no_simplify=")
+        if not asked:
+            self._apply_error(query, stop)
+            return
+        if stop.given():
+            raise ValueError(f"{stop.given()[0]}= does not go with distance= or triangles=")
+        self._apply_distance(query)
+        if self.keep_analysis:
+            query.set_kept_analysis("" if self.keep_analysis is True else self.keep_analysis)
+
+    def _apply_error(self, query: Any, stop: Stop) -> None:
+        stop.apply(query)
+        if self.simplify:
+            if stop.stop is not None:
+                raise ValueError("simplify= goes with an error, not with stop=")
+            query.set_simplified_error(*stop.as_error())
+
+    def _apply_distance(self, query: Any) -> None:
+        if self.by == "error":
+            if self.distance is not None:
+                raise ValueError("by='error' goes without distance=")
+            query.set_triangles_by_error(int(self.triangles or 0), self.simplify)
+            return
+        if self.simplify:
+            raise ValueError("simplify= goes with an error; a distance is kept by fewer triangles without it")
+        within, voxels = to_distance(self.distance) if self.distance is not None else (None, False)
+        if self.triangles is not None:
+            query.set_triangles(int(self.triangles), within, voxels)
+        elif self.no_simplify:
+            query.set_nested_distance(within, voxels)
+        else:
+            query.set_distance(within, voxels)
+
+
+class Viewpoint(NamedTuple):
+    """Where the error may be larger, because nobody looks there."""
+
+    focus: Union[None, Point, Box]
+    falloff: float
+    camera: Optional[Point]
+    pixels: float
+    fov: float
+    height: int
+
+    def apply(self, query: Any, place: "Place") -> None:
+        """To a query of any kind."""
+        if self.focus is not None:
+            ends: Any = (self.focus, self.focus) if np.ndim(self.focus) == 1 else self.focus
+            low, high = (place.point("focus", corner) for corner in ends)
+            query.set_focus(low, high, float(self.falloff))
+        elif self.falloff:
+            raise ValueError("falloff= goes with focus=")
+        if self.camera is not None:
+            query.set_camera(place.point("camera", self.camera), float(self.fov), int(self.height), float(self.pixels))
+
+
+class Place(NamedTuple):
+    """Arguments that are places, in the coordinates of the result."""
+
+    frame: Frame
+    coordinates: str
+
+    def require(self) -> None:
+        """Raises ValueError if there are no such coordinates."""
+        if self.coordinates not in ("array", "world"):
+            raise ValueError(f"coordinates={self.coordinates!r}: give 'array' or 'world'")
+
+    def point(self, name: str, point: Point) -> "tuple[float, float, float]":
+        """In world coordinates."""
+        numbers = to_point(name, point)
+        return self.frame.point_to_world(numbers) if self.coordinates == "array" else numbers
+
+    def plane(self, normal: Point, offset: float) -> "tuple[tuple[float, float, float], float]":
+        """In world coordinates."""
+        direction = to_point("normal", normal)
+        return self.frame.plane_to_world(direction, float(offset)) if self.coordinates == "array" else (
+            direction, float(offset))
+
+    def direction(self, name: str, direction: Point) -> "tuple[float, float, float]":
+        """In world coordinates."""
+        numbers = to_point(name, direction)
+        return self.frame.vector_to_world(numbers) if self.coordinates == "array" else numbers
+
+    def set_box(self, query: Any, box: Optional[Box]) -> None:
+        """Cuts a query of any kind, if there is a box."""
+        if box is not None:
+            low, high = box
+            query.set_box(self.point("box", low), self.point("box", high))
+
+
+def set_components(query: Any, components: Components, min_component: int, min_volume: float) -> None:
+    """Which connected pieces of a surface are kept."""
+    named = {"largest": 1, "all": 0}
+    if isinstance(components, str) and components not in named:
+        raise ValueError(f"components={components!r}: give 'largest', 'all', or how many of the largest to keep")
+    largest = named[components] if isinstance(components, str) else int(components or 0)
+    if min_component < 0 or largest < 0 or (largest == 0 and isinstance(components, int)):
+        raise ValueError("components= is 1 or more, min_component= 0 or more")
+    if components is not None or min_component or min_volume:
+        query.set_components(largest, int(min_component), float(min_volume))
+
+
+def set_close(query: Any, close: Close) -> None:
+    """By what a surface is closed."""
+    if close is not None and close is not False:
+        query.set_close("below" if close is True else close)
+
+
+def set_attributes(query: Any, *, normals: bool, vertex_values: Any, vertex_error: Optional[str], cells: str) -> None:
+    """What triangles have, and contour lines have not."""
+    query.set_normals(bool(normals))
+    query.set_cells(cells)
+    if vertex_values is not None:
+        query.set_vertex_values(vertex_values._core)
+    if vertex_error is not None:
+        query.set_vertex_error(vertex_error)
+
+
+def options(memory: Bytes, threads: int, scratch: "os.PathLike[str] | str", quality: bool = False) -> Any:
+    """Of an extraction."""
+    chosen = _core.ExtractOptions()
+    chosen.memory = to_bytes(memory)
+    chosen.threads = int(threads)
+    chosen.scratch = os.fspath(scratch)
+    chosen.quality = quality
+    return chosen
+
+
+def refuse_both(**given: Any) -> None:
+    """Raises ValueError if more than one of the arguments is not None."""
+    names = [f"{name}=" for name, value in given.items() if value is not None]
+    if len(names) > 1:
+        raise ValueError(f"give one of {' and '.join(names)}, not both")

@@ -1,0 +1,39 @@
+// A mesh that lies in arrays, handed to a sink.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include <isonest/mesh_sink.h>
+#include <isonest/progress.h>
+
+namespace isonest::python {
+
+/// What an extraction said of a mesh beside its arrays.
+struct MeshOrigin {
+    MeshLayout layout;
+    std::vector<std::filesystem::path> inputs;  ///< the files that it was made from
+};
+
+/// The arrays, which belong to somebody else; an attribute that the layout has not is null.
+struct ArrayMesh {
+    std::size_t vertices = 0;
+    const float* positions = nullptr;  ///< x, y, z
+    std::size_t elements = 0;
+    const std::uint32_t* corners = nullptr;  ///< of an element as many as the layout says
+    bool flip = false;                       ///< the corners of each element come backwards
+    const float* normals = nullptr;
+    const double* values = nullptr;
+    const float* errors = nullptr;
+};
+
+/// Hands the sink what the extraction would have handed it: a file has the same bytes. Values that
+/// the sink holds as float32 alone are rounded. `path`: of the file, for messages. Throws
+/// Error{invalid_argument} if a corner is no vertex, Error{limit} for values beyond float32,
+/// Error{cancelled}, and what the sink throws.
+void write_mesh(const ArrayMesh& mesh, const MeshOrigin& origin, const std::filesystem::path& path,
+                MeshSink& sink, Progress& progress);
+
+}  // namespace isonest::python

@@ -1,0 +1,210 @@
+#include "tools/python/src/meshes.h"
+
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <filesystem>
+#include <iterator>
+#include <memory>
+#include <optional>
+#include <set>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <isonest/error.h>
+#include <isonest/extract.h>
+#include <isonest/labels.h>
+#include <isonest/mesh_file.h>
+
+#include "tools/python/src/array_mesh.h"
+#include "tools/python/src/arrays.h"
+#include "tools/python/src/progress.h"
+#include "tools/python/src/queries.h"
+#include "tools/python/src/stores.h"
+
+namespace isonest::python {
+namespace {
+
+/// A mesh in memory, and what a file of it needs to know besides.
+class Collector : public MeshCollector {
+  public:
+    void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override {
+        MeshCollector::prepare(layout, inputs);
+        origin_.inputs.assign(inputs.begin(), inputs.end());
+    }
+    void begin(const MeshLayout& layout) override {
+        MeshCollector::begin(layout);
+        origin_.layout = layout;
+    }
+    [[nodiscard]] const MeshOrigin& origin() const { return origin_; }
+
+  private:
+    MeshOrigin origin_;
+};
+
+/// A mesh that stays when the sink, which the extraction owns, is gone.
+class SharedSink : public MeshSink {
+  public:
+    explicit SharedSink(std::shared_ptr<Collector> mesh) : mesh_(std::move(mesh)) {}
+    void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override {
+        mesh_->prepare(layout, inputs);
+    }
+    void begin(const MeshLayout& layout) override { mesh_->begin(layout); }
+    void add_vertices(const VertexBatch& batch) override { mesh_->add_vertices(batch); }
+    void add_elements(const ElementBatch& batch) override { mesh_->add_elements(batch); }
+    [[nodiscard]] bool concurrent() const override { return mesh_->concurrent(); }
+
+  private:
+    std::shared_ptr<Collector> mesh_;
+};
+
+template <class T>
+py::object array_or_none(std::vector<T>&& rows, const MeshLayout& layout, const char* name) {
+    return layout.find(name) == nullptr ? py::object(py::none())
+                                        : py::object(as_array(std::move(rows)));
+}
+
+/// (positions, elements, normals, values, errors, origin, report): the arrays own the mesh.
+py::tuple as_tuple(Collector& mesh, ExtractReport report) {
+    const MeshLayout& layout = mesh.origin().layout;
+    py::array elements =
+        layout.corners == 2 ? as_array(std::move(mesh.lines)) : as_array(std::move(mesh.triangles));
+    return py::make_tuple(as_array(std::move(mesh.vertices)), std::move(elements),
+                          array_or_none(std::move(mesh.normals), layout, "normal"),
+                          array_or_none(std::move(mesh.values), layout, "value"),
+                          array_or_none(std::move(mesh.errors), layout, "error"), mesh.origin(),
+                          std::move(report));
+}
+
+template <class Query>
+py::tuple extract_mesh(const OpenStore& handle, const Asked<Query>& asked,
+                       const ExtractOptions& options, const py::object& progress) {
+    const std::shared_ptr<const Store> store = handle.get();
+    Collector mesh;
+    ExtractReport report;
+    run_watched(progress,
+                [&](Progress& p) { report = extract(*store, asked.query, mesh, options, p); });
+    return as_tuple(mesh, std::move(report));
+}
+
+std::vector<Label>::const_iterator place_of(const std::vector<Label>& labels, std::int64_t id) {
+    return std::lower_bound(labels.begin(), labels.end(), id,
+                            [](const Label& label, std::int64_t i) { return label.id < i; });
+}
+
+/// Those of the store that are wanted, by their ids; without a wish all but 0. Throws
+/// Error{not_found}. REQUIRES: `all` is sorted.
+std::vector<Label> chosen_labels(const Store& store, std::vector<Label> all,
+                                 const std::optional<std::vector<std::int64_t>>& ids) {
+    if (!ids) {
+        all.erase(std::remove_if(all.begin(), all.end(), [](const Label& l) { return l.id == 0; }),
+                  all.end());
+        return all;
+    }
+    std::vector<Label> chosen;
+    for (const std::int64_t id : std::set<std::int64_t>(ids->begin(), ids->end())) {
+        const auto found = place_of(all, id);
+        if (found == all.end() || found->id != id) {
+            throw Error(ErrorKind::not_found, {store.path().string()},
+                        "there is no label " + std::to_string(id));
+        }
+        chosen.push_back(*found);
+    }
+    return chosen;
+}
+
+/// Pairs of a label and its mesh, as of extract_mesh().
+py::list extract_label_meshes(const OpenStore& handle,
+                              const std::optional<std::vector<std::int64_t>>& ids,
+                              const AskedSurface& asked, const ExtractOptions& options,
+                              const py::object& progress) {
+    const std::shared_ptr<const Store> store = handle.get();
+    std::vector<Label> labels;
+    std::vector<std::shared_ptr<Collector>> meshes;
+    std::vector<ExtractReport> reports;
+    run_watched(progress, [&](Progress& p) {
+        labels =
+            chosen_labels(*store, find_labels(*store, {options.memory, options.threads}, p), ids);
+        std::generate_n(std::back_inserter(meshes), labels.size(),
+                        [] { return std::make_shared<Collector>(); });
+        reports.resize(labels.size());
+        extract_labels(
+            *store, labels, asked.query,
+            [&](const Label& label) {
+                const auto number = place_of(labels, label.id) - labels.begin();
+                return std::make_unique<SharedSink>(meshes[static_cast<std::size_t>(number)]);
+            },
+            [&](std::size_t number, const ExtractReport& report) { reports[number] = report; },
+            options, p);
+    });
+    py::list result;
+    for (std::size_t i = 0; i < labels.size(); ++i) {
+        result.append(py::make_tuple(labels[i].id, as_tuple(*meshes[i], std::move(reports[i]))));
+    }
+    return result;
+}
+
+using Floats = py::array_t<float, py::array::c_style>;
+using Doubles = py::array_t<double, py::array::c_style>;
+using Numbers = py::array_t<std::uint32_t, py::array::c_style>;
+
+/// Null if the layout has no attribute of this name. Throws py::value_error unless there is a row
+/// of it for every vertex.
+template <class T>
+const T* attribute_of(const MeshOrigin& origin, const char* name, std::size_t vertices,
+                      const std::optional<py::array_t<T, py::array::c_style>>& array) {
+    const VertexAttribute* const attribute = origin.layout.find(name);
+    if (attribute == nullptr) {
+        return nullptr;
+    }
+    if (!array || static_cast<std::size_t>(array->size()) !=
+                      vertices * static_cast<std::size_t>(attribute->components)) {
+        throw py::value_error("the arrays of a mesh do not fit together");
+    }
+    return array->data();
+}
+
+void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, const Floats& positions,
+               const Numbers& elements, bool flip, const std::optional<Floats>& normals,
+               const std::optional<Doubles>& values, const std::optional<Floats>& errors,
+               const py::object& progress) {
+    ArrayMesh mesh;
+    mesh.vertices = static_cast<std::size_t>(positions.size()) / 3;
+    mesh.positions = positions.data();
+    mesh.elements =
+        static_cast<std::size_t>(elements.size()) / static_cast<std::size_t>(origin.layout.corners);
+    mesh.corners = elements.data();
+    mesh.flip = flip;
+    mesh.normals = attribute_of(origin, "normal", mesh.vertices, normals);
+    mesh.values = attribute_of(origin, "value", mesh.vertices, values);
+    mesh.errors = attribute_of(origin, "error", mesh.vertices, errors);
+    run_watched(progress, [&](Progress& p) {
+        const std::unique_ptr<MeshSink> sink = open_mesh_file(path, {.replace = true});
+        write_mesh(mesh, origin, path, *sink, p);
+    });
+}
+
+}  // namespace
+
+void add_meshes(py::module_& module) {
+    using namespace py::literals;
+    // NOLINTNEXTLINE(bugprone-unused-raii): the module keeps it
+    py::class_<MeshOrigin>(module, "MeshLayout");
+    const auto add = [&](auto function) {
+        module.def("extract", function, "store"_a, "query"_a, "options"_a, "progress"_a);
+    };
+    add(&extract_mesh<SurfaceQuery>);
+    add(&extract_mesh<SliceQuery>);
+    add(&extract_mesh<ContourQuery>);
+    add(&extract_mesh<GraphQuery>);
+    module.def("extract_labels", &extract_label_meshes, "store"_a, "labels"_a, "query"_a,
+               "options"_a, "progress"_a);
+    module.def("save_mesh", &save_mesh, "path"_a, "layout"_a, "positions"_a, "elements"_a, "flip"_a,
+               "normals"_a, "values"_a, "errors"_a, "progress"_a);
+}
+
+}  // namespace isonest::python

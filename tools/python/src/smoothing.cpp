@@ -1,0 +1,234 @@
+#include "tools/python/src/smoothing.h"
+
+#include <pybind11/numpy.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <set>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "query/finite_elements/nonlinear_diffusion.h"
+#include "store/base/memory_budget.h"
+#include "store/exports/volume_file.h"
+#include "store/files/output_file.h"
+#include "tools/cli/commands/volume_values.h"
+#include "tools/python/src/arrays.h"
+#include "tools/python/src/progress.h"
+#include "tools/python/src/sources.h"
+#include "tools/python/src/stores.h"
+
+namespace isonest::python {
+namespace {
+
+using detail::DiffusionStep;
+using detail::NonlinearDiffusion;
+using detail::cli::VolumeValues;
+
+struct SmoothOptions {
+    detail::DiffusionOptions diffusion;
+    std::optional<double> sigma;  ///< without a value the smallest spacing
+    int steps = 0;
+    std::set<int> snapshots;
+    bool grid = false;
+    std::optional<std::filesystem::path> output;
+    bool replace = false;
+    std::uint64_t memory = std::uint64_t{1} << 30U;
+};
+
+/// What is kept of the work, in C++ memory.
+struct Smoothed {
+    Int3 nodes;
+    std::vector<float> values;
+    std::optional<std::vector<std::uint8_t>> grid;
+    std::vector<DiffusionStep> steps;
+    std::vector<std::pair<int, std::vector<float>>> snapshots;
+};
+
+/// Stops when the user's does, and shows nothing: the steps are what is counted.
+class WithinStep : public Progress {
+  public:
+    explicit WithinStep(const Progress& whole) : whole_(whole) {}
+    [[nodiscard]] bool cancelled() const override { return whole_.cancelled(); }
+
+  private:
+    const Progress& whole_;
+};
+
+double smallest_spacing(const VolumeDescription& d) {
+    double nearest = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+        const double s = d.spacing.at(static_cast<std::size_t>(axis));
+        nearest = d.nodes[axis] > 1 && (nearest == 0 || s < nearest) ? s : nearest;
+    }
+    return nearest;
+}
+
+std::vector<std::uint8_t> members_of(const detail::NodeSet& grid) {
+    const Int3 nodes = grid.nodes();
+    std::vector<std::uint8_t> members(static_cast<std::size_t>(nodes.product()), 0);
+    for (std::int64_t row = 0; row < nodes.y * nodes.z; ++row) {
+        const Int3 p{0, row % nodes.y, row / nodes.y};
+        grid.for_row(p, nodes.x, [&](std::int64_t x, std::uint64_t) {
+            members[static_cast<std::size_t>(row * nodes.x + x)] = 1;
+        });
+    }
+    return members;
+}
+
+std::vector<float> copy_of(std::span<const float> values) {
+    return {values.begin(), values.end()};
+}
+
+void write_values(const std::filesystem::path& path, const VolumeDescription& d, bool replace,
+                  std::span<const float> values) {
+    const auto file = detail::create_volume_file(
+        path, {d.nodes, ValueType::f32, d.spacing, d.origin, d.direction, replace});
+    file->write(reinterpret_cast<const std::byte*>(values.data()), d.nodes.z);
+    file->finish();
+}
+
+/// Throws Error{invalid_argument, unsupported} before any work.
+void require_sense(const SmoothOptions& o, const detail::Lattice& lattice,
+                   const std::string& name) {
+    const auto require = [](bool is_right, const char* what) {
+        if (!is_right) {
+            throw Error(ErrorKind::invalid_argument, what);
+        }
+    };
+    require(o.steps >= 0, "steps: give a number >= 0");
+    require(o.diffusion.tau > 0, "tau: give a number > 0");
+    require(o.diffusion.lambda > 0, "lambda_: give a number > 0");
+    require(!o.sigma || *o.sigma >= 0, "sigma: give a number >= 0");
+    require(o.diffusion.threshold >= 0, "threshold: give a number >= 0");
+    require(o.snapshots.empty() || (*o.snapshots.begin() >= 0 && *o.snapshots.rbegin() <= o.steps),
+            "snapshots: give numbers of steps, from 0 to steps");
+    if (lattice.dimension() == 0) {
+        throw Error(ErrorKind::unsupported, {name}, "there is only one node");
+    }
+}
+
+Smoothed smooth_values(VolumeValues& input, SmoothOptions o, Progress& progress) {
+    const VolumeDescription d = input.describe();
+    const detail::Lattice lattice(d.nodes);
+    require_sense(o, lattice, d.name);
+    if (o.output) {
+        detail::check_output(*o.output, o.replace, input.files());
+    }
+    o.diffusion.sigma = o.sigma.value_or(smallest_spacing(d));
+    detail::require_memory(
+        d.name, o.memory,
+        detail::kLibraryHeap + input.heap() + NonlinearDiffusion::heap(lattice, o.diffusion),
+        "this many unknowns");
+    Smoothed result;
+    result.nodes = d.nodes;
+    NonlinearDiffusion diffusion(lattice, d.spacing, input.read(progress), o.diffusion);
+    progress.begin("smooth", static_cast<std::uint64_t>(o.steps), "steps");
+    WithinStep within(progress);
+    for (int step = 0;; ++step) {
+        if (o.snapshots.count(step) != 0) {
+            result.snapshots.emplace_back(step, copy_of(diffusion.values()));
+        }
+        if (step == o.steps) {
+            break;
+        }
+        result.steps.push_back(diffusion.step(within));
+        progress.advance(1);
+    }
+    if (o.grid) {
+        result.grid = members_of(diffusion.grid(within));
+    }
+    result.values = copy_of(diffusion.values());
+    if (o.output) {
+        write_values(*o.output, d, o.replace, result.values);
+    }
+    return result;
+}
+
+template <class T>
+py::array as_volume(std::vector<T>&& values, const Int3& nodes) {
+    return as_array(std::move(values)).reshape(std::vector<py::ssize_t>{nodes.z, nodes.y, nodes.x});
+}
+
+/// (values, grid or None, steps, snapshots as pairs of a step and its values)
+py::tuple as_tuple(Smoothed&& s) {
+    py::object grid = py::none();
+    if (s.grid) {
+        grid = as_volume(std::move(*s.grid), s.nodes);
+    }
+    py::list snapshots;
+    for (auto& [step, values] : s.snapshots) {
+        snapshots.append(py::make_tuple(step, as_volume(std::move(values), s.nodes)));
+    }
+    return py::make_tuple(as_volume(std::move(s.values), s.nodes), std::move(grid),
+                          std::move(s.steps), std::move(snapshots));
+}
+
+py::tuple smooth_source(Source& source, const SmoothOptions& options, const py::object& progress) {
+    VolumeValues input(source.take());
+    Smoothed result;
+    run_watched(progress, [&](Progress& p) { result = smooth_values(input, options, p); });
+    return as_tuple(std::move(result));
+}
+
+py::tuple smooth_store(const OpenStore& store, const SmoothOptions& options,
+                       const py::object& progress) {
+    VolumeValues input(store.get()->path().string(), SourceOptions{});
+    Smoothed result;
+    run_watched(progress, [&](Progress& p) { result = smooth_values(input, options, p); });
+    return as_tuple(std::move(result));
+}
+
+}  // namespace
+
+void add_smoothing(py::module_& module) {
+    using namespace py::literals;
+    using O = SmoothOptions;
+    using S = DiffusionStep;
+    py::class_<O>(module, "SmoothOptions")
+        .def(py::init<>())
+        .def_property(
+            "tau", [](const O& o) { return o.diffusion.tau; },
+            [](O& o, double tau) { o.diffusion.tau = tau; })
+        .def_property(
+            "lambda_", [](const O& o) { return o.diffusion.lambda; },
+            [](O& o, double lambda) { o.diffusion.lambda = lambda; })
+        .def_property(
+            "threshold", [](const O& o) { return o.diffusion.threshold; },
+            [](O& o, double threshold) { o.diffusion.threshold = threshold; })
+        .def_property(
+            "threads", [](const O& o) { return o.diffusion.threads; },
+            [](O& o, int threads) { o.diffusion.threads = threads; })
+        .def_readwrite("sigma", &O::sigma)
+        .def_readwrite("steps", &O::steps)
+        .def_readwrite("snapshots", &O::snapshots)
+        .def_readwrite("grid", &O::grid)
+        .def_readwrite("output", &O::output)
+        .def_readwrite("replace", &O::replace)
+        .def_readwrite("memory", &O::memory);
+    py::class_<S>(module, "SmoothStep", "What a step of isonest.smooth did.")
+        .def_readonly("unknowns", &S::unknowns, "nodes of the grid")
+        .def_readonly("iterations", &S::iterations, "of the solver")
+        .def_readonly("residual", &S::residual)
+        .def_readonly("mean", &S::mean, "of the function, which a step does not change")
+        .def_readonly("variance", &S::variance, "which a step does not raise")
+        .def_readonly("least", &S::least)
+        .def_readonly("largest", &S::largest)
+        .def("__repr__", [](const S& s) {
+            return py::str("SmoothStep(unknowns={}, iterations={}, mean={:.6g}, variance={:.6g})")
+                .format(s.unknowns, s.iterations, s.mean, s.variance);
+        });
+    module.def("smooth", &smooth_source, "volume"_a, "options"_a, "progress"_a);
+    module.def("smooth", &smooth_store, "volume"_a, "options"_a, "progress"_a);
+}
+
+}  // namespace isonest::python
