@@ -19,7 +19,7 @@
 
 #include "query/finite_elements/nonlinear_diffusion.h"
 #include "store/base/memory_budget.h"
-#include "store/container/volume_file.h"
+#include "store/exports/volume_file.h"
 #include "store/files/output_file.h"
 #include "tools/cli/commands/volume_values.h"
 #include "tools/python/src/arrays.h"
