@@ -103,6 +103,7 @@ StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& 
     header.origin = volume.origin;
     header.direction = volume.direction;
     header.labels = volume.labels;
+    header.unit = volume.unit;
     header.chunk = options.chunk;
     header.compression = options.compression;
     header.exact = options.exact;
@@ -202,7 +203,8 @@ std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool r
                h.origin[2], h.chunk, h.compression, h.exact, list_names(h.fields)) +
            (h.direction == kAlongWorld
                 ? ""
-                : fmt::format("direction {}\n", fmt::join(vtk_direction(h.direction), " ")));
+                : fmt::format("direction {}\n", fmt::join(vtk_direction(h.direction), " "))) +
+           (h.unit ? fmt::format("unit {}\n", symbol_of(*h.unit)) : "");
 }
 
 /// Takes over what an interrupted run has done, if there is one. Then that run's files are gone,

@@ -40,7 +40,8 @@ MemoryVolume::MemoryVolume(const void* data, ValueType type, const Int3& nodes, 
 }
 
 VolumeDescription MemoryVolume::describe() const {
-    return {nodes_, type_, layout_.spacing, layout_.origin, layout_.name};
+    return {nodes_,       type_,       layout_.spacing, layout_.origin,
+            layout_.name, kAlongWorld, false,           layout_.unit};
 }
 
 std::span<const std::byte> MemoryVolume::mapped() const {

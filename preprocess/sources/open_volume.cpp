@@ -18,15 +18,19 @@ namespace isonest {
 using namespace detail;
 namespace {
 
-/// A source with another spacing or origin than the file says.
+/// A source with another spacing, origin or unit than the file says.
 class Placed : public DescribedSource {
   public:
     Placed(std::unique_ptr<VolumeSource> inner, const SourceOptions& options)
-        : DescribedSource(std::move(inner)), spacing_(options.spacing), origin_(options.origin) {}
+        : DescribedSource(std::move(inner)),
+          spacing_(options.spacing),
+          origin_(options.origin),
+          unit_(options.unit) {}
     [[nodiscard]] VolumeDescription describe() const override {
         VolumeDescription result = inner_source().describe();
         result.spacing = spacing_.value_or(result.spacing);
         result.origin = origin_.value_or(result.origin);
+        result.unit = unit_ ? unit_ : result.unit;
         if (spacing_) {
             result.direction = kAlongWorld;
         }
@@ -36,6 +40,7 @@ class Placed : public DescribedSource {
   private:
     std::optional<Double3> spacing_;
     std::optional<Double3> origin_;
+    std::optional<LengthUnit> unit_;
 };
 
 /// Options that were given but mean nothing for the format are refused.
@@ -135,7 +140,7 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
     if (options.labels) {
         take_for_labels(*source);
     }
-    if (options.spacing || options.origin) {
+    if (options.spacing || options.origin || options.unit) {
         source = std::make_unique<Placed>(std::move(source), options);
     }
     source = cropped(std::move(source), options.crop, options.every);

@@ -124,13 +124,13 @@ class LevelChecks {
         const auto exists = [&](const Int3& p) {
             return min(p, {0, 0, 0}) == Int3{0, 0, 0} && max(p, cells * 2) == cells * 2;
         };
-        constexpr Int3 kOne{1, 1, 1};
-        const auto own = gather<T>(array, base, base + n + kOne, 0, array.components);
+        constexpr Int3 kUnit{1, 1, 1};
+        const auto own = gather<T>(array, base, base + n + kUnit, 0, array.components);
         Gathered<T> finer;
         const bool has_finer = array.level > 1;
         if (has_finer) {
             const ArrayInfo& fine = layout_.array(array.level - 1, array.field);
-            finer = gather<T>(fine, base * 2 - kOne, (base + n) * 2 + kOne,
+            finer = gather<T>(fine, base * 2 - kUnit, (base + n) * 2 + kUnit,
                               layout_.lattice().centre_slot() - fine.first_slot, 1);
         }
         std::int64_t compared = 0;

@@ -14,9 +14,9 @@ namespace isonest::detail {
 namespace {
 
 /// A mesh with this share of the triangles asked for is near enough.
-constexpr double kNearlyAll = 0.9;
-constexpr int kMostTries = 7;  ///< between an error that is too small and one that is not
-constexpr double kStep = 4;    ///< from one error to the next
+constexpr double kNearBudget = 0.9;
+constexpr int kMostErrorTries = 7;  ///< between an error that is too small and one that is not
+constexpr double kStep = 4;         ///< from one error to the next
 /// Of the data's range: the next smaller error is none.
 constexpr double kLeast = 1e-7;
 
@@ -78,8 +78,8 @@ ExtractReport extract_within_error_budget(const Store& store, const SurfaceQuery
             count = n;
         }
     }
-    for (int i = 0; i < kMostTries && too_small >= 0 &&
-                    static_cast<double>(count) < kNearlyAll * static_cast<double>(budget.most);
+    for (int i = 0; i < kMostErrorTries && too_small >= 0 &&
+                    static_cast<double>(count) < kNearBudget * static_cast<double>(budget.most);
          ++i) {
         const double middle = too_small > 0 ? std::sqrt(too_small * enough) : enough / kStep;
         const std::uint64_t n = triangles(middle);

@@ -89,6 +89,7 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
     VolumeFileSpec spec;
     spec.origin = header.origin;
     spec.direction = header.direction;
+    spec.unit = header.unit;
     spec.spacing = header.spacing;
     spec.force = options.force;
     if (options.field == Field::values) {

@@ -158,7 +158,9 @@ class AnalysedExtraction {
     [[nodiscard]] FromStep from_step(std::size_t step, double limit) {
         FromStep from;
         from.mesh = std::make_unique<ScratchMesh>(scratch_);
-        load_step(analysis_, step, layout_of(query_.traversal.attributes, 3), *from.mesh);
+        load_step(analysis_, step,
+                  layout_of(query_.traversal.attributes, 3, store_.layout().header().unit),
+                  *from.mesh);
         from.bound = analysis_.steps()[step].bound;
         const double rest = limit - from.bound;
         if (rest > kWorthwhile * limit) {
@@ -251,7 +253,9 @@ std::optional<ExtractReport> extract_analysed(const StoreReader& store, const Ex
     if (asked.values != nullptr) {
         inputs.push_back(asked.values->path());
     }
-    sink.prepare(layout_of(asked.traversal.attributes, asked.corners()), inputs);
+    sink.prepare(
+        layout_of(asked.traversal.attributes, asked.corners(), store.layout().header().unit),
+        inputs);
     if (use != AnalysisUse::found) {
         require_place(found.path, store);
         found.file.reset();

@@ -131,7 +131,7 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
         inputs.push_back(asked.values->path());
     }
     const AttributeChoice& attributes = asked.traversal.attributes;
-    const MeshLayout layout = layout_of(attributes, asked.corners());
+    const MeshLayout layout = layout_of(attributes, asked.corners(), store.layout().header().unit);
     sink.prepare(layout, inputs);
     if (changes_whole_mesh(asked)) {
         whole_mesh_threads(store, asked, options);

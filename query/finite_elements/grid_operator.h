@@ -104,6 +104,5 @@ class GridOperator {
 };
 
 extern template class GridOperator<float>;
-extern template class GridOperator<double>;
 
 }  // namespace isonest::detail

@@ -8,11 +8,11 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::int64_t kRowsPerTask = 64;
+constexpr std::int64_t kRowsInOneGo = 64;
 
 template <class F>
 void for_rows(std::int64_t rows, const F& f) {
-    tbb::parallel_for(tbb::blocked_range<std::int64_t>(0, rows, kRowsPerTask), [&](const auto& r) {
+    tbb::parallel_for(tbb::blocked_range<std::int64_t>(0, rows, kRowsInOneGo), [&](const auto& r) {
         for (std::int64_t row = r.begin(); row < r.end(); ++row) {
             f(row);
         }

@@ -1,6 +1,7 @@
 // 3MF: XML in a ZIP archive. Its lines have no fixed places, so that batches come in order; what
 // costs time, printing and deflating them, is done by all threads. The format: 3MF Consortium, "3MF
 // Core Specification" 1.4. (lib3mf has the whole mesh in memory before it writes.)
+#include <fmt/format.h>
 #include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
@@ -28,21 +29,54 @@ constexpr std::string_view kRelations =
     "<Relationship Id=\"rel0\" Target=\"/3D/3dmodel.model\" "
     "Type=\"http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel\"/>\n"
     "</Relationships>\n";
-constexpr std::string_view kModel =
-    "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
-    "<model unit=\"millimeter\" xml:lang=\"en-US\" "
+constexpr std::string_view kBeforeUnit =
+    "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<model unit=\"";
+constexpr std::string_view kBehindUnit =
+    "\" xml:lang=\"en-US\" "
     "xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\">\n"
     "<metadata name=\"Application\">isonest</metadata>\n"
     "<resources>\n";
 /// Of the type "model", which is the default and means a solid, though whether the mesh is closed
 /// is not known: slicers repair an open "model", and leave out other types or refuse the file.
-constexpr std::string_view kVertices = "<object id=\"1\">\n<mesh>\n<vertices>\n";
+constexpr std::string_view kVerticesStart = "<object id=\"1\">\n<mesh>\n<vertices>\n";
 constexpr std::string_view kTriangles = "</vertices>\n<triangles>\n";
 constexpr std::string_view kBuild =
     "</triangles>\n</mesh>\n</object>\n</resources>\n"
-    "<build>\n<item objectid=\"1\"/>\n</build>\n</model>\n";
+    "<build>\n<item objectid=\"1\"";
+constexpr std::string_view kBehindItem = "/>\n</build>\n</model>\n";
 /// A mesh has at least one triangle, so that without one there is no object.
 constexpr std::string_view kNothing = "</resources>\n<build/>\n</model>\n";
+
+/// What 3MF calls a unit, of which the coordinates have a multiple.
+struct ThreeMfUnit {
+    std::string_view name;
+    LengthUnit unit;
+};
+constexpr std::array<ThreeMfUnit, 6> kUnits{{{"micron", LengthUnit::micrometre},
+                                             {"millimeter", LengthUnit::millimetre},
+                                             {"centimeter", LengthUnit::centimetre},
+                                             {"inch", LengthUnit::inch},
+                                             {"foot", LengthUnit::foot},
+                                             {"meter", LengthUnit::metre}}};
+
+/// Its own, or where 3MF does not have it the next larger one, a metre for what is beyond. What is
+/// not known is a millimetre, 3MF's default.
+ThreeMfUnit unit_in_3mf(std::optional<LengthUnit> unit) {
+    switch (unit.value_or(LengthUnit::millimetre)) {
+        case LengthUnit::picometre:
+        case LengthUnit::angstrom:
+        case LengthUnit::nanometre:
+            return kUnits.front();
+        case LengthUnit::decimetre:
+        case LengthUnit::kilometre:
+            return kUnits.back();
+        default:
+            break;
+    }
+    return *std::find_if(kUnits.begin(), kUnits.end(), [&](const ThreeMfUnit& u) {
+        return u.unit == unit.value_or(LengthUnit::millimetre);
+    });
+}
 
 /// The vertices or triangles of a piece: pieces begin at multiples of it, so that the bytes do not
 /// depend on the batches.
@@ -54,6 +88,15 @@ using Tag = std::array<std::string_view, 3>;
 constexpr Tag kVertex{"<vertex x=\"", "\" y=\"", "\" z=\""};
 constexpr Tag kTriangle{"<triangle v1=\"", "\" v2=\"", "\" v3=\""};
 constexpr std::string_view kTagEnd = "\"/>\n";
+
+/// The coordinates stay what they are: the object is scaled where it is placed.
+std::string transform_of(std::optional<LengthUnit> unit) {
+    const ThreeMfUnit written = unit_in_3mf(unit);
+    return !unit || *unit == written.unit
+               ? ""
+               : fmt::format(" transform=\"{0} 0 0 0 {0} 0 0 0 {0} 0 0 0\"",
+                             converted_length(1, *unit, written.unit));
+}
 
 /// Prints float32 with the fewest digits that read back as the same number.
 template <class Number>
@@ -121,6 +164,7 @@ class ThreeMfFile : public MeshFile {
         triangles_.emplace(kTriangle);
         left_ = layout.vertices;
         has_triangles_ = layout.elements > 0;
+        transform_ = transform_of(layout.unit);
         zip.begin_entry("[Content_Types].xml");
         zip.add(kTypes);
         zip.end_entry();
@@ -128,9 +172,11 @@ class ThreeMfFile : public MeshFile {
         zip.add(kRelations);
         zip.end_entry();
         zip.begin_entry("3D/3dmodel.model");
-        zip.add(kModel);
+        zip.add(kBeforeUnit);
+        zip.add(unit_in_3mf(layout.unit).name);
+        zip.add(kBehindUnit);
         if (has_triangles_) {
-            zip.add(kVertices);
+            zip.add(kVerticesStart);
         }
     }
 
@@ -147,7 +193,13 @@ class ThreeMfFile : public MeshFile {
 
     void end() override {
         triangles_->flush(*zip_);
-        zip_->add(has_triangles_ ? kBuild : kNothing);
+        if (has_triangles_) {
+            zip_->add(kBuild);
+            zip_->add(transform_);
+            zip_->add(kBehindItem);
+        } else {
+            zip_->add(kNothing);
+        }
         zip_->end_entry();
         zip_->finish();
         zip_.reset();
@@ -160,6 +212,7 @@ class ThreeMfFile : public MeshFile {
     std::optional<Rows<std::uint64_t>> triangles_;
     std::uint64_t left_ = 0;  ///< vertices to come
     bool has_triangles_ = false;
+    std::string transform_;  ///< of the object; empty: none
 };
 
 }  // namespace

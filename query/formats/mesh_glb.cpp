@@ -37,6 +37,15 @@ struct Arrays {
     }
 };
 
+/// glTF's unit is the metre. The coordinates stay what they are, and the node scales them, unless
+/// their unit is not known.
+std::string scale_of(std::optional<LengthUnit> unit) {
+    return !unit || *unit == LengthUnit::metre
+               ? ""
+               : fmt::format(R"(,"scale":[{0},{0},{0}])",
+                             converted_length(1, *unit, LengthUnit::metre));
+}
+
 /// A surface has no inside: it is seen from both sides. Viewers draw what says nothing of itself as
 /// metal.
 constexpr const char* kMaterial =
@@ -56,11 +65,12 @@ class GlbFile : public SectionedFile {
             R"({"asset":{"version":"2.0","generator":"isonest"},"scene":0,"scenes":[{)";
         if (layout.elements > 0) {
             json += fmt::format(
-                "\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0}}],\"meshes\":[{{\"primitives\":[{{"
+                "\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0{}}}],\"meshes\":[{{\"primitives\":[{{"
                 "\"attributes\":{{{}}},\"indices\":{},\"material\":0,\"mode\":4}}]}}],"
                 "\"materials\":[{}],\"buffers\":[{{"
                 "\"byteLength\":{}}}],\"bufferViews\":[{}],\"accessors\":[{}]}}",
-                names, arrays.count - 1, kMaterial, arrays.end, arrays.views, arrays.accessors);
+                scale_of(layout.unit), names, arrays.count - 1, kMaterial, arrays.end, arrays.views,
+                arrays.accessors);
         } else {
             // glTF has no empty mesh. VTK refuses a scene without nodes and a file without binary
             // data.

@@ -18,6 +18,9 @@ class ObjFile : public MeshFile {
         const VertexAttribute* const normal = layout.find("normal");
         normal_ = normal != nullptr ? std::optional(*normal) : std::nullopt;
         write("# isonest\n");
+        if (layout.unit) {
+            write(fmt::format("# unit {}\n", symbol_of(*layout.unit)));
+        }
     }
 
     void add_vertices(const VertexBatch& batch) override {

@@ -20,8 +20,9 @@ class PlyFile : public SectionedFile {
     void begin(const MeshLayout& layout) override {
         require_bits(32, layout.vertices, "vertices", "PLY");
         std::string header = fmt::format(
-            "ply\nformat binary_little_endian 1.0\ncomment isonest\nelement vertex {}\n"
+            "ply\nformat binary_little_endian 1.0\ncomment isonest\n{}element vertex {}\n"
             "property float x\nproperty float y\nproperty float z\n",
+            layout.unit ? fmt::format("comment unit {}\n", symbol_of(*layout.unit)) : "",
             layout.vertices);
         for (const VertexAttribute& attribute : layout.attributes) {
             header += property_of(attribute);

@@ -12,12 +12,19 @@ std::byte* put(const T& number, std::byte* out) {
     return out + sizeof(number);
 }
 
+std::array<float, 3> scaled(std::array<float, 3> position, double scale) {
+    for (float& component : position) {
+        component = static_cast<float>(static_cast<double>(component) * scale);
+    }
+    return position;
+}
+
 /// Both of a vertex, or one of several attributes.
 void fill(const VertexSection& section, const VertexBatch& batch, std::byte* out) {
     const std::byte* attributes = batch.attributes.data() + section.first;
     for (const auto& position : batch.positions) {
         if (section.position) {
-            out = put(position, out);
+            out = put(section.scale == 1 ? position : scaled(position, section.scale), out);
         }
         out = std::copy_n(attributes, section.bytes, out);
         attributes += batch.row_bytes;
@@ -26,8 +33,8 @@ void fill(const VertexSection& section, const VertexBatch& batch, std::byte* out
 
 }  // namespace
 
-VertexSection position_section(std::uint64_t offset) {
-    return {offset, true, 0, 0};
+VertexSection position_section(std::uint64_t offset, double scale) {
+    return {offset, true, 0, 0, scale};
 }
 
 VertexSection attribute_section(std::uint64_t offset, const VertexAttribute& attribute) {

@@ -17,12 +17,13 @@ struct VertexSection {
     bool position = false;
     std::size_t first = 0;  ///< of the attributes' bytes
     std::size_t bytes = 0;
+    double scale = 1;  ///< of the position
 
     [[nodiscard]] std::size_t stride() const {
         return (position ? sizeof(std::array<float, 3>) : 0) + bytes;
     }
 };
-VertexSection position_section(std::uint64_t offset);
+VertexSection position_section(std::uint64_t offset, double scale = 1);
 VertexSection attribute_section(std::uint64_t offset, const VertexAttribute& attribute);
 
 /// A table with a row of `stride` bytes for every element: `fill` writes those of a batch.

@@ -1,5 +1,8 @@
 // Binary STL: 80 bytes of text, the number of triangles, and 50 bytes for each. The format: 3D
 // Systems, "Stereolithography Interface Specification" (1988).
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 
@@ -35,6 +38,11 @@ class StlFile : public SectionedFile {
         constexpr std::size_t kRow = 50;
         require_bits(32, layout.elements, "triangles", "STL");
         std::array<char, kHeader + sizeof(std::uint32_t)> header{"binary STL, isonest"};
+        if (layout.unit) {
+            const std::string unit =
+                fmt::format("binary STL, isonest, unit {}", symbol_of(*layout.unit));
+            std::copy(unit.begin(), unit.end(), header.begin());
+        }
         const auto count = static_cast<std::uint32_t>(layout.elements);
         std::memcpy(header.data() + kHeader, &count, sizeof(count));
         create().write_at(0, std::as_bytes(std::span(header)));

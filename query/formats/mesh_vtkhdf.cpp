@@ -12,6 +12,7 @@ class VtkhdfFile : public SectionedFile {
         PolyDataShape shape;
         shape.points = layout.vertices;
         shape.triangles = layout.elements;
+        shape.unit = layout.unit ? symbol_of(*layout.unit) : "";
         for (const VertexAttribute& a : layout.attributes) {
             shape.attributes.push_back({a.name, a.components, a.is_double});
         }

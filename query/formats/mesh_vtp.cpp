@@ -26,6 +26,21 @@ struct Appended {
     }
 };
 
+/// The field data "unit", as text, unless it is not known.
+std::string unit_field(std::optional<LengthUnit> unit) {
+    if (!unit) {
+        return "";
+    }
+    std::string letters;
+    for (const char c : symbol_of(*unit)) {
+        letters += fmt::format("{} ", static_cast<int>(c));
+    }
+    return fmt::format(
+        "<FieldData>\n<DataArray type=\"String\" Name=\"unit\" NumberOfTuples=\"1\" "
+        "format=\"ascii\">{}0</DataArray>\n</FieldData>\n",
+        letters);
+}
+
 class VtpFile : public SectionedFile {
   public:
     using SectionedFile::SectionedFile;
@@ -39,10 +54,10 @@ class VtpFile : public SectionedFile {
         Appended data;
         data.xml = fmt::format(
             "<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"1.0\" "
-            "byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<PolyData>\n"
+            "byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<PolyData>\n{}"
             "<Piece NumberOfPoints=\"{}\" NumberOfVerts=\"0\" NumberOfLines=\"{}\" "
             "NumberOfStrips=\"0\" NumberOfPolys=\"{}\">\n",
-            nv, lines ? nt : 0, lines ? 0 : nt);
+            unit_field(layout.unit), nv, lines ? nt : 0, lines ? 0 : nt);
         data.xml += fmt::format("<PointData{}{}>\n",
                                 layout.find("normal") != nullptr ? " Normals=\"normal\"" : "",
                                 layout.find("value") != nullptr   ? " Scalars=\"value\""

@@ -9,10 +9,6 @@ namespace {
 
 constexpr unsigned kAllCorners = 0xF;
 
-Double3 as_point(const Int3& p) {
-    return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
-}
-
 std::size_t first_of(unsigned nodes) {
     return static_cast<std::size_t>(std::countr_zero(nodes));
 }

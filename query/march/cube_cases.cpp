@@ -11,13 +11,6 @@ namespace {
 /// A triangle's corners, each on the edge between two corners of the cube.
 using Ends = std::array<std::array<std::uint8_t, 2>, 3>;
 
-std::uint8_t edge_between(std::uint8_t a, std::uint8_t b) {
-    const auto* const found = std::find_if(kCubeEdge.begin(), kCubeEdge.end(), [&](const auto& e) {
-        return e.low == std::min(a, b) && e.high == std::max(a, b);
-    });
-    return static_cast<std::uint8_t>(found - kCubeEdge.begin());
-}
-
 void add(CubeCase& c, std::size_t order, const Ends& ends) {
     auto& triangle = c.triangle[c.first[order + 1]++];
     for (std::size_t i = 0; i < 3; ++i) {
@@ -59,7 +52,7 @@ void add_tetrahedron(CubeCase& c, std::size_t order, const std::array<std::uint8
     add(c, order, {{{at[0], at[1]}, {at[0], at[forward ? 2 : 3]}, {at[0], at[forward ? 3 : 2]}}});
 }
 
-CubeCases make(bool mirrored) {
+CubeCases make_cases(bool mirrored) {
     CubeCases cases{};
     for (unsigned below = 0; below < cases.size(); ++below) {
         for (std::size_t order = 0; order < 6; ++order) {
@@ -77,8 +70,15 @@ CubeCases make(bool mirrored) {
 
 }  // namespace
 
+std::uint8_t edge_between(unsigned a, unsigned b) {
+    const auto* const found = std::find_if(kCubeEdge.begin(), kCubeEdge.end(), [&](const auto& e) {
+        return e.low == std::min(a, b) && e.high == std::max(a, b);
+    });
+    return static_cast<std::uint8_t>(found - kCubeEdge.begin());
+}
+
 const CubeCases& cube_cases(bool mirrored) {
-    static const std::array<CubeCases, 2> cases{make(false), make(true)};
+    static const std::array<CubeCases, 2> cases{make_cases(false), make_cases(true)};
     return cases[mirrored ? 1 : 0];
 }
 

@@ -38,6 +38,9 @@ constexpr std::array<CubeEdge, kCubeEdges> make_cube_edges() {
 }
 inline constexpr std::array<CubeEdge, kCubeEdges> kCubeEdge = make_cube_edges();
 
+/// The number of the edge between two corners. REQUIRES: they are the ends of one.
+std::uint8_t edge_between(unsigned a, unsigned b);
+
 struct CubeCase {
     std::uint8_t leaves = 0;  ///< tetrahedra that the surface crosses
     std::uint8_t edges = 0;

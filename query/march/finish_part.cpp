@@ -5,8 +5,6 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint32_t kNone = MeshPart::kNoVertex;
-
 /// A bijection on 64-bit numbers that leaves no pattern (the finaliser of MurmurHash3).
 std::uint64_t scrambled(std::uint64_t h) {
     h = (h ^ (h >> 33U)) * 0xFF51AFD7ED558CCDULL;
@@ -43,7 +41,7 @@ class Finisher {
           clip_(
               box, [this](std::uint32_t v) -> const Double3& { return vertices_.position(v); },
               first_new_),
-          number_(vertices.size(), kNone) {}
+          number_(vertices.size(), MeshPart::kNoVertex) {}
 
     void add_triangles(const std::vector<CollectedTriangle>& triangles, bool lines) {
         part_.positions.reserve(vertices_.size());
@@ -60,7 +58,7 @@ class Finisher {
                 }
                 number_.resize(std::max<std::size_t>(number_.size(),
                                                      std::max({piece[0], piece[1], piece[2]}) + 1),
-                               kNone);
+                               MeshPart::kNoVertex);
                 part_.triangles.push_back({number(piece[0]), number(piece[1]), number(piece[2])});
             }
         }
@@ -68,7 +66,7 @@ class Finisher {
 
     /// Names what other parts may share.
     void name(const std::vector<std::uint64_t>& open) {
-        shared_.assign(number_.size(), kNone);
+        shared_.assign(number_.size(), MeshPart::kNoVertex);
         const auto is_shared = [&](std::uint32_t v) {
             return v < first_new_ ? open[v] != 0 : clip_.is_shared(v, open);
         };
@@ -104,7 +102,7 @@ class Finisher {
 
   private:
     std::uint32_t number(std::uint32_t v) {
-        if (number_[v] == kNone) {
+        if (number_[v] == MeshPart::kNoVertex) {
             number_[v] = append(v);
         }
         return number_[v];
@@ -127,7 +125,7 @@ class Finisher {
         return vertices_.mix(attributes(c.from), attributes(c.to), c.t);
     }
     std::uint32_t shared_of(std::uint32_t v) {
-        if (shared_[v] == kNone) {
+        if (shared_[v] == MeshPart::kNoVertex) {
             shared_[v] = static_cast<std::uint32_t>(part_.shared.size());
             part_.shared.emplace_back();
         }

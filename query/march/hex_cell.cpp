@@ -24,7 +24,7 @@ Crossed between(Position a, Position b) {
 }
 
 /// Bits of the cell's faces in which a node lies: 2 axis + (0 low, 1 high).
-unsigned faces_at(Position p) {
+unsigned faces_with(Position p) {
     unsigned faces = 0;
     for (unsigned axis = 0; axis < 3; ++axis) {
         const int at = p / kStep[axis] % 3;
@@ -133,8 +133,8 @@ class CellSurface {
             v[i] = vertices_.edge(node(a), cell_.value[a], node(b), cell_.value[b], iso_);
         }
         const auto cost = [&](std::size_t i, std::size_t j) {
-            const unsigned faces = faces_at(polygon_[i].a) & faces_at(polygon_[i].b) &
-                                   faces_at(polygon_[j].a) & faces_at(polygon_[j].b);
+            const unsigned faces = faces_with(polygon_[i].a) & faces_with(polygon_[i].b) &
+                                   faces_with(polygon_[j].a) & faces_with(polygon_[j].b);
             if (faces != 0) {
                 return std::numeric_limits<double>::infinity();
             }

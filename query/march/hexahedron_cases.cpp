@@ -8,20 +8,11 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint8_t kNone = 0xFF;
-
-std::uint8_t edge_between(unsigned a, unsigned b) {
-    for (std::size_t i = 0; i < kCubeEdge.size(); ++i) {
-        if (kCubeEdge[i].low == std::min(a, b) && kCubeEdge[i].high == std::max(a, b)) {
-            return static_cast<std::uint8_t>(i);
-        }
-    }
-    return kNone;
-}
+constexpr std::uint8_t kNoEdge = 0xFF;
 
 /// Where the side that begins on an edge ends, and in which face it lies.
 struct Side {
-    std::uint8_t to = kNone;
+    std::uint8_t to = kNoEdge;
     std::uint8_t face = 0;
 };
 using Sides = std::array<Side, kCubeEdges>;
@@ -74,22 +65,22 @@ void add_triangles(HexahedronCase& c, std::size_t first, std::size_t end) {
     }
 }
 
-HexahedronCase make(unsigned below) {
+HexahedronCase make_case(unsigned below) {
     Sides sides{};
     for (unsigned face = 0; face < 6; ++face) {
         add_sides(sides, face, below);
     }
     HexahedronCase c;
     for (std::size_t start = 0; start < kCubeEdges; ++start) {
-        if (sides[start].to == kNone) {
+        if (sides[start].to == kNoEdge) {
             continue;
         }
         const std::size_t first = c.edges;
-        for (std::size_t at = start; sides[at].to != kNone;) {
+        for (std::size_t at = start; sides[at].to != kNoEdge;) {
             c.edge.at(c.edges) = static_cast<std::uint8_t>(at);
             c.face.at(c.edges++) = sides[at].face;
             const std::uint8_t next = sides[at].to;
-            sides[at].to = kNone;
+            sides[at].to = kNoEdge;
             at = next;
         }
         c.first.at(++c.polygons) = c.edges;
@@ -104,7 +95,7 @@ const HexahedronCases& hexahedron_cases() {
     static const HexahedronCases cases = [] {
         HexahedronCases made{};
         for (unsigned below = 0; below < made.size(); ++below) {
-            made[below] = make(below);
+            made[below] = make_case(below);
         }
         return made;
     }();

@@ -16,7 +16,7 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint32_t kNone = 0xFFFFFFFFU;
+constexpr std::uint32_t kNoMidpoint = 0xFFFFFFFFU;
 
 }  // namespace
 
@@ -34,12 +34,12 @@ std::uint32_t LocalMesh::fan(const Corner& node, const Corner& a0, const Corner&
 /// vertex: none of them, one, or all three.
 void LocalMesh::add_split(const std::array<std::uint32_t, 3>& v,
                           const std::array<std::uint32_t, 3>& mid, bool cut) {
-    const int count = (mid[0] != kNone) + (mid[1] != kNone) + (mid[2] != kNone);
+    const int count = (mid[0] != kNoMidpoint) + (mid[1] != kNoMidpoint) + (mid[2] != kNoMidpoint);
     if (count == 0) {
         return add(v[0], v[1], v[2], cut);
     }
     if (count == 1) {
-        const std::size_t s = mid[0] != kNone ? 0 : mid[1] != kNone ? 1 : 2;
+        const std::size_t s = mid[0] != kNoMidpoint ? 0 : mid[1] != kNoMidpoint ? 1 : 2;
         add(v[s], mid[s], v[(s + 2) % 3], cut);
         return add(mid[s], v[(s + 1) % 3], v[(s + 2) % 3], cut);
     }
@@ -58,7 +58,7 @@ void LocalMesh::march_one_below(const Corner& q, const std::array<const Corner*,
     const std::array<std::size_t, 3> order =
         positive ? std::array<std::size_t, 3>{0, 2, 1} : std::array<std::size_t, 3>{0, 1, 2};
     std::array<std::uint32_t, 3> v{};
-    std::array<std::uint32_t, 3> mid{kNone, kNone, kNone};
+    std::array<std::uint32_t, 3> mid{kNoMidpoint, kNoMidpoint, kNoMidpoint};
     for (std::size_t i = 0; i < 3; ++i) {
         const Corner& a = *above[order[i]];
         const Corner& b = *above[order[(i + 1) % 3]];
@@ -163,7 +163,7 @@ bool LocalMesh::march_hexahedron(const Cube& cube, bool hits, double iso, bool c
 
 void LocalMesh::march_line(const std::array<Corner, 3>& corners, double iso, bool cut) {
     lines_ = true;
-    std::array<std::uint32_t, 2> ends{kNone, kNone};
+    std::array<std::uint32_t, 2> ends{kNoMidpoint, kNoMidpoint};
     std::size_t count = 0;
     for (std::size_t i = 0; i < 3; ++i) {
         const Corner& a = corners[i];

@@ -18,10 +18,6 @@ constexpr bool is_vertex(std::uint32_t slot) {
     return slot < kFanTag;
 }
 
-Double3 as_point(const Int3& p) {
-    return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
-}
-
 bool precedes(const Int3& a, const Int3& b) {
     return a.z != b.z ? a.z < b.z : a.y != b.y ? a.y < b.y : a.x < b.x;
 }

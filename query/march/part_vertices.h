@@ -18,6 +18,10 @@
 
 namespace isonest::detail {
 
+inline Double3 as_point(const Int3& p) {
+    return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
+}
+
 /// A cube of the lattice of PartVertices::place(). Its corners are numbered as in cube_cases.h.
 struct Cube {
     Int3 low;             ///< node

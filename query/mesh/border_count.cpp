@@ -6,18 +6,6 @@
 #include <algorithm>
 
 namespace isonest::detail {
-namespace {
-
-/// A bijection that leaves no pattern (the end of splitmix64).
-std::uint64_t mixed(std::uint64_t v) {
-    v += 0x9E3779B97F4A7C15ULL;
-    v = (v ^ (v >> 30U)) * 0xBF58476D1CE4E5B9ULL;
-    v = (v ^ (v >> 27U)) * 0x94D049BB133111EBULL;
-    return v ^ (v >> 31U);
-}
-
-}  // namespace
-
 BorderCount::BorderCount(std::uint64_t vertices, const std::filesystem::path& folder)
     : file_(folder) {
     file_.map(vertices * sizeof(std::uint64_t));

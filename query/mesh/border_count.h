@@ -12,6 +12,14 @@
 
 namespace isonest::detail {
 
+/// A bijection that leaves no pattern (the end of splitmix64).
+inline std::uint64_t mixed(std::uint64_t v) {
+    v += 0x9E3779B97F4A7C15ULL;
+    v = (v ^ (v >> 30U)) * 0xBF58476D1CE4E5B9ULL;
+    v = (v ^ (v >> 27U)) * 0x94D049BB133111EBULL;
+    return v ^ (v >> 31U);
+}
+
 /// Counts vertices around which triangles do not close up, in a table of 8 bytes for each vertex,
 /// a mapped temporary file. Not thread-safe.
 class BorderCount {

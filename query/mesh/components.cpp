@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "query/mesh/border_count.h"
 #include "store/base/union_find.h"
 
 namespace isonest::detail {
@@ -59,14 +60,6 @@ class Labels {
     ScratchFile file_;
     std::uint64_t count_ = 0;
 };
-
-/// A bijection that leaves no pattern (the end of splitmix64).
-std::uint64_t mixed(std::uint64_t v) {
-    v += 0x9E3779B97F4A7C15ULL;
-    v = (v ^ (v >> 30U)) * 0xBF58476D1CE4E5B9ULL;
-    v = (v ^ (v >> 27U)) * 0x94D049BB133111EBULL;
-    return v ^ (v >> 31U);
-}
 
 /// Six times the signed volume of the tetrahedron over a triangle.
 double six_volumes(const ScratchMesh& mesh, const ElementCorners& e, std::uint64_t apex) {

@@ -122,8 +122,10 @@ void emit_in_order(const PartStore& parts, const Weld& weld, MeshSink& sink, Pro
 
 }  // namespace
 
-MeshLayout layout_of(const AttributeChoice& attributes, int corners) {
+MeshLayout layout_of(const AttributeChoice& attributes, int corners,
+                     std::optional<LengthUnit> unit) {
     MeshLayout layout;
+    layout.unit = unit;
     layout.corners = corners;
     for (const AttributeChoice::Array& array : attributes.arrays()) {
         layout.attributes.push_back({array.name, static_cast<int>(array.components), array.wide,

@@ -15,7 +15,7 @@ namespace {
 
 using Point = std::array<float, 3>;
 constexpr std::uint64_t kNone = ScratchMesh::kNoVertex;
-constexpr std::uint64_t kBatch = std::uint64_t{1} << 13U;
+constexpr std::uint64_t kCheckEvery = std::uint64_t{1} << 13U;
 
 /// Where a vertex was before it was moved.
 struct Start {
@@ -111,9 +111,9 @@ class Mender {
     template <class Work>
     void each(const Work& work) {
         for (std::uint64_t t = 0; t < corners_.size(); ++t) {
-            if (t % kBatch == 0) {
+            if (t % kCheckEvery == 0) {
                 progress_.check();
-                progress_.advance(std::min<std::uint64_t>(kBatch, corners_.size() - t));
+                progress_.advance(std::min<std::uint64_t>(kCheckEvery, corners_.size() - t));
             }
             work(t);
         }

@@ -13,7 +13,7 @@ namespace isonest::detail {
 namespace {
 
 using Point = std::array<float, 3>;
-constexpr std::uint64_t kNone = std::numeric_limits<std::uint64_t>::max();
+constexpr std::uint64_t kNoNumber = std::numeric_limits<std::uint64_t>::max();
 constexpr std::size_t kBatch = std::size_t{1} << 13U;
 
 /// The vertices that elements name, in the order of their first naming.
@@ -114,7 +114,7 @@ void emit_batches(const ScratchMesh& mesh, std::span<const ElementCorners> eleme
             nearby_corners.push_back(near);
         }
         sink.add_elements(
-            {at, corners, nearby_corners, nearby.batch(kNone, mesh.layout().row_bytes)});
+            {at, corners, nearby_corners, nearby.batch(kNoNumber, mesh.layout().row_bytes)});
         progress.advance(corners.size());
     }
 }

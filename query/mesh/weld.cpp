@@ -7,7 +7,7 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint64_t kNone = std::numeric_limits<std::uint64_t>::max();
+constexpr std::uint64_t kUnset = std::numeric_limits<std::uint64_t>::max();
 
 struct NameEntry {
     VertexKey key;
@@ -116,7 +116,7 @@ Weld::Weld(PartStore& parts, const std::filesystem::path& folder)
     ScratchFile owner_file(folder);
     owner_file.map(shared * sizeof(std::uint64_t));
     const auto owner = owner_file.as<std::uint64_t>();
-    std::fill(owner.begin(), owner.end(), kNone);
+    std::fill(owner.begin(), owner.end(), kUnset);
     for (std::uint64_t e = 0; e < elements_.size(); ++e) {
         if (elements_[e].vertex != MeshPart::kNoVertex) {
             std::uint64_t& first = owner[root(e)];
@@ -150,7 +150,7 @@ Weld::Weld(PartStore& parts, const std::filesystem::path& folder)
 
 void Weld::numbers(const PartRecord& record, std::vector<std::uint64_t>& number,
                    std::vector<bool>& owned) const {
-    number.assign(record.vertices, kNone);
+    number.assign(record.vertices, kUnset);
     owned.assign(record.vertices, true);
     for (std::uint64_t e = record.first_shared; e < record.first_shared + record.shared; ++e) {
         const Element& element = elements_[e];

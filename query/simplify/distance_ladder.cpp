@@ -7,7 +7,7 @@ namespace {
 
 constexpr int kMostSteps = 11;
 /// A step with a larger share of the triangles before it is the last one.
-constexpr double kNearlyAll = 0.97;
+constexpr double kHardlyFewer = 0.97;
 
 }  // namespace
 
@@ -24,7 +24,7 @@ std::vector<LadderStep> distance_ladder(MeshSimplifier& simplifier, const Scratc
         emit_elements(mesh, {corners.as<ElementCorners>().data(), next.triangles}, folder,
                       *ladder.back().mesh, progress);
         if (static_cast<double>(next.triangles) >=
-            kNearlyAll * static_cast<double>(last.triangles)) {
+            kHardlyFewer * static_cast<double>(last.triangles)) {
             break;
         }
         last = next;

@@ -15,7 +15,7 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+constexpr std::uint32_t kNoPlace = std::numeric_limits<std::uint32_t>::max();
 
 /// Edges of which the estimate says that they are further off, in limits, are not tried. Those
 /// between one and two limits are worth it: without them up to 1.8 times as many triangles stay.
@@ -47,7 +47,7 @@ class PatchSimplifier {
 
     [[nodiscard]] SimplifiedPatch result() const {
         SimplifiedPatch simplified;
-        std::vector<std::uint32_t> place(patch_.triangles.size(), kNone);
+        std::vector<std::uint32_t> place(patch_.triangles.size(), kNoPlace);
         for (std::size_t i = 0; i < place.size(); ++i) {
             const PatchTriangle& t = mesh_->triangles()[i];
             if (CollapsingPatch::is_gone(t)) {

@@ -34,6 +34,7 @@ void export_computed_field(const StoreReader& store, const std::filesystem::path
     spec.spacing = header.spacing;
     spec.origin = header.origin;
     spec.direction = header.direction;
+    spec.unit = header.unit;
     spec.force = options.force;
     const auto file = create_volume_file(path, spec);
     WholeLattice whole(layout);

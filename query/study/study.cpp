@@ -36,12 +36,12 @@ TraversalQuery surface_query(const StoreReader& store, double iso, Field stop, d
          {Field::grad_linf_plus, Field::linf_plus, Field::deviation_plus, Field::deviation_bar}) {
         query.bound = store.layout().has(field) ? field : query.bound;
     }
-    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    constexpr double kAnywhere = std::numeric_limits<double>::infinity();
     for (int axis = 0; axis < 3; ++axis) {
         const bool flat = header.nodes[axis] == 1;
-        query.box.lo[static_cast<std::size_t>(axis)] = flat ? -kInfinity : 0;
+        query.box.lo[static_cast<std::size_t>(axis)] = flat ? -kAnywhere : 0;
         query.box.hi[static_cast<std::size_t>(axis)] =
-            flat ? kInfinity : static_cast<double>(header.nodes[axis] - 1);
+            flat ? kAnywhere : static_cast<double>(header.nodes[axis] - 1);
     }
     return query;
 }

@@ -6,11 +6,9 @@
 
 #include <isonest/int3.h>
 
-namespace isonest::detail {
+#include "store/base/vector3.h"
 
-inline double dot(const Double3& a, const Double3& b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+namespace isonest::detail {
 
 /// The vector that has these components along the directions.
 inline Double3 rotated(const Directions& direction, const Double3& v) {
@@ -46,11 +44,8 @@ inline bool are_directions(const Directions& d) {
             most = std::max(most, std::fabs(dot(d[a], d[b]) - (a == b ? 1 : 0)));
         }
     }
-    const Double3 cross{d[0][1] * d[1][2] - d[0][2] * d[1][1],
-                        d[0][2] * d[1][0] - d[0][0] * d[1][2],
-                        d[0][0] * d[1][1] - d[0][1] * d[1][0]};
     // A comparison with NaN is false.
-    return most <= kRounding && dot(cross, d[2]) > 0;
+    return most <= kRounding && dot(cross(d[0], d[1]), d[2]) > 0;
 }
 
 }  // namespace isonest::detail

@@ -10,6 +10,7 @@
 
 #include <isonest/field.h>
 #include <isonest/int3.h>
+#include <isonest/length_unit.h>
 #include <isonest/value_type.h>
 
 #include "store/container/codec.h"
@@ -19,7 +20,7 @@
 namespace isonest::detail {
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 6;
+inline constexpr std::uint32_t kFormatMinor = 7;
 /// Of the format in which a store is written.
 struct FormatVersion {
     std::uint64_t major = kFormatMajor;
@@ -45,8 +46,9 @@ struct StoreHeader {
     ValueType type = ValueType::f32;
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
-    Directions direction = kAlongWorld;  ///< since version 2.5
-    bool labels = false;                 ///< since version 2.6
+    Directions direction = kAlongWorld;   ///< since version 2.5
+    bool labels = false;                  ///< since version 2.6
+    std::optional<LengthUnit> unit = {};  ///< of length; since version 2.7
     int chunk = 64;  ///< nodes per axis of a chunk of values: a power of two in 8..256
     int compression = 1;
     bool exact = false;         ///< indicators as binary32 instead of 16-bit codes
@@ -61,7 +63,11 @@ struct StoreHeader {
 /// The minor version that a store of this header has: the oldest that knows all that is in it.
 inline std::uint32_t minor_version_of(const StoreHeader& header) {
     const bool cells = std::any_of(header.fields.begin(), header.fields.end(), is_of_cells);
-    return header.labels ? 6 : header.direction != kAlongWorld ? 5 : cells ? 4 : 3;
+    return header.unit                       ? 7
+           : header.labels                   ? 6
+           : header.direction != kAlongWorld ? 5
+           : cells                           ? 4
+                                             : 3;
 }
 
 /// One row of the chunk table, as stored (little endian, 40 bytes).

@@ -118,6 +118,9 @@ class Reader {
         if (turned_) {
             read_direction();
         }
+        if (out_.version >= FormatVersion{2, 7}) {
+            read_unit();
+        }
         header.type = *value_type_from_name(*type);
         if (header.labels && header.type != ValueType::f64) {
             damaged("damaged: labels of 64 bits are float64");
@@ -140,6 +143,26 @@ class Reader {
         if (!numbers || !digest || direction_digest(direction) != (*digest)[0] ||
             !are_directions(direction) || direction == kAlongWorld) {
             damaged("damaged: its directions are not those that were written");
+        }
+    }
+
+    /// Newer versions may know more of them.
+    void read_unit() {
+        const auto symbol = read_text(root_, "unit");
+        const auto digest = read_integers(root_, "unit_xxh64", 1);
+        if (!symbol && !digest) {
+            return;
+        }
+        const auto units = length_units();
+        const auto found = std::find_if(units.begin(), units.end(), [&](const LengthUnitInfo& u) {
+            return symbol && u.symbol == *symbol;
+        });
+        if (!symbol || !digest || unit_digest(*symbol) != (*digest)[0] ||
+            (found == units.end() && out_.version <= kNewest)) {
+            damaged("damaged: its unit of length is not the one that was written");
+        }
+        if (found != units.end()) {
+            out_.header.unit = found->unit;
         }
     }
 

@@ -33,6 +33,12 @@ std::uint64_t direction_digest(const Directions& direction) {
     return sum.value();
 }
 
+std::uint64_t unit_digest(std::string_view symbol) {
+    Checksum sum;
+    sum.add(std::as_bytes(std::span(symbol)));
+    return sum.value();
+}
+
 std::vector<double> vtk_direction(const Directions& direction) {
     std::vector<double> rows;
     for (std::size_t w = 0; w < 3; ++w) {
@@ -71,6 +77,11 @@ void write_header(hid_t root, const StoreHeader& header) {
     if (turned) {
         write_attribute(root, "direction", flat(header.direction));
         write_attribute(root, "direction_xxh64", direction_digest(header.direction));
+    }
+    if (header.unit) {
+        const std::string symbol(symbol_of(*header.unit));
+        write_attribute(root, "unit", symbol);
+        write_attribute(root, "unit_xxh64", unit_digest(symbol));
     }
 }
 

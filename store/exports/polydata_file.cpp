@@ -18,6 +18,9 @@ PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDat
     GroupHandle root = frame.group(frame.file(), "VTKHDF");
     write_attribute(root.get(), "Version", std::vector<std::int64_t>{2, 0});
     write_attribute(root.get(), "Type", std::string("PolyData"));
+    if (!shape.unit.empty()) {
+        write_attribute(root.get(), "unit", shape.unit);
+    }
     PolyDataOffsets offsets;
     frame.number(root.get(), "NumberOfPoints", shape.points);
     offsets.points = frame.array(root.get(), "Points", H5T_IEEE_F32LE, {shape.points, 3});

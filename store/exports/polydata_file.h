@@ -18,6 +18,7 @@ struct PolyDataShape {
     std::uint64_t points = 0;
     std::uint64_t triangles = 0;
     std::vector<Attribute> attributes;  ///< per point
+    std::string unit = {};              ///< of length; empty: not known
 };
 
 /// Where the arrays' bytes begin in the file, row by row.

@@ -45,6 +45,9 @@ class Hdf5File : public VolumeFile {
         if (spec_.direction != kAlongWorld) {
             write_attribute(data_.get(), "direction", vtk_direction(spec_.direction));
         }
+        if (spec_.unit) {
+            write_attribute(data_.get(), "unit", std::string(symbol_of(*spec_.unit)));
+        }
     }
     ~Hdf5File() override {
         const QuietHdf5 quiet;

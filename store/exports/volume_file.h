@@ -4,8 +4,10 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 
 #include <isonest/int3.h>
+#include <isonest/length_unit.h>
 #include <isonest/value_type.h>
 
 namespace isonest::detail {
@@ -34,6 +36,7 @@ struct VolumeFileSpec {
     Double3 origin{0, 0, 0};
     Directions direction = kAlongWorld;
     bool force = false;
+    std::optional<LengthUnit> unit = {};  ///< of spacing and origin, written where it fits
 };
 
 /// By the name's ending: .h5 or .hdf5 (dataset /data, [z, y, x], with attributes spacing and origin

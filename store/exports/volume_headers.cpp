@@ -33,6 +33,14 @@ Double3 step(const VolumeFileSpec& spec, std::size_t axis) {
     return v;
 }
 
+/// NIfTI's number of a unit; 0 for what it does not have.
+char nifti_unit(const VolumeFileSpec& spec) {
+    return spec.unit == LengthUnit::metre        ? 1
+           : spec.unit == LengthUnit::millimetre ? 2
+           : spec.unit == LengthUnit::micrometre ? 3
+                                                 : 0;
+}
+
 template <class Real, class Integer>
 void put_nifti(const VolumeFileSpec& spec, std::string& header, std::size_t dim, std::size_t pixdim,
                std::size_t rows) {
@@ -64,12 +72,14 @@ VolumeHeader nrrd_file_header(const VolumeFileSpec& spec) {
         const Double3 v = step(spec, a);
         directions += fmt::format(" ({},{},{})", v[0], v[1], v[2]);
     }
-    return {
-        fmt::format("NRRD0004\ntype: {}\ndimension: 3\nspace dimension: 3\nsizes: {} {} {}\n"
-                    "space directions:{}\nspace origin: ({},{},{})\n"
-                    "endian: little\nencoding: raw\n\n",
-                    type, spec.nodes.x, spec.nodes.y, spec.nodes.z, directions, spec.origin[0],
-                    spec.origin[1], spec.origin[2])};
+    return {fmt::format(
+        "NRRD0004\ntype: {}\ndimension: 3\nspace dimension: 3\nsizes: {} {} {}\n"
+        "space directions:{}\nspace origin: ({},{},{})\n{}"
+        "endian: little\nencoding: raw\n\n",
+        type, spec.nodes.x, spec.nodes.y, spec.nodes.z, directions, spec.origin[0], spec.origin[1],
+        spec.origin[2],
+        spec.unit ? fmt::format("space units: \"{0}\" \"{0}\" \"{0}\"\n", symbol_of(*spec.unit))
+                  : "")};
 }
 
 VolumeHeader nifti_file_header(const VolumeFileSpec& spec) {
@@ -86,6 +96,7 @@ VolumeHeader nifti_file_header(const VolumeFileSpec& spec) {
         put<float>(header, 108, 352);
         put<float>(header, 112, 1);
         put<std::int16_t>(header, 254, 1);
+        header[123] = nifti_unit(spec);
         std::memcpy(header.data() + 344, "n+1", 4);
         return {header};
     }
@@ -98,6 +109,7 @@ VolumeHeader nifti_file_header(const VolumeFileSpec& spec) {
     put<std::int64_t>(header, 168, 544);
     put<double>(header, 176, 1);
     put<std::int32_t>(header, 348, 1);
+    put<std::int32_t>(header, 500, nifti_unit(spec));
     return {header};
 }
 
@@ -142,6 +154,13 @@ VolumeHeader npy_file_header(const VolumeFileSpec& spec) {
     return {header + text};
 }
 
+/// A line about a unit that MetaIO knows.
+std::string meta_image_unit(const VolumeFileSpec& spec) {
+    const bool known = spec.unit == LengthUnit::centimetre || spec.unit == LengthUnit::millimetre ||
+                       spec.unit == LengthUnit::micrometre;
+    return known ? fmt::format("DistanceUnits = {}\n", symbol_of(*spec.unit)) : "";
+}
+
 VolumeHeader meta_image_file_header(const VolumeFileSpec& spec) {
     constexpr std::array<std::string_view, 8> kTypes{"MET_UCHAR", "MET_CHAR",  "MET_USHORT",
                                                      "MET_SHORT", "MET_UINT",  "MET_INT",
@@ -154,9 +173,10 @@ VolumeHeader meta_image_file_header(const VolumeFileSpec& spec) {
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n"
         "CompressedData = False\nTransformMatrix = {}\nOffset = {} {} {}\n"
         "CenterOfRotation = 0 0 0\nElementSpacing = {} {} {}\nDimSize = {} {} {}\n"
-        "ElementType = {}\nElementDataFile = LOCAL\n",
+        "ElementType = {}\n{}ElementDataFile = LOCAL\n",
         matrix, spec.origin[0], spec.origin[1], spec.origin[2], spec.spacing[0], spec.spacing[1],
-        spec.spacing[2], spec.nodes.x, spec.nodes.y, spec.nodes.z, word_of(spec.type, kTypes))};
+        spec.spacing[2], spec.nodes.x, spec.nodes.y, spec.nodes.z, word_of(spec.type, kTypes),
+        meta_image_unit(spec))};
 }
 
 }  // namespace isonest::detail

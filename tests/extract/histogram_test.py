@@ -12,6 +12,9 @@ import sys
 import tempfile
 import unittest
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
+
 ISONEST, PLUGINS = os.path.abspath(sys.argv[1]), sys.argv[2]
 os.environ["HDF5_PLUGIN_PATH"] = PLUGINS
 GOLDEN = pathlib.Path(__file__).resolve().parents[1] / "store" / "golden"
@@ -24,7 +27,7 @@ RANDOM = np.random.default_rng(5)
 
 
 def run(*arguments):
-    return subprocess.run([ISONEST, *map(str, arguments)], capture_output=True, text=True, timeout=600)
+    return served.run([ISONEST, *map(str, arguments)], capture_output=True, text=True, timeout=600)
 
 
 def bins_of(u):

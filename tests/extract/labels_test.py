@@ -6,10 +6,12 @@ usage: labels_test.py ISONEST PLUGIN_FOLDER
 import json
 import os
 import pathlib
-import subprocess
 import sys
 import tempfile
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 import numpy as np
 
@@ -21,7 +23,7 @@ RANDOM = np.random.default_rng(8)
 
 
 def run(*arguments, code=0):
-    done = subprocess.run([ISONEST, *map(str, arguments)], capture_output=True, text=True)
+    done = served.run([ISONEST, *map(str, arguments)], capture_output=True, text=True)
     assert done.returncode == code, (arguments, done.returncode, done.stderr)
     return done
 

@@ -9,9 +9,11 @@ does not show.
 import csv
 import json
 import pathlib
-import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 isonest, plugin = sys.argv[1:3]
 recorded = pathlib.Path(__file__).with_name("work_counts.csv")
@@ -35,8 +37,8 @@ COUNTS = ["vertices", "triangles", "visited_tetrahedra", "leaf_tetrahedra", "chu
 
 
 def run(*arguments):
-    return subprocess.run([isonest, *map(str, arguments), "--json"], capture_output=True,
-                          check=True, timeout=600).stdout
+    return served.run([isonest, *map(str, arguments), "--json"], capture_output=True,
+                      check=True, timeout=600).stdout
 
 
 rows = []

@@ -11,6 +11,9 @@ import sys
 import tempfile
 import time
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
+
 import h5py
 import numpy
 
@@ -19,7 +22,7 @@ failures = []
 
 
 def run(*arguments):
-    return subprocess.run([ISONEST, *map(str, arguments)], capture_output=True, text=True, timeout=300)
+    return served.run([ISONEST, *map(str, arguments)], capture_output=True, text=True, timeout=300)
 
 
 def require(good, what):

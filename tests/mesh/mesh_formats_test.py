@@ -5,11 +5,13 @@ Usage: mesh_formats_test.py ISONEST PLUGIN_FOLDER
 import json
 import pathlib
 import struct
-import subprocess
 import sys
 import tempfile
 import xml.etree.ElementTree as ElementTree
 import zipfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 import h5py
 import numpy as np
@@ -22,7 +24,7 @@ isonest = sys.argv[1]
 
 
 def run(*arguments, expect=0):
-    done = subprocess.run([isonest, *map(str, arguments)], capture_output=True, text=True)
+    done = served.run([isonest, *map(str, arguments)], capture_output=True, text=True)
     assert done.returncode == expect, (arguments, done.returncode, done.stderr)
     return json.loads(done.stdout) if "--json" in arguments else done.stderr
 

@@ -1,5 +1,6 @@
 """What is installed serves a consumer: tools/examples are configured and built against a copy of the built tree,
-run in empty folders and print the numbers that are known; every public header compiles on its own.
+run in empty folders and print the numbers that are known; every public header compiles on its own; and so does
+README.md's piece of C++, in a project as its reader would write it.
 
 usage: examples_test.py ISONEST [PLUGIN_FOLDER]
 """
@@ -12,6 +13,28 @@ import tempfile
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+# What is around README.md's piece of C++: where it takes its data from, and what it has at the end.
+README_PROJECT = """cmake_minimum_required(VERSION 3.25)
+project(x CXX)
+find_package(isonest REQUIRED)
+add_executable(x main.cpp)
+target_link_libraries(x PRIVATE isonest::isonest)
+"""
+README_BEFORE = """#include <cmath>
+#include <cstdio>
+#include <vector>
+int main() {
+const int nx = 20, ny = 24, nz = 28;
+std::vector<float> values;
+for (int i = 0; i < nx * ny * nz; ++i) {
+    const double x = i % nx - 9.5, y = i / nx % ny - 11.5, z = i / (nx * ny) - 13.5;
+    values.push_back(static_cast<float>(std::sqrt(x * x + y * y + z * z) / 16));
+}
+"""
+README_AFTER = """
+std::printf("%zu vertices, %zu triangles\\n", mesh.vertices.size(), mesh.triangles.size());
+}
+"""
 build_tree = pathlib.Path(sys.argv[1]).resolve().parent.parent
 
 
@@ -58,6 +81,23 @@ with tempfile.TemporaryDirectory() as temporary:
         f"-DCMAKE_CXX_COMPILER={compiler}", "-DCMAKE_BUILD_TYPE=Release",
         f"-DCMAKE_CXX_FLAGS={' '.join(WARNINGS + flags)}")
     run("cmake", "--build", work / "build", "--parallel", "2")
+    # As a reader of README.md would, in C++ alone.
+    snippets = re.findall(r"^```cpp\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.M | re.S)
+    check(len(snippets) == 1, f"README.md has {len(snippets)} pieces of C++")
+    includes = "".join(re.findall(r"^#include.*\n", snippets[0], re.M))
+    body = re.sub(r"^#include.*\n", "", snippets[0], flags=re.M)
+    readme = work / "readme"
+    readme.mkdir()
+    (readme / "CMakeLists.txt").write_text(README_PROJECT)
+    (readme / "main.cpp").write_text(includes + README_BEFORE + body + README_AFTER)
+    run("cmake", "-S", readme, "-B", readme / "build", f"-DCMAKE_PREFIX_PATH={prefix}",
+        f"-DCMAKE_CXX_COMPILER={compiler}", f"-DCMAKE_CXX_FLAGS={' '.join(flags)}")
+    run("cmake", "--build", readme / "build")
+    shown = run(readme / "build" / "x", cwd=readme)
+    print(f"README.md: {shown.strip()}")
+    vertices, triangles = map(int, re.match(r"(\d+) vertices, (\d+) triangles$", shown).groups())
+    check(vertices > 100 and 2 * vertices - triangles == 4, "README.md: the ball is not closed")
+
     programs = sorted(source.stem for source in (ROOT / "tools" / "examples").glob("*.cpp"))
     check(len(programs) >= 3, f"examples: {programs}")
     printed = {}

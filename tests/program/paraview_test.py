@@ -11,6 +11,9 @@ import subprocess
 import sys
 import tempfile
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
+
 ISONEST, FILTERS = sys.argv[1:3]
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PACKAGE = pathlib.Path(ISONEST).resolve().parent.parent / "python"
@@ -72,7 +75,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-test-") as name:
     np.save(folder / "v.npy", data)
 
     def run(*arguments):
-        done = subprocess.run([ISONEST, *map(str, arguments)], capture_output=True, text=True)
+        done = served.run([ISONEST, *map(str, arguments)], capture_output=True, text=True)
         assert done.returncode == 0, (arguments, done.stderr)
         return done.stdout
 

@@ -5,9 +5,11 @@ Usage: analysis_test.py ISONEST PLUGIN_FOLDER    (the program that measures dist
 import json
 import os
 import pathlib
-import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 try:
     import h5py
@@ -23,7 +25,7 @@ failures = []
 
 
 def run(*arguments, program=ISONEST):
-    return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, timeout=300)
+    return served.run([program, *map(str, arguments)], capture_output=True, text=True, timeout=300)
 
 
 def require(good, what):

@@ -4,9 +4,11 @@ Usage: distance_test.py ISONEST PLUGIN_FOLDER    (the programs that measure mesh
 """
 import json
 import pathlib
-import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 try:
     import numpy as np
@@ -20,7 +22,7 @@ failures = []
 
 
 def run(*arguments, program=ISONEST):
-    return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, timeout=300)
+    return served.run([program, *map(str, arguments)], capture_output=True, text=True, timeout=300)
 
 
 def measure(program, *arguments):
@@ -205,11 +207,11 @@ def arguments(folder):
         done = extract("--distance", 1, "--no-simplify", *options)
         require(done.returncode == (0 if good else 2), f"--no-simplify with {options}: {done}")
     bytes_of = {}
-    for text in ("2", "2mm", "1voxel", "1e30", "1e300", "1e-3"):
+    for text in ("2", "2.0", "1voxel", "1e30", "1e300", "1e-3"):
         done = extract("--distance", text)
         require(done.returncode == 0, f"--distance {text}: {done.stderr}")
         bytes_of[text] = mesh.read_bytes()
-    require(bytes_of["2"] == bytes_of["2mm"] == bytes_of["1voxel"], "units differ")
+    require(bytes_of["2"] == bytes_of["2.0"] == bytes_of["1voxel"], "units differ")
     # A part of the volume: what it would be without the distance.
     for box in ("3,3,3,15,20,25", "0,0,0,1e9,1e9,20", "500,500,500,501,501,501"):
         codes = [run("extract", store, "--iso", 9.3, "--box", box, "-q", "-o", path, *options).returncode

@@ -5,9 +5,11 @@ usage: mesh_measure_test.py ISONEST PLUGIN_FOLDER    (the programs lie beside IS
 """
 import json
 import pathlib
-import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 import numpy as np
 
@@ -29,8 +31,8 @@ def write(name, v, t, kind="f4"):
 
 
 def run(program, *arguments):
-    done = subprocess.run([programs / f"isonest_mesh_{program}", *map(str, arguments)], check=True,
-                          capture_output=True, text=True)
+    done = served.run([programs / f"isonest_mesh_{program}", *map(str, arguments)], check=True,
+                      capture_output=True, text=True)
     return json.loads(done.stdout)
 
 
@@ -182,7 +184,7 @@ def quality():
                 path.read_bytes()[:-1], path.read_bytes() + b"x"):
         (folder / "bad.ply").write_bytes(bad)
         for command in (("quality", folder / "bad.ply"), ("distance", path, folder / "bad.ply")):
-            done = subprocess.run([programs / f"isonest_mesh_{command[0]}", *command[1:]], capture_output=True)
+            done = served.run([programs / f"isonest_mesh_{command[0]}", *command[1:]], capture_output=True)
             assert done.returncode == 1, (bad, done)
 
 

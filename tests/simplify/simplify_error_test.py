@@ -4,16 +4,18 @@ Usage: simplify_error_test.py ISONEST PLUGIN_FOLDER
 """
 import json
 import pathlib
-import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 ISONEST = pathlib.Path(sys.argv[1]).resolve()
 failures = []
 
 
 def run(*arguments):
-    return subprocess.run([ISONEST, *map(str, arguments)], capture_output=True, text=True, timeout=300)
+    return served.run([ISONEST, *map(str, arguments)], capture_output=True, text=True, timeout=300)
 
 
 def require(good, what):

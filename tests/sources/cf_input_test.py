@@ -6,9 +6,12 @@ usage: cf_input_test.py ISONEST PLUGIN_FOLDER
 import itertools
 import json
 import os
-import subprocess
+import pathlib
 import sys
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
 try:
@@ -33,8 +36,8 @@ class Cf(Input):
         done = self.preprocess("--json", *options)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.notes = json.loads(done.stdout)["notes"]
-        subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.npy",
-                        "--force"], check=True, capture_output=True)
+        served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.npy",
+                    "--force"], check=True, capture_output=True)
         return np.load(self.here / "s.npy")
 
     def write(self, data, kind, fmt="NETCDF4", name="t", dims=("z", "y", "x"), coordinates=None, unlimited=None,
@@ -139,6 +142,18 @@ class Cf(Input):
                     file.createDimension(dim, length)
                 file.createVariable("t", "i1", ("time", "x"))[:] = data[:, 0].astype("i1")
             np.testing.assert_array_equal(self.values()[0], data[:, 0].astype("i1"))
+
+    def test_labels_of_64_bits_are_kept_beside_a_note(self):
+        labels = np.array([0, 7, 2**53 + 1, 2**62 - 1], "i8")[RANDOM.integers(4, size=(4, 5, 6))]
+        for fmt in ("NETCDF4", "NETCDF3_64BIT_DATA"):
+            for depths, notes in (([0, 1, 2, 3], 0), ([0, 1, 2, 9], 1)):
+                with self.subTest(fmt=fmt, depths=depths):
+                    self.write(labels, "i8", fmt, coordinates={"z": depths})
+                    done = self.preprocess("--json", "--labels")
+                    self.assertEqual(done.returncode, 0, done.stderr)
+                    self.assertEqual(len(json.loads(done.stdout)["notes"]), notes)
+                    with h5py.File(self.here / "s.isonest") as file:  # as FORMAT.md says
+                        np.testing.assert_array_equal(file["levels/0/values"][:].view("i8") - 0x3FF0000000000000, labels)
 
     def test_hdf5_of_any_axes_and_filters(self):
         data = numbers((3, 2, 9, 10, 11), "i2")

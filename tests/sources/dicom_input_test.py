@@ -3,11 +3,15 @@
 
 usage: dicom_input_test.py ISONEST PLUGIN_FOLDER
 """
+import pathlib
 import shutil
 import signal
 import subprocess
 import sys
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 try:
     import numpy as np
@@ -112,10 +116,10 @@ class Dicom(DamagedFiles, Input):
     def test_a_list_of_files_and_one_file(self):
         self.stack(self.data)
         files = sorted(self.path.glob("*.dcm"))
-        done = subprocess.run([ISONEST, "preprocess", *files, "-o", self.here / "l.isonest", "--chunk", "8"],
-                              capture_output=True, text=True)
+        done = served.run([ISONEST, "preprocess", *files, "-o", self.here / "l.isonest", "--chunk", "8"],
+                          capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
-        done = subprocess.run([ISONEST, "check", self.here / "l.isonest", "--source", *files], capture_output=True)
+        done = served.run([ISONEST, "check", self.here / "l.isonest", "--source", *files], capture_output=True)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         self.path = self.path / "im0.dcm"
         self.reads(self.data[:1])

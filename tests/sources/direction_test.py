@@ -6,10 +6,13 @@ usage: direction_test.py ISONEST PLUGIN_FOLDER
 import itertools
 import json
 import os
+import pathlib
 import struct
-import subprocess
 import sys
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
 try:
@@ -67,7 +70,7 @@ class Direction(Input):
         return affine
 
     def run_it(self, *arguments, code=0):
-        done = subprocess.run([ISONEST, *map(str, arguments)], capture_output=True, text=True)
+        done = served.run([ISONEST, *map(str, arguments)], capture_output=True, text=True)
         self.assertEqual(done.returncode, code, done.stderr)
         return done
 

@@ -14,10 +14,12 @@ import multiprocessing
 import os
 import pathlib
 import shutil
-import subprocess
 import sys
 import tempfile
 import traceback
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 os.environ["HDF5_PLUGIN_PATH"] = os.path.abspath(sys.argv[2])
 os.environ["HDF5_USE_FILE_LOCKING"] = "FALSE"
@@ -394,7 +396,7 @@ def run(seed, top):
         replaced = case.pick(*sorted(case.inputs))
     command = [ISONEST, "preprocess", case.main, "--dataset", case.dataset, "--chunk", "8",
                "--force", "-o", replaced or store, *case.pick((), ("--memory", "24M"))]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = served.run(command, capture_output=True, text=True, timeout=60)
     story = f"{' | '.join(case.words)}\n{case.refused} {case.refusable} {done.returncode} {done.stderr}"
     if contents(folder) != before:
         return "an input was changed", story

@@ -5,10 +5,14 @@ usage: header_formats_test.py ISONEST PLUGIN_FOLDER
 """
 import gzip
 import itertools
+import pathlib
 import subprocess
 import sys
 import unittest
 import warnings
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 try:
     import h5py
@@ -382,8 +386,8 @@ class Parts(Input):
         self.reads(np.ascontiguousarray(self.data[2::2, 1:, ::3]), "--crop", ":,1:,2:", "--every", "3,1,2",
                    "--spacing", "1,2,3", "--origin", "10,20,30")
         self.lies([10, 22, 36], [3, 2, 6])
-        done = subprocess.run([ISONEST, "check", self.here / "s.isonest", "--source", self.path, "--crop", ":,1:,2:",
-                               "--every", "3,1,2"], capture_output=True, text=True)
+        done = served.run([ISONEST, "check", self.here / "s.isonest", "--source", self.path, "--crop", ":,1:,2:",
+                           "--every", "3,1,2"], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
 
     def test_standard_input(self):
@@ -392,8 +396,8 @@ class Parts(Input):
         done = subprocess.run([ISONEST, "preprocess", "-", "-o", self.here / "s.isonest", "--chunk", "8"], input=whole,
                               capture_output=True)
         self.assertEqual(done.returncode, 0, done.stderr)
-        subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.raw"],
-                       check=True, capture_output=True)
+        served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.raw"],
+                   check=True, capture_output=True)
         np.testing.assert_array_equal(np.fromfile(self.here / "s.raw", "i2"), self.data.ravel())
         # HDF5 opens files by their names alone.
         with h5py.File(self.here / "v.h5", "w") as file:
@@ -404,8 +408,8 @@ class Parts(Input):
                 done = subprocess.run([ISONEST, "preprocess", "-", "-o", self.here / "s.isonest", "--chunk", "8", "--force",
                                        "--dataset", dataset], stdin=file, capture_output=True)
             self.assertEqual(done.returncode, 0, done.stderr)
-            subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.raw",
-                            "--force"], check=True, capture_output=True)
+            served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.raw",
+                        "--force"], check=True, capture_output=True)
             np.testing.assert_array_equal(np.fromfile(self.here / "s.raw", "i2"), data.ravel())
         with open(self.here / "v.h5", "rb") as file:
             done = subprocess.run([ISONEST, "preprocess", "-", "-o", self.here / "t.isonest"], stdin=file, capture_output=True)

@@ -15,6 +15,9 @@ import subprocess
 import sys
 import tempfile
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
+
 try:
     import numpy as np
 except ImportError as error:
@@ -252,8 +255,8 @@ def run(seed):
         folder = pathlib.Path(name)
         case = Case(folder, (SEED, seed))
         store = folder / "s.isonest"
-        done = subprocess.run([ISONEST, "preprocess", case.path, "-o", store, "--chunk", "8", "--threads", "1",
-                               "-q", *case.options], capture_output=True, text=True, timeout=60)
+        done = served.run([ISONEST, "preprocess", case.path, "-o", store, "--chunk", "8", "--threads", "1",
+                           "-q", *case.options], capture_output=True, text=True, timeout=60)
         teem = case.teem()
         if done.returncode != 0:
             clear = 2 <= done.returncode <= 7 and "error: /" in done.stderr
@@ -265,8 +268,8 @@ def run(seed):
                 if not case.damage:
                     wrong = f"a good raw file is refused: {done.stderr}"
             return f"refused, {by_teem}", wrong, text
-        subprocess.run([ISONEST, "export", store, "--field", "values", "-o", folder / "s.raw", "-q"], check=True,
-                       capture_output=True, timeout=60)
+        served.run([ISONEST, "export", store, "--field", "values", "-o", folder / "s.raw", "-q"], check=True,
+                   capture_output=True, timeout=60)
         found = (folder / "s.raw").read_bytes()
         as_written = case.gives(case.values.reshape(case.sizes[::-1]), found)
         kind = "changed header" if case.damage == "header" else "raw" if case.options else "NRRD"

@@ -3,9 +3,12 @@
 
 usage: vdb_input_test.py ISONEST PLUGIN_FOLDER
 """
-import subprocess
+import pathlib
 import sys
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 try:
     import numpy as np
@@ -14,7 +17,7 @@ try:
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
-if b"libopenvdb-dev" in subprocess.run([ISONEST, "--version"], capture_output=True).stdout:
+if b"libopenvdb-dev" in served.run([ISONEST, "--version"], capture_output=True).stdout:
     print("skipped: this build does not read OpenVDB (Debian: libopenvdb-dev)")
     sys.exit(77)
 

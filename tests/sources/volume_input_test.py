@@ -7,9 +7,13 @@ import gzip
 import itertools
 import json
 import os
+import pathlib
 import subprocess
 import sys
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
 try:
@@ -384,8 +388,8 @@ class NrrdInput(Input):
         turned = self.data[::-1, ::-1].astype(np.float32)
         turned[turned == -5] = np.nan
         self.reads(turned, "--missing", "-5")
-        done = subprocess.run([ISONEST, "check", self.here / "s.isonest", "--source", self.path,
-                               "--missing", "-5"], capture_output=True, text=True)
+        done = served.run([ISONEST, "check", self.here / "s.isonest", "--source", self.path,
+                           "--missing", "-5"], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
 
     def test_axes_without_a_direction_are_not_the_volumes(self):
@@ -655,8 +659,8 @@ class PlaceOfInput(Input):
                 with self.subTest(form=form.__name__, spacing=spacing):
                     self.reads(data, *form(spacing, "0"), "--indicators", "all")
                     self.lies([0, 0, 0], [float(spacing), 1, 1])
-                    subprocess.run([ISONEST, "check", self.here / "s.isonest"], check=True,
-                                   capture_output=True)
+                    served.run([ISONEST, "check", self.here / "s.isonest"], check=True,
+                               capture_output=True)
                     (self.here / "s.isonest").unlink()
         nrrd("0", "0")
         self.refuses(2, "spacing 0 1 1")

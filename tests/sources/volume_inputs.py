@@ -4,10 +4,12 @@ REQUIRES: sys.argv[1] is the program.
 """
 import json
 import pathlib
-import subprocess
 import sys
 import tempfile
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 import numpy as np
 
@@ -55,29 +57,29 @@ class Input(unittest.TestCase):
         self.here = pathlib.Path(self.folder.name)
 
     def preprocess(self, *options, store=None):
-        return subprocess.run([ISONEST, "preprocess", self.path, "-o", store or self.here / "s.isonest",
-                               "--chunk", "8", "--force", *options], capture_output=True, text=True,
-                              errors="replace")
+        return served.run([ISONEST, "preprocess", self.path, "-o", store or self.here / "s.isonest",
+                           "--chunk", "8", "--force", *options], capture_output=True, text=True,
+                          errors="replace")
 
     def reads(self, data, *options):
         """The store has these numbers, [z, y, x]."""
         done = self.preprocess(*options)
         self.assertEqual(done.returncode, 0, done.stderr)
-        subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o",
-                        self.here / "s.raw", "--force"], check=True, capture_output=True)
+        served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o",
+                    self.here / "s.raw", "--force"], check=True, capture_output=True)
         found = np.fromfile(self.here / "s.raw", data.dtype)
         np.testing.assert_array_equal(found, data.ravel())
         return done
 
     def lies(self, origin, spacing):
-        info = json.loads(subprocess.run([ISONEST, "info", self.here / "s.isonest", "--json"],
-                                         check=True, capture_output=True).stdout)
+        info = json.loads(served.run([ISONEST, "info", self.here / "s.isonest", "--json"],
+                                     check=True, capture_output=True).stdout)
         np.testing.assert_allclose(info["origin"], origin)
         np.testing.assert_allclose(info["spacing"], spacing)
 
     def directions(self):
-        return json.loads(subprocess.run([ISONEST, "info", self.here / "s.isonest", "--json"], check=True,
-                                         capture_output=True).stdout)["direction"]
+        return json.loads(served.run([ISONEST, "info", self.here / "s.isonest", "--json"], check=True,
+                                     capture_output=True).stdout)["direction"]
 
     def refuses(self, code, *words, options=()):
         done = self.preprocess(*options)

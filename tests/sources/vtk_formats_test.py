@@ -4,9 +4,12 @@
 usage: vtk_formats_test.py ISONEST PLUGIN_FOLDER
 """
 import itertools
-import subprocess
+import pathlib
 import sys
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 try:
     import nibabel
@@ -203,8 +206,8 @@ class Export(Input):
         self.path = self.here / "v.vti"
 
     def exported(self, name):
-        done = subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o",
-                               self.here / name, "--force"], capture_output=True, text=True)
+        done = served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o",
+                           self.here / name, "--force"], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
         return self.here / name
 

@@ -9,10 +9,12 @@ import json
 import pathlib
 import shutil
 import struct
-import subprocess
 import sys
 import unittest
 import zlib
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 try:
     import numcodecs
@@ -253,8 +255,8 @@ class Zarr(Input):
         """Of the store, and the notes."""
         done = self.preprocess("--json", *options)
         self.assertEqual(done.returncode, 0, done.stderr)
-        subprocess.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.npy",
-                        "--force"], check=True, capture_output=True)
+        served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "s.npy",
+                    "--force"], check=True, capture_output=True)
         return np.load(self.here / "s.npy"), json.loads(done.stdout)["notes"]
 
     def test_coordinates_that_xarray_writes_place_the_volume(self):

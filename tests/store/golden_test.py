@@ -4,17 +4,19 @@
 usage: golden_test.py ISONEST PLUGIN_FOLDER [--record]
 
 tests/store/golden/expected.json says what is expected of each store. Of a good one: its volume, its version, the
-SHA-256 of its surface in full and within an error; of a bad one: the command that refuses it, the kind of the
+SHA-256 of its surface in full and within an error, and if it has one, the unit of length; of a bad one: the command that refuses it, the kind of the
 error, words of its message and the first remedy. --record adds the good ones that are not in it. See
 CONTRIBUTING.md, "Golden stores".
 """
 import hashlib
 import json
 import pathlib
-import subprocess
 import sys
 import tempfile
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 ISONEST = sys.argv[1]
 RECORD = "--record" in sys.argv
@@ -28,7 +30,7 @@ NUMBERS = {"volume.raw": ("9,8,7", "int16"), "flat.raw": ("9,8,1", "float32"), "
 
 
 def run(*arguments):
-    done = subprocess.run([ISONEST, *map(str, arguments), "--json"], capture_output=True, text=True)
+    done = served.run([ISONEST, *map(str, arguments), "--json"], capture_output=True, text=True)
     return done.returncode, json.loads(done.stdout)
 
 
@@ -66,6 +68,7 @@ class Golden(unittest.TestCase):
                 self.assertEqual(info["format"], expected["format"])
                 unknown = expected.get("unknown_fields", [])
                 self.assertEqual(info["unknown_fields"], unknown)
+                self.assertEqual(info["unit"], expected.get("unit"))  # not known before 2.7
                 for field in unknown:
                     self.assertIn(field, info["warning"])
 
@@ -85,10 +88,12 @@ class Golden(unittest.TestCase):
 
     def test_the_full_surface_is_the_same_whatever_version_stored_the_volume(self):
         full = {}
-        for expected in self.good().values():
-            full.setdefault(expected["volume"], set()).add(expected["meshes"][0])
-        for volume, hashes in full.items():
-            self.assertEqual(len(hashes), 1, volume)
+        for name, expected in self.good().items():
+            # A mesh file says its unit; turned axes have other places.
+            key = expected["volume"], expected.get("unit"), "-turned" in name
+            full.setdefault(key, set()).add(expected["meshes"][0])
+        for key, hashes in full.items():
+            self.assertEqual(len(hashes), 1, key)
 
     def test_bad_stores_are_refused_by_kind_words_and_remedy(self):
         for name, expected in EXPECTED.items():
@@ -117,6 +122,8 @@ def record():
                 continue
             volume = {(9, 8, 7): "volume.raw", (9, 8, 1): "flat.raw", (3, 3, 3): "tiny.raw"}[tuple(info["nodes"])]
             EXPECTED[name] = {"format": info["format"], "volume": volume, "meshes": meshes(name, volume, folder)}
+            if info["unit"]:
+                EXPECTED[name]["unit"] = info["unit"]
     lines = [f"  {json.dumps(name)}: {json.dumps(EXPECTED[name])}" for name in sorted(EXPECTED)]
     (HERE / "expected.json").write_text("{\n" + ",\n".join(lines) + "\n}\n")
 

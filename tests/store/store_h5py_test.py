@@ -5,10 +5,13 @@ Usage: store_h5py_test.py ISONEST PLUGIN_FOLDER
 import ctypes
 import json
 import os
+import pathlib
 import shutil
-import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
 
 isonest, plugins = sys.argv[1:3]
 os.environ["HDF5_PLUGIN_PATH"] = plugins
@@ -18,8 +21,8 @@ import numpy as np  # noqa: E402
 
 
 def run(*arguments):
-    return json.loads(subprocess.run([isonest, *map(str, arguments), "--json"], check=True,
-                                     capture_output=True, text=True).stdout)
+    return json.loads(served.run([isonest, *map(str, arguments), "--json"], check=True,
+                                 capture_output=True, text=True).stdout)
 
 
 def nodes_at(n, level):
@@ -165,7 +168,7 @@ with tempfile.TemporaryDirectory() as folder:
                 f.attrs.modify("version", np.array([2, 2], "<u4"))
                 del f.attrs["xxh64"]
             change(f)
-        done = subprocess.run([isonest, "check", copy], capture_output=True, text=True)
+        done = served.run([isonest, "check", copy], capture_output=True, text=True)
         return done.returncode, done.stdout + done.stderr
 
     assert forged(lambda f: None) == (0, forged(lambda f: None, True)[1])
@@ -195,6 +198,24 @@ with tempfile.TemporaryDirectory() as folder:
         assert code == 4 and "VTKHDF" in text, text
     print("h5py: damaged headers and VTKHDF groups are found")
 
+    # The unit of length, with a checksum of its own; without it a store is of the version before.
+    def unit_of(store_of_unit):
+        with h5py.File(store_of_unit) as f:
+            if "unit" not in f.attrs:
+                return list(f.attrs["version"]), None
+            stored = np.asarray(f.attrs["unit"]).tobytes()
+            assert f.attrs["unit_xxh64"] == xxhash.XXH64(stored, len(stored), 0)
+            assert f.attrs["xxh64"] == digest_of(f)
+            return list(f.attrs["version"]), stored.decode()
+
+    assert unit_of(store) == ([2, 3], None)
+    for symbol in "km m dm cm mm um nm angstrom pm ft in".split():
+        with_unit = f"{folder}/unit.isonest"
+        run("preprocess", volume, "-o", with_unit, "--chunk", 16, "--spacing", "1,2,0.5", "--unit", symbol, "--force")
+        assert unit_of(with_unit) == ([2, 7], symbol), unit_of(with_unit)
+        assert run("info", with_unit)["unit"] == symbol
+    print("h5py: the unit of length is the one that was said")
+
     # A store of 2.1 has no ranges; it gives the same meshes.
     older = f"{folder}/older.isonest"
     shutil.copyfile(store, older)
@@ -217,7 +238,7 @@ with tempfile.TemporaryDirectory() as folder:
         f.attrs.modify("fields", np.bytes_("linf_bar,linf_plus,curvature_bar"))
         f.attrs.modify("xxh64", np.uint64(digest_of(f)))
     for command in ("info", "check"):
-        done = subprocess.run([isonest, command, newer], capture_output=True, text=True)
+        done = served.run([isonest, command, newer], capture_output=True, text=True)
         assert done.returncode not in (0, 1) and "'curvature_bar'" in done.stderr, (command, done)
 
     try:

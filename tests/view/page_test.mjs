@@ -29,7 +29,7 @@ before(async () => {
   store = join(folder.path, "bucky.isonest");
   const volume = join(folder.path, "bucky.h5");
   await run(program, "make-volume", "bucky", "--size", String(kNodes), "-o", volume);
-  await run(program, "preprocess", volume, "-o", store);
+  await run(program, "preprocess", volume, "--unit", "um", "-o", store);
   await run(program, "export", store, "--field", "values", "-o", join(folder.path, "values.raw"));
   const bytes = await readFile(join(folder.path, "values.raw"));
   values = new Float32Array(bytes.buffer, bytes.byteOffset, kNodes ** 3);
@@ -152,7 +152,7 @@ test("a distance is kept and told", async () => {
     const shown = await header(page);
     assert.equal(shown.stop, "distance");
     const told = await page.$eval("#surface-bound", (element) => element.textContent);
-    const bound = Number(/^Within ([0-9.e-]+) world units of the surface at full resolution$/.exec(told)[1]);
+    const bound = Number(/^Within ([0-9.e-]+) µm of the surface at full resolution$/.exec(told)[1]);
     assert.ok(bound >= shown.distance_bound && bound < 0.51, told);
   });
 });
@@ -253,7 +253,7 @@ test("two points measure the distance between them", async () => {
     }
     const [a, b] = await page.evaluate(() => window.isonest.points());
     assert.ok(Math.abs(Math.hypot(...a.map((part, i) => part - b[i])) - 40) < 0.5, `from ${a} to ${b}`);
-    assert.match(await page.$eval("#measured", (element) => element.textContent), /^(39\.|40)/);
+    assert.match(await page.$eval("#measured", (element) => element.textContent), /^(39\.\d+|40(\.\d+)?) µm, from /);
   });
 });
 

@@ -26,6 +26,9 @@ import unittest
 import unittest.mock
 import urllib.parse
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
+
 import h5py
 import numpy
 
@@ -34,11 +37,11 @@ HERE = pathlib.Path(tempfile.mkdtemp(prefix="isonest-view-test-"))
 
 
 def isonest(*arguments):
-    return subprocess.run([ISONEST, *map(str, arguments)], cwd=HERE, capture_output=True, text=True,
-                          timeout=300, check=True)
+    return served.run([ISONEST, *map(str, arguments)], cwd=HERE, capture_output=True, text=True,
+                      timeout=300, check=True)
 
 
-if subprocess.run([ISONEST, "view", "--help"], capture_output=True).returncode != 0:
+if served.run([ISONEST, "view", "--help"], capture_output=True).returncode != 0:
     print("skipped: this build has no isonest view")
     sys.exit(77)
 try:
@@ -277,7 +280,7 @@ class Answers(unittest.TestCase):
         _, said = self.view.json("/api/store")
         info = json.loads(isonest("info", "s.isonest", "--histogram", "--json").stdout)
         for name in ("nodes", "type", "spacing", "origin", "min_value", "max_value", "has_missing", "levels",
-                     "file_bytes"):
+                     "file_bytes", "unit"):
             self.assertEqual(said[name], info[name])
         self.assertEqual(said["box"], [0, 0, 0, 32, 32, 32])
         _, histogram = self.view.json("/api/histogram")
@@ -533,12 +536,12 @@ class Trust(unittest.TestCase):
                                      (["t.isonest", "--memory", "10M"], 7, "--memory"),
                                      (["t.isonest", "--port", "70000"], 2, "--port"),
                                      (["t.isonest", "--address", "here"], 2, "address")):
-            done = subprocess.run([ISONEST, "view", *options], cwd=HERE, capture_output=True, text=True, timeout=60)
+            done = served.run([ISONEST, "view", *options], cwd=HERE, capture_output=True, text=True, timeout=60)
             self.assertEqual(done.returncode, code, done.stderr)
             self.assertIn(words, done.stderr)
         with view("t.isonest") as server:
-            done = subprocess.run([ISONEST, "view", "t.isonest", "--port", str(server.port)], cwd=HERE,
-                                  capture_output=True, text=True, timeout=60)
+            done = served.run([ISONEST, "view", "t.isonest", "--port", str(server.port)], cwd=HERE,
+                              capture_output=True, text=True, timeout=60)
             self.assertEqual(done.returncode, 6)
             self.assertIn(str(server.port), done.stderr)
 

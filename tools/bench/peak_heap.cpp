@@ -8,6 +8,7 @@
 #include <cerrno>
 #include <cstddef>
 #include <cstdio>
+#include <cstdlib>
 
 namespace {
 
@@ -42,6 +43,9 @@ void given_back(void* p) {
 
 [[gnu::destructor]] void report() {
     std::fprintf(stderr, "peak heap %zu bytes\n", peak.load());
+}
+[[gnu::constructor]] void report_at_quick_exit_too() {
+    std::at_quick_exit(&report);
 }
 
 }  // namespace

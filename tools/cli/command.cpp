@@ -21,6 +21,10 @@ std::string continued(const std::string& example) {
 
 }  // namespace
 
+Json unit_json(std::optional<LengthUnit> unit) {
+    return unit ? Json(symbol_of(*unit)) : Json();
+}
+
 CLI::App* add_command(CLI::App& app, Invocation& chosen, const std::string& name,
                       const Description& description) {
     CLI::App* const command =

@@ -4,9 +4,11 @@
 #include <CLI/CLI.hpp>
 #include <functional>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include <isonest/length_unit.h>
 #include <isonest/progress.h>
 
 #include "tools/cli/terminal/terminal_progress.h"
@@ -14,6 +16,9 @@
 namespace isonest::detail::cli {
 
 using Json = nlohmann::ordered_json;  // keeps the order in which it was filled
+
+/// "mm", or null where it is not known.
+Json unit_json(std::optional<LengthUnit> unit);
 
 /// What a command has to say: `text` for people, `json` for programs.
 struct Result {

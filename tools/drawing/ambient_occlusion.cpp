@@ -39,9 +39,9 @@ double horizon(const DepthImage& image, int x, int y, double dx, double dy, doub
         }
         double rise = (here - there) * image.pixels / reach;
         // What is far in front shades less than what the surface itself does.
-        constexpr double kFar = 3;
-        if (rise > kFar) {
-            rise = kFar * kFar / rise;
+        constexpr double kFarther = 3;
+        if (rise > kFarther) {
+            rise = kFarther * kFarther / rise;
         }
         steepest = std::max(steepest, rise);
     }

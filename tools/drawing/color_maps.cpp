@@ -31,11 +31,11 @@ std::vector<std::string> color_map_names() {
 }
 
 std::string color_help(const std::string& what, const std::string& standard) {
-    constexpr std::size_t kWide = 50;
+    constexpr std::size_t kColumns = 50;
     std::string text = what + ":";
     std::size_t width = text.size();
     for (const std::string& name : color_map_names()) {
-        const bool breaks = width + name.size() > kWide;
+        const bool breaks = width + name.size() > kColumns;
         text += (breaks ? "\n" : " ") + name + ",";
         width = (breaks ? 0 : width) + name.size() + 2;
     }

@@ -9,7 +9,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-constexpr Color kInk{0.15, 0.15, 0.15};
+constexpr Color kFrameInk{0.15, 0.15, 0.15};
 constexpr double kUp = -1.5707963267948966;  // quarter of a turn
 
 /// The largest number 1, 2 or 5 times a power of ten that is at most `value`.
@@ -47,7 +47,7 @@ std::string tick_text(double value) {
 void draw_axes(Canvas& canvas, const Rectangle& r, const AxisText& x, const AxisText& y,
                double size) {
     constexpr double kTick = 5;
-    canvas.color(kInk);
+    canvas.color(kFrameInk);
     canvas.line(r.left, r.top, r.right, r.top, 1);
     canvas.line(r.left, r.bottom, r.right, r.bottom, 1);
     canvas.line(r.left, r.top, r.left, r.bottom, 1);
@@ -82,15 +82,15 @@ void draw_axes(Canvas& canvas, const Rectangle& r, const AxisText& x, const Axis
 void draw_color_bar(Canvas& canvas, const Rectangle& r, const ColorMap& map, double low,
                     double high, const std::vector<double>& marks, double size) {
     const double height = r.bottom - r.top;
-    constexpr int kSteps = 256;
-    for (int i = 0; i < kSteps; ++i) {
-        const Rgb c = map.color((i + 0.5) / kSteps);
+    constexpr int kBarSteps = 256;
+    for (int i = 0; i < kBarSteps; ++i) {
+        const Rgb c = map.color((i + 0.5) / kBarSteps);
         canvas.color({c[0] / 255, c[1] / 255, c[2] / 255});
         // Each area reaches under the next one, so that no gap is seen.
-        canvas.area(r.left, r.bottom - height * std::min(i + 2, kSteps) / kSteps, r.right,
-                    r.bottom - height * i / kSteps);
+        canvas.area(r.left, r.bottom - height * std::min(i + 2, kBarSteps) / kBarSteps, r.right,
+                    r.bottom - height * i / kBarSteps);
     }
-    canvas.color(kInk);
+    canvas.color(kFrameInk);
     canvas.line(r.left, r.top, r.right, r.top, 1);
     canvas.line(r.left, r.bottom, r.right, r.bottom, 1);
     canvas.line(r.left, r.top, r.left, r.bottom, 1);
@@ -121,7 +121,7 @@ void draw_scale_bar(Canvas& canvas, double x, double y, double most, double pixe
     if (!(pixels > 1) || !std::isfinite(pixels)) {
         return;
     }
-    canvas.color(kInk);
+    canvas.color(kFrameInk);
     canvas.line(x, y, x + pixels, y, 2);
     canvas.line(x, y - 4, x, y + 4, 2);
     canvas.line(x + pixels, y - 4, x + pixels, y + 4, 2);
@@ -130,12 +130,12 @@ void draw_scale_bar(Canvas& canvas, double x, double y, double most, double pixe
 
 void draw_directions(Canvas& canvas, double x, double y, double length, const Double3& right,
                      const Double3& up, double size) {
-    constexpr std::array<Color, 3> kColors{
+    constexpr std::array<Color, 3> kAxisColors{
         {{0.80, 0.20, 0.20}, {0.15, 0.55, 0.20}, {0.15, 0.30, 0.80}}};
     for (std::size_t a = 0; a < 3; ++a) {
         const double dx = right.at(a) * length;
         const double dy = -up.at(a) * length;
-        canvas.color(kColors.at(a));
+        canvas.color(kAxisColors.at(a));
         canvas.line(x, y, x + dx, y + dy, 2);
         // One that comes toward the eye has its name beside the others'.
         const double reach = std::hypot(dx, dy);

@@ -13,12 +13,12 @@
 namespace isonest::detail::cli {
 namespace {
 
-constexpr int kWidth = 790;
-constexpr int kHeight = 480;
-constexpr double kLeft = 84;
-constexpr double kRight = 200;
-constexpr double kTop = 40;
-constexpr double kBottom = 58;
+constexpr int kPlotWidth = 790;
+constexpr int kPlotHeight = 480;
+constexpr double kPlotLeft = 84;
+constexpr double kPlotRight = 200;
+constexpr double kPlotTop = 40;
+constexpr double kPlotBottom = 58;
 
 // P. Tol's bright, muted and vibrant schemes: to be told apart by all eyes.
 constexpr std::array<Color, 12> kColors{{{0.27, 0.47, 0.67},
@@ -99,10 +99,10 @@ void draw(Canvas& d, const Plot& plot) {
     }
     x.finish();
     y.finish();
-    const double w = kWidth - kLeft - kRight;
-    const double h = kHeight - kTop - kBottom;
-    const auto px = [&](double v) { return kLeft + w * x.at(v); };
-    const auto py = [&](double v) { return kTop + h * (1 - y.at(v)); };
+    const double w = kPlotWidth - kPlotLeft - kPlotRight;
+    const double h = kPlotHeight - kPlotTop - kPlotBottom;
+    const auto px = [&](double v) { return kPlotLeft + w * x.at(v); };
+    const auto py = [&](double v) { return kPlotTop + h * (1 - y.at(v)); };
     const auto ticks = [&](const Axis& axis, auto&& draw_tick) {
         const double step = std::ceil((axis.high - axis.low) / 10);
         const auto count = static_cast<int>((axis.high - axis.low) / step);
@@ -111,23 +111,23 @@ void draw(Canvas& d, const Plot& plot) {
             draw_tick(std::pow(10, e), e);
         }
     };
-    constexpr Color kGrid{0.88, 0.88, 0.88};
-    constexpr Color kInk{0.2, 0.2, 0.2};
+    constexpr Color kPlotGrid{0.88, 0.88, 0.88};
+    constexpr Color kPlotInk{0.2, 0.2, 0.2};
     ticks(x, [&](double v, double e) {
-        d.color(kGrid);
-        d.line(px(v), kTop, px(v), kTop + h, 1);
-        d.color(kInk);
-        d.text(px(v), kTop + h + 18, fmt::format("1e{:g}", e), 12, 0.5);
+        d.color(kPlotGrid);
+        d.line(px(v), kPlotTop, px(v), kPlotTop + h, 1);
+        d.color(kPlotInk);
+        d.text(px(v), kPlotTop + h + 18, fmt::format("1e{:g}", e), 12, 0.5);
     });
     ticks(y, [&](double v, double e) {
-        d.color(kGrid);
-        d.line(kLeft, py(v), kLeft + w, py(v), 1);
-        d.color(kInk);
-        d.text(kLeft - 8, py(v) + 4, fmt::format("1e{:g}", e), 12, 1);
+        d.color(kPlotGrid);
+        d.line(kPlotLeft, py(v), kPlotLeft + w, py(v), 1);
+        d.color(kPlotInk);
+        d.text(kPlotLeft - 8, py(v) + 4, fmt::format("1e{:g}", e), 12, 1);
     });
-    d.text(kLeft + w / 2, kTop - 14, plot.title, 15, 0.5);
-    d.text(kLeft + w / 2, kHeight - 14, plot.x, 13, 0.5);
-    d.text(22, kTop + h / 2, plot.y, 13, 0.5, -1.5708);
+    d.text(kPlotLeft + w / 2, kPlotTop - 14, plot.title, 15, 0.5);
+    d.text(kPlotLeft + w / 2, kPlotHeight - 14, plot.x, 13, 0.5);
+    d.text(22, kPlotTop + h / 2, plot.y, 13, 0.5, -1.5708);
     std::vector<CurveEnd> ends;
     for (std::size_t i = 0; i < plot.series.size(); ++i) {
         const PlotSeries& s = plot.series[i];
@@ -157,13 +157,13 @@ void draw(Canvas& d, const Plot& plot) {
             ends.push_back({i, *rightmost, (*rightmost)[1]});
         }
     }
-    label_ends(d, plot, ends, kLeft + w, kTop, kTop + h);
+    label_ends(d, plot, ends, kPlotLeft + w, kPlotTop, kPlotTop + h);
 }
 
 }  // namespace
 
 void draw_plot(const std::filesystem::path& path, const Plot& plot) {
-    draw_canvas(path, kWidth, kHeight, [&](Canvas& canvas) { draw(canvas, plot); });
+    draw_canvas(path, kPlotWidth, kPlotHeight, [&](Canvas& canvas) { draw(canvas, plot); });
 }
 
 }  // namespace isonest::detail::cli

@@ -53,15 +53,17 @@ double letter_size(const SlicePictureOptions& o) {
 
 /// An axis of the picture from `low` to `high` along a direction of the world: one of the world's
 /// axes has its name and its own numbers.
-AxisText axis_along(const Double3& direction, double low, double high) {
+AxisText axis_along(const Double3& direction, double low, double high,
+                    std::optional<LengthUnit> unit) {
+    const std::string behind = unit ? fmt::format(", {}", symbol_of(*unit)) : "";
     for (std::size_t a = 0; a < 3; ++a) {
         if (std::fabs(direction.at(a)) > 1 - 1e-9) {
             const double sign = direction.at(a) > 0 ? 1 : -1;
-            return {std::string(1, "xyz"[a]), sign * low, sign * high};
+            return {std::string(1, "xyz"[a]) + behind, sign * low, sign * high};
         }
     }
-    return {fmt::format("distance along ({:.3g}, {:.3g}, {:.3g})", direction[0], direction[1],
-                        direction[2]),
+    return {fmt::format("distance along ({:.3g}, {:.3g}, {:.3g}){}", direction[0], direction[1],
+                        direction[2], behind),
             low, high};
 }
 
@@ -80,6 +82,7 @@ void SlicePicture::begin(const MeshLayout& layout) {
     file_.reset();
     file_ = std::make_unique<PngFile>(path_, options_.width, options_.height);
     value_ = *layout.find("value");
+    unit_ = layout.unit;
     extent_ = {{kInfinity, kInfinity}, {-kInfinity, -kInfinity}};
     raster_.reset();
     labels_.reset();
@@ -104,9 +107,9 @@ bool SlicePicture::framed() const {
 }
 
 Rectangle SlicePicture::place() const {
-    constexpr double kMargin = 0.01;
-    Rectangle room{kMargin * options_.width, kMargin * options_.height,
-                   (1 - kMargin) * options_.width, (1 - kMargin) * options_.height};
+    constexpr double kPictureMargin = 0.01;
+    Rectangle room{kPictureMargin * options_.width, kPictureMargin * options_.height,
+                   (1 - kPictureMargin) * options_.width, (1 - kPictureMargin) * options_.height};
     if (framed()) {
         const double s = letter_size(options_);
         room = {6.2 * s, 1.5 * s, options_.width - 9 * s, options_.height - 4 * s};
@@ -168,8 +171,8 @@ void SlicePicture::frame(Canvas& canvas) const {
     const double size = letter_size(options_);
     const Plane plane(options_.normal);
     const Rectangle r = place();
-    draw_axes(canvas, r, axis_along(plane.right(), extent_.low[0], extent_.high[0]),
-              axis_along(plane.up(), extent_.low[1], extent_.high[1]), size);
+    draw_axes(canvas, r, axis_along(plane.right(), extent_.low[0], extent_.high[0], unit_),
+              axis_along(plane.up(), extent_.low[1], extent_.high[1], unit_), size);
     const double left = options_.width - 7.6 * size;
     const double top = std::min(r.top, options_.height * 0.3);
     draw_color_bar(canvas,

@@ -37,9 +37,9 @@ struct SlicePictureOptions {
 inline constexpr int kLeastFramed = 240;
 
 /// Draws a mesh that lies in a plane and has vertex values, fitted, with white around it, into an
-/// 8-bit RGB PNG, which replaces what is there. Beside it are axes in world units (in an oblique
-/// plane distances along its own directions), a bar of the colours, and values of contour lines.
-/// The picture is drawn in strips that fit into the memory, each in one pass over the mesh.
+/// 8-bit RGB PNG, which replaces what is there. Beside it are axes in the mesh's unit (in an
+/// oblique plane distances along its own directions), a bar of the colours, and values of contour
+/// lines. The picture is drawn in strips that fit into the memory, each in one pass over the mesh.
 class SlicePicture : public MeshSink {
   public:
     /// Throws Error{invalid_argument} if there are no such colours.
@@ -71,6 +71,7 @@ class SlicePicture : public MeshSink {
     ColorMap map_;
     std::unique_ptr<PngFile> file_;
     VertexAttribute value_;
+    std::optional<LengthUnit> unit_;
     Extent extent_{};
     int row_ = 0;  ///< the first of the strip
     std::unique_ptr<SliceRaster> raster_;

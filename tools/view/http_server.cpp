@@ -109,15 +109,10 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
         parts_->make_room_for_answer(sent_bytes_, this);
         parts_->sending_bytes += sent_bytes_;
         answer_ = std::move(answer);
-        if (auto* const text = std::get_if<std::string>(&answer_.body)) {
-            http::response<http::string_body> message = headers<http::string_body>();
-            message.body() = std::move(*text);
-            send(std::move(message));
+        if (const auto* const text = std::get_if<std::string>(&answer_.body)) {
+            send_text(*text);
         } else if (const auto* const constant = std::get_if<std::string_view>(&answer_.body)) {
-            http::response<http::span_body<const char>> message =
-                headers<http::span_body<const char>>();
-            message.body() = {constant->data(), constant->size()};
-            send(std::move(message));
+            send_text(*constant);
         } else {
             http::response<http::file_body> message = headers<http::file_body>();
             beast::error_code ec;
@@ -231,6 +226,14 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
         }
         message.keep_alive(keep_alive_);
         return message;
+    }
+
+    /// REQUIRES: the text stays until it is sent; answer_ does.
+    void send_text(std::string_view text) {
+        http::response<http::span_body<const char>> message =
+            headers<http::span_body<const char>>();
+        message.body() = {text.data(), text.size()};
+        send(std::move(message));
     }
 
     template <class Body>

@@ -14,10 +14,6 @@ constexpr double kMost = std::numeric_limits<double>::max();
 constexpr std::int64_t kLeastTriangles = 100;
 constexpr std::int64_t kMostTriangles = 100'000'000;
 
-[[noreturn]] void fail(const std::string& problem) {
-    throw Error(ErrorKind::invalid_argument, problem);
-}
-
 std::optional<Camera> parse_camera(RequestTarget& target) {
     const auto v = target.numbers("camera", 6, "x,y,z,fov,height,pixels");
     if (!v) {

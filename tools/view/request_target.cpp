@@ -14,10 +14,6 @@ namespace {
 
 constexpr std::size_t kMostParameters = 32;
 
-[[noreturn]] void fail(const std::string& problem) {
-    throw Error(ErrorKind::invalid_argument, problem);
-}
-
 int hex_digit(char c) {
     if (c >= '0' && c <= '9') {
         return c - '0';
@@ -47,6 +43,10 @@ std::string decoded(std::string_view text) {
 }
 
 }  // namespace
+
+[[noreturn]] void fail(const std::string& problem) {
+    throw Error(ErrorKind::invalid_argument, problem);
+}
 
 RequestTarget::RequestTarget(std::string_view target) {
     const std::size_t end = target.find('?');

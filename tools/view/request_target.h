@@ -10,6 +10,9 @@
 
 namespace isonest::detail::view {
 
+/// Throws Error{invalid_argument}.
+[[noreturn]] void fail(const std::string& problem);
+
 /// Every parameter has to be taken by whoever answers: what is left is one that nobody knows.
 class RequestTarget {
   public:

@@ -10,14 +10,14 @@
 namespace isonest::detail::view {
 
 void Streams::require_name(const std::string& name) {
-    constexpr std::size_t kMost = 64;
+    constexpr std::size_t kMostLetters = 64;
     const bool good = std::all_of(name.begin(), name.end(), [](unsigned char c) {
         return std::isalnum(c) != 0 || c == '-' || c == '_';
     });
-    if (name.empty() || name.size() > kMost || !good) {
+    if (name.empty() || name.size() > kMostLetters || !good) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("stream '{}': give 1 to {} letters, digits, - or _",
-                                name.substr(0, kMost), kMost));
+                                name.substr(0, kMostLetters), kMostStreams));
     }
 }
 

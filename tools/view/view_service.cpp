@@ -342,6 +342,7 @@ HttpAnswer ViewService::describe() const {
                  {"spacing", store_.spacing()},
                  {"origin", store_.origin()},
                  {"direction", store_.direction()},
+                 {"unit", store_.unit() ? Json(symbol_of(*store_.unit())) : Json()},
                  {"box", world_box(store_)},
                  {"min_value", any ? number(store_.min_value()) : Json()},
                  {"max_value", any ? number(store_.max_value()) : Json()},

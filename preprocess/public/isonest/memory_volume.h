@@ -9,6 +9,7 @@
 #include <utility>
 
 #include <isonest/int3.h>
+#include <isonest/length_unit.h>
 #include <isonest/value_type.h>
 #include <isonest/volume_source.h>
 
@@ -22,6 +23,7 @@ struct MemoryLayout {
     Double3 spacing{1, 1, 1};  ///< node distance per axis in world units
     Double3 origin{0, 0, 0};   ///< world position of node (0, 0, 0)
     std::string name = "memory";
+    std::optional<LengthUnit> unit = {};  ///< that a world unit is, if known
 };
 
 /// Numbers that someone else owns, which must stay there and as they are for the volume's life.

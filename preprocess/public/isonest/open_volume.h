@@ -10,6 +10,7 @@
 #include <vector>
 
 #include <isonest/int3.h>
+#include <isonest/length_unit.h>
 #include <isonest/value_type.h>
 #include <isonest/volume_source.h>
 
@@ -43,6 +44,8 @@ struct SourceOptions {
     Int3 every{1, 1, 1};                  ///< of what is left, each `every`-th node, from the first
     std::optional<Double3> spacing;       ///< overrides the file's (before `every`)
     std::optional<Double3> origin;        ///< overrides the file's (before the crop)
+    std::optional<LengthUnit> unit;       ///< of spacing and origin, overrides the file's: numbers
+                                          ///< stay as they are
     std::optional<double> missing;        ///< this value stands for missing data
     /// Integers of 64 bits are labels, the names of things: kept as they are, not as the float64
     /// that is nearest (from 0 to 2^62 - 1). Of smaller integers it changes nothing.

@@ -32,6 +32,7 @@ struct SliceVolume {
     Placement place;
     std::string name;
     std::vector<std::string> notes;
+    std::optional<LengthUnit> unit;
 };
 
 /// Stored numbers; values as float32 where each slice has a scaling of its own.
@@ -48,7 +49,9 @@ class DicomSource : public VolumeSource {
                 volume_.place.spacing,
                 volume_.place.origin,
                 volume_.name,
-                volume_.place.direction};
+                volume_.place.direction,
+                false,
+                volume_.unit};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return frames_.files();
@@ -217,6 +220,9 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
     volume.slices = chosen_slices(stack, series.numbers, options, name);
     volume.name = name;
     volume.notes = notes_of(series, folder, stack);
+    if (series.spacing) {
+        volume.unit = LengthUnit::millimetre;
+    }
     if (!options.spacing) {
         volume.place = place_in_world({series.numbers.columns, series.numbers.rows, stack.count},
                                       stack.steps, stack.first, name);

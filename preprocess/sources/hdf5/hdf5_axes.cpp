@@ -12,28 +12,6 @@ namespace {
 
 constexpr const char* kScaleClass = "DIMENSION_SCALE";
 
-/// Text of fixed or variable length; empty if it is none.
-std::string text_of_attribute(hid_t object, const char* name) {
-    const QuietHdf5 quiet;
-    if (const auto fixed = read_text(object, name)) {
-        return *fixed;
-    }
-    const AttributeHandle attribute(H5Aopen(object, name, H5P_DEFAULT));
-    if (!attribute.valid()) {
-        return "";
-    }
-    const TypeHandle type(H5Aget_type(attribute.get()));
-    const SpaceHandle space(H5Aget_space(attribute.get()));
-    char* text = nullptr;
-    if (H5Tis_variable_str(type.get()) <= 0 || H5Sget_simple_extent_npoints(space.get()) != 1 ||
-        H5Aread(attribute.get(), type.get(), static_cast<void*>(&text)) < 0 || text == nullptr) {
-        return "";
-    }
-    std::string out = text;
-    H5free_memory(text);
-    return out;
-}
-
 /// The last part of an object's path.
 std::string name_of_object(hid_t object) {
     std::string name(1024, '\0');
@@ -117,11 +95,33 @@ void read_scales(hid_t dataset, const std::vector<hsize_t>& dims, std::vector<Hd
         const std::vector<double> coordinates = coordinates_of(scale.get(), dims[i]);
         axes[i].even = even_axis(coordinates);
         axes[i].uneven = !coordinates.empty() && !axes[i].even;
+        axes[i].unit = text_of_attribute(scale.get(), "units");
     }
     H5Dvlen_reclaim(wanted.get(), space.get(), H5P_DEFAULT, lists.data());
 }
 
 }  // namespace
+
+std::string text_of_attribute(hid_t object, const char* name) {
+    const QuietHdf5 quiet;
+    if (const auto fixed = read_text(object, name)) {
+        return *fixed;
+    }
+    const AttributeHandle attribute(H5Aopen(object, name, H5P_DEFAULT));
+    if (!attribute.valid()) {
+        return "";
+    }
+    const TypeHandle type(H5Aget_type(attribute.get()));
+    const SpaceHandle space(H5Aget_space(attribute.get()));
+    char* text = nullptr;
+    if (H5Tis_variable_str(type.get()) <= 0 || H5Sget_simple_extent_npoints(space.get()) != 1 ||
+        H5Aread(attribute.get(), type.get(), static_cast<void*>(&text)) < 0 || text == nullptr) {
+        return "";
+    }
+    std::string out = text;
+    H5free_memory(text);
+    return out;
+}
 
 std::vector<Hdf5Axis> hdf5_axes(hid_t dataset, const std::vector<hsize_t>& dims) {
     const QuietHdf5 quiet;

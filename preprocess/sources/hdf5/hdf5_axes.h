@@ -16,6 +16,7 @@ struct Hdf5Axis {
     std::string name;  ///< of the dimension scale, or its label; empty if there is neither
     std::optional<EvenAxis> even;  ///< its coordinates, if they are evenly spaced
     bool uneven = false;           ///< there are coordinates that are not
+    std::string unit;              ///< of the scale (CF: `units`); empty if it does not say
 };
 
 /// For each axis of the dataset; `dims` are their lengths. Source: HDF5 Dimension Scale
@@ -27,6 +28,9 @@ bool is_dimension_scale(hid_t dataset);
 
 /// The numbers of an attribute of up to 16; none if it is text, or not there.
 std::vector<double> numbers_of_attribute(hid_t object, const std::string& name);
+
+/// Text of fixed or variable length; empty if it is none.
+std::string text_of_attribute(hid_t object, const char* name);
 
 /// NetCDF's `_Unsigned`: the signed integers that are stored mean unsigned ones.
 bool is_said_unsigned(hid_t dataset);

@@ -19,6 +19,7 @@
 #include "preprocess/sources/hdf5/hdf5_datasets.h"
 #include "preprocess/sources/hdf5/hdf5_files.h"
 #include "preprocess/sources/placement/axis_choice.h"
+#include "preprocess/sources/placement/axis_units.h"
 #include "preprocess/sources/placement/cf_convention.h"
 #include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
@@ -112,9 +113,13 @@ class Hdf5Source : public VolumeSource {
         unwritten_is_undefined_ = is_unwritten_undefined();
         set_chunks(options);
         read_coordinates();
+        read_element_size();
         read_place("spacing", spacing_);
         read_place("origin", origin_);
         read_direction();
+        if (const auto unit = length_unit_from(text_of_attribute(dataset_.get(), "unit"))) {
+            unit_ = unit;
+        }
         map_contiguous();
         take_labels(options.labels);
     }
@@ -138,7 +143,7 @@ class Hdf5Source : public VolumeSource {
     [[nodiscard]] std::vector<std::string> notes() const override { return notes_; }
 
     [[nodiscard]] VolumeDescription describe() const override {
-        return {nodes_, type_, spacing_, origin_, name_, direction_, labels_};
+        return {nodes_, type_, spacing_, origin_, name_, direction_, labels_, unit_};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
     [[nodiscard]] std::string identity() const override {
@@ -190,6 +195,7 @@ class Hdf5Source : public VolumeSource {
 
     /// Evenly spaced coordinates of the axes place the volume in the world.
     void read_coordinates() {
+        const CommonUnit common = common_unit(units_of_axes());
         for (std::size_t i = 0; i < shape_.axes.size(); ++i) {
             const Hdf5Axis& axis = axes_[shape_.axes[shape_.axes.size() - 1 - i]];
             if (axis.uneven) {
@@ -200,13 +206,37 @@ class Hdf5Source : public VolumeSource {
             if (!axis.even || nodes_[static_cast<int>(i)] < 2 || axis.even->step == 0) {
                 continue;
             }
-            const double step = axis.even->step;
+            const double step = common.converted(i, axis.even->step);
             spacing_.at(i) = std::fabs(step);
-            origin_.at(i) = axis.even->first;
+            origin_.at(i) = common.converted(i, axis.even->first);
             if (step < 0) {
                 backward_.at(i) = true;
                 origin_.at(i) += step * static_cast<double>(nodes_[static_cast<int>(i)] - 1);
             }
+        }
+        unit_ = common.unit;
+        notes_.insert(notes_.end(), common.notes.begin(), common.notes.end());
+    }
+
+    /// Of axes of more than one node; those that coordinates do not place have none.
+    [[nodiscard]] AxisUnits units_of_axes() const {
+        AxisUnits units;
+        for (std::size_t i = 0; i < shape_.axes.size(); ++i) {
+            const Hdf5Axis& axis = axes_[shape_.axes[shape_.axes.size() - 1 - i]];
+            if (nodes_[static_cast<int>(i)] > 1) {
+                units.at(i) = axis.even && axis.even->step != 0 ? axis.unit : "";
+            }
+        }
+        return units;
+    }
+
+    /// Fiji's and ilastik's size of a voxel in micrometres, slowest axis first.
+    void read_element_size() {
+        if (const auto size = read_numbers(dataset_.get(), "element_size_um", 3);
+            size && shape_.axes.size() == 3 &&
+            std::all_of(size->begin(), size->end(), [](double s) { return s > 0; })) {
+            std::reverse_copy(size->begin(), size->end(), spacing_.begin());
+            unit_ = LengthUnit::micrometre;
         }
     }
 
@@ -425,6 +455,7 @@ class Hdf5Source : public VolumeSource {
     Double3 spacing_{1, 1, 1};
     Double3 origin_{0, 0, 0};
     Directions direction_ = kAlongWorld;
+    std::optional<LengthUnit> unit_;
     std::vector<Hdf5Axis> axes_;  ///< of the dataset
     std::array<bool, 3> backward_{};
     bool labels_ = false;    ///< the stored integers of 64 bits are labels

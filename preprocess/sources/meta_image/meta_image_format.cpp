@@ -22,7 +22,7 @@ namespace {
 
 constexpr std::size_t kMostHeader = std::size_t{1} << 20U;
 
-std::string_view trim(std::string_view text) {
+std::string_view stripped(std::string_view text) {
     const auto from = text.find_first_not_of(" \t\r");
     const auto to = text.find_last_not_of(" \t\r");
     return from == std::string_view::npos ? std::string_view{} : text.substr(from, to - from + 1);
@@ -39,11 +39,12 @@ class Header {
             }
             const std::string_view line = text.substr(bytes_, std::min(end, text.size()) - bytes_);
             const std::size_t sign = line.find('=');
-            if (sign == std::string_view::npos && !trim(line).empty()) {
-                corrupt(fmt::format("line '{:.60}' is not 'Key = Value'", trim(line)));
+            if (sign == std::string_view::npos && !stripped(line).empty()) {
+                corrupt(fmt::format("line '{:.60}' is not 'Key = Value'", stripped(line)));
             }
             if (sign != std::string_view::npos) {
-                values_[std::string(trim(line.substr(0, sign)))] = trim(line.substr(sign + 1));
+                values_[std::string(stripped(line.substr(0, sign)))] =
+                    stripped(line.substr(sign + 1));
             }
             bytes_ = end == std::string_view::npos ? text.size() : end + 1;
         }
@@ -113,7 +114,7 @@ bool is_meta_image(const VolumeInput& input) {
     for (const char* const key : {"ObjectType", "NDims", "Comment"}) {
         if (input.head.starts_with(key) && input.head.find('=') != std::string::npos) {
             const std::string_view line =
-                trim(std::string_view(input.head).substr(std::string_view(key).size()));
+                stripped(std::string_view(input.head).substr(std::string_view(key).size()));
             if (line.starts_with('=')) {
                 return input.head.find("NDims") != std::string::npos ||
                        input.head.find("Image") != std::string::npos;
@@ -203,6 +204,8 @@ std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
     RawLayout& layout = array.layout;
     layout.big_endian = header.flag({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"});
     layout.exact_length = false;
+    // MetaIO writes ?, um, mm or cm; ITK's files have no such line, whatever ITK takes them for.
+    layout.unit = length_unit_from(header.text({"DistanceUnits"}));
     const std::string binary = header.text({"BinaryData"});
     if (!binary.empty() && !header.flag({"BinaryData"})) {
         header.unsupported("numbers as text (BinaryData = False)");

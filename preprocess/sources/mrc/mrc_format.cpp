@@ -96,6 +96,7 @@ std::unique_ptr<VolumeSource> open_mrc(const VolumeInput& input, const SourceOpt
         const double length = real(10 + a);
         if (length > 0 && sampling.at(a) > 0 && std::isfinite(length)) {
             spacing.at(a) = length / sampling.at(a);
+            array.layout.unit = LengthUnit::angstrom;  // of a cell
         }
         const double angle = real(13 + a);
         if (length > 0 && angle != 0 && !(std::fabs(angle - 90) < 1e-3) && !options.spacing) {

@@ -14,6 +14,7 @@
 #include "preprocess/sources/bytes/lower_case.h"
 #include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/netcdf/netcdf3_header.h"
+#include "preprocess/sources/placement/axis_units.h"
 #include "preprocess/sources/placement/cf_convention.h"
 #include "preprocess/sources/placement/placed_array.h"
 #include "preprocess/sources/wrapping/noted_source.h"
@@ -116,12 +117,12 @@ const NetcdfVariable& choose(const NetcdfHeader& header, const SourceOptions& op
     std::size_t count = 0;
     for (const NetcdfVariable& v : header.variables) {
         const bool scale = v.dims.size() == 1 && v.name == header.dims[v.dims[0]].name;
-        constexpr int kChar = 2;
+        constexpr int kText = 2;
         if (!options.dataset.empty()) {
             if (v.name == options.dataset) {
                 return v;
             }
-        } else if (!scale && v.type != kChar && !v.dims.empty()) {
+        } else if (!scale && v.type != kText && !v.dims.empty()) {
             const std::size_t axes = long_axes(header, v);
             const std::size_t most = best == nullptr ? 0 : long_axes(header, *best);
             if (best == nullptr || axes > most) {
@@ -214,12 +215,16 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
             {header.dims[d].name, static_cast<std::int64_t>(header.dims[d].length), true});
     }
     const ChosenAxes chosen = choose_axes(array.axes, options.index, array.name);
+    AxisUnits units;
     for (std::size_t a = 0; a < 3; ++a) {
         if (!chosen.axis.at(a)) {
             continue;
         }
         const std::size_t axis = *chosen.axis.at(a);
         double step = 1;
+        if (header.dims[v.dims[axis]].length > 1) {
+            units.at(a) = "";  // if no coordinates place it
+        }
         if (const NetcdfVariable* const c = coordinates_of(header, v.dims[axis])) {
             const auto even = even_axis(read_numbers(path, header, *c));
             if (!even) {
@@ -230,10 +235,22 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
             } else if (even->step != 0) {
                 step = even->step;
                 array.first.at(a) = even->first;
+                const NetcdfAttribute* const unit = attribute_of(*c, "units");
+                units.at(a) = unit == nullptr ? "" : unit->text;
             }
         }
         array.steps[axis].at(a) = step;
     }
+    const CommonUnit common = common_unit(units);
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (chosen.axis.at(a)) {
+            double& step = array.steps[*chosen.axis.at(a)].at(a);
+            step = common.converted(a, step);
+            array.first.at(a) = common.converted(a, array.first.at(a));
+        }
+    }
+    array.layout.unit = common.unit;
+    notes.insert(notes.end(), common.notes.begin(), common.notes.end());
     if (options.spacing) {
         array.steps.clear();
     }

@@ -102,7 +102,7 @@ bool is_nifti(const VolumeInput& input) {
     return header != input.path() && version_of(head_of(header), big) != 0;
 }
 
-struct Header {
+struct NiftiHeader {
     bool big = false;
     bool single = true;  ///< header and image in one file
     std::vector<std::int64_t> dims;
@@ -115,10 +115,25 @@ struct Header {
     int sform = 0;
     std::array<double, 6> quaternion{};  ///< b, c, d and the offset
     std::array<double, 12> rows{};
+    std::optional<LengthUnit> unit;
 };
 
-Header parse(std::string_view head, const std::string& name) {
-    Header h;
+/// Of `xyzt_units`: the lowest three bits are the unit of length.
+std::optional<LengthUnit> unit_of_code(int code) {
+    switch (code & 7) {
+        case 1:
+            return LengthUnit::metre;
+        case 2:
+            return LengthUnit::millimetre;
+        case 3:
+            return LengthUnit::micrometre;
+        default:
+            return std::nullopt;
+    }
+}
+
+NiftiHeader parse(std::string_view head, const std::string& name) {
+    NiftiHeader h;
     const int version = version_of(head, h.big);
     const auto real = [&](std::size_t at1, std::size_t at2, std::size_t i) {
         return version == 1 ? static_cast<double>(number_at<float>(head, at1 + 4 * i, h.big))
@@ -157,6 +172,7 @@ Header parse(std::string_view head, const std::string& name) {
     for (std::size_t i = 0; i < 12; ++i) {
         h.rows.at(i) = real(280, 400, i);
     }
+    h.unit = unit_of_code(version == 1 ? head[123] : number_at<std::int32_t>(head, 500, h.big));
     return h;
 }
 
@@ -178,9 +194,9 @@ void set_type(int datatype, const std::string& name, PlacedArray& array) {
     }
 }
 
-/// The columns of the map from indices to millimetres, and where the first voxel lies: by the
+/// The columns of the map from indices to places, and where the first voxel lies: by the
 /// sform, else the qform, else the voxel's size alone.
-void set_place(const Header& h, PlacedArray& array) {
+void set_place(const NiftiHeader& h, PlacedArray& array) {
     std::array<Double3, 3> columns{};
     if (h.sform > 0) {
         for (std::size_t a = 0; a < 3; ++a) {
@@ -216,7 +232,7 @@ void set_place(const Header& h, PlacedArray& array) {
 std::unique_ptr<VolumeSource> open_nifti(const VolumeInput& input, const SourceOptions& options) {
     const std::filesystem::path header = header_file(input.path());
     const std::string name = header.string();
-    const Header h = parse(header == input.path() ? input.unpacked : head_of(header), name);
+    const NiftiHeader h = parse(header == input.path() ? input.unpacked : head_of(header), name);
     PlacedArray array;
     array.name = name;
     array.file = h.single ? header : image_file(header);
@@ -236,6 +252,7 @@ std::unique_ptr<VolumeSource> open_nifti(const VolumeInput& input, const SourceO
     }
     array.layout.offset = static_cast<std::uint64_t>(h.offset);
     array.layout.big_endian = h.big;
+    array.layout.unit = h.unit;
     array.layout.exact_length = false;
     set_type(h.datatype, name, array);
     if (!options.spacing) {

@@ -143,6 +143,23 @@ std::vector<std::string> NrrdFields::words(const char* field) const {
     return text == nullptr ? std::vector<std::string>{} : split_words(lower(*text));
 }
 
+std::vector<std::string> NrrdFields::quoted(const char* field) const {
+    std::vector<std::string> texts;
+    const std::string* const found = find(field);
+    bool inside = false;
+    for (const char c : found == nullptr ? std::string_view{} : std::string_view(*found)) {
+        if (c == '"') {
+            inside = !inside;
+            if (inside) {
+                texts.emplace_back();
+            }
+        } else if (inside) {
+            texts.back() += c;
+        }
+    }
+    return texts;
+}
+
 double NrrdFields::number(const char* field, std::string_view word) const {
     const std::string_view digits =
         word.starts_with('+') && !word.starts_with("+-") ? word.substr(1) : word;

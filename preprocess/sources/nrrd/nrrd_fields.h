@@ -32,6 +32,9 @@ class NrrdFields {
     /// if they do not have equally many.
     [[nodiscard]] std::vector<std::vector<double>> vectors(const char* field) const;
 
+    /// Texts between quotes, in their own case; none if there is no such field.
+    [[nodiscard]] std::vector<std::string> quoted(const char* field) const;
+
     [[noreturn]] void corrupt(const std::string& what) const;
     [[noreturn]] void unsupported(const std::string& what) const;
 

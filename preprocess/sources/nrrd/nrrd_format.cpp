@@ -12,6 +12,7 @@
 #include "preprocess/sources/numbers/raw_source.h"
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
+#include "preprocess/sources/wrapping/noted_source.h"
 
 namespace isonest::detail {
 namespace {
@@ -53,7 +54,8 @@ std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOp
     } else {
         header.layout.start = header.header_bytes;
     }
-    return mirrored(open_raw(data, data.string(), header.layout), header.backward);
+    return mirrored(with_notes(open_raw(data, data.string(), header.layout), header.notes),
+                    header.backward);
 }
 
 }  // namespace

@@ -10,7 +10,9 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/bytes/lower_case.h"
 #include "preprocess/sources/nrrd/nrrd_fields.h"
+#include "preprocess/sources/placement/axis_units.h"
 
 namespace isonest::detail {
 namespace {
@@ -110,10 +112,29 @@ class Parser {
         }
     }
 
+    /// Of the world's axes, or where they have none, of the volume's. A list of another length is
+    /// ignored.
+    CommonUnit read_unit(NrrdHeader& header, const std::vector<std::size_t>& axes,
+                         std::size_t count) const {
+        AxisUnits units;
+        if (const auto space = fields_.quoted("space units"); !space.empty()) {
+            std::copy_n(space.begin(), std::min<std::size_t>(space.size(), 3), units.begin());
+        } else if (const auto each = fields_.quoted("units"); each.size() == count) {
+            for (std::size_t a = 0; a < axes.size(); ++a) {
+                units.at(a) = each[axes[a]];
+            }
+        }
+        CommonUnit unit = common_unit(units);
+        header.layout.unit = unit.unit;
+        header.notes = unit.notes;
+        return unit;
+    }
+
     /// `axes`: which of the file's `count` axes are the volume's.
     void read_geometry(NrrdHeader& header, const std::vector<std::size_t>& axes,
                        std::size_t count) const {
         RawLayout& layout = header.layout;
+        const CommonUnit unit = read_unit(header, axes, count);
         constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
         Double3 steps{kUnknown, kUnknown, kUnknown};
         const bool directed = fields_.find("space directions") != nullptr;
@@ -122,10 +143,10 @@ class Parser {
                 fields_.corrupt("both 'spacings' and 'space directions'");
             }
             for (std::size_t a = 0; a < axes.size(); ++a) {
-                steps.at(a) = spacing[axes[a]];
+                steps.at(a) = unit.converted(a, spacing[axes[a]]);
             }
         } else if (directed) {
-            const auto vectors = fields_.vectors("space directions");
+            const auto vectors = converted_vectors("space directions", unit);
             if (vectors.size() != count) {
                 fields_.corrupt("'space directions' and 'sizes' do not agree");
             }
@@ -137,13 +158,13 @@ class Parser {
             }
         }
         if (!directed) {
-            read_axis_ends(layout, axes, count, steps);
+            read_axis_ends(layout, axes, count, unit, steps);
         }
         for (std::size_t a = 0; a < 3 && spacing_; ++a) {
             steps.at(a) = std::copysign((*spacing_).at(a), steps.at(a) < 0 ? -1.0 : 1.0);
         }
         if (fields_.find("space origin") != nullptr) {
-            read_origin(layout);
+            read_origin(layout, unit);
         }
         for (std::size_t a = 0; a < 3; ++a) {
             const double step = std::isnan(steps.at(a)) ? 1 : steps.at(a);
@@ -156,8 +177,20 @@ class Parser {
         }
     }
 
-    void read_origin(RawLayout& layout) const {
-        const auto origin = fields_.vectors("space origin");
+    /// Vectors in the world, whose axes have units.
+    [[nodiscard]] std::vector<std::vector<double>> converted_vectors(const char* field,
+                                                                     const CommonUnit& unit) const {
+        auto vectors = fields_.vectors(field);
+        for (std::vector<double>& v : vectors) {
+            for (std::size_t w = 0; w < std::min<std::size_t>(v.size(), 3); ++w) {
+                v[w] = unit.converted(w, v[w]);
+            }
+        }
+        return vectors;
+    }
+
+    void read_origin(RawLayout& layout, const CommonUnit& unit) const {
+        const auto origin = converted_vectors("space origin", unit);
         if (origin.size() != 1 || origin[0].empty()) {
             fields_.corrupt("'space origin' is not one vector");
         }
@@ -236,9 +269,16 @@ class Parser {
     /// The first sample lies at an axis' minimum or, where samples are the middles of cells, half a
     /// step from it. An axis that does not say so is taken for one of cells, as ITK and VTK do.
     void read_axis_ends(RawLayout& layout, const std::vector<std::size_t>& axes, std::size_t count,
-                        Double3& steps) const {
-        const std::vector<double> mins = per_axis("axis mins", count);
-        const std::vector<double> maxs = per_axis("axis maxs", count);
+                        const CommonUnit& unit, Double3& steps) const {
+        std::vector<double> mins = per_axis("axis mins", count);
+        std::vector<double> maxs = per_axis("axis maxs", count);
+        for (std::size_t a = 0; a < axes.size(); ++a) {
+            for (std::vector<double>* const ends : {&mins, &maxs}) {
+                if (!ends->empty()) {
+                    (*ends)[axes[a]] = unit.converted(a, (*ends)[axes[a]]);
+                }
+            }
+        }
         const std::vector<std::string> centers = words_per_axis("centers", count);
         for (std::size_t a = 0; a < axes.size() && !mins.empty(); ++a) {
             const std::size_t axis = axes[a];

@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "preprocess/sources/numbers/raw_layout.h"
 
@@ -20,6 +21,7 @@ struct NrrdHeader {
     /// Axes that are not along the world's: over the whole volume, nodes lie a tenth of a voxel or
     /// more from where spacings would put them.
     bool oblique = false;
+    std::vector<std::string> notes = {};  ///< of its units
     /// Of an oblique volume: the world's step along each axis; zero where the header says none.
     std::array<Double3, 3> steps{};
 };

@@ -33,7 +33,8 @@ struct RawLayout {
     Double3 spacing{1, 1, 1};
     Double3 origin{0, 0, 0};
     Directions direction = kAlongWorld;
-    std::filesystem::path header;  ///< what describes them, if it is another file
+    std::optional<LengthUnit> unit = {};  ///< of spacing and origin
+    std::filesystem::path header;         ///< what describes them, if it is another file
 };
 
 }  // namespace isonest::detail

@@ -34,8 +34,8 @@ class RawBase : public VolumeSource {
     RawBase(std::filesystem::path path, std::string name, RawLayout layout)
         : path_(std::move(path)), name_(std::move(name)), layout_(std::move(layout)) {}
     [[nodiscard]] VolumeDescription describe() const override {
-        return {layout_.nodes,  layout_.type, layout_.spacing,
-                layout_.origin, name_,        layout_.direction};
+        return {layout_.nodes, layout_.type,      layout_.spacing, layout_.origin,
+                name_,         layout_.direction, false,           layout_.unit};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};

@@ -27,8 +27,8 @@ class StridedFile : public VolumeSource {
             layout.type, layout.nodes, memory);
     }
     [[nodiscard]] VolumeDescription describe() const override {
-        return {layout_.nodes,  layout_.type, layout_.spacing,
-                layout_.origin, name_,        layout_.direction};
+        return {layout_.nodes, layout_.type,      layout_.spacing, layout_.origin,
+                name_,         layout_.direction, false,           layout_.unit};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};

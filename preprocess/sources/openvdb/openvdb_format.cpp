@@ -38,6 +38,7 @@ OpenVdb load_module(const std::string& input) {
                                                        program / ".." / ISONEST_LIBDIR / "isonest",
                                                        ISONEST_FULL_LIBDIR "/isonest"};
     std::string problem;
+    bool is_installed = false;
     for (const std::filesystem::path& folder : folders) {
         const std::filesystem::path file = folder / "isonest_openvdb.so";
         if (void* const module = ::dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL)) {
@@ -46,9 +47,15 @@ OpenVdb load_module(const std::string& input) {
             }
         }
         const char* const said = ::dlerror();
-        if (std::filesystem::exists(file, ignored) || problem.empty()) {
+        if (std::filesystem::exists(file, ignored)) {
+            is_installed = true;
             problem = said == nullptr ? "" : said;
         }
+    }
+    if (!is_installed) {
+        throw Error(ErrorKind::unsupported, {input},
+                    "the module that reads OpenVDB is not installed: it is in the package "
+                    "isonest-openvdb");
     }
     throw Error(ErrorKind::unsupported, {input},
                 fmt::format("the module that reads OpenVDB cannot be loaded: {}", problem),

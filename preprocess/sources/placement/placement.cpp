@@ -14,9 +14,6 @@ namespace {
 
 constexpr double kMostShift = 0.1;  ///< of a voxel
 
-Double3 cross(const Double3& a, const Double3& b) {
-    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
 double length_of(const Double3& a) {
     return std::hypot(a[0], a[1], a[2]);
 }

@@ -42,6 +42,20 @@ std::string_view attribute(std::string_view tag, const std::string& key) {
     return tag.substr(from, std::min(tag.find('"', from), tag.size()) - from);
 }
 
+/// ImageJ has a unit of y and z where it is not that of x. What is counted in pixels has none.
+CommonUnit imagej_unit(std::string_view text) {
+    AxisUnits units;
+    constexpr std::array<const char*, 3> kKeys{"unit", "yunit", "zunit"};
+    for (std::size_t a = 0; a < 3; ++a) {
+        const std::string own(line_value(text, kKeys.at(a)));
+        units.at(a) = !own.empty() ? own : a > 0 ? units.at(0) : "";
+        if (units.at(a)->starts_with("pixel")) {
+            units.at(a) = "";
+        }
+    }
+    return common_unit(units);
+}
+
 TiffAxes of_imagej(const std::string& text, std::int64_t pages) {
     const auto count = [&](const char* key) {
         return std::max<std::int64_t>(number_or<std::int64_t>(line_value(text, key), 1), 1);
@@ -61,7 +75,22 @@ TiffAxes of_imagej(const std::string& text, std::int64_t pages) {
     } else if (!line_value(text, "unit").empty()) {
         axes.spacing = Double3{0, 0, 1};
     }
+    axes.unit = imagej_unit(text);
     return axes;
+}
+
+/// Without a word of it, sizes are in micrometres.
+/// Source: https://www.openmicroscopy.org/Schemas/OME/2016-06/ome.xsd
+CommonUnit ome_unit(std::string_view tag) {
+    AxisUnits units;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const std::string size = fmt::format("PhysicalSize{}", "XYZ"[a]);
+        if (!attribute(tag, size).empty()) {
+            const std::string_view unit = attribute(tag, size + "Unit");
+            units.at(a) = unit.empty() ? "um" : std::string(unit);
+        }
+    }
+    return common_unit(units);
 }
 
 TiffAxes of_ome(std::string_view text, std::int64_t pages, const std::string& name) {
@@ -109,6 +138,7 @@ TiffAxes of_ome(std::string_view text, std::int64_t pages, const std::string& na
     }
     if (any) {
         axes.spacing = spacing;
+        axes.unit = ome_unit(tag);
     }
     return axes;
 }

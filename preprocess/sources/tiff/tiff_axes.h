@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "preprocess/sources/placement/axis_choice.h"
+#include "preprocess/sources/placement/axis_units.h"
 
 namespace isonest::detail {
 
@@ -15,6 +16,7 @@ struct TiffAxes {
     std::vector<ArrayAxis> pages;
     /// World units; none where nothing says so. x and y are 0 where the resolution tags say it.
     std::optional<Double3> spacing;
+    CommonUnit unit = {};  ///< of the spacing as the file has it, along x, y and z
 };
 
 /// `pages`: how many there are (of ImageJ's files with one page and many images: the images).

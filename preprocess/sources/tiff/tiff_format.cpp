@@ -18,6 +18,7 @@
 #include "preprocess/sources/numbers/raw_source.h"
 #include "preprocess/sources/tiff/tiff_axes.h"
 #include "preprocess/sources/tiff/tiff_pages.h"
+#include "preprocess/sources/wrapping/noted_source.h"
 
 namespace isonest::detail {
 namespace {
@@ -33,15 +34,18 @@ struct PagePlace {
 class TiffSource : public VolumeSource {
   public:
     TiffSource(std::unique_ptr<TiffPages> pages, const PagePlace& place, const Double3& spacing,
-               std::string name)
-        : pages_(std::move(pages)), place_(place), spacing_(spacing), name_(std::move(name)) {}
+               std::optional<LengthUnit> unit, std::string name)
+        : pages_(std::move(pages)),
+          place_(place),
+          spacing_(spacing),
+          unit_(unit),
+          name_(std::move(name)) {}
     [[nodiscard]] VolumeDescription describe() const override {
         const TiffPage& page = pages_->page();
-        return {place_.nodes,
-                page.stored ? bits_type(*page.stored) : page.type,
-                spacing_,
-                {0, 0, 0},
-                name_};
+        return {place_.nodes, page.stored ? bits_type(*page.stored) : page.type,
+                spacing_,     {0, 0, 0},
+                name_,        kAlongWorld,
+                false,        unit_};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return pages_->files();
@@ -66,6 +70,7 @@ class TiffSource : public VolumeSource {
     std::unique_ptr<TiffPages> pages_;
     PagePlace place_;
     Double3 spacing_;
+    std::optional<LengthUnit> unit_;
     std::string name_;
 };
 
@@ -107,7 +112,8 @@ PagePlace place_of(const std::vector<ArrayAxis>& page_axes, const TiffPage& page
 
 /// ImageJ's large files: the images follow the first page's numbers.
 std::unique_ptr<VolumeSource> open_images(const TiffPages& pages, const PagePlace& place,
-                                          const Double3& spacing, const std::string& name) {
+                                          const Double3& spacing, std::optional<LengthUnit> unit,
+                                          const std::string& name) {
     RawLayout layout;
     layout.nodes = place.nodes;
     layout.type = pages.page().stored ? bits_type(*pages.page().stored) : pages.page().type;
@@ -116,6 +122,7 @@ std::unique_ptr<VolumeSource> open_images(const TiffPages& pages, const PagePlac
     layout.offset = pages.plain()->offset;
     layout.exact_length = false;
     layout.spacing = spacing;
+    layout.unit = unit;
     const std::int64_t plane = place.nodes.x * place.nodes.y;
     layout.first = static_cast<std::uint64_t>(place.first * plane);
     layout.strides = Int3{1, place.nodes.x, place.step * plane};
@@ -151,16 +158,19 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
             } else if (resolution.at(a) > 0 && std::isfinite(resolution.at(a))) {
                 spacing.at(a) = 1 / resolution.at(a);
             }
+            spacing.at(a) = axes.unit.converted(a, spacing.at(a));
         }
     }
     const PagePlace place = place_of(axes.pages, pages->page(), options, name);
     const std::optional<StoredNumber> stored = pages->page().stored;
     std::unique_ptr<VolumeSource> source;
     if (contiguous) {
-        source = open_images(*pages, place, spacing, name);
+        source = open_images(*pages, place, spacing, axes.unit.unit, name);
     } else {
-        source = std::make_unique<TiffSource>(std::move(pages), place, spacing, name);
+        source =
+            std::make_unique<TiffSource>(std::move(pages), place, spacing, axes.unit.unit, name);
     }
+    source = with_notes(std::move(source), axes.unit.notes);
     return stored ? converted(std::move(source), *stored) : std::move(source);
 }
 

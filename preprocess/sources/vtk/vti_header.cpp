@@ -28,9 +28,9 @@ struct FreeParser {
     void operator()(XML_Parser parser) const { XML_ParserFree(parser); }
 };
 
-class Reader {
+class VtiReader {
   public:
-    explicit Reader(const std::filesystem::path& path)
+    explicit VtiReader(const std::filesystem::path& path)
         : path_(path), parser_(XML_ParserCreate(nullptr)) {
         if (!parser_) {
             throw std::bad_alloc();
@@ -39,7 +39,7 @@ class Reader {
 
     VtiHeader read() {
         XML_SetUserData(parser_.get(), this);
-        XML_SetElementHandler(parser_.get(), &Reader::on_start, &Reader::on_end);
+        XML_SetElementHandler(parser_.get(), &VtiReader::on_start, &VtiReader::on_end);
         const std::uint64_t size = regular_file_size(path_);
         for (std::uint64_t at = 0; at < size && !stopped_;) {
             const std::string part = first_bytes(path_, kPart, at);
@@ -87,7 +87,7 @@ class Reader {
         for (; given[0] != nullptr; given += 2) {
             attributes[given[0]] = given[1];
         }
-        auto& reader = *static_cast<Reader*>(self);
+        auto& reader = *static_cast<VtiReader*>(self);
         if (!reader.stopped_) {
             reader.start(name, attributes);
         }
@@ -95,7 +95,7 @@ class Reader {
     static void on_end(void* self, const XML_Char* name) {
         const std::string_view tag = name;
         if (tag == "PointData" || tag == "CellData") {
-            static_cast<Reader*>(self)->section_.clear();
+            static_cast<VtiReader*>(self)->section_.clear();
         }
     }
 
@@ -209,7 +209,7 @@ class Reader {
 }  // namespace
 
 VtiHeader read_vti_header(const std::filesystem::path& path) {
-    return Reader(path).read();
+    return VtiReader(path).read();
 }
 
 }  // namespace isonest::detail

@@ -83,9 +83,9 @@ const std::map<std::string, ValueType>& types() {
     return types;
 }
 
-class Header {
+class LegacyHeader {
   public:
-    Header(const std::filesystem::path& path, const std::string& wanted)
+    LegacyHeader(const std::filesystem::path& path, const std::string& wanted)
         : name_(path.string()), wanted_(wanted), lines_(path, name_) {
         lines_.next();
         // The title may be empty, which next() would skip: it is followed by ASCII or BINARY.
@@ -224,7 +224,7 @@ class Header {
 };
 
 std::unique_ptr<VolumeSource> open_vtk(const VolumeInput& input, const SourceOptions& options) {
-    const Header header(input.path(), options.dataset);
+    const LegacyHeader header(input.path(), options.dataset);
     const Found& found = header.found();
     PlacedArray array;
     array.file = input.path();

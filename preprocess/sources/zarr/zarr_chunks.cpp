@@ -29,11 +29,12 @@ std::uint64_t product(const Lengths& lengths) {
 
 class ZarrSource : public VolumeSource {
   public:
-    ZarrSource(ZarrImage image, ChosenAxes chosen, Placement place, std::uint64_t max_heap,
-               std::string name)
+    ZarrSource(ZarrImage image, ChosenAxes chosen, Placement place, std::optional<LengthUnit> unit,
+               std::uint64_t max_heap, std::string name)
         : image_(std::move(image)),
           chosen_(std::move(chosen)),
           place_(std::move(place)),
+          unit_(unit),
           name_(std::move(name)) {
         const ZarrArray& a = array();
         chunk_bytes_ = product(a.chunk.shape) * a.value_bytes();
@@ -67,7 +68,8 @@ class ZarrSource : public VolumeSource {
         const ZarrArray& a = array();
         return {chosen_.nodes,  a.stored ? bits_type(*a.stored) : a.type,
                 place_.spacing, place_.origin,
-                name_,          place_.direction};
+                name_,          place_.direction,
+                false,          unit_};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return image_.files; }
     /// Of the chunks the first and the last are looked at.
@@ -333,6 +335,7 @@ class ZarrSource : public VolumeSource {
     ZarrImage image_;
     ChosenAxes chosen_;
     Placement place_;
+    std::optional<LengthUnit> unit_;
     std::string name_;
     std::uint64_t chunk_bytes_ = 0;
     Lengths per_shard_;
@@ -344,8 +347,9 @@ class ZarrSource : public VolumeSource {
 }  // namespace
 
 std::unique_ptr<VolumeSource> zarr_chunks(ZarrImage image, ChosenAxes chosen, Placement place,
-                                          std::uint64_t max_heap, std::string name) {
-    return std::make_unique<ZarrSource>(std::move(image), std::move(chosen), std::move(place),
+                                          std::optional<LengthUnit> unit, std::uint64_t max_heap,
+                                          std::string name) {
+    return std::make_unique<ZarrSource>(std::move(image), std::move(chosen), std::move(place), unit,
                                         max_heap, std::move(name));
 }
 

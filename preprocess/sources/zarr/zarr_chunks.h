@@ -17,6 +17,7 @@ namespace isonest::detail {
 /// bits as their bits (converted_source.h). As many threads decode as `max_heap` bytes allow.
 /// Throws Error{limit} where they do not hold one chunk.
 std::unique_ptr<VolumeSource> zarr_chunks(ZarrImage image, ChosenAxes chosen, Placement place,
-                                          std::uint64_t max_heap, std::string name);
+                                          std::optional<LengthUnit> unit, std::uint64_t max_heap,
+                                          std::string name);
 
 }  // namespace isonest::detail

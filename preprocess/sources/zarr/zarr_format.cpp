@@ -14,6 +14,7 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/placement/axis_units.h"
 #include "preprocess/sources/placement/cf_convention.h"
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/converted_source.h"
@@ -27,14 +28,27 @@
 namespace isonest::detail {
 namespace {
 
+/// Of the axes that were chosen; those of one position need none.
+CommonUnit unit_of(const ZarrImage& image, const ChosenAxes& chosen) {
+    AxisUnits units;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const auto axis = chosen.axis.at(a);
+        if (axis && (image.axes[*axis].length > 1 || !image.units[*axis].empty())) {
+            units.at(a) = image.units[*axis];
+        }
+    }
+    return common_unit(units);
+}
+
 /// By the scale and translation of the axes that were chosen.
-Placement place_of(const ZarrImage& image, const ChosenAxes& chosen, const std::string& name) {
+Placement place_of(const ZarrImage& image, const ChosenAxes& chosen, const CommonUnit& unit,
+                   const std::string& name) {
     std::array<Double3, 3> steps{};
     Double3 first{0, 0, 0};
     for (std::size_t a = 0; a < 3; ++a) {
         if (const auto axis = chosen.axis.at(a)) {
-            steps.at(a).at(a) = image.scale[*axis];
-            first.at(a) = image.translation[*axis];
+            steps.at(a).at(a) = unit.converted(a, image.scale[*axis]);
+            first.at(a) = unit.converted(a, image.translation[*axis]);
         }
     }
     return place_in_world(chosen.nodes, steps, first, name);
@@ -116,8 +130,8 @@ std::vector<double> coordinates_of(const std::filesystem::path& folder, std::int
         const Scaling scaling = scaling_of(image.array, name);
         const std::optional<StoredNumber> stored = image.array.stored;
         const std::vector<ArrayAxis> axes{{"", length}};
-        std::unique_ptr<VolumeSource> source =
-            zarr_chunks(std::move(image), choose_axes(axes, {}, name), {}, options.max_heap, name);
+        std::unique_ptr<VolumeSource> source = zarr_chunks(
+            std::move(image), choose_axes(axes, {}, name), {}, {}, options.max_heap, name);
         if (stored) {
             source = converted(std::move(source), *stored);
         }
@@ -140,6 +154,15 @@ std::vector<double> coordinates_of(const std::filesystem::path& folder, std::int
         return {};  // text, dates
     }
     return numbers;
+}
+
+/// CF's `units` of an array.
+std::string unit_of_coordinates(const std::filesystem::path& folder) {
+    const nlohmann::json attributes = read_zarr_array(folder).attributes;
+    const auto it = attributes.is_object() ? attributes.find("units") : attributes.end();
+    return attributes.is_object() && it != attributes.end() && it->is_string()
+               ? it->get<std::string>()
+               : "";
 }
 
 /// The coordinates of an axis are an array of its name beside the volume, as xarray has it.
@@ -168,6 +191,7 @@ void place_by_coordinates(const ChosenAxes& chosen, const SourceOptions& options
         }
         image.scale[*axis] = even->step;
         image.translation[*axis] = even->first;
+        image.units[*axis] = unit_of_coordinates(group / name);
     }
 }
 
@@ -193,10 +217,13 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
     if (!options.spacing && !image.ome) {
         place_by_coordinates(chosen, options, image, notes);
     }
-    const Placement place = place_of(image, chosen, name);
+    const CommonUnit unit = unit_of(image, chosen);
+    notes.insert(notes.end(), unit.notes.begin(), unit.notes.end());
+    const Placement place = place_of(image, chosen, unit, name);
     const std::optional<StoredNumber> stored = image.array.stored;
-    std::unique_ptr<VolumeSource> source = with_notes(
-        zarr_chunks(std::move(image), chosen, place, options.max_heap, name), std::move(notes));
+    std::unique_ptr<VolumeSource> source =
+        with_notes(zarr_chunks(std::move(image), chosen, place, unit.unit, options.max_heap, name),
+                   std::move(notes));
     source = mirrored(std::move(source), place.backward);
     if (stored) {
         source = converted(std::move(source), *stored);

@@ -72,6 +72,7 @@ ZarrImage image_of(const fs::path& folder, const std::optional<OmePlace>& ome) {
     const std::size_t count = image.array.shape.size();
     const json& axes = ome ? member(ome->image, "axes") : json();
     const bool described = axes.is_array() && axes.size() == count;
+    image.units.assign(count, "");
     for (std::size_t i = 0; i < count; ++i) {
         ArrayAxis axis;
         axis.length = static_cast<std::int64_t>(image.array.shape[i]);
@@ -81,7 +82,9 @@ ZarrImage image_of(const fs::path& folder, const std::optional<OmePlace>& ome) {
         if (described) {
             const json& name = axes[i].is_string() ? axes[i] : member(axes[i], "name");
             const json& type = member(axes[i], "type");
+            const json& unit = member(axes[i], "unit");
             axis.name = name.is_string() ? name.get<std::string>() : "";
+            image.units[i] = unit.is_string() ? unit.get<std::string>() : "";
             axis.of_volume = type.is_string()
                                  ? type == "space"
                                  : axis.name == "x" || axis.name == "y" || axis.name == "z";

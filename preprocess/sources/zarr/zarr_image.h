@@ -17,6 +17,7 @@ struct ZarrImage {
     std::vector<ArrayAxis> axes;      ///< of the array
     std::vector<double> scale;        ///< per axis: world units from one position to the next
     std::vector<double> translation;  ///< per axis: where position 0 lies
+    std::vector<std::string> units;   ///< per axis: what the two are in; empty if nothing says
     bool ome = false;                 ///< OME's description places it
     std::vector<std::filesystem::path> files;  ///< the descriptions that were read
 };

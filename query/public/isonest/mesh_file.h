@@ -22,10 +22,12 @@ struct MeshFileOptions {
 ///   .vtp     VTK XML, appended raw data; everything; triangles or lines
 ///   .vtkhdf  VTKHDF; everything; triangles
 ///   .glb     glTF 2.0 binary; float32 alone
-///   .3mf     3MF; triangles alone; a world unit is a millimetre
-///   .ngmesh  Neuroglancer's single-resolution mesh; triangles alone; a world unit is a nanometre
+///   .3mf     3MF; triangles alone
+///   .ngmesh  Neuroglancer's single-resolution mesh; triangles alone
 ///
-/// Coordinates are float32. The file appears under its name when the extraction ends, whole or not
+/// Coordinates are float32. MeshLayout::unit is written where the format has a place for it; glTF
+/// is in metres and ngmesh in nanometres, 3MF in one of six units, to which a mesh is scaled. Where
+/// it is not known, the numbers stay and 3MF takes them for millimetres. The file appears under its name when the extraction ends, whole or not
 /// at all; until then it has a temporary name in the same folder, which the sink's destructor
 /// removes. One sink may be used for one extraction after the other; each replaces the file only if
 /// the options allow it.

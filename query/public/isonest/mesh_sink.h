@@ -7,11 +7,14 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
+
+#include <isonest/length_unit.h>
 
 namespace isonest {
 
@@ -38,6 +41,7 @@ struct MeshLayout {
     /// The smallest box that holds all vertices; lo > hi if there is none.
     std::array<float, 3> lo{};
     std::array<float, 3> hi{};
+    std::optional<LengthUnit> unit = {};  ///< of the coordinates; nothing: it is not known
 
     /// Null if there is none of that name.
     [[nodiscard]] const VertexAttribute* find(std::string_view name) const;

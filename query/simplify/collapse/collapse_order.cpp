@@ -5,7 +5,7 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+constexpr std::uint32_t kNoTarget = std::numeric_limits<std::uint32_t>::max();
 constexpr double kBorderWeight = 1;  ///< of the plane that stands on a border edge
 
 }  // namespace
@@ -60,7 +60,7 @@ void CollapseOrder::push(std::uint32_t from, std::uint32_t to) {
 /// The edge from `from` that comes next after one of this error, to this vertex.
 void CollapseOrder::push_next(std::uint32_t from, float after, std::uint32_t after_to) {
     mesh_.neighbours_of(from, near_);
-    Collapse best{most_, from, kNone, version_[from], true};
+    Collapse best{most_, from, kNoTarget, version_[from], true};
     for (const std::uint32_t to : near_) {
         const float error = square_error(from, to);
         if ((error > after || (error == after && to > after_to)) &&
@@ -69,7 +69,7 @@ void CollapseOrder::push_next(std::uint32_t from, float after, std::uint32_t aft
             best.to = to;
         }
     }
-    if (best.to != kNone) {
+    if (best.to != kNoTarget) {
         queue_.push(best);
     }
 }

@@ -12,10 +12,10 @@ namespace {
 /// within it; that is tested.
 constexpr double kRounding = 1 - 1e-9;
 
-double cross(const PlanePoint& a, const PlanePoint& b) {
+double plane_cross(const PlanePoint& a, const PlanePoint& b) {
     return a[0] * b[1] - a[1] * b[0];
 }
-PlanePoint minus(const PlanePoint& a, const PlanePoint& b) {
+PlanePoint plane_vector(const PlanePoint& a, const PlanePoint& b) {
     return {a[0] - b[0], a[1] - b[1]};
 }
 
@@ -26,7 +26,7 @@ class Cone {
     explicit Cone(double limit) : limit_(limit) {}
 
     [[nodiscard]] bool holds(const PlanePoint& direction) const {
-        return all_ || (cross(right_, direction) >= 0 && cross(direction, left_) >= 0);
+        return all_ || (plane_cross(right_, direction) >= 0 && plane_cross(direction, left_) >= 0);
     }
     /// `to`: from the point that the rays begin at. False if nothing is left.
     bool add(const PlanePoint& to) {
@@ -83,11 +83,11 @@ std::uint32_t furthest(std::span<const PlanePoint> points, std::uint32_t but,
 }  // namespace
 
 double square_distance_to_segment(const PlanePoint& p, const PlanePoint& a, const PlanePoint& b) {
-    const PlanePoint ab = minus(b, a);
-    const PlanePoint ap = minus(p, a);
+    const PlanePoint ab = plane_vector(b, a);
+    const PlanePoint ap = plane_vector(p, a);
     const double size = ab[0] * ab[0] + ab[1] * ab[1];
     const double t = size > 0 ? std::clamp((ap[0] * ab[0] + ap[1] * ab[1]) / size, 0.0, 1.0) : 0.0;
-    const PlanePoint d = minus(ap, {t * ab[0], t * ab[1]});
+    const PlanePoint d = plane_vector(ap, {t * ab[0], t * ab[1]});
     return d[0] * d[0] + d[1] * d[1];
 }
 
@@ -108,7 +108,7 @@ void FewestSegments::shortest_path(std::span<const PlanePoint> points, std::uint
     for (std::uint32_t i = 0; i + 1 < n; ++i) {
         Cone cone(limit * kRounding);
         for (std::uint32_t j = i + 1; j < n; ++j) {
-            const PlanePoint to = minus(points[j], points[i]);
+            const PlanePoint to = plane_vector(points[j], points[i]);
             if (!cone.add(to)) {
                 break;
             }
@@ -124,7 +124,7 @@ void FewestSegments::shortest_path(std::span<const PlanePoint> points, std::uint
         before_[j] = j - 1;
         Cone cone(limit * kRounding);
         for (std::uint32_t i = j; i-- > 0;) {
-            const PlanePoint to = minus(points[i], points[j]);
+            const PlanePoint to = plane_vector(points[i], points[j]);
             if (!cone.add(to)) {
                 break;
             }
@@ -158,7 +158,7 @@ void FewestSegments::with_least(std::span<const PlanePoint> points, double limit
     if (least == 3) {
         // Of a loop: with the first two corners the largest triangle.
         ends.push_back(furthest(points, far, [&](const PlanePoint& p) {
-            return std::fabs(cross(minus(points[far], a), minus(p, a)));
+            return std::fabs(plane_cross(plane_vector(points[far], a), plane_vector(p, a)));
         }));
     }
     std::sort(ends.begin(), ends.end());
@@ -182,7 +182,8 @@ std::span<const std::uint32_t> FewestSegments::find(std::span<const PlanePoint> 
     bool is_enough = kept_.size() > least;
     if (least == 3 && kept_.size() == 4) {
         const PlanePoint& a = points[kept_[0]];
-        is_enough = cross(minus(points[kept_[1]], a), minus(points[kept_[2]], a)) != 0;
+        is_enough =
+            plane_cross(plane_vector(points[kept_[1]], a), plane_vector(points[kept_[2]], a)) != 0;
     }
     if (!is_enough) {
         with_least(points, limit, least);

@@ -9,17 +9,17 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
-constexpr std::uint32_t kSeveral = kNone - 1;
-constexpr int kMostBack = 4;  ///< fine triangles asked whether they serve their server
-constexpr int kMostCuts = 6;  ///< of a fine triangle, one in the other
+constexpr std::uint32_t kNoServer = std::numeric_limits<std::uint32_t>::max();
+constexpr std::uint32_t kSeveral = kNoServer - 1;
+constexpr int kMostBack = 4;        ///< fine triangles asked whether they serve their server
+constexpr int kMostListCuts = 6;  ///< of a fine triangle, one in the other
 
 }  // namespace
 
 ServerLists::ServerLists(const Patch& patch, double limit)
     : patch_(patch),
       square_limit_(limit * limit),
-      only_(patch.fine.size(), kNone),
+      only_(patch.fine.size(), kNoServer),
       served_(patch.triangles.size()),
       gathered_in_(patch.fine.size()),
       measured_in_(patch.positions.size()),
@@ -38,7 +38,7 @@ void ServerLists::set(std::uint32_t fine, std::span<const std::uint32_t> servers
 }
 
 std::span<const std::uint32_t> ServerLists::servers_of(std::uint32_t fine) const {
-    if (only_[fine] == kNone) {
+    if (only_[fine] == kNoServer) {
         return {};
     }
     return only_[fine] == kSeveral ? std::span<const std::uint32_t>(several_.at(fine))
@@ -108,7 +108,7 @@ bool ServerLists::fits_cut(const Triangle& t, int depth) {
             return true;
         }
     }
-    if (!any || depth == kMostCuts) {
+    if (!any || depth == kMostListCuts) {
         return false;
     }
     const auto parts = halves(t);

@@ -63,7 +63,7 @@ class ServerLists {
 
     const Patch& patch_;
     double square_limit_;
-    std::vector<std::uint32_t> only_;  ///< of each fine triangle: its server, kNone or kSeveral
+    std::vector<std::uint32_t> only_;  ///< of each fine triangle: its server, kNoServer or kSeveral
     tsl::robin_map<std::uint32_t, std::vector<std::uint32_t>> several_;
     std::vector<std::vector<std::uint32_t>> served_;  ///< of each triangle of the patch
 

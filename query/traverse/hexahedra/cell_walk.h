@@ -5,7 +5,6 @@
 #pragma once
 
 #include <algorithm>
-#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -13,6 +12,7 @@
 
 #include "query/march/clip.h"
 #include "query/traverse/subtree_walk.h"
+#include "query/view/topology.h"
 #include "store/lattice/lattice.h"
 
 namespace isonest::detail {

@@ -33,16 +33,16 @@ std::uint32_t HexProjection::nodes_of(int level, const Int3& cell) {
     if (level == 0) {
         return nodes;
     }
-    constexpr Int3 kAround{3, 3, 3};
+    constexpr Int3 kNeighbours{3, 3, 3};
     for (std::int64_t i = 0; i < 27; ++i) {
-        const Int3 d = kAround.unlinear(i) - Int3{1, 1, 1};
+        const Int3 d = kNeighbours.unlinear(i) - Int3{1, 1, 1};
         const std::int64_t axes = d.x * d.x + d.y * d.y + d.z * d.z;
         if (axes == 0 || axes == 3 || !is_refined(level, cell + d)) {
             continue;
         }
         // Beside a face its centre and the midpoints of its edges, beside an edge its midpoint.
         for (std::int64_t p = 0; p < 27; ++p) {
-            const Int3 o = kAround.unlinear(p) - Int3{1, 1, 1};
+            const Int3 o = kNeighbours.unlinear(p) - Int3{1, 1, 1};
             const std::int64_t off = o.x * o.x + o.y * o.y + o.z * o.z;
             const bool there =
                 (d.x == 0 || o.x == d.x) && (d.y == 0 || o.y == d.y) && (d.z == 0 || o.z == d.z);

@@ -120,14 +120,14 @@ class QuadWorker {
 };
 
 /// Levels below the coarsest at which the subtrees begin that are the threads' work.
-constexpr int kTopLevels = 5;
+constexpr int kTopQuadLevels = 5;
 
 }  // namespace
 
 TraversalCounts traverse_quadrilaterals(ChunkCache& cache, const TraversalQuery& query,
                                         std::size_t part_vertices, const PartSink& sink,
                                         Progress& progress) {
-    return walk_cells(cache.source().layout().lattice(), kTopLevels, progress,
+    return walk_cells(cache.source().layout().lattice(), kTopQuadLevels, progress,
                       [&] { return QuadWorker(cache, query, part_vertices, sink, progress); });
 }
 

@@ -58,7 +58,9 @@ enum class RemedyKind : std::uint8_t {
     graph,                ///< data in a plane: the graph, GraphQuery
     choose_index,         ///< SourceOptions::index
     choose_series,        ///< SourceOptions::series
-    install_package       ///< build with the package that `value` names
+    install_package,      ///< build with the package that `value` names
+    say_unit,             ///< SourceOptions::unit, when the store is made
+    world_units           ///< lengths in world units: numbers alone
 };
 struct Remedy {
     RemedyKind kind;

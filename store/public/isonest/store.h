@@ -3,10 +3,12 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include <isonest/field.h>
 #include <isonest/int3.h>
+#include <isonest/length_unit.h>
 #include <isonest/value_type.h>
 
 namespace isonest {
@@ -38,6 +40,11 @@ class Store {
     [[nodiscard]] Double3 origin() const;
     /// Of the axes: kAlongWorld unless the volume was rotated.
     [[nodiscard]] Directions direction() const;
+    /// That a world unit is; nothing where it is not known.
+    [[nodiscard]] std::optional<LengthUnit> unit() const;
+    /// How many world units are as long as `length` of `given`. Throws Error{invalid_argument}
+    /// where unit() is not known.
+    [[nodiscard]] double world_units(double length, LengthUnit given) const;
     /// 0 is the finest level, levels() - 1 the coarsest.
     [[nodiscard]] int levels() const;
     /// The indicators that it holds, in the order of the file.

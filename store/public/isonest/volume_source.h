@@ -5,11 +5,13 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include <isonest/int3.h>
+#include <isonest/length_unit.h>
 #include <isonest/value_type.h>
 
 namespace isonest {
@@ -24,6 +26,7 @@ struct VolumeDescription {
     Directions direction = kAlongWorld;
     /// The values are float64 that stand for labels of up to 62 bits (SourceOptions::labels).
     bool labels = false;
+    std::optional<LengthUnit> unit = {};  ///< of spacing and origin; nothing: it is not known
 };
 
 /// A scalar volume that is read in slabs of whole or partial planes. Three functions are enough:
@@ -42,7 +45,7 @@ class VolumeSource {
     /// What tells these values from any others, as lines of text of up to 32 KiB: for a file its
     /// size, time and checksums, for memory a digest. A preprocessing run only goes on with what an
     /// interrupted one left if that had the same; the name need not be part of it, and nodes, type,
-    /// spacing and origin are compared besides. A source that cannot tell returns "": then
+    /// spacing, origin and unit are compared besides. A source that cannot tell returns "": then
     /// PreprocessOptions::resume is refused.
     [[nodiscard]] virtual std::string identity() const = 0;
 

@@ -19,7 +19,18 @@ HERE = pathlib.Path(__file__).resolve().parent
 ISONEST = sys.argv[1]
 # Name, nodes along x, y, z, type: the numbers are in NAME.raw, x fastest.
 VOLUMES = {"": ("volume.raw", (9, 8, 7), "int16"), "-flat": ("flat.raw", (9, 8, 1), "float32"),
-           "-tiny": ("tiny.raw", (3, 3, 3), "uint8")}
+           "-tiny": ("tiny.raw", (3, 3, 3), "uint8"), "-turned": ("turned.nhdr", None, None)}
+# The same numbers as volume.raw, on axes that are not along the world's.
+TURNED = """NRRD0004
+type: int16
+dimension: 3
+space dimension: 3
+sizes: 9 8 7
+space directions: (0.6,0.8,0) (-1.6,1.2,0) (0,0,0.5)
+endian: little
+encoding: raw
+data file: volume.raw
+"""
 COVERED = ("version", "flags", "nodes", "spacing", "origin", "value_type", "chunk", "compression", "exact",
            "fields", "range", "has_missing")
 
@@ -40,15 +51,21 @@ def make_volumes():
     for name, values in numbers.items():
         if not (HERE / name).exists():
             values.tofile(HERE / name)
+    if not (HERE / "turned.nhdr").exists():
+        (HERE / "turned.nhdr").write_text(TURNED)
 
 
 def make_good(version):
+    help_text = subprocess.run([ISONEST, "preprocess", "--help"], capture_output=True, text=True).stdout
     for suffix, (volume, nodes, kind) in VOLUMES.items():
         store = HERE / f"{version}{suffix}.store"
         if suffix == "-tiny" and "--good-only" in sys.argv or store.exists():
             continue
-        command = [ISONEST, "preprocess", HERE / volume, "--dims", ",".join(map(str, nodes)), "--type", kind,
-                   "--spacing", "1,2,0.5", "--chunk", "8", "-o", store]
+        command = [ISONEST, "preprocess", HERE / volume, "--chunk", "8", "-o", store]
+        if nodes:
+            command += ["--dims", ",".join(map(str, nodes)), "--type", kind, "--spacing", "1,2,0.5"]
+        if "--unit" in help_text:  # from 2.7 on
+            command += ["--unit", "um"]
         wanted = "linf_bar,linf_plus,deviation_bar,normal_turn_plus"
         if suffix == "-tiny" or subprocess.run([*command, "--indicators", wanted]).returncode != 0:
             subprocess.run(command, check=True)  # 1.0 has no other indicators
@@ -106,6 +123,7 @@ def newer_minor(f):
     table = add_field(f, "curl_bar")
     replace_table(f, np.concatenate([table, table[-1:]]))
     set_version(f, 2, 9)
+    set_unit(f, "furlong")
     f.attrs["curl_of"] = np.bytes_("a later version")
     f.create_group("later").create_dataset("table", data=np.arange(5))
     seal(f)
@@ -138,6 +156,24 @@ def wrong_digest(f):
     f.attrs.modify("spacing", np.array([1.0, 2.0, 0.25]))
 
 
+def set_unit(f, symbol):
+    """With its checksum."""
+    f.attrs.create("unit", np.bytes_(symbol))
+    f.attrs.modify("unit_xxh64", checksum(symbol.encode()))
+
+
+def unit_unknown(f):
+    set_unit(f, "furlong")
+
+
+def unit_damaged(f):
+    f.attrs.create("unit", np.bytes_("mm"))
+
+
+def unit_alone(f):
+    del f.attrs["unit_xxh64"]
+
+
 def table_too_short(f):
     replace_table(f, f["chunks"][...][:-1])
 
@@ -164,6 +200,7 @@ def no_store(f):
 BAD = {"newer-minor": newer_minor, "newer-minor-misplaced": newer_minor_misplaced, "newer-major": version(3, 0),
        "older-major": version(0, 9), "unknown-field": unknown_field, "flags": flags,
        "wrong-digest": wrong_digest, "table-too-short": table_too_short, "table-too-long": table_too_long,
+       "unit-unknown": unit_unknown, "unit-damaged": unit_damaged, "unit-alone": unit_alone,
        "table-damaged": table_damaged, "incomplete": incomplete, "no-store": no_store}
 
 

@@ -20,7 +20,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-struct Arguments {
+struct CheckArguments {
     std::string store;
     std::vector<std::string> source;
     SourceOptions source_options;
@@ -48,7 +48,7 @@ void check_analyses(const StoreReader& store, Result& result) {
     }
 }
 
-Result run(Arguments& a, Progress& progress) {
+Result run(CheckArguments& a, Progress& progress) {
     const StoreReader store(a.store);
     std::unique_ptr<VolumeSource> source;
     if (!a.source.empty()) {
@@ -111,7 +111,7 @@ Result run(Arguments& a, Progress& progress) {
 }  // namespace
 
 void add_check(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<CheckArguments>();
     CLI::App* const c = add_command(
         app, chosen, "check",
         {"Test a store, from checksums to brute force",

@@ -14,7 +14,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-struct Arguments {
+struct ExportArguments {
     std::string store;
     std::string output;
     ExportOptions options;
@@ -22,7 +22,7 @@ struct Arguments {
 };
 
 /// An indicator that the store does not hold.
-Result run_computed(const StoreReader& store, const Arguments& a, Progress& progress) {
+Result run_computed(const StoreReader& store, const ExportArguments& a, Progress& progress) {
     const ExportOptions& o = a.options;
     export_computed_field(store, a.output, {*a.computed, o.level, o.force, o.memory}, progress);
     const Int3 nodes = store.layout().header().nodes;
@@ -39,7 +39,7 @@ Result run_computed(const StoreReader& store, const Arguments& a, Progress& prog
     return result;
 }
 
-Result run(const Arguments& a, Progress& progress) {
+Result run(const ExportArguments& a, Progress& progress) {
     const StoreReader store(a.store);
     if (a.computed) {
         return run_computed(store, a, progress);
@@ -64,7 +64,7 @@ Result run(const Arguments& a, Progress& progress) {
 }  // namespace
 
 void add_export(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<ExportArguments>();
     CLI::App* const c = add_command(
         app, chosen, "export",
         {"Write a field of a store as a plain volume file",

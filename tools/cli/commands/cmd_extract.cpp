@@ -145,10 +145,12 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, const St
                : extract(store, surface_query(arguments, values), *sink, options_of(a), progress);
 }
 
-Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
+Result run(const Arguments& given, bool has_iso, Progress& progress) {
+    Arguments arguments = given;
     const ExtractArguments& a = arguments.extract;
     require_suitable_cells(a);
     const Store store(a.store);
+    arguments.distance.resolve(store);
     std::optional<Store> others;
     if (!arguments.values.empty()) {
         others.emplace(arguments.values);
@@ -168,6 +170,7 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
     result.warning = extract_warning(a, r);
     result.json = extract_json(a, r);
     add_distance_json(result.json, r);
+    result.json["unit"] = unit_json(store.unit());
     if (has_iso) {
         result.json["iso"] = arguments.iso;
     }

@@ -35,14 +35,14 @@ Json to_json(const Int3& v) {
     return Json{v.x, v.y, v.z};
 }
 
-struct Arguments {
+struct InfoArguments {
     std::string store;
     std::string plot;
     bool histogram = false;
     HistogramOptions options;
 };
 
-void add_histogram(const StoreReader& store, const Arguments& a, Result& result,
+void add_histogram(const StoreReader& store, const InfoArguments& a, Result& result,
                    Progress& progress) {
     const Histogram h = histogram(store, a.options, progress);
     result.json["histogram"] = histogram_json(h);
@@ -79,7 +79,7 @@ void add_analyses(const StoreReader& store, Result& result) {
     }
 }
 
-Result run(const Arguments& a, Progress& progress) {
+Result run(const InfoArguments& a, Progress& progress) {
     const std::string& path = a.store;
     const StoreReader store(path);
     if (!a.plot.empty()) {
@@ -104,6 +104,7 @@ Result run(const Arguments& a, Progress& progress) {
                    {"spacing", h.spacing},
                    {"origin", h.origin},
                    {"direction", h.direction},
+                   {"unit", unit_json(h.unit)},
                    {"min_value", any ? number(store.min_value()) : Json()},
                    {"max_value", any ? number(store.max_value()) : Json()},
                    {"has_missing", store.has_missing()},
@@ -119,7 +120,7 @@ Result run(const Arguments& a, Progress& progress) {
                    {"arrays", Json::array()}};
     result.text = fmt::format(
         "{}: {} x {} x {} {}, {} levels, {}\n"
-        "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}{}\n"
+        "spacing {:g} {:g} {:g}, origin {:g} {:g} {:g}, {}{}\n"
         "{}{}\n"
         "indicators {} ({}), chunks of {}^3 nodes, zstd level {}\n"
         "ranges of cubes: {}\n\n"
@@ -127,6 +128,8 @@ Result run(const Arguments& a, Progress& progress) {
         path, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type), store.layout().lattice().top() + 1,
         human_bytes(static_cast<double>(store.file_bytes())), h.spacing[0], h.spacing[1],
         h.spacing[2], h.origin[0], h.origin[1], h.origin[2],
+        h.unit ? fmt::format("unit {} ({})", symbol_of(*h.unit), name_of(*h.unit))
+               : std::string("unit not known"),
         h.direction == kAlongWorld
             ? ""
             : fmt::format("\naxes along ({:.5g}), ({:.5g}), ({:.5g})",
@@ -170,7 +173,7 @@ Result run(const Arguments& a, Progress& progress) {
 }  // namespace
 
 void add_info(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<InfoArguments>();
     CLI::App* const c = add_command(
         app, chosen, "info",
         {"Say what a store holds: size, type, range, levels, fields, compression",

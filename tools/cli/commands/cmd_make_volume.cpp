@@ -18,7 +18,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-struct Arguments {
+struct MakeVolumeArguments {
     std::string output;
     MakeVolumeOptions options;
 };
@@ -32,7 +32,7 @@ Int3 parse_nodes(const std::string& text) {
     return {n, n, n};
 }
 
-Result run(const Arguments& a, Progress& progress) {
+Result run(const MakeVolumeArguments& a, Progress& progress) {
     make_volume(a.output, a.options, progress);
     const MakeVolumeOptions& o = a.options;
     Result result;
@@ -49,7 +49,7 @@ Result run(const Arguments& a, Progress& progress) {
 }  // namespace
 
 void add_make_volume(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<MakeVolumeArguments>();
     MakeVolumeOptions& o = a->options;
     std::string names;
     for (const std::string& name : synthetic_names()) {

@@ -24,7 +24,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-struct Arguments {
+struct PictureArguments {
     std::string mesh;
     std::string png;
     Double3 view = PictureView{}.view;
@@ -64,7 +64,7 @@ Double3 parse_view(const std::string& text) {
 }
 
 /// One, or those around the vertical axis: name_000.png and so on.
-std::vector<PictureView> views_of(const Arguments& a) {
+std::vector<PictureView> views_of(const PictureArguments& a) {
     if (a.turntable == 0) {
         return {{a.png, a.view}};
     }
@@ -82,7 +82,7 @@ std::vector<PictureView> views_of(const Arguments& a) {
     return views;
 }
 
-Result run(const Arguments& a, Progress& progress) {
+Result run(const PictureArguments& a, Progress& progress) {
     if (!is_png(a.png)) {
         throw Error(ErrorKind::invalid_argument, {a.png}, "a picture's name must end with .png");
     }
@@ -126,7 +126,7 @@ Result run(const Arguments& a, Progress& progress) {
 }  // namespace
 
 void add_picture(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<PictureArguments>();
     CLI::App* const c = add_command(
         app, chosen, "picture",
         {"Draw a mesh as a PNG",

@@ -21,14 +21,14 @@
 namespace isonest::detail::cli {
 namespace {
 
-struct Arguments {
+struct PreprocessArguments {
     std::vector<std::string> input;
     std::string store;
     SourceOptions source;
     PreprocessOptions preprocess;
 };
 
-Result run(Arguments& a, Progress& progress) {
+Result run(PreprocessArguments& a, Progress& progress) {
     // A quarter of the budget is enough for the chunks of the input, and the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
     const std::unique_ptr<VolumeSource> source =
@@ -41,6 +41,7 @@ Result run(Arguments& a, Progress& progress) {
     result.json = {{"store", a.store},
                    {"nodes", {r.nodes.x, r.nodes.y, r.nodes.z}},
                    {"type", name_of(type)},
+                   {"unit", unit_json(source->describe().unit)},
                    {"levels", r.levels},
                    {"min_value", r.min_value},
                    {"max_value", r.max_value},
@@ -77,7 +78,7 @@ Result run(Arguments& a, Progress& progress) {
 }  // namespace
 
 void add_preprocess(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<PreprocessArguments>();
     CLI::App* const c = add_command(
         app, chosen, "preprocess",
         {"Turn a volume into a store: all levels, with the error of every node",

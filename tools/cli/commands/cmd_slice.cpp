@@ -22,7 +22,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-struct Arguments {
+struct SliceArguments {
     ExtractArguments extract;
     WorldPlane plane;
     SlicePictureOptions picture;  ///< its contours also if no picture is drawn
@@ -46,7 +46,7 @@ bool meets_volume(const Store& store, const WorldPlane& plane) {
 }
 
 /// Why there is nothing in it. `is_lines`: of contour lines.
-std::string empty_slice(const Store& store, const Arguments& a, bool is_lines) {
+std::string empty_slice(const Store& store, const SliceArguments& a, bool is_lines) {
     const std::optional<WorldBox>& box = a.extract.box;
     if (!meets_volume(store, a.plane)) {
         return fmt::format("The slice is empty: the plane misses the volume, {}.\n",
@@ -68,7 +68,7 @@ std::string empty_slice(const Store& store, const Arguments& a, bool is_lines) {
                  "values are missing.\n";
 }
 
-ExtractReport run_contours(const Store& store, const Arguments& a, Progress& progress) {
+ExtractReport run_contours(const Store& store, const SliceArguments& a, Progress& progress) {
     if (a.extract.cells != Cells::tetrahedra) {
         throw Error(ErrorKind::invalid_argument,
                     "--contours: lines in a mesh are those of tetrahedra, without --cells");
@@ -84,7 +84,7 @@ ExtractReport run_contours(const Store& store, const Arguments& a, Progress& pro
     return extract(store, query, *sink, options_of(a.extract), progress);
 }
 
-ExtractReport run_slice(const Store& store, const Arguments& a, MeshSink& sink,
+ExtractReport run_slice(const Store& store, const SliceArguments& a, MeshSink& sink,
                         Progress& progress) {
     SliceQuery query = a.extract.query<SliceQuery>();
     query.plane = a.plane;
@@ -94,7 +94,7 @@ ExtractReport run_slice(const Store& store, const Arguments& a, MeshSink& sink,
     return extract(store, query, sink, options_of(a.extract), progress);
 }
 
-Result run(Arguments& a, Progress& progress) {
+Result run(SliceArguments& a, Progress& progress) {
     require_suitable_cells(a.extract);
     const Store store(a.extract.store);
     if (!a.has_range) {
@@ -123,6 +123,7 @@ Result run(Arguments& a, Progress& progress) {
     Result result;
     result.warning = extract_warning(a.extract, r);
     result.json = extract_json(a.extract, r);
+    result.json["unit"] = unit_json(store.unit());
     result.text =
         fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.extract.mesh,
                     r.triangles, lines ? "lines" : "triangles", r.vertices,
@@ -147,7 +148,7 @@ std::vector<double> parse_contours(const std::string& text) {
 }  // namespace
 
 void add_slice(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<SliceArguments>();
     CLI::App* const c = add_command(
         app, chosen, "slice",
         {"Write a plane through a store as a coloured mesh or a picture",
@@ -165,7 +166,7 @@ void add_slice(CLI::App& app, Invocation& chosen) {
     add_cells_option(c, a->extract);
     add_parsed(
         c, "--plane", [a](const std::string& text) { a->plane = parse_plane(text); },
-        "the plane x NX + y NY + z NZ = D, in world units", "NX,NY,NZ,D")
+        "the plane x NX + y NY + z NZ = D, in the store's unit", "NX,NY,NZ,D")
         ->required();
     c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
     add_parsed(

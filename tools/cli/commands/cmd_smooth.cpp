@@ -22,7 +22,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-struct Arguments {
+struct SmoothArguments {
     std::string input;
     SourceOptions source;
     DiffusionOptions diffusion;
@@ -38,7 +38,7 @@ struct Arguments {
 };
 
 /// The names that will be written, before any work.
-std::vector<std::filesystem::path> names_of(const Arguments& a) {
+std::vector<std::filesystem::path> names_of(const SmoothArguments& a) {
     std::vector<std::filesystem::path> names;
     for (const std::string& name : {a.output, a.grid}) {
         if (!name.empty()) {
@@ -64,7 +64,7 @@ class WithinStep : public Progress {
 /// The steps, and what is written on the way.
 class Run {
   public:
-    Run(const Arguments& a, SmoothedPlace place, std::vector<float> values)
+    Run(const SmoothArguments& a, SmoothedPlace place, std::vector<float> values)
         : a_(a),
           place_(std::move(place)),
           diffusion_(place_.lattice, place_.spacing, std::move(values), a.diffusion) {}
@@ -105,13 +105,13 @@ class Run {
         }
     }
 
-    const Arguments& a_;
+    const SmoothArguments& a_;
     SmoothedPlace place_;
     NonlinearDiffusion diffusion_;
     DiffusionStep last_;
 };
 
-Result run(Arguments& a, Progress& progress) {
+Result run(SmoothArguments& a, Progress& progress) {
     if (!a.snapshots.empty() && *a.snapshots.rbegin() > a.steps) {
         throw Error(
             ErrorKind::invalid_argument,
@@ -121,8 +121,8 @@ Result run(Arguments& a, Progress& progress) {
     a.source.max_heap = a.memory / 4;
     VolumeValues input(a.input, a.source);
     const VolumeDescription d = input.describe();
-    SmoothedPlace place{Lattice(d.nodes), d.spacing, d.origin,  d.direction, 0, 1,
-                        a.colors,         a.size[0], a.size[1], a.force};
+    SmoothedPlace place{Lattice(d.nodes), d.spacing, d.origin,  d.direction, 0,     1,
+                        a.colors,         a.size[0], a.size[1], a.force,     d.unit};
     if (place.lattice.dimension() == 0) {
         throw Error(ErrorKind::unsupported, {a.input}, "there is only one node");
     }
@@ -203,7 +203,7 @@ double parse_at_least(const char* option, const std::string& text, bool zero) {
 }  // namespace
 
 void add_smooth(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<SmoothArguments>();
     CLI::App* const c = add_command(
         app, chosen, "smooth",
         {"Smooth a volume or an image and keep its edges, on adaptive grids",

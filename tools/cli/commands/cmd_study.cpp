@@ -22,7 +22,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-struct Arguments {
+struct StudyArguments {
     std::string store;
     std::string folder;
     StudyOptions study;
@@ -222,7 +222,7 @@ std::vector<StudyField> parse_study_fields(const std::string& text) {
     return fields;
 }
 
-Result run(Arguments& a, Progress& progress) {
+Result run(StudyArguments& a, Progress& progress) {
     const StoreReader store(a.store);
     if (a.study.fields.empty()) {
         for (const Field field : store.layout().header().fields) {
@@ -277,7 +277,7 @@ Result run(Arguments& a, Progress& progress) {
 }  // namespace
 
 void add_study(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<StudyArguments>();
     CLI::App* const c = add_command(
         app, chosen, "study",
         {"Compare a store's indicators: how many elements for how much error",

@@ -28,7 +28,7 @@ constexpr std::uint64_t kLeastMemory = std::uint64_t{512} << 20U;
 constexpr std::uint16_t kFirstPort = 7310;
 constexpr std::uint16_t kLastPort = 7329;
 
-struct Arguments {
+struct ViewArguments {
     std::string store;
     std::string address = "127.0.0.1";
     std::optional<std::uint16_t> port;
@@ -44,7 +44,7 @@ bool is_own_machine(const std::string& address) {
 }
 
 /// At the port asked for, or at the first free one.
-std::unique_ptr<HttpServer> listen(const Arguments& a, const view::HttpLimits& limits) {
+std::unique_ptr<HttpServer> listen(const ViewArguments& a, const view::HttpLimits& limits) {
     if (a.port) {
         return std::make_unique<HttpServer>(a.address, *a.port, limits);
     }
@@ -89,7 +89,7 @@ bool open_browser(const std::string& url) {
     return ::waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 
-void announce(const Arguments& a, const std::string& url) {
+void announce(const ViewArguments& a, const std::string& url) {
     const std::string text = a.json
                                  ? Json{{"url", url}, {"store", a.store}, {"pid", ::getpid()}}.dump(
                                        -1, ' ', false, Json::error_handler_t::replace) +
@@ -100,7 +100,7 @@ void announce(const Arguments& a, const std::string& url) {
     }
 }
 
-Result run(const Arguments& a) {
+Result run(const ViewArguments& a) {
     if (a.memory < kLeastMemory) {
         throw Error(ErrorKind::limit, {a.store},
                     fmt::format("{} of memory are too little for a window",
@@ -145,7 +145,7 @@ Result run(const Arguments& a) {
 }  // namespace
 
 void add_view(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<ViewArguments>();
     CLI::App* const c = add_command(
         app, chosen, "view",
         {"Look at a store in a window of the browser",

@@ -56,6 +56,7 @@ class PlaneMesh {
         layout.vertices = grid_.count();
         layout.attributes = {{"value", 1, false, 0}};
         layout.row_bytes = sizeof(float);
+        layout.unit = place_.unit;
         const Int3 last = grid_.nodes() - Int3{1, 1, 1};
         layout.lo = position({0, 0, 0});
         layout.hi = position(last);
@@ -181,7 +182,8 @@ NodeSet all_nodes(const Lattice& lattice) {
 }
 
 VolumeFileSpec spec_of(const SmoothedPlace& place, ValueType type) {
-    return {place.lattice.nodes(), type, place.spacing, place.origin, place.direction, place.force};
+    return {place.lattice.nodes(), type,        place.spacing, place.origin,
+            place.direction,       place.force, place.unit};
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 
@@ -25,6 +26,7 @@ struct SmoothedPlace {
     int width = 800;  ///< of a picture, pixels
     int height = 800;
     bool force = false;
+    std::optional<LengthUnit> unit = {};
 };
 
 /// "dir/name-30.nrrd" for step 30 of "dir/name.nrrd".

@@ -51,7 +51,7 @@ VolumeDescription VolumeValues::describe() const {
         return source_->describe();
     }
     const StoreHeader& h = store_->layout().header();
-    return {h.nodes, h.type, h.spacing, h.origin, path_, h.direction};
+    return {h.nodes, h.type, h.spacing, h.origin, path_, h.direction, false, h.unit};
 }
 
 std::vector<std::filesystem::path> VolumeValues::files() const {

@@ -11,7 +11,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
+constexpr std::int64_t kMostElements = std::numeric_limits<std::int64_t>::max();
 
 ComponentChoice& chosen(std::optional<ComponentChoice>& choice) {
     if (!choice) {
@@ -29,7 +29,7 @@ std::uint64_t parse_largest(const std::string& text) {
         return 1;
     }
     try {
-        return static_cast<std::uint64_t>(parse_integer("--components", text, 1, kMost));
+        return static_cast<std::uint64_t>(parse_integer("--components", text, 1, kMostElements));
     } catch (const Error&) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("--components '{}': give largest, all, or how many of the largest "
@@ -38,17 +38,8 @@ std::uint64_t parse_largest(const std::string& text) {
     }
 }
 
-/// "2.5" or "2.5mm3".
 double parse_volume(const std::string& text) {
-    const std::size_t unit = text.find_first_not_of("+-.0123456789eE");
-    const std::string name = unit == std::string::npos ? "" : text.substr(unit);
-    if (unit != 0 && !name.empty() && name != "mm3") {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("--min-volume '{}': the unit {} is none that is known; give cubic "
-                                "world units (nothing, or mm3)",
-                                text, name));
-    }
-    const double volume = parse_number("--min-volume", unit == 0 ? text : text.substr(0, unit));
+    const double volume = parse_number("--min-volume", text);
     if (volume < 0) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("--min-volume '{}': give a number >= 0", text));
@@ -74,8 +65,8 @@ std::vector<CLI::Option*> add_component_options(CLI::App* command,
         add_parsed(
             command, "--min-component",
             [&choice](const std::string& text) {
-                chosen(choice).least_triangles =
-                    static_cast<std::uint64_t>(parse_integer("--min-component", text, 0, kMost));
+                chosen(choice).least_triangles = static_cast<std::uint64_t>(
+                    parse_integer("--min-component", text, 0, kMostElements));
             },
             "drop pieces of fewer triangles (in a plane: lines); before\n"
             "--distance simplifies",
@@ -85,9 +76,9 @@ std::vector<CLI::Option*> add_component_options(CLI::App* command,
             [&choice](const std::string& text) {
                 chosen(choice).least_volume = parse_volume(text);
             },
-            "drop closed pieces around less than this volume, in cubic\n"
-            "world units; open ones stay",
-            "V[mm3]")};
+            "drop closed pieces around less than this volume, a number in\n"
+            "cubes of the store's unit; open ones stay",
+            "V")};
 }
 
 std::string component_text(const ExtractReport& r) {

@@ -11,27 +11,6 @@
 namespace isonest::detail::cli {
 namespace {
 
-/// "0.5", "0.5mm" or "0.5voxel".
-DistanceBound parse_distance(const std::string& option, const std::string& text) {
-    DistanceBound distance;
-    const std::size_t last_digit = text.find_last_of("0123456789.");
-    const std::size_t unit = last_digit == std::string::npos ? text.size() : last_digit + 1;
-    const std::string name = text.substr(unit);
-    distance.voxels = name == "voxel" || name == "voxels";
-    if (!distance.voxels && !name.empty() && name != "mm") {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} '{}': the unit {} is none that is known; give world units "
-                                "(0.5 or 0.5mm) or voxels (0.5voxel)",
-                                option, text, name));
-    }
-    distance.value = parse_number(option, text.substr(0, unit));
-    if (distance.value < 0) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{} '{}': give a number >= 0", option, text));
-    }
-    return distance;
-}
-
 const char* analysis_name(AnalysisUse use) {
     switch (use) {
         case AnalysisUse::made:
@@ -50,6 +29,13 @@ const char* analysis_name(AnalysisUse use) {
 
 }  // namespace
 
+void DistanceArguments::resolve(const Store& store) {
+    unit = unit_suffix(store);
+    if (distance && !length.voxels) {
+        distance->value = in_world_units(length, store);
+    }
+}
+
 std::optional<SurfaceStop> DistanceArguments::stop() const {
     if (by_error) {
         return ErrorBudget{.most = triangles, .simplified = simplify};
@@ -67,11 +53,15 @@ void add_distance_options(CLI::App* c, DistanceArguments& a,
                           const std::vector<std::string>& others) {
     CLI::Option* const distance = add_parsed(
         c, "--distance",
-        [&a](const std::string& text) { a.distance = parse_distance("--distance", text); },
+        [&a](const std::string& text) {
+            a.length = parse_length("--distance", text);
+            a.distance = DistanceBound{a.length.value, a.length.voxels};
+        },
         "in place of the error: simplify, at most this far from the\n"
         "surface at full resolution, anywhere and in both directions;\n"
-        "world units, or voxels: 0.5voxel",
-        "D[mm|voxel]");
+        "in the store's unit, in another one (0.5mm, 20um), or in voxels\n"
+        "(0.5voxel)",
+        "D[UNIT]");
     CLI::Option* const triangles = add_parsed(
         c, "--triangles",
         [&a](const std::string& text) {
@@ -156,23 +146,24 @@ std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
     }
     if (a.nested && r.distance_bound > 0) {
         return fmt::format(
-            "within {:.4g} of the surface at full resolution (asked for {:.4g}), triangles of the "
+            "within {:.4g}{} of the surface at full resolution (asked for {:.4g}{}), triangles of "
+            "the "
             "nested grid",
-            r.distance_bound, *r.distance);
+            r.distance_bound, a.unit, *r.distance, a.unit);
     }
     if (r.full_triangles == 0) {
         return "the surface at full resolution";
     }
     const std::string within = fmt::format(
-        "within {:.4g} of the surface at full resolution, which has {} {}", r.distance_bound,
-        r.full_triangles, r.dimension == 2 ? "line segments" : "triangles");
+        "within {:.4g}{} of the surface at full resolution, which has {} {}", r.distance_bound,
+        a.unit, r.full_triangles, r.dimension == 2 ? "line segments" : "triangles");
     if (!r.within_budget) {
-        return within + fmt::format(" (asked for {:.4g})", *r.distance);
+        return within + fmt::format(" (asked for {:.4g}{})", *r.distance, a.unit);
     }
     return within + (*r.within_budget
                          ? fmt::format(" (asked for {} triangles)", a.triangles)
-                         : fmt::format(" (the distance {:.4g} was reached before {} triangles)",
-                                       *r.distance, a.triangles));
+                         : fmt::format(" (the distance {:.4g}{} was reached before {} triangles)",
+                                       *r.distance, a.unit, a.triangles));
 }
 
 std::string simplified_text(const ExtractReport& r) {

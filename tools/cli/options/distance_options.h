@@ -8,17 +8,23 @@
 #include <isonest/extract.h>
 
 #include "tools/cli/command.h"
+#include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
 
 struct DistanceArguments {
-    std::optional<DistanceBound> distance;
-    std::uint64_t triangles = 0;  ///< 0: not asked for
-    bool nested = false;          ///< elements of the nested grid, not simplified
+    std::optional<DistanceBound> distance;  ///< as given until resolve()
+    Length length;                          ///< the distance as given
+    std::string unit;                       ///< behind a length of a report: " mm"
+    std::uint64_t triangles = 0;            ///< 0: not asked for
+    bool nested = false;                    ///< elements of the nested grid, not simplified
     std::optional<KeptAnalysis> analysis;
     bool by_error = false;  ///< the error is what the number of triangles makes small
     bool simplify = false;  ///< within the error
 
+    /// The distance in the store's unit. Throws Error{invalid_argument} where that is not known but
+    /// the distance was given in one.
+    void resolve(const Store& store);
     /// In place of an error; nothing if neither was given.
     [[nodiscard]] std::optional<SurfaceStop> stop() const;
 };

@@ -199,7 +199,7 @@ void add_extract_options(CLI::App* c, ExtractArguments& a) {
     add_place_options(c, a);
     add_parsed(
         c, "--box", [&a](const std::string& text) { a.box = parse_box(text); },
-        "only what is inside this box, in world units", "x0,y0,z0,x1,y1,z1");
+        "only what is inside this box, numbers in the store's unit", "x0,y0,z0,x1,y1,z1");
     add_memory(c, a.options.memory);
     add_threads(c, a.options.threads);
 }

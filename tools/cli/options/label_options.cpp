@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::int64_t kMost = (std::int64_t{1} << 62U) - 1;
+constexpr std::int64_t kMostLabel = (std::int64_t{1} << 62U) - 1;
 constexpr const char* kNeuroglancer = "neuroglancer";
 constexpr std::array kFormats{"ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf", kNeuroglancer};
 
@@ -35,11 +35,12 @@ std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::strin
         const std::string item = text.substr(at, end - at);
         // A dash in front is a sign.
         const std::size_t dash = item.find('-', 1);
-        const std::int64_t first = parse_integer("--labels", item.substr(0, dash), -kMost, kMost);
+        const std::int64_t first =
+            parse_integer("--labels", item.substr(0, dash), -kMostLabel, kMostLabel);
         const std::int64_t last =
             dash == std::string::npos
                 ? first
-                : parse_integer("--labels", item.substr(dash + 1), -kMost, kMost);
+                : parse_integer("--labels", item.substr(dash + 1), -kMostLabel, kMostLabel);
         if (last < first) {
             throw Error(ErrorKind::invalid_argument,
                         fmt::format("--labels '{}': the smaller number comes first", item));
@@ -61,7 +62,7 @@ std::vector<Label> chosen_of(const std::vector<Label>& all,
     };
     for (const auto& [first, last] : ranges) {
         const auto begin = from(first);
-        const auto end = last == kMost ? all.end() : from(last + 1);
+        const auto end = last == kMostLabel ? all.end() : from(last + 1);
         if (begin == end) {
             throw Error(ErrorKind::not_found, {store},
                         first == last
@@ -121,7 +122,9 @@ Json json_of(const Label& label, const ExtractReport& r, const std::string& mesh
 void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::string>& others) {
     CLI::Option* const one = add_parsed(
         c, "--label",
-        [&a](const std::string& text) { a.one = parse_integer("--label", text, -kMost, kMost); },
+        [&a](const std::string& text) {
+            a.one = parse_integer("--label", text, -kMostLabel, kMostLabel);
+        },
         "in place of an isovalue: the surface around the nodes with\n"
         "this label, half way to the others",
         "ID");

@@ -57,7 +57,7 @@ bool in_plane(const std::string& text) {
     return std::count(text.begin(), text.end(), ',') == 1;
 }
 
-std::vector<std::string> split(const std::string& text, char at) {
+std::vector<std::string> items_of(const std::string& text, char at) {
     std::vector<std::string> parts{""};
     for (const char c : text) {
         if (c == at) {
@@ -77,7 +77,7 @@ std::int64_t parse_position(const char* option, const std::string& text) {
 /// "5,:,:,:" or "time=5,c=0".
 std::vector<AxisIndex> parse_index(const std::string& text) {
     std::vector<AxisIndex> index;
-    for (const std::string& part : split(text, ',')) {
+    for (const std::string& part : items_of(text, ',')) {
         const std::size_t sign = part.find('=');
         AxisIndex entry;
         if (sign != std::string::npos) {
@@ -103,7 +103,7 @@ std::vector<AxisIndex> parse_index(const std::string& text) {
 /// "10:200,:,-64:" along x, y and z.
 std::array<NodeRange, 3> parse_crop(const std::string& text) {
     std::array<NodeRange, 3> crop;
-    const std::vector<std::string> parts = split(text, ',');
+    const std::vector<std::string> parts = items_of(text, ',');
     const auto fail = [&] {
         throw Error(
             ErrorKind::invalid_argument,
@@ -228,7 +228,7 @@ void add_source_options(CLI::App* command, SourceOptions& o) {
                             fmt::format("--spacing '{}': give three numbers > 0", text));
             }
         },
-        "node distance in world units, instead of the file's", "X,Y[,Z]")
+        "distance of the nodes, in --unit or the file's unit, instead of the file's", "X,Y[,Z]")
         ->group(group);
     add_parsed(
         command, "--origin",
@@ -236,6 +236,18 @@ void add_source_options(CLI::App* command, SourceOptions& o) {
             o.origin = parse_double3("--origin", in_plane(text) ? text + ",0" : text);
         },
         "world position of the first node, instead of the file's", "X,Y[,Z]")
+        ->group(group);
+    add_parsed(
+        command, "--unit",
+        [&o](const std::string& text) {
+            o.unit = length_unit_from(text);
+            if (!o.unit) {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--unit '{}': give a unit of length: {}", text,
+                                        list_of_length_units()));
+            }
+        },
+        "of length, of spacing and origin, instead of the file's: mm, um, nm, ...", "U")
         ->group(group);
     command->add_flag("--labels", o.labels,
                       "integers of 64 bits are labels (0 to 2^62 - 1), kept as they are for\n"

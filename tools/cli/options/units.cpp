@@ -107,6 +107,37 @@ double parse_number(std::string_view option, std::string_view text) {
     return value;
 }
 
+Length parse_length(std::string_view option, std::string_view text) {
+    Length length;
+    std::string_view rest = text;
+    if (!leading_number(rest, length.value)) {
+        fail(option, text, "a finite number, alone or with its unit");
+    }
+    if (length.value < 0) {
+        fail(option, text, "a number >= 0");
+    }
+    if (rest.empty()) {
+        return length;
+    }
+    length.voxels = rest == "voxel" || rest == "voxels";
+    length.unit = length_unit_from(rest);
+    if (!length.unit && !length.voxels) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} '{}': the unit is none of those that are known; give a number "
+                                "alone, in the store's own unit, or one with {} or voxel",
+                                option, text, list_of_length_units()));
+    }
+    return length;
+}
+
+double in_world_units(const Length& length, const Store& store) {
+    return length.unit ? store.world_units(length.value, *length.unit) : length.value;
+}
+
+std::string unit_suffix(const Store& store) {
+    return store.unit() ? fmt::format(" {}", symbol_of(*store.unit())) : "";
+}
+
 std::int64_t parse_integer(std::string_view option, std::string_view text, std::int64_t lowest,
                            std::int64_t highest) {
     std::int64_t value = 0;

@@ -2,16 +2,33 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include <isonest/int3.h>
+#include <isonest/length_unit.h>
+#include <isonest/store.h>
 
 namespace isonest::detail::cli {
 
 // The parsers take the whole text or throw Error{invalid_argument}; `option` ("--iso") starts the
 // message.
+
+/// "0.5mm": a length with its unit. No unit: it is a number alone.
+struct Length {
+    double value = 0;
+    std::optional<LengthUnit> unit = {};
+    bool voxels = false;  ///< "0.5voxel": in place of a unit
+};
+/// >= 0. Throws Error{invalid_argument}, which lists the units, for a word that is none.
+Length parse_length(std::string_view option, std::string_view text);
+/// In the store's unit. Throws Error{invalid_argument} for a length with a unit where the store has
+/// none. REQUIRES: it is not in voxels.
+double in_world_units(const Length& length, const Store& store);
+/// " mm", or nothing where the store's unit is not known: to stand behind a length.
+std::string unit_suffix(const Store& store);
 
 /// "512M", "2G", "1GiB", "1.5g" or plain bytes; K, M, G, T are powers of 1024, whatever follows.
 std::uint64_t parse_bytes(std::string_view option, std::string_view text);

@@ -122,6 +122,11 @@ Phrase phrase_of(RemedyKind kind) {
         case RemedyKind::install_package:
             return {"install_package", "", "install {} and build isonest again (cmake finds it)",
                     "", ""};
+        case RemedyKind::say_unit:
+            return {"say_unit", "--unit", "give --unit {}", "give --unit",
+                    "preprocess the volume again with its --unit"};
+        case RemedyKind::world_units:
+            return {"world_units", "", "give a number alone, in the volume's own unit", "", ""};
     }
     return {"unknown", "", "{}", "", ""};
 }

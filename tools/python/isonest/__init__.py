@@ -33,11 +33,12 @@ __all__ = ["preprocess", "open", "view", "isosurface", "smooth", "Store", "View"
 
 
 def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optional[Sequence[float]] = None,
-               origin: Optional[Sequence[float]] = None, missing: Optional[float] = None, dataset: str = "",
-               series: str = "", labels: bool = False, index: Any = None, crop: Optional[Sequence[slice]] = None,
-               every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
-               offset: Optional[int] = None, indicators: Union[None, str, Sequence[str]] = None, exact: bool = False,
-               chunk: int = 64, compression: int = 1, replace: bool = False, resume: bool = False,
+               origin: Optional[Sequence[float]] = None, unit: Optional[str] = None, missing: Optional[float] = None,
+               dataset: str = "", series: str = "", labels: bool = False, index: Any = None,
+               crop: Optional[Sequence[slice]] = None, every: Union[int, Sequence[int]] = 1,
+               shape: Optional[Sequence[int]] = None, dtype: Any = None, offset: Optional[int] = None,
+               indicators: Union[None, str, Sequence[str]] = None, exact: bool = False, chunk: int = 64,
+               compression: int = 1, replace: bool = False, resume: bool = False,
                memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> PreprocessReport:
     """Turns a volume into the file ``store``, which appears whole or not at all.
 
@@ -49,6 +50,7 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         and what is masked are missing data. Nobody may change the volume meanwhile.
     spacing: distance of neighbouring nodes, origin: world position of the first node, both in the order of the
         array's axes. Without them 1 and 0, or what the file says.
+    unit: of length, of both: "mm", "um", "nm", ...; without it what the file says, or not known.
     missing: this value stands for missing data.
     dataset: of a file of several, series: of DICOM. labels: integers of 64 bits are
         labels, kept as they are (0 to 2**62 - 1). index: of files with time steps or channels what is taken of each
@@ -73,7 +75,7 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     if indicators is not None:
         options.indicators = indicators.split(",") if isinstance(indicators, str) else list(indicators)
     source = _sources.of_volume(volume, identified=resume, memory=options.memory, spacing=spacing, origin=origin,
-                                missing=missing, dataset=dataset, series=series, labels=labels, index=index, crop=crop,
+                                unit=unit, missing=missing, dataset=dataset, series=series, labels=labels, index=index, crop=crop,
                                 every=every, shape=shape, dtype=dtype, offset=offset)
     with reporting(progress) as report:
         return _core.preprocess(source, os.fspath(store), options, report)

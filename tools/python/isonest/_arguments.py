@@ -16,6 +16,7 @@ ProgressFunction = Callable[[str, int, int, str], Any]
 Progress = Union[None, bool, ProgressFunction]
 
 _BYTES = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?)\s*([KMGT]?)(?:I?B)?\s*", re.IGNORECASE)
+_LENGTH = re.compile(r"\s*([0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(\D+?)\s*")
 _DISTANCE = re.compile(r"\s*([0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(voxels?)?\s*")
 
 
@@ -31,13 +32,21 @@ def to_bytes(memory: Bytes) -> int:
     return int(memory)
 
 
+def in_own_unit(distance: Union[None, float, str], store: Any) -> Union[None, float, str]:
+    """The number of units of a store of _core, where the distance has a unit of length; else the distance."""
+    found = _LENGTH.fullmatch(distance) if isinstance(distance, str) else None
+    if not found or found[2] in ("voxel", "voxels"):
+        return distance
+    return store.world_units(float(found[1]), found[2])
+
+
 def to_distance(distance: Union[float, str]) -> tuple[float, bool]:
     """The number, and whether it counts voxels."""
     if not isinstance(distance, str):
         return float(distance), False
     found = _DISTANCE.fullmatch(distance)
     if not found:
-        raise ValueError(f"distance={distance!r}: give a number, or a text such as '0.5voxel'")
+        raise ValueError(f"distance={distance!r}: give a number, or a text such as '0.5voxel' or '0.5mm'")
     return float(found[1]), found[2] is not None
 
 

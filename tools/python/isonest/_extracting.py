@@ -5,7 +5,7 @@ import os
 from typing import Any, Optional, Sequence, Union
 
 from . import _core, _queries
-from ._arguments import Box, Bytes, Point, Progress, reporting
+from ._arguments import Box, Bytes, Point, Progress, in_own_unit, reporting
 from ._frame import Frame
 from ._mesh import Mesh
 from ._queries import (By, Cells, Close, Components, Coordinates, Distance, Guarantee, Place, PlaneCells, Stop,
@@ -46,7 +46,7 @@ class Extracting:
         stop, threshold, threshold_relative: in place of an error, refine while this field of the store is not below
             the threshold, in the field's units or as a fraction of its largest value.
         distance: in place of an error, how far the mesh may be from the surface at full resolution and the other
-            way round, in the units of the spacing; or a text such as "0.5voxel".
+            way round, in the units of the spacing; or a text such as "0.5voxel", or "0.5mm" if :attr:`unit` is known.
         triangles: in place of an error, at most so many, at the smallest distance that is found; with a distance,
             whichever is reached first. by: "error" makes the error small in place of the distance, with triangles of
             the nested grid or, with ``simplify``, fewer.
@@ -80,7 +80,7 @@ class Extracting:
         place = self._place(coordinates)
         query = _core.SurfaceQuery()
         query.set_iso(float(iso))
-        SurfaceStop(distance, triangles, by, simplify, no_simplify, keep_analysis).apply(
+        SurfaceStop(in_own_unit(distance, self._core), triangles, by, simplify, no_simplify, keep_analysis).apply(
             query, Stop(error, error_relative, guarantee, stop, threshold, threshold_relative))
         Viewpoint(focus, falloff, camera, pixels, fov, height).apply(query, place)
         place.set_box(query, box)
@@ -213,7 +213,7 @@ class Extracting:
                      normals: bool, vertex_values: Any, cells: str, components: Components, min_component: int,
                      min_volume: float, close: Close) -> Any:
         query = _core.SurfaceQuery()
-        SurfaceStop(distance, triangles).apply(query, Stop(0.0, None, "deviation"))
+        SurfaceStop(in_own_unit(distance, self._core), triangles).apply(query, Stop(0.0, None, "deviation"))
         place.set_box(query, box)
         _queries.set_attributes(query, normals=normals, vertex_values=vertex_values, vertex_error=None, cells=cells)
         _queries.set_components(query, components, min_component, min_volume)

@@ -95,7 +95,7 @@ def _chunks_of(volume: Any) -> tuple[int, ...]:
 
 
 def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
-             missing: Optional[float], identified: bool) -> Any:
+             unit: Optional[str], missing: Optional[float], identified: bool) -> Any:
     """A source of whatever has a shape, a dtype and slices."""
     if not (hasattr(volume, "shape") and hasattr(volume, "__getitem__") and hasattr(volume, "dtype")):
         volume = np.asarray(volume)
@@ -113,7 +113,7 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
     place: dict[str, Any] = {
         "spacing": per_axis("spacing", spacing if spacing is not None else (1.0,) * ndim, ndim, 1.0),
         "origin": per_axis("origin", origin if origin is not None else (0.0,) * ndim, ndim, 0.0),
-        "name": name, "files": files, "missing": missing}
+        "unit": unit, "name": name, "files": files, "missing": missing}
     reader = _Reader(volume, name)
     if isinstance(volume, np.ndarray) and not isinstance(volume, np.ma.MaskedArray):
         plain = volume.view(np.uint8) if volume.dtype == np.bool_ else volume
@@ -132,14 +132,14 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
 
 
 def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[Sequence[float]] = None,
-              origin: Optional[Sequence[float]] = None, missing: Optional[float] = None, dataset: str = "",
-              series: str = "", labels: bool = False, index: Any = None, crop: Optional[Sequence[slice]] = None,
+              origin: Optional[Sequence[float]] = None, unit: Optional[str] = None,
+              missing: Optional[float] = None, dataset: str = "", series: str = "", labels: bool = False, index: Any = None, crop: Optional[Sequence[slice]] = None,
               every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
               offset: Optional[int] = None) -> Any:
     """A source of an array or of files. ``memory``: of the work that reads it."""
     if is_files(volume):
-        return of_files(volume, spacing=spacing, origin=origin, missing=missing, dataset=dataset, series=series,
-                        labels=labels, index=index, shape=shape, dtype=dtype, offset=offset, crop=crop, every=every,
+        return of_files(volume, spacing=spacing, origin=origin, unit=unit, missing=missing, dataset=dataset,
+                        series=series, labels=labels, index=index, shape=shape, dtype=dtype, offset=offset, crop=crop, every=every,
                         max_heap=memory // 4)
     of_files_alone = {"dataset": dataset or None, "series": series or None, "labels": labels or None, "index": index,
                       "shape": shape, "dtype": dtype, "offset": offset, "crop": crop,
@@ -147,7 +147,7 @@ def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[S
     given = [name for name, value in of_files_alone.items() if value is not None]
     if given:
         raise ValueError(f"{given[0]}= is for files; this volume is an array, which can be sliced")
-    return of_array(volume, spacing, origin, missing, identified)
+    return of_array(volume, spacing, origin, unit, missing, identified)
 
 
 def is_files(volume: Any) -> bool:
@@ -158,7 +158,7 @@ def is_files(volume: Any) -> bool:
 
 
 def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
-             missing: Optional[float], dataset: str, series: str, labels: bool, index: Any,
+             unit: Optional[str], missing: Optional[float], dataset: str, series: str, labels: bool, index: Any,
              shape: Optional[Sequence[int]], dtype: Any, offset: Optional[int], crop: Optional[Sequence[slice]],
              every: Union[int, Sequence[int]], max_heap: int) -> Any:
     """A source of one file, a folder, or several files."""
@@ -179,6 +179,8 @@ def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional
         options.spacing = per_axis("spacing", spacing, ndim, 1.0)
     if origin is not None:
         options.origin = per_axis("origin", origin, ndim, 0.0)
+    if unit is not None:
+        options.set_unit(unit)
     for axis, at in index.items() if isinstance(index, dict) else (("", at) for at in index or ()):
         options.add_index(axis, None if at is None or at == slice(None) else int(at))
     if crop is not None:

@@ -105,6 +105,11 @@ class Store(Extracting):
         return backwards(self._core.origin)
 
     @property
+    def unit(self) -> Optional[str]:
+        """Of length, of spacing and origin and all that is made from them: "mm", "um", ...; None if not known."""
+        return self._core.unit
+
+    @property
     def direction(self) -> Directions:
         """World directions (x, y, z) of the axes x, y and z: unit vectors at right angles."""
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self._core.direction

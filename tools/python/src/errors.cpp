@@ -88,6 +88,10 @@ std::string_view words_of(RemedyKind kind) {
             return "say which one with series=";
         case RemedyKind::install_package:
             return "install {} and build isonest again";
+        case RemedyKind::say_unit:
+            return "preprocess the volume again with unit='{}'";
+        case RemedyKind::world_units:
+            return "give a number alone, in the volume's own unit";
     }
     return "";
 }

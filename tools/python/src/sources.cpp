@@ -142,6 +142,16 @@ Source with_missing(std::unique_ptr<VolumeSource> volume, std::optional<double> 
 
 using Range = std::pair<std::optional<std::int64_t>, std::optional<std::int64_t>>;
 
+/// Throws Error{invalid_argument}, which lists the units.
+std::optional<LengthUnit> unit_of(const std::optional<std::string>& text) {
+    const auto unit = text ? length_unit_from(*text) : std::nullopt;
+    if (text && !unit) {
+        throw Error(ErrorKind::invalid_argument, "there is no unit of length '" + *text +
+                                                     "'; there are " + list_of_length_units());
+    }
+    return unit;
+}
+
 /// How files are read, as Python fills it in.
 void add_source_options(py::module_& module) {
     using O = SourceOptions;
@@ -160,6 +170,7 @@ void add_source_options(py::module_& module) {
              [](O& o, const std::string& axis, std::optional<std::int64_t> at) {
                  o.index.push_back({axis, at});
              })
+        .def("set_unit", [](O& o, const std::string& unit) { o.unit = unit_of(unit); })
         .def("set_dims", [](O& o, const Numbers& dims) { o.dims = int3_of(dims); })
         .def("set_dtype", [](O& o, const py::dtype& dtype) { o.type = value_type_of(dtype); })
         .def("set_crop",
@@ -177,8 +188,8 @@ Source source_of_files(const std::vector<Path>& paths, const SourceOptions& opti
 }
 
 Source source_of_array(py::array array, const Double3& spacing, const Double3& origin,
-                       std::string name, bool identified, std::vector<Path> files,
-                       std::optional<double> missing) {
+                       const std::optional<std::string>& unit, std::string name, bool identified,
+                       std::vector<Path> files, std::optional<double> missing) {
     if (array.ndim() != 3) {
         throw py::value_error("a volume has three axes");
     }
@@ -186,6 +197,7 @@ Source source_of_array(py::array array, const Double3& spacing, const Double3& o
     layout.strides = Int3{array.strides(2), array.strides(1), array.strides(0)};
     layout.spacing = spacing;
     layout.origin = origin;
+    layout.unit = unit_of(unit);
     layout.name = std::move(name);
     auto volume = std::make_unique<ArrayVolume>(std::move(array), std::move(layout), identified,
                                                 std::move(files));
@@ -193,12 +205,13 @@ Source source_of_array(py::array array, const Double3& spacing, const Double3& o
 }
 
 Source source_of_reader(py::object reader, const Numbers& nodes, const py::dtype& dtype,
-                        const Double3& spacing, const Double3& origin, std::string name,
+                        const Double3& spacing, const Double3& origin,
+                        const std::optional<std::string>& unit, std::string name,
                         std::int64_t planes, std::int64_t rows, std::uint64_t heap,
                         std::string identity, std::vector<Path> files,
                         std::optional<double> missing) {
-    VolumeDescription description{int3_of(nodes), value_type_of(dtype), spacing, origin,
-                                  std::move(name)};
+    VolumeDescription description{int3_of(nodes),  value_type_of(dtype), spacing, origin,
+                                  std::move(name), kAlongWorld,          false,   unit_of(unit)};
     const VolumeSource::Granularity granularity{std::max<std::int64_t>(planes, 1),
                                                 std::max<std::int64_t>(rows, 1)};
     auto volume =
@@ -224,10 +237,10 @@ void add_sources(py::module_& module) {
     add_source_options(module);
     module.def("source_of_files", &source_of_files, "paths"_a, "options"_a);
     module.def("source_of_array", &source_of_array, "array"_a, py::kw_only(), "spacing"_a,
-               "origin"_a, "name"_a, "identified"_a, "files"_a, "missing"_a);
+               "origin"_a, "unit"_a, "name"_a, "identified"_a, "files"_a, "missing"_a);
     module.def("source_of_reader", &source_of_reader, "reader"_a, py::kw_only(), "nodes"_a,
-               "dtype"_a, "spacing"_a, "origin"_a, "name"_a, "planes"_a, "rows"_a, "heap"_a,
-               "identity"_a, "files"_a, "missing"_a);
+               "dtype"_a, "spacing"_a, "origin"_a, "unit"_a, "name"_a, "planes"_a, "rows"_a,
+               "heap"_a, "identity"_a, "files"_a, "missing"_a);
 
     py::class_<PreprocessOptions>(module, "PreprocessOptions")
         .def(py::init<>())

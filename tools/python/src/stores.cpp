@@ -176,6 +176,24 @@ void add_stores(py::module_& module) {
                                [](const OpenStore& s) { return dtype_of(s.get()->type()); })
         .def_property_readonly("spacing", [](const OpenStore& s) { return s.get()->spacing(); })
         .def_property_readonly("origin", [](const OpenStore& s) { return s.get()->origin(); })
+        .def_property_readonly("unit",
+                               [](const OpenStore& s) -> std::optional<std::string> {
+                                   const auto unit = s.get()->unit();
+                                   return unit ? std::optional(std::string(symbol_of(*unit)))
+                                               : std::nullopt;
+                               })
+        .def(
+            "world_units",
+            [](const OpenStore& s, double length, const std::string& unit) {
+                const auto given = length_unit_from(unit);
+                if (!given) {
+                    throw Error(ErrorKind::invalid_argument, "there is no unit of length '" + unit +
+                                                                 "'; there are " +
+                                                                 list_of_length_units());
+                }
+                return s.get()->world_units(length, *given);
+            },
+            "length"_a, "unit"_a)
         .def_property_readonly("direction", [](const OpenStore& s) { return s.get()->direction(); })
         .def_property_readonly("levels", [](const OpenStore& s) { return s.get()->levels(); })
         .def_property_readonly("indicators",

@@ -63,7 +63,7 @@ function run(store: StoreInfo, histogram: Promise<HistogramInfo | null>, info: H
   const readout = readoutLine();
   byId("stage").append(readout);
   const probe = new Probe(api, stage, store, readout, failed);
-  new Overlay(byId("stage"), stage, probe);
+  new Overlay(byId("stage"), stage, probe, store);
   new Pointer(views, store, stage, probe);
   let refresh = (): void => undefined; // until the panels are there
   const changed = (): void => refresh();

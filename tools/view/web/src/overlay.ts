@@ -4,7 +4,8 @@ import { h, setAttributes, svg } from "./dom";
 import type { Probe } from "./probe";
 import type { Stage } from "./stage";
 import { lengthOf } from "./geometry";
-import { short } from "./words";
+import type { StoreInfo } from "./protocol";
+import { short, unitOf } from "./words";
 
 const kArm = 26; // pixels
 const kCorner = 42;
@@ -21,13 +22,16 @@ export class Overlay {
   private readonly line = svg("line", { class: "measure-line" });
   private readonly ends = [svg("circle", { class: "measure-end", r: 4 }), svg("circle", { class: "measure-end", r: 4 })];
   private readonly lengthText = svg("text", { class: "measure-text", "text-anchor": "middle" });
+  private readonly unit: string; // behind a length
   private readonly cross = svg("path", { class: "cross" });
 
   constructor(
     parent: HTMLElement,
     private readonly stage: Stage,
     private readonly probe: Probe,
+    store: StoreInfo,
   ) {
+    this.unit = store.unit === null ? "" : ` ${unitOf(store)}`;
     this.root = svg("svg", { class: "overlay", "aria-hidden": "true" });
     for (const { line, text } of this.axes) this.root.append(line, text);
     this.root.append(this.bar, this.barText, this.line, ...this.ends, this.lengthText, this.cross);
@@ -68,7 +72,7 @@ export class Overlay {
     const y = height - 22;
     this.bar.setAttribute("d", `M${x0} ${y - 4}V${y}H${x1}V${y - 4}`);
     setAttributes(this.barText, { x: (x0 + x1) / 2, y: y - 8 });
-    this.barText.textContent = short(units);
+    this.barText.textContent = `${short(units)}${this.unit}`;
   }
 
   private drawMeasured(): void {
@@ -82,7 +86,7 @@ export class Overlay {
     const [from, to] = points;
     const seen = a && b && from && to;
     setAttributes(this.line, seen ? { x1: a[0], y1: a[1], x2: b[0], y2: b[1], visibility: "visible" } : { visibility: "hidden" });
-    this.lengthText.textContent = seen ? short(lengthOf(from, to)) : "";
+    this.lengthText.textContent = seen ? `${short(lengthOf(from, to))}${this.unit}` : "";
     if (seen) setAttributes(this.lengthText, { x: (a[0] + b[0]) / 2, y: (a[1] + b[1]) / 2 - 8 });
   }
 }

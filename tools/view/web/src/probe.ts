@@ -4,7 +4,7 @@ import { button, h, section } from "./dom";
 import { lengthOf } from "./geometry";
 import type { StoreInfo, ValueInfo, Vector } from "./protocol";
 import type { Hit, Stage } from "./stage";
-import { place, short } from "./words";
+import { place, short, unitOf } from "./words";
 
 /** What lies under a point of the canvas: one question at a time, the newest wins. */
 export class Probe {
@@ -73,7 +73,7 @@ export class Probe {
   setPoints(points: readonly Vector[]): void {
     this.points = points;
     const [a, b] = points;
-    this.result.textContent = !a ? "" : !b ? `From ${place(a)}. Mark the other end.` : `${short(lengthOf(a, b))} world units, from ${place(a)} to ${place(b)}`;
+    this.result.textContent = !a ? "" : !b ? `From ${place(a)}. Mark the other end.` : `${short(lengthOf(a, b))} ${unitOf(this.store)}, from ${place(a)} to ${place(b)}`;
     this.stage.invalidate();
   }
 

@@ -11,6 +11,8 @@ export interface StoreInfo {
   readonly spacing: Vector;
   readonly origin: Vector;
   readonly direction: readonly [Vector, Vector, Vector];
+  /** Of length, of all coordinates; null where it is not known. */
+  readonly unit: string | null;
   readonly box: Box;
   readonly min_value: number | null;
   readonly max_value: number | null;

@@ -1,5 +1,5 @@
 // Numbers and bounds in plain words.
-import type { MeshHeader } from "./protocol";
+import type { MeshHeader, StoreInfo } from "./protocol";
 
 const kWhole = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
 const kShort = new Intl.NumberFormat("en", { maximumSignificantDigits: 4 });
@@ -29,11 +29,17 @@ export function place(at: readonly number[]): string {
   return at.map(short).join(", ");
 }
 
-/** What is proven of a surface. */
-export function surfaceBound(header: MeshHeader): string {
+/** What lengths are in: "mm", "µm", or "world units" where that is not known. */
+export function unitOf(store: StoreInfo): string {
+  const letters: Readonly<Record<string, string>> = { um: "µm", angstrom: "Å" };
+  return store.unit === null ? "world units" : letters[store.unit] ?? store.unit;
+}
+
+/** What is proven of a surface; `unit`: of lengths. */
+export function surfaceBound(header: MeshHeader, unit: string): string {
   if (header.full_resolution) return "full resolution";
   if (header.distance_bound !== null) {
-    return `within ${shortBound(header.distance_bound)} world units of the surface at full resolution`;
+    return `within ${shortBound(header.distance_bound)} ${unit} of the surface at full resolution`;
   }
   if (header.error_bound !== null) return `values on this surface are within ${shortBound(header.error_bound)} of the isovalue`;
   return "without a bound";
@@ -50,7 +56,7 @@ export function sliceBound(header: MeshHeader): string {
 }
 
 /** By how much vertices were moved for the way here, or nothing to say. */
-export function rounding(header: MeshHeader): string {
+export function rounding(header: MeshHeader, unit: string): string {
   if (!(header.position_rounding > 0) || header.distance_bound !== null) return "";
-  return `Vertices are rounded by up to ${shortBound(header.position_rounding)} world units.`;
+  return `Vertices are rounded by up to ${shortBound(header.position_rounding)} ${unit}.`;
 }

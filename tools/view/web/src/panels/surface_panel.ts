@@ -3,7 +3,7 @@ import { checkbox, h, numberField, section, select } from "../dom";
 import type { StoreInfo } from "../protocol";
 import type { Surface } from "../surface";
 import type { Target, ViewStore } from "../state";
-import { bytes, rounding, short, surfaceBound, whole } from "../words";
+import { bytes, rounding, short, surfaceBound, unitOf, whole } from "../words";
 
 const kTargets: readonly (readonly [Target, string])[] = [
   ["screen", "to the screen's pixels"],
@@ -23,19 +23,21 @@ export class SurfacePanel {
   private readonly count = h("p", { class: "count", id: "surface-count" });
   private readonly detail = h("p", { class: "note" });
   private readonly progress = h("p", { class: "progress", id: "surface-progress" });
+  private readonly unit: string;
 
   constructor(
     private readonly views: ViewStore,
     store: StoreInfo,
     private readonly surface: Surface,
   ) {
+    this.unit = unitOf(store);
     const shown = checkbox("Show the surface", (on) => views.set({ surface: on }), { id: "surface-on" });
     const target = select(
       "Refine", kTargets.filter(([name]) => !store.labels || kOfLabels.includes(name)), (choice) => views.set({ target: choice }), { id: "target" },
     );
     const pixels = numberField("Pixels", (value) => views.set({ pixels: value }), { id: "pixels", min: 0.25, max: 64 });
     const error = numberField("Error", (value) => views.set({ error: value }), { id: "error", min: 0 });
-    const distance = numberField("Distance, world units", (value) => views.set({ distance: value }), { id: "distance", min: 0 });
+    const distance = numberField(`Distance, ${this.unit}`, (value) => views.set({ distance: value }), { id: "distance", min: 0 });
     const triangles = numberField("Triangles", (value) => views.set({ triangles: Math.round(value) }), { id: "triangles", min: 100, max: 100_000_000 });
     const moving = numberField("Triangles while moving", (value) => views.set({ moving: Math.round(value) }), { id: "moving", min: 100, max: 10_000_000 });
     const most = numberField("Triangles at most", (value) => views.set({ most: Math.round(value) }), { id: "most", min: 100, max: store.most_triangles });
@@ -70,7 +72,7 @@ export class SurfacePanel {
     this.progress.textContent = this.underWay();
     this.progress.classList.toggle("active", this.surface.refiner.busy && header !== null);
     const limited = header && this.limited() ? `It would take more than ${whole(this.views.state.most)} triangles to be as fine as wanted. ` : "";
-    this.detail.textContent = header ? `${limited}${rounding(header)}` : "";
+    this.detail.textContent = header ? `${limited}${rounding(header, this.unit)}` : "";
   }
 
   /** The bound in a sentence's words, without a stop; empty if there is no surface. */
@@ -78,7 +80,7 @@ export class SurfacePanel {
     const { header } = this.surface.drawn;
     if (!header) return "";
     if (header.triangles === 0) return header.full_resolution ? "No surface: nothing has this value here" : "No surface that is coarse enough; a finer one may show some";
-    const text = surfaceBound(header);
+    const text = surfaceBound(header, this.unit);
     return text[0]?.toUpperCase() + text.slice(1);
   }
 

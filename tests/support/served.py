@@ -1,0 +1,102 @@
+"""Runs the program many times without loading it each time, which takes longer than most runs.
+
+served.run(COMMAND, ...) is subprocess.run(COMMAND, ...) for a program of the build tree and the options below. The
+program is loaded once, waits, and runs each command in a process of its own, forked from it (serve_program.cpp).
+Standard output and error are files, not pipes. Use subprocess for what a new process is needed: signals, limits,
+input through a pipe, what happens while the program is loaded, and environment variables that the loader or a library
+reads before main(). Where the library that serves is not built (sanitizers), this is subprocess.run.
+"""
+import array
+import os
+import pathlib
+import signal
+import socket
+import struct
+import subprocess
+import threading
+
+_servers = {}
+_lock = threading.Lock()
+
+
+def _library(program):
+    return pathlib.Path(program).resolve().parent.parent / "tests" / "libisonest_serve.so"
+
+
+def _server(program, preload):
+    program = os.path.abspath(program)
+    key = os.getpid(), program, preload
+    if key not in _servers:
+        ours, its = socket.socketpair()
+        with its:
+            environment = {**os.environ, "LD_PRELOAD": f"{_library(program)} {preload}", "ISONEST_SERVE": str(its.fileno())}
+            process = subprocess.Popen([program], env=environment, pass_fds=[its.fileno()], stdin=subprocess.DEVNULL,
+                                       stdout=subprocess.DEVNULL, cwd="/")
+        _servers[key] = ours, process  # the end of the first ends the second
+    return _servers[key][0]
+
+
+def _number(server):
+    data = server.recv(4, socket.MSG_WAITALL)
+    if len(data) < 4:
+        raise RuntimeError("the program that serves has ended")
+    return struct.unpack("i", data)[0]
+
+
+def _served(command, files, cwd, env, timeout):
+    """The exit code, as subprocess gives it."""
+    words = [*command, os.path.abspath(cwd or "."), *(f"{name}={value}" for name, value in env.items())]
+    text = b"".join(os.fsencode(word) + b"\0" for word in words)
+    with _lock:
+        server = _server(command[0], env.get("LD_PRELOAD", ""))
+        os.umask(mask := os.umask(0))
+        server.sendmsg([struct.pack("III", len(text), len(command), mask)],
+                       [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", files))])
+        server.sendall(text)
+        process = _number(server)
+        over = threading.Timer(timeout, os.kill, (process, signal.SIGKILL)) if timeout else None
+        if over:
+            over.start()
+        try:
+            return os.waitstatus_to_exitcode(_number(server))
+        finally:
+            if over:
+                over.cancel()
+
+
+def run(command, *, cwd=None, env=None, capture_output=False, stdout=None, stderr=None, text=False, errors="strict",
+        timeout=None, check=False):
+    """As subprocess.run(); stdout and stderr: as there, but STDOUT."""
+    command = [os.fspath(word) for word in command]
+    if not _library(command[0]).exists():
+        return subprocess.run(command, cwd=cwd, env=env, capture_output=capture_output, stdout=stdout, stderr=stderr,
+                              text=text, errors=errors if text else None, timeout=timeout, check=check)
+    if capture_output:
+        stdout = stderr = subprocess.PIPE
+    outputs, opened = [], []
+    for inherited, to in ((1, stdout), (2, stderr)):
+        if to is None:
+            outputs.append(inherited)
+        elif to in (subprocess.PIPE, subprocess.DEVNULL):
+            opened.append(os.memfd_create("output") if to == subprocess.PIPE else os.open(os.devnull, os.O_WRONLY))
+            outputs.append(opened[-1])
+        else:
+            outputs.append(to if isinstance(to, int) else to.fileno())
+    opened.append(os.open(os.devnull, os.O_RDONLY))
+    try:
+        code = _served(command, [opened[-1], *outputs], cwd, dict(os.environ if env is None else env), timeout)
+        if timeout and code == -signal.SIGKILL:
+            raise subprocess.TimeoutExpired(command, timeout)
+        texts = []
+        for to, file in ((stdout, outputs[0]), (stderr, outputs[1])):
+            data = os.pread(file, os.fstat(file).st_size, 0) if to == subprocess.PIPE else None
+            if text and data is not None:
+                data = data.decode(errors=errors).replace("\r\n", "\n").replace("\r", "\n")
+            texts.append(data)
+    finally:
+        for file in opened:
+            os.close(file)
+    done = subprocess.CompletedProcess(command, code, *texts)
+    if check:
+        done.check_returncode()
+    return done

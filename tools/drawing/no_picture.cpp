@@ -1,0 +1,14 @@
+// In place of picture.cpp where OSMesa's headers were missing, or not wanted, when the program was built.
+#include <isonest/error.h>
+
+#include "tools/drawing/picture.h"
+
+namespace isonest::detail::cli {
+
+PictureReport draw_pictures(const PlyMesh& /*mesh*/, const std::vector<PictureView>& /*views*/,
+                            const PictureOptions& /*options*/, Progress& /*progress*/) {
+    throw Error(ErrorKind::unsupported, "this build draws no pictures of meshes",
+                {{RemedyKind::install_package, "libosmesa6-dev"}});
+}
+
+}  // namespace isonest::detail::cli
