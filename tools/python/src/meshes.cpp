@@ -150,7 +150,7 @@ py::list extract_label_meshes(const OpenStore& handle,
 
 using Floats = py::array_t<float, py::array::c_style>;
 using Doubles = py::array_t<double, py::array::c_style>;
-using Numbers = py::array_t<std::uint32_t, py::array::c_style>;
+using CornerNumbers = py::array_t<std::uint32_t, py::array::c_style>;
 
 /// Null if the layout has no attribute of this name. Throws py::value_error unless there is a row
 /// of it for every vertex.
@@ -169,7 +169,7 @@ const T* attribute_of(const MeshOrigin& origin, const char* name, std::size_t ve
 }
 
 void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, const Floats& positions,
-               const Numbers& elements, bool flip, const std::optional<Floats>& normals,
+               const CornerNumbers& elements, bool flip, const std::optional<Floats>& normals,
                const std::optional<Doubles>& values, const std::optional<Floats>& errors,
                const py::object& progress) {
     ArrayMesh mesh;
