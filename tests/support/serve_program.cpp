@@ -29,6 +29,7 @@ namespace {
 
 using Main = int (*)(int, char**, char**);
 Main program_main = nullptr;
+const char* socket_number = nullptr;
 
 struct Request {
     std::array<int, 3> files;
@@ -102,7 +103,7 @@ Request receive(int socket) {
 }
 
 int serve(int /*argc*/, char** /*argv*/, char** /*environment*/) {
-    const int socket = std::atoi(std::getenv("ISONEST_SERVE"));
+    const int socket = std::atoi(socket_number);
     for (;;) {
         const Request request = receive(socket);
         const pid_t server = ::getpid();
@@ -133,9 +134,10 @@ int serve(int /*argc*/, char** /*argv*/, char** /*environment*/) {
 extern "C" int __libc_start_main(Main main, int argc, char** argv, void (*init)(), void (*fini)(),
                                  void (*loader_fini)(), void* stack_end) {
     program_main = main;
+    socket_number = std::getenv("ISONEST_SERVE");
     const auto start =
         reinterpret_cast<decltype(&__libc_start_main)>(::dlsym(RTLD_NEXT, "__libc_start_main"));
-    return start(std::getenv("ISONEST_SERVE") != nullptr ? serve : main, argc, argv, init, fini,
-                 loader_fini, stack_end);
+    return start(socket_number != nullptr ? serve : main, argc, argv, init, fini, loader_fini,
+                 stack_end);
 }
 // NOLINTEND(bugprone-reserved-identifier,readability-identifier-naming)
