@@ -128,6 +128,8 @@ int serve(int /*argc*/, char** /*argv*/, char** /*environment*/) {
 
 }  // namespace
 
+// glibc's, which starts main().
+// NOLINTBEGIN(bugprone-reserved-identifier,readability-identifier-naming)
 extern "C" int __libc_start_main(Main main, int argc, char** argv, void (*init)(), void (*fini)(),
                                  void (*loader_fini)(), void* stack_end) {
     program_main = main;
@@ -136,3 +138,4 @@ extern "C" int __libc_start_main(Main main, int argc, char** argv, void (*init)(
     return start(std::getenv("ISONEST_SERVE") != nullptr ? serve : main, argc, argv, init, fini,
                  loader_fini, stack_end);
 }
+// NOLINTEND(bugprone-reserved-identifier,readability-identifier-naming)
