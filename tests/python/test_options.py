@@ -58,7 +58,7 @@ ONLY_HERE = {  # the function, the argument: why the program has no such option
 }
 SYNONYMS = {"tetrahedra", "hexahedra", "quadrilaterals"}
 CHOICES_LEFT_OUT = {  # the command, the option: why the argument takes other things than the form says
-    ("extract", "distance"): "D[mm|voxel] is a number with a unit", ("extract", "labels"): "all is None",
+    ("extract", "distance"): "D[UNIT|voxel] is a number with a unit", ("extract", "labels"): "all is None",
     ("slice", "cells"): "quad is of graphs",
 }
 

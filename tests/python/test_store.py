@@ -77,6 +77,28 @@ def test_a_store_says_what_it_holds(store, noise, store_path):
     assert isonest.open(store_path.parent / "nan").range is None
 
 
+def test_a_unit_is_kept_and_distances_are_converted_to_it(store, noise, tmp_path):
+    assert store.unit is None
+    with pytest.raises(isonest.Error, match="a number alone"):
+        store.isosurface(0.3, distance="0.5mm")
+    isonest.preprocess(noise, tmp_path / "um", spacing=(500, 500, 500), unit="micrometer")
+    np.save(tmp_path / "v.npy", noise)
+    isonest.preprocess(tmp_path / "v.npy", tmp_path / "file", spacing=(500, 500, 500), unit="um")
+    assert (tmp_path / "um").read_bytes() == (tmp_path / "file").read_bytes()
+    scaled = isonest.open(tmp_path / "um")
+    assert scaled.unit == "um"
+    bare = scaled.isosurface(0.3, distance=200)
+    for same in ("200", "0.2mm", "200 um", "200\u00b5m", "0.4voxel"):
+        mesh = scaled.isosurface(0.3, distance=same)
+        assert np.array_equal(mesh.verts, bare.verts) and np.array_equal(mesh.faces, bare.faces), same
+    with pytest.raises(isonest.Error, match="no unit of length 'furlong'.*km, m, dm"):
+        scaled.isosurface(0.3, distance="1furlong")
+    for volume in (noise, tmp_path / "v.npy"):
+        with pytest.raises(isonest.Error, match="no unit of length 'voxel'"):
+            isonest.preprocess(volume, tmp_path / "none", unit="voxel")
+    assert not (tmp_path / "none").exists()
+
+
 def test_a_store_can_be_closed_and_sent_elsewhere(store):
     other = pickle.loads(pickle.dumps(store))
     with store:

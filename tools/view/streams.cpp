@@ -17,7 +17,7 @@ void Streams::require_name(const std::string& name) {
     if (name.empty() || name.size() > kMostLetters || !good) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("stream '{}': give 1 to {} letters, digits, - or _",
-                                name.substr(0, kMostLetters), kMostStreams));
+                                name.substr(0, kMostLetters), kMostLetters));
     }
 }
 
