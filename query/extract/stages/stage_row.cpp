@@ -1,0 +1,53 @@
+#include "query/extract/stages/stage_row.h"
+
+#include <algorithm>
+
+#include "query/extract/stages/border_stage.h"
+#include "query/extract/stages/component_stage.h"
+#include "query/extract/stages/distance_stage.h"
+#include "query/extract/stages/error_stage.h"
+#include "query/extract/stages/line_stage.h"
+#include "query/extract/stages/mend_stage.h"
+
+namespace isonest::detail {
+
+StageRow::StageRow(const StageSetting& setting)
+    : threads_(Workers::count_of(setting.options.threads)) {
+    const StageChoice& asked = setting.query.stages;
+    const bool has_triangles = setting.query.corners() == 3;
+    if (has_triangles) {
+        stages_.push_back(std::make_unique<MendStage>(setting));
+    }
+    if (asked.components) {
+        stages_.push_back(std::make_unique<ComponentStage>(setting));
+    }
+    if (asked.simplifies() && has_triangles) {
+        stages_.push_back(std::make_unique<DistanceStage>(setting));
+    } else if (asked.simplifies()) {
+        stages_.push_back(std::make_unique<LineStage>(setting));
+    }
+    if (asked.error) {
+        stages_.push_back(std::make_unique<ErrorStage>(setting));
+    }
+    if (setting.query.traversal.box.close && setting.store.has_missing()) {
+        stages_.push_back(std::make_unique<BorderStage>(setting));
+    }
+    for (const auto& stage : stages_) {
+        threads_ = std::min(threads_, stage->threads());
+    }
+}
+
+bool StageRow::has_work(const PartStore& parts) const {
+    return std::any_of(stages_.begin(), stages_.end(),
+                       [&](const auto& stage) { return stage->has_work(parts); });
+}
+
+void StageRow::run(const PartStore& parts, StageMesh& mesh, ExtractReport& report) const {
+    for (const auto& stage : stages_) {
+        if (stage->has_work(parts)) {
+            stage->run(mesh, report);
+        }
+    }
+}
+
+}  // namespace isonest::detail
