@@ -41,6 +41,10 @@ INNER_ROOMS = {
                                      "openvdb", "tiff", "zarr")},
         "hdf5": SHARED | {"nrrd"}, "netcdf": SHARED | {"nrrd"}, "vtk": SHARED | {"nrrd"},
     },
+    "query/extract": {
+        "stages": {"extract_query.h"},
+        "analysis": {"extract_query.h", "run_extraction.h", "stages"},
+    },
 }
 STORAGE_HEADERS = re.compile(r"(hdf5|hdf5_hl|H5\w+|zstd\w*)\.h")
 # Zarr's chunks are zstd frames of its own.

@@ -27,6 +27,8 @@ struct StageChoice {
     std::optional<DistanceChoice> distance;
     std::optional<double> error;  ///< within which it is simplified, in units of the data; > 0
 
+    /// Whether there is anything to do beside mending.
+    [[nodiscard]] bool any() const { return components || simplifies() || error; }
     /// Whether it is simplified within a distance.
     [[nodiscard]] bool simplifies() const { return distance && distance->within > 0; }
 };

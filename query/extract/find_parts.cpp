@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <vector>
 
 #include "query/distance/traverse_within_distance.h"
 #include "query/extract/stages/distance_limits.h"
@@ -20,15 +22,15 @@ struct TraversalSetting {
     const TraversalQuery& query;  ///< of `asked`, with the cache of the vertex values
     ChunkCache& cache;
     std::size_t part_vertices;
-    const PartSink& sink;
     const std::filesystem::path& scratch;
     Progress& progress;
 };
 
-TraversalCounts counts_within_distance(const TraversalSetting& s, ExtractReport& report) {
+TraversalCounts counts_within_distance(const TraversalSetting& s, const PartSink& sink,
+                                       ExtractReport& report) {
     const DistanceTraversal done =
         traverse_within_distance(s.cache, s.query, nested_limit_of(s.store, s.asked), s.scratch,
-                                 s.part_vertices, s.sink, s.progress);
+                                 s.part_vertices, sink, s.progress);
     report.scratch_bytes += done.scratch_bytes;
     report.distance->bound = done.counts.error_bound;
     TraversalCounts counts = done.counts;
@@ -37,26 +39,48 @@ TraversalCounts counts_within_distance(const TraversalSetting& s, ExtractReport&
 }
 
 /// By what is extracted, and its cells.
-TraversalCounts counts_of(const TraversalSetting& s, ExtractReport& report) {
+TraversalCounts counts_of(const TraversalSetting& s, const PartSink& sink, ExtractReport& report) {
     if (s.asked.nested_distance) {
-        return counts_within_distance(s, report);
+        return counts_within_distance(s, sink, report);
     }
     switch (s.asked.product) {
         case Product::graph:
             return s.query.cells == Cells::hexahedra
-                       ? traverse_quadrilaterals(s.cache, s.query, s.part_vertices, s.sink,
+                       ? traverse_quadrilaterals(s.cache, s.query, s.part_vertices, sink,
                                                  s.progress)
-                       : traverse_planar(s.cache, s.query, PlanarKind::graph, s.part_vertices,
-                                         s.sink, s.progress);
+                       : traverse_planar(s.cache, s.query, PlanarKind::graph, s.part_vertices, sink,
+                                         s.progress);
         case Product::isolines:
-            return traverse_planar(s.cache, s.query, PlanarKind::isolines, s.part_vertices, s.sink,
+            return traverse_planar(s.cache, s.query, PlanarKind::isolines, s.part_vertices, sink,
                                    s.progress);
         case Product::surface:
         case Product::slice:
         case Product::contours:
             break;
     }
-    return traverse(s.cache, s.query, s.part_vertices, s.sink, s.progress);
+    return traverse(s.cache, s.query, s.part_vertices, sink, s.progress);
+}
+
+/// Of each isovalue. Surfaces come out of one traversal; others are traversed in turn, from one
+/// cache.
+std::vector<TraversalCounts> all_counts(const TraversalSetting& s,
+                                        std::span<const FoundParts> found,
+                                        std::span<const PartSink> sinks) {
+    std::vector<TraversalCounts> counts;
+    if (s.asked.product == Product::surface && !s.asked.nested_distance && found.size() > 1) {
+        std::vector<double> isovalues;
+        std::transform(found.begin(), found.end(), std::back_inserter(isovalues),
+                       [](const FoundParts& f) { return f.iso; });
+        return traverse_isovalues(s.cache, s.query, isovalues, s.part_vertices, sinks, s.progress);
+    }
+    for (std::size_t i = 0; i < found.size(); ++i) {
+        TraversalQuery query = s.query;
+        query.iso = found[i].iso;
+        counts.push_back(counts_of({s.store, s.asked, query, s.cache, s.part_vertices, s.scratch,
+                                    s.progress},
+                                   sinks[i], *found[i].report));
+    }
+    return counts;
 }
 
 /// The largest error at which a leaf stopped, and what was rounded.
@@ -77,10 +101,10 @@ void report_errors(const ExtractQuery& asked, const TraversalCounts& counts,
 }  // namespace
 
 TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query,
-                             const ExtractOptions& options) {
+                             const ExtractOptions& options, std::uint64_t isovalues) {
     if (!query.nested_distance) {
         return share_memory(store, query.traversal, query.values, options.memory, 0,
-                            options.threads, true);
+                            options.threads, true, isovalues);
     }
     // The threads that go with a distance need heap of their own.
     const std::uint64_t each = distance_traversal_heap(store.layout(), query.traversal);
@@ -88,11 +112,11 @@ TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query
         std::clamp<std::uint64_t>(options.memory / 2 / each, 1,
                                   static_cast<std::uint64_t>(Workers::count_of(options.threads)));
     return share_memory(store, query.traversal, query.values, options.memory, each * count,
-                        static_cast<int>(count), true);
+                        static_cast<int>(count), true, isovalues);
 }
 
 void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
-                PartStore& parts, const std::filesystem::path& scratch, ExtractReport& report,
+                std::span<const FoundParts> found, const std::filesystem::path& scratch,
                 Progress& progress) {
     TraversalQuery query = asked.traversal;
     std::optional<ChunkCache> others;
@@ -108,20 +132,26 @@ void find_parts(const StoreReader& store, const ExtractQuery& asked, const Trave
     const ChunkSource& source = label ? static_cast<const ChunkSource&>(*label) : store;
     ChunkCache cache(source, budget.cache,
                      query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
-    const PartSink sink = [&](std::uint64_t order, const MeshPart& part) {
-        parts.append(order, part);
-    };
-    const TraversalCounts counts = counts_of(
-        {store, asked, query, cache, budget.part_vertices, sink, scratch, progress}, report);
-    parts.seal();
-    report_errors(asked, counts, report);
-    TraversalReport& traversal = report.traversal;
-    traversal.visited = counts.visited;
-    traversal.leaves = counts.leaves;
-    traversal.bricks = counts.bricks;
-    traversal.peak_cache_bytes = cache.peak_bytes();
-    traversal.chunks_read = cache.chunks_read();
-    traversal.bytes_read = cache.bytes_read();
+    std::vector<PartSink> sinks;
+    for (const FoundParts& f : found) {
+        sinks.emplace_back([parts = f.parts](std::uint64_t order, const MeshPart& part) {
+            parts->append(order, part);
+        });
+    }
+    const std::vector<TraversalCounts> counts =
+        all_counts({store, asked, query, cache, budget.part_vertices, scratch, progress}, found,
+                   sinks);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+        found[i].parts->seal();
+        report_errors(asked, counts[i], *found[i].report);
+        TraversalReport& traversal = found[i].report->traversal;
+        traversal.visited = counts[i].visited;
+        traversal.leaves = counts[i].leaves;
+        traversal.bricks = counts[i].bricks;
+        traversal.peak_cache_bytes = cache.peak_bytes();
+        traversal.chunks_read = cache.chunks_read();
+        traversal.bytes_read = cache.bytes_read();
+    }
 }
 
 }  // namespace isonest::detail

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <span>
 
 #include "query/extract/extract_query.h"
 #include "query/mesh/part_store.h"
@@ -9,15 +10,24 @@
 
 namespace isonest::detail {
 
-/// How the memory of a query's traversal is shared. Throws Error{limit} if there is too little.
+/// How the memory of a query's traversal is shared, for so many isovalues at once. Throws
+/// Error{limit} if there is too little.
 TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query,
-                             const ExtractOptions& options);
+                             const ExtractOptions& options, std::uint64_t isovalues);
 
-/// Traverses, fills `parts` and seals them; what that takes beside them is free again afterwards.
-/// Says in the report what it did. REQUIRES: is called within an arena of budget.threads. Throws
+/// Parts of one isovalue, and what is said of them.
+struct FoundParts {
+    double iso = 0;
+    PartStore* parts = nullptr;
+    ExtractReport* report = nullptr;
+};
+
+/// Traverses once, fills all parts and seals them; what that takes beside them is free again
+/// afterwards. Says in the reports what it did; chunks are counted in each. REQUIRES: only a
+/// surface or isolines of values have several isovalues; is called within an arena of budget.threads. Throws
 /// what traverse() throws.
 void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
-                PartStore& parts, const std::filesystem::path& scratch, ExtractReport& report,
+                std::span<const FoundParts> found, const std::filesystem::path& scratch,
                 Progress& progress);
 
 }  // namespace isonest::detail

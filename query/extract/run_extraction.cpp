@@ -18,7 +18,6 @@
 #include "query/extract/stages/contour_lines.h"
 #include "query/extract/stages/distance_limits.h"
 #include "query/extract/stages/stage_row.h"
-#include "query/mesh/border_count.h"
 #include "query/mesh/emit_mesh.h"
 #include "query/mesh/measuring_sink.h"
 #include "store/base/workers.h"
@@ -42,43 +41,51 @@ class Extraction {
                                            : options.scratch),
           layout_(layout_of(asked_.traversal.attributes, asked_.corners())) {}
 
-    ExtractReport run() {
-        const auto start = Clock::now();
-        prepare();
-        const StageRow row({store_, asked_, options_, scratch_, progress_});
-        const TraversalBudget budget = parts_budget(store_, asked_, options_);
-        begin_report();
-        Workers(budget.threads).execute([&] {
-            parts_.emplace(scratch_, asked_.spacing, asked_.origin, budget.parts,
-                           asked_.traversal.attributes.width());
-            find_parts(store_, asked_, budget, *parts_, scratch_, report_, progress_);
-            progress_.check();
-            const Weld weld(*parts_, scratch_);
-            if (row.has_work(*parts_)) {
-                whole_ = std::make_shared<ScratchMesh>(scratch_);
-                emit_mesh(*parts_, weld, layout_, *whole_, progress_);
-            } else if (asked_.product == Product::contours) {
-                emit_contours(weld, budget);
-            } else {
-                emit(*parts_, weld);
-            }
-        });
-        if (whole_) {
-            Workers(row.threads()).execute([&] { run_stages(row); });
-        }
-        end_report();
-        report_.seconds = std::chrono::duration<double>(Clock::now() - start).count();
-        return report_;
-    }
-
-  private:
+    /// Refuses what cannot be, before any work.
     void prepare() {
         std::vector<std::filesystem::path> inputs{store_.path()};
         if (asked_.values != nullptr) {
             inputs.push_back(asked_.values->path());
         }
         sink_.prepare(layout_, inputs);
+        row_ = std::make_unique<StageRow>(
+            StageSetting{store_, asked_, options_, scratch_, progress_});
+        begin_report();
     }
+    /// Where the traversal's parts are to go; those beyond `memory` bytes to a temporary file.
+    FoundParts begin_parts(std::uint64_t memory) {
+        parts_.emplace(scratch_, asked_.spacing, asked_.origin, memory,
+                       asked_.traversal.attributes.width());
+        return {asked_.traversal.iso, &*parts_, &report_};
+    }
+    /// From the parts to the mesh in the sink.
+    ExtractReport finish(const TraversalBudget& budget) {
+        std::vector<Stage*> stages;
+        std::shared_ptr<ScratchMesh> whole;
+        Workers(budget.threads).execute([&] {
+            progress_.check();
+            const Weld weld(*parts_, scratch_);
+            stages = row_->with_work(*parts_);
+            if (!stages.empty()) {
+                whole = std::make_shared<ScratchMesh>(scratch_);
+                emit_mesh(*parts_, weld, layout_, *whole, progress_);
+            } else if (asked_.product == Product::contours) {
+                emit_contours(weld, budget);
+            } else {
+                emit(*parts_, weld);
+            }
+        });
+        parts_.reset();
+        if (whole) {
+            Workers(row_->threads()).execute([&] { run_stages(stages, std::move(whole)); });
+        }
+        end_report();
+        return report_;
+    }
+    [[nodiscard]] const ExtractQuery& asked() const { return asked_; }
+    [[nodiscard]] const std::filesystem::path& scratch() const { return scratch_; }
+
+  private:
     void begin_report() {
         report_.dimension = store_.layout().lattice().dimension();
         report_.tolerance = asked_.threshold;
@@ -114,10 +121,12 @@ class Extraction {
         emit(lines, Weld(lines, scratch_));
         report_.value_rounding += contour_rounding(asked_.contours, attributes);
     }
-    void run_stages(const StageRow& row) {
-        report_.scratch_bytes += whole_->bytes();
-        StageMesh mesh(std::move(whole_));
-        row.run(*parts_, mesh, report_);
+    void run_stages(const std::vector<Stage*>& stages, std::shared_ptr<ScratchMesh> whole) {
+        report_.scratch_bytes += whole->bytes();
+        StageMesh mesh(std::move(whole));
+        for (Stage* const stage : stages) {
+            stage->run(mesh, report_);
+        }
         const EmittedMesh emitted =
             emit_elements(mesh.vertices(), mesh.elements(), scratch_, sink_, progress_);
         report_.vertices = emitted.vertices;
@@ -141,9 +150,35 @@ class Extraction {
     std::filesystem::path scratch_;
     MeshLayout layout_;
     ExtractReport report_;
+    std::unique_ptr<StageRow> row_;
     std::optional<PartStore> parts_;
-    std::shared_ptr<ScratchMesh> whole_;
 };
+
+/// Of several isovalues, with one traversal for all of them.
+void run_together(std::span<const std::unique_ptr<Extraction>> extractions,
+                  const StoreReader& store, const ExtractOptions& options, Progress& progress,
+                  const std::function<void(std::size_t, const ExtractReport&)>& done) {
+    const auto start = Clock::now();
+    for (const auto& e : extractions) {
+        e->prepare();
+    }
+    const ExtractQuery& asked = extractions.front()->asked();
+    const TraversalBudget budget = parts_budget(store, asked, options, extractions.size());
+    // While stages work on one mesh, which have all of the memory, the other parts wait.
+    const bool has_room = extractions.size() == 1 || !asked.stages.any();
+    Workers(budget.threads).execute([&] {
+        std::vector<FoundParts> found;
+        for (const auto& e : extractions) {
+            found.push_back(e->begin_parts(has_room ? budget.parts / extractions.size() : 0));
+        }
+        find_parts(store, asked, budget, found, extractions.front()->scratch(), progress);
+    });
+    for (std::size_t i = 0; i < extractions.size(); ++i) {
+        ExtractReport report = extractions[i]->finish(budget);
+        report.seconds = std::chrono::duration<double>(Clock::now() - start).count();
+        done(i, report);
+    }
+}
 
 /// From a kept analysis, if there is to be one and it is fine enough; else from the store.
 ExtractReport extracted(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
@@ -155,7 +190,10 @@ ExtractReport extracted(const StoreReader& store, ExtractQuery asked, MeshSink& 
             return *report;
         }
     }
-    ExtractReport report = Extraction(store, std::move(asked), sink, options, progress).run();
+    ExtractReport report;
+    const auto one = std::make_unique<Extraction>(store, std::move(asked), sink, options, progress);
+    run_together({&one, 1}, store, options, progress,
+                 [&](std::size_t, const ExtractReport& r) { report = r; });
     if (is_analysed) {
         report.analysis.emplace();
     }
@@ -173,6 +211,41 @@ ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshS
     ExtractReport report = extracted(store, std::move(asked), measuring, options, progress);
     report.quality = measuring.quality();
     return report;
+}
+
+void run_extractions(const StoreReader& store, const ExtractQuery& asked,
+                     std::span<const double> isovalues,
+                     const std::function<std::unique_ptr<MeshSink>(std::size_t)>& sink,
+                     const std::function<void(std::size_t, const ExtractReport&)>& done,
+                     const ExtractOptions& options, Progress& progress) {
+    const std::uint64_t most = isovalues_at_once(store, asked.traversal, asked.values,
+                                                 options.memory, options.threads,
+                                                 isovalues.size());
+    for (std::size_t first = 0; first < isovalues.size(); first += most) {
+        const auto some = isovalues.subspan(first, std::min<std::size_t>(most, isovalues.size() - first));
+        std::vector<std::unique_ptr<MeshSink>> sinks;
+        std::vector<std::unique_ptr<MeasuringSink>> measuring(some.size());
+        std::vector<std::unique_ptr<Extraction>> extractions;
+        for (std::size_t i = 0; i < some.size(); ++i) {
+            ExtractQuery own = asked;
+            own.traversal.iso = some[i];
+            sinks.push_back(sink(first + i));
+            if (options.quality && asked.corners() == 3) {
+                measuring[i] = std::make_unique<MeasuringSink>(*sinks[i]);
+            }
+            extractions.push_back(std::make_unique<Extraction>(
+                store, std::move(own), measuring[i] ? *measuring[i] : *sinks[i], options,
+                progress));
+        }
+        run_together(extractions, store, options, progress,
+                     [&](std::size_t i, ExtractReport report) {
+                         if (measuring[i]) {
+                             report.quality = measuring[i]->quality();
+                         }
+                         sinks[i].reset();
+                         done(first + i, report);
+                     });
+    }
 }
 
 }  // namespace isonest::detail

@@ -37,17 +37,14 @@ StageRow::StageRow(const StageSetting& setting)
     }
 }
 
-bool StageRow::has_work(const PartStore& parts) const {
-    return std::any_of(stages_.begin(), stages_.end(),
-                       [&](const auto& stage) { return stage->has_work(parts); });
-}
-
-void StageRow::run(const PartStore& parts, StageMesh& mesh, ExtractReport& report) const {
+std::vector<Stage*> StageRow::with_work(const PartStore& parts) const {
+    std::vector<Stage*> stages;
     for (const auto& stage : stages_) {
         if (stage->has_work(parts)) {
-            stage->run(mesh, report);
+            stages.push_back(stage.get());
         }
     }
+    return stages;
 }
 
 }  // namespace isonest::detail

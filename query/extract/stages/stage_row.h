@@ -15,10 +15,9 @@ class StageRow {
 
     /// For how many threads all stages have memory.
     [[nodiscard]] int threads() const { return threads_; }
-    /// Whether a mesh of these parts has to be made a whole one.
-    [[nodiscard]] bool has_work(const PartStore& parts) const;
-    /// REQUIRES: is called within an arena of threads(). Throws what the stages throw.
-    void run(const PartStore& parts, StageMesh& mesh, ExtractReport& report) const;
+    /// Those that have work with a mesh of these parts; if there are none, it need not be made a
+    /// whole one. They live as long as the row.
+    [[nodiscard]] std::vector<Stage*> with_work(const PartStore& parts) const;
 
   private:
     std::vector<std::unique_ptr<Stage>> stages_;

@@ -1,6 +1,7 @@
 // From a store to a surface, a slice, contour lines or a graph with a guaranteed error.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -153,6 +154,23 @@ ExtractReport extract(const Store& store, const ContourQuery& query, MeshSink& s
                       const ExtractOptions& options = {}, Progress& progress = silent_progress());
 ExtractReport extract(const Store& store, const GraphQuery& query, MeshSink& sink,
                       const ExtractOptions& options = {}, Progress& progress = silent_progress());
+
+/// How many isovalues extract_isovalues() takes at once.
+inline constexpr std::size_t kMostIsovalues = 256;
+
+/// The surfaces (or isolines) of several isovalues, in place of query.iso: a mesh each, the same as
+/// extract() makes of it alone. Chunks are decoded once for all that the memory holds at a time;
+/// with an ErrorBudget, a kept analysis or a volume that is turned they are made one after the
+/// other. `sink` and `done` are called from one thread, in order; all sinks of those that are made
+/// together live at the same time, and say the same of holds_float64(). The reports count what was
+/// read and the seconds of all that are made together. Throws as extract(), and for the same
+/// isovalue twice; Error{limit} for more than kMostIsovalues. The meshes that are finished stay.
+void extract_isovalues(const Store& store, std::span<const double> isovalues,
+                       const SurfaceQuery& query,
+                       const std::function<std::unique_ptr<MeshSink>(std::size_t number)>& sink,
+                       const std::function<void(std::size_t number, const ExtractReport&)>& done,
+                       const ExtractOptions& options = {},
+                       Progress& progress = silent_progress());
 
 /// The surfaces of labels (as of find_labels()), a mesh each, that extract() makes with query.label
 /// set to them; several at a time, which share the memory and the threads. `sink` and `done` are

@@ -90,16 +90,14 @@ template <class Query>
 Query begun_query(const Arguments& arguments, const Store* values) {
     const ExtractArguments& a = arguments.extract;
     auto query = a.query<Query>();
-    query.normals = a.normals;
-    query.vertex_error = a.vertex_error;
-    query.vertex_values = values;
-    query.cells = a.cells;
+    query.attributes = {a.normals, values, a.vertex_error};
     return query;
 }
 
 GraphQuery graph_query(const Arguments& arguments, const Store* values) {
     auto query = begun_query<GraphQuery>(arguments, values);
     query.scale = arguments.scale;
+    query.cells = arguments.extract.cells;
     return query;
 }
 
@@ -107,7 +105,7 @@ SurfaceQuery surface_query(const Arguments& arguments, const Store* values) {
     const ExtractArguments& a = arguments.extract;
     auto query = begun_query<SurfaceQuery>(arguments, values);
     query.iso = arguments.iso;
-    query.bound = arguments.bound;
+    query.grid = {a.cells, arguments.vertices, arguments.bound, arguments.culling};
     if (arguments.distance.by_error && arguments.distance.distance) {
         throw Error(ErrorKind::invalid_argument,
                     "--by error goes without --distance: the triangles are the nested grid's");
@@ -121,13 +119,7 @@ SurfaceQuery surface_query(const Arguments& arguments, const Store* values) {
         query.stop = SimplifiedErrorBound{a.error};
     }
     query.stop = arguments.distance.stop().value_or(query.stop);
-    query.culling = arguments.culling;
-    query.components = arguments.components;
-    query.close = arguments.close;
-    query.vertices = arguments.vertices;
-    if (arguments.labels.one) {
-        query.label = LabelChoice{*arguments.labels.one};
-    }
+    query.stages = {arguments.close, arguments.components};
     if (arguments.distance.analysis && !arguments.distance.stop()) {
         throw Error(ErrorKind::invalid_argument,
                     "--keep-analysis goes with --distance or --triangles");
@@ -140,9 +132,14 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, const St
                         Progress& progress) {
     const ExtractArguments& a = arguments.extract;
     const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, {.replace = true});
-    return a.is_graph
-               ? extract(store, graph_query(arguments, values), *sink, options_of(a), progress)
-               : extract(store, surface_query(arguments, values), *sink, options_of(a), progress);
+    if (a.is_graph) {
+        return extract(store, graph_query(arguments, values), *sink, options_of(a), progress);
+    }
+    const SurfaceQuery query = surface_query(arguments, values);
+    return arguments.labels.one
+               ? extract(store, label_query(query, {*arguments.labels.one}), *sink, options_of(a),
+                         progress)
+               : extract(store, query, *sink, options_of(a), progress);
 }
 
 Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
@@ -156,7 +153,8 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
     const Store* const values = others ? &*others : nullptr;
     const LabelArguments& labels = arguments.labels;
     if (labels.several) {
-        return extract_label_meshes(store, labels, a, surface_query(arguments, values), progress);
+        return extract_label_meshes(store, labels, a,
+                                    label_query(surface_query(arguments, values), {}), progress);
     }
     if (!has_iso && !a.is_graph && !labels.one) {
         throw Error(ErrorKind::invalid_argument,
@@ -180,30 +178,31 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
                     r.vertices, human_seconds(r.seconds),
                     r.distance || r.within_budget ? distance_text(arguments.distance, r)
                                                   : guarantee_text(a, r) + simplified_text(r),
-                    r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
+                    r.traversal.chunks_read, r.traversal.chunks_total,
+                    human_bytes(static_cast<double>(r.traversal.bytes_read)));
     result.text += analysis_text(r) + version_text(a.mesh);
-    if (arguments.components) {
-        add_component_json(r, result.json);
+    if (r.components) {
+        add_component_json(*r.components, result.json);
         result.text += component_text(r);
     }
-    if (arguments.close) {
-        add_close_json(r, result.json);
-        result.text += r.triangles > 0 ? close_text(r, a.box.has_value()) : "";
+    if (r.closing) {
+        add_close_json(*r.closing, result.json);
+        result.text += r.triangles > 0 ? close_text(*r.closing, a.box.has_value()) : "";
     }
-    if (r.triangles == 0 && r.dropped_components == 0) {
+    if (r.triangles == 0 && (!r.components || r.components->dropped == 0)) {
         result.text += empty_surface(store, arguments, r);
     }
-    if (r.mended_triangles > 0) {
+    if (r.mending.mended > 0) {
         result.text += fmt::format(
             "{} triangles whose corners 32-bit floats round to one place or line were taken out or "
             "mended.\n",
-            r.mended_triangles);
+            r.mending.mended);
     }
-    if (r.zero_area_triangles > 0) {
+    if (r.mending.zero_area > 0) {
         result.text += fmt::format(
             "{} triangles have no area; nothing that keeps the mesh whole "
             "mends them.\n",
-            r.zero_area_triangles);
+            r.mending.zero_area);
     }
     if (r.quality && r.triangles > 0) {
         constexpr double kPercent = 100;

@@ -88,9 +88,8 @@ ExtractReport run_slice(const Store& store, const Arguments& a, MeshSink& sink,
                         Progress& progress) {
     SliceQuery query = a.extract.query<SliceQuery>();
     query.plane = a.plane;
-    query.normals = a.extract.normals;
     query.cells = a.extract.cells;
-    query.vertex_error = a.extract.vertex_error;
+    query.attributes = {a.extract.normals, nullptr, a.extract.vertex_error};
     return extract(store, query, sink, options_of(a.extract), progress);
 }
 
@@ -126,8 +125,9 @@ Result run(Arguments& a, Progress& progress) {
     result.text =
         fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.extract.mesh,
                     r.triangles, lines ? "lines" : "triangles", r.vertices,
-                    human_seconds(r.seconds), guarantee_text(a.extract, r), r.chunks_read,
-                    r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
+                    human_seconds(r.seconds), guarantee_text(a.extract, r),
+                    r.traversal.chunks_read, r.traversal.chunks_total,
+                    human_bytes(static_cast<double>(r.traversal.bytes_read)));
     if (r.triangles == 0) {
         result.text += empty_slice(store, a, lines);
     }

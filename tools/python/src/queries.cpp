@@ -72,10 +72,11 @@ template <class Query>
 struct Asked {
     Query query;
     std::shared_ptr<const Store> values;
+    std::optional<LabelChoice> label = {};  ///< in place of an isovalue
 
     void set_values(const OpenStore& store) {
         values = store.get();
-        query.vertex_values = values.get();
+        query.attributes.values = values.get();
     }
 };
 using AskedSurface = Asked<SurfaceQuery>;
@@ -86,6 +87,17 @@ py::object array_or_none(std::vector<T>&& rows) {
     return rows.empty() ? py::object(py::none()) : py::object(as_array(std::move(rows)));
 }
 
+ExtractReport extract_asked(const Store& store, const AskedSlice& asked, MeshSink& mesh,
+                            const ExtractOptions& options, Progress& progress) {
+    return extract(store, asked.query, mesh, options, progress);
+}
+ExtractReport extract_asked(const Store& store, const AskedSurface& asked, MeshSink& mesh,
+                            const ExtractOptions& options, Progress& progress) {
+    return asked.label
+               ? extract(store, label_query(asked.query, *asked.label), mesh, options, progress)
+               : extract(store, asked.query, mesh, options, progress);
+}
+
 /// (positions, elements, normals, values, errors, report): the arrays own the mesh.
 template <class Query>
 py::tuple extract_mesh(const OpenStore& handle, const Asked<Query>& asked,
@@ -94,7 +106,7 @@ py::tuple extract_mesh(const OpenStore& handle, const Asked<Query>& asked,
     MeshCollector mesh;
     ExtractReport report;
     run_watched(progress,
-                [&](Progress& p) { report = extract(*store, asked.query, mesh, options, p); });
+                [&](Progress& p) { report = extract_asked(*store, asked, mesh, options, p); });
     py::array elements = report.dimension == 2 && mesh.triangles.empty()
                              ? as_array(std::move(mesh.lines))
                              : as_array(std::move(mesh.triangles));
@@ -102,6 +114,13 @@ py::tuple extract_mesh(const OpenStore& handle, const Asked<Query>& asked,
                           array_or_none(std::move(mesh.normals)),
                           array_or_none(std::move(mesh.values)),
                           array_or_none(std::move(mesh.errors)), std::move(report));
+}
+
+Cells& cells(SurfaceQuery& query) {
+    return query.grid.cells;
+}
+Cells& cells(SliceQuery& query) {
+    return query.cells;
 }
 
 /// What surfaces and slices have in common.
@@ -123,12 +142,12 @@ void add_common(py::class_<Asked<Query>>& type) {
             },
             "lo"_a, "hi"_a)
         .def("set_values", &A::set_values, "store"_a)
-        .def("set_cells", [](A& a, const std::string& name) { a.query.cells = cells_of(name); })
+        .def("set_cells", [](A& a, const std::string& name) { cells(a.query) = cells_of(name); })
         .def("set_vertex_error",
-             [](A& a, const std::string& name) { a.query.vertex_error = field_of_name(name); })
+             [](A& a, const std::string& name) { a.query.attributes.error = field_of_name(name); })
         .def_property(
-            "normals", [](const A& a) { return a.query.normals; },
-            [](A& a, bool normals) { a.query.normals = normals; });
+            "normals", [](const A& a) { return a.query.attributes.normals; },
+            [](A& a, bool normals) { a.query.attributes.normals = normals; });
 }
 
 void add_surface(py::module_& module) {
@@ -160,19 +179,19 @@ void add_surface(py::module_& module) {
                 a.query.stop = budget;
             },
             "most"_a, "within"_a, "voxels"_a)
-        .def("set_exact_vertices", [](AskedSurface& a) { a.query.vertices = VertexPlace::exact; })
+        .def("set_exact_vertices", [](AskedSurface& a) { a.query.grid.vertices = VertexPlace::exact; })
         .def("set_close",
              [](AskedSurface& a, const std::optional<std::string>& outside) {
-                 a.query.close = outside_of(outside);
+                 a.query.stages.close = outside_of(outside);
              })
         .def(
-            "set_label", [](AskedSurface& a, std::int64_t id) { a.query.label = LabelChoice{id}; },
+            "set_label", [](AskedSurface& a, std::int64_t id) { a.label = LabelChoice{id}; },
             "id"_a)
         .def(
             "set_components",
             [](AskedSurface& a, std::uint64_t largest, std::uint64_t least_triangles,
                double least_volume) {
-                a.query.components = ComponentChoice{largest, least_triangles, least_volume};
+                a.query.stages.components = ComponentChoice{largest, least_triangles, least_volume};
             },
             "largest"_a, "least_triangles"_a, "least_volume"_a);
 }
