@@ -13,6 +13,7 @@
 #include "tools/cli/options/distance_options.h"
 #include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/fields.h"
+#include "tools/cli/options/isovalue_option.h"
 #include "tools/cli/options/label_options.h"
 #include "tools/cli/options/units.h"
 
@@ -21,7 +22,7 @@ namespace {
 
 struct Arguments {
     ExtractArguments extract;
-    double iso = 0;
+    Isovalues isovalues;
     double scale = 1;  ///< of the graph
     std::optional<Field> bound;
     std::optional<BackfaceCulling> culling;
@@ -52,7 +53,7 @@ VertexPlace parse_vertices(const std::string& text) {
 /// Why there is none.
 std::string empty_surface(const Store& store, const Arguments& arguments, const ExtractReport& r) {
     const ExtractArguments& a = arguments.extract;
-    const double iso = arguments.iso;
+    const double iso = arguments.isovalues.one();
     const std::string range = human_range(store.min_value(), store.max_value());
     if (arguments.labels.one) {
         return fmt::format(
@@ -104,7 +105,7 @@ GraphQuery graph_query(const Arguments& arguments, const Store* values) {
 SurfaceQuery surface_query(const Arguments& arguments, const Store* values) {
     const ExtractArguments& a = arguments.extract;
     auto query = begun_query<SurfaceQuery>(arguments, values);
-    query.iso = arguments.iso;
+    query.iso = arguments.isovalues.one();
     query.grid = {a.cells, arguments.vertices, arguments.bound, arguments.culling};
     if (arguments.distance.by_error && arguments.distance.distance) {
         throw Error(ErrorKind::invalid_argument,
@@ -142,32 +143,17 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, const St
                : extract(store, query, *sink, options_of(a), progress);
 }
 
-Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
+/// What is said of one mesh.
+Result result_of(const Store& store, const Arguments& arguments, const ExtractReport& r) {
     const ExtractArguments& a = arguments.extract;
-    require_suitable_cells(a);
-    const Store store(a.store);
-    std::optional<Store> others;
-    if (!arguments.values.empty()) {
-        others.emplace(arguments.values);
-    }
-    const Store* const values = others ? &*others : nullptr;
     const LabelArguments& labels = arguments.labels;
-    if (labels.several) {
-        return extract_label_meshes(store, labels, a,
-                                    label_query(surface_query(arguments, values), {}), progress);
-    }
-    if (!has_iso && !a.is_graph && !labels.one) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("give the isovalue, --iso V, or a --label; the values of {} are {}",
-                                a.store, human_range(store.min_value(), store.max_value())));
-    }
-    const ExtractReport r = run_query(store, arguments, values, progress);
+    const bool has_iso = !arguments.isovalues.all.empty();
     Result result;
     result.warning = extract_warning(a, r);
     result.json = extract_json(a, r);
     add_distance_json(result.json, r);
     if (has_iso) {
-        result.json["iso"] = arguments.iso;
+        result.json["iso"] = arguments.isovalues.one();
     }
     if (labels.one) {
         result.json["label"] = *labels.one;
@@ -215,6 +201,62 @@ Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
     return result;
 }
 
+/// A mesh for each isovalue.
+Result run_isovalues(const Store& store, const Arguments& arguments, const Store* values,
+                     Progress& progress) {
+    const Isovalues& isovalues = arguments.isovalues;
+    require_own_names(arguments.extract.mesh);
+    std::vector<Arguments> each(isovalues.all.size(), arguments);
+    for (std::size_t i = 0; i < each.size(); ++i) {
+        each[i].extract.mesh = mesh_name(arguments.extract.mesh, isovalues.texts[i]);
+        each[i].isovalues = {{isovalues.all[i]}, {isovalues.texts[i]}};
+    }
+    Result all;
+    all.json = {{"meshes", Json::array()}};
+    extract_isovalues(
+        store, isovalues.all, surface_query(arguments, values),
+        [&](std::size_t i) { return open_mesh_file(each[i].extract.mesh, {.replace = true}); },
+        [&](std::size_t i, const ExtractReport& r) {
+            Result result = result_of(store, each[i], r);
+            all.json["meshes"].push_back(std::move(result.json));
+            all.text += result.text;
+            if (!result.warning.empty()) {
+                all.warning += (all.warning.empty() ? "" : "\n") + result.warning;
+            }
+        },
+        options_of(arguments.extract), progress);
+    return all;
+}
+
+Result run(const Arguments& arguments, bool has_iso, Progress& progress) {
+    const ExtractArguments& a = arguments.extract;
+    require_suitable_cells(a);
+    const Store store(a.store);
+    std::optional<Store> others;
+    if (!arguments.values.empty()) {
+        others.emplace(arguments.values);
+    }
+    const Store* const values = others ? &*others : nullptr;
+    const LabelArguments& labels = arguments.labels;
+    if (labels.several) {
+        return extract_label_meshes(store, labels, a,
+                                    label_query(surface_query(arguments, values), {}), progress);
+    }
+    if (!has_iso && !a.is_graph && !labels.one) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("give the isovalue, --iso V, or a --label; the values of {} are {}",
+                                a.store, human_range(store.min_value(), store.max_value())));
+    }
+    if (arguments.isovalues.all.size() > 1) {
+        return run_isovalues(store, arguments, values, progress);
+    }
+    Arguments own = arguments;
+    if (has_iso) {
+        own.extract.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());
+    }
+    return result_of(store, own, run_query(store, own, values, progress));
+}
+
 /// What usually comes, and how long it takes beside the rest.
 std::vector<ProgressStage> stages_of(const Arguments& a) {
     std::vector<ProgressStage> stages;
@@ -250,6 +292,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "(one node along an axis) give isolines (.vtp .obj), or their graph.",
          "isonest extract scan.isonest --iso 120 -o full.ply\n"
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.glb --normals\n"
+         "isonest extract scan.isonest --iso 80,120,160 -o surface_{iso}.ply\n"
          "isonest extract scan.isonest --iso 120 --distance 0.5voxel -o small.stl\n"
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 --simplify -o light.glb\n"
          "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"
@@ -262,9 +305,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract map.isonest --iso 500 --error 2 -o contour.vtp\n"
          "isonest extract map.isonest --graph --scale 3 --error 5 -o relief.glb --normals"});
     add_extract_options(c, a->extract);
-    CLI::Option* const iso = add_parsed(
-        c, "--iso", [a](const std::string& text) { a->iso = parse_number("--iso", text); },
-        "the isovalue", "V");
+    CLI::Option* const iso = add_isovalue_option(c, a->isovalues);
     CLI::Option* const graph =
         c->add_flag("--graph", a->extract.is_graph,
                     "of data in a plane: the surface z = value in place of isolines");
