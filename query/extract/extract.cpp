@@ -37,7 +37,9 @@ ExtractReport run(const Store& store, const Query& query, MeshSink& sink,
         run_along_axes(store, detail::in_own_axes(query, header, store.reader().path().string()),
                        turning, options, progress);
     // Turned positions are rounded once more.
-    report.distance_bound += report.distance_bound > 0 ? turning.rounding() : 0;
+    if (report.distance && report.distance->bound > 0) {
+        report.distance->bound += turning.rounding();
+    }
     report.coordinate_rounding +=
         turning.rounding() / *std::min_element(header.spacing.begin(), header.spacing.end());
     return report;
@@ -46,6 +48,10 @@ ExtractReport run(const Store& store, const Query& query, MeshSink& sink,
 }  // namespace
 
 ExtractReport extract(const Store& store, const SurfaceQuery& query, MeshSink& sink,
+                      const ExtractOptions& options, Progress& progress) {
+    return run(store, query, sink, options, progress);
+}
+ExtractReport extract(const Store& store, const LabelQuery& query, MeshSink& sink,
                       const ExtractOptions& options, Progress& progress) {
     return run(store, query, sink, options, progress);
 }

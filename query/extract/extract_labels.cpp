@@ -24,7 +24,7 @@ constexpr std::uint64_t kMemoryEach = 256U << 20U;
 
 }  // namespace
 
-void extract_labels(const Store& store, std::span<const Label> labels, const SurfaceQuery& query,
+void extract_labels(const Store& store, std::span<const Label> labels, const LabelQuery& query,
                     const std::function<std::unique_ptr<MeshSink>(const Label&)>& sink,
                     const std::function<void(std::size_t number, const ExtractReport&)>& done,
                     const ExtractOptions& options, Progress& progress) {
@@ -46,7 +46,7 @@ void extract_labels(const Store& store, std::span<const Label> labels, const Sur
             [&](const tbb::blocked_range<std::size_t>& range) {
                 for (std::size_t i = range.begin(); i < range.end(); ++i) {
                     progress.check();
-                    SurfaceQuery own = query;
+                    LabelQuery own = query;
                     own.label = LabelChoice{labels[i].id, {{labels[i].low, labels[i].high}}};
                     const std::unique_ptr<MeshSink> to = sink(labels[i]);
                     done(i, extract(store, own, *to, each, silent));

@@ -7,11 +7,13 @@
 #include <limits>
 
 #include <isonest/error.h>
+#include <isonest/value_type.h>
 
-#include "query/extract/kept_analysis.h"
-#include "query/extract/label_query.h"
+#include "query/extract/analysis/kept_analysis.h"
+#include "query/extract/combinations.h"
 #include "query/extract/query_checks.h"
-#include "query/extract/value_simplification.h"
+#include "query/extract/stages/error_stage.h"
+#include "query/view/label_view.h"
 #include "store/container/extent.h"
 
 namespace isonest::detail {
@@ -115,43 +117,47 @@ double coordinate_rounding(const StoreHeader& header) {
 }
 
 /// What all queries have.
-template <class Query>
-ExtractQuery begun(const StoreReader& store, Product product, const Query& query) {
+ExtractQuery begun(const StoreReader& store, Product product, const Stop& stop, Cells cells,
+                   const std::optional<WorldBox>& box) {
     const StoreHeader& header = store.layout().header();
     ExtractQuery asked;
     asked.product = product;
     asked.spacing = header.spacing;
     asked.origin = header.origin;
-    const Stop stop = [&] {
-        if constexpr (requires { query.cells; }) {
-            if (query.cells == Cells::hexahedra) {
-                asked.traversal.cells = query.cells;
-                return stop_of_cells(store, query);
-            }
-        }
-        return stop_of(store, query.stop);
-    }();
     asked.threshold = stop.threshold;
+    asked.traversal.cells = cells;
     asked.traversal.stop = stop.field;
     // Where nothing is searched the bound is not used.
     asked.traversal.bound = store.layout().tightest_bound().value_or(stop.field);
+    asked.traversal.tolerance = Tolerance(stop.threshold, {}, {}, header.spacing, header.origin);
+    asked.traversal.box = clip_box(store, box);
+    return asked;
+}
+
+/// The same of those whose tolerance varies. `finest_needs_none`: an error of 0 needs no field of
+/// cells.
+template <class Query>
+ExtractQuery begun(const StoreReader& store, Product product, const Query& query, Cells cells,
+                   bool finest_needs_none) {
+    const Stop stop = cells == Cells::hexahedra
+                          ? stop_of_cells(store, query.stop, finest_needs_none)
+                          : stop_of(store, query.stop);
+    ExtractQuery asked = begun(store, product, stop, cells, query.box);
     asked.traversal.tolerance =
-        Tolerance(stop.threshold, query.focus, query.camera, header.spacing, header.origin);
-    asked.traversal.box = clip_box(store, query.box);
+        Tolerance(stop.threshold, query.focus, query.camera, asked.spacing, asked.origin);
     return asked;
 }
 
 /// What the vertices carry. `needs_value`: also if no other store gives values.
-template <class Query>
-void choose_attributes(const StoreReader& store, const Query& query, bool needs_value, bool float64,
-                       ExtractQuery& asked) {
+void choose_attributes(const StoreReader& store, const MeshAttributes& chosen, bool needs_value,
+                       bool float64, ExtractQuery& asked) {
     AttributeChoice& attributes = asked.traversal.attributes;
-    attributes.normal = query.normals;
-    attributes.error = query.vertex_error;
-    if (query.vertex_error) {
-        require_field(store, *query.vertex_error, "the error at the vertices");
+    attributes.normal = chosen.normals;
+    attributes.error = chosen.error;
+    if (chosen.error) {
+        require_field(store, *chosen.error, "the error at the vertices");
     }
-    asked.values = query.vertex_values != nullptr ? &query.vertex_values->reader() : nullptr;
+    asked.values = chosen.values != nullptr ? &chosen.values->reader() : nullptr;
     const StoreReader& values = asked.values != nullptr ? *asked.values : store;
     attributes.value = needs_value || asked.values != nullptr;
     attributes.wide_value = attributes.value && float64 && !held_by_float32(values);
@@ -165,35 +171,6 @@ void choose_attributes(const StoreReader& store, const Query& query, bool needs_
     }
 }
 
-/// A distance is the same everywhere.
-void require_no_place(const SurfaceQuery& query) {
-    if (query.focus || query.camera) {
-        throw Error(ErrorKind::invalid_argument,
-                    "a distance holds everywhere: it goes with neither focus nor camera");
-    }
-}
-
-/// The error within which the surface is simplified; nothing if that is 0.
-std::optional<double> value_limit(const StoreReader& store, const SurfaceQuery& query, double error,
-                                  bool flat) {
-    const ErrorBound& bound = std::get<SimplifiedErrorBound>(query.stop).bound;
-    if (flat) {
-        throw Error(ErrorKind::invalid_argument, {store.path().string()},
-                    "isolines are not simplified within an error; ask for a distance");
-    }
-    if (query.focus || query.camera) {
-        throw Error(ErrorKind::invalid_argument,
-                    "a surface is simplified within one error everywhere: it goes with neither "
-                    "focus nor camera");
-    }
-    if (bound.guarantee == Guarantee::estimate) {
-        throw Error(ErrorKind::invalid_argument,
-                    "an estimate proves nothing about the triangles of a simplified surface; the "
-                    "other guarantees do");
-    }
-    return error > 0 ? std::optional(error) : std::nullopt;
-}
-
 double world_distance(const StoreReader& store, const DistanceBound& asked) {
     const StoreHeader& header = store.layout().header();
     double voxel = kInfinity;
@@ -205,78 +182,72 @@ double world_distance(const StoreReader& store, const DistanceBound& asked) {
     return asked.voxels && std::isfinite(voxel) ? asked.value * voxel : asked.value;
 }
 
-void require_nested_distance(const StoreReader& store, const SurfaceQuery& query, bool flat) {
-    require_no_place(query);
-    const auto refuse = [&](const char* what) {
-        throw Error(ErrorKind::invalid_argument, {store.path().string()},
-                    fmt::format("{}; simplified, a distance goes with it", what));
-    };
-    if (flat) {
-        refuse("isolines have no nested grid within a distance");
-    }
-    if (query.close) {
-        refuse("caps are cut out of linear functions, not of a nested grid within a distance");
-    }
-    if (query.components) {
-        refuse("components are those of the full surface, which a nested grid does not know");
-    }
-    if (query.culling) {
-        throw Error(ErrorKind::invalid_argument,
-                    "a distance is from the whole surface, not from what a viewer sees of it");
-    }
-}
-
-void require_analysable(const StoreReader& store, const SurfaceQuery& query, bool flat) {
-    if (flat) {
-        throw Error(ErrorKind::invalid_argument, {store.path().string()},
-                    "analyses are kept of surfaces; lines are simplified fast enough without");
-    }
-    if (!std::holds_alternative<DistanceBound>(query.stop) &&
-        !std::holds_alternative<TriangleBudget>(query.stop)) {
-        throw Error(ErrorKind::invalid_argument,
-                    "an analysis is kept for a distance or a number of triangles; ask for one");
-    }
-    if (query.culling) {
-        throw Error(ErrorKind::invalid_argument,
-                    "an analysis is kept of a whole surface, not of what a viewer sees of it");
-    }
-}
-
-void require_place_of_vertices(const SurfaceQuery& query) {
-    if (query.close) {
-        throw Error(ErrorKind::invalid_argument,
-                    "caps are cut out of linear functions: a closed surface has linear vertices, "
-                    "or, at full resolution and within a distance, exact ones in any case");
-    }
-    if (std::holds_alternative<DistanceBound>(query.stop) ||
-        std::holds_alternative<TriangleBudget>(query.stop)) {
-        throw Error(ErrorKind::invalid_argument,
-                    "within a distance all vertices lie on the surface at full resolution in any "
-                    "case");
-    }
-}
-
-void require_closable(const StoreReader& store, const SurfaceQuery& query) {
-    if (store.layout().lattice().dimension() < 3) {
-        throw Error(ErrorKind::invalid_argument, {store.path().string()},
-                    "closing needs a volume, with more than one node along each axis");
-    }
-    if (query.culling) {
-        throw Error(ErrorKind::invalid_argument,
-                    "a surface is open where its backfaces are left out: it cannot be closed and "
-                    "culled");
-    }
-}
-
-void require_sense(const ComponentChoice& choice, Product product) {
+void require_sense(const ComponentChoice& choice) {
     if (!(choice.least_volume >= 0) || !std::isfinite(choice.least_volume)) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("least volume {}: must be a finite number, 0 or more",
                                 choice.least_volume));
     }
-    if (choice.least_volume > 0 && product == Product::isolines) {
-        throw Error(ErrorKind::invalid_argument,
-                    "isolines of data in a plane have no volume; give the least number of lines");
+}
+
+/// The distances of a surface's stop: of its simplification and of the traversal.
+struct DistanceOfStop {
+    const StoreReader& store;
+    ExtractQuery& asked;
+
+    void operator()(const DistanceBound& stop) const {
+        asked.stages.distance = {world_distance(store, stop), std::nullopt};
+    }
+    void operator()(const TriangleBudget& stop) const {
+        asked.stages.distance = {stop.within ? world_distance(store, *stop.within)
+                                             : diagonal_of(store.layout().header()),
+                                 stop.most};
+    }
+    void operator()(const NestedDistanceBound& stop) const {
+        if (const double distance = world_distance(store, stop.bound); distance > 0) {
+            asked.nested_distance = distance;
+            asked.traversal.vertices = VertexPlace::exact;
+        }
+    }
+    template <class Other>
+    void operator()(const Other& /*stop*/) const {}
+};
+
+void choose_stages(const SurfaceStages& stages, ExtractQuery& asked) {
+    asked.traversal.box.close = stages.close;
+    if (stages.components) {
+        require_sense(*stages.components);
+        asked.stages.components = stages.components;
+    }
+}
+
+/// Sets the isovalue between the label and the others, and the part of the volume where it is.
+void choose_label(const StoreReader& store, const LabelChoice& label, ExtractQuery& asked) {
+    const StoreHeader& header = store.layout().header();
+    if (!is_label(header, label.id)) {
+        throw Error(
+            ErrorKind::invalid_argument, {store.path().string()},
+            fmt::format("label {}: the store's values are {}", label.id,
+                        header.labels ? "labels from 0 to 2^62 - 1" : name_of(header.type)));
+    }
+    constexpr double kHalf = 0.5;
+    asked.traversal.iso = kHalf;
+    asked.label = label;
+    const Int3 last = header.nodes - Int3{1, 1, 1};
+    if (!label.within) {
+        asked.label->within = {Int3{}, last};
+        return;
+    }
+    const auto& [low, high] = *asked.label->within;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        ClipBox& box = asked.traversal.box;
+        const bool reached = box.lo[a] < static_cast<double>(high[axis] + 1) &&
+                             box.hi[a] > static_cast<double>(low[axis] - 1);
+        if (reached) {
+            box.lo[a] = std::max(box.lo[a], static_cast<double>(low[axis] - 1));
+            box.hi[a] = std::min(box.hi[a], static_cast<double>(high[axis] + 1));
+        }
     }
 }
 
@@ -290,86 +261,75 @@ ExtractQuery finished(const StoreReader& store, ExtractQuery asked) {
 }  // namespace
 
 ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, bool float64) {
+    require_combination(wishes_of(store, query), store.path().string());
     const bool flat = store.layout().lattice().dimension() == 2;
-    const Product product = flat ? Product::isolines : Product::surface;
-    require_dimension(store, product, query.culling.has_value());
-    if (query.close) {
-        require_closable(store, query);
-    }
     if (!std::isfinite(query.iso)) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("isovalue {}: must be a finite number", query.iso));
     }
-    if (store.layout().header().labels && !query.label) {
+    if (store.layout().header().labels) {
         throw Error(ErrorKind::invalid_argument, {store.path().string()},
                     "its values are labels of 64 bits: a surface is that of a label");
     }
-    ExtractQuery asked = begun(store, product, query);
+    const NestedGrid& grid = query.grid;
+    ExtractQuery asked =
+        begun(store, flat ? Product::isolines : Product::surface, query, grid.cells, true);
     asked.traversal.iso = query.iso;
-    asked.traversal.box.close = query.close;
-    if (query.cells == Cells::tetrahedra) {
-        asked.traversal.bound = bound_of(store, query.bound);
+    asked.traversal.vertices = grid.vertices;
+    if (grid.cells == Cells::tetrahedra) {
+        asked.traversal.bound = bound_of(store, grid.bound);
     }
-    if (query.culling) {
-        asked.traversal.culling = culling_of(store, *query.culling);
+    if (grid.culling) {
+        asked.traversal.culling = culling_of(store, *grid.culling);
     }
-    if (const auto* const distance = std::get_if<DistanceBound>(&query.stop)) {
-        require_no_place(query);
-        asked.distance = world_distance(store, *distance);
-    } else if (const auto* const budget = std::get_if<TriangleBudget>(&query.stop)) {
-        require_no_place(query);
-        if (flat) {
-            throw Error(ErrorKind::invalid_argument,
-                        "isolines have no triangles; ask for a distance");
-        }
-        asked.triangles = budget->most;
-        asked.distance = budget->within ? world_distance(store, *budget->within)
-                                        : diagonal_of(store.layout().header());
-    }
+    std::visit(DistanceOfStop{store, asked}, query.stop);
     if (std::holds_alternative<SimplifiedErrorBound>(query.stop)) {
-        asked.value_limit = value_limit(store, query, asked.threshold, flat);
-        asked.traversal.tolerance = Tolerance(nested_share(query.vertices) * asked.threshold, {},
-                                              {}, asked.spacing, asked.origin);
-    }
-    if (const auto* const nested = std::get_if<NestedDistanceBound>(&query.stop)) {
-        require_nested_distance(store, query, flat);
-        if (const double distance = world_distance(store, nested->bound); distance > 0) {
-            asked.nested_distance = distance;
-            asked.traversal.vertices = VertexPlace::exact;
+        if (asked.threshold > 0) {
+            asked.stages.error = asked.threshold;
         }
+        asked.traversal.tolerance = Tolerance(nested_share(grid.vertices) * asked.threshold, {}, {},
+                                              asked.spacing, asked.origin);
     }
     if (query.analysis) {
-        require_analysable(store, query, flat);
         asked.analysis_folder =
             query.analysis->folder.empty() ? folder_of(store.path()) : query.analysis->folder;
     }
-    if (query.vertices == VertexPlace::exact) {
-        require_place_of_vertices(query);
-        asked.traversal.vertices = query.vertices;
+    choose_stages(query.stages, asked);
+    choose_attributes(store, query.attributes, false, float64, asked);
+    return finished(store, std::move(asked));
+}
+
+ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bool float64) {
+    require_combination(wishes_of(store, query), store.path().string());
+    const SurfaceStop stop =
+        query.stop ? std::visit([](const auto& s) { return SurfaceStop(s); }, *query.stop)
+                   : SurfaceStop();
+    const bool has_cells = query.cells == Cells::hexahedra;
+    ExtractQuery asked = begun(store, Product::surface,
+                               has_cells ? stop_of_cells(store, stop, true) : stop_of(store, stop),
+                               query.cells, query.box);
+    if (!has_cells) {
+        asked.traversal.bound = bound_of(store, {});
     }
-    if (query.label) {
-        choose_label(store, query, asked);
-    }
-    if (query.components) {
-        require_sense(*query.components, product);
-        asked.components = query.components;
-    }
-    choose_attributes(store, query, false, float64, asked);
+    std::visit(DistanceOfStop{store, asked}, stop);
+    choose_label(store, query.label, asked);
+    choose_stages(query.stages, asked);
+    choose_attributes(store, query.attributes, false, float64, asked);
     return finished(store, std::move(asked));
 }
 
 ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bool float64) {
-    require_dimension(store, Product::slice, false);
-    ExtractQuery asked = begun(store, Product::slice, query);
+    require_combination(wishes_of(store, query), store.path().string());
+    ExtractQuery asked = begun(store, Product::slice, query, query.cells, false);
     asked.traversal.plane = lattice_plane(store.layout().header(), query.plane);
-    choose_attributes(store, query, true, float64, asked);
+    choose_attributes(store, query.attributes, true, float64, asked);
     return finished(store, std::move(asked));
 }
 
 ExtractQuery extract_query(const StoreReader& store, const ContourQuery& query, bool /*float64*/) {
-    require_dimension(store, Product::contours, false);
+    require_combination(wishes_of(store, query), store.path().string());
     require_contours(query.values);
-    ExtractQuery asked = begun(store, Product::contours, query);
+    ExtractQuery asked = begun(store, Product::contours, query, Cells::tetrahedra, false);
     asked.traversal.plane = lattice_plane(store.layout().header(), query.plane);
     asked.contours = query.values;
     // Contours are found among the values, whatever the lines' sink holds.
@@ -379,17 +339,17 @@ ExtractQuery extract_query(const StoreReader& store, const ContourQuery& query, 
 }
 
 ExtractQuery extract_query(const StoreReader& store, const GraphQuery& query, bool float64) {
-    require_dimension(store, Product::graph, false);
+    require_combination(wishes_of(store, query), store.path().string());
     if (!std::isfinite(query.scale)) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("scale {}: must be a finite number", query.scale));
     }
-    ExtractQuery asked = begun(store, Product::graph, query);
+    ExtractQuery asked = begun(store, Product::graph, query, query.cells, true);
     asked.spacing[2] = query.scale;
     asked.origin[2] = 0;
     asked.graph_scale = query.scale;
     asked.traversal.attributes.graph_scale = query.scale;
-    choose_attributes(store, query, false, float64, asked);
+    choose_attributes(store, query.attributes, false, float64, asked);
     return finished(store, std::move(asked));
 }
 

@@ -29,15 +29,19 @@ Focus turned(const Focus& focus, const StoreHeader& header) {
     return out;
 }
 
-/// What all queries but graphs have.
-template <class Query>
-Query with_places(Query query, const StoreHeader& header, const std::string& name) {
-    if (query.box) {
+void require_no_box(const std::optional<WorldBox>& box, const std::string& name) {
+    if (box) {
         throw Error(ErrorKind::unsupported, {name},
                     "a box along the world's axes of a volume whose axes are not along them; crop "
                     "the volume when it is preprocessed",
                     {{RemedyKind::leave_out, "box"}});
     }
+}
+
+/// What surfaces of values, slices and contours have.
+template <class Query>
+Query with_places(Query query, const StoreHeader& header, const std::string& name) {
+    require_no_box(query.box, name);
     if (query.focus) {
         query.focus = turned(*query.focus, header);
     }
@@ -59,9 +63,13 @@ WorldPlane in_own_axes(const WorldPlane& plane, const StoreHeader& header) {
 
 SurfaceQuery in_own_axes(SurfaceQuery query, const StoreHeader& header, const std::string& name) {
     query = with_places(std::move(query), header, name);
-    if (query.culling) {
-        query.culling->direction = unrotated(header.direction, query.culling->direction);
+    if (auto& culling = query.grid.culling) {
+        culling->direction = unrotated(header.direction, culling->direction);
     }
+    return query;
+}
+LabelQuery in_own_axes(LabelQuery query, const StoreHeader& /*header*/, const std::string& name) {
+    require_no_box(query.box, name);
     return query;
 }
 SliceQuery in_own_axes(SliceQuery query, const StoreHeader& header, const std::string& name) {

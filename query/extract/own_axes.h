@@ -12,6 +12,7 @@ namespace isonest::detail {
 /// becomes the smallest box along the axes that holds it.
 /// Throws Error{unsupported} for what cannot be turned: boxes, graphs. `name`: of the store.
 SurfaceQuery in_own_axes(SurfaceQuery query, const StoreHeader& header, const std::string& name);
+LabelQuery in_own_axes(LabelQuery query, const StoreHeader& header, const std::string& name);
 SliceQuery in_own_axes(SliceQuery query, const StoreHeader& header, const std::string& name);
 ContourQuery in_own_axes(ContourQuery query, const StoreHeader& header, const std::string& name);
 GraphQuery in_own_axes(const GraphQuery& query, const StoreHeader& header, const std::string& name);

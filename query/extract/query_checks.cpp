@@ -10,7 +10,7 @@
 
 #include <isonest/error.h>
 
-#include "query/extract/contour_lines.h"
+#include "query/extract/stages/contour_lines.h"
 
 namespace isonest::detail {
 namespace {
@@ -146,28 +146,6 @@ void require_field(const StoreReader& store, Field field, const std::string& wha
     require_stored(store, field, what);
 }
 
-void require_dimension(const StoreReader& store, Product product, bool culls) {
-    const Int3 n = store.layout().lattice().nodes();
-    const bool flat = store.layout().lattice().dimension() == 2;
-    const auto refuse = [&](const char* what, std::vector<Remedy> remedies = {}) {
-        throw Error(ErrorKind::invalid_argument, {store.path().string()},
-                    fmt::format("{} x {} x {} nodes: {}", n.x, n.y, n.z, what),
-                    std::move(remedies));
-    };
-    if (product == Product::graph && !flat) {
-        refuse("a graph needs data in a plane, one node along z");
-    }
-    if (product == Product::graph && n.z != 1) {
-        refuse("a graph needs data in the xy plane, one node along z");
-    }
-    if ((product == Product::slice || product == Product::contours) && flat) {
-        refuse("a slice needs a volume", {{RemedyKind::graph}});
-    }
-    if (culls && flat) {
-        refuse("leaving out backfaces needs a volume");
-    }
-}
-
 void require_contours(std::span<const double> values) {
     if (values.empty()) {
         throw Error(ErrorKind::invalid_argument, "contours: no values are given");
@@ -194,64 +172,40 @@ Stop stop_of(const StoreReader& store, const SurfaceStop& test) {
 
 namespace {
 
-[[noreturn]] void refuse_cells(const StoreReader& store, const char* what) {
-    throw Error(ErrorKind::invalid_argument, {store.path().string()},
-                fmt::format("hexahedral cells {}; tetrahedra do", what));
+Stop cell_stop_of(const StoreReader& store, const ErrorBound& asked) {
+    return {asked.guarantee == Guarantee::estimate ? Field::hex_linf : Field::hex_deviation,
+            error_of(store, asked)};
 }
 
-/// `finest_needs_none`: an error of 0 needs no field. Test: ErrorBound or FieldThreshold.
-template <class Query>
-Stop stop_of_cells(const StoreReader& store, const Query& query, bool finest_needs_none) {
-    if (query.focus || query.camera) {
-        refuse_cells(store, "know neither focus nor camera");
+Stop cell_stop_of(const StoreReader& store, const FieldThreshold& asked) {
+    if (!is_of_cells(asked.field)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("hexahedral cells stop by a field of cells, {}; {} is none",
+                                "hex_linf or hex_deviation", name_of(asked.field)),
+                    {{RemedyKind::other_field, "hex_linf,hex_deviation"}});
     }
-    Stop stop{Field::hex_deviation, 0};
-    if (const auto* const error = std::get_if<ErrorBound>(&query.stop)) {
-        stop.field = error->guarantee == Guarantee::estimate ? Field::hex_linf : stop.field;
-        stop.threshold = error_of(store, *error);
-    } else if (const auto* const test = std::get_if<FieldThreshold>(&query.stop)) {
-        if (!is_of_cells(test->field)) {
-            throw Error(ErrorKind::invalid_argument,
-                        fmt::format("hexahedral cells stop by a field of cells, {}; {} is none",
-                                    "hex_linf or hex_deviation", name_of(test->field)),
-                        {{RemedyKind::other_field, "hex_linf,hex_deviation"}});
-        }
-        require_not_negative(test->value, "threshold");
-        stop.field = test->field;
-        stop.threshold = test->value * (test->relative ? largest_of(store, test->field) : 1.0);
-    } else {
-        refuse_cells(store,
-                     "stop by an error alone, neither by a distance nor by a number of "
-                     "triangles, and are not simplified");
-    }
+    require_not_negative(asked.value, "threshold");
+    return {asked.field, asked.value * (asked.relative ? largest_of(store, asked.field) : 1.0)};
+}
+
+}  // namespace
+
+Stop stop_of_cells(const StoreReader& store, const isonest::StopTest& test,
+                   bool finest_needs_none) {
+    const Stop stop =
+        std::visit([&](const auto& asked) { return cell_stop_of(store, asked); }, test);
     if (stop.threshold > 0 || !finest_needs_none) {
         require_stored(store, stop.field, "the error of hexahedral cells");
     }
     return stop;
 }
 
-}  // namespace
-
-Stop stop_of_cells(const StoreReader& store, const SurfaceQuery& query) {
-    if (store.layout().lattice().dimension() < 3) {
-        refuse_cells(store, "give no isolines of data in a plane");
-    }
-    if (query.close) {
-        refuse_cells(store, "give no caps");
-    }
-    if (query.culling) {
-        refuse_cells(store, "leave out no backfaces");
-    }
-    if (query.vertices == VertexPlace::exact) {
-        refuse_cells(store, "have no exact vertices");
-    }
-    return stop_of_cells(store, query, true);
-}
-Stop stop_of_cells(const StoreReader& store, const SliceQuery& query) {
-    return stop_of_cells(store, query, false);
-}
-Stop stop_of_cells(const StoreReader& store, const GraphQuery& query) {
-    return stop_of_cells(store, query, true);
+Stop stop_of_cells(const StoreReader& store, const SurfaceStop& test, bool finest_needs_none) {
+    const auto* const threshold = std::get_if<FieldThreshold>(&test);
+    return stop_of_cells(store,
+                         threshold != nullptr ? isonest::StopTest(*threshold)
+                                              : isonest::StopTest(std::get<ErrorBound>(test)),
+                         finest_needs_none);
 }
 
 void require_float32(const StoreReader& store, const ExtractQuery& query) {

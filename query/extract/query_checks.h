@@ -17,10 +17,6 @@ void require_stored(const StoreReader& store, Field field, const std::string& wh
 /// The same of a field of nodes; throws Error{invalid_argument} if it is one of cells.
 void require_field(const StoreReader& store, Field field, const std::string& what);
 
-/// Throws Error{invalid_argument} unless the product is one of the store's data: volumes have
-/// surfaces and slices, data in a plane isolines and a graph.
-void require_dimension(const StoreReader& store, Product product, bool culls);
-
 /// Throws Error{invalid_argument, limit}.
 void require_contours(std::span<const double> values);
 
@@ -32,10 +28,10 @@ struct Stop {
 };
 Stop stop_of(const StoreReader& store, const isonest::StopTest& test);
 Stop stop_of(const StoreReader& store, const SurfaceStop& test);
-/// The same of hexahedral cells.
-Stop stop_of_cells(const StoreReader& store, const SurfaceQuery& query);
-Stop stop_of_cells(const StoreReader& store, const SliceQuery& query);
-Stop stop_of_cells(const StoreReader& store, const GraphQuery& query);
+/// The same of hexahedral cells. `finest_needs_none`: an error of 0 needs no field. REQUIRES (of a
+/// surface): an error or a field's threshold.
+Stop stop_of_cells(const StoreReader& store, const isonest::StopTest& test, bool finest_needs_none);
+Stop stop_of_cells(const StoreReader& store, const SurfaceStop& test, bool finest_needs_none);
 
 /// Throws Error{limit} where the mesh would need numbers beyond float32: coordinates, heights,
 /// values that the mesh holds as float32.

@@ -1,219 +1,252 @@
+// The flow of every extraction:
+//
+//     what is extracted -> parts            query/extract/find_parts.h
+//     parts             -> welded mesh      query/mesh/weld.h
+//     welded mesh       -> stages in a row  query/extract/stages/stage_row.h
+//     what is left      -> sink
+//
+// Without a stage that has work, the welded parts go to the sink as they are. Contour lines are
+// lines of a welded slice, and become parts once more.
 #include "query/extract/run_extraction.h"
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <vector>
 
-#include "query/distance/traverse_within_distance.h"
-#include "query/extract/contour_lines.h"
-#include "query/extract/distance_limits.h"
-#include "query/extract/extract_analysed.h"
-#include "query/extract/mend_mesh.h"
-#include "query/extract/whole_mesh.h"
-#include "query/mesh/border_count.h"
+#include "query/extract/analysis/extract_analysed.h"
+#include "query/extract/find_parts.h"
+#include "query/extract/stages/contour_lines.h"
+#include "query/extract/stages/distance_limits.h"
+#include "query/extract/stages/stage_row.h"
 #include "query/mesh/emit_mesh.h"
 #include "query/mesh/measuring_sink.h"
-#include "query/traverse/hexahedra/traverse_quadrilaterals.h"
-#include "query/traverse/planar.h"
-#include "query/traverse/traversal_budget.h"
-#include "query/view/label_view.h"
 #include "store/base/workers.h"
 
 namespace isonest::detail {
 namespace {
 
-/// Heap of the threads that go with a distance, in all.
-std::uint64_t distance_heap(const StoreReader& store, const ExtractQuery& query,
-                            const ExtractOptions& options) {
-    if (!query.nested_distance) {
-        return 0;
+using Clock = std::chrono::steady_clock;
+
+/// One extraction, up to a mesh in the sink.
+class Extraction {
+  public:
+    Extraction(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
+               const ExtractOptions& options, Progress& progress)
+        : store_(store),
+          asked_(std::move(asked)),
+          sink_(sink),
+          options_(options),
+          progress_(progress),
+          scratch_(options.scratch.empty() ? std::filesystem::temp_directory_path()
+                                           : options.scratch),
+          layout_(layout_of(asked_.traversal.attributes, asked_.corners(),
+                            store.layout().header().unit)) {}
+
+    /// Refuses what cannot be, before any work.
+    void prepare() {
+        std::vector<std::filesystem::path> inputs{store_.path()};
+        if (asked_.values != nullptr) {
+            inputs.push_back(asked_.values->path());
+        }
+        sink_.prepare(layout_, inputs);
+        row_ =
+            std::make_unique<StageRow>(StageSetting{store_, asked_, options_, scratch_, progress_});
+        begin_report();
     }
-    const std::uint64_t each = distance_traversal_heap(store.layout(), query.traversal);
-    const std::uint64_t most = options.memory / 2 / each;
-    return each * std::clamp<std::uint64_t>(
-                      most, 1, static_cast<std::uint64_t>(Workers::count_of(options.threads)));
+    /// Where the traversal's parts are to go; those beyond `memory` bytes to a temporary file.
+    FoundParts begin_parts(std::uint64_t memory) {
+        parts_.emplace(scratch_, asked_.spacing, asked_.origin, memory,
+                       asked_.traversal.attributes.width());
+        return {asked_.traversal.iso, &*parts_, &report_};
+    }
+    /// From the parts to the mesh in the sink.
+    ExtractReport finish(const TraversalBudget& budget) {
+        std::vector<Stage*> stages;
+        std::shared_ptr<ScratchMesh> whole;
+        Workers(budget.threads).execute([&] {
+            progress_.check();
+            const Weld weld(*parts_, scratch_);
+            stages = row_->with_work(*parts_);
+            if (!stages.empty()) {
+                whole = std::make_shared<ScratchMesh>(scratch_);
+                emit_mesh(*parts_, weld, layout_, *whole, progress_);
+            } else if (asked_.product == Product::contours) {
+                emit_contours(weld, budget);
+            } else {
+                emit(*parts_, weld);
+            }
+        });
+        parts_.reset();
+        if (whole) {
+            Workers(row_->threads()).execute([&] { run_stages(stages, std::move(whole)); });
+        }
+        end_report();
+        return report_;
+    }
+    [[nodiscard]] const ExtractQuery& asked() const { return asked_; }
+    [[nodiscard]] const std::filesystem::path& scratch() const { return scratch_; }
+
+  private:
+    void begin_report() {
+        report_.dimension = store_.layout().lattice().dimension();
+        report_.tolerance = asked_.threshold;
+        report_.coordinate_rounding = asked_.coordinate_rounding;
+        const StoreReader& values = asked_.values != nullptr ? *asked_.values : store_;
+        report_.value_range = std::max(values.max_value() - values.min_value(), 0.0);
+        report_.traversal.stop = asked_.traversal.stop;
+        report_.traversal.bound = asked_.traversal.bound;
+        report_.traversal.chunks_total = store_.layout().rows();
+        if (asked_.traversal.culling) {
+            report_.traversal.culled_by = asked_.traversal.culling->field();
+        }
+        if (const auto distance = asked_.asked_distance()) {
+            report_.distance = DistanceReport{*distance};
+        }
+        if (asked_.traversal.box.close) {
+            report_.closing = ClosingReport{*asked_.traversal.box.close};
+        }
+    }
+    void emit(const PartStore& parts, const Weld& weld) {
+        emit_mesh(parts, weld, layout_, sink_, progress_);
+        report_.vertices = weld.vertices();
+        report_.triangles = weld.triangles();
+    }
+    void emit_contours(const Weld& weld, const TraversalBudget& budget) {
+        const AttributeChoice& attributes = asked_.traversal.attributes;
+        PartStore lines(scratch_, {1, 1, 1}, {0, 0, 0}, budget.cache / 2, attributes.width());
+        contour_lines(
+            *parts_, weld, asked_.contours, attributes, budget.part_vertices,
+            [&](std::uint64_t order, const MeshPart& part) { lines.append(order, part); },
+            progress_);
+        lines.seal();
+        emit(lines, Weld(lines, scratch_));
+        report_.value_rounding += contour_rounding(asked_.contours, attributes);
+    }
+    void run_stages(const std::vector<Stage*>& stages, std::shared_ptr<ScratchMesh> whole) {
+        report_.scratch_bytes += whole->bytes();
+        StageMesh mesh(std::move(whole));
+        for (Stage* const stage : stages) {
+            stage->run(mesh, report_);
+        }
+        const EmittedMesh emitted =
+            emit_elements(mesh.vertices(), mesh.elements(), scratch_, sink_, progress_);
+        report_.vertices = emitted.vertices;
+        report_.triangles = emitted.elements;
+        report_.mending.zero_area = emitted.zero_area_triangles;
+    }
+    void end_report() {
+        if (asked_.nested_distance) {
+            report_.distance->bound += most_moved(asked_);
+        }
+        if (asked_.product != Product::surface && asked_.product != Product::isolines) {
+            report_.error_bound += report_.value_rounding;
+        }
+    }
+
+    const StoreReader& store_;
+    ExtractQuery asked_;
+    MeshSink& sink_;
+    const ExtractOptions& options_;
+    Progress& progress_;
+    std::filesystem::path scratch_;
+    MeshLayout layout_;
+    ExtractReport report_;
+    std::unique_ptr<StageRow> row_;
+    std::optional<PartStore> parts_;
+};
+
+/// Of several isovalues, with one traversal for all of them.
+void run_together(std::span<const std::unique_ptr<Extraction>> extractions,
+                  const StoreReader& store, const ExtractOptions& options, Progress& progress,
+                  const std::function<void(std::size_t, const ExtractReport&)>& done) {
+    const auto start = Clock::now();
+    for (const auto& e : extractions) {
+        e->prepare();
+    }
+    const ExtractQuery& asked = extractions.front()->asked();
+    const TraversalBudget budget = parts_budget(store, asked, options, extractions.size());
+    // While stages work on one mesh, which have all of the memory, the other parts wait.
+    const bool has_room = extractions.size() == 1 || !asked.stages.any();
+    Workers(budget.threads).execute([&] {
+        std::vector<FoundParts> found;
+        for (const auto& e : extractions) {
+            found.push_back(e->begin_parts(has_room ? budget.parts / extractions.size() : 0));
+        }
+        find_parts(store, asked, budget, found, extractions.front()->scratch(), progress);
+    });
+    for (std::size_t i = 0; i < extractions.size(); ++i) {
+        ExtractReport report = extractions[i]->finish(budget);
+        report.seconds = std::chrono::duration<double>(Clock::now() - start).count();
+        done(i, report);
+    }
 }
 
-TraversalCounts within_distance(const StoreReader& store, const ExtractQuery& asked,
-                                ChunkCache& cache, const TraversalBudget& budget,
-                                const std::filesystem::path& scratch, const PartSink& sink,
-                                ExtractReport& report, Progress& progress) {
-    const DistanceTraversal done =
-        traverse_within_distance(cache, asked.traversal, nested_limit_of(store, asked), scratch,
-                                 budget.part_vertices, sink, progress);
-    report.scratch_bytes += done.scratch_bytes;
-    report.distance_bound = done.counts.error_bound;
-    TraversalCounts counts = done.counts;
-    counts.error_bound = 0;
-    return counts;
-}
-
-/// Traverses and fills `parts`; what that takes beside them is free again afterwards.
-void fill_parts(const StoreReader& store, ExtractQuery& asked, const TraversalBudget& budget,
-                PartStore& parts, const std::filesystem::path& scratch, ExtractReport& report,
-                Progress& progress) {
-    TraversalQuery& query = asked.traversal;
-    std::optional<ChunkCache> others;
-    if (asked.values != nullptr) {
-        others.emplace(*asked.values, budget.values_cache);
-        query.attribute_values = &*others;
+/// From a kept analysis, if there is to be one and it is fine enough; else from the store.
+ExtractReport extracted(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
+                        const ExtractOptions& options, Progress& progress) {
+    const bool is_analysed = asked.analysis_folder && asked.stages.simplifies();
+    if (is_analysed) {
+        if (std::optional<ExtractReport> report =
+                extract_analysed(store, asked, sink, options, progress)) {
+            return *report;
+        }
     }
-    std::optional<LabelView> label;
-    if (asked.label) {
-        label.emplace(store, asked.label->id, asked.label->within->first,
-                      asked.label->within->second);
+    ExtractReport report;
+    const auto one = std::make_unique<Extraction>(store, std::move(asked), sink, options, progress);
+    run_together({&one, 1}, store, options, progress,
+                 [&](std::size_t, const ExtractReport& r) { report = r; });
+    if (is_analysed) {
+        report.analysis.emplace();
     }
-    const ChunkSource& source = label ? static_cast<const ChunkSource&>(*label) : store;
-    ChunkCache cache(source, budget.cache,
-                     query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
-    const PartSink sink = [&](std::uint64_t order, const MeshPart& part) {
-        parts.append(order, part);
-    };
-    const bool is_graph = asked.product == Product::graph;
-    const TraversalCounts counts =
-        asked.nested_distance
-            ? within_distance(store, asked, cache, budget, scratch, sink, report, progress)
-        : is_graph && query.cells == Cells::hexahedra
-            ? traverse_quadrilaterals(cache, query, budget.part_vertices, sink, progress)
-        : is_graph || asked.product == Product::isolines
-            ? traverse_planar(cache, query, is_graph ? PlanarKind::graph : PlanarKind::isolines,
-                              budget.part_vertices, sink, progress)
-            : traverse(cache, query, budget.part_vertices, sink, progress);
-    query.attribute_values = nullptr;
-    report.visited_tetrahedra = counts.visited;
-    report.leaf_tetrahedra = counts.leaves;
-    report.bricks = counts.bricks;
-    const Indicator indicator = indicator_of(query.stop);
-    const bool is_error = indicator == Indicator::deviation || indicator == Indicator::linf;
-    report.error_bound = query.vertices == VertexPlace::exact && is_error ? 2 * counts.error_bound
-                                                                          : counts.error_bound;
-    report.value_rounding = counts.value_rounding;
-    // Laid flat, heights say nothing of the values.
-    if (is_graph && counts.height_rounding > 0 && asked.graph_scale != 0) {
-        report.value_rounding = counts.height_rounding / std::fabs(asked.graph_scale);
-    }
-    report.peak_cache_bytes = cache.peak_bytes();
-    report.chunks_read = cache.chunks_read();
-    report.bytes_read = cache.bytes_read();
-}
-
-void emit(const PartStore& parts, const Weld& weld, const MeshLayout& layout, MeshSink& sink,
-          ExtractReport& report, Progress& progress) {
-    emit_mesh(parts, weld, layout, sink, progress);
-    report.vertices = weld.vertices();
-    report.triangles = weld.triangles();
+    return report;
 }
 
 }  // namespace
 
 ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
                              const ExtractOptions& options, Progress& progress) {
-    if (options.quality && asked.corners() == 3) {
-        MeasuringSink measuring(sink);
-        ExtractOptions rest = options;
-        rest.quality = false;
-        ExtractReport report = run_extraction(store, std::move(asked), measuring, rest, progress);
-        report.quality = measuring.quality();
-        return report;
+    if (!options.quality || asked.corners() != 3) {
+        return extracted(store, std::move(asked), sink, options, progress);
     }
-    std::optional<AnalysisUse> analysis;
-    if (asked.analysis_folder && simplifies(asked)) {
-        if (std::optional<ExtractReport> report =
-                extract_analysed(store, asked, sink, options, progress)) {
-            return *report;
-        }
-        analysis = AnalysisUse::not_used;
-    }
-    const auto start = std::chrono::steady_clock::now();
-    std::vector<std::filesystem::path> inputs{store.path()};
-    if (asked.values != nullptr) {
-        inputs.push_back(asked.values->path());
-    }
-    const AttributeChoice& attributes = asked.traversal.attributes;
-    const MeshLayout layout = layout_of(attributes, asked.corners(), store.layout().header().unit);
-    sink.prepare(layout, inputs);
-    if (changes_whole_mesh(asked)) {
-        whole_mesh_threads(store, asked, options);
-    }
-    const std::uint64_t distances = distance_heap(store, asked, options);
-    const int threads =
-        distances > 0
-            ? static_cast<int>(distances / distance_traversal_heap(store.layout(), asked.traversal))
-            : options.threads;
-    const TraversalBudget budget = share_memory(store, asked.traversal, asked.values,
-                                                options.memory, distances, threads, true);
-    const std::filesystem::path scratch =
-        options.scratch.empty() ? std::filesystem::temp_directory_path() : options.scratch;
-
-    ExtractReport report;
-    report.analysis = analysis;
-    report.dimension = store.layout().lattice().dimension();
-    report.tolerance = asked.threshold;
-    report.distance = asked.nested_distance ? asked.nested_distance : asked.distance;
-    report.closed = asked.traversal.box.close;
-    report.coordinate_rounding = asked.coordinate_rounding;
-    report.stop = asked.traversal.stop;
-    report.bound = asked.traversal.bound;
-    if (asked.traversal.culling) {
-        report.culled_by = asked.traversal.culling->field();
-    }
-    const StoreReader& values = asked.values != nullptr ? *asked.values : store;
-    report.value_range = std::max(values.max_value() - values.min_value(), 0.0);
-    std::optional<ScratchMesh> whole;
-    if (changes_whole_mesh(asked)) {
-        whole.emplace(scratch);
-    }
-    bool mends = false;
-    Workers(budget.threads).execute([&] {
-        PartStore parts(scratch, asked.spacing, asked.origin, budget.parts, attributes.width());
-        fill_parts(store, asked, budget, parts, scratch, report, progress);
-        parts.seal();
-        progress.check();
-        const Weld weld(parts, scratch);
-        mends = asked.corners() == 3 && parts.zero_area_triangles() > 0;
-        if (mends && !whole) {
-            whole.emplace(scratch);
-        }
-        if (report.closed && store.has_missing()) {
-            report.border_vertices = border_vertices(parts, weld, scratch, progress);
-        }
-        if (whole) {
-            emit_mesh(parts, weld, layout, *whole, progress);
-            return;
-        }
-        if (asked.product != Product::contours) {
-            emit(parts, weld, layout, sink, report, progress);
-            return;
-        }
-        PartStore line_parts(scratch, {1, 1, 1}, {0, 0, 0}, budget.cache / 2, attributes.width());
-        contour_lines(
-            parts, weld, asked.contours, attributes, budget.part_vertices,
-            [&](std::uint64_t order, const MeshPart& part) { line_parts.append(order, part); },
-            progress);
-        line_parts.seal();
-        const Weld line_weld(line_parts, scratch);
-        emit(line_parts, line_weld, layout, sink, report, progress);
-        report.value_rounding += contour_rounding(asked.contours, attributes);
-    });
-    if (whole) {
-        if (mends) {
-            mend_mesh(asked, *whole, scratch, report, progress);
-        }
-        Workers(whole_mesh_threads(store, asked, options)).execute([&] {
-            emit_whole_mesh(store, asked, *whole, sink, options, scratch, report, progress);
-        });
-    }
-    if (asked.nested_distance) {
-        report.distance_bound += most_moved(asked);
-    }
-    if (asked.product != Product::surface && asked.product != Product::isolines) {
-        report.error_bound += report.value_rounding;
-    }
-    report.chunks_total = store.layout().rows();
-    report.seconds =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    MeasuringSink measuring(sink);
+    ExtractReport report = extracted(store, std::move(asked), measuring, options, progress);
+    report.quality = measuring.quality();
     return report;
+}
+
+void run_extractions(const StoreReader& store, const ExtractQuery& asked,
+                     std::span<const double> isovalues,
+                     const std::function<std::unique_ptr<MeshSink>(std::size_t)>& sink,
+                     const std::function<void(std::size_t, const ExtractReport&)>& done,
+                     const ExtractOptions& options, Progress& progress) {
+    const std::uint64_t most = isovalues_at_once(store, asked.traversal, asked.values,
+                                                 options.memory, options.threads, isovalues.size());
+    for (std::size_t first = 0; first < isovalues.size(); first += most) {
+        const auto some =
+            isovalues.subspan(first, std::min<std::size_t>(most, isovalues.size() - first));
+        std::vector<std::unique_ptr<MeshSink>> sinks;
+        std::vector<std::unique_ptr<MeasuringSink>> measuring(some.size());
+        std::vector<std::unique_ptr<Extraction>> extractions;
+        for (std::size_t i = 0; i < some.size(); ++i) {
+            ExtractQuery own = asked;
+            own.traversal.iso = some[i];
+            sinks.push_back(sink(first + i));
+            if (options.quality && asked.corners() == 3) {
+                measuring[i] = std::make_unique<MeasuringSink>(*sinks[i]);
+            }
+            extractions.push_back(std::make_unique<Extraction>(
+                store, std::move(own), measuring[i] ? *measuring[i] : *sinks[i], options,
+                progress));
+        }
+        run_together(extractions, store, options, progress,
+                     [&](std::size_t i, ExtractReport report) {
+                         if (measuring[i]) {
+                             report.quality = measuring[i]->quality();
+                         }
+                         sinks[i].reset();
+                         done(first + i, report);
+                     });
+    }
 }
 
 }  // namespace isonest::detail

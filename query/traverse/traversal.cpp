@@ -6,6 +6,7 @@
 #include <bit>
 #include <bitset>
 #include <cmath>
+#include <iterator>
 #include <memory>
 
 #include "query/march/clip.h"
@@ -33,9 +34,14 @@ bool is_split(const StoreLayout& layout, int level) {
     return layout.array(level, Field::values).grid.product() < kFewBricks;
 }
 
-/// Brick: a BrickTraversal.
+/// One for each isovalue: they differ in that, in their sink and in what they find.
+using Runs = std::span<const std::unique_ptr<TraversalRun>>;
+/// For each run; null where it has nothing here.
+using ParentsOfRuns = std::vector<std::unique_ptr<Parents>>;
+
+/// Brick: a BrickTraversal. `parents`: empty for the root.
 template <class Brick>
-void run_brick(TraversalRun& run, int level, const Int3& brick, std::unique_ptr<Parents> parents,
+void run_brick(Runs runs, int level, const Int3& brick, ParentsOfRuns parents,
                std::uint64_t progress_share);
 
 /// The brick is done. Those before it along each axis, which come later, need no more of its values
@@ -91,91 +97,127 @@ void run_octants(TraversalRun& run, const std::bitset<8>& active, std::uint64_t 
 }
 
 template <class Brick>
-void run_eighths(TraversalRun& run, int level, const Int3& brick, std::unique_ptr<Parents> parents,
+void run_eighths(Runs runs, int level, const Int3& brick, ParentsOfRuns parents,
                  std::uint64_t progress_share) {
-    std::array<std::unique_ptr<Parents>, 8> eighths;
+    std::array<ParentsOfRuns, 8> eighths;
     std::bitset<8> active;
-    const std::size_t size = parents->masks.size() / 8;
     for (std::size_t i = 0; i < 8; ++i) {
-        const auto first = parents->masks.begin() + static_cast<std::ptrdiff_t>(i * size);
-        const auto last = first + static_cast<std::ptrdiff_t>(size);
-        active[i] = std::any_of(first, last, [](std::uint8_t mask) { return mask != 0; });
-        if (active[i]) {
-            eighths[i] = std::make_unique<Parents>(Parents{MaskList(first, last), i * size});
+        eighths[i].resize(runs.size());
+        for (std::size_t r = 0; r < runs.size(); ++r) {
+            if (parents[r] == nullptr) {
+                continue;
+            }
+            const std::size_t size = parents[r]->masks.size() / 8;
+            const auto first = parents[r]->masks.begin() + static_cast<std::ptrdiff_t>(i * size);
+            const auto last = first + static_cast<std::ptrdiff_t>(size);
+            if (std::any_of(first, last, [](std::uint8_t mask) { return mask != 0; })) {
+                eighths[i][r] = std::make_unique<Parents>(Parents{MaskList(first, last), i * size});
+                active.set(i);
+            }
         }
     }
-    parents.reset();
-    run_octants(run, active, progress_share, [&](std::size_t i, std::uint64_t share) {
-        run_brick<Brick>(run, level, brick, std::move(eighths[i]), share);
+    parents.clear();
+    run_octants(*runs.front(), active, progress_share, [&](std::size_t i, std::uint64_t share) {
+        run_brick<Brick>(runs, level, brick, std::move(eighths[i]), share);
     });
 }
 
 template <class Brick>
-void run_brick(TraversalRun& run, int level, const Int3& brick, std::unique_ptr<Parents> parents,
+void run_brick(Runs runs, int level, const Int3& brick, ParentsOfRuns parents,
                std::uint64_t progress_share) {
-    run.progress.check();
-    const StoreLayout& layout = run.layout();
+    TraversalRun& common = *runs.front();
+    common.progress.check();
+    const StoreLayout& layout = common.layout();
     const auto half = static_cast<std::size_t>(layout.header().chunk / 2);
-    if (parents != nullptr && parents->masks.size() == half * half * half) {
-        ++run.counts.local().bricks;
-        if (is_split(layout, level)) {
-            run_eighths<Brick>(run, level, brick, std::move(parents), progress_share);
-            return;
+    const bool is_root = parents.empty();
+    const auto is_here = [&](std::size_t r) { return is_root || parents[r] != nullptr; };
+    bool is_whole = false;
+    for (std::size_t r = 0; r < parents.size(); ++r) {
+        if (is_here(r) && parents[r]->masks.size() == half * half * half) {
+            ++runs[r]->counts.local().bricks;
+            is_whole = true;
         }
     }
-    std::array<std::unique_ptr<MaskList>, 8> children;
+    if (is_whole && is_split(layout, level)) {
+        run_eighths<Brick>(runs, level, brick, std::move(parents), progress_share);
+        return;
+    }
+    std::array<ParentsOfRuns, 8> children;
     std::bitset<8> active;
     const auto child_of = [&](std::size_t octant) {
         return brick * 2 + kOctants.unlinear(static_cast<std::int64_t>(octant));
     };
-    {
-        Brick work(run, level, brick);
-        if (parents != nullptr) {
-            work.refine_parents(parents->masks, parents->begin);
-        } else {
-            work.root();
+    for (ParentsOfRuns& of_octant : children) {
+        of_octant.resize(runs.size());
+    }
+    for (std::size_t r = 0; r < runs.size(); ++r) {
+        if (!is_here(r)) {
+            continue;
         }
-        parents.reset();
+        Brick work(*runs[r], level, brick);
+        if (is_root) {
+            work.root();
+        } else {
+            work.refine_parents(parents[r]->masks, parents[r]->begin);
+            parents[r].reset();
+        }
         for (std::size_t octant = 0; octant < 8; ++octant) {
-            children[octant] = work.take_children(octant);
-            active[octant] = children[octant] != nullptr;
+            if (auto masks = work.take_children(octant)) {
+                children[octant][r] = std::make_unique<Parents>(Parents{std::move(*masks), 0});
+                active.set(octant);
+            }
         }
     }
     if (!is_split(layout, level)) {
-        leave(run, level, brick);
+        leave(common, level, brick);
     }
     for (std::size_t octant = 0; octant < 8; ++octant) {
         if (active[octant]) {
-            run.cache.source().prefetch(layout.array(level - 1, Field::values), child_of(octant));
+            common.cache.source().prefetch(layout.array(level - 1, Field::values),
+                                           child_of(octant));
         }
     }
-    run_octants(run, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
-        auto masks = std::make_unique<Parents>(Parents{std::move(*children[octant]), 0});
-        run_brick<Brick>(run, level - 1, child_of(octant), std::move(masks), share);
+    run_octants(common, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
+        run_brick<Brick>(runs, level - 1, child_of(octant), std::move(children[octant]), share);
     });
 }
 
-/// Without a tolerance: the bricks of level 0 among the `size`^3 from `first` on, in Morton order.
-void run_finest_bricks(TraversalRun& run, const Int3& first, std::int64_t size,
-                       std::uint64_t progress_share) {
-    run.progress.check();
-    if (size == 1) {
-        const bool is_seen = !run.query.culling || may_face_viewer(run, first);
-        const auto cubes =
-            is_seen ? surface_cubes(run.cache, first, run.query.iso, run.query.box) : nullptr;
-        if (cubes != nullptr) {
-            ++run.counts.local().bricks;
-            if (run.query.cells == Cells::hexahedra) {
-                march_finest_hexahedra(run, first, *cubes);
-            } else {
-                march_finest_brick(run, first, *cubes);
-            }
-        }
-        leave(run, 0, first);
-        run.progress.advance(progress_share);
+/// The surface of one run in a brick of level 0.
+void march_finest(TraversalRun& run, const Int3& brick) {
+    const TraversalQuery& query = run.query;
+    const bool is_seen = !query.culling || may_face_viewer(run, brick);
+    const auto cubes = is_seen ? surface_cubes(run.cache, brick, query.iso, query.box) : nullptr;
+    if (cubes == nullptr) {
         return;
     }
-    const ChunkSource& source = run.cache.source();
+    ++run.counts.local().bricks;
+    if (query.cells == Cells::hexahedra) {
+        march_finest_hexahedra(run, brick, *cubes);
+    } else {
+        march_finest_brick(run, brick, *cubes);
+    }
+}
+
+bool is_reached(const TraversalRun& run, const Int3& brick) {
+    return may_hold_surface(run.cache.source(), brick, run.query.iso, run.query.box);
+}
+
+/// Without a tolerance: the bricks of level 0 among the `size`^3 from `first` on, in Morton order.
+void run_finest_bricks(Runs runs, const Int3& first, std::int64_t size,
+                       std::uint64_t progress_share) {
+    TraversalRun& common = *runs.front();
+    common.progress.check();
+    if (size == 1) {
+        for (const auto& run : runs) {
+            if (runs.size() == 1 || is_reached(*run, first)) {
+                march_finest(*run, first);
+            }
+        }
+        leave(common, 0, first);
+        common.progress.advance(progress_share);
+        return;
+    }
+    const ChunkSource& source = common.cache.source();
     const ArrayInfo& values = source.layout().array(0, Field::values);
     const std::int64_t chunk = source.layout().header().chunk;
     const std::int64_t half = size / 2;
@@ -186,17 +228,18 @@ void run_finest_bricks(TraversalRun& run, const Int3& first, std::int64_t size,
     for (std::size_t octant = 0; octant < 8; ++octant) {
         const Int3 child = child_of(octant);
         const Int3 low = child * chunk;
-        active[octant] =
-            max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
-            overlap_of(run.query.box, low, low + Int3{chunk, chunk, chunk} * half) !=
-                Overlap::outside &&
-            (half > 1 || may_hold_surface(source, child, run.query.iso, run.query.box));
-        if (active[octant] && half == 1 && !run.query.culling) {
+        active[octant] = max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
+                         overlap_of(common.query.box, low,
+                                    low + Int3{chunk, chunk, chunk} * half) != Overlap::outside &&
+                         (half > 1 || std::any_of(runs.begin(), runs.end(), [&](const auto& run) {
+                              return is_reached(*run, child);
+                          }));
+        if (active[octant] && half == 1 && !common.query.culling) {
             source.prefetch(values, child);
         }
     }
-    run_octants(run, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
-        run_finest_bricks(run, child_of(octant), half, share);
+    run_octants(common, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
+        run_finest_bricks(runs, child_of(octant), half, share);
     });
 }
 
@@ -207,26 +250,28 @@ bool is_finest(const StoreLayout& layout, const TraversalQuery& query) {
 
 }  // namespace
 
-TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
-                         const PartSink& sink, Progress& progress) {
-    if (query.cells == Cells::hexahedra && !is_finest(cache.source().layout(), query)) {
-        return traverse_hexahedra(cache, query, part_vertices, sink, progress);
-    }
-    TraversalRun run(cache, query, part_vertices, sink, progress);
-    const StoreLayout& layout = run.layout();
-    progress.begin("extract", kWholeProgress, "");
+namespace {
+
+void traverse_bricks(Runs runs) {
+    TraversalRun& common = *runs.front();
+    const TraversalQuery& query = common.query;
+    const StoreLayout& layout = common.layout();
+    common.progress.begin("extract", kWholeProgress, "");
     if (is_finest(layout, query)) {
         const Int3 grid = layout.array(0, Field::values).grid;
         const auto size = static_cast<std::uint64_t>(std::max({grid.x, grid.y, grid.z}));
-        run_finest_bricks(run, {0, 0, 0}, static_cast<std::int64_t>(std::bit_ceil(size)),
+        run_finest_bricks(runs, {0, 0, 0}, static_cast<std::int64_t>(std::bit_ceil(size)),
                           kWholeProgress);
     } else if (query.plane) {
-        run_brick<BrickTraversal<PlaneByDistance>>(run, layout.lattice().top(), {0, 0, 0}, nullptr,
+        run_brick<BrickTraversal<PlaneByDistance>>(runs, layout.lattice().top(), {0, 0, 0}, {},
                                                    kWholeProgress);
     } else {
-        run_brick<BrickTraversal<IsovalueByBound>>(run, layout.lattice().top(), {0, 0, 0}, nullptr,
+        run_brick<BrickTraversal<IsovalueByBound>>(runs, layout.lattice().top(), {0, 0, 0}, {},
                                                    kWholeProgress);
     }
+}
+
+TraversalCounts total_of(const TraversalRun& run) {
     TraversalCounts total;
     for (const TraversalCounts& c : run.counts) {
         total.add(c);
@@ -235,6 +280,46 @@ TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::si
         total.value_rounding = std::max(total.value_rounding, sampler.value_rounding());
     }
     return total;
+}
+
+}  // namespace
+
+TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
+                         const PartSink& sink, Progress& progress) {
+    if (query.cells == Cells::hexahedra && !is_finest(cache.source().layout(), query)) {
+        return traverse_hexahedra(cache, query, part_vertices, sink, progress);
+    }
+    const std::unique_ptr<TraversalRun> run =
+        std::make_unique<TraversalRun>(cache, query, part_vertices, sink, progress);
+    traverse_bricks({&run, 1});
+    return total_of(*run);
+}
+
+std::vector<TraversalCounts> traverse_isovalues(ChunkCache& cache, const TraversalQuery& query,
+                                                std::span<const double> isovalues,
+                                                std::size_t part_vertices,
+                                                std::span<const PartSink> sinks,
+                                                Progress& progress) {
+    std::vector<TraversalQuery> queries(isovalues.size(), query);
+    std::vector<std::unique_ptr<TraversalRun>> runs;
+    std::vector<TraversalCounts> counts;
+    const bool is_by_itself =
+        query.cells == Cells::hexahedra && !is_finest(cache.source().layout(), query);
+    for (std::size_t i = 0; i < queries.size(); ++i) {
+        queries[i].iso = isovalues[i];
+        if (is_by_itself) {
+            counts.push_back(traverse(cache, queries[i], part_vertices, sinks[i], progress));
+        } else {
+            runs.push_back(std::make_unique<TraversalRun>(cache, queries[i], part_vertices,
+                                                          sinks[i], progress));
+        }
+    }
+    if (!is_by_itself) {
+        traverse_bricks(runs);
+        std::transform(runs.begin(), runs.end(), std::back_inserter(counts),
+                       [](const auto& run) { return total_of(*run); });
+    }
+    return counts;
 }
 
 std::uint64_t table_heap(const StoreLayout& layout) {

@@ -9,6 +9,7 @@
 #include <atomic>
 #include <functional>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include <isonest/progress.h>
@@ -71,6 +72,15 @@ using PartSink = std::function<void(std::uint64_t order, const MeshPart& part)>;
 /// Throws what the chunk source throws, and Error{cancelled}.
 TraversalCounts traverse(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
                          const PartSink& sink, Progress& progress);
+
+/// The same of several isovalues in place of query.iso, each with a sink of its own; the counts are
+/// in their order. Each brick's chunks are decoded once for all of them. REQUIRES: no plane, as
+/// many sinks as isovalues.
+std::vector<TraversalCounts> traverse_isovalues(ChunkCache& cache, const TraversalQuery& query,
+                                                std::span<const double> isovalues,
+                                                std::size_t part_vertices,
+                                                std::span<const PartSink> sinks,
+                                                Progress& progress);
 
 /// Heap of the table in which a thread finds the vertices of a brick (PointTable).
 std::uint64_t table_heap(const StoreLayout& layout);

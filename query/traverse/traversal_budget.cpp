@@ -23,15 +23,19 @@ struct Needs {
     std::uint64_t all;
 };
 
-Needs needs_of(const StoreReader& store, const TraversalQuery& query, const StoreReader* values) {
+Needs needs_of(const StoreReader& store, const TraversalQuery& query, const StoreReader* values,
+               std::uint64_t isovalues) {
     const StoreLayout& layout = store.layout();
-    Needs needs{chunk_heap(layout, query, values != nullptr),
-                values != nullptr ? attribute_heap(values->layout()) : 0, 0};
+    // What samples attributes and crossings holds chunks of its own for each isovalue.
+    const bool holds = query.attributes.width() > 0 || query.vertices == VertexPlace::exact;
+    Needs needs{(holds ? isovalues : 1) * chunk_heap(layout, query, values != nullptr),
+                values != nullptr ? isovalues * attribute_heap(values->layout()) : 0, 0};
     const std::uint64_t decode =
         std::max(decode_heap_of(store), values != nullptr ? decode_heap_of(*values) : 0);
     // While a part is finished, it is there twice.
-    needs.all = needs.chunks + needs.value_chunks + list_heap(layout) + decode +
-                table_heap(layout) + 2 * kLeastPart * LocalMesh::kBytesPerVertex;
+    needs.all = needs.chunks + needs.value_chunks + decode +
+                isovalues * (list_heap(layout) + table_heap(layout) +
+                             2 * kLeastPart * LocalMesh::kBytesPerVertex);
     return needs;
 }
 
@@ -39,13 +43,14 @@ Needs needs_of(const StoreReader& store, const TraversalQuery& query, const Stor
 
 std::uint64_t least_heap(const StoreReader& store, const TraversalQuery& query,
                          const StoreReader* values) {
-    return needs_of(store, query, values).all;
+    return needs_of(store, query, values, 1).all;
 }
 
 TraversalBudget share_memory(const StoreReader& store, const TraversalQuery& query,
                              const StoreReader* values, std::uint64_t memory,
-                             std::uint64_t elsewhere, int threads, bool keep_parts) {
-    const auto [chunks, value_chunks, each] = needs_of(store, query, values);
+                             std::uint64_t elsewhere, int threads, bool keep_parts,
+                             std::uint64_t isovalues) {
+    const auto [chunks, value_chunks, each] = needs_of(store, query, values, isovalues);
     require_memory(store.path().string(), memory, kLibraryHeap + elsewhere + each,
                    "this store's chunks");
     const std::uint64_t usable = memory - kLibraryHeap - elsewhere;
@@ -54,10 +59,11 @@ TraversalBudget share_memory(const StoreReader& store, const TraversalQuery& que
     budget.threads = static_cast<int>(std::clamp<std::uint64_t>(
         usable / each, 1, static_cast<std::uint64_t>(Workers::count_of(threads))));
     const auto count = static_cast<std::uint64_t>(budget.threads);
+    const std::uint64_t meshes = count * isovalues;
     std::uint64_t spare = usable - count * each;
     budget.part_vertices = std::clamp<std::size_t>(
-        spare / 4 / count / (2 * LocalMesh::kBytesPerVertex), kLeastPart, kMostPart);
-    spare -= count * 2 * (budget.part_vertices - kLeastPart) * LocalMesh::kBytesPerVertex;
+        spare / 4 / meshes / (2 * LocalMesh::kBytesPerVertex), kLeastPart, kMostPart);
+    spare -= meshes * 2 * (budget.part_vertices - kLeastPart) * LocalMesh::kBytesPerVertex;
     spare -= std::min(spare / 8, count * kReserve);
     // Attributes make each brick look into all that surround it, which costs more than to write the
     // parts to a file.
@@ -73,6 +79,18 @@ TraversalBudget share_memory(const StoreReader& store, const TraversalQuery& que
         budget.values_cache -= count * values->layout().array(0, Field::values).chunk_bytes();
     }
     return budget;
+}
+
+std::uint64_t isovalues_at_once(const StoreReader& store, const TraversalQuery& query,
+                                const StoreReader* values, std::uint64_t memory, int threads,
+                                std::uint64_t wanted) {
+    const auto count = static_cast<std::uint64_t>(Workers::count_of(threads));
+    std::uint64_t most = wanted;
+    while (most > 1 &&
+           kLibraryHeap + count * needs_of(store, query, values, most).all > memory / 2) {
+        --most;
+    }
+    return std::max<std::uint64_t>(most, 1);
 }
 
 }  // namespace isonest::detail

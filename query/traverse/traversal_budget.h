@@ -20,10 +20,18 @@ std::uint64_t least_heap(const StoreReader& store, const TraversalQuery& query,
 
 /// Shares `memory` bytes of heap; fewer threads than `threads` (0 = all cores) run where there is
 /// little. `values`: another store from which vertex values are taken, or null. `keep_parts`:
-/// whether finished parts are kept. Throws Error{limit}, naming the least memory, in which
-/// `elsewhere` bytes that something else holds are counted.
+/// whether finished parts are kept. `isovalues`: how many traverse_isovalues() is given. Throws
+/// Error{limit}, naming the least memory, in which `elsewhere` bytes that something else holds are
+/// counted.
 TraversalBudget share_memory(const StoreReader& store, const TraversalQuery& query,
                              const StoreReader* values, std::uint64_t memory,
-                             std::uint64_t elsewhere, int threads, bool keep_parts);
+                             std::uint64_t elsewhere, int threads, bool keep_parts,
+                             std::uint64_t isovalues = 1);
+
+/// Of how many isovalues, at most `wanted`, as many threads as are asked for have memory at a time;
+/// at least 1. Half of the memory is left for parts and cache.
+std::uint64_t isovalues_at_once(const StoreReader& store, const TraversalQuery& query,
+                                const StoreReader* values, std::uint64_t memory, int threads,
+                                std::uint64_t wanted);
 
 }  // namespace isonest::detail

@@ -212,10 +212,10 @@ TEST_CASE("exact vertices are refused where they mean nothing") {
     const Store store(folder / "s");
     MeshCollector mesh;
     SurfaceQuery query;
-    query.vertices = VertexPlace::exact;
-    query.close = Outside::below;
+    query.grid.vertices = VertexPlace::exact;
+    query.stages.close = Outside::below;
     CHECK_THROWS_AS(isonest::extract(store, query, mesh), Error);
-    query.close.reset();
+    query.stages.close.reset();
     query.stop = DistanceBound{1};
     CHECK_THROWS_AS(isonest::extract(store, query, mesh), Error);
     query.stop = TriangleBudget{100};

@@ -31,12 +31,12 @@ Extracted extracted(const Store& store, const SurfaceQuery& query) {
 void require_same(const Extracted& a, const Extracted& b) {
     CHECK(a.positions == b.positions);
     CHECK(a.triangles == b.triangles);
-    CHECK(a.report.chunks_read == b.report.chunks_read);
-    CHECK(a.report.bytes_read == b.report.bytes_read);
-    CHECK(a.report.peak_cache_bytes == b.report.peak_cache_bytes);
-    CHECK(a.report.visited_tetrahedra == b.report.visited_tetrahedra);
-    CHECK(a.report.leaf_tetrahedra == b.report.leaf_tetrahedra);
-    CHECK(a.report.bricks == b.report.bricks);
+    CHECK(a.report.traversal.chunks_read == b.report.traversal.chunks_read);
+    CHECK(a.report.traversal.bytes_read == b.report.traversal.bytes_read);
+    CHECK(a.report.traversal.peak_cache_bytes == b.report.traversal.peak_cache_bytes);
+    CHECK(a.report.traversal.visited == b.report.traversal.visited);
+    CHECK(a.report.traversal.leaves == b.report.traversal.leaves);
+    CHECK(a.report.traversal.bricks == b.report.traversal.bricks);
     CHECK(a.report.error_bound == b.report.error_bound);
     CHECK(a.report.vertices == b.positions.size());
     CHECK(a.report.triangles == b.triangles.size());
@@ -55,12 +55,12 @@ TEST_CASE("two extractions from one store at once report what each reports alone
     SurfaceQuery coarse;
     coarse.iso = 2.5;
     coarse.stop = ErrorBound{0.3, false, Guarantee::deviation};
-    coarse.normals = true;
+    coarse.attributes.normals = true;
     const Extracted fine_alone = extracted(store, fine);
     const Extracted coarse_alone = extracted(store, coarse);
     REQUIRE(!fine_alone.triangles.empty());
     REQUIRE(!coarse_alone.triangles.empty());
-    REQUIRE(fine_alone.report.chunks_read != coarse_alone.report.chunks_read);
+    REQUIRE(fine_alone.report.traversal.chunks_read != coarse_alone.report.traversal.chunks_read);
     for (int round = 0; round < 3; ++round) {
         Extracted fine_beside;
         Extracted coarse_beside;

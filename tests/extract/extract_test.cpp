@@ -55,7 +55,7 @@ void require_whole(FunctionVolume<T>& volume, const Result& r) {
     CHECK(faults.overused_edges == 0);
     CHECK(faults.misoriented_edges == 0);
     CHECK(faults.open_edges_inside == 0);
-    CHECK(faults.flat_triangles == r.report.zero_area_triangles);
+    CHECK(faults.flat_triangles == r.report.mending.zero_area);
 }
 
 /// |U - iso| at the vertices and inside every triangle, and normals toward the smaller values.
@@ -152,7 +152,7 @@ TEST_CASE("an isovalue that nodes have exactly gives a manifold without flat tri
                 CAPTURE(n.x, iso, error);
                 const Result r = surface(volume, iso, error);
                 require_whole(volume, r);
-                CHECK(r.report.zero_area_triangles == 0);
+                CHECK(r.report.mending.zero_area == 0);
                 CHECK(residual(volume, r.mesh, iso) <= error + 1e-4);
             }
         }
@@ -205,8 +205,8 @@ TEST_CASE(
                 REQUIRE(e.kind() == ErrorKind::limit);
             }
         }
-        CHECK(report->peak_cache_bytes < options.memory - kLibraryHeap);
-        CHECK(report->peak_cache_bytes < 129 * 129 * 129 * sizeof(float) / 2);
+        CHECK(report->traversal.peak_cache_bytes < options.memory - kLibraryHeap);
+        CHECK(report->traversal.peak_cache_bytes < 129 * 129 * 129 * sizeof(float) / 2);
         CHECK(read_file(folder / "m.ply") == expected);
     }
 }
@@ -307,8 +307,8 @@ TEST_CASE("a coarse surface reads few chunks") {
     });
     const Result full = surface(volume, 40, 0, 16);
     const Result coarse = surface(volume, 40, 4, 16);
-    CHECK(full.report.chunks_read < full.report.chunks_total / 8);
-    CHECK(coarse.report.chunks_read < full.report.chunks_read / 4);
+    CHECK(full.report.traversal.chunks_read < full.report.traversal.chunks_total / 8);
+    CHECK(coarse.report.traversal.chunks_read < full.report.traversal.chunks_read / 4);
     CHECK(coarse.mesh.triangles.size() * 10 < full.mesh.triangles.size());
 }
 

@@ -288,7 +288,7 @@ TEST_CASE("a surface of hexahedral cells through nodes is a manifold without fla
                         least = std::min(least, area_of(r.mesh, t));
                     }
                     CHECK(least > 1e-3);
-                    CHECK(r.report.mended_triangles == 0);
+                    CHECK(r.report.mending.mended == 0);
                 }
             }
         }
@@ -402,20 +402,20 @@ TEST_CASE("hexahedral cells refuse what they do not give") {
     const StoreReader store(folder / "s");
     const auto refused = [&](const auto& change) {
         SurfaceQuery query;
-        query.cells = Cells::hexahedra;
+        query.grid.cells = Cells::hexahedra;
         REQUIRE_NOTHROW(extract_query(store, query, false));
         change(query);
         REQUIRE_THROWS_AS(extract_query(store, query, false), Error);
     };
     refused([](SurfaceQuery& q) { q.stop = ErrorBound{0.1}; });
     refused([](SurfaceQuery& q) { q.stop = DistanceBound{0.1}; });
-    refused([](SurfaceQuery& q) { q.close = Outside::below; });
-    refused([](SurfaceQuery& q) { q.vertices = VertexPlace::exact; });
+    refused([](SurfaceQuery& q) { q.stages.close = Outside::below; });
+    refused([](SurfaceQuery& q) { q.grid.vertices = VertexPlace::exact; });
     refused([](SurfaceQuery& q) { q.focus.emplace(); });
     FunctionVolume<float> flat({9, 9, 1}, smooth_f);
     make_store(flat, folder / "f");
     const StoreReader plane(folder / "f");
     SurfaceQuery query;
-    query.cells = Cells::hexahedra;
+    query.grid.cells = Cells::hexahedra;
     REQUIRE_THROWS_AS(extract_query(plane, query, false), Error);
 }

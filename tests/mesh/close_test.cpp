@@ -341,7 +341,7 @@ TEST_CASE("a constant volume is the box or nothing") {
             const Mesh& mesh = full ? below.mesh : above.mesh;
             require_watertight(mesh);
             CHECK(enclosed(mesh) == Approx(full ? 5 * 4 * 8 : -5 * 4 * 8));
-            CHECK(below.report.zero_area_triangles + above.report.zero_area_triangles == 0);
+            CHECK(below.report.mending.zero_area + above.report.mending.zero_area == 0);
             if (error == 0) {
                 // Two triangles for each face of a cell, and nothing else.
                 CHECK(mesh.triangles.size() == 4 * (5 * 4 + 4 * 8 + 8 * 5));
@@ -494,13 +494,14 @@ TEST_CASE("what is closed stays open at missing values alone, and the report say
         for (const bool components : {false, true}) {
             SurfaceQuery query{.iso = -0.1};
             query.stop = ErrorBound{error};
-            query.close = Outside::below;
+            query.stages.close = Outside::below;
             if (components) {
-                query.components.emplace();
+                query.stages.components.emplace();
             }
             MeshCollector mesh;
             const ExtractReport report = extract(store, query, mesh);
-            CHECK(report.closed == Outside::below);
+            REQUIRE(report.closing);
+            CHECK(report.closing->outside == Outside::below);
             std::map<std::pair<std::uint32_t, std::uint32_t>, int> edges;
             for (const auto& t : mesh.triangles) {
                 for (std::size_t i = 0; i < 3; ++i) {
@@ -528,7 +529,7 @@ TEST_CASE("what is closed stays open at missing values alone, and the report say
                 }
             }
             CHECK(!border.empty());
-            CHECK(report.border_vertices == border.size());
+            CHECK(report.closing->border_vertices == border.size());
         }
     }
 }
@@ -543,10 +544,10 @@ TEST_CASE("what cannot be closed is refused") {
     make_store(volume, folder / "s", options);
     MeshCollector mesh;
     SurfaceQuery query{.iso = 0};
-    query.close = Outside::above;
+    query.stages.close = Outside::above;
     CHECK_THROWS_AS(extract(Store(folder / "flat"), query, mesh), Error);
     CHECK_NOTHROW(extract(Store(folder / "s"), query, mesh));
-    query.culling = BackfaceCulling{{0, 0, 1}};
+    query.grid.culling = BackfaceCulling{{0, 0, 1}};
     CHECK_THROWS_AS(extract(Store(folder / "s"), query, mesh), Error);
 }
 
@@ -567,9 +568,9 @@ TEST_CASE("vertices of caps carry the function's value and its gradient's direct
     make_store(volume, folder / "s", with_chunk(8));
     const Store store(folder / "s");
     SurfaceQuery query{.iso = 0.1};
-    query.close = Outside::below;
-    query.normals = true;
-    query.vertex_values = &store;
+    query.stages.close = Outside::below;
+    query.attributes.normals = true;
+    query.attributes.values = &store;
     query.box = WorldBox{{1, 2.25, 3.5}, {9.75, 12.5, 20}};
     MeshCollector mesh;
     extract(store, query, mesh);
@@ -615,7 +616,7 @@ TEST_CASE("a closed surface stays closed within a distance, by place, and withou
     make_store(volume, folder / "s", with_chunk(8));
     const Store store(folder / "s");
     SurfaceQuery query{.iso = 0.1};
-    query.close = Outside::below;
+    query.stages.close = Outside::below;
     query.box = WorldBox{{1, 2.25, 3.5}, {19.75, 20, 30}};
     MeshCollector full;
     extract(store, query, full);
@@ -623,7 +624,7 @@ TEST_CASE("a closed surface stays closed within a distance, by place, and withou
     require_watertight(mesh_of(full));
     std::vector<SurfaceQuery> queries(4, query);
     queries[0].stop = DistanceBound{0.2};
-    queries[1].components.emplace().largest = 1;
+    queries[1].stages.components.emplace().largest = 1;
     queries[2].stop = ErrorBound{0.01};
     queries[2].focus = Focus{{4, 4, 4}, {6, 6, 6}, 0.5};
     queries[3].camera = Camera{{-5, 3, 40}, 40, 64, 16};
@@ -631,7 +632,8 @@ TEST_CASE("a closed surface stays closed within a distance, by place, and withou
         CAPTURE(&q - queries.data());
         MeshCollector mesh;
         const ExtractReport report = extract(store, q, mesh);
-        CHECK(report.closed == Outside::below);
+        REQUIRE(report.closing);
+        CHECK(report.closing->outside == Outside::below);
         CHECK(mesh.triangles.size() < full.triangles.size());
         require_watertight(mesh_of(mesh));
         CHECK(enclosed(mesh_of(mesh)) == Approx(solid).epsilon(0.2));

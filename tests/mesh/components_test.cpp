@@ -154,7 +154,7 @@ ExtractReport require_as_searched(const Volume& volume, SurfaceQuery query,
                                   const ComponentChoice& choice) {
     MeshCollector whole;
     const ExtractReport without = volume.extract(query, whole);
-    CHECK(without.components == 0);
+    CHECK_FALSE(without.components);
     const auto all = elements_of(whole);
     const auto found = components_of(whole);
     const auto kept = kept_of(found, choice);
@@ -173,13 +173,14 @@ ExtractReport require_as_searched(const Volume& volume, SurfaceQuery query,
     for (const std::size_t e : left) {
         expected.push_back(all[e]);
     }
-    query.components = choice;
+    query.stages.components = choice;
     MeshCollector mesh;
     const ExtractReport r = volume.extract(query, mesh);
-    CHECK(r.components == found.size());
-    CHECK(r.dropped_components == dropped);
-    CHECK(r.dropped_triangles == all.size() - expected.size());
-    CHECK(r.largest_dropped == largest);
+    REQUIRE(r.components);
+    CHECK(r.components->components == found.size());
+    CHECK(r.components->dropped == dropped);
+    CHECK(r.components->dropped_triangles == all.size() - expected.size());
+    CHECK(r.components->largest_dropped == largest);
     CHECK(r.triangles == expected.size());
     CHECK(r.vertices == mesh.vertices.size());
     CHECK(elements_of(mesh) == expected);
@@ -239,7 +240,7 @@ TEST_CASE("balls are kept as a search through the mesh says") {
     // The open ones stay whatever volume is asked for.
     MeshCollector mesh;
     SurfaceQuery query;
-    query.components = ComponentChoice{0, 0, 1e9};
+    query.stages.components = ComponentChoice{0, 0, 1e9};
     volume.extract(query, mesh);
     const auto found = components_of(mesh);
     CHECK(found.size() == 3);  // two of the shell in the corner, one at the face
@@ -254,8 +255,8 @@ TEST_CASE("of equally large components the one with the lowest vertex is kept") 
     const Volume balls(volume);
     for (const std::uint64_t largest : {1, 2, 5, 15, 16}) {
         const ExtractReport r = require_as_searched(balls, {}, {largest});
-        CHECK(r.components == 16);
-        CHECK(r.dropped_components == 16 - largest);
+        CHECK(r.components->components == 16);
+        CHECK(r.components->dropped == 16 - largest);
     }
 }
 
@@ -270,7 +271,7 @@ TEST_CASE("components of noise, with holes and cut by a box") {
         for (const ComponentChoice& choice :
              {ComponentChoice{}, {1, 0, 0}, {7, 0, 0}, {0, 9, 0}, {0, 0, 0.3}, {4, 9, 0.4}}) {
             query.box = {};
-            CHECK(require_as_searched(grain, query, choice).components > 2);
+            CHECK(require_as_searched(grain, query, choice).components->components > 2);
             query.box = WorldBox{{3.5, 4, 5}, {20, 21.5, 22}};
             require_as_searched(grain, query, choice);
         }
@@ -283,10 +284,10 @@ TEST_CASE("isolines have components as well, but no volume") {
     SurfaceQuery query;
     query.iso = 1.2;
     for (const ComponentChoice& choice : {ComponentChoice{}, {1, 0}, {9, 0}, {0, 12}, {3, 12}}) {
-        CHECK(require_as_searched(map, query, choice).components > 20);
+        CHECK(require_as_searched(map, query, choice).components->components > 20);
     }
     MeshCollector mesh;
-    query.components = ComponentChoice{0, 0, 1};
+    query.stages.components = ComponentChoice{0, 0, 1};
     CHECK_THROWS_WITH(map.extract(query, mesh), Catch::Contains("no volume"));
 }
 
@@ -294,7 +295,7 @@ TEST_CASE("what is kept does not depend on threads, memory and chunks") {
     FunctionVolume<float> volume({22, 25, 18}, grains);
     SurfaceQuery query;
     query.iso = 0.5;
-    query.components = ComponentChoice{25, 9, 0.1};
+    query.stages.components = ComponentChoice{25, 9, 0.1};
     for (const double distance : {0.0, 0.3}) {
         query.stop = DistanceBound{distance};
         std::optional<MeshCollector> first;
@@ -304,7 +305,7 @@ TEST_CASE("what is kept does not depend on threads, memory and chunks") {
                 for (const std::uint64_t memory : {96ULL << 20U, 1ULL << 30U}) {
                     MeshCollector mesh;
                     const ExtractReport r = store.extract(query, mesh, threads, memory);
-                    CHECK(r.components - r.dropped_components == 25);
+                    CHECK(r.components->components - r.components->dropped == 25);
                     if (!first) {
                         first.emplace();
                         first->vertices = mesh.vertices;
@@ -325,26 +326,26 @@ TEST_CASE("components are dropped before a distance simplifies") {
     MeshCollector whole;
     const std::uint64_t all = volume.extract(query, whole).triangles;
     query.stop = DistanceBound{0.4};
-    query.components = ComponentChoice{0, 200};
+    query.stages.components = ComponentChoice{0, 200};
     MeshCollector mesh;
     const ExtractReport r = volume.extract(query, mesh);
     const auto found = components_of(whole);
-    const auto kept = kept_of(found, *query.components);
+    const auto kept = kept_of(found, *query.stages.components);
     // Fewer triangles than the least, and still there: it is asked of those that were extracted.
-    CHECK(r.triangles < (all - r.dropped_triangles) / 3);
-    CHECK(r.full_triangles == all);
-    CHECK(r.distance_bound > 0);
-    CHECK(r.distance_bound <= 0.4);
-    CHECK(r.dropped_components > 0);
+    CHECK(r.triangles < (all - r.components->dropped_triangles) / 3);
+    CHECK(r.distance->full_triangles == all);
+    CHECK(r.distance->bound > 0);
+    CHECK(r.distance->bound <= 0.4);
+    CHECK(r.components->dropped > 0);
     CHECK(components_of(mesh).size() ==
           static_cast<std::size_t>(std::count(kept.begin(), kept.end(), true)));
-    query.components = ComponentChoice{0, 1000000};
+    query.stages.components = ComponentChoice{0, 1000000};
     const ExtractReport none = volume.extract(query, mesh);
     CHECK(none.triangles == 0);
     CHECK(none.vertices == 0);
     CHECK(mesh.vertices.empty());
-    CHECK(none.dropped_components == none.components);
-    CHECK(none.dropped_triangles == all);
+    CHECK(none.components->dropped == none.components->components);
+    CHECK(none.components->dropped_triangles == all);
 }
 
 TEST_CASE("a surface that is not there has no components") {
@@ -354,11 +355,11 @@ TEST_CASE("a surface that is not there has no components") {
         SurfaceQuery query;
         query.iso = 99;
         query.stop = DistanceBound{distance};
-        query.components = ComponentChoice{1, 5, 2};
+        query.stages.components = ComponentChoice{1, 5, 2};
         MeshCollector mesh;
         const ExtractReport r = volume.extract(query, mesh);
-        CHECK(r.components == 0);
-        CHECK(r.dropped_components == 0);
+        CHECK(r.components->components == 0);
+        CHECK(r.components->dropped == 0);
         CHECK(r.triangles == 0);
     }
 }
@@ -369,7 +370,7 @@ TEST_CASE("a volume that makes no sense is refused") {
     for (const double least : {-1.0, std::numeric_limits<double>::quiet_NaN(),
                                std::numeric_limits<double>::infinity()}) {
         SurfaceQuery query;
-        query.components = ComponentChoice{0, 0, least};
+        query.stages.components = ComponentChoice{0, 0, least};
         MeshCollector mesh;
         CHECK_THROWS_AS(volume.extract(query, mesh), Error);
     }

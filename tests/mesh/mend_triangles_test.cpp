@@ -465,9 +465,9 @@ void require_mended_far_away(const std::function<T(const Int3&)>& f, double iso,
     const Surface near = surface_of<T>(n, f, {0, 0, 0}, query);
     const Double3 place{origin, -origin, origin};
     const Surface far = surface_of<T>(n, f, place, query);
-    CAPTURE(iso, origin, near.mesh.corners.size(), far.report.mended_triangles);
-    CHECK(near.report.zero_area_triangles == 0);
-    CHECK(far.report.zero_area_triangles == 0);
+    CAPTURE(iso, origin, near.mesh.corners.size(), far.report.mending.mended);
+    CHECK(near.report.mending.zero_area == 0);
+    CHECK(far.report.mending.zero_area == 0);
     CHECK(flat_triangles(near.mesh) == 0);
     CHECK(flat_triangles(far.mesh) == 0);
     CHECK(shape_of(far.mesh) == shape_of(near.mesh));
@@ -510,7 +510,7 @@ TEST_CASE(
             surface_of<float>(
                 {12, 11, 13}, [](const Int3& p) { return static_cast<float>(noise(p)); },
                 {origin, origin, origin}, query)
-                .report.mended_triangles;
+                .report.mending.mended;
     }
     CHECK(mended_in_all > 100);
 }
@@ -519,18 +519,18 @@ TEST_CASE("the mended mesh is the same for any threads, memory and chunks") {
     const auto f = [](const Int3& p) { return static_cast<float>(noise(p)); };
     SurfaceQuery query;
     query.iso = 0.4;
-    query.normals = true;
+    query.attributes.normals = true;
     const Int3 n{40, 35, 37};
     const Double3 origin{700000.3, 700000.3, -1400000.1};
     const Surface first = surface_of<float>(n, f, origin, query, 1);
-    REQUIRE(first.report.mended_triangles > 1000);
+    REQUIRE(first.report.mending.mended > 1000);
     for (const int threads : {1, 2, 4}) {
         for (const int chunk : {8, 32}) {
             for (const std::uint64_t memory : {1U << 30U, 48U << 20U}) {
                 const Surface s = surface_of<float>(n, f, origin, query, threads, memory, chunk);
                 CHECK(s.mesh.positions == first.mesh.positions);
                 CHECK(s.mesh.corners == first.mesh.corners);
-                CHECK(s.report.mended_triangles == first.report.mended_triangles);
+                CHECK(s.report.mending.mended == first.report.mending.mended);
                 CHECK(s.report.coordinate_rounding == first.report.coordinate_rounding);
             }
         }
@@ -544,17 +544,18 @@ TEST_CASE("what components are chosen from and a distance simplifies has been me
     const Int3 n{40, 35, 37};
     const Double3 origin{100000.3, 100000.3, -100000.1};
     const Surface all = surface_of<float>(n, f, origin, query);
-    REQUIRE(all.report.mended_triangles > 0);
-    query.components = ComponentChoice{.largest = 1};
+    REQUIRE(all.report.mending.mended > 0);
+    query.stages.components = ComponentChoice{.largest = 1};
     const Surface largest = surface_of<float>(n, f, origin, query);
-    CHECK(largest.report.components == shape_of(all.mesh).size());
-    CHECK(largest.report.triangles + largest.report.dropped_triangles == all.report.triangles);
+    CHECK(largest.report.components->components == shape_of(all.mesh).size());
+    CHECK(largest.report.triangles + largest.report.components->dropped_triangles ==
+          all.report.triangles);
     CHECK(shape_of(largest.mesh).size() == 1);
     query.stop = DistanceBound{0.5, true};
     const Surface simplified = surface_of<float>(n, f, origin, query);
-    CHECK(simplified.report.mended_triangles == all.report.mended_triangles);
-    CHECK(simplified.report.full_triangles == all.report.triangles);
-    CHECK(simplified.report.zero_area_triangles == 0);
+    CHECK(simplified.report.mending.mended == all.report.mending.mended);
+    CHECK(simplified.report.distance->full_triangles == all.report.triangles);
+    CHECK(simplified.report.mending.zero_area == 0);
     CHECK(flat_triangles(simplified.mesh) == 0);
     CHECK(shape_of(simplified.mesh) == shape_of(largest.mesh));
 }

@@ -30,9 +30,9 @@ struct Subject {
         q.iso = 0.3;
         q.stop = ErrorBound{0.05, false, Guarantee::deviation};
         q.box = WorldBox{{1.5, 2.25, 3}, {38, 30.5, 29.75}};
-        q.normals = true;
-        q.vertex_values = &*values;
-        q.vertex_error = Field::deviation_bar;
+        q.attributes.normals = true;
+        q.attributes.values = &*values;
+        q.attributes.error = Field::deviation_bar;
         return q;
     }
     [[nodiscard]] Mesh in_file() const {

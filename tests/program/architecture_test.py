@@ -40,6 +40,10 @@ FORMATS = ("dicom", "hdf5", "meta_image", "mrc", "netcdf", "nifti", "nrrd", "num
            "tiff", "vtk", "zarr")
 INNER_ROOMS = {
     "preprocess/sources": SHARED | {name: {*SHARED, "volume_format.h"} for name in FORMATS},
+    "query/extract": {
+        "stages": {"extract_query.h"},
+        "analysis": {"extract_query.h", "run_extraction.h", "stages"},
+    },
 }
 # Of these, the rooms that show one header, and to nobody but the files beside the rooms (the entrance).
 FACES = {"preprocess/sources": {name: f"{name}/{name}_format.h" for name in FORMATS}}
@@ -110,7 +114,7 @@ def find_faults(root):
                     if quote == '"' and here in inner and there \
                             and there not in {here, *inner[here]}:
                         faults.append(f"{place}; {parent}/{here}/ may include {sorted(inner[here])}")
-                    face = FACES[parent].get(there)
+                    face = FACES.get(parent, {}).get(there)
                     entrance = here and here not in inner
                     if quote == '"' and face and here != there and folder != "tests" \
                             and not (entrance and target == f"{parent}/{face}"):

@@ -8,7 +8,7 @@
 #include <isonest/mesh_file.h>
 #include <isonest/mesh_sink.h>
 
-#include "query/extract/value_simplification.h"
+#include "query/extract/stages/error_stage.h"
 #include "query/simplify/by_value/value_cover.h"
 #include "store/lattice/bisection.h"
 #include "tests/support/surface_samples.h"
@@ -166,13 +166,13 @@ void require_within(const Volume<T>& volume, double iso, double error,
                     const std::optional<WorldBox>& box = {},
                     VertexPlace vertices = VertexPlace::linear) {
     SurfaceQuery query = within(iso, error);
-    query.vertices = vertices;
+    query.grid.vertices = vertices;
     query.box = box;
     const Simple mesh = extracted(*volume.store, query);
     const Simple before = extracted(*volume.store, nested(query));
     CAPTURE(iso, error, before.triangles.size(), mesh.triangles.size());
     REQUIRE(before.triangles.size() > 50);
-    REQUIRE(mesh.report.nested_triangles == before.triangles.size());
+    REQUIRE(mesh.report.simplified_error->nested_triangles == before.triangles.size());
     REQUIRE(mesh.report.triangles == mesh.triangles.size());
     REQUIRE(mesh.report.tolerance == Approx(error));
     REQUIRE(mesh.report.error_bound <= error);
@@ -382,7 +382,7 @@ TEST_CASE("A closed solid holds what is clearly inside and nothing that is clear
             for (const bool has_box : {false, true}) {
                 WorldBox box{{0, 0, 0}, {25, 22, 28}};
                 SurfaceQuery query = within(iso, error);
-                query.close = outside;
+                query.stages.close = outside;
                 if (has_box) {
                     box = {{2.5, 3, 4.25}, {21, 18.75, 26.5}};
                     query.box = box;
@@ -428,7 +428,7 @@ TEST_CASE("Caps cover what is clearly inside, once, and nothing that is clearly 
     });
     for (const double error : {0.2, 0.5, 0.8}) {
         SurfaceQuery query = within(0.6, error);
-        query.close = Outside::below;
+        query.stages.close = Outside::below;
         const Simple mesh = extracted(*rough.store, query);
         int inside = 0;
         for (int axis = 0; axis < 3; ++axis) {
@@ -494,7 +494,7 @@ TEST_CASE("The mesh does not depend on chunks, threads and memory") {
             const ExtractReport r = extract(store, within(1.7, 0.5), *sink, options);
             CAPTURE(chunk, threads, memory);
             // Several blocks.
-            REQUIRE(r.nested_triangles > 90000);
+            REQUIRE(r.simplified_error->nested_triangles > 90000);
             const std::string bytes = read_file(folder / "m.ply");
             first = first.empty() ? bytes : first;
             REQUIRE(bytes == first);
@@ -527,7 +527,7 @@ TEST_CASE("Without an error nothing is simplified; what makes no sense is refuse
     const Simple zero = extracted(*volume.store, within(1.7, 0));
     REQUIRE(zero.triangles == full.triangles);
     REQUIRE(zero.positions == full.positions);
-    REQUIRE(zero.report.nested_triangles == 0);
+    REQUIRE_FALSE(zero.report.simplified_error);
 
     SurfaceQuery query = within(1.7, 1);
     query.focus = Focus{};

@@ -242,8 +242,8 @@ void check_isolines(FunctionVolume<T>& volume, double iso,
     for (const double distance : {0.1, 0.5, 2.0}) {
         CAPTURE(distance);
         const Isolines simple = isolines(store, iso, distance, 2, box);
-        check(full.lines, simple.lines, distance, simple.report.distance_bound);
-        CHECK(simple.report.full_triangles == full.lines.lines.size());
+        check(full.lines, simple.lines, distance, simple.report.distance->bound);
+        CHECK(simple.report.distance->full_triangles == full.lines.lines.size());
         CHECK(simple.report.triangles == simple.lines.lines.size());
         CHECK(simple.lines.lines.size() <= before);
         before = simple.lines.lines.size();

@@ -57,9 +57,7 @@ inline ExtractQuery query_of(const StoreReader& store, const Extraction& e, bool
         return query;
     };
     const auto with_attributes = [&](auto query) {
-        query.normals = e.normals;
-        query.vertex_error = e.vertex_error;
-        query.vertex_values = e.values;
+        query.attributes = {e.normals, e.values, e.vertex_error};
         return query;
     };
     if (!e.contours.empty()) {
@@ -82,12 +80,10 @@ inline ExtractQuery query_of(const StoreReader& store, const Extraction& e, bool
     }
     SurfaceQuery query = with_attributes(start(SurfaceQuery{}));
     query.iso = e.iso;
-    query.bound = e.bound;
-    query.close = e.close;
-    query.vertices = e.vertices;
-    query.cells = e.cells;
+    query.grid = {e.cells, e.vertices, e.bound, {}};
+    query.stages.close = e.close;
     if (e.view) {
-        query.culling = BackfaceCulling{*e.view, e.cull_by};
+        query.grid.culling = BackfaceCulling{*e.view, e.cull_by};
     }
     return extract_query(store, query, float64);
 }

@@ -348,11 +348,11 @@ TEST_CASE("a store without the fields of cells says what makes them") {
     make_store(volume, folder / "s");
     const StoreReader store(folder / "s");
     SurfaceQuery query;
-    query.cells = Cells::hexahedra;
+    query.grid.cells = Cells::hexahedra;
     query.stop = ErrorBound{0.1};
     REQUIRE_THROWS_WITH(extract_query(store, query, false),
                         Catch::Matchers::Contains("hex_deviation"));
-    query.cells = Cells::tetrahedra;
+    query.grid.cells = Cells::tetrahedra;
     query.stop = FieldThreshold{Field::hex_linf, 0.1};
     REQUIRE_THROWS_WITH(extract_query(store, query, false),
                         Catch::Matchers::Contains("hexahedral cells"));

@@ -142,9 +142,9 @@ TEST_CASE("only backfaces are culled, by either bound, and some whole subtrees w
                 options.cull_by = by;
                 const auto [cut, report] = subject.extracted(options);
                 const std::uint64_t coarse = finest ? 2 * 6 * 5 * 5 * 5 : 0;
-                CHECK(report.visited_tetrahedra <= uncut.visited_tetrahedra + coarse);
-                CHECK(report.leaf_tetrahedra < uncut.leaf_tetrahedra);
-                saved += finest ? 0 : uncut.visited_tetrahedra - report.visited_tetrahedra;
+                CHECK(report.traversal.visited <= uncut.traversal.visited + coarse);
+                CHECK(report.traversal.leaves < uncut.traversal.leaves);
+                saved += finest ? 0 : uncut.traversal.visited - report.traversal.visited;
                 const auto kept = triangles_of(cut);
                 const auto all = triangles_of(full);
                 std::size_t lost_front = 0;
@@ -199,8 +199,8 @@ TEST_CASE("bricks that face away as a whole are not read, and the mesh is the sa
             extract(StoreReader(folder / "whole"), folder / "whole.ply", e, silent_progress());
             CHECK(read_file(folder / "fine.ply") == read_file(folder / "whole.ply"));
             CHECK(cut.triangles < all.triangles);
-            CHECK(cut.visited_tetrahedra < all.visited_tetrahedra * 9 / 10);
-            CHECK(cut.bytes_read < all.bytes_read);
+            CHECK(cut.traversal.visited < all.traversal.visited * 9 / 10);
+            CHECK(cut.traversal.bytes_read < all.traversal.bytes_read);
         }
     }
 }

@@ -26,19 +26,19 @@ Json header_of(const MeshRequest& request, const ExtractReport& r, const MeshMes
     Json header = {{"stop", distance         ? "distance"
                             : request.camera ? "camera"
                                              : "error"},
-                   {"tolerance", distance ? *r.distance : r.tolerance},
+                   {"tolerance", distance ? r.distance->asked : r.tolerance},
                    {"error_bound", nullptr},
                    {"distance_bound", nullptr},
                    {"full_resolution", false},
                    {"seconds", r.seconds},
-                   {"chunks_read", r.chunks_read},
-                   {"bytes_read", r.bytes_read}};
+                   {"chunks_read", r.traversal.chunks_read},
+                   {"bytes_read", r.traversal.bytes_read}};
     if (distance) {
         if (const auto* const asked = std::get_if<DistanceBound>(&request.stop)) {
             header["tolerance"] = asked->value;
         }
-        header["distance_bound"] = r.distance_bound + mesh.position_rounding();
-        header["full_resolution"] = *r.distance == 0;
+        header["distance_bound"] = r.distance->bound + mesh.position_rounding();
+        header["full_resolution"] = r.distance->asked == 0;
     } else {
         header["error_bound"] = r.error_bound;
         header["full_resolution"] = r.error_bound == (request.is_slice() ? r.value_rounding : 0);
@@ -91,7 +91,10 @@ ExtractReport MeshAnswers::extract_to(MeshSink& sink, const MeshRequest& request
     SurfaceQuery query = surface_query(
         request, distance != nullptr ? SurfaceStop(DistanceBound{distance->value - rounding})
                                      : SurfaceStop(std::get<ErrorBound>(request.stop)));
-    query.normals = true;
+    query.attributes.normals = true;
+    if (const auto* const label = std::get_if<LabelChoice>(&request.what)) {
+        return extract(store_, label_query(query, *label), sink, options, progress);
+    }
     return extract(store_, query, sink, options, progress);
 }
 

@@ -116,16 +116,14 @@ MeshRequest parse_mesh_request(RequestTarget& target, bool is_slice, bool are_la
 
 SurfaceQuery surface_query(const MeshRequest& request, const SurfaceStop& stop) {
     SurfaceQuery query;
-    if (const auto* const label = std::get_if<LabelChoice>(&request.what)) {
-        query.label = *label;
-    } else {
-        query.iso = std::get<double>(request.what);
+    if (const auto* const iso = std::get_if<double>(&request.what)) {
+        query.iso = *iso;
     }
     query.stop = stop;
     query.camera = request.camera;
     query.box = request.box;
     if (request.largest_component) {
-        query.components = ComponentChoice{1, 0, 0};
+        query.stages.components = ComponentChoice{1, 0, 0};
     }
     return query;
 }
@@ -145,7 +143,7 @@ GraphQuery plane_query(const MeshRequest& request, const StopTest& stop, const S
     query.stop = stop;
     query.camera = request.camera;
     query.box = request.box;
-    query.vertex_values = &store;
+    query.attributes.values = &store;
     return query;
 }
 

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "query/extract/kept_analysis.h"
+#include "query/extract/analysis/kept_analysis.h"
 #include "tools/cli/command.h"
 
 namespace isonest::detail::cli {

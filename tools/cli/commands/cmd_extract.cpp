@@ -13,6 +13,7 @@
 #include "tools/cli/options/distance_options.h"
 #include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/fields.h"
+#include "tools/cli/options/isovalue_option.h"
 #include "tools/cli/options/label_options.h"
 #include "tools/cli/options/units.h"
 
@@ -21,7 +22,7 @@ namespace {
 
 struct Arguments {
     ExtractArguments extract;
-    double iso = 0;
+    Isovalues isovalues;
     double scale = 1;  ///< of the graph
     std::optional<Field> bound;
     std::optional<BackfaceCulling> culling;
@@ -52,7 +53,7 @@ VertexPlace parse_vertices(const std::string& text) {
 /// Why there is none.
 std::string empty_surface(const Store& store, const Arguments& arguments, const ExtractReport& r) {
     const ExtractArguments& a = arguments.extract;
-    const double iso = arguments.iso;
+    const double iso = arguments.isovalues.one();
     const std::string range = human_range(store.min_value(), store.max_value());
     if (arguments.labels.one) {
         return fmt::format(
@@ -90,24 +91,22 @@ template <class Query>
 Query begun_query(const Arguments& arguments, const Store* values) {
     const ExtractArguments& a = arguments.extract;
     auto query = a.query<Query>();
-    query.normals = a.normals;
-    query.vertex_error = a.vertex_error;
-    query.vertex_values = values;
-    query.cells = a.cells;
+    query.attributes = {a.normals, values, a.vertex_error};
     return query;
 }
 
 GraphQuery graph_query(const Arguments& arguments, const Store* values) {
     auto query = begun_query<GraphQuery>(arguments, values);
     query.scale = arguments.scale;
+    query.cells = arguments.extract.cells;
     return query;
 }
 
 SurfaceQuery surface_query(const Arguments& arguments, const Store* values) {
     const ExtractArguments& a = arguments.extract;
     auto query = begun_query<SurfaceQuery>(arguments, values);
-    query.iso = arguments.iso;
-    query.bound = arguments.bound;
+    query.iso = arguments.isovalues.one();
+    query.grid = {a.cells, arguments.vertices, arguments.bound, arguments.culling};
     if (arguments.distance.by_error && arguments.distance.distance) {
         throw Error(ErrorKind::invalid_argument,
                     "--by error goes without --distance: the triangles are the nested grid's");
@@ -121,13 +120,7 @@ SurfaceQuery surface_query(const Arguments& arguments, const Store* values) {
         query.stop = SimplifiedErrorBound{a.error};
     }
     query.stop = arguments.distance.stop().value_or(query.stop);
-    query.culling = arguments.culling;
-    query.components = arguments.components;
-    query.close = arguments.close;
-    query.vertices = arguments.vertices;
-    if (arguments.labels.one) {
-        query.label = LabelChoice{*arguments.labels.one};
-    }
+    query.stages = {arguments.close, arguments.components};
     if (arguments.distance.analysis && !arguments.distance.stop()) {
         throw Error(ErrorKind::invalid_argument,
                     "--keep-analysis goes with --distance or --triangles");
@@ -140,9 +133,99 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, const St
                         Progress& progress) {
     const ExtractArguments& a = arguments.extract;
     const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, {.replace = true});
-    return a.is_graph
-               ? extract(store, graph_query(arguments, values), *sink, options_of(a), progress)
-               : extract(store, surface_query(arguments, values), *sink, options_of(a), progress);
+    if (a.is_graph) {
+        return extract(store, graph_query(arguments, values), *sink, options_of(a), progress);
+    }
+    const SurfaceQuery query = surface_query(arguments, values);
+    return arguments.labels.one ? extract(store, label_query(query, {*arguments.labels.one}), *sink,
+                                          options_of(a), progress)
+                                : extract(store, query, *sink, options_of(a), progress);
+}
+
+/// What is said of one mesh.
+Result result_of(const Store& store, const Arguments& arguments, const ExtractReport& r) {
+    const ExtractArguments& a = arguments.extract;
+    const LabelArguments& labels = arguments.labels;
+    const bool has_iso = !arguments.isovalues.all.empty();
+    Result result;
+    result.warning = extract_warning(a, r);
+    result.json = extract_json(a, r);
+    add_distance_json(result.json, r);
+    result.json["unit"] = unit_json(store.unit());
+    if (has_iso) {
+        result.json["iso"] = arguments.isovalues.one();
+    }
+    if (labels.one) {
+        result.json["label"] = *labels.one;
+    }
+    result.text =
+        fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh,
+                    r.triangles, r.dimension == 2 && !a.is_graph ? "line segments" : "triangles",
+                    r.vertices, human_seconds(r.seconds),
+                    r.distance || r.within_budget ? distance_text(arguments.distance, r)
+                                                  : guarantee_text(a, r) + simplified_text(r),
+                    r.traversal.chunks_read, r.traversal.chunks_total,
+                    human_bytes(static_cast<double>(r.traversal.bytes_read)));
+    result.text += analysis_text(r) + version_text(a.mesh);
+    if (r.components) {
+        add_component_json(*r.components, result.json);
+        result.text += component_text(r);
+    }
+    if (r.closing) {
+        add_close_json(*r.closing, result.json);
+        result.text += r.triangles > 0 ? close_text(*r.closing, a.box.has_value()) : "";
+    }
+    if (r.triangles == 0 && (!r.components || r.components->dropped == 0)) {
+        result.text += empty_surface(store, arguments, r);
+    }
+    if (r.mending.mended > 0) {
+        result.text += fmt::format(
+            "{} triangles whose corners 32-bit floats round to one place or line were taken out or "
+            "mended.\n",
+            r.mending.mended);
+    }
+    if (r.mending.zero_area > 0) {
+        result.text += fmt::format(
+            "{} triangles have no area; nothing that keeps the mesh whole "
+            "mends them.\n",
+            r.mending.zero_area);
+    }
+    if (r.quality && r.triangles > 0) {
+        constexpr double kPercent = 100;
+        result.text += fmt::format(
+            "Smallest angles of the triangles: {:.2g} degrees at least, {:.3g} in the middle; "
+            "{:.2g} % are below {}.\n",
+            r.quality->least, r.quality->median, kPercent * r.quality->narrow_share,
+            TriangleQuality::kNarrow);
+    }
+    return result;
+}
+
+/// A mesh for each isovalue.
+Result run_isovalues(const Store& store, const Arguments& arguments, const Store* values,
+                     Progress& progress) {
+    const Isovalues& isovalues = arguments.isovalues;
+    require_own_names(arguments.extract.mesh);
+    std::vector<Arguments> each(isovalues.all.size(), arguments);
+    for (std::size_t i = 0; i < each.size(); ++i) {
+        each[i].extract.mesh = mesh_name(arguments.extract.mesh, isovalues.texts[i]);
+        each[i].isovalues = {{isovalues.all[i]}, {isovalues.texts[i]}};
+    }
+    Result all;
+    all.json = {{"meshes", Json::array()}};
+    extract_isovalues(
+        store, isovalues.all, surface_query(arguments, values),
+        [&](std::size_t i) { return open_mesh_file(each[i].extract.mesh, {.replace = true}); },
+        [&](std::size_t i, const ExtractReport& r) {
+            Result result = result_of(store, each[i], r);
+            all.json["meshes"].push_back(std::move(result.json));
+            all.text += result.text;
+            if (!result.warning.empty()) {
+                all.warning += (all.warning.empty() ? "" : "\n") + result.warning;
+            }
+        },
+        options_of(arguments.extract), progress);
+    return all;
 }
 
 Result run(const Arguments& given, bool has_iso, Progress& progress) {
@@ -158,65 +241,22 @@ Result run(const Arguments& given, bool has_iso, Progress& progress) {
     const Store* const values = others ? &*others : nullptr;
     const LabelArguments& labels = arguments.labels;
     if (labels.several) {
-        return extract_label_meshes(store, labels, a, surface_query(arguments, values), progress);
+        return extract_label_meshes(store, labels, a,
+                                    label_query(surface_query(arguments, values), {}), progress);
     }
     if (!has_iso && !a.is_graph && !labels.one) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("give the isovalue, --iso V, or a --label; the values of {} are {}",
                                 a.store, human_range(store.min_value(), store.max_value())));
     }
-    const ExtractReport r = run_query(store, arguments, values, progress);
-    Result result;
-    result.warning = extract_warning(a, r);
-    result.json = extract_json(a, r);
-    add_distance_json(result.json, r);
-    result.json["unit"] = unit_json(store.unit());
+    if (arguments.isovalues.all.size() > 1) {
+        return run_isovalues(store, arguments, values, progress);
+    }
+    Arguments own = arguments;
     if (has_iso) {
-        result.json["iso"] = arguments.iso;
+        own.extract.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());
     }
-    if (labels.one) {
-        result.json["label"] = *labels.one;
-    }
-    result.text =
-        fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh,
-                    r.triangles, r.dimension == 2 && !a.is_graph ? "line segments" : "triangles",
-                    r.vertices, human_seconds(r.seconds),
-                    r.distance || r.within_budget ? distance_text(arguments.distance, r)
-                                                  : guarantee_text(a, r) + simplified_text(r),
-                    r.chunks_read, r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
-    result.text += analysis_text(r) + version_text(a.mesh);
-    if (arguments.components) {
-        add_component_json(r, result.json);
-        result.text += component_text(r);
-    }
-    if (arguments.close) {
-        add_close_json(r, result.json);
-        result.text += r.triangles > 0 ? close_text(r, a.box.has_value()) : "";
-    }
-    if (r.triangles == 0 && r.dropped_components == 0) {
-        result.text += empty_surface(store, arguments, r);
-    }
-    if (r.mended_triangles > 0) {
-        result.text += fmt::format(
-            "{} triangles whose corners 32-bit floats round to one place or line were taken out or "
-            "mended.\n",
-            r.mended_triangles);
-    }
-    if (r.zero_area_triangles > 0) {
-        result.text += fmt::format(
-            "{} triangles have no area; nothing that keeps the mesh whole "
-            "mends them.\n",
-            r.zero_area_triangles);
-    }
-    if (r.quality && r.triangles > 0) {
-        constexpr double kPercent = 100;
-        result.text += fmt::format(
-            "Smallest angles of the triangles: {:.2g} degrees at least, {:.3g} in the middle; "
-            "{:.2g} % are below {}.\n",
-            r.quality->least, r.quality->median, kPercent * r.quality->narrow_share,
-            TriangleQuality::kNarrow);
-    }
-    return result;
+    return result_of(store, own, run_query(store, own, values, progress));
 }
 
 /// What usually comes, and how long it takes beside the rest.
@@ -254,6 +294,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "(one node along an axis) give isolines (.vtp .obj), or their graph.",
          "isonest extract scan.isonest --iso 120 -o full.ply\n"
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.glb --normals\n"
+         "isonest extract scan.isonest --iso 80,120,160 -o surface_{iso}.ply\n"
          "isonest extract scan.isonest --iso 120 --distance 0.5voxel -o small.stl\n"
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 --simplify -o light.glb\n"
          "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"
@@ -266,9 +307,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract map.isonest --iso 500 --error 2 -o contour.vtp\n"
          "isonest extract map.isonest --graph --scale 3 --error 5 -o relief.glb --normals"});
     add_extract_options(c, a->extract);
-    CLI::Option* const iso = add_parsed(
-        c, "--iso", [a](const std::string& text) { a->iso = parse_number("--iso", text); },
-        "the isovalue", "V");
+    CLI::Option* const iso = add_isovalue_option(c, a->isovalues);
     CLI::Option* const graph =
         c->add_flag("--graph", a->extract.is_graph,
                     "of data in a plane: the surface z = value in place of isolines");

@@ -88,9 +88,8 @@ ExtractReport run_slice(const Store& store, const SliceArguments& a, MeshSink& s
                         Progress& progress) {
     SliceQuery query = a.extract.query<SliceQuery>();
     query.plane = a.plane;
-    query.normals = a.extract.normals;
     query.cells = a.extract.cells;
-    query.vertex_error = a.extract.vertex_error;
+    query.attributes = {a.extract.normals, nullptr, a.extract.vertex_error};
     return extract(store, query, sink, options_of(a.extract), progress);
 }
 
@@ -124,11 +123,11 @@ Result run(SliceArguments& a, Progress& progress) {
     result.warning = extract_warning(a.extract, r);
     result.json = extract_json(a.extract, r);
     result.json["unit"] = unit_json(store.unit());
-    result.text =
-        fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.extract.mesh,
-                    r.triangles, lines ? "lines" : "triangles", r.vertices,
-                    human_seconds(r.seconds), guarantee_text(a.extract, r), r.chunks_read,
-                    r.chunks_total, human_bytes(static_cast<double>(r.bytes_read)));
+    result.text = fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n",
+                              a.extract.mesh, r.triangles, lines ? "lines" : "triangles",
+                              r.vertices, human_seconds(r.seconds), guarantee_text(a.extract, r),
+                              r.traversal.chunks_read, r.traversal.chunks_total,
+                              human_bytes(static_cast<double>(r.traversal.bytes_read)));
     if (r.triangles == 0) {
         result.text += empty_slice(store, a, lines);
     }

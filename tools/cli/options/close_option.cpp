@@ -34,7 +34,7 @@ CLI::Option* add_close_option(CLI::App* command, std::optional<Outside>& close) 
         ->each([&close](const std::string& text) { close = parse_outside(text); });
 }
 
-std::string close_text(const ExtractReport& r, bool has_box) {
+std::string close_text(const ClosingReport& r, bool has_box) {
     const std::string where = has_box ? "box" : "volume";
     if (r.border_vertices == 0) {
         return fmt::format("closed at the faces of the {}: every edge has two triangles\n", where);
@@ -44,8 +44,8 @@ std::string close_text(const ExtractReport& r, bool has_box) {
         where, r.border_vertices);
 }
 
-void add_close_json(const ExtractReport& r, Json& json) {
-    json["closed"] = *r.closed == Outside::below ? "below" : "above";
+void add_close_json(const ClosingReport& r, Json& json) {
+    json["closed"] = r.outside == Outside::below ? "below" : "above";
     json["border_vertices"] = r.border_vertices;
 }
 

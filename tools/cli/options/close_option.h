@@ -13,9 +13,9 @@ namespace isonest::detail::cli {
 /// Adds --close. `close` stays empty unless it is given.
 CLI::Option* add_close_option(CLI::App* command, std::optional<Outside>& close);
 
-/// "closed at the faces of the volume". REQUIRES: r.closed. `has_box`: a box was asked for.
-std::string close_text(const ExtractReport& r, bool has_box);
-/// Adds what a report has of it. REQUIRES: as above.
-void add_close_json(const ExtractReport& r, Json& json);
+/// "closed at the faces of the volume". `has_box`: a box was asked for.
+std::string close_text(const ClosingReport& r, bool has_box);
+/// Adds what a report has of it.
+void add_close_json(const ClosingReport& r, Json& json);
 
 }  // namespace isonest::detail::cli

@@ -82,25 +82,26 @@ std::vector<CLI::Option*> add_component_options(CLI::App* command,
 }
 
 std::string component_text(const ExtractReport& r) {
+    const ComponentReport& c = *r.components;
     const char* const element = r.dimension == 2 ? "line segment" : "triangle";
-    if (r.dropped_components == 0) {
-        return counted(r.components, "component") + ", none dropped\n";
+    if (c.dropped == 0) {
+        return counted(c.components, "component") + ", none dropped\n";
     }
-    if (r.dropped_components == r.components) {
+    if (c.dropped == c.components) {
         return fmt::format(
             "The mesh is empty: all components of the surface were dropped, {} with "
             "{}, the largest of {}.\n",
-            r.components, counted(r.dropped_triangles, element), r.largest_dropped);
+            c.components, counted(c.dropped_triangles, element), c.largest_dropped);
     }
-    return fmt::format("dropped {} of {} with {}, the largest of {}{}\n", r.dropped_components,
-                       counted(r.components, "component"), counted(r.dropped_triangles, element),
-                       r.largest_dropped,
+    return fmt::format("dropped {} of {} with {}, the largest of {}{}\n", c.dropped,
+                       counted(c.components, "component"), counted(c.dropped_triangles, element),
+                       c.largest_dropped,
                        r.distance ? "; the distance is to the surface without them" : "");
 }
 
-void add_component_json(const ExtractReport& r, Json& json) {
+void add_component_json(const ComponentReport& r, Json& json) {
     json["components"] = r.components;
-    json["dropped_components"] = r.dropped_components;
+    json["dropped_components"] = r.dropped;
     json["dropped_triangles"] = r.dropped_triangles;
     json["largest_dropped"] = r.largest_dropped;
 }

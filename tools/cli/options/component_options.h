@@ -16,10 +16,9 @@ namespace isonest::detail::cli {
 std::vector<CLI::Option*> add_component_options(CLI::App* command,
                                                 std::optional<ComponentChoice>& choice);
 
-/// "dropped 37 of 40 components with 412 triangles, the largest of 38". REQUIRES: components were
-/// asked for.
+/// "dropped 37 of 40 components with 412 triangles, the largest of 38". REQUIRES: r.components.
 std::string component_text(const ExtractReport& r);
-/// Adds what a report has of components. REQUIRES: as above.
-void add_component_json(const ExtractReport& r, Json& json);
+/// Adds what a report has of components.
+void add_component_json(const ComponentReport& r, Json& json);
 
 }  // namespace isonest::detail::cli

@@ -121,8 +121,8 @@ std::string analysis_text(const ExtractReport& r) {
     if (!r.analysis) {
         return "";
     }
-    const std::string file = r.analysis_file.string();
-    switch (*r.analysis) {
+    const std::string file = r.analysis->file.string();
+    switch (r.analysis->use) {
         case AnalysisUse::made:
             return fmt::format("{}: the analysis of this surface, made and kept\n", file);
         case AnalysisUse::found:
@@ -144,31 +144,32 @@ std::string distance_text(const DistanceArguments& a, const ExtractReport& r) {
         return fmt::format("error at most {:.6g} (asked for {} triangles){}", r.error_bound,
                            a.triangles, simplified_text(r));
     }
-    if (a.nested && r.distance_bound > 0) {
+    const DistanceReport& distance = *r.distance;
+    if (a.nested && distance.bound > 0) {
         return fmt::format(
             "within {:.4g}{} of the surface at full resolution (asked for {:.4g}{}), triangles of "
             "the "
             "nested grid",
-            r.distance_bound, a.unit, *r.distance, a.unit);
+            distance.bound, a.unit, distance.asked, a.unit);
     }
-    if (r.full_triangles == 0) {
+    if (distance.full_triangles == 0) {
         return "the surface at full resolution";
     }
     const std::string within = fmt::format(
-        "within {:.4g}{} of the surface at full resolution, which has {} {}", r.distance_bound,
-        a.unit, r.full_triangles, r.dimension == 2 ? "line segments" : "triangles");
+        "within {:.4g}{} of the surface at full resolution, which has {} {}", distance.bound,
+        a.unit, distance.full_triangles, r.dimension == 2 ? "line segments" : "triangles");
     if (!r.within_budget) {
-        return within + fmt::format(" (asked for {:.4g}{})", *r.distance, a.unit);
+        return within + fmt::format(" (asked for {:.4g}{})", distance.asked, a.unit);
     }
     return within + (*r.within_budget
                          ? fmt::format(" (asked for {} triangles)", a.triangles)
                          : fmt::format(" (the distance {:.4g}{} was reached before {} triangles)",
-                                       *r.distance, a.unit, a.triangles));
+                                       distance.asked, a.unit, a.triangles));
 }
 
 std::string simplified_text(const ExtractReport& r) {
-    return r.nested_triangles > 0
-               ? fmt::format(", simplified from {} triangles", r.nested_triangles)
+    return r.simplified_error && r.simplified_error->nested_triangles > 0
+               ? fmt::format(", simplified from {} triangles", r.simplified_error->nested_triangles)
                : "";
 }
 
@@ -176,20 +177,20 @@ void add_distance_json(Json& json, const ExtractReport& r) {
     if (r.within_budget) {
         json["within_budget"] = *r.within_budget;
     }
-    if (r.nested_triangles > 0) {
-        json["nested_triangles"] = r.nested_triangles;
+    if (r.simplified_error && r.simplified_error->nested_triangles > 0) {
+        json["nested_triangles"] = r.simplified_error->nested_triangles;
         json["scratch_bytes"] = r.scratch_bytes;
     }
     if (!r.distance) {
         return;
     }
     if (r.analysis) {
-        json["analysis"] = analysis_name(*r.analysis);
-        json["analysis_file"] = r.analysis_file.string();
+        json["analysis"] = analysis_name(r.analysis->use);
+        json["analysis_file"] = r.analysis->file.string();
     }
-    json["distance"] = *r.distance;
-    json["distance_bound"] = r.distance_bound;
-    json["full_triangles"] = r.full_triangles;
+    json["distance"] = r.distance->asked;
+    json["distance_bound"] = r.distance->bound;
+    json["full_triangles"] = r.distance->full_triangles;
     json["scratch_bytes"] = r.scratch_bytes;
 }
 

@@ -227,7 +227,7 @@ void require_suitable_cells(const ExtractArguments& a) {
 }
 
 bool is_guaranteed(const ExtractReport& r) {
-    return is_bound(r.stop) && r.stop != Field::grad_linf_plus;
+    return is_bound(r.traversal.stop) && r.traversal.stop != Field::grad_linf_plus;
 }
 
 std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
@@ -244,18 +244,19 @@ std::string guarantee_text(const ExtractArguments& a, const ExtractReport& r) {
     if (is_guaranteed(r)) {
         return "error at most " + asked();
     }
-    if (r.stop == Field::hex_deviation) {
+    const Field stop = r.traversal.stop;
+    if (stop == Field::hex_deviation) {
         return "error of the trilinear function at most " + asked();
     }
-    if ((r.stop == Field::linf_bar || r.stop == Field::hex_linf) && !a.stop) {
+    if ((stop == Field::linf_bar || stop == Field::hex_linf) && !a.stop) {
         return "estimated error " + asked();
     }
-    const std::string what = r.stop == Field::grad_linf_plus
+    const std::string what = stop == Field::grad_linf_plus
                                  ? "a bound on the gradient's error, none on the value's"
-                             : r.stop == Field::normal_turn_plus
+                             : stop == Field::normal_turn_plus
                                  ? "a bound on the unit normal's error, none on the value's"
                                  : "no bound on the value's error";
-    return fmt::format("{} below {:.6g} (largest {:.6g}): {}", name_of(r.stop), r.tolerance,
+    return fmt::format("{} below {:.6g} (largest {:.6g}): {}", name_of(stop), r.tolerance,
                        r.error_bound, what);
 }
 
@@ -319,22 +320,22 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
     Json json = {{"mesh", a.mesh},
                  {"vertices", r.vertices},
                  {"triangles", r.triangles},
-                 {"stop", name_of(r.stop)},
-                 {"bound", name_of(r.bound)},
+                 {"stop", name_of(r.traversal.stop)},
+                 {"bound", name_of(r.traversal.bound)},
                  {"tolerance", r.tolerance},
                  {"error_bound", r.error_bound},
                  {"value_rounding", r.value_rounding},
                  {"guaranteed", is_guaranteed(r)},
-                 {"visited_tetrahedra", r.visited_tetrahedra},
-                 {"leaf_tetrahedra", r.leaf_tetrahedra},
-                 {"mended_triangles", r.mended_triangles},
-                 {"zero_area_triangles", r.zero_area_triangles},
+                 {"visited_tetrahedra", r.traversal.visited},
+                 {"leaf_tetrahedra", r.traversal.leaves},
+                 {"mended_triangles", r.mending.mended},
+                 {"zero_area_triangles", r.mending.zero_area},
                  {"coordinate_rounding", r.coordinate_rounding},
-                 {"chunks_read", r.chunks_read},
-                 {"chunks_total", r.chunks_total},
-                 {"bytes_read", r.bytes_read},
-                 {"peak_cache_bytes", r.peak_cache_bytes},
-                 {"bricks", r.bricks},
+                 {"chunks_read", r.traversal.chunks_read},
+                 {"chunks_total", r.traversal.chunks_total},
+                 {"bytes_read", r.traversal.bytes_read},
+                 {"peak_cache_bytes", r.traversal.peak_cache_bytes},
+                 {"bricks", r.traversal.bricks},
                  {"seconds", r.seconds}};
     if (r.quality) {
         json["smallest_angle"] = {
@@ -342,8 +343,8 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
             {"q1%", r.quality->percent},   {"q5%", r.quality->five_percent},
             {"median", r.quality->median}, {"share_below_5", r.quality->narrow_share}};
     }
-    if (r.culled_by) {
-        json["culled_by"] = name_of(*r.culled_by);
+    if (const auto& culled_by = r.traversal.culled_by) {
+        json["culled_by"] = name_of(*culled_by);
     }
     return json;
 }

@@ -112,7 +112,7 @@ Json json_of(const Label& label, const ExtractReport& r, const std::string& mesh
                  {"vertices", r.vertices},
                  {"triangles", r.triangles}};
     if (r.distance) {
-        json["distance_bound"] = r.distance_bound;
+        json["distance_bound"] = r.distance->bound;
     }
     return json;
 }
@@ -156,7 +156,7 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
 }
 
 Result extract_label_meshes(const Store& store, const LabelArguments& labels,
-                            const ExtractArguments& a, const SurfaceQuery& query,
+                            const ExtractArguments& a, const LabelQuery& query,
                             Progress& progress) {
     const fs::path folder = a.mesh;
     std::error_code error;
@@ -191,7 +191,9 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     for (std::size_t i = 0; i < chosen.size(); ++i) {
         list.push_back(json_of(chosen[i], reports[i], mesh_name(chosen[i].id, labels.format)));
         triangles += reports[i].triangles;
-        bound = std::max(bound, reports[i].distance_bound);
+        if (const auto& distance = reports[i].distance) {
+            bound = std::max(bound, distance->bound);
+        }
     }
     result.json = {{"folder", a.mesh}, {"labels", list}};
     write_text(folder / "labels.json", result.json.dump(2) + "\n");

@@ -81,13 +81,25 @@ py::tuple as_tuple(Collector& mesh, ExtractReport report) {
 }
 
 template <class Query>
+ExtractReport extract_asked(const Store& store, const Asked<Query>& asked, MeshSink& mesh,
+                            const ExtractOptions& options, Progress& progress) {
+    return extract(store, asked.query, mesh, options, progress);
+}
+ExtractReport extract_asked(const Store& store, const AskedSurface& asked, MeshSink& mesh,
+                            const ExtractOptions& options, Progress& progress) {
+    return asked.label
+               ? extract(store, label_query(asked.query, *asked.label), mesh, options, progress)
+               : extract(store, asked.query, mesh, options, progress);
+}
+
+template <class Query>
 py::tuple extract_mesh(const OpenStore& handle, const Asked<Query>& asked,
                        const ExtractOptions& options, const py::object& progress) {
     const std::shared_ptr<const Store> store = handle.get();
     Collector mesh;
     ExtractReport report;
     run_watched(progress,
-                [&](Progress& p) { report = extract(*store, asked.query, mesh, options, p); });
+                [&](Progress& p) { report = extract_asked(*store, asked, mesh, options, p); });
     return as_tuple(mesh, std::move(report));
 }
 
@@ -133,7 +145,7 @@ py::list extract_label_meshes(const OpenStore& handle,
                         [] { return std::make_shared<Collector>(); });
         reports.resize(labels.size());
         extract_labels(
-            *store, labels, asked.query,
+            *store, labels, label_query(asked.query, {}),
             [&](const Label& label) {
                 const auto number = place_of(labels, label.id) - labels.begin();
                 return std::make_unique<SharedSink>(meshes[static_cast<std::size_t>(number)]);

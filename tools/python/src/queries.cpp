@@ -100,6 +100,15 @@ void add_common(py::class_<Asked<Query>>& type) {
             "lo"_a, "hi"_a);
 }
 
+/// Where a query has its cells.
+template <class Query>
+Cells& cells_in(Query& query) {
+    return query.cells;
+}
+Cells& cells_in(SurfaceQuery& query) {
+    return query.grid.cells;
+}
+
 /// What triangles have, and contour lines have not. `cubes`: see cells_of().
 template <class Query>
 void add_attributes(py::class_<Asked<Query>>& type, const char* cubes, const char* cubes_in_full) {
@@ -111,15 +120,18 @@ void add_attributes(py::class_<Asked<Query>>& type, const char* cubes, const cha
         .def(
             "set_cells",
             [cubes, cubes_in_full](A& a, const std::string& name) {
-                a.query.cells = cells_of(name, cubes, cubes_in_full);
+                cells_in(a.query) = cells_of(name, cubes, cubes_in_full);
             },
             "name"_a)
         .def(
             "set_vertex_error",
-            [](A& a, const std::string& name) { a.query.vertex_error = indicator_of_name(name); },
+            [](A& a, const std::string& name) {
+                a.query.attributes.error = indicator_of_name(name);
+            },
             "field"_a)
         .def(
-            "set_normals", [](A& a, bool normals) { a.query.normals = normals; }, "normals"_a);
+            "set_normals", [](A& a, bool normals) { a.query.attributes.normals = normals; },
+            "normals"_a);
 }
 
 /// In place of an error.
@@ -172,31 +184,31 @@ void add_surface(py::module_& module) {
     type.def(
             "set_iso", [](A& a, double iso) { a.query.iso = iso; }, "iso"_a)
         .def(
-            "set_label", [](A& a, std::int64_t id) { a.query.label = LabelChoice{id}; }, "id"_a)
+            "set_label", [](A& a, std::int64_t id) { a.label = LabelChoice{id}; }, "id"_a)
         .def(
             "set_vertices",
-            [](A& a, const std::string& place) { a.query.vertices = vertices_of(place); },
+            [](A& a, const std::string& place) { a.query.grid.vertices = vertices_of(place); },
             "place"_a)
         .def(
             "set_close",
-            [](A& a, const std::string& outside) { a.query.close = outside_of(outside); },
+            [](A& a, const std::string& outside) { a.query.stages.close = outside_of(outside); },
             "outside"_a)
         .def(
             "set_components",
             [](A& a, std::uint64_t largest, std::uint64_t least_triangles, double least_volume) {
-                a.query.components = ComponentChoice{largest, least_triangles, least_volume};
+                a.query.stages.components = ComponentChoice{largest, least_triangles, least_volume};
             },
             "largest"_a, "least_triangles"_a, "least_volume"_a)
         .def(
             "set_bound",
-            [](A& a, const std::string& field) { a.query.bound = indicator_of_name(field); },
+            [](A& a, const std::string& field) { a.query.grid.bound = indicator_of_name(field); },
             "field"_a)
         .def(
             "set_view",
             [](A& a, const Double3& direction, const std::optional<std::string>& field) {
-                a.query.culling = BackfaceCulling{direction};
+                a.query.grid.culling = BackfaceCulling{direction};
                 if (field) {
-                    a.query.culling->field = indicator_of_name(*field);
+                    a.query.grid.culling->field = indicator_of_name(*field);
                 }
             },
             "direction"_a, "cull_by"_a)

@@ -4,6 +4,7 @@
 #include <pybind11/pybind11.h>
 
 #include <memory>
+#include <optional>
 
 #include <isonest/extract.h>
 
@@ -17,11 +18,12 @@ namespace py = pybind11;
 template <class Query>
 struct Asked {
     Query query;
-    std::shared_ptr<const Store> values;
+    std::shared_ptr<const Store> values = {};
+    std::optional<LabelChoice> label = {};  ///< of a surface: in place of its isovalue
 
     void set_values(const OpenStore& store) {
         values = store.get();
-        query.vertex_values = values.get();
+        query.attributes.values = values.get();
     }
 };
 using AskedSurface = Asked<SurfaceQuery>;

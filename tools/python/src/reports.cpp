@@ -40,7 +40,7 @@ std::optional<std::string> analysis_of(const ExtractReport& r) {
     if (!r.analysis) {
         return std::nullopt;
     }
-    switch (*r.analysis) {
+    switch (r.analysis->use) {
         case AnalysisUse::made:
             return "made";
         case AnalysisUse::found:
@@ -74,50 +74,70 @@ void add_extract_report(py::module_& module) {
         .def_readonly("value_rounding", &R::value_rounding)
         .def_readonly("value_range", &R::value_range)
         .def_property_readonly(
-            "indicator", [](const R& r) { return std::string(name_of(r.stop)); },
+            "indicator", [](const R& r) { return std::string(name_of(r.traversal.stop)); },
             "the field of the store that said where to stop")
         .def_property_readonly(
-            "bound", [](const R& r) { return std::string(name_of(r.bound)); },
+            "bound", [](const R& r) { return std::string(name_of(r.traversal.bound)); },
             "the field by which elements without surface were left out")
         .def_property_readonly(
             "culled_by",
             [](const R& r) {
-                return r.culled_by ? std::optional(std::string(name_of(*r.culled_by)))
-                                   : std::nullopt;
+                return r.traversal.culled_by
+                           ? std::optional(std::string(name_of(*r.traversal.culled_by)))
+                           : std::nullopt;
             },
             "the field by which what faces away was left out, or None")
-        .def_readonly("distance", &R::distance,
-                      "the distance within which the mesh was to be, in world units, or None")
-        .def_readonly("distance_bound", &R::distance_bound,
-                      "what is proven of it, not above the distance")
+        .def_property_readonly(
+            "distance",
+            [](const R& r) { return r.distance ? std::optional(r.distance->asked) : std::nullopt; },
+            "the distance within which the mesh was to be, in world units, or None")
+        .def_property_readonly(
+            "distance_bound", [](const R& r) { return r.distance ? r.distance->bound : 0; },
+            "what is proven of it, not above the distance")
         .def_readonly("within_budget", &R::within_budget,
                       "whether there are no more triangles than were asked for, or None")
-        .def_readonly("full_triangles", &R::full_triangles,
-                      "of the surface at full resolution, if a distance was asked for")
-        .def_readonly("nested_triangles", &R::nested_triangles)
-        .def_readonly("components", &R::components)
-        .def_readonly("dropped_components", &R::dropped_components)
-        .def_readonly("dropped_triangles", &R::dropped_triangles)
-        .def_readonly("largest_dropped", &R::largest_dropped, "triangles of the largest of them")
-        .def_readonly("border_vertices", &R::border_vertices)
+        .def_property_readonly(
+            "full_triangles",
+            [](const R& r) { return r.distance ? r.distance->full_triangles : 0; },
+            "of the surface at full resolution, if a distance was asked for")
+        .def_property_readonly("nested_triangles",
+                               [](const R& r) {
+                                   return r.simplified_error ? r.simplified_error->nested_triangles
+                                                             : 0;
+                               })
+        .def_property_readonly(
+            "components", [](const R& r) { return r.components ? r.components->components : 0; })
+        .def_property_readonly("dropped_components",
+                               [](const R& r) { return r.components ? r.components->dropped : 0; })
+        .def_property_readonly(
+            "dropped_triangles",
+            [](const R& r) { return r.components ? r.components->dropped_triangles : 0; })
+        .def_property_readonly(
+            "largest_dropped",
+            [](const R& r) { return r.components ? r.components->largest_dropped : 0; },
+            "triangles of the largest of them")
+        .def_property_readonly(
+            "border_vertices",
+            [](const R& r) { return r.closing ? r.closing->border_vertices : 0; })
         .def_property_readonly(
             "analysis", [](const R& r) { return analysis_of(r); },
             "what was done with a kept analysis: 'made', 'found', 'replaced_stale', "
             "'replaced_damaged' or 'not_used'; None if none was asked for")
         .def_property_readonly(
             "analysis_file",
-            [](const R& r) { return r.analysis ? std::optional(r.analysis_file) : std::nullopt; },
+            [](const R& r) { return r.analysis ? std::optional(r.analysis->file) : std::nullopt; },
             "where it is kept, or None")
-        .def_readonly("mended_triangles", &R::mended_triangles)
-        .def_readonly("zero_area_triangles", &R::zero_area_triangles)
+        .def_property_readonly("mended_triangles", [](const R& r) { return r.mending.mended; })
+        .def_property_readonly("zero_area_triangles",
+                               [](const R& r) { return r.mending.zero_area; })
         .def_readonly(
             "coordinate_rounding", &R::coordinate_rounding,
             "most by which float32 coordinates are off, in distances of neighbouring nodes")
-        .def_readonly("visited_cells", &R::visited_tetrahedra)
-        .def_readonly("leaf_cells", &R::leaf_tetrahedra)
-        .def_readonly("chunks_read", &R::chunks_read)
-        .def_readonly("chunks_total", &R::chunks_total)
-        .def_readonly("bytes_read", &R::bytes_read)
+        .def_property_readonly("visited_cells", [](const R& r) { return r.traversal.visited; })
+        .def_property_readonly("leaf_cells", [](const R& r) { return r.traversal.leaves; })
+        .def_property_readonly("chunks_read", [](const R& r) { return r.traversal.chunks_read; })
+        .def_property_readonly("chunks_total", [](const R& r) { return r.traversal.chunks_total; })
+        .def_property_readonly("bytes_read", [](const R& r) { return r.traversal.bytes_read; })
         .def_readonly("quality", &R::quality, "TriangleQuality if it was asked for, or None")
         .def_readonly("seconds", &R::seconds)
         .def("__repr__", [](const R& r) {

@@ -1,4 +1,4 @@
-#include "query/extract/distance_limits.h"
+#include "query/extract/stages/distance_limits.h"
 
 #include <fmt/format.h>
 
@@ -10,10 +10,6 @@
 #include "store/container/extent.h"
 
 namespace isonest::detail {
-
-bool simplifies(const ExtractQuery& query) {
-    return query.distance.value_or(0) > 0;
-}
 
 double voxel_of(const ExtractQuery& query) {
     return std::min({query.spacing[0], query.spacing[1], query.spacing[2]});
@@ -40,7 +36,7 @@ double left_of(const StoreReader& store, double distance, double moved) {
 }  // namespace
 
 double limit_of(const StoreReader& store, const ExtractQuery& query) {
-    return left_of(store, *query.distance, most_moved(query));
+    return left_of(store, query.stages.distance->within, most_moved(query));
 }
 
 double nested_limit_of(const StoreReader& store, const ExtractQuery& query) {
@@ -74,7 +70,7 @@ void refuse_budget(const StoreReader& store, std::uint64_t triangles) {
 }
 
 bool any_distance(const StoreReader& store, const ExtractQuery& query) {
-    return *query.distance >= diagonal_of(store.layout().header());
+    return query.stages.distance->within >= diagonal_of(store.layout().header());
 }
 
 }  // namespace isonest::detail

@@ -1,4 +1,4 @@
-#include "query/extract/mend_mesh.h"
+#include "query/extract/stages/mend_stage.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,14 +14,17 @@ constexpr double kLeastStep = 0x1p-20;
 
 }  // namespace
 
-void mend_mesh(ExtractQuery& query, ScratchMesh& mesh, const std::filesystem::path& scratch,
-               ExtractReport& report, Progress& progress) {
+void MendStage::run(StageMesh& mesh, ExtractReport& report) {
+    ExtractQuery& query = setting().query;
     Double3 least_step{};
     for (std::size_t axis = 0; axis < 3; ++axis) {
         least_step[axis] = std::fabs(query.spacing[axis]) * kLeastStep;
     }
-    const MendedTriangles mended = mend_triangles(mesh, least_step, scratch, progress);
-    report.mended_triangles = mended.found - mended.left;
+    MendedTriangles mended;
+    mesh.change([&](ScratchMesh& whole) {
+        mended = mend_triangles(whole, least_step, setting().scratch, setting().progress);
+    });
+    report.mending.mended = mended.found - mended.left;
     report.scratch_bytes += mended.scratch_bytes;
     double moved = 0;  // in distances between nodes
     for (std::size_t axis = 0; axis < 3; ++axis) {

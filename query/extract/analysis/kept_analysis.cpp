@@ -1,4 +1,4 @@
-#include "query/extract/kept_analysis.h"
+#include "query/extract/analysis/kept_analysis.h"
 
 #include <fmt/format.h>
 #include <unistd.h>
@@ -45,10 +45,11 @@ std::string query_key(const StoreReader& store, const ExtractQuery& query) {
     if (t.box.close) {
         key += *t.box.close == Outside::below ? ", closed" : ", closed above";
     }
-    if (query.components) {
-        key += fmt::format(", components: largest {}, least triangles {}, least volume {}",
-                           query.components->largest, query.components->least_triangles,
-                           query.components->least_volume);
+    if (query.stages.components) {
+        key +=
+            fmt::format(", components: largest {}, least triangles {}, least volume {}",
+                        query.stages.components->largest, query.stages.components->least_triangles,
+                        query.stages.components->least_volume);
     }
     const AttributeChoice& a = t.attributes;
     if (a.normal) {

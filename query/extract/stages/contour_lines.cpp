@@ -1,4 +1,4 @@
-#include "query/extract/contour_lines.h"
+#include "query/extract/stages/contour_lines.h"
 
 #include <tsl/robin_map.h>
 

@@ -1,10 +1,11 @@
-#include "query/extract/value_simplification.h"
+#include "query/extract/stages/error_stage.h"
 
 #include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
 
-#include "query/extract/distance_limits.h"
+#include "query/extract/stages/distance_limits.h"
+#include "query/simplify/by_value/simplify_mesh_by_value.h"
 #include "query/traverse/traversal_budget.h"
 #include "query/view/node_sampler.h"
 #include "store/base/memory_budget.h"
@@ -46,8 +47,8 @@ std::uint64_t own_heap(const StoreReader& store) {
 
 }  // namespace
 
-int value_simplification_threads(const StoreReader& store, const ExtractQuery& query,
-                                 const ExtractOptions& options) {
+int ErrorStage::threads() const {
+    const auto& [store, query, options, scratch, progress] = setting();
     const std::uint64_t each = own_heap(store) + held_heap(store, query.traversal.stop);
     // The traversal comes before, and needs other memory.
     const std::uint64_t least = std::max(each, least_heap(store, query.traversal, query.values));
@@ -58,20 +59,23 @@ int value_simplification_threads(const StoreReader& store, const ExtractQuery& q
                  static_cast<std::uint64_t>(Workers::count_of(options.threads))));
 }
 
-SimplifiedByValue simplify_by_value(const StoreReader& store, const ExtractQuery& query,
-                                    const ScratchMesh& mesh,
-                                    std::span<const ElementCorners> triangles,
-                                    const ExtractOptions& options,
-                                    const std::filesystem::path& scratch, Progress& progress) {
+void ErrorStage::run(StageMesh& mesh, ExtractReport& report) {
+    const auto& [store, query, options, scratch, progress] = setting();
     const auto threads = static_cast<std::uint64_t>(tbb::this_task_arena::max_concurrency());
     // What is held lies in the cache.
     ChunkCache cache(store, options.memory - kLibraryHeap - threads * own_heap(store));
-    const ValueLimit limit{
-        query.traversal.iso, *query.value_limit,
-        [&] { return std::make_unique<StoreGridNumbers>(cache, query.traversal.stop); },
-        query.traversal.box.close.has_value()};
-    return {mesh,    triangles, world_lattice(store, query), world_box(query), limit,
-            scratch, progress};
+    const ValueLimit limit{query.traversal.iso, *query.stages.error,
+                           [&cache, field = query.traversal.stop] {
+                               return std::make_unique<StoreGridNumbers>(cache, field);
+                           },
+                           query.traversal.box.close.has_value()};
+    const auto simplified = std::make_shared<SimplifiedByValue>(
+        mesh.vertices(), mesh.elements(), world_lattice(store, query), world_box(query), limit,
+        scratch, progress);
+    mesh.choose(simplified->corners(), simplified);
+    report.simplified_error = ErrorSimplificationReport{mesh.vertices().layout().elements};
+    report.error_bound = std::max(report.error_bound, simplified->largest());
+    report.scratch_bytes += simplified->scratch_bytes();
 }
 
 }  // namespace isonest::detail

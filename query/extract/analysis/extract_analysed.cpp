@@ -1,17 +1,17 @@
 // The distance of two surfaces is at most the sum of their distances from a third one (the triangle
 // inequality of Hausdorff distances). So a mesh within b of the full surface that is simplified
 // within D - b is within D: query/DISTANCE.md, "A kept analysis".
-#include "query/extract/extract_analysed.h"
+#include "query/extract/analysis/extract_analysed.h"
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <memory>
 
-#include "query/extract/distance_limits.h"
-#include "query/extract/kept_analysis.h"
+#include "query/extract/analysis/kept_analysis.h"
 #include "query/extract/run_extraction.h"
-#include "query/extract/whole_mesh.h"
+#include "query/extract/stages/distance_limits.h"
+#include "query/extract/stages/distance_stage.h"
 #include "query/mesh/emit_mesh.h"
 #include "store/base/workers.h"
 
@@ -31,8 +31,7 @@ void make_analysis(const StoreReader& store, const ExtractQuery& query,
                    const std::filesystem::path& scratch, const ExtractOptions& options,
                    Progress& progress) {
     ExtractQuery full = query;
-    full.distance.reset();
-    full.triangles.reset();
+    full.stages.distance.reset();
     full.analysis_folder.reset();
     ScratchMesh mesh(scratch);
     ExtractOptions rest = options;
@@ -40,16 +39,20 @@ void make_analysis(const StoreReader& store, const ExtractQuery& query,
     const ExtractReport r = run_extraction(store, full, mesh, rest, progress);
     AnalysedSurface surface;
     surface.triangles = r.triangles;
-    surface.components = r.components;
-    surface.dropped_components = r.dropped_components;
-    surface.dropped_triangles = r.dropped_triangles;
-    surface.largest_dropped = r.largest_dropped;
-    surface.border_vertices = r.border_vertices;
-    surface.mended_triangles = r.mended_triangles;
+    if (r.components) {
+        surface.components = r.components->components;
+        surface.dropped_components = r.components->dropped;
+        surface.dropped_triangles = r.components->dropped_triangles;
+        surface.largest_dropped = r.components->largest_dropped;
+    }
+    if (r.closing) {
+        surface.border_vertices = r.closing->border_vertices;
+    }
+    surface.mended_triangles = r.mending.mended;
     surface.coordinate_rounding = r.coordinate_rounding;
     surface.value_rounding = r.value_rounding;
     full.coordinate_rounding = r.coordinate_rounding;
-    Workers(whole_mesh_threads(store, query, options)).execute([&] {
+    Workers(distance_stage_threads(store, options)).execute([&] {
         MeshSimplifier simplifier(mesh, mesh.corners(), world_lattice(store, query),
                                   world_box(query), scratch, progress);
         keep_analysis(store, query, surface,
@@ -115,7 +118,7 @@ class AnalysedExtraction {
             refuse_budget(store_, best.triangles());
         }
         report.within_budget = is_met(best);
-        report.distance = distance + moved_;
+        report.distance->asked = distance + moved_;
         emit(best, sink, report);
     }
 
@@ -181,11 +184,11 @@ class AnalysedExtraction {
             elements = {corners->as<ElementCorners>().data(), from.simplified->triangles};
             report.scratch_bytes += from.simplifier->scratch_bytes();
         }
-        report.distance_bound = from.bound + moved_;
+        report.distance->bound = from.bound + moved_;
         const EmittedMesh emitted = emit_elements(*from.mesh, elements, scratch_, sink, progress_);
         report.vertices = emitted.vertices;
         report.triangles = emitted.elements;
-        report.zero_area_triangles = emitted.zero_area_triangles;
+        report.mending.zero_area = emitted.zero_area_triangles;
     }
 
     const StoreReader& store_;
@@ -199,7 +202,8 @@ class AnalysedExtraction {
 /// Whether the meshes of the analysis are too coarse for what is asked.
 bool is_too_fine(const ExtractQuery& query, const AnalysisFile& analysis, double limit) {
     const AnalysisStep& first = analysis.steps().front();
-    return limit < first.bound || (query.triangles && first.triangles <= *query.triangles);
+    return limit < first.bound || (query.stages.distance->triangles &&
+                                   first.triangles <= *query.stages.distance->triangles);
 }
 
 AnalysisUse use_of(AnalysisState state) {
@@ -218,19 +222,20 @@ AnalysisUse use_of(AnalysisState state) {
 
 void report_surface(const AnalysedSurface& surface, const ExtractQuery& query,
                     ExtractReport& report) {
-    report.full_triangles = surface.triangles + surface.dropped_triangles;
-    report.components = surface.components;
-    report.dropped_components = surface.dropped_components;
-    report.dropped_triangles = surface.dropped_triangles;
-    report.largest_dropped = surface.largest_dropped;
-    report.border_vertices = surface.border_vertices;
-    report.mended_triangles = surface.mended_triangles;
+    report.distance = DistanceReport{query.stages.distance->within, 0,
+                                     surface.triangles + surface.dropped_triangles};
+    if (query.stages.components) {
+        report.components = ComponentReport{surface.components, surface.dropped_components,
+                                            surface.dropped_triangles, surface.largest_dropped};
+    }
+    if (query.traversal.box.close) {
+        report.closing = ClosingReport{*query.traversal.box.close, surface.border_vertices};
+    }
+    report.mending.mended = surface.mended_triangles;
     report.coordinate_rounding = surface.coordinate_rounding;
     report.value_rounding = surface.value_rounding;
-    report.distance = query.distance;
-    report.closed = query.traversal.box.close;
-    report.stop = query.traversal.stop;
-    report.bound = query.traversal.bound;
+    report.traversal.stop = query.traversal.stop;
+    report.traversal.bound = query.traversal.bound;
 }
 
 }  // namespace
@@ -240,11 +245,11 @@ std::optional<ExtractReport> extract_analysed(const StoreReader& store, const Ex
                                               Progress& progress) {
     const auto start = std::chrono::steady_clock::now();
     // Far from 0 float32 may take more than the first step has.
-    if (*asked.distance < kFirstLadderStep * voxel_of(asked) ||
+    if (asked.stages.distance->within < kFirstLadderStep * voxel_of(asked) ||
         kFirstLadderStep * voxel_of(asked) < 2 * most_moved(asked)) {
         return std::nullopt;
     }
-    const int threads = whole_mesh_threads(store, asked, options);
+    const int threads = distance_stage_threads(store, options);
     const std::filesystem::path scratch =
         options.scratch.empty() ? std::filesystem::temp_directory_path() : options.scratch;
     FoundAnalysis found = find_analysis(store, asked);
@@ -274,16 +279,15 @@ std::optional<ExtractReport> extract_analysed(const StoreReader& store, const Ex
         return std::nullopt;
     }
     ExtractReport report;
-    report.analysis = use;
-    report.analysis_file = found.path;
+    report.analysis = AnalysisReport{use, found.path};
     report_surface(analysis.surface(), query, report);
     const StoreReader& values = query.values != nullptr ? *query.values : store;
     report.value_range = std::max(values.max_value() - values.min_value(), 0.0);
-    report.chunks_total = store.layout().rows();
+    report.traversal.chunks_total = store.layout().rows();
     Workers(threads).execute([&] {
         AnalysedExtraction extraction(store, query, analysis, scratch, progress);
-        if (query.triangles) {
-            extraction.within_budget(*query.triangles, limit, sink, report);
+        if (const auto& most = query.stages.distance->triangles) {
+            extraction.within_budget(*most, limit, sink, report);
         } else {
             extraction.within(limit, sink, report);
         }

@@ -7,16 +7,13 @@
 
 namespace isonest::detail {
 
-/// Whether the query asks for a distance other than 0, or for a number of triangles.
-bool simplifies(const ExtractQuery& query);
-
 /// The least distance of neighbouring nodes, world units.
 double voxel_of(const ExtractQuery& query);
 
 /// Most by which float32 moves a vertex, in world units.
 double most_moved(const ExtractQuery& query);
 
-/// The distance asked for, without what float32 may take of it. REQUIRES: simplifies(query). Throws
+/// The distance asked for, without what float32 may take of it. REQUIRES: stages.distance. Throws
 /// Error{limit} if nothing is left.
 double limit_of(const StoreReader& store, const ExtractQuery& query);
 

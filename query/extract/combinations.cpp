@@ -1,0 +1,260 @@
+#include "query/extract/combinations.h"
+
+#include <array>
+#include <utility>
+#include <vector>
+
+namespace isonest::detail {
+namespace {
+
+constexpr const char* kNoErrorOfLabels =
+    "the errors of a store are those of values, not of labels; ask for a distance or a number of "
+    "triangles within one";
+constexpr const char* kOnlyDistanceOfLabels =
+    "the surface of a label goes with neither focus, camera, backfaces, exact vertices nor an "
+    "analysis";
+constexpr const char* kNoPlaceOfHexahedra =
+    "hexahedral cells know neither focus nor camera; tetrahedra do";
+constexpr const char* kNoStopOfHexahedra =
+    "hexahedral cells stop by an error alone, neither by a distance nor by a number of triangles, "
+    "and are not simplified; tetrahedra do";
+constexpr const char* kDistanceEverywhere =
+    "a distance holds everywhere: it goes with neither focus nor camera";
+
+constexpr std::array kRefused{
+    Combination{Wish::graph, Wish::volume_data, "a graph needs data in a plane, one node along z"},
+    Combination{Wish::slice, Wish::plane_data, "a slice needs a volume", RemedyKind::graph},
+    Combination{Wish::culling, Wish::isolines, "leaving out backfaces needs a volume"},
+    Combination{Wish::closing, Wish::isolines,
+                "closing needs a volume, with more than one node along each axis"},
+    Combination{Wish::label, Wish::isolines,
+                "labels have surfaces in a volume, with more than one node along each axis"},
+    Combination{Wish::hexahedra, Wish::isolines,
+                "hexahedral cells give no isolines of data in a plane; tetrahedra do"},
+    Combination{Wish::triangles, Wish::isolines, "isolines have no triangles; ask for a distance"},
+    Combination{Wish::simplified_error, Wish::isolines,
+                "isolines are not simplified within an error; ask for a distance"},
+    Combination{Wish::nested_distance, Wish::isolines,
+                "isolines have no nested grid within a distance; simplified, a distance goes with "
+                "it"},
+    Combination{Wish::analysis, Wish::isolines,
+                "analyses are kept of surfaces; lines are simplified fast enough without"},
+    Combination{Wish::least_volume, Wish::isolines,
+                "isolines of data in a plane have no volume; give the least number of lines"},
+    Combination{Wish::hexahedra, Wish::closing, "hexahedral cells give no caps; tetrahedra do"},
+    Combination{Wish::hexahedra, Wish::culling,
+                "hexahedral cells leave out no backfaces; tetrahedra do"},
+    Combination{Wish::hexahedra, Wish::exact_vertices,
+                "hexahedral cells have no exact vertices; tetrahedra do"},
+    Combination{Wish::hexahedra, Wish::place, kNoPlaceOfHexahedra},
+    Combination{Wish::hexahedra, Wish::distance, kNoStopOfHexahedra},
+    Combination{Wish::hexahedra, Wish::nested_distance, kNoStopOfHexahedra},
+    Combination{Wish::hexahedra, Wish::simplified_error, kNoStopOfHexahedra},
+    Combination{Wish::label, Wish::error, kNoErrorOfLabels},
+    Combination{Wish::label, Wish::nested_distance, kNoErrorOfLabels},
+    Combination{Wish::label, Wish::place, kOnlyDistanceOfLabels},
+    Combination{Wish::label, Wish::culling, kOnlyDistanceOfLabels},
+    Combination{Wish::label, Wish::exact_vertices, kOnlyDistanceOfLabels},
+    Combination{Wish::label, Wish::analysis, kOnlyDistanceOfLabels},
+    Combination{Wish::closing, Wish::culling,
+                "a surface is open where its backfaces are left out: it cannot be closed and "
+                "culled"},
+    Combination{Wish::closing, Wish::exact_vertices,
+                "caps are cut out of linear functions: a closed surface has linear vertices, or, "
+                "at full resolution and within a distance, exact ones in any case"},
+    Combination{Wish::distance, Wish::place, kDistanceEverywhere},
+    Combination{Wish::distance, Wish::exact_vertices,
+                "within a distance all vertices lie on the surface at full resolution in any case"},
+    Combination{Wish::nested_distance, Wish::place, kDistanceEverywhere},
+    Combination{Wish::nested_distance, Wish::closing,
+                "caps are cut out of linear functions, not of a nested grid within a distance; "
+                "simplified, a distance goes with it"},
+    Combination{Wish::nested_distance, Wish::components,
+                "components are those of the full surface, which a nested grid does not know; "
+                "simplified, a distance goes with it"},
+    Combination{Wish::nested_distance, Wish::culling,
+                "a distance is from the whole surface, not from what a viewer sees of it"},
+    Combination{Wish::simplified_error, Wish::place,
+                "a surface is simplified within one error everywhere: it goes with neither focus "
+                "nor camera"},
+    Combination{Wish::simplified_error, Wish::estimate,
+                "an estimate proves nothing about the triangles of a simplified surface; the other "
+                "guarantees do"},
+    Combination{Wish::analysis, Wish::no_distance,
+                "an analysis is kept for a distance or a number of triangles; ask for one"},
+    Combination{Wish::analysis, Wish::culling,
+                "an analysis is kept of a whole surface, not of what a viewer sees of it"},
+};
+
+void set(Wishes& wishes, Wish wish, bool is_wished = true) {
+    if (is_wished) {
+        wishes.set(static_cast<std::size_t>(wish));
+    }
+}
+
+bool has(const Wishes& wishes, Wish wish) {
+    return wishes[static_cast<std::size_t>(wish)];
+}
+
+bool is_flat(const StoreReader& store) {
+    return store.layout().lattice().dimension() == 2;
+}
+
+/// What the stop wishes.
+struct StopWishes {
+    Wishes& wishes;
+
+    void operator()(const ErrorBound& stop) const {
+        set(wishes, Wish::error, stop.value != 0);
+        set(wishes, Wish::estimate, stop.guarantee == Guarantee::estimate);
+    }
+    void operator()(const FieldThreshold& /*stop*/) const { set(wishes, Wish::error); }
+    void operator()(const ErrorBudget& /*stop*/) const { set(wishes, Wish::error); }
+    void operator()(const DistanceBound& /*stop*/) const { set(wishes, Wish::distance); }
+    void operator()(const TriangleBudget& /*stop*/) const {
+        set(wishes, Wish::distance);
+        set(wishes, Wish::triangles);
+    }
+    void operator()(const NestedDistanceBound& /*stop*/) const {
+        set(wishes, Wish::nested_distance);
+    }
+    void operator()(const SimplifiedErrorBound& stop) const {
+        (*this)(stop.bound);
+        set(wishes, Wish::simplified_error);
+    }
+};
+
+template <class Query>
+Wishes place_wishes(const Query& query) {
+    Wishes wishes;
+    set(wishes, Wish::place, query.focus || query.camera);
+    return wishes;
+}
+
+Wishes stage_wishes(const SurfaceStages& stages) {
+    Wishes wishes;
+    set(wishes, Wish::closing, stages.close.has_value());
+    set(wishes, Wish::components, stages.components.has_value());
+    set(wishes, Wish::least_volume, stages.components && stages.components->least_volume > 0);
+    return wishes;
+}
+
+}  // namespace
+
+const char* name_of(Wish wish) {
+    switch (wish) {
+        case Wish::plane_data:
+            return "data in a plane";
+        case Wish::volume_data:
+            return "a volume";
+        case Wish::isolines:
+            return "isolines";
+        case Wish::label:
+            return "a label";
+        case Wish::slice:
+            return "a slice";
+        case Wish::graph:
+            return "a graph";
+        case Wish::hexahedra:
+            return "hexahedral cells";
+        case Wish::exact_vertices:
+            return "exact vertices";
+        case Wish::place:
+            return "focus or camera";
+        case Wish::culling:
+            return "leaving out backfaces";
+        case Wish::error:
+            return "an error above 0, or a field's threshold";
+        case Wish::estimate:
+            return "an estimate";
+        case Wish::distance:
+            return "a distance or a number of triangles";
+        case Wish::no_distance:
+            return "neither a distance nor a number of triangles";
+        case Wish::triangles:
+            return "a number of triangles";
+        case Wish::nested_distance:
+            return "a distance without simplification";
+        case Wish::simplified_error:
+            return "simplification within an error";
+        case Wish::closing:
+            return "closing";
+        case Wish::components:
+            return "a choice of components";
+        case Wish::least_volume:
+            return "a least volume";
+        case Wish::analysis:
+            return "a kept analysis";
+    }
+    return "";
+}
+
+std::span<const Combination> refused_combinations() {
+    return kRefused;
+}
+
+Wishes wishes_of(const SurfaceQuery& query) {
+    Wishes wishes = place_wishes(query) | stage_wishes(query.stages);
+    std::visit(StopWishes{wishes}, query.stop);
+    set(wishes, Wish::no_distance, !has(wishes, Wish::distance));
+    set(wishes, Wish::hexahedra, query.grid.cells == Cells::hexahedra);
+    set(wishes, Wish::exact_vertices, query.grid.vertices == VertexPlace::exact);
+    set(wishes, Wish::culling, query.grid.culling.has_value());
+    set(wishes, Wish::analysis, query.analysis.has_value());
+    return wishes;
+}
+
+Wishes wishes_of(const StoreReader& store, const SurfaceQuery& query) {
+    Wishes wishes = wishes_of(query);
+    set(wishes, Wish::isolines, is_flat(store));
+    return wishes;
+}
+
+Wishes wishes_of(const StoreReader& store, const LabelQuery& query) {
+    Wishes wishes = stage_wishes(query.stages);
+    set(wishes, Wish::label);
+    set(wishes, Wish::isolines, is_flat(store));
+    set(wishes, Wish::hexahedra, query.cells == Cells::hexahedra);
+    if (query.stop) {
+        std::visit(StopWishes{wishes}, *query.stop);
+    }
+    return wishes;
+}
+
+Wishes wishes_of(const StoreReader& store, const SliceQuery& query) {
+    Wishes wishes = place_wishes(query);
+    set(wishes, Wish::slice);
+    set(wishes, Wish::plane_data, is_flat(store));
+    set(wishes, Wish::hexahedra, query.cells == Cells::hexahedra);
+    return wishes;
+}
+
+Wishes wishes_of(const StoreReader& store, const ContourQuery& query) {
+    Wishes wishes = place_wishes(query);
+    set(wishes, Wish::slice);
+    set(wishes, Wish::plane_data, is_flat(store));
+    return wishes;
+}
+
+Wishes wishes_of(const StoreReader& store, const GraphQuery& query) {
+    Wishes wishes = place_wishes(query);
+    set(wishes, Wish::graph);
+    set(wishes, Wish::volume_data, !is_flat(store) || store.layout().lattice().nodes().z != 1);
+    set(wishes, Wish::hexahedra, query.cells == Cells::hexahedra);
+    return wishes;
+}
+
+void require_combination(const Wishes& wishes, const std::string& name) {
+    for (const Combination& row : kRefused) {
+        if (has(wishes, row.wish) && has(wishes, row.with)) {
+            std::vector<Remedy> remedies;
+            if (row.remedy) {
+                remedies.push_back({*row.remedy});
+            }
+            throw Error(ErrorKind::invalid_argument, ErrorPlace{name}, row.reason,
+                        std::move(remedies));
+        }
+    }
+}
+
+}  // namespace isonest::detail

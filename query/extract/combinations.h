@@ -1,0 +1,73 @@
+// What a query may ask for that does not go with everything: one table.
+#pragma once
+
+#include <bitset>
+#include <optional>
+#include <span>
+#include <string>
+
+#include <isonest/error.h>
+#include <isonest/extract.h>
+
+#include "store/container/reader.h"
+
+namespace isonest::detail {
+
+enum class Wish : std::uint8_t {
+    // Of what data.
+    plane_data,
+    volume_data,
+    // What is extracted.
+    isolines,
+    label,
+    slice,
+    graph,
+    // Its cells and vertices, and which elements are visited.
+    hexahedra,
+    exact_vertices,
+    place,
+    culling,
+    // When it stops.
+    error,
+    estimate,
+    distance,
+    no_distance,
+    triangles,
+    nested_distance,
+    simplified_error,
+    // Stages, and what is kept.
+    closing,
+    components,
+    least_volume,
+    analysis
+};
+
+/// How the table calls it.
+const char* name_of(Wish wish);
+
+using Wishes = std::bitset<static_cast<std::size_t>(Wish::analysis) + 1>;
+
+/// A row: what does not go with what, and why, with what to do about it.
+struct Combination {
+    Wish wish;
+    Wish with;
+    const char* reason;
+    std::optional<RemedyKind> remedy = {};
+};
+
+/// All rows; the first that fits is the one that is told.
+std::span<const Combination> refused_combinations();
+
+Wishes wishes_of(const StoreReader& store, const SurfaceQuery& query);
+Wishes wishes_of(const StoreReader& store, const LabelQuery& query);
+Wishes wishes_of(const StoreReader& store, const SliceQuery& query);
+Wishes wishes_of(const StoreReader& store, const ContourQuery& query);
+Wishes wishes_of(const StoreReader& store, const GraphQuery& query);
+/// Of the query alone, whatever the store.
+Wishes wishes_of(const SurfaceQuery& query);
+
+/// Throws Error{invalid_argument} with the reason of the first row that fits. `name`: of the store,
+/// or empty.
+void require_combination(const Wishes& wishes, const std::string& name);
+
+}  // namespace isonest::detail

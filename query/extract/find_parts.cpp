@@ -1,0 +1,156 @@
+#include "query/extract/find_parts.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <vector>
+
+#include "query/distance/traverse_within_distance.h"
+#include "query/extract/stages/distance_limits.h"
+#include "query/traverse/hexahedra/traverse_quadrilaterals.h"
+#include "query/traverse/planar.h"
+#include "query/view/label_view.h"
+#include "store/base/workers.h"
+
+namespace isonest::detail {
+namespace {
+
+/// Everything that a traversal needs.
+struct TraversalSetting {
+    const StoreReader& store;
+    const ExtractQuery& asked;
+    const TraversalQuery& query;  ///< of `asked`, with the cache of the vertex values
+    ChunkCache& cache;
+    std::size_t part_vertices;
+    const std::filesystem::path& scratch;
+    Progress& progress;
+};
+
+TraversalCounts counts_within_distance(const TraversalSetting& s, const PartSink& sink,
+                                       ExtractReport& report) {
+    const DistanceTraversal done =
+        traverse_within_distance(s.cache, s.query, nested_limit_of(s.store, s.asked), s.scratch,
+                                 s.part_vertices, sink, s.progress);
+    report.scratch_bytes += done.scratch_bytes;
+    report.distance->bound = done.counts.error_bound;
+    TraversalCounts counts = done.counts;
+    counts.error_bound = 0;
+    return counts;
+}
+
+/// By what is extracted, and its cells.
+TraversalCounts counts_of(const TraversalSetting& s, const PartSink& sink, ExtractReport& report) {
+    if (s.asked.nested_distance) {
+        return counts_within_distance(s, sink, report);
+    }
+    switch (s.asked.product) {
+        case Product::graph:
+            return s.query.cells == Cells::hexahedra
+                       ? traverse_quadrilaterals(s.cache, s.query, s.part_vertices, sink,
+                                                 s.progress)
+                       : traverse_planar(s.cache, s.query, PlanarKind::graph, s.part_vertices, sink,
+                                         s.progress);
+        case Product::isolines:
+            return traverse_planar(s.cache, s.query, PlanarKind::isolines, s.part_vertices, sink,
+                                   s.progress);
+        case Product::surface:
+        case Product::slice:
+        case Product::contours:
+            break;
+    }
+    return traverse(s.cache, s.query, s.part_vertices, sink, s.progress);
+}
+
+/// Of each isovalue. Surfaces come out of one traversal; others are traversed in turn, from one
+/// cache.
+std::vector<TraversalCounts> all_counts(const TraversalSetting& s,
+                                        std::span<const FoundParts> found,
+                                        std::span<const PartSink> sinks) {
+    std::vector<TraversalCounts> counts;
+    if (s.asked.product == Product::surface && !s.asked.nested_distance && found.size() > 1) {
+        std::vector<double> isovalues;
+        std::transform(found.begin(), found.end(), std::back_inserter(isovalues),
+                       [](const FoundParts& f) { return f.iso; });
+        return traverse_isovalues(s.cache, s.query, isovalues, s.part_vertices, sinks, s.progress);
+    }
+    for (std::size_t i = 0; i < found.size(); ++i) {
+        TraversalQuery query = s.query;
+        query.iso = found[i].iso;
+        counts.push_back(
+            counts_of({s.store, s.asked, query, s.cache, s.part_vertices, s.scratch, s.progress},
+                      sinks[i], *found[i].report));
+    }
+    return counts;
+}
+
+/// The largest error at which a leaf stopped, and what was rounded.
+void report_errors(const ExtractQuery& asked, const TraversalCounts& counts,
+                   ExtractReport& report) {
+    const Indicator indicator = indicator_of(asked.traversal.stop);
+    const bool is_error = indicator == Indicator::deviation || indicator == Indicator::linf;
+    report.error_bound = asked.traversal.vertices == VertexPlace::exact && is_error
+                             ? 2 * counts.error_bound
+                             : counts.error_bound;
+    report.value_rounding = counts.value_rounding;
+    // Laid flat, heights say nothing of the values.
+    if (asked.product == Product::graph && counts.height_rounding > 0 && asked.graph_scale != 0) {
+        report.value_rounding = counts.height_rounding / std::fabs(asked.graph_scale);
+    }
+}
+
+}  // namespace
+
+TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query,
+                             const ExtractOptions& options, std::uint64_t isovalues) {
+    if (!query.nested_distance) {
+        return share_memory(store, query.traversal, query.values, options.memory, 0,
+                            options.threads, true, isovalues);
+    }
+    // The threads that go with a distance need heap of their own.
+    const std::uint64_t each = distance_traversal_heap(store.layout(), query.traversal);
+    const std::uint64_t count =
+        std::clamp<std::uint64_t>(options.memory / 2 / each, 1,
+                                  static_cast<std::uint64_t>(Workers::count_of(options.threads)));
+    return share_memory(store, query.traversal, query.values, options.memory, each * count,
+                        static_cast<int>(count), true, isovalues);
+}
+
+void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
+                std::span<const FoundParts> found, const std::filesystem::path& scratch,
+                Progress& progress) {
+    TraversalQuery query = asked.traversal;
+    std::optional<ChunkCache> others;
+    if (asked.values != nullptr) {
+        others.emplace(*asked.values, budget.values_cache);
+        query.attribute_values = &*others;
+    }
+    std::optional<LabelView> label;
+    if (asked.label) {
+        label.emplace(store, asked.label->id, asked.label->within->first,
+                      asked.label->within->second);
+    }
+    const ChunkSource& source = label ? static_cast<const ChunkSource&>(*label) : store;
+    ChunkCache cache(source, budget.cache,
+                     query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
+    std::vector<PartSink> sinks;
+    for (const FoundParts& f : found) {
+        sinks.emplace_back([parts = f.parts](std::uint64_t order, const MeshPart& part) {
+            parts->append(order, part);
+        });
+    }
+    const std::vector<TraversalCounts> counts = all_counts(
+        {store, asked, query, cache, budget.part_vertices, scratch, progress}, found, sinks);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+        found[i].parts->seal();
+        report_errors(asked, counts[i], *found[i].report);
+        TraversalReport& traversal = found[i].report->traversal;
+        traversal.visited = counts[i].visited;
+        traversal.leaves = counts[i].leaves;
+        traversal.bricks = counts[i].bricks;
+        traversal.peak_cache_bytes = cache.peak_bytes();
+        traversal.chunks_read = cache.chunks_read();
+        traversal.bytes_read = cache.bytes_read();
+    }
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,33 @@
+// What is extracted -> parts: the traversal that a product needs.
+#pragma once
+
+#include <filesystem>
+#include <span>
+
+#include "query/extract/extract_query.h"
+#include "query/mesh/part_store.h"
+#include "query/traverse/traversal_budget.h"
+
+namespace isonest::detail {
+
+/// How the memory of a query's traversal is shared, for so many isovalues at once. Throws
+/// Error{limit} if there is too little.
+TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query,
+                             const ExtractOptions& options, std::uint64_t isovalues);
+
+/// Parts of one isovalue, and what is said of them.
+struct FoundParts {
+    double iso = 0;
+    PartStore* parts = nullptr;
+    ExtractReport* report = nullptr;
+};
+
+/// Traverses once, fills all parts and seals them; what that takes beside them is free again
+/// afterwards. Says in the reports what it did; chunks are counted in each. REQUIRES: only a
+/// surface or isolines of values have several isovalues; is called within an arena of
+/// budget.threads. Throws what traverse() throws.
+void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
+                std::span<const FoundParts> found, const std::filesystem::path& scratch,
+                Progress& progress);
+
+}  // namespace isonest::detail

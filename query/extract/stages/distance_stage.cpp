@@ -1,0 +1,88 @@
+#include "query/extract/stages/distance_stage.h"
+
+#include "query/extract/stages/distance_limits.h"
+#include "query/extract/stages/stage_memory.h"
+#include "query/simplify/simplify_mesh.h"
+#include "query/simplify/triangle_budget.h"
+
+namespace isonest::detail {
+namespace {
+
+/// The part of a distance within which the full surface is simplified. Blocks of the full surface
+/// are small beside the triangles of a mesh far away, whose edges at the borders of blocks then are
+/// in the way. So the mesh within this part is simplified once more, within the rest of the
+/// distance, in blocks of its own.
+double first_limit(const ExtractQuery& query, double limit) {
+    constexpr double kFar = 1.75;  // voxels, and the next one, too
+    constexpr double kNear = 0.5;
+    const double voxel = voxel_of(query);
+    return !query.stages.distance->triangles && limit > kFar * voxel ? kNear * voxel : limit;
+}
+
+BudgetResult simplified(const StoreReader& store, const ExtractQuery& query,
+                        MeshSimplifier& simplifier, double limit) {
+    const std::optional<std::uint64_t>& triangles = query.stages.distance->triangles;
+    if (!triangles) {
+        return {simplifier.within(simplifier.full(), limit), limit, true};
+    }
+    BudgetResult result = within_budget(simplifier, *triangles, voxel_of(query) / 4, limit);
+    if (!result.is_met && any_distance(store, query)) {
+        refuse_budget(store, result.mesh.triangles);
+    }
+    return result;
+}
+
+/// What is left of the mesh; `result` is one of the simplifier's.
+void choose(const MeshSimplifier& simplifier, const Simplified& result, StageMesh& mesh) {
+    const auto corners = std::make_shared<ScratchFile>(simplifier.corners(result));
+    mesh.choose({corners->as<ElementCorners>().data(), result.triangles}, corners);
+}
+
+}  // namespace
+
+int distance_stage_threads(const StoreReader& store, const ExtractOptions& options) {
+    return threads_within(store, options, simplify_heap(), "simplification within a distance");
+}
+
+int DistanceStage::threads() const {
+    return distance_stage_threads(setting().store, setting().options);
+}
+
+void DistanceStage::run(StageMesh& mesh, ExtractReport& report) {
+    const auto& [store, query, options, scratch, progress] = setting();
+    const double limit = limit_of(store, query);
+    const double first = first_limit(query, limit);
+    report.distance->full_triangles = mesh.vertices().layout().elements;
+    {
+        MeshSimplifier simplifier(mesh.vertices(), mesh.elements(), world_lattice(store, query),
+                                  world_box(query), scratch, progress);
+        const BudgetResult result = simplified(store, query, simplifier, first);
+        choose(simplifier, result.mesh, mesh);
+        report.distance->bound = result.mesh.bound + most_moved(query);
+        report.scratch_bytes += simplifier.scratch_bytes();
+        if (query.stages.distance->triangles) {
+            report.within_budget = result.is_met;
+            report.distance->asked = result.limit + (result.limit > 0 ? most_moved(query) : 0);
+        }
+    }
+    if (first < limit) {
+        simplify_far_mesh(mesh, report);
+    }
+}
+
+/// Once more, within the rest of the distance.
+void DistanceStage::simplify_far_mesh(StageMesh& mesh, ExtractReport& report) const {
+    const auto& [store, query, options, scratch, progress] = setting();
+    auto near = std::make_shared<ScratchMesh>(scratch);
+    emit_elements(mesh.vertices(), mesh.elements(), scratch, *near, progress);
+    mesh.replace(near);
+    MeshSimplifier simplifier(*near, near->corners(), world_lattice(store, query), world_box(query),
+                              scratch, progress);
+    const Simplified result = simplifier.within(
+        simplifier.full(), limit_of(store, query) + most_moved(query) - report.distance->bound);
+    choose(simplifier, result, mesh);
+    report.distance->bound += result.bound;
+    report.scratch_bytes += near->bytes();
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,50 @@
+#include "query/extract/stages/stage_row.h"
+
+#include <algorithm>
+
+#include "query/extract/stages/border_stage.h"
+#include "query/extract/stages/component_stage.h"
+#include "query/extract/stages/distance_stage.h"
+#include "query/extract/stages/error_stage.h"
+#include "query/extract/stages/line_stage.h"
+#include "query/extract/stages/mend_stage.h"
+
+namespace isonest::detail {
+
+StageRow::StageRow(const StageSetting& setting)
+    : threads_(Workers::count_of(setting.options.threads)) {
+    const StageChoice& asked = setting.query.stages;
+    const bool has_triangles = setting.query.corners() == 3;
+    if (has_triangles) {
+        stages_.push_back(std::make_unique<MendStage>(setting));
+    }
+    if (asked.components) {
+        stages_.push_back(std::make_unique<ComponentStage>(setting));
+    }
+    if (asked.simplifies() && has_triangles) {
+        stages_.push_back(std::make_unique<DistanceStage>(setting));
+    } else if (asked.simplifies()) {
+        stages_.push_back(std::make_unique<LineStage>(setting));
+    }
+    if (asked.error) {
+        stages_.push_back(std::make_unique<ErrorStage>(setting));
+    }
+    if (setting.query.traversal.box.close && setting.store.has_missing()) {
+        stages_.push_back(std::make_unique<BorderStage>(setting));
+    }
+    for (const auto& stage : stages_) {
+        threads_ = std::min(threads_, stage->threads());
+    }
+}
+
+std::vector<Stage*> StageRow::with_work(const PartStore& parts) const {
+    std::vector<Stage*> stages;
+    for (const auto& stage : stages_) {
+        if (stage->has_work(parts)) {
+            stages.push_back(stage.get());
+        }
+    }
+    return stages;
+}
+
+}  // namespace isonest::detail

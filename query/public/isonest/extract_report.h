@@ -1,0 +1,125 @@
+// What an extraction did, stage by stage, and what is known of its mesh.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+
+#include <isonest/field.h>
+#include <isonest/world.h>
+
+namespace isonest {
+
+/// What the traversal of the nested grid did.
+struct TraversalReport {
+    Field stop = Field::deviation_bar;   ///< the field of the stop test
+    Field bound = Field::deviation_bar;  ///< of the interest test
+    std::optional<Field> culled_by;
+    std::uint64_t visited = 0;       ///< tetrahedra, hexahedra; in a plane triangles, squares
+    std::uint64_t leaves = 0;        ///< visited, not refined further, holding surface or cap
+    std::uint64_t bricks = 0;        ///< units of work
+    std::uint64_t chunks_read = 0;   ///< by this call alone, those read twice counted twice
+    std::uint64_t chunks_total = 0;  ///< of the store
+    std::uint64_t bytes_read = 0;    ///< stored bytes of the chunks read
+    std::uint64_t peak_cache_bytes = 0;
+};
+
+struct ClosingReport {
+    Outside outside = Outside::below;  ///< as in the query
+    /// Vertices on borders that are left, around missing values.
+    std::uint64_t border_vertices = 0;
+};
+
+/// Triangles that had no area since coordinates are rounded to float32.
+struct MendingReport {
+    std::uint64_t mended = 0;     ///< taken out, or changed so that they have one
+    std::uint64_t zero_area = 0;  ///< nothing helped
+};
+
+struct ComponentReport {
+    std::uint64_t components = 0;         ///< that there are
+    std::uint64_t dropped = 0;            ///< of them
+    std::uint64_t dropped_triangles = 0;  ///< or lines; as extracted
+    std::uint64_t largest_dropped = 0;    ///< triangles (or lines) of the largest of them
+};
+
+/// Of a mesh that was to be within a distance of the surface at full resolution.
+struct DistanceReport {
+    double asked = 0;  ///< within which the mesh was to be, in world units
+    /// Proven: at most `asked`. Coordinates rounded to float32 count in.
+    double bound = 0;
+    /// Triangles (or lines) of the surface at full resolution, with all its components, if it was
+    /// simplified.
+    std::uint64_t full_triangles = 0;
+};
+
+/// Of a mesh that was simplified within an error.
+struct ErrorSimplificationReport {
+    std::uint64_t nested_triangles = 0;  ///< of the nested grid, with all components
+};
+
+/// What was done with a kept analysis.
+enum class AnalysisUse : std::uint8_t {
+    made,
+    found,
+    replaced_stale,    ///< of another store, or made by another version
+    replaced_damaged,  ///< its checksums do not agree
+    not_used           ///< the distance is too small, or the number of triangles too large
+};
+
+struct AnalysisReport {
+    AnalysisUse use = AnalysisUse::not_used;
+    std::filesystem::path file = {};  ///< empty if it was not used
+};
+
+/// The smallest angles of a mesh's triangles, degrees, 0 ... 60. Quantiles are rounded down to a
+/// hundredth.
+struct TriangleQuality {
+    static constexpr double kNarrow = 5;  ///< degrees
+
+    double least = 0;         ///< not rounded
+    double per_mille = 0;     ///< one in a thousand triangles has a smaller one
+    double percent = 0;       ///< one in a hundred
+    double five_percent = 0;  ///< one in twenty
+    double median = 0;
+    double narrow_share = 0;  ///< of the triangles, those with an angle below kNarrow; 0 ... 1
+};
+
+/// The stages that were asked for have reports of their own; the others have none.
+struct ExtractReport {
+    int dimension = 3;  ///< of the lattice; 2: triangles and lines in place of tetrahedra
+    std::uint64_t vertices = 0;
+    std::uint64_t triangles = 0;  ///< or lines
+    double tolerance = 0;         ///< the error or threshold asked for, not as a fraction
+    /// Largest indicator at which a visited leaf stopped, or, if the mesh was simplified within an
+    /// error, that the proof met; of a slice, its contours and a graph with value_rounding on top.
+    /// With exact vertices twice that indicator: a leaf's linear function is within the error of
+    /// the isovalue at the triangle's corners, hence on all of it, and the data are within the
+    /// error of that function.
+    double error_bound = 0;
+    /// Most by which a value of a vertex, or a graph's height, is off because it was rounded, in
+    /// units of the data.
+    double value_rounding = 0;
+    double value_range = 0;  ///< of the store that values and heights are taken from
+    /// Most by which a coordinate is off, in distances of neighbouring nodes: on top of the error.
+    /// It is rounded to float32, and a few may be moved to give triangles an area.
+    double coordinate_rounding = 0;
+    /// Whether a mesh has no more triangles than asked for. (An ErrorBudget that cannot be met is
+    /// an error; the error that was found is `tolerance`.)
+    std::optional<bool> within_budget = {};
+
+    TraversalReport traversal = {};
+    std::optional<ClosingReport> closing = {};
+    MendingReport mending = {};
+    std::optional<ComponentReport> components = {};
+    std::optional<DistanceReport> distance = {};
+    std::optional<ErrorSimplificationReport> simplified_error = {};
+    std::optional<AnalysisReport> analysis = {};
+    /// If it was asked for, and the mesh has triangles as elements.
+    std::optional<TriangleQuality> quality = {};
+
+    std::uint64_t scratch_bytes = 0;  ///< of temporary files of what changes the whole mesh
+    double seconds = 0;
+};
+
+}  // namespace isonest
