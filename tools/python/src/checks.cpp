@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "query/check/check.h"
-#include "query/extract/info.h"
 #include "query/extract/analysis/kept_analysis.h"
+#include "query/extract/info.h"
 #include "tools/python/src/arrays.h"
 #include "tools/python/src/progress.h"
 #include "tools/python/src/sources.h"

@@ -92,9 +92,9 @@ ExtractReport extract_asked(const Store& store, const AskedSurface& asked, MeshS
                : extract(store, asked.query, mesh, options, progress);
 }
 
-template <class Query>
-py::tuple extract_mesh(const OpenStore& handle, const Asked<Query>& asked,
-                       const ExtractOptions& options, const py::object& progress) {
+template <class A>
+py::tuple extract_mesh(const OpenStore& handle, const A& asked, const ExtractOptions& options,
+                       const py::object& progress) {
     const std::shared_ptr<const Store> store = handle.get();
     Collector mesh;
     ExtractReport report;
@@ -145,7 +145,7 @@ py::list extract_label_meshes(const OpenStore& handle,
                         [] { return std::make_shared<Collector>(); });
         reports.resize(labels.size());
         extract_labels(
-            *store, labels, label_query(asked.query, {}),
+            *store, labels, label_query(asked.query, LabelChoice{}),
             [&](const Label& label) {
                 const auto number = place_of(labels, label.id) - labels.begin();
                 return std::make_unique<SharedSink>(meshes[static_cast<std::size_t>(number)]);
@@ -156,6 +156,29 @@ py::list extract_label_meshes(const OpenStore& handle,
     py::list result;
     for (std::size_t i = 0; i < labels.size(); ++i) {
         result.append(py::make_tuple(labels[i].id, as_tuple(*meshes[i], std::move(reports[i]))));
+    }
+    return result;
+}
+
+/// A mesh for each isovalue, as of extract_mesh().
+py::list extract_isovalue_meshes(const OpenStore& handle, const std::vector<double>& isovalues,
+                                 const AskedSurface& asked, const ExtractOptions& options,
+                                 const py::object& progress) {
+    const std::shared_ptr<const Store> store = handle.get();
+    std::vector<std::shared_ptr<Collector>> meshes;
+    std::generate_n(std::back_inserter(meshes), isovalues.size(),
+                    [] { return std::make_shared<Collector>(); });
+    std::vector<ExtractReport> reports(isovalues.size());
+    run_watched(progress, [&](Progress& p) {
+        extract_isovalues(
+            *store, isovalues, asked.query,
+            [&](std::size_t number) { return std::make_unique<SharedSink>(meshes[number]); },
+            [&](std::size_t number, const ExtractReport& report) { reports[number] = report; },
+            options, p);
+    });
+    py::list result;
+    for (std::size_t i = 0; i < isovalues.size(); ++i) {
+        result.append(as_tuple(*meshes[i], std::move(reports[i])));
     }
     return result;
 }
@@ -209,10 +232,12 @@ void add_meshes(py::module_& module) {
     const auto add = [&](auto function) {
         module.def("extract", function, "store"_a, "query"_a, "options"_a, "progress"_a);
     };
-    add(&extract_mesh<SurfaceQuery>);
-    add(&extract_mesh<SliceQuery>);
-    add(&extract_mesh<ContourQuery>);
-    add(&extract_mesh<GraphQuery>);
+    add(&extract_mesh<AskedSurface>);
+    add(&extract_mesh<AskedSlice>);
+    add(&extract_mesh<AskedContours>);
+    add(&extract_mesh<AskedGraph>);
+    module.def("extract_isovalues", &extract_isovalue_meshes, "store"_a, "isovalues"_a, "query"_a,
+               "options"_a, "progress"_a);
     module.def("extract_labels", &extract_label_meshes, "store"_a, "labels"_a, "query"_a,
                "options"_a, "progress"_a);
     module.def("save_mesh", &save_mesh, "path"_a, "layout"_a, "positions"_a, "elements"_a, "flip"_a,

@@ -62,11 +62,18 @@ Outside outside_of(const std::string& name) {
                       {{"below", Outside::below}, {"above", Outside::above}}});
 }
 
-/// What all queries have.
+Cells& cells_in(SurfaceQuery& query) {
+    return query.grid.cells;
+}
 template <class Query>
-void add_common(py::class_<Asked<Query>>& type) {
+Cells& cells_in(Query& query) {
+    return query.cells;
+}
+
+/// What all queries have.
+template <class A>
+void add_common(py::class_<A>& type) {
     using namespace py::literals;
-    using A = Asked<Query>;
     type.def(py::init<>())
         .def(
             "set_error",
@@ -100,20 +107,10 @@ void add_common(py::class_<Asked<Query>>& type) {
             "lo"_a, "hi"_a);
 }
 
-/// Where a query has its cells.
-template <class Query>
-Cells& cells_in(Query& query) {
-    return query.cells;
-}
-Cells& cells_in(SurfaceQuery& query) {
-    return query.grid.cells;
-}
-
 /// What triangles have, and contour lines have not. `cubes`: see cells_of().
-template <class Query>
-void add_attributes(py::class_<Asked<Query>>& type, const char* cubes, const char* cubes_in_full) {
+template <class A>
+void add_attributes(py::class_<A>& type, const char* cubes, const char* cubes_in_full) {
     using namespace py::literals;
-    using A = Asked<Query>;
     type.def(
             "set_vertex_values", [](A& a, const OpenStore& store) { a.set_values(store); },
             "store"_a)

@@ -18,15 +18,17 @@ namespace py = pybind11;
 template <class Query>
 struct Asked {
     Query query;
-    std::shared_ptr<const Store> values = {};
-    std::optional<LabelChoice> label = {};  ///< of a surface: in place of its isovalue
+    std::shared_ptr<const Store> values;
 
     void set_values(const OpenStore& store) {
         values = store.get();
         query.attributes.values = values.get();
     }
 };
-using AskedSurface = Asked<SurfaceQuery>;
+/// With a label in place of an isovalue.
+struct AskedSurface : Asked<SurfaceQuery> {
+    std::optional<LabelChoice> label;
+};
 using AskedSlice = Asked<SliceQuery>;
 using AskedContours = Asked<ContourQuery>;
 using AskedGraph = Asked<GraphQuery>;

@@ -92,7 +92,7 @@ void add_extract_report(py::module_& module) {
             [](const R& r) { return r.distance ? std::optional(r.distance->asked) : std::nullopt; },
             "the distance within which the mesh was to be, in world units, or None")
         .def_property_readonly(
-            "distance_bound", [](const R& r) { return r.distance ? r.distance->bound : 0; },
+            "distance_bound", [](const R& r) { return r.distance ? r.distance->bound : 0.0; },
             "what is proven of it, not above the distance")
         .def_readonly("within_budget", &R::within_budget,
                       "whether there are no more triangles than were asked for, or None")
