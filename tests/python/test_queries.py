@@ -105,7 +105,8 @@ def test_a_distance_without_simplification_is_the_nested_grids(tmp_path):
     full = store.isosurface(0.0)
     assert len(simplified.faces) < len(nested.faces) < len(full.faces)
     assert nested.report.distance_bound <= 0.5
-    assert abs(np.linalg.norm(nested.vertices - 16, axis=1) - 12.3).max() < 0.01
+    # Exact vertices: off the sphere by what the finest grid is.
+    assert abs(np.linalg.norm(nested.vertices - 16, axis=1) - 12.3).max() < 0.03
 
 
 def test_a_kept_analysis_is_made_once(tmp_path):
