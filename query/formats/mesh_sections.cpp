@@ -87,7 +87,7 @@ void SectionedFile::Sections::shift(std::uint64_t by) {
 void SectionedFile::add_vertices(const VertexBatch& batch) {
     for (const VertexSection& section : sections_.vertices) {
         const std::uint64_t at = section.offset + batch.first * section.stride();
-        if (section.bytes == 0) {
+        if (section.bytes == 0 && section.scale == 1) {
             file().write_at(at, std::as_bytes(batch.positions));
         } else if (!section.position && section.bytes == batch.row_bytes) {
             file().write_at(at, batch.attributes);

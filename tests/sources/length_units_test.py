@@ -129,9 +129,9 @@ class Formats(Units):
     def test_xarrays_zarr(self):
         self.path = self.here / "v.zarr"
         group = zarr.open_group(str(self.path), mode="w")
-        group.create_dataset("data", data=DATA).attrs["_ARRAY_DIMENSIONS"] = ["z", "y", "x"]
+        group.create_dataset("data", data=DATA, fill_value=None).attrs["_ARRAY_DIMENSIONS"] = ["z", "y", "x"]
         for name, length, unit in zip("zyx", DATA.shape, ("km", "m", "m")):
-            axis = group.create_dataset(name, data=np.arange(length) * 2.0)
+            axis = group.create_dataset(name, data=np.arange(length) * 2.0, fill_value=None)
             axis.attrs.update(_ARRAY_DIMENSIONS=[name], units=unit)
         self.says("m", spacing=(2, 2, 2000), note=("converted to m",))
 
@@ -315,10 +315,12 @@ class Distances(Units):
             self.store(here, 1)
             for there, metres in METRES.items():
                 done = self.extract("m.ply", "--json", "--distance", f"0.7{there}")
-                found = json.loads(done.stdout)["distance"]
                 wanted = 0.7 * metres / METRES[here]
-                if found < 17 * 3 ** 0.5 / 2:  # beyond the volume it is as asked
-                    self.assertLess(abs(found - wanted), 1e-15 * wanted, (here, there))
+                if wanted < 1e-4:  # less than float32 can keep
+                    self.assertEqual(done.returncode, 7, done.stderr)
+                    continue
+                found = json.loads(done.stdout)["distance"]
+                self.assertLess(abs(found - wanted), 1e-15 * wanted, (here, there))
 
     def test_a_unit_is_refused_where_that_of_the_store_is_not_known(self):
         self.store()
