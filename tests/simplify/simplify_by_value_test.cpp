@@ -63,7 +63,7 @@ SurfaceQuery within(double iso, double error) {
 /// What is simplified.
 SurfaceQuery nested(SurfaceQuery query) {
     const double error = std::get<SimplifiedErrorBound>(query.stop).bound.value;
-    query.stop = ErrorBound{nested_share(query.vertices) * error};
+    query.stop = ErrorBound{nested_share(query.grid.vertices) * error};
     return query;
 }
 
