@@ -77,7 +77,7 @@ TEST_CASE("each row of the table refuses, with its reason, and no pair without a
 
 TEST_CASE("a query wishes what its members say") {
     const auto wishes = [](const SurfaceQuery& query, Wish wish) {
-        return wishes_of(query)[static_cast<std::size_t>(wish)];
+        return wishes_of(query).test(static_cast<std::size_t>(wish));
     };
     SurfaceQuery query;
     CHECK(wishes_of(query).count() == 1);
