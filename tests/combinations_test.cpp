@@ -1,12 +1,13 @@
 // What does not go together: the manual shows the table that the code refuses by.
-#include <catch2/catch.hpp>
+#include "query/extract/combinations.h"
+
 #include <fmt/format.h>
 
+#include <catch2/catch.hpp>
 #include <fstream>
 #include <sstream>
 #include <string>
 
-#include "query/extract/combinations.h"
 #include "tests/test_support.h"
 
 namespace isonest::detail {

@@ -548,7 +548,8 @@ TEST_CASE("what components are chosen from and a distance simplifies has been me
     query.stages.components = ComponentChoice{.largest = 1};
     const Surface largest = surface_of<float>(n, f, origin, query);
     CHECK(largest.report.components->components == shape_of(all.mesh).size());
-    CHECK(largest.report.triangles + largest.report.components->dropped_triangles == all.report.triangles);
+    CHECK(largest.report.triangles + largest.report.components->dropped_triangles ==
+          all.report.triangles);
     CHECK(shape_of(largest.mesh).size() == 1);
     query.stop = DistanceBound{0.5, true};
     const Surface simplified = surface_of<float>(n, f, origin, query);

@@ -251,7 +251,8 @@ void require_combination(const Wishes& wishes, const std::string& name) {
             if (row.remedy) {
                 remedies.push_back({*row.remedy});
             }
-            throw Error(ErrorKind::invalid_argument, ErrorPlace{name}, row.reason, std::move(remedies));
+            throw Error(ErrorKind::invalid_argument, ErrorPlace{name}, row.reason,
+                        std::move(remedies));
         }
     }
 }

@@ -272,8 +272,8 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
                     "its values are labels of 64 bits: a surface is that of a label");
     }
     const NestedGrid& grid = query.grid;
-    ExtractQuery asked = begun(store, flat ? Product::isolines : Product::surface, query,
-                               grid.cells, true);
+    ExtractQuery asked =
+        begun(store, flat ? Product::isolines : Product::surface, query, grid.cells, true);
     asked.traversal.iso = query.iso;
     asked.traversal.vertices = grid.vertices;
     if (grid.cells == Cells::tetrahedra) {
@@ -287,8 +287,8 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
         if (asked.threshold > 0) {
             asked.stages.error = asked.threshold;
         }
-        asked.traversal.tolerance = Tolerance(nested_share(grid.vertices) * asked.threshold, {},
-                                              {}, asked.spacing, asked.origin);
+        asked.traversal.tolerance = Tolerance(nested_share(grid.vertices) * asked.threshold, {}, {},
+                                              asked.spacing, asked.origin);
     }
     if (query.analysis) {
         asked.analysis_folder =
@@ -301,14 +301,13 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
 
 ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bool float64) {
     require_combination(wishes_of(store, query), store.path().string());
-    const SurfaceStop stop = query.stop ? std::visit([](const auto& s) { return SurfaceStop(s); },
-                                                     *query.stop)
-                                        : SurfaceStop();
+    const SurfaceStop stop =
+        query.stop ? std::visit([](const auto& s) { return SurfaceStop(s); }, *query.stop)
+                   : SurfaceStop();
     const bool has_cells = query.cells == Cells::hexahedra;
-    ExtractQuery asked =
-        begun(store, Product::surface,
-              has_cells ? stop_of_cells(store, stop, true) : stop_of(store, stop), query.cells,
-              query.box);
+    ExtractQuery asked = begun(store, Product::surface,
+                               has_cells ? stop_of_cells(store, stop, true) : stop_of(store, stop),
+                               query.cells, query.box);
     if (!has_cells) {
         asked.traversal.bound = bound_of(store, {});
     }

@@ -76,9 +76,9 @@ std::vector<TraversalCounts> all_counts(const TraversalSetting& s,
     for (std::size_t i = 0; i < found.size(); ++i) {
         TraversalQuery query = s.query;
         query.iso = found[i].iso;
-        counts.push_back(counts_of({s.store, s.asked, query, s.cache, s.part_vertices, s.scratch,
-                                    s.progress},
-                                   sinks[i], *found[i].report));
+        counts.push_back(
+            counts_of({s.store, s.asked, query, s.cache, s.part_vertices, s.scratch, s.progress},
+                      sinks[i], *found[i].report));
     }
     return counts;
 }
@@ -138,9 +138,8 @@ void find_parts(const StoreReader& store, const ExtractQuery& asked, const Trave
             parts->append(order, part);
         });
     }
-    const std::vector<TraversalCounts> counts =
-        all_counts({store, asked, query, cache, budget.part_vertices, scratch, progress}, found,
-                   sinks);
+    const std::vector<TraversalCounts> counts = all_counts(
+        {store, asked, query, cache, budget.part_vertices, scratch, progress}, found, sinks);
     for (std::size_t i = 0; i < found.size(); ++i) {
         found[i].parts->seal();
         report_errors(asked, counts[i], *found[i].report);

@@ -24,8 +24,8 @@ struct FoundParts {
 
 /// Traverses once, fills all parts and seals them; what that takes beside them is free again
 /// afterwards. Says in the reports what it did; chunks are counted in each. REQUIRES: only a
-/// surface or isolines of values have several isovalues; is called within an arena of budget.threads. Throws
-/// what traverse() throws.
+/// surface or isolines of values have several isovalues; is called within an arena of
+/// budget.threads. Throws what traverse() throws.
 void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
                 std::span<const FoundParts> found, const std::filesystem::path& scratch,
                 Progress& progress);

@@ -192,7 +192,8 @@ Stop cell_stop_of(const StoreReader& store, const FieldThreshold& asked) {
 
 Stop stop_of_cells(const StoreReader& store, const isonest::StopTest& test,
                    bool finest_needs_none) {
-    const Stop stop = std::visit([&](const auto& asked) { return cell_stop_of(store, asked); }, test);
+    const Stop stop =
+        std::visit([&](const auto& asked) { return cell_stop_of(store, asked); }, test);
     if (stop.threshold > 0 || !finest_needs_none) {
         require_stored(store, stop.field, "the error of hexahedral cells");
     }

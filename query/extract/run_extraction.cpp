@@ -48,8 +48,8 @@ class Extraction {
             inputs.push_back(asked_.values->path());
         }
         sink_.prepare(layout_, inputs);
-        row_ = std::make_unique<StageRow>(
-            StageSetting{store_, asked_, options_, scratch_, progress_});
+        row_ =
+            std::make_unique<StageRow>(StageSetting{store_, asked_, options_, scratch_, progress_});
         begin_report();
     }
     /// Where the traversal's parts are to go; those beyond `memory` bytes to a temporary file.
@@ -219,10 +219,10 @@ void run_extractions(const StoreReader& store, const ExtractQuery& asked,
                      const std::function<void(std::size_t, const ExtractReport&)>& done,
                      const ExtractOptions& options, Progress& progress) {
     const std::uint64_t most = isovalues_at_once(store, asked.traversal, asked.values,
-                                                 options.memory, options.threads,
-                                                 isovalues.size());
+                                                 options.memory, options.threads, isovalues.size());
     for (std::size_t first = 0; first < isovalues.size(); first += most) {
-        const auto some = isovalues.subspan(first, std::min<std::size_t>(most, isovalues.size() - first));
+        const auto some =
+            isovalues.subspan(first, std::min<std::size_t>(most, isovalues.size() - first));
         std::vector<std::unique_ptr<MeshSink>> sinks;
         std::vector<std::unique_ptr<MeasuringSink>> measuring(some.size());
         std::vector<std::unique_ptr<Extraction>> extractions;

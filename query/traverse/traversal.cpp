@@ -186,8 +186,7 @@ void run_brick(Runs runs, int level, const Int3& brick, ParentsOfRuns parents,
 void march_finest(TraversalRun& run, const Int3& brick) {
     const TraversalQuery& query = run.query;
     const bool is_seen = !query.culling || may_face_viewer(run, brick);
-    const auto cubes =
-        is_seen ? surface_cubes(run.cache, brick, query.iso, query.box) : nullptr;
+    const auto cubes = is_seen ? surface_cubes(run.cache, brick, query.iso, query.box) : nullptr;
     if (cubes == nullptr) {
         return;
     }
@@ -229,13 +228,12 @@ void run_finest_bricks(Runs runs, const Int3& first, std::int64_t size,
     for (std::size_t octant = 0; octant < 8; ++octant) {
         const Int3 child = child_of(octant);
         const Int3 low = child * chunk;
-        active[octant] =
-            max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
-            overlap_of(common.query.box, low, low + Int3{chunk, chunk, chunk} * half) !=
-                Overlap::outside &&
-            (half > 1 || std::any_of(runs.begin(), runs.end(), [&](const auto& run) {
-                 return is_reached(*run, child);
-             }));
+        active[octant] = max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
+                         overlap_of(common.query.box, low,
+                                    low + Int3{chunk, chunk, chunk} * half) != Overlap::outside &&
+                         (half > 1 || std::any_of(runs.begin(), runs.end(), [&](const auto& run) {
+                              return is_reached(*run, child);
+                          }));
         if (active[octant] && half == 1 && !common.query.culling) {
             source.prefetch(values, child);
         }

@@ -20,8 +20,9 @@ std::uint64_t least_heap(const StoreReader& store, const TraversalQuery& query,
 
 /// Shares `memory` bytes of heap; fewer threads than `threads` (0 = all cores) run where there is
 /// little. `values`: another store from which vertex values are taken, or null. `keep_parts`:
-/// whether finished parts are kept. `isovalues`: how many traverse_isovalues() is given. Throws Error{limit}, naming the least memory, in which
-/// `elsewhere` bytes that something else holds are counted.
+/// whether finished parts are kept. `isovalues`: how many traverse_isovalues() is given. Throws
+/// Error{limit}, naming the least memory, in which `elsewhere` bytes that something else holds are
+/// counted.
 TraversalBudget share_memory(const StoreReader& store, const TraversalQuery& query,
                              const StoreReader* values, std::uint64_t memory,
                              std::uint64_t elsewhere, int threads, bool keep_parts,

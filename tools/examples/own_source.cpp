@@ -48,10 +48,9 @@ int main() {
     Gyroid gyroid;
     isonest::preprocess(gyroid, "gyroid.isonest", {.force = true});
     const isonest::Store store("gyroid.isonest");
-    const isonest::SurfaceQuery query{
-        .iso = 0,
-        .stop = isonest::ErrorBound{.value = 0.01, .relative = true},
-        .attributes = {.normals = true}};
+    const isonest::SurfaceQuery query{.iso = 0,
+                                      .stop = isonest::ErrorBound{.value = 0.01, .relative = true},
+                                      .attributes = {.normals = true}};
     const auto file = isonest::open_mesh_file("gyroid.glb", {.replace = true});
     const auto report = isonest::extract(store, query, *file);
     std::printf("gyroid.glb: %llu triangles\n", static_cast<unsigned long long>(report.triangles));

@@ -32,7 +32,8 @@ struct MeshRequest {
 /// Error{invalid_argument}, naming the parameter.
 MeshRequest parse_mesh_request(RequestTarget& target, bool is_slice, bool are_labels);
 
-/// The queries that give the mesh (of a label: as label_query() takes one), at `stop` in place of AtMostTriangles. REQUIRES: it is one.
+/// The queries that give the mesh (of a label: as label_query() takes one), at `stop` in place of
+/// AtMostTriangles. REQUIRES: it is one.
 SurfaceQuery surface_query(const MeshRequest& request, const SurfaceStop& stop);
 SliceQuery slice_query(const MeshRequest& request, const StopTest& stop);
 /// Of a store with one node along z: the data in their plane, with values, whatever plane is asked

@@ -8,9 +8,9 @@
 #include <cmath>
 #include <memory>
 
-#include "query/extract/stages/distance_limits.h"
 #include "query/extract/analysis/kept_analysis.h"
 #include "query/extract/run_extraction.h"
+#include "query/extract/stages/distance_limits.h"
 #include "query/extract/stages/distance_stage.h"
 #include "query/mesh/emit_mesh.h"
 #include "store/base/workers.h"
@@ -201,7 +201,7 @@ class AnalysedExtraction {
 bool is_too_fine(const ExtractQuery& query, const AnalysisFile& analysis, double limit) {
     const AnalysisStep& first = analysis.steps().front();
     return limit < first.bound || (query.stages.distance->triangles &&
-                                         first.triangles <= *query.stages.distance->triangles);
+                                   first.triangles <= *query.stages.distance->triangles);
 }
 
 AnalysisUse use_of(AnalysisState state) {

@@ -46,9 +46,10 @@ std::string query_key(const StoreReader& store, const ExtractQuery& query) {
         key += *t.box.close == Outside::below ? ", closed" : ", closed above";
     }
     if (query.stages.components) {
-        key += fmt::format(", components: largest {}, least triangles {}, least volume {}",
-                           query.stages.components->largest, query.stages.components->least_triangles,
-                           query.stages.components->least_volume);
+        key +=
+            fmt::format(", components: largest {}, least triangles {}, least volume {}",
+                        query.stages.components->largest, query.stages.components->least_triangles,
+                        query.stages.components->least_volume);
     }
     const AttributeChoice& a = t.attributes;
     if (a.normal) {

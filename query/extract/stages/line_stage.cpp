@@ -21,9 +21,9 @@ int LineStage::threads() const {
 
 void LineStage::run(StageMesh& mesh, ExtractReport& report) {
     const auto& [store, query, options, scratch, progress] = setting();
-    const auto lines = std::make_shared<SimplifiedLines>(
-        mesh.vertices(), mesh.elements(), flat_axis(store.layout().header().nodes),
-        limit_of(store, query), scratch, progress);
+    const auto lines = std::make_shared<SimplifiedLines>(mesh.vertices(), mesh.elements(),
+                                                         flat_axis(store.layout().header().nodes),
+                                                         limit_of(store, query), scratch, progress);
     mesh.choose(lines->corners(), lines);
     report.distance->full_triangles = mesh.vertices().layout().elements;
     report.distance->bound = lines->bound() + most_moved(query);

@@ -24,8 +24,8 @@ struct StageSetting {
     Progress& progress;
 };
 
-/// The mesh between two stages: vertices in temporary files, and those elements that are left, which
-/// need not name all of them.
+/// The mesh between two stages: vertices in temporary files, and those elements that are left,
+/// which need not name all of them.
 class StageMesh {
   public:
     explicit StageMesh(std::shared_ptr<ScratchMesh> mesh)

@@ -32,8 +32,8 @@ struct BackfaceCulling {
 };
 
 // What to extract. `focus` and `camera` loosen the stop test with the distance, `box` cuts what is
-// extracted at its faces. What goes not with what is one table (tools/MANUAL.md shows it); extract()
-// refuses it.
+// extracted at its faces. What goes not with what is one table (tools/MANUAL.md shows it);
+// extract() refuses it.
 
 /// Numbers that every vertex carries beside its place.
 struct MeshAttributes {
@@ -169,8 +169,7 @@ void extract_isovalues(const Store& store, std::span<const double> isovalues,
                        const SurfaceQuery& query,
                        const std::function<std::unique_ptr<MeshSink>(std::size_t number)>& sink,
                        const std::function<void(std::size_t number, const ExtractReport&)>& done,
-                       const ExtractOptions& options = {},
-                       Progress& progress = silent_progress());
+                       const ExtractOptions& options = {}, Progress& progress = silent_progress());
 
 /// The surfaces of labels (as of find_labels()), a mesh each, that extract() makes with query.label
 /// set to them; several at a time, which share the memory and the threads. `sink` and `done` are

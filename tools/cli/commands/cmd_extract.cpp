@@ -137,10 +137,9 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, const St
         return extract(store, graph_query(arguments, values), *sink, options_of(a), progress);
     }
     const SurfaceQuery query = surface_query(arguments, values);
-    return arguments.labels.one
-               ? extract(store, label_query(query, {*arguments.labels.one}), *sink, options_of(a),
-                         progress)
-               : extract(store, query, *sink, options_of(a), progress);
+    return arguments.labels.one ? extract(store, label_query(query, {*arguments.labels.one}), *sink,
+                                          options_of(a), progress)
+                                : extract(store, query, *sink, options_of(a), progress);
 }
 
 /// What is said of one mesh.

@@ -122,12 +122,11 @@ Result run(Arguments& a, Progress& progress) {
     Result result;
     result.warning = extract_warning(a.extract, r);
     result.json = extract_json(a.extract, r);
-    result.text =
-        fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.extract.mesh,
-                    r.triangles, lines ? "lines" : "triangles", r.vertices,
-                    human_seconds(r.seconds), guarantee_text(a.extract, r),
-                    r.traversal.chunks_read, r.traversal.chunks_total,
-                    human_bytes(static_cast<double>(r.traversal.bytes_read)));
+    result.text = fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n",
+                              a.extract.mesh, r.triangles, lines ? "lines" : "triangles",
+                              r.vertices, human_seconds(r.seconds), guarantee_text(a.extract, r),
+                              r.traversal.chunks_read, r.traversal.chunks_total,
+                              human_bytes(static_cast<double>(r.traversal.bytes_read)));
     if (r.triangles == 0) {
         result.text += empty_slice(store, a, lines);
     }

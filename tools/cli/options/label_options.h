@@ -28,7 +28,6 @@ void add_label_options(CLI::App* command, LabelArguments& a,
 /// Writes a mesh for each of the labels, and the file labels.json, into the folder a.mesh.
 /// REQUIRES: labels.several.
 Result extract_label_meshes(const Store& store, const LabelArguments& labels,
-                            const ExtractArguments& a, const LabelQuery& query,
-                            Progress& progress);
+                            const ExtractArguments& a, const LabelQuery& query, Progress& progress);
 
 }  // namespace isonest::detail::cli

@@ -179,7 +179,8 @@ void add_surface(py::module_& module) {
                 a.query.stop = budget;
             },
             "most"_a, "within"_a, "voxels"_a)
-        .def("set_exact_vertices", [](AskedSurface& a) { a.query.grid.vertices = VertexPlace::exact; })
+        .def("set_exact_vertices",
+             [](AskedSurface& a) { a.query.grid.vertices = VertexPlace::exact; })
         .def("set_close",
              [](AskedSurface& a, const std::optional<std::string>& outside) {
                  a.query.stages.close = outside_of(outside);

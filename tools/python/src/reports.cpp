@@ -58,32 +58,32 @@ void add_extract_report(py::module_& module) {
             "the field of the store that said where to stop")
         .def_property_readonly(
             "distance",
-            [](const R& r) {
-                return r.distance ? std::optional(r.distance->asked) : std::nullopt;
-            },
-                      "the distance within which the mesh was to be, in world units, or None")
+            [](const R& r) { return r.distance ? std::optional(r.distance->asked) : std::nullopt; },
+            "the distance within which the mesh was to be, in world units, or None")
         .def_property_readonly(
             "distance_bound", [](const R& r) { return r.distance ? r.distance->bound : 0; },
-                      "what is proven of it, not above the distance")
+            "what is proven of it, not above the distance")
         .def_readonly("within_budget", &R::within_budget,
                       "whether there are no more triangles than were asked for, or None")
         .def_property_readonly(
             "full_triangles",
             [](const R& r) { return r.distance ? r.distance->full_triangles : 0; },
-                      "of the surface at full resolution, if a distance was asked for")
-        .def_property_readonly(
-            "nested_triangles",
-            [](const R& r) { return r.simplified_error ? r.simplified_error->nested_triangles : 0; })
+            "of the surface at full resolution, if a distance was asked for")
+        .def_property_readonly("nested_triangles",
+                               [](const R& r) {
+                                   return r.simplified_error ? r.simplified_error->nested_triangles
+                                                             : 0;
+                               })
         .def_property_readonly(
             "components", [](const R& r) { return r.components ? r.components->components : 0; })
-        .def_property_readonly(
-            "dropped_components",
-            [](const R& r) { return r.components ? r.components->dropped : 0; })
+        .def_property_readonly("dropped_components",
+                               [](const R& r) { return r.components ? r.components->dropped : 0; })
         .def_property_readonly(
             "dropped_triangles",
             [](const R& r) { return r.components ? r.components->dropped_triangles : 0; })
         .def_property_readonly(
-            "border_vertices", [](const R& r) { return r.closing ? r.closing->border_vertices : 0; })
+            "border_vertices",
+            [](const R& r) { return r.closing ? r.closing->border_vertices : 0; })
         .def_property_readonly("mended_triangles", [](const R& r) { return r.mending.mended; })
         .def_property_readonly("zero_area_triangles",
                                [](const R& r) { return r.mending.zero_area; })
