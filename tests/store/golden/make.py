@@ -141,7 +141,7 @@ def unknown_field(f):
 
 
 def flags(f):
-    f.attrs.modify("flags", np.uint32(2))
+    f.attrs.modify("flags", np.uint32(4))
     seal(f)
 
 
