@@ -172,9 +172,7 @@ class ThreeMfFile : public MeshFile {
         zip.add(kRelations);
         zip.end_entry();
         zip.begin_entry("3D/3dmodel.model");
-        zip.add(kBeforeUnit);
-        zip.add(unit_in_3mf(layout.unit).name);
-        zip.add(kBehindUnit);
+        zip.add(fmt::format("{}{}{}", kBeforeUnit, unit_in_3mf(layout.unit).name, kBehindUnit));
         if (has_triangles_) {
             zip.add(kVerticesStart);
         }
@@ -194,9 +192,7 @@ class ThreeMfFile : public MeshFile {
     void end() override {
         triangles_->flush(*zip_);
         if (has_triangles_) {
-            zip_->add(kBuild);
-            zip_->add(transform_);
-            zip_->add(kBehindItem);
+            zip_->add(fmt::format("{}{}{}", kBuild, transform_, kBehindItem));
         } else {
             zip_->add(kNothing);
         }

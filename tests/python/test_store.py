@@ -90,7 +90,7 @@ def test_a_unit_is_kept_and_distances_are_converted_to_it(store, noise, tmp_path
     bare = scaled.isosurface(0.3, distance=200)
     for same in ("200", "0.2mm", "200 um", "200\u00b5m", "0.4voxel"):
         mesh = scaled.isosurface(0.3, distance=same)
-        assert np.array_equal(mesh.verts, bare.verts) and np.array_equal(mesh.faces, bare.faces), same
+        assert np.array_equal(mesh.vertices, bare.vertices) and np.array_equal(mesh.faces, bare.faces), same
     with pytest.raises(isonest.Error, match="no unit of length 'furlong'.*km, m, dm"):
         scaled.isosurface(0.3, distance="1furlong")
     for volume in (noise, tmp_path / "v.npy"):
