@@ -205,12 +205,12 @@ ExtractReport extracted(const StoreReader& store, ExtractQuery asked, MeshSink& 
 
 ExtractReport run_extraction(const StoreReader& store, ExtractQuery asked, MeshSink& sink,
                              const ExtractOptions& options, Progress& progress) {
-    if (!options.quality || asked.corners() != 3) {
+    if (asked.corners() != 3) {
         return extracted(store, std::move(asked), sink, options, progress);
     }
-    MeasuringSink measuring(sink);
+    MeasuringSink measuring(sink, options.quality);
     ExtractReport report = extracted(store, std::move(asked), measuring, options, progress);
-    report.quality = measuring.quality();
+    measuring.report(report);
     return report;
 }
 
@@ -231,8 +231,8 @@ void run_extractions(const StoreReader& store, const ExtractQuery& asked,
             ExtractQuery own = asked;
             own.traversal.iso = some[i];
             sinks.push_back(sink(first + i));
-            if (options.quality && asked.corners() == 3) {
-                measuring[i] = std::make_unique<MeasuringSink>(*sinks[i]);
+            if (asked.corners() == 3) {
+                measuring[i] = std::make_unique<MeasuringSink>(*sinks[i], options.quality);
             }
             extractions.push_back(std::make_unique<Extraction>(
                 store, std::move(own), measuring[i] ? *measuring[i] : *sinks[i], options,
@@ -241,7 +241,7 @@ void run_extractions(const StoreReader& store, const ExtractQuery& asked,
         run_together(extractions, store, options, progress,
                      [&](std::size_t i, ExtractReport report) {
                          if (measuring[i]) {
-                             report.quality = measuring[i]->quality();
+                             measuring[i]->report(report);
                          }
                          sinks[i].reset();
                          done(first + i, report);

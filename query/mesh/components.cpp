@@ -183,4 +183,25 @@ KeptComponents::KeptComponents(const ScratchMesh& mesh, const ComponentChoice& c
     scratch_bytes_ += kept.size_bytes();
 }
 
+ComponentSizes component_sizes(std::uint64_t vertices, std::span<const ElementCorners> elements,
+                               const std::filesystem::path& folder) {
+    ScratchFile parents(folder);
+    parents.map(vertices * sizeof(std::uint64_t));
+    const auto parent = parents.as<std::uint64_t>();
+    std::iota(parent.begin(), parent.end(), std::uint64_t{0});
+    for (const ElementCorners& e : elements) {
+        unite(parent, unite(parent, e[0], e[1]), e[2]);
+    }
+    ScratchFile counts(folder);
+    counts.map(vertices * sizeof(std::uint64_t));
+    const auto count = counts.as<std::uint64_t>();
+    ComponentSizes sizes;
+    for (const ElementCorners& e : elements) {
+        std::uint64_t& own = count[root_of(parent, e[0])];
+        sizes.components += own == 0 ? 1 : 0;
+        sizes.largest = std::max(sizes.largest, ++own);
+    }
+    return sizes;
+}
+
 }  // namespace isonest::detail

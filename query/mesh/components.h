@@ -41,4 +41,14 @@ class KeptComponents {
     std::uint64_t scratch_bytes_ = 0;
 };
 
+/// How many components there are of elements whose corners are vertices below `vertices`, and the
+/// elements of the largest one.
+struct ComponentSizes {
+    std::uint64_t components = 0;
+    std::uint64_t largest = 0;
+};
+/// Throws Error{io}. Without heap that grows with the mesh.
+ComponentSizes component_sizes(std::uint64_t vertices, std::span<const ElementCorners> elements,
+                               const std::filesystem::path& folder);
+
 }  // namespace isonest::detail

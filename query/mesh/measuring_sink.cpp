@@ -83,15 +83,29 @@ TriangleQuality AngleCounts::quality() const {
     return q;
 }
 
+void MeasuringSink::begin(const MeshLayout& layout) {
+    no_sums_ = SurfaceSums(layout);
+    sums_ = no_sums_;
+    sink_.begin(layout);
+}
+
 void MeasuringSink::add_elements(const ElementBatch& batch) {
     if (is_first_pass_) {
-        AngleCounts counts;
-        for (const auto& t : batch.nearby_corners) {
-            const auto& at = batch.nearby.positions;
-            counts.add(smallest_angle(at[t[0]], at[t[1]], at[t[2]]));
+        SurfaceSums sums = no_sums_;
+        sums.add(batch);
+        std::optional<AngleCounts> counts;
+        if (counts_) {
+            counts.emplace();
+            for (const auto& t : batch.nearby_corners) {
+                const auto& at = batch.nearby.positions;
+                counts->add(smallest_angle(at[t[0]], at[t[1]], at[t[2]]));
+            }
         }
         const std::lock_guard lock(mutex_);
-        counts_.add(counts);
+        sums_.add(sums);
+        if (counts) {
+            counts_->add(*counts);
+        }
     }
     sink_.add_elements(batch);
 }
@@ -99,6 +113,13 @@ void MeasuringSink::add_elements(const ElementBatch& batch) {
 bool MeasuringSink::again() {
     is_first_pass_ = false;
     return sink_.again();
+}
+
+void MeasuringSink::report(ExtractReport& report) const {
+    report.measures = sums_.measures();
+    if (counts_) {
+        report.quality = counts_->quality();
+    }
 }
 
 }  // namespace isonest::detail

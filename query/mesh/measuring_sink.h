@@ -1,12 +1,15 @@
-// The shape of a mesh's triangles, measured while they are handed over.
+// A mesh's triangles, measured while they are handed over.
 #pragma once
 
 #include <array>
 #include <mutex>
+#include <optional>
 #include <vector>
 
 #include <isonest/extract.h>
 #include <isonest/mesh_sink.h>
+
+#include "query/mesh/surface_sums.h"
 
 namespace isonest::detail {
 
@@ -31,16 +34,20 @@ class AngleCounts {
     double least_;
 };
 
-/// Hands everything to another sink and measures the triangles of the first pass. Thread-safety: as
-/// the other sink's.
+/// Hands everything to another sink and measures the triangles of the first pass: area and volume,
+/// and their angles if asked for. Thread-safety: as the other sink's.
 class MeasuringSink : public MeshSink {
   public:
-    explicit MeasuringSink(MeshSink& sink) : sink_(sink) {}
+    MeasuringSink(MeshSink& sink, bool with_quality) : sink_(sink) {
+        if (with_quality) {
+            counts_.emplace();
+        }
+    }
 
     void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override {
         sink_.prepare(layout, inputs);
     }
-    void begin(const MeshLayout& layout) override { sink_.begin(layout); }
+    void begin(const MeshLayout& layout) override;
     void add_vertices(const VertexBatch& batch) override { sink_.add_vertices(batch); }
     void add_elements(const ElementBatch& batch) override;
     [[nodiscard]] bool again() override;
@@ -48,13 +55,15 @@ class MeasuringSink : public MeshSink {
     [[nodiscard]] bool concurrent() const override { return sink_.concurrent(); }
     [[nodiscard]] bool holds_float64() const override { return sink_.holds_float64(); }
 
-    /// After end().
-    [[nodiscard]] TriangleQuality quality() const { return counts_.quality(); }
+    /// Fills in what was measured. After end(), or where no mesh came.
+    void report(ExtractReport& report) const;
 
   private:
     MeshSink& sink_;
     std::mutex mutex_;
-    AngleCounts counts_;
+    SurfaceSums no_sums_;  ///< of the mesh's layout
+    SurfaceSums sums_;
+    std::optional<AngleCounts> counts_;
     bool is_first_pass_ = true;
 };
 

@@ -375,3 +375,38 @@ TEST_CASE("a volume that makes no sense is refused") {
         CHECK_THROWS_AS(volume.extract(query, mesh), Error);
     }
 }
+
+TEST_CASE("a number of triangles that many components make impossible names fewer of them") {
+    // Balls of two sizes; each keeps at least the four triangles of a tetrahedron.
+    FunctionVolume<float> volume({49, 33, 33}, [](const Int3& p) {
+        const bool is_large = p.x < 32;
+        const Int3 q = is_large ? Int3{16, 16, 16} : Int3{40, p.y / 11 * 11 + 5, p.z / 11 * 11 + 5};
+        return static_cast<float>(std::hypot(p.x - q.x, p.y - q.y, p.z - q.z) -
+                                  (is_large ? 12.3 : 2.3));
+    });
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(16));
+    const Store store(folder / "s");
+    SurfaceQuery query;
+    query.iso = 0;
+    query.stop = TriangleBudget{30};
+    MeshCollector mesh;
+    try {
+        extract(store, query, mesh);
+        FAIL("ten components have more than 30 triangles");
+    } catch (const Error& error) {
+        CHECK(error.kind() == ErrorKind::limit);
+        CHECK_THAT(error.problem(), Catch::Contains("the largest of its 10 components has"));
+        CHECK(error.remedies() == std::vector<Remedy>{{RemedyKind::fewer_components}});
+    }
+    query.stages.components = ComponentChoice{1, 0, 0};
+    CHECK(extract(store, query, mesh).triangles <= 30);
+    // One component has no others to drop.
+    query.stop = TriangleBudget{3};
+    try {
+        extract(store, query, mesh);
+        FAIL("a closed surface has four triangles at least");
+    } catch (const Error& error) {
+        CHECK(error.remedies().empty());
+    }
+}

@@ -1,8 +1,10 @@
-// The angles that the report states, against all angles of the mesh, sorted.
+// The angles, area and volume that the report states, against all angles of the mesh, sorted, and
+// sums over its triangles.
 #include "query/mesh/measuring_sink.h"
 
 #include <algorithm>
 #include <catch2/catch.hpp>
+#include <map>
 
 #include <isonest/extract.h>
 
@@ -59,6 +61,43 @@ void require_sorted(const TriangleQuality& q, const MeshCollector& mesh) {
     const auto narrow = std::count_if(angles.begin(), angles.end(), [](double a) { return a < 5; });
     CHECK(q.narrow_share ==
           Approx(static_cast<double>(narrow) / static_cast<double>(angles.size())).margin(1e-4));
+}
+
+/// Of all triangles, in long double; the volume with its sign, from the first vertex.
+std::array<long double, 2> area_and_volume(const MeshCollector& mesh) {
+    std::array<long double, 2> sums{};
+    for (const auto& t : mesh.triangles) {
+        std::array<std::array<long double, 3>, 3> p{};
+        for (std::size_t c = 0; c < 3; ++c) {
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                p[c][axis] =
+                    static_cast<long double>(mesh.vertices[t[c]][axis]) - mesh.vertices[0][axis];
+            }
+        }
+        std::array<long double, 3> n{};
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            const std::size_t y = (axis + 1) % 3;
+            const std::size_t z = (axis + 2) % 3;
+            n[axis] = (p[1][y] - p[0][y]) * (p[2][z] - p[0][z]) -
+                      (p[1][z] - p[0][z]) * (p[2][y] - p[0][y]);
+            sums[1] += p[0][axis] * n[axis] / 6;
+        }
+        sums[0] += std::sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]) / 2;
+    }
+    return sums;
+}
+
+/// Whether each edge has a triangle on both sides.
+bool is_closed(const MeshCollector& mesh) {
+    std::map<std::array<std::uint32_t, 2>, int> passed;
+    for (const auto& t : mesh.triangles) {
+        for (std::size_t i = 0; i < 3; ++i) {
+            const std::uint32_t a = t[i];
+            const std::uint32_t b = t[(i + 1) % 3];
+            passed[{std::min(a, b), std::max(a, b)}] += a < b ? 1 : -1;
+        }
+    }
+    return std::all_of(passed.begin(), passed.end(), [](const auto& p) { return p.second == 0; });
 }
 
 /// Takes batches in order, and twice.
@@ -130,4 +169,75 @@ TEST_CASE("the report's angles are the mesh's, for any threads and any sink") {
     const ExtractReport r = extract(store, query, empty, options);
     REQUIRE(r.quality);
     CHECK(r.quality->median == 0);
+}
+
+TEST_CASE(
+    "area and volume are the mesh's, for any threads, memory and sink; an open mesh has none") {
+    FunctionVolume<float> volume(
+        {45, 38, 41}, [](const Int3& p) { return static_cast<float>(smooth(p) + 0.1 * noise(p)); });
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(8));
+    const Store store(folder / "s");
+    ExtractOptions options;
+    options.scratch = folder.path();
+    SurfaceQuery query;
+    query.iso = 0.3;
+    for (const bool closed : {false, true}) {
+        query.stages.close = closed ? std::optional(Outside::below) : std::nullopt;
+        for (const double distance : {0.0, 0.4}) {
+            query.stop = ErrorBound{};
+            if (distance > 0) {
+                query.stop = DistanceBound{distance, true};
+            }
+            std::optional<SurfaceMeasures> first;
+            for (const int threads : {1, 2, 7}) {
+                CAPTURE(closed, distance, threads);
+                options.threads = threads;
+                options.memory = std::uint64_t{threads == 7 ? 512U : 128U} << 20U;
+                MeshCollector mesh;
+                TwiceInOrder twice;
+                MeshSink& sink = threads == 2 ? twice : mesh;
+                const SurfaceMeasures m = extract(store, query, sink, options).measures.value();
+                const MeshCollector& made = threads == 2 ? twice : mesh;
+                const auto [area, within] = area_and_volume(made);
+                CHECK(m.area == Approx(static_cast<double>(area)).epsilon(1e-12));
+                CHECK(is_closed(made) == closed);
+                REQUIRE(m.volume.has_value() == closed);
+                if (closed) {
+                    CHECK(*m.volume ==
+                          Approx(static_cast<double>(std::fabs(within))).epsilon(1e-11));
+                }
+                first = first.value_or(m);
+                CHECK(m.area == first->area);
+                CHECK(m.volume == first->volume);
+            }
+        }
+    }
+    query.iso = 1e9;
+    MeshCollector empty;
+    const SurfaceMeasures m = extract(store, query, empty, options).measures.value();
+    CHECK(m.area == 0);
+    CHECK(m.volume == 0.0);
+}
+
+TEST_CASE("a ball's area and volume; a void counts negative") {
+    const auto radius = [](const Int3& p) {
+        return static_cast<float>(std::hypot(p.x - 20, p.y - 20, p.z - 20));
+    };
+    FunctionVolume<float> ball({41, 41, 41}, radius);
+    FunctionVolume<float> shell({41, 41, 41},
+                                [&](const Int3& p) { return std::fabs(radius(p) - 12); });
+    const TemporaryFolder folder;
+    make_store(ball, folder / "ball", with_chunk(16));
+    make_store(shell, folder / "shell", with_chunk(16));
+    SurfaceQuery query;
+    query.iso = 15.3;
+    MeshCollector mesh;
+    const SurfaceMeasures b = extract(Store(folder / "ball"), query, mesh, {}).measures.value();
+    CHECK(b.area == Approx(4 * M_PI * 15.3 * 15.3).epsilon(0.01));
+    CHECK(b.volume.value() == Approx(4 * M_PI / 3 * std::pow(15.3, 3)).epsilon(0.01));
+    query.iso = 3.3;
+    const SurfaceMeasures s = extract(Store(folder / "shell"), query, mesh, {}).measures.value();
+    CHECK(s.volume.value() ==
+          Approx(4 * M_PI / 3 * (std::pow(15.3, 3) - std::pow(8.7, 3))).epsilon(0.01));
 }

@@ -115,7 +115,7 @@ class AnalysedExtraction {
             }
         }
         if (!is_met(best) && any_distance(store_, query_)) {
-            refuse_budget(store_, best.triangles());
+            refuse_budget(store_, triangles, best.triangles(), sizes_of(best));
         }
         report.within_budget = is_met(best);
         report.distance->asked = distance + moved_;
@@ -174,6 +174,16 @@ class AnalysedExtraction {
             from.bound += from.simplified->bound;
         }
         return from;
+    }
+    [[nodiscard]] ComponentSizes sizes_of(const FromStep& from) const {
+        const std::uint64_t vertices = from.mesh->layout().vertices;
+        if (!from.simplified) {
+            return component_sizes(vertices, from.mesh->corners(), scratch_);
+        }
+        const ScratchFile corners = from.simplifier->corners(*from.simplified);
+        return component_sizes(
+            vertices, {corners.as<const ElementCorners>().data(), from.simplified->triangles},
+            scratch_);
     }
     void emit(const FromStep& from, MeshSink& sink, ExtractReport& report) {
         report.scratch_bytes += from.mesh->bytes();

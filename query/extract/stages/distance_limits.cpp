@@ -62,11 +62,20 @@ PatchBox world_box(const ExtractQuery& query) {
     return world;
 }
 
-void refuse_budget(const StoreReader& store, std::uint64_t triangles) {
-    throw Error(ErrorKind::limit, {store.path().string()},
-                fmt::format("the surface has at least {} triangles, whatever the distance: its "
-                            "parts and holes stay",
-                            triangles));
+void refuse_budget(const StoreReader& store, std::uint64_t most, std::uint64_t triangles,
+                   const ComponentSizes& sizes) {
+    std::string problem = fmt::format(
+        "the surface has at least {} triangles, whatever the distance: its parts and holes stay",
+        triangles);
+    std::vector<Remedy> remedies;
+    if (sizes.components > 1) {
+        problem += fmt::format("; the largest of its {} components has {} of them",
+                               sizes.components, sizes.largest);
+        if (sizes.largest <= most) {
+            remedies.push_back({RemedyKind::fewer_components});
+        }
+    }
+    throw Error(ErrorKind::limit, {store.path().string()}, problem, remedies);
 }
 
 bool any_distance(const StoreReader& store, const ExtractQuery& query) {

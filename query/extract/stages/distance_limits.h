@@ -2,6 +2,7 @@
 #pragma once
 
 #include "query/extract/extract_query.h"
+#include "query/mesh/components.h"
 #include "query/simplify/block_grid.h"
 #include "query/simplify/patch.h"
 
@@ -25,8 +26,10 @@ WorldLattice world_lattice(const StoreReader& store, const ExtractQuery& query);
 /// The box to which the surface is cut, as its vertices are.
 PatchBox world_box(const ExtractQuery& query);
 
-/// Throws Error{limit}: the mesh with the fewest triangles that was found has `triangles`.
-[[noreturn]] void refuse_budget(const StoreReader& store, std::uint64_t triangles);
+/// Throws Error{limit}: the mesh with the fewest triangles that was found has these, more than
+/// `most`.
+[[noreturn]] void refuse_budget(const StoreReader& store, std::uint64_t most,
+                                std::uint64_t triangles, const ComponentSizes& sizes);
 
 /// Whether the query asks for a number of triangles at any distance.
 bool any_distance(const StoreReader& store, const ExtractQuery& query);

@@ -20,14 +20,20 @@ double first_limit(const ExtractQuery& query, double limit) {
 }
 
 BudgetResult simplified(const StoreReader& store, const ExtractQuery& query,
-                        MeshSimplifier& simplifier, double limit) {
+                        MeshSimplifier& simplifier, const StageMesh& mesh,
+                        const std::filesystem::path& folder, double limit) {
     const std::optional<std::uint64_t>& triangles = query.stages.distance->triangles;
     if (!triangles) {
         return {simplifier.within(simplifier.full(), limit), limit, true};
     }
     BudgetResult result = within_budget(simplifier, *triangles, voxel_of(query) / 4, limit);
     if (!result.is_met && any_distance(store, query)) {
-        refuse_budget(store, result.mesh.triangles);
+        const ScratchFile corners = simplifier.corners(result.mesh);
+        refuse_budget(
+            store, *triangles, result.mesh.triangles,
+            component_sizes(mesh.vertices().layout().vertices,
+                            {corners.as<const ElementCorners>().data(), result.mesh.triangles},
+                            folder));
     }
     return result;
 }
@@ -56,7 +62,7 @@ void DistanceStage::run(StageMesh& mesh, ExtractReport& report) {
     {
         MeshSimplifier simplifier(mesh.vertices(), mesh.elements(), world_lattice(store, query),
                                   world_box(query), scratch, progress);
-        const BudgetResult result = simplified(store, query, simplifier, first);
+        const BudgetResult result = simplified(store, query, simplifier, mesh, scratch, first);
         choose(simplifier, result.mesh, mesh);
         report.distance->bound = result.mesh.bound + most_moved(query);
         report.scratch_bytes += simplifier.scratch_bytes();

@@ -85,6 +85,16 @@ struct TriangleQuality {
     double narrow_share = 0;  ///< of the triangles, those with an angle below kNarrow; 0 ... 1
 };
 
+/// Of a mesh of triangles, as its coordinates are; the same for any threads and memory.
+struct SurfaceMeasures {
+    double area = 0;  ///< square world units
+    /// Within a closed mesh, cubic world units: of the space that its triangles face away from or,
+    /// if the rest of space is that, of the space that they face. A void in a solid counts
+    /// negative. Nothing if the mesh has a border: an edge that triangles pass more often in one
+    /// direction than in the other; by a checksum that misses one with a probability below 2^-50.
+    std::optional<double> volume = {};
+};
+
 /// The stages that were asked for have reports of their own; the others have none.
 struct ExtractReport {
     int dimension = 3;  ///< of the lattice; 2: triangles and lines in place of tetrahedra
@@ -115,6 +125,8 @@ struct ExtractReport {
     std::optional<DistanceReport> distance = {};
     std::optional<ErrorSimplificationReport> simplified_error = {};
     std::optional<AnalysisReport> analysis = {};
+    /// If the mesh has triangles as elements.
+    std::optional<SurfaceMeasures> measures = {};
     /// If it was asked for, and the mesh has triangles as elements.
     std::optional<TriangleQuality> quality = {};
 

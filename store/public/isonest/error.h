@@ -60,7 +60,8 @@ enum class RemedyKind : std::uint8_t {
     choose_series,        ///< SourceOptions::series
     install_package,      ///< build with the package that `value` names
     say_unit,             ///< SourceOptions::unit, when the store is made
-    world_units           ///< lengths in world units: numbers alone
+    world_units,          ///< lengths in world units: numbers alone
+    fewer_components      ///< SurfaceStages::components; `value`: the least triangles of one
 };
 struct Remedy {
     RemedyKind kind;

@@ -142,6 +142,15 @@ ExtractReport run_query(const Store& store, const Arguments& arguments, const St
                                 : extract(store, query, *sink, options_of(a), progress);
 }
 
+/// "area 12.5 mm2, volume 3.25 mm3".
+std::string measures_text(const Store& store, const SurfaceMeasures& m) {
+    const std::string unit = unit_suffix(store);
+    const auto power = [&](int p) { return unit.empty() ? "" : fmt::format("{}{}", unit, p); };
+    return fmt::format("area {:.6g}{}, {}\n", m.area, power(2),
+                       m.volume ? fmt::format("volume {:.6g}{}", *m.volume, power(3))
+                                : "not closed, so it has no volume");
+}
+
 /// What is said of one mesh.
 Result result_of(const Store& store, const Arguments& arguments, const ExtractReport& r) {
     const ExtractArguments& a = arguments.extract;
@@ -167,6 +176,9 @@ Result result_of(const Store& store, const Arguments& arguments, const ExtractRe
                     r.traversal.chunks_read, r.traversal.chunks_total,
                     human_bytes(static_cast<double>(r.traversal.bytes_read)));
     result.text += analysis_text(r) + version_text(a.mesh);
+    if (r.measures && r.triangles > 0) {
+        result.text += measures_text(store, *r.measures);
+    }
     if (r.components) {
         add_component_json(*r.components, result.json);
         result.text += component_text(r);

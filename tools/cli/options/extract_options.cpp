@@ -337,6 +337,10 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
                  {"peak_cache_bytes", r.traversal.peak_cache_bytes},
                  {"bricks", r.traversal.bricks},
                  {"seconds", r.seconds}};
+    if (r.measures) {
+        json["area"] = r.measures->area;
+        json["volume"] = r.measures->volume ? Json(*r.measures->volume) : Json();
+    }
     if (r.quality) {
         json["smallest_angle"] = {
             {"min", r.quality->least},     {"q0.1%", r.quality->per_mille},

@@ -127,6 +127,10 @@ Phrase phrase_of(RemedyKind kind) {
                     "preprocess the volume again with its --unit"};
         case RemedyKind::world_units:
             return {"world_units", "", "give a number alone, in the volume's own unit", "", ""};
+        case RemedyKind::fewer_components:
+            return {"fewer_components", "--min-component", "give --min-component {}",
+                    "drop the smaller ones with --min-component or --components largest",
+                    "drop small components"};
     }
     return {"unknown", "", "{}", "", ""};
 }

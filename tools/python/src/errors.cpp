@@ -92,6 +92,8 @@ std::string_view words_of(RemedyKind kind) {
             return "preprocess the volume again with unit='{}'";
         case RemedyKind::world_units:
             return "give a number alone, in the volume's own unit";
+        case RemedyKind::fewer_components:
+            return "give min_component={}";
     }
     return "";
 }
@@ -119,6 +121,9 @@ std::string text_of(const Remedy& remedy) {
     }
     if (remedy.value.empty() && remedy.kind == RemedyKind::more_memory) {
         return "give more memory=";
+    }
+    if (remedy.value.empty() && remedy.kind == RemedyKind::fewer_components) {
+        return "drop the smaller ones with min_component= or components='largest'";
     }
     const bool names_options = remedy.kind == RemedyKind::leave_out ||
                                remedy.kind == RemedyKind::correct_numbers ||

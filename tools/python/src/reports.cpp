@@ -138,6 +138,13 @@ void add_extract_report(py::module_& module) {
         .def_property_readonly("chunks_read", [](const R& r) { return r.traversal.chunks_read; })
         .def_property_readonly("chunks_total", [](const R& r) { return r.traversal.chunks_total; })
         .def_property_readonly("bytes_read", [](const R& r) { return r.traversal.bytes_read; })
+        .def_property_readonly(
+            "area",
+            [](const R& r) { return r.measures ? std::optional(r.measures->area) : std::nullopt; },
+            "of the mesh, in square world units; None of lines")
+        .def_property_readonly(
+            "volume", [](const R& r) { return r.measures ? r.measures->volume : std::nullopt; },
+            "within the mesh, in cubic world units; None unless it is closed")
         .def_readonly("quality", &R::quality, "TriangleQuality if it was asked for, or None")
         .def_readonly("seconds", &R::seconds)
         .def("__repr__", [](const R& r) {
