@@ -12,7 +12,10 @@ std::uint64_t padded(std::uint64_t bytes) {
 
 /// glTF's own name, or one of ours, which has to begin with an underscore.
 std::string semantic_of(const std::string& name) {
-    return name == "normal" ? "NORMAL" : name == "value" ? "_VALUE" : "_ERROR";
+    return name == "normal"  ? "NORMAL"
+           : name == "value" ? "_VALUE"
+           : name == "error" ? "_ERROR"
+                             : "_ISOVALUE";
 }
 
 /// Buffer views and accessors, one of each for every array.

@@ -85,8 +85,10 @@ void emit_vertices(const ScratchMesh& mesh, const UsedVertices& used, MeshSink& 
     }
 }
 
+/// `number_of(vertex)`: under which number the sink has it.
+template <class NumberOf>
 void emit_batches(const ScratchMesh& mesh, std::span<const ElementCorners> elements,
-                  const UsedVertices& used, MeshSink& sink, Progress& progress) {
+                  const NumberOf& number_of, MeshSink& sink, Progress& progress) {
     Copies nearby;
     std::vector<ElementCorners> corners;
     std::vector<std::array<std::uint32_t, 3>> nearby_corners;
@@ -102,7 +104,7 @@ void emit_batches(const ScratchMesh& mesh, std::span<const ElementCorners> eleme
             ElementCorners numbered{};
             std::array<std::uint32_t, 3> near{};
             for (std::size_t i = 0; i < 3; ++i) {
-                numbered[i] = used.number_of(e[i]);
+                numbered[i] = number_of(e[i]);
                 const auto [slot, is_new] =
                     place.try_emplace(e[i], static_cast<std::uint32_t>(nearby.positions.size()));
                 near[i] = slot->second;
@@ -213,10 +215,26 @@ EmittedMesh emit_elements(const ScratchMesh& mesh, std::span<const ElementCorner
         progress.begin("write mesh", elements.size(),
                        layout.corners == 2 ? "line segments" : "triangles");
         emit_vertices(mesh, used, sink, progress);
-        emit_batches(mesh, elements, used, sink, progress);
+        emit_batches(
+            mesh, elements, [&](std::uint64_t v) { return used.number_of(v); }, sink, progress);
     } while (sink.again());
     sink.end();
     return emitted;
+}
+
+void emit_vertices(const ScratchMesh& mesh, MeshSink& sink, Progress& progress) {
+    const std::size_t row_bytes = mesh.layout().row_bytes;
+    for (std::size_t at = 0; at < mesh.positions().size(); at += kBatch) {
+        progress.check();
+        const std::size_t count = std::min(kBatch, mesh.positions().size() - at);
+        sink.add_vertices({at, mesh.positions().subspan(at, count),
+                           mesh.rows().subspan(at * row_bytes, count * row_bytes), row_bytes});
+    }
+}
+
+void emit_elements(const ScratchMesh& mesh, MeshSink& sink, Progress& progress) {
+    emit_batches(
+        mesh, mesh.corners(), [](std::uint64_t v) { return v; }, sink, progress);
 }
 
 }  // namespace isonest::detail

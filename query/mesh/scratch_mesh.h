@@ -81,4 +81,9 @@ struct EmittedMesh {
 EmittedMesh emit_elements(const ScratchMesh& mesh, std::span<const ElementCorners> elements,
                           const std::filesystem::path& folder, MeshSink& sink, Progress& progress);
 
+/// Hands all vertices, or all elements, of a mesh to a sink, with the numbers that they have, and
+/// nothing else. Throws Error{cancelled} and what the sink throws.
+void emit_vertices(const ScratchMesh& mesh, MeshSink& sink, Progress& progress);
+void emit_elements(const ScratchMesh& mesh, MeshSink& sink, Progress& progress);
+
 }  // namespace isonest::detail

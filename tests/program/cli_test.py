@@ -764,6 +764,35 @@ class Cli(unittest.TestCase):
         for path in self.here.glob("wave.*"):
             path.unlink()
 
+    def test_several_isovalues_are_a_file_each_or_one_with_all(self):
+        alone = {}
+        for iso in ("0.3", "0.50", "5"):
+            self.ok("extract", "b.isonest", "--iso", iso, "-o", "i_{iso}.ply")  # one: the name is filled in as well
+            alone[iso] = (self.here / f"i_{iso}.ply").read_bytes()
+            (self.here / f"i_{iso}.ply").unlink()
+        several = ("extract", "b.isonest", "--iso", "0.3,0.50,5")
+        report = self.json(*several, "-o", "i_{iso}.ply")["meshes"]
+        self.assertEqual([(r["iso"], r["mesh"]) for r in report],
+                         [(0.3, "i_0.3.ply"), (0.5, "i_0.50.ply"), (5, "i_5.ply")])
+        self.assertEqual({iso: (self.here / f"i_{iso}.ply").read_bytes() for iso in alone}, alone)
+        for name in ("all.ply", "all.vtp", "all.VTKHDF"):
+            report = self.json(*several, "-o", name)["meshes"]
+            self.assertEqual([(r["iso"], r["mesh"]) for r in report], [(0.3, name), (0.5, name), (5, name)])
+            self.assertEqual(report[2]["triangles"], 0)
+            self.assertIn(b"isovalue", (self.here / name).read_bytes())
+        said = self.ok(*several, "-o", "all.ply").stdout.decode()
+        self.assertIn("isovalue 0.50 in all.ply: ", said)
+        self.assertIn("The surface is empty: every value is below 5", said)
+        header = (self.here / "all.ply").read_bytes().split(b"end_header")[0].decode()
+        self.assertIn("property double isovalue", header)
+        self.assertIn(f"element face {sum(r['triangles'] for r in report)}", header)
+        for path in [*self.here.glob("i_*"), *self.here.glob("all.*")]:
+            path.unlink()
+        self.assertIn("a name with {iso} in it", self.fails(2, *several, "-o", "all.stl"))
+        self.assertIn("given twice", self.fails(2, "extract", "b.isonest", "--iso", "0.5,0.50", "-o", "i_{iso}.ply"))
+        many = ",".join(str(i / 300) for i in range(257))
+        self.assertIn("in several runs", self.fails(7, "extract", "b.isonest", "--iso", many, "-o", "all.ply"))
+
     def test_a_surface_is_closed_on_either_side_and_the_report_says_so(self):
         import h5py
         import numpy

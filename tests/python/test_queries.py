@@ -251,3 +251,24 @@ def test_several_labels_are_those_one_by_one(tmp_path):
     assert store.label_surfaces([]) == {}
     with pytest.raises(isonest.NotFoundError, match="no label 4"):
         store.label_surfaces([3, 4])
+
+
+@pytest.mark.parametrize("more", [{}, {"error": 0.1, "cells": "hex"}, {"distance": "0.5voxel"},
+                                  {"close": True, "coordinates": "world", "gradient_direction": "ascent"}])
+def test_several_isovalues_give_the_mesh_of_each(store_path, noise, more):
+    indicators = ["deviation_bar", "hex_linf", "hex_deviation"]
+    isonest.preprocess(noise, store_path, spacing=(2, 1, 1), indicators=indicators)
+    with isonest.open(store_path) as store:
+        levels = [0.3, -0.5, 99.0]
+        meshes = store.isosurface(levels, **more)
+        assert isinstance(meshes, list) and len(meshes) == 3
+        for level, mesh in zip(levels, meshes):
+            own = store.isosurface(level, **more)
+            for ours, theirs in zip(mesh, own):
+                np.testing.assert_array_equal(ours, theirs)
+            assert mesh.report.triangles == own.report.triangles
+        assert len(store.isosurface(np.array([0.3]))) == 1
+        with pytest.raises(ValueError, match="given twice"):
+            store.isosurface([0.3, 0.3])
+        with pytest.raises(ValueError, match="no isovalues"):
+            store.isosurface([])

@@ -5,6 +5,7 @@
 
 #include <isonest/error.h>
 #include <isonest/extract.h>
+#include <isonest/joined_isovalues.h>
 #include <isonest/mesh_file.h>
 
 #include "tools/cli/command.h"
@@ -213,30 +214,40 @@ Result result_of(const Store& store, const Arguments& arguments, const ExtractRe
     return result;
 }
 
-/// A mesh for each isovalue.
+/// A mesh for each isovalue, or one with all of them.
 Result run_isovalues(const Store& store, const Arguments& arguments, const Store* values,
                      Progress& progress) {
     const Isovalues& isovalues = arguments.isovalues;
-    require_own_names(arguments.extract.mesh);
+    const std::string& mesh = arguments.extract.mesh;
+    const bool in_one = !is_own_name(mesh);
     std::vector<Arguments> each(isovalues.all.size(), arguments);
     for (std::size_t i = 0; i < each.size(); ++i) {
-        each[i].extract.mesh = mesh_name(arguments.extract.mesh, isovalues.texts[i]);
+        each[i].extract.mesh = mesh_name(mesh, isovalues.texts[i]);
         each[i].isovalues = {{isovalues.all[i]}, {isovalues.texts[i]}};
     }
     Result all;
     all.json = {{"meshes", Json::array()}};
-    extract_isovalues(
-        store, isovalues.all, surface_query(arguments, values),
-        [&](std::size_t i) { return open_mesh_file(each[i].extract.mesh, {.replace = true}); },
-        [&](std::size_t i, const ExtractReport& r) {
-            Result result = result_of(store, each[i], r);
-            all.json["meshes"].push_back(std::move(result.json));
-            all.text += result.text;
-            if (!result.warning.empty()) {
-                all.warning += (all.warning.empty() ? "" : "\n") + result.warning;
-            }
-        },
-        options_of(arguments.extract), progress);
+    const auto done = [&](std::size_t i, const ExtractReport& r) {
+        Result result = result_of(store, each[i], r);
+        all.json["meshes"].push_back(std::move(result.json));
+        all.text += in_one ? fmt::format("isovalue {} in ", isovalues.texts[i]) : "";
+        all.text += result.text;
+        if (!result.warning.empty()) {
+            all.warning += (all.warning.empty() ? "" : "\n") + result.warning;
+        }
+    };
+    const SurfaceQuery query = surface_query(arguments, values);
+    const ExtractOptions options = options_of(arguments.extract);
+    if (in_one) {
+        require_place_for_isovalue(mesh);
+        const std::unique_ptr<MeshSink> sink = open_mesh_file(mesh, {.replace = true});
+        extract_joined(store, isovalues.all, query, *sink, done, options, progress);
+    } else {
+        extract_isovalues(
+            store, isovalues.all, query,
+            [&](std::size_t i) { return open_mesh_file(each[i].extract.mesh, {.replace = true}); },
+            done, options, progress);
+    }
     return all;
 }
 
@@ -307,6 +318,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract scan.isonest --iso 120 -o full.ply\n"
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.glb --normals\n"
          "isonest extract scan.isonest --iso 80,120,160 -o surface_{iso}.ply\n"
+         "isonest extract scan.isonest --iso 80,120,160 -o surfaces.vtp\n"
          "isonest extract scan.isonest --iso 120 --distance 0.5voxel -o small.stl\n"
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 --simplify -o light.glb\n"
          "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"

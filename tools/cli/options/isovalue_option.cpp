@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
+#include <filesystem>
 
 #include <isonest/error.h>
 
@@ -27,8 +29,9 @@ CLI::Option* add_isovalue_option(CLI::App* command, Isovalues& isovalues) {
                 at = end + 1;
             }
         },
-        "the isovalue; or several, for which the store is read once:\n"
-        "MESH then has {iso} in its name, and is a file for each",
+        "the isovalue; or several, for which the store is read once.\n"
+        "With {iso} in its name MESH is a file for each; without, one\n"
+        "file with all of them (.ply .vtp .vtkhdf)",
         "V[,V...]");
 }
 
@@ -40,11 +43,19 @@ std::string mesh_name(std::string mesh, const std::string& iso) {
     return mesh;
 }
 
-void require_own_names(const std::string& mesh) {
-    if (mesh.find(kPlace) == std::string::npos) {
+bool is_own_name(const std::string& mesh) {
+    return mesh.find(kPlace) != std::string::npos;
+}
+
+void require_place_for_isovalue(const std::string& mesh) {
+    std::string end = std::filesystem::path(mesh).extension().string();
+    std::transform(end.begin(), end.end(), end.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    if (end != ".ply" && end != ".vtp" && end != ".vtkhdf") {
         throw Error(ErrorKind::invalid_argument, {mesh},
-                    "several isovalues are written to a file each: give the mesh a name with "
-                    "{iso} in it, as in surface_{iso}.ply");
+                    "of several isovalues in one file, .ply, .vtp and .vtkhdf say which is whose: "
+                    "give one of these, or a name with {iso} in it for a file each, as in "
+                    "surface_{iso}.stl");
     }
 }
 

@@ -22,7 +22,11 @@ CLI::Option* add_isovalue_option(CLI::App* command, Isovalues& isovalues);
 /// `mesh` with the isovalue's text in place of each {iso}.
 std::string mesh_name(std::string mesh, const std::string& iso);
 
-/// Throws Error{invalid_argument} unless the name differs with the isovalue.
-void require_own_names(const std::string& mesh);
+/// Whether the name differs with the isovalue.
+bool is_own_name(const std::string& mesh);
+
+/// Throws Error{invalid_argument} unless the format that the name chooses keeps the isovalue of
+/// each vertex.
+void require_place_for_isovalue(const std::string& mesh);
 
 }  // namespace isonest::detail::cli

@@ -2,7 +2,9 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Optional, Sequence, Union
+from typing import Any, Optional, Sequence, Union, overload
+
+import numpy as np
 
 from . import _core, _queries
 from ._arguments import Box, Bytes, Point, Progress, in_own_unit, reporting
@@ -23,6 +25,7 @@ class Extracting:
     def _frame(self) -> Frame:
         raise NotImplementedError
 
+    @overload
     def isosurface(self, iso: float, *, error: float = 0.0, error_relative: Optional[float] = None,
                    guarantee: Guarantee = "deviation", simplify: bool = False, stop: Optional[str] = None,
                    threshold: Optional[float] = None, threshold_relative: Optional[float] = None,
@@ -36,9 +39,42 @@ class Extracting:
                    components: Components = None, min_component: int = 0, min_volume: float = 0.0,
                    close: Close = None, coordinates: Coordinates = "array", gradient_direction: str = "descent",
                    quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
-                   progress: Progress = None) -> Mesh:
+                   progress: Progress = None) -> Mesh: ...
+
+    @overload
+    def isosurface(self, iso: Sequence[float], *, error: float = 0.0, error_relative: Optional[float] = None,
+                   guarantee: Guarantee = "deviation", simplify: bool = False, stop: Optional[str] = None,
+                   threshold: Optional[float] = None, threshold_relative: Optional[float] = None,
+                   distance: Distance = None, triangles: Optional[int] = None, by: By = "distance",
+                   no_simplify: bool = False, keep_analysis: "bool | _Path" = False,
+                   focus: Union[None, Point, Box] = None, falloff: float = 0.0, camera: Optional[Point] = None,
+                   pixels: float = 1.0, fov: float = 40.0, height: int = 1080, box: Optional[Box] = None,
+                   bound: Optional[str] = None, view: Optional[Point] = None, cull_by: Optional[str] = None,
+                   normals: bool = True, vertex_values: "Optional[Extracting]" = None,
+                   vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Cells = "tet",
+                   components: Components = None, min_component: int = 0, min_volume: float = 0.0,
+                   close: Close = None, coordinates: Coordinates = "array", gradient_direction: str = "descent",
+                   quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
+                   progress: Progress = None) -> "list[Mesh]": ...
+
+    def isosurface(self, iso: "float | Sequence[float]", *, error: float = 0.0, error_relative: Optional[float] = None,
+                   guarantee: Guarantee = "deviation", simplify: bool = False, stop: Optional[str] = None,
+                   threshold: Optional[float] = None, threshold_relative: Optional[float] = None,
+                   distance: Distance = None, triangles: Optional[int] = None, by: By = "distance",
+                   no_simplify: bool = False, keep_analysis: "bool | _Path" = False,
+                   focus: Union[None, Point, Box] = None, falloff: float = 0.0, camera: Optional[Point] = None,
+                   pixels: float = 1.0, fov: float = 40.0, height: int = 1080, box: Optional[Box] = None,
+                   bound: Optional[str] = None, view: Optional[Point] = None, cull_by: Optional[str] = None,
+                   normals: bool = True, vertex_values: "Optional[Extracting]" = None,
+                   vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Cells = "tet",
+                   components: Components = None, min_component: int = 0, min_volume: float = 0.0,
+                   close: Close = None, coordinates: Coordinates = "array", gradient_direction: str = "descent",
+                   quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
+                   progress: Progress = None) -> "Mesh | list[Mesh]":
         """The surface on which the data have the value ``iso``; of data in a plane, the lines.
 
+        iso: a number; or several, for which the store is read once, and a list of their meshes is returned, each as
+            of its isovalue alone.
         error: how far the data may be from ``iso``, anywhere on the mesh, in units of the data; 0 is full
             resolution. error_relative: the same as a fraction of the data's range.
         guarantee: "deviation" and "plus" are bounds, "estimate" is none.
@@ -79,7 +115,6 @@ class Extracting:
             raise ValueError(f"gradient_direction={gradient_direction!r}: give 'descent' or 'ascent'")
         place = self._place(coordinates)
         query = _core.SurfaceQuery()
-        query.set_iso(float(iso))
         SurfaceStop(in_own_unit(distance, self._core), triangles, by, simplify, no_simplify, keep_analysis).apply(
             query, Stop(error, error_relative, guarantee, stop, threshold, threshold_relative))
         Viewpoint(focus, falloff, camera, pixels, fov, height).apply(query, place)
@@ -96,7 +131,16 @@ class Extracting:
         _queries.set_components(query, components, min_component, min_volume)
         _queries.set_close(query, close)
         options = _queries.options(memory, threads, scratch, quality)
-        return self._extract(query, options, progress, place, level=float(iso), flip=gradient_direction == "ascent")
+        flip = gradient_direction == "ascent"
+        if np.ndim(iso) == 0:
+            level = float(iso)  # type: ignore[arg-type]
+            query.set_iso(level)
+            return self._extract(query, options, progress, place, level=level, flip=flip)
+        levels = [float(level) for level in iso]  # type: ignore[union-attr]
+        with reporting(progress) as report:
+            meshes = _core.extract_isovalues(self._core, levels, query, options, report)
+        return [Mesh(parts, coordinates=place.coordinates, frame=place.frame, flip=flip, level=level)
+                for level, parts in zip(levels, meshes)]
 
     def label_surface(self, label: int, *, distance: Distance = None, triangles: Optional[int] = None,
                       box: Optional[Box] = None, normals: bool = False,
