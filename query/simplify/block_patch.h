@@ -19,12 +19,14 @@ namespace isonest::detail {
 /// once it is made.
 class Valences {
   public:
-    Valences(std::uint64_t vertices, std::span<const Sorted> triangles,
+    /// `triangles`: with `corners`.
+    template <class T>
+    Valences(std::uint64_t vertices, std::span<const T> triangles,
              const std::filesystem::path& folder)
         : file_(folder) {
         file_.map(vertices * sizeof(std::uint32_t));
         const auto count = file_.as<std::uint32_t>();
-        for (const Sorted& t : triangles) {
+        for (const T& t : triangles) {
             for (const std::uint64_t v : t.corners) {
                 ++count[v];
             }
