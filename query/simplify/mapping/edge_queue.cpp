@@ -7,13 +7,6 @@ namespace {
 
 constexpr double kBorderWeight = 1;  ///< of the plane that stands on a border edge
 
-/// The heap's top is the smallest.
-bool comes_later(const EdgeQueue::Edge& a, const EdgeQueue::Edge& b) {
-    return a.square_error != b.square_error ? a.square_error > b.square_error
-           : a.from != b.from               ? a.from > b.from
-                                            : a.to > b.to;
-}
-
 }  // namespace
 
 EdgeQueue::EdgeQueue(std::span<const std::array<float, 3>> positions, const CornerMesh& mesh,
@@ -22,7 +15,8 @@ EdgeQueue::EdgeQueue(std::span<const std::array<float, 3>> positions, const Corn
       mesh_(mesh),
       most_(most),
       quadrics_(positions.size()),
-      version_(positions.size()) {
+      version_(positions.size()),
+      bins_(bin_of(most) + 1) {
     for (std::size_t a = 0; a < 3; ++a) {
         origin_[a] = positions.empty() ? 0 : static_cast<double>(positions[0][a]);
     }
@@ -61,15 +55,33 @@ void EdgeQueue::add_quadrics(std::uint32_t triangle) {
 }
 
 void EdgeQueue::push(const Edge& edge) {
-    heap_.push_back(edge);
-    std::push_heap(heap_.begin(), heap_.end(), comes_later);
+    const std::size_t of = bin_of(edge.square_error);
+    if (of >= bins_.size()) {
+        return;
+    }
+    std::uint32_t place = free_;
+    if (place == CornerMesh::kNone) {
+        place = static_cast<std::uint32_t>(waiting_.size());
+        waiting_.push_back({edge, CornerMesh::kNone});
+    } else {
+        free_ = waiting_[place].next;
+        waiting_[place] = {edge, CornerMesh::kNone};
+    }
+    Bin& bin = bins_[of];
+    if (bin.first == CornerMesh::kNone) {
+        bin.first = place;
+    } else {
+        waiting_[bin.last].next = place;
+    }
+    bin.last = place;
+    lowest_ = std::min(lowest_, of);
 }
 
-/// The edge from `from` that comes next after one of this error, to this vertex.
-void EdgeQueue::push_next(std::uint32_t from, float after, std::uint32_t after_to) {
-    mesh_.ring_of(from, ring_);
-    Edge best{most_, from, CornerMesh::kNone, version_[from]};
-    for (const std::uint32_t to : ring_.vertices) {
+/// The edge from the ring's middle that comes next after one of this error, to this vertex.
+void EdgeQueue::push_next(const CornerMesh::Ring& ring, float after, std::uint32_t after_to) {
+    const std::uint32_t from = ring.middle;
+    Edge best{most_, from, CornerMesh::kNone, 2 * version_[from] + 1};
+    for (const std::uint32_t to : ring.vertices) {
         const float error = square_error(from, to);
         if ((error > after || (error == after && to > after_to)) &&
             (error < best.square_error || (error == best.square_error && to < best.to))) {
@@ -83,20 +95,31 @@ void EdgeQueue::push_next(std::uint32_t from, float after, std::uint32_t after_t
 }
 
 void EdgeQueue::add(std::uint32_t v) {
-    push_next(v, -1, 0);
+    mesh_.ring_of(v, ring_);
+    push_next(ring_, -1, 0);
 }
 
 std::optional<EdgeQueue::Edge> EdgeQueue::next() {
-    while (!heap_.empty()) {
-        std::pop_heap(heap_.begin(), heap_.end(), comes_later);
-        const Edge edge = heap_.back();
-        heap_.pop_back();
-        if (edge.version == version_[edge.from]) {
-            push_next(edge.from, edge.square_error, edge.to);
-            return edge;
+    for (; lowest_ < bins_.size(); ++lowest_) {
+        while (bins_[lowest_].first != CornerMesh::kNone) {
+            Bin& bin = bins_[lowest_];
+            const std::uint32_t place = bin.first;
+            Waiting& w = waiting_[place];
+            bin.first = w.next;
+            w.next = free_;
+            free_ = place;
+            if (w.edge.version() == version_[w.edge.from]) {
+                return w.edge;
+            }
         }
     }
     return std::nullopt;
+}
+
+void EdgeQueue::stays(const Edge& edge, const CornerMesh::Ring& ring) {
+    if (edge.has_others()) {
+        push_next(ring, edge.square_error, edge.to);
+    }
 }
 
 void EdgeQueue::collapsed(std::uint32_t from, const CornerMesh::Ring& ring,
@@ -109,12 +132,12 @@ void EdgeQueue::collapsed(std::uint32_t from, const CornerMesh::Ring& ring,
         if (!locked[v]) {
             const float error = square_error(v, to);
             if (error <= most_) {
-                push({error, v, to, version_[v]});
+                push({error, v, to, 2 * version_[v]});
             }
         }
     }
     if (!locked[to]) {
-        add(to);
+        push_next(ring, -1, 0);
     }
 }
 

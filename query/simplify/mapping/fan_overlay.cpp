@@ -170,6 +170,7 @@ bool FanOverlay::displaced(std::span<const Displacement* const> before, double l
         return false;
     }
     const std::size_t n = count_;
+    largest_ = 0;
     std::array<double, kMostCorners> over{};
     const auto has_middle = [&](std::size_t j) { return left_[j] && right_[j + 1]; };
     for (std::size_t j = 1; j + 1 < n; ++j) {
@@ -230,9 +231,11 @@ bool FanOverlay::displaced(std::span<const Displacement* const> before, double l
             d.hi[axis] = float_above(hi[axis] + rounding_);
         }
         d.radius = radius;
-        if (!(d.bound() <= limit)) {
+        const double bound = d.bound();
+        if (!(bound <= limit)) {
             return false;
         }
+        largest_ = std::max(largest_, bound);
     }
     return true;
 }

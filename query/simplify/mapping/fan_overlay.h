@@ -42,6 +42,8 @@ class FanOverlay {
     /// REQUIRES: look_at() was true.
     [[nodiscard]] bool displaced(std::span<const Displacement* const> before, double limit,
                                  std::span<Displacement> after);
+    /// The largest bound of the new displacements, after displaced() was true.
+    [[nodiscard]] double largest() const { return largest_; }
 
   private:
     struct Seen {
@@ -66,6 +68,7 @@ class FanOverlay {
     /// New above old where old spoke i crosses new spoke j; [n] is [0].
     std::array<std::array<double, kMostCorners>, kMostCorners + 1> above_;
     double over_middle_ = 0;
+    double largest_ = 0;
 };
 
 }  // namespace isonest::detail

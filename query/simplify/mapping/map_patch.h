@@ -7,7 +7,6 @@
 #pragma once
 
 #include <array>
-#include <bit>
 #include <cstdint>
 #include <vector>
 
@@ -35,19 +34,9 @@ struct MappingLimits {
     float square_estimate = 0;
 };
 
-/// Where collapses stood in their order, in bins: by the largest estimate (world units, squared)
-/// until then, in powers of two to a sixteenth.
-inline std::size_t bin_of(float square_error) {
-    constexpr float kLeast = 1e-30F;
-    return std::bit_cast<std::uint32_t>(square_error + kLeast) >> 19U;
-}
-/// No estimate in the bin is larger.
-inline float end_of_bin(std::size_t bin) {
-    return std::bit_cast<float>(static_cast<std::uint32_t>((bin + 1) << 19U) - 1);
-}
-
 struct MappingResult {
-    std::vector<std::uint64_t> gone_at;  ///< triangles, by bin
+    /// Triangles that went, by the bin of the largest estimate until then (edge_queue.h).
+    std::vector<std::uint64_t> gone_at;
 };
 
 /// Heap per triangle of a patch, at most, that map_patch() takes beside the patch.
