@@ -81,11 +81,11 @@ Star random_star(std::mt19937& random, std::size_t corners, double height) {
     constexpr double kTurn = 6.283185307179586;
     std::vector<Double3> ring;
     for (std::size_t i = 0; i < corners; ++i) {
-        const double angle = kTurn * (static_cast<double>(i) + 0.8 * number(random)) /
-                             static_cast<double>(corners);
+        const double angle =
+            kTurn * (static_cast<double>(i) + 0.8 * number(random)) / static_cast<double>(corners);
         const double far = 0.5 + number(random);
-        ring.push_back({far * std::cos(angle), far * std::sin(angle),
-                        height * (2 * number(random) - 1)});
+        ring.push_back(
+            {far * std::cos(angle), far * std::sin(angle), height * (2 * number(random) - 1)});
     }
     return star_of(ring);
 }
@@ -159,8 +159,7 @@ void require_all_displacements(std::mt19937& random, const Star& star) {
         std::array<double, 3> hi{-1e9, -1e9, -1e9};
         double spread = 0;
         const Triangle t = new_triangle(star, j);
-        const Double3 middle = along(
-            {0, 0, 0}, 1.0 / 3, along(along(t[0], 1, t[1]), 1, t[2]));
+        const Double3 middle = along({0, 0, 0}, 1.0 / 3, along(along(t[0], 1, t[1]), 1, t[2]));
         for_samples(t, kSteps, [&](const Double3& sample) {
             // What only touches does not overlap.
             const Double3 p = along(middle, 0.999, minus(sample, middle));
@@ -248,8 +247,8 @@ std::vector<double> folds_of(const std::vector<std::array<float, 3>>& positions,
         const auto other = normals.find({edge.second, edge.first});
         if (edge.first < edge.second && other != normals.end()) {
             constexpr double kDegrees = 57.29577951308232;
-            folds.push_back(kDegrees * std::atan2(length(cross(n, other->second)),
-                                                  dot(n, other->second)));
+            folds.push_back(kDegrees *
+                            std::atan2(length(cross(n, other->second)), dot(n, other->second)));
         }
     }
     return folds;
@@ -372,8 +371,7 @@ TEST_CASE("Displacements of a collapse contain those of all points, at borders, 
 TEST_CASE("A vertex on a spoke of the fan is on both of its sides") {
     std::mt19937 random(12);
     // The middle lies on the line from the first corner to the one across.
-    Star star = star_of(
-        {{-1, 0, 0.1}, {0, -1, 0.2}, {1, 0, -0.3}, {0, 1, 0.05}});
+    Star star = star_of({{-1, 0, 0.1}, {0, -1, 0.2}, {1, 0, -0.3}, {0, 1, 0.05}});
     require_all_displacements(random, star);
     star = star_of({{-1, 0, 0.1},
                     {-0.5, -1, 0.2},
@@ -408,8 +406,8 @@ TEST_CASE("Rings that overlap themselves, go round twice or have slivers are ref
     REQUIRE_FALSE(overlay.look_at(star_of({{0, 0, 0}, {0, 1, 0}, {-1, -1, 0}, {1, -1, 0}})));
     REQUIRE_FALSE(overlay.look_at(star_of({{1, 1, 0}, {2, 1, 0}, {2, 2, 0}, {1, 2, 0}})));
     // Two corners in one place, and nearly so.
-    REQUIRE_FALSE(overlay.look_at(
-        star_of({{1, 1, 0}, {-1, 1, 0}, {-1, 1, 0}, {-1, -1, 0}, {1, -1, 0}})));
+    REQUIRE_FALSE(
+        overlay.look_at(star_of({{1, 1, 0}, {-1, 1, 0}, {-1, 1, 0}, {-1, -1, 0}, {1, -1, 0}})));
     REQUIRE_FALSE(overlay.look_at(
         star_of({{1, 1, 0}, {-1, 1, 0}, {-1, 1 - 1e-9, 0}, {-1, -1, 0}, {1, -1, 0}})));
     // No area at all.
@@ -624,10 +622,10 @@ TEST_CASE("Whole meshes are mapped within a distance or to a number, the same fo
             std::vector<ElementCorners> result;
             double bound = 0;
             Workers(threads).execute([&] {
-                MeshMapper mapper(mesh, mesh.corners(), lattice, {}, folder.path(),
-                                  silent_progress());
-                const Mapped m = limit > 0 ? mapper.within(mapper.full(), limit)
-                                           : mapper.down_to(kTriangles, 0.1, 1e9);
+                MeshMapper mapper(mesh, lattice, {}, folder.path(), silent_progress());
+                const Mapped whole = mapper.full(mesh.corners());
+                const Mapped m = limit > 0 ? mapper.within(whole, limit)
+                                           : mapper.down_to(whole, kTriangles, 0.1, 1e9);
                 bound = m.bound;
                 const ScratchFile corners = mapper.corners(m);
                 const auto all = corners.as<ElementCorners>();
@@ -652,4 +650,48 @@ TEST_CASE("Whole meshes are mapped within a distance or to a number, the same fo
             REQUIRE(sampled_distance(patch.positions, result, full, 4) <= most);
         }
     }
+}
+
+TEST_CASE("A surface that comes in parts is mapped as one that is there as a whole") {
+    Patch patch = torus(300, 100, 60, 20, 0.3);
+    for (auto& p : patch.positions) {
+        p = {p[0] + 90, p[1] + 90, p[2] + 30};
+    }
+    const TemporaryFolder folder;
+    ScratchMesh mesh(folder.path());
+    fill(mesh, patch);
+    WorldLattice lattice;
+    lattice.nodes = {181, 181, 61};
+    constexpr double kLimit = 0.5;
+    const std::vector<ElementCorners> full(mesh.corners().begin(), mesh.corners().end());
+    MeshMapper mapper(mesh, lattice, {}, folder.path(), silent_progress());
+    const Mapped at_once = mapper.within(mapper.full(full), kLimit);
+    constexpr std::size_t kParts = 7;
+    for (std::size_t part = 0; part < kParts; ++part) {
+        const std::size_t begin = full.size() * part / kParts;
+        const std::size_t end = full.size() * (part + 1) / kParts;
+        const std::vector<ElementCorners> here(full.begin() + static_cast<long>(begin),
+                                               full.begin() + static_cast<long>(end));
+        std::set<std::uint64_t> elsewhere;
+        for (std::size_t i = 0; i < full.size(); ++i) {
+            if (i < begin || i >= end) {
+                elsewhere.insert(full[i].begin(), full[i].end());
+            }
+        }
+        mapper.add(mapper.map(
+            here, [&](std::uint64_t v) { return elsewhere.contains(v); }, kLimit));
+    }
+    const Mapped parts = mapper.whole(kLimit);
+    REQUIRE(parts.triangles < full.size() / 2);
+    REQUIRE(parts.bound <= kLimit);
+    const Mapped joined = mapper.within(parts, kLimit);
+    REQUIRE(joined.triangles < at_once.triangles * 6 / 5);
+    const ScratchFile corners = mapper.corners(joined);
+    const auto all = corners.as<ElementCorners>().first(joined.triangles);
+    const std::vector<ElementCorners> result(all.begin(), all.end());
+    REQUIRE(shape_of(result) == shape_of(full));
+    const double most = joined.bound * (1 + 1e-9);
+    REQUIRE(most <= kLimit * (1 + 1e-9));
+    REQUIRE(sampled_distance(patch.positions, full, result, 3) <= most);
+    REQUIRE(sampled_distance(patch.positions, result, full, 4) <= most);
 }

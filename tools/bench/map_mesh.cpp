@@ -8,6 +8,8 @@
 // too. D is in the mesh's unit. Prints JSON: triangles before and after, the bound of the
 // distance, seconds of the processor and of the clock for the simplification alone, the smallest
 // of R rounds (by default 1).
+#include "query/simplify/mapping/map_mesh.h"
+
 #include <chrono>
 #include <cstdio>
 #include <ctime>
@@ -16,7 +18,6 @@
 #include <span>
 #include <string>
 
-#include "query/simplify/mapping/map_mesh.h"
 #include "store/base/workers.h"
 #include "tools/bench/ply_mesh.h"
 #include "tools/bench/ply_write.h"
@@ -135,10 +136,11 @@ int run(std::span<char*> arguments) {
         for (int round = 0; round < options.rounds; ++round) {
             const auto start = std::chrono::steady_clock::now();
             const std::clock_t cpu_start = std::clock();
-            MeshMapper mapper(mesh, mesh.corners(), lattice, box, folder, silent_progress());
+            MeshMapper mapper(mesh, lattice, box, folder, silent_progress());
+            const Mapped full = mapper.full(mesh.corners());
             mapped = options.distance > 0
-                         ? mapper.within(mapper.full(), options.distance)
-                         : mapper.down_to(options.triangles, options.voxel / 4, 1e9);
+                         ? mapper.within(full, options.distance)
+                         : mapper.down_to(full, options.triangles, options.voxel / 4, 1e9);
             const double took =
                 static_cast<double>(std::clock() - cpu_start) / static_cast<double>(CLOCKS_PER_SEC);
             const double by_clock =
@@ -148,8 +150,7 @@ int run(std::span<char*> arguments) {
             scratch = mapper.scratch_bytes();
             const ScratchFile corners = mapper.corners(mapped);
             left.clear();
-            for (const ElementCorners& t :
-                 corners.as<ElementCorners>().first(mapped.triangles)) {
+            for (const ElementCorners& t : corners.as<ElementCorners>().first(mapped.triangles)) {
                 left.push_back({static_cast<std::uint32_t>(t[0]), static_cast<std::uint32_t>(t[1]),
                                 static_cast<std::uint32_t>(t[2])});
             }

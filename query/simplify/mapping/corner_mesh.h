@@ -67,7 +67,7 @@ class CornerMesh {
   private:
     void join(std::uint32_t a, std::uint32_t b);
 
-    std::vector<std::uint32_t> start_;   ///< kNone: gone
+    std::vector<std::uint32_t> start_;  ///< kNone: gone
     std::vector<std::uint32_t> across_;
     std::vector<std::uint32_t> first_;
     std::vector<std::uint32_t> seen_in_;  ///< question, of each vertex

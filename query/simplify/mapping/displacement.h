@@ -21,8 +21,7 @@ struct Displacement {
     [[nodiscard]] double bound() const {
         double sum = 0;
         for (std::size_t a = 0; a < 3; ++a) {
-            const double far =
-                std::max(-static_cast<double>(lo[a]), static_cast<double>(hi[a]));
+            const double far = std::max(-static_cast<double>(lo[a]), static_cast<double>(hi[a]));
             sum += far * far;
         }
         constexpr double kRounding = 1e-14;

@@ -41,8 +41,8 @@ class EdgeQueue {
         [[nodiscard]] bool has_others() const { return state % 2 != 0; }
     };
 
-    /// Edges whose error is larger than `most` (world units, squared) never come. The arguments have
-    /// to stay.
+    /// Edges whose error is larger than `most` (world units, squared) never come. The arguments
+    /// have to stay.
     EdgeQueue(std::span<const std::array<float, 3>> positions, const CornerMesh& mesh, float most);
 
     /// From now on the edges from `v` are waiting.

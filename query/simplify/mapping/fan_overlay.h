@@ -58,9 +58,9 @@ class FanOverlay {
     const Star* star_ = nullptr;
     std::size_t count_ = 0;
     Double3 up_{};
-    double widest_ = 0;   ///< distance of a corner from the middle, seen from above
-    double highest_ = 0;  ///< height of a corner over the middle or below
-    double rounding_ = 0; ///< of heights, at most
+    double widest_ = 0;    ///< distance of a corner from the middle, seen from above
+    double highest_ = 0;   ///< height of a corner over the middle or below
+    double rounding_ = 0;  ///< of heights, at most
     std::array<Seen, kMostCorners> seen_;
     /// Whether the middle may lie to the left, or to the right, of new spoke j.
     std::array<bool, kMostCorners> left_;

@@ -125,8 +125,8 @@ class PatchMapper {
         star_.corners = n;
         star_.missing = FanOverlay::kNone;
         if (!ring_.is_closed) {
-            const unsigned common = faces & faces_of(ring_.vertices.front()) &
-                                    faces_of(ring_.vertices.back());
+            const unsigned common =
+                faces & faces_of(ring_.vertices.front()) & faces_of(ring_.vertices.back());
             if (std::popcount(common) != 1) {
                 return false;
             }
