@@ -283,7 +283,7 @@ MappedPatch require_within(const Patch& patch, double limit) {
         most = std::max(most, bound);
     }
     REQUIRE(sampled_distance(patch.positions, patch.triangles, m.triangles, kSteps) <=
-            most * (1 + 1e-9));
+            most * (1 + 1e-9) + 1e-12);
     const TriangleTree full(patch.positions, patch.triangles);
     for (std::size_t i = 0; i < m.triangles.size(); ++i) {
         const double bound = m.displacements[i].bound() * (1 + 1e-9) + 1e-12;
