@@ -283,10 +283,10 @@ MappedPatch require_within(const Patch& patch, double limit) {
         most = std::max(most, bound);
     }
     REQUIRE(sampled_distance(patch.positions, patch.triangles, m.triangles, kSteps) <=
-            most * (1 + 1e-9) + 1e-12);
+            most * (1 + 1e-9) + 1e-9);
     const TriangleTree full(patch.positions, patch.triangles);
     for (std::size_t i = 0; i < m.triangles.size(); ++i) {
-        const double bound = m.displacements[i].bound() * (1 + 1e-9) + 1e-12;
+        const double bound = m.displacements[i].bound() * (1 + 1e-9) + 1e-9;
         for_samples(patch.at(m.triangles[i]), kSteps, [&](const Double3& p) {
             REQUIRE(full.nearest(p, 1e300).square_distance <= bound * bound);
         });

@@ -14,6 +14,8 @@ namespace {
 constexpr std::uint32_t kNone = CornerMesh::kNone;
 /// Cosine of the angle between normals from which on an edge is a fold: 72 degrees.
 constexpr float kFold = 0.309F;
+/// A triangle is thin if its height is less than this part of its longest edge: 5 degrees, nearly.
+constexpr float kThin = 0.087F;
 
 /// An edge comes no sooner than if the quadrics estimated this part of the bound that its collapse
 /// leaves. So bounds grow everywhere alike, and heights of both signs make up for each other: 8 to
@@ -115,7 +117,7 @@ class PatchMapper {
         place_ = static_cast<std::size_t>(at - ring_.vertices.begin());
         const unsigned faces = faces_of(from);
         return (faces & ~faces_of(to)) == 0 && mesh_.keeps_topology(ring_, place_, locked_) &&
-               look(faces) && has_no_new_fold() &&
+               look(faces) && has_no_new_needle() && has_no_new_fold() &&
                overlay_.displaced({before_.data(), star_.corners}, limit_, after_);
     }
 
@@ -141,6 +143,34 @@ class PatchMapper {
             before_[i] = half_[i] != kNone ? &patch_.displacements[half_[i] / 3] : nullptr;
         }
         return overlay_.look_at(star_);
+    }
+
+    /// Twice the area over the square of the longest edge: the sine of the smallest angle, nearly.
+    static float thickness(const Double3& a, const Double3& b, const Double3& c) {
+        const Double3 ab = minus(b, a);
+        const Double3 ac = minus(c, a);
+        const double longest = std::max({square(ab), square(ac), square(minus(c, b))});
+        return longest > 0 ? static_cast<float>(length(cross(ab, ac)) / longest) : 0;
+    }
+
+    /// Whether no triangle is thin that is thinner than those before.
+    [[nodiscard]] bool has_no_new_needle() const {
+        const std::size_t n = star_.corners;
+        const auto& p = star_.ring;
+        float after = 1;
+        for (std::size_t j = 1; j + 1 < n; ++j) {
+            after = std::min(after, thickness(p[0], p[j], p[j + 1]));
+        }
+        if (after >= kThin) {
+            return true;
+        }
+        float before = 1;
+        for (std::size_t i = 0; i < n; ++i) {
+            if (half_[i] != kNone) {
+                before = std::min(before, thickness({0, 0, 0}, p[i], p[i + 1 < n ? i + 1 : 0]));
+            }
+        }
+        return after >= before;
     }
 
     /// Makes the normals of the new triangles.
