@@ -19,8 +19,8 @@
 #include <string>
 
 #include "store/base/workers.h"
-#include "tools/bench/ply_mesh.h"
-#include "tools/bench/ply_write.h"
+#include "tools/bench/meshes/ply_mesh.h"
+#include "tools/bench/meshes/ply_write.h"
 
 using namespace isonest;
 using namespace isonest::detail;
