@@ -32,6 +32,8 @@ constexpr std::array kRefused{
     Combination{Wish::hexahedra, Wish::isolines,
                 "hexahedral cells give no isolines of data in a plane; tetrahedra do"},
     Combination{Wish::triangles, Wish::isolines, "isolines have no triangles; ask for a distance"},
+    Combination{Wish::fast, Wish::isolines,
+                "isolines are simplified fast in any case, with the fewest lines"},
     Combination{Wish::simplified_error, Wish::isolines,
                 "isolines are not simplified within an error; ask for a distance"},
     Combination{Wish::nested_distance, Wish::isolines,
@@ -82,6 +84,9 @@ constexpr std::array kRefused{
                 "guarantees do"},
     Combination{Wish::analysis, Wish::no_distance,
                 "an analysis is kept for a distance or a number of triangles; ask for one"},
+    Combination{Wish::analysis, Wish::fast,
+                "an analysis keeps the meshes of the best effort, and is for meshes that are asked "
+                "for again; ask for one of the two"},
     Combination{Wish::analysis, Wish::culling,
                 "an analysis is kept of a whole surface, not of what a viewer sees of it"},
 };
@@ -110,10 +115,14 @@ struct StopWishes {
     }
     void operator()(const FieldThreshold& /*stop*/) const { set(wishes, Wish::error); }
     void operator()(const ErrorBudget& /*stop*/) const { set(wishes, Wish::error); }
-    void operator()(const DistanceBound& /*stop*/) const { set(wishes, Wish::distance); }
-    void operator()(const TriangleBudget& /*stop*/) const {
+    void operator()(const DistanceBound& stop) const {
+        set(wishes, Wish::distance);
+        set(wishes, Wish::fast, stop.effort == Effort::fast);
+    }
+    void operator()(const TriangleBudget& stop) const {
         set(wishes, Wish::distance);
         set(wishes, Wish::triangles);
+        set(wishes, Wish::fast, stop.effort == Effort::fast);
     }
     void operator()(const NestedDistanceBound& /*stop*/) const {
         set(wishes, Wish::nested_distance);
@@ -173,6 +182,8 @@ const char* name_of(Wish wish) {
             return "neither a distance nor a number of triangles";
         case Wish::triangles:
             return "a number of triangles";
+        case Wish::fast:
+            return "the effort `fast`";
         case Wish::nested_distance:
             return "a distance without simplification";
         case Wish::simplified_error:

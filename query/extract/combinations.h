@@ -33,6 +33,7 @@ enum class Wish : std::uint8_t {
     distance,
     no_distance,
     triangles,
+    fast,
     nested_distance,
     simplified_error,
     // Stages, and what is kept.

@@ -196,12 +196,12 @@ struct DistanceOfStop {
     ExtractQuery& asked;
 
     void operator()(const DistanceBound& stop) const {
-        asked.stages.distance = {world_distance(store, stop), std::nullopt};
+        asked.stages.distance = {world_distance(store, stop), std::nullopt, stop.effort};
     }
     void operator()(const TriangleBudget& stop) const {
         asked.stages.distance = {stop.within ? world_distance(store, *stop.within)
                                              : diagonal_of(store.layout().header()),
-                                 stop.most};
+                                 stop.most, stop.effort};
     }
     void operator()(const NestedDistanceBound& stop) const {
         if (const double distance = world_distance(store, stop.bound); distance > 0) {

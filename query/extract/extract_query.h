@@ -19,6 +19,7 @@ enum class Product : std::uint8_t { surface, isolines, slice, contours, graph };
 struct DistanceChoice {
     double within = 0;                       ///< world units; 0 = not simplified
     std::optional<std::uint64_t> triangles;  ///< how many it may have
+    Effort effort = Effort::best;
 };
 
 /// What is done to the whole mesh, beside closing it (traversal.box.close).

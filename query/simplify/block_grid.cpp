@@ -19,7 +19,21 @@ Int3 cell_at(const Int3& node, std::int64_t cell) {
 BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
                      std::span<const ElementCorners> triangles, int thirds, std::uint32_t most,
                      const std::filesystem::path& folder, Progress& progress)
-    : lattice_(lattice), positions_(mesh.positions()), file_(folder) {
+    : BlockGrid(lattice, mesh.positions(), thirds, folder) {
+    std::uint64_t i = 0;
+    for (const ElementCorners& triangle : triangles) {
+        constexpr std::uint64_t kOften = 1U << 16U;
+        if (i++ % kOften == 0) {
+            progress.check();
+        }
+        count(triangle);
+    }
+    divide(most);
+}
+
+BlockGrid::BlockGrid(const WorldLattice& lattice, std::span<const std::array<float, 3>> positions,
+                     int thirds, const std::filesystem::path& folder)
+    : lattice_(lattice), positions_(positions), file_(folder) {
     const std::int64_t longest = std::max({lattice.nodes.x, lattice.nodes.y, lattice.nodes.z});
     // Twice as large as the volume: shifted by two thirds it still holds all.
     const auto whole = 2 * static_cast<std::int64_t>(
@@ -30,16 +44,10 @@ BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
     first_ = cell_at(shift_, kCell);
     cells_ = cell_at(lattice.nodes - Int3{1, 1, 1} + shift_, kCell) - first_ + Int3{1, 1, 1};
     file_.map(static_cast<std::uint64_t>(cells_.product()) * sizeof(std::uint32_t));
-    const auto cells = file_.as<std::uint32_t>();
-    std::uint64_t i = 0;
-    for (const ElementCorners& triangle : triangles) {
-        constexpr std::uint64_t kOften = 1U << 16U;
-        if (i++ % kOften == 0) {
-            progress.check();
-        }
-        ++cells[cell_of(triangle)];
-    }
-    divide({0, 0, 0}, size_, most);
+}
+
+void BlockGrid::count(const ElementCorners& triangle) {
+    ++file_.as<std::uint32_t>()[cell_of(triangle)];
 }
 
 std::size_t BlockGrid::cell_of(const ElementCorners& triangle) const {

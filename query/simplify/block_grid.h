@@ -33,6 +33,12 @@ class BlockGrid {
     BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
               std::span<const ElementCorners> triangles, int thirds, std::uint32_t most,
               const std::filesystem::path& folder, Progress& progress);
+    /// For triangles that are then counted one by one, and divided into blocks at last. `positions`
+    /// have to stay.
+    BlockGrid(const WorldLattice& lattice, std::span<const std::array<float, 3>> positions,
+              int thirds, const std::filesystem::path& folder);
+    void count(const ElementCorners& triangle);
+    void divide(std::uint32_t most) { divide({0, 0, 0}, size_, most); }
 
     [[nodiscard]] std::uint32_t blocks() const { return blocks_; }
     /// The block that a triangle's centroid lies in.

@@ -16,18 +16,24 @@
 namespace isonest::detail {
 
 /// How many triangles of the mesh have each vertex, in a temporary file. Thread-safety: constant
-/// once it is made.
+/// once all are counted.
 class Valences {
   public:
-    Valences(std::uint64_t vertices, std::span<const Sorted> triangles,
-             const std::filesystem::path& folder)
-        : file_(folder) {
+    Valences(std::uint64_t vertices, const std::filesystem::path& folder) : file_(folder) {
         file_.map(vertices * sizeof(std::uint32_t));
-        const auto count = file_.as<std::uint32_t>();
-        for (const Sorted& t : triangles) {
-            for (const std::uint64_t v : t.corners) {
-                ++count[v];
-            }
+    }
+    /// Of `triangles`, which have `corners`.
+    template <class T>
+    Valences(std::uint64_t vertices, std::span<const T> triangles,
+             const std::filesystem::path& folder)
+        : Valences(vertices, folder) {
+        for (const T& t : triangles) {
+            count(t.corners);
+        }
+    }
+    void count(const ElementCorners& triangle) {
+        for (const std::uint64_t v : triangle) {
+            ++file_.as<std::uint32_t>()[v];
         }
     }
     [[nodiscard]] std::uint32_t of(std::uint64_t vertex) const {

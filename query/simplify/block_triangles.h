@@ -18,50 +18,57 @@ struct Sorted {
     std::uint32_t mark = 0;
 };
 
-/// A sequence of triangles that grows, and then is sorted by blocks. Not thread-safe; constant once
-/// it is sorted.
-class BlockTriangles {
+/// A sequence of things with a `block` that grows, and then is sorted by blocks. Not thread-safe;
+/// constant once it is sorted.
+template <class T>
+class SortedByBlocks {
   public:
-    explicit BlockTriangles(const std::filesystem::path& folder)
+    explicit SortedByBlocks(const std::filesystem::path& folder)
         : file_(folder), sorted_(folder), begin_(folder) {}
 
-    void append(const Sorted& triangle) { file_.append(triangle); }
-    void append(std::span<const Sorted> triangles) {
-        for (const Sorted& t : triangles) {
-            append(t);
+    void append(const T& item) { file_.append(item); }
+    void append(std::span<const T> items) {
+        for (const T& item : items) {
+            append(item);
         }
+    }
+    /// What was appended, to be given blocks; nothing may be appended any more.
+    [[nodiscard]] std::span<T> unsorted() {
+        file_.seal();
+        return file_.all();
     }
     /// Sorts what was appended; those of a block stay in their order.
     void sort(std::uint32_t blocks) {
         file_.seal();
         sorted_.map(file_.bytes());
         begin_.map((std::uint64_t{blocks} + 2) * sizeof(std::uint64_t));
-        const auto to = sorted_.as<Sorted>();
+        const auto to = sorted_.as<T>();
         const auto begin = begin_.as<std::uint64_t>();
-        for (const Sorted& t : file_.all()) {
+        for (const T& t : file_.all()) {
             ++begin[t.block + 2];
         }
         for (std::size_t i = 2; i < begin.size(); ++i) {
             begin[i] += begin[i - 1];
         }
-        for (const Sorted& t : file_.all()) {
+        for (const T& t : file_.all()) {
             to[begin[t.block + 1]++] = t;
         }
     }
-    [[nodiscard]] std::span<const Sorted> of(std::uint32_t block) const {
+    [[nodiscard]] std::span<const T> of(std::uint32_t block) const {
         const auto begin = begin_.as<const std::uint64_t>();
         return all().subspan(begin[block], begin[block + 1] - begin[block]);
     }
-    [[nodiscard]] std::span<const Sorted> all() const {
-        return {sorted_.as<Sorted>().data(), static_cast<std::size_t>(file_.size())};
+    [[nodiscard]] std::span<const T> all() const {
+        return {sorted_.as<T>().data(), static_cast<std::size_t>(file_.size())};
     }
     [[nodiscard]] std::uint64_t count() const { return file_.size(); }
     [[nodiscard]] std::uint64_t bytes() const { return 2 * file_.bytes(); }
 
   private:
-    GrowingFile<Sorted> file_;
+    GrowingFile<T> file_;
     ScratchFile sorted_;
     ScratchFile begin_;
 };
+using BlockTriangles = SortedByBlocks<Sorted>;
 
 }  // namespace isonest::detail

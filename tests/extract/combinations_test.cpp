@@ -90,6 +90,13 @@ TEST_CASE("a query wishes what its members say") {
     CHECK(wishes(query, Wish::triangles));
     CHECK(wishes(query, Wish::distance));
     CHECK_FALSE(wishes(query, Wish::no_distance));
+    CHECK_FALSE(wishes(query, Wish::fast));
+    for (const SurfaceStop& stop : {SurfaceStop(TriangleBudget{5, {}, Effort::fast}),
+                                    SurfaceStop(DistanceBound{5, false, Effort::fast})}) {
+        query.stop = stop;
+        CHECK(wishes(query, Wish::fast));
+        CHECK(wishes(query, Wish::distance));
+    }
     query.stages.components = ComponentChoice{.least_volume = 1};
     CHECK(wishes(query, Wish::components));
     CHECK(wishes(query, Wish::least_volume));
@@ -105,7 +112,7 @@ TEST_CASE("a query wishes what its members say") {
 
 TEST_CASE("a label's surface is asked for as another, without what labels have not") {
     SurfaceQuery query;
-    query.stop = DistanceBound{2, true};
+    query.stop = DistanceBound{2, true, Effort::fast};
     query.box = WorldBox{{0, 0, 0}, {1, 1, 1}};
     query.stages.close = Outside::below;
     query.attributes.normals = true;
@@ -115,6 +122,7 @@ TEST_CASE("a label's surface is asked for as another, without what labels have n
     const LabelQuery label = label_query(query, {3});
     CHECK(label.label.id == 3);
     CHECK(std::get<DistanceBound>(label.stop.value()).voxels);
+    CHECK(std::get<DistanceBound>(label.stop.value()).effort == Effort::fast);
     CHECK(label.box);
     CHECK(label.stages.close);
     CHECK(label.attributes.normals);

@@ -151,9 +151,9 @@ def test_a_choice_that_there_is_not_is_refused_with_those_that_there_are(tmp_pat
     isonest.preprocess(noise, tmp_path / "x")
     store = isonest.open(tmp_path / "x")
     hints = typing.get_type_hints(Store.isosurface)
-    for name in ("guarantee", "vertices", "cells", "close", "by", "components"):
+    for name in ("guarantee", "vertices", "cells", "close", "by", "components", "effort"):
         with pytest.raises(ValueError) as caught:
-            store.isosurface(0.3, **{name: "none of them", **({"triangles": 9} if name == "by" else {})})
+            store.isosurface(0.3, **{name: "none of them", **({"triangles": 9} if name in ("by", "effort") else {})})
         assert all(repr(choice) in str(caught.value) for choice in literals(hints[name])), name
 
 

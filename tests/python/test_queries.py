@@ -109,6 +109,18 @@ def test_a_distance_without_simplification_is_the_nested_grids(tmp_path):
     assert abs(np.linalg.norm(nested.vertices - 16, axis=1) - 12.3).max() < 0.03
 
 
+def test_less_effort_keeps_the_distance_with_more_triangles(tmp_path):
+    isonest.preprocess(ball((33, 33, 33), 12.3), tmp_path / "x")
+    store = isonest.open(tmp_path / "x")
+    full, best = store.isosurface(0.0), store.isosurface(0.0, distance="0.5voxel")
+    np.testing.assert_array_equal(store.isosurface(0.0, distance="0.5voxel", effort="best").faces, best.faces)
+    fast = store.isosurface(0.0, distance="0.5voxel", effort="fast")
+    assert len(best.faces) < len(fast.faces) < len(full.faces) / 4
+    assert 0 < fast.report.distance_bound <= 0.5
+    few = store.isosurface(0.0, triangles=500, effort="fast")
+    assert 400 < len(few.faces) <= 500 and few.report.within_budget
+
+
 def test_a_kept_analysis_is_made_once(tmp_path):
     isonest.preprocess(ball((33, 33, 33), 12.3), tmp_path / "x")
     store = isonest.open(tmp_path / "x")
@@ -183,7 +195,10 @@ def test_arguments_that_do_not_go_together(store):
              dict(stop="linf_bar", threshold=0.1, threshold_relative=0.1), dict(stop="values"),
              dict(distance=1, stop="linf_bar"), dict(distance=1, error_relative=0.1), dict(distance=1, simplify=True), dict(triangles=9, simplify=True), dict(by="error"),
              dict(triangles=9, by="size"), dict(triangles=9, distance=1, by="error"), dict(no_simplify=True),
-             dict(triangles=9, no_simplify=True), dict(keep_analysis=True), dict(stop="linf_bar", simplify=True),
+             dict(triangles=9, no_simplify=True), dict(effort="fast"), dict(effort="best"), dict(distance=1, effort=""),
+             dict(triangles=9, by="error", effort="fast"), dict(distance=1, no_simplify=True, effort="fast"),
+             dict(distance=1, keep_analysis=True, effort="fast"), dict(keep_analysis=True),
+             dict(stop="linf_bar", simplify=True),
              dict(distance=1, no_simplify=True, keep_analysis=True), dict(falloff=1), dict(cull_by="normal_turn_plus"),
              dict(components=0), dict(components="most"), dict(components=-1), dict(min_component=-1),
              dict(vertices="moved"), dict(focus=(1, 2)), dict(distance=1, focus=(1, 2, 3)),

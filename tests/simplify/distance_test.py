@@ -111,8 +111,9 @@ def check(folder, name, u, iso, options, distances):
     before = topology(*read_ply(full))
     before_options = None
     largest = float(np.abs(read_ply(full)[0]).max(initial=0))
-    # Without an analysis, from one that is made, and from one that is there.
-    for d, kept in ((d, kept) for d in distances for kept in ((), ("--keep-analysis",), ("--keep-analysis",))):
+    # Without an analysis, from one that is made, and from one that is there; by mappings alone.
+    for d, kept in ((d, kept) for d in distances for kept in ((), ("--keep-analysis",), ("--keep-analysis",),
+                                                              ("--effort", "fast"))):
         what = f"{name}, distance {d} {' '.join(kept)}"
         made = mesh.read_bytes() if kept and before_options == (d, kept) else None
         before_options = (d, kept)
@@ -187,6 +188,109 @@ def same_bytes(folder):
             require(done.returncode == 0, done.stderr)
             meshes[chunk, options] = mesh.read_bytes()
     require(len(set(meshes.values())) == 1, "threads, memory or chunks change the bytes")
+    require(run("extract", store, "--iso", 0.7, "--distance", "0.4voxel", "-o", mesh, "-q", "--effort",
+                "best").returncode == 0, "--effort best")
+    require(mesh.read_bytes() in meshes.values(), "--effort best is not what is made without it")
+
+
+def waves(nodes, scale):
+    z, y, x = (np.arange(n) / scale for n in nodes)
+    z, y, x = z[:, None, None], y[None, :, None], x[None, None, :]
+    return np.sin(x) * np.cos(y) + np.sin(y) * np.cos(z) + np.sin(z) * np.cos(x)
+
+
+def fast_bytes(folder):
+    """More triangles than a block has; mapped by any threads, memory and chunks."""
+    u = waves((41, 45, 47), 3)
+    for stop in (("--distance", "0.3voxel"), ("--triangles", 4000)):
+        meshes = {}
+        for chunk in (16, 64):
+            store = store_of(folder, f"w{chunk}", u, "--chunk", chunk)
+            for options in (("--threads", 1), ("--threads", 2), ("--threads", 7), ("--threads", 7, "--memory", "80M")):
+                mesh = folder / "m.ply"
+                done = run("extract", store, "--iso", 0.2, *stop, "--effort", "fast", "-o", mesh, "--json", *options)
+                require(done.returncode == 0, done.stderr)
+                meshes[chunk, options] = mesh.read_bytes()
+        require(json.loads(done.stdout)["full_triangles"] > 3 * 16384, "fewer than three blocks")
+        require(len(set(meshes.values())) == 1, f"{stop}: threads, memory or chunks change the bytes of mappings")
+
+
+def check_fast(what, full, mesh, done, most):
+    """Of a surface of some size, by mappings alone: the promise, the topology, folds and fewer triangles."""
+    require(done.returncode == 0, f"{what}: {done.stderr}")
+    if done.returncode:
+        return
+    report = json.loads(done.stdout)
+    before, after = measure("quality", full), measure("quality", mesh)
+    require(0 < report["distance_bound"] <= most, f"{what}: bound {report['distance_bound']}")
+    found = farthest(full, mesh, report["distance_bound"] + 1e-5, most / 100)
+    require(found <= report["distance_bound"] + 1e-5, f"{what}: {found} away")
+    require(after["triangles"] < before["triangles"] / 3, f"{what}: {after['triangles']} triangles")
+    require(topology(*read_ply(full)) == topology(*read_ply(mesh)), f"{what}: another topology")
+    for name in ("nonmanifold_edges", "turned_edges", "euler", "components", "fan_vertices"):
+        require(before[name] == after[name], f"{what}: {name} {before[name]} -> {after[name]}")
+    require(after["folds_150"] <= 2 * before["folds_150"], f"{what}: {after['folds_150']} folds")
+
+
+def fast(folder):
+    full, mesh = folder / "full.ply", folder / "mesh.ply"
+    u = waves((33, 30, 36), 3.3)
+    u[14:18, 9:13, 20:25] = np.nan
+    store = store_of(folder, "waves", u, "--spacing", "1,1.5,2")
+
+    def both(store, options, stop, full=full, mesh=mesh):
+        assert run("extract", store, *options, "-o", full, "-q").returncode == 0
+        return run("extract", store, *options, *stop, "--effort", "fast", "-o", mesh, "--json")
+
+    for options in ((), ("--box", "5,5,5,40.5,30,40"), ("--close",), ("--close", "above"), ("--components", "largest"),
+                    ("--close", "--components", "largest", "--box", "5,5,5,40.5,30,40")):
+        for d in (0.4, 1):
+            done = both(store, ("--iso", 0.4, *options), ("--distance", d))
+            check_fast(f"waves {' '.join(options)}, {d}", full, mesh, done, d)
+    ids = np.digitize(waves((33, 30, 36), 3.3), (-0.4, 0.4)).astype("u1")
+    np.save(folder / "ids.npy", ids)
+    labels = folder / "labels.isonest"
+    assert run("preprocess", folder / "ids.npy", "-o", labels, "--labels", "-q").returncode == 0
+    for options in ((), ("--close",)):
+        check_fast(f"a label {' '.join(options)}", full, mesh,
+                   both(labels, ("--label", 2, *options), ("--distance", "0.7voxel")), 0.7)
+    one = mesh.read_bytes()
+    assert run("extract", labels, "--labels", "1,2", "--close", "--distance", "0.7voxel", "--effort", "fast", "-o",
+               folder / "all", "-q").returncode == 0
+    require((folder / "all" / "2.ply").read_bytes() == one, "labels together are not those alone")
+    # Several isovalues, each as it is alone.
+    assert run("extract", store, "--iso", "0.1,0.4", "--distance", 0.5, "--effort", "fast", "-o",
+               folder / "m_{iso}.ply", "-q").returncode == 0
+    assert run("extract", store, "--iso", 0.4, "--distance", 0.5, "--effort", "fast", "-o", mesh, "-q").returncode == 0
+    require((folder / "m_0.4.ply").read_bytes() == mesh.read_bytes(), "isovalues together are not those alone")
+    fast_budgets(store, both, full, mesh)
+    for options in ((), ("--triangles", 900, "--by", "error"), ("--distance", 1, "--no-simplify"),
+                    ("--distance", 1, "--keep-analysis"), ("--error", 0.1, "--simplify")):
+        done = run("extract", store, "--iso", 0.4, *options, "--effort", "fast", "-o", mesh, "-q")
+        require(done.returncode == 2 and "effort" in done.stderr, f"--effort with {options}: {done}")
+    done = run("extract", store, "--iso", 0.4, "--effort", "best", "-o", mesh, "-q")
+    require(done.returncode == 2 and "--effort" in done.stderr, f"--effort best alone: {done}")
+    done = run("extract", store, "--iso", 0.4, "--distance", 1, "--effort", "slow", "-o", mesh, "-q")
+    require(done.returncode == 2 and "fast or best" in done.stderr, f"--effort slow: {done}")
+    flat = store_of(folder, "plane", u[:1])
+    done = run("extract", flat, "--iso", 0.1, "--distance", 1, "--effort", "fast", "-o", folder / "l.obj", "-q")
+    require(done.returncode == 2 and "isolines" in done.stderr, f"isolines with --effort: {done}")
+
+
+def fast_budgets(store, both, full, mesh):
+    for n in (5000, 2500, 1200):
+        done = both(store, ("--iso", 0.4), ("--triangles", n))
+        report = json.loads(done.stdout)
+        check_fast(f"{n} triangles", full, mesh, done, report["distance"])
+        require(0.8 * n < report["triangles"] <= n and report["within_budget"], f"{n} triangles: {report}")
+    few = report["triangles"]
+    report = json.loads(both(store, ("--iso", 0.4), ("--triangles", few, "--distance", 0.2)).stdout)
+    require(report["triangles"] > few and not report["within_budget"] and report["distance_bound"] <= 0.2,
+            f"a distance before {few} triangles: {report}")
+    report = json.loads(both(store, ("--iso", 0.4), ("--triangles", 10**7)).stdout)
+    require(mesh.read_bytes() == full.read_bytes() and report["within_budget"], "enough triangles for all")
+    done = both(store, ("--iso", 0.4), ("--triangles", 4))
+    require(done.returncode == 7 and "its parts and holes stay" in done.stderr, f"4 triangles: {done}")
 
 
 def arguments(folder):
@@ -242,5 +346,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-distance-") as name:
         check(pathlib.Path(name), *volume)
         check_nested(pathlib.Path(name), *volume)
     same_bytes(pathlib.Path(name))
+    fast_bytes(pathlib.Path(name))
+    fast(pathlib.Path(name))
 
 sys.exit(1 if failures else 0)

@@ -1,4 +1,5 @@
-// The stage that simplifies a surface within a distance, or to a number of triangles.
+// The stage that simplifies a surface within a distance, or to a number of triangles, with the
+// effort `best`.
 #pragma once
 
 #include "query/extract/stages/stage.h"

@@ -7,24 +7,36 @@
 #include "query/extract/stages/distance_stage.h"
 #include "query/extract/stages/error_stage.h"
 #include "query/extract/stages/line_stage.h"
+#include "query/extract/stages/mapping_stage.h"
 #include "query/extract/stages/mend_stage.h"
 
 namespace isonest::detail {
+namespace {
+
+/// REQUIRES: stages.simplifies().
+std::unique_ptr<Stage> simplification(const StageSetting& setting) {
+    if (setting.query.corners() == 2) {
+        return std::make_unique<LineStage>(setting);
+    }
+    if (setting.query.stages.distance->effort == Effort::fast) {
+        return std::make_unique<MappingStage>(setting);
+    }
+    return std::make_unique<DistanceStage>(setting);
+}
+
+}  // namespace
 
 StageRow::StageRow(const StageSetting& setting)
     : threads_(Workers::count_of(setting.options.threads)) {
     const StageChoice& asked = setting.query.stages;
-    const bool has_triangles = setting.query.corners() == 3;
-    if (has_triangles) {
+    if (setting.query.corners() == 3) {
         stages_.push_back(std::make_unique<MendStage>(setting));
     }
     if (asked.components) {
         stages_.push_back(std::make_unique<ComponentStage>(setting));
     }
-    if (asked.simplifies() && has_triangles) {
-        stages_.push_back(std::make_unique<DistanceStage>(setting));
-    } else if (asked.simplifies()) {
-        stages_.push_back(std::make_unique<LineStage>(setting));
+    if (asked.simplifies()) {
+        stages_.push_back(simplification(setting));
     }
     if (asked.error) {
         stages_.push_back(std::make_unique<ErrorStage>(setting));

@@ -33,6 +33,12 @@ struct FieldThreshold {
 /// The stop test of a traversal.
 using StopTest = std::variant<ErrorBound, FieldThreshold>;
 
+/// How much time is spent on leaving few triangles; what is promised is the same.
+enum class Effort : std::uint8_t {
+    fast,  ///< by a proof that looks at no other part of the surface; more triangles
+    best   ///< the fewest triangles that are found
+};
+
 /// How far the mesh of a surface may be from the surface at full resolution, anywhere and in both
 /// directions (their Hausdorff distance); the triangles or lines are as few as are found within
 /// that.
@@ -40,6 +46,7 @@ struct DistanceBound {
     double value = 0;     ///< >= 0; 0 = full resolution
     bool voxels = false;  ///< value is in distances of neighbouring nodes (along the axis where
                           ///< they are nearest), not in world units
+    Effort effort = Effort::best;  ///< for triangles; isolines have the best one alone
 };
 
 /// The smallest distance that is found at which a surface has so few triangles.
@@ -47,6 +54,7 @@ struct TriangleBudget {
     std::uint64_t most = 0;  ///< > 0
     /// If a mesh within this distance has more triangles, it is the result.
     std::optional<DistanceBound> within = {};
+    Effort effort = Effort::best;  ///< that of `within` says nothing
 };
 
 /// The surface at full resolution, simplified.
@@ -57,7 +65,7 @@ using DistanceStop = std::variant<DistanceBound, TriangleBudget>;
 /// within the leaf. Elements that the box or the volume's border cuts, and those of more than 32
 /// cells along an edge, go on.
 struct NestedDistanceBound {
-    DistanceBound bound;
+    DistanceBound bound;  ///< its effort says nothing
 };
 
 /// The same error, kept by fewer triangles: those that the nested grid has within a part of it are

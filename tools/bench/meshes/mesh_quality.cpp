@@ -10,7 +10,8 @@
 // fan_vertices (of more than one fan: triangles around the vertex that no chain of shared edges
 // connects); components (of triangles that share vertices) and the smallest one's triangles; euler
 // (vertices - edges + triangles). Angles in degrees: quantiles over the triangles of their smallest
-// angle, and the share of triangles in which it is under 5.
+// angle, and the share of triangles in which it is under 5. folds_72, folds_150: edges of two
+// triangles whose normals are so many degrees apart or more, and in which neither has no area.
 // --min-component drops the components of fewer than N triangles first.
 #include <algorithm>
 #include <numbers>
@@ -42,6 +43,8 @@ struct Edges {
     std::size_t boundary = 0;
     std::size_t inside = 0;  ///< of the boundary, those that lie in no face of the box
     std::size_t fan_vertices = 0;
+    std::size_t folds_72 = 0;
+    std::size_t folds_150 = 0;
 };
 
 /// An edge of a triangle: its ends, the smaller one first, and the corner (3 * triangle + 0 .. 2)
@@ -53,6 +56,16 @@ struct Side {
         return std::pair(ends, corner) < std::pair(other.ends, other.corner);
     }
 };
+
+/// Degrees; 0 if a triangle has no area.
+double angle_of_normals(const Mesh& mesh, std::size_t a, std::size_t b) {
+    const auto normal = [&](std::size_t i) {
+        const Triangle& t = mesh.triangles[i];
+        return cross(mesh.points[t[1]] - mesh.points[t[0]], mesh.points[t[2]] - mesh.points[t[0]]);
+    };
+    return std::atan2(length(cross(normal(a), normal(b))), dot(normal(a), normal(b))) * 180 /
+           std::numbers::pi;
+}
 
 bool in_a_face(const Point& a, const Point& b, std::span<const double> box) {
     const double near = 1e-6 * length(Point{box[3] - box[0], box[4] - box[1], box[5] - box[2]});
@@ -100,6 +113,12 @@ Edges edges_of(const Mesh& mesh, std::span<const double> box) {
         found.nonmanifold += count > 2 ? 1 : 0;
         found.turned += count == 2 && start(sides[first]) == start(sides[first + 1]) ? 1 : 0;
         found.boundary += count == 1 ? 1 : 0;
+        if (count == 2) {
+            const double angle =
+                angle_of_normals(mesh, sides[first].corner / 3, sides[first + 1].corner / 3);
+            found.folds_72 += angle >= 72 ? 1 : 0;
+            found.folds_150 += angle >= 150 ? 1 : 0;
+        }
         if (count == 1 && !box.empty() &&
             !in_a_face(mesh.points[sides[first].ends >> 32U],
                        mesh.points[sides[first].ends & 0xffffffffU], box)) {
@@ -170,6 +189,7 @@ void print(const Mesh& mesh, std::span<const double> box) {
     std::printf(
         "\"angle_min\": %.6g, \"angle_0.1%%\": %.6g, \"angle_1%%\": %.6g, \"angle_50%%\": %.6g, ",
         quantile(0), quantile(0.001), quantile(0.01), quantile(0.5));
+    std::printf("\"folds_72\": %zu, \"folds_150\": %zu, ", edges.folds_72, edges.folds_150);
     std::printf(
         "\"share_under_5\": %.6g}\n",
         angles.empty() ? 0 : static_cast<double>(sharp) / static_cast<double>(angles.size()));

@@ -120,6 +120,7 @@ SurfaceQuery surface_query(const Arguments& arguments, const Store* values) {
         }
         query.stop = SimplifiedErrorBound{a.error};
     }
+    arguments.distance.require_sense();
     query.stop = arguments.distance.stop().value_or(query.stop);
     query.stages = {arguments.close, arguments.components};
     if (arguments.distance.analysis && !arguments.distance.stop()) {

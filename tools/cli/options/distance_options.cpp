@@ -36,17 +36,28 @@ void DistanceArguments::resolve(const Store& store) {
     }
 }
 
+void DistanceArguments::require_sense() const {
+    if (effort && (by_error || nested || (!distance && triangles == 0))) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--effort goes with --distance or --triangles, without --by error and "
+                    "--no-simplify");
+    }
+}
+
 std::optional<SurfaceStop> DistanceArguments::stop() const {
     if (by_error) {
         return ErrorBudget{.most = triangles, .simplified = simplify};
     }
     if (triangles > 0) {
-        return TriangleBudget{triangles, distance};
+        return TriangleBudget{triangles, distance, effort.value_or(Effort::best)};
     }
     if (distance && nested) {
         return NestedDistanceBound{*distance};
     }
-    return distance ? std::optional<SurfaceStop>(*distance) : std::nullopt;
+    if (distance) {
+        return DistanceBound{distance->value, distance->voxels, effort.value_or(Effort::best)};
+    }
+    return std::nullopt;
 }
 
 void add_distance_options(CLI::App* c, DistanceArguments& a,
@@ -110,7 +121,20 @@ void add_distance_options(CLI::App* c, DistanceArguments& a,
     CLI::Option* const nested = c->add_flag(
         "--no-simplify", a.nested, "within the distance, but with the nested grid's own triangles");
     nested->needs(distance)->excludes(triangles)->excludes(keep);
+    CLI::Option* const effort = add_parsed(
+        c, "--effort",
+        [&a](const std::string& text) {
+            if (text != "fast" && text != "best") {
+                throw Error(ErrorKind::invalid_argument,
+                            fmt::format("--effort '{}': give fast or best", text));
+            }
+            a.effort = text == "fast" ? Effort::fast : Effort::best;
+        },
+        "with --distance or --triangles: the fewest triangles [best], or\n"
+        "more of them in less time; the distance holds for both",
+        "fast|best");
     for (const std::string& other : others) {
+        effort->excludes(c->get_option(other));
         keep->excludes(c->get_option(other));
         distance->excludes(c->get_option(other));
         triangles->excludes(c->get_option(other));

@@ -21,6 +21,10 @@ struct DistanceArguments {
     std::optional<KeptAnalysis> analysis;
     bool by_error = false;  ///< the error is what the number of triangles makes small
     bool simplify = false;  ///< within the error
+    std::optional<Effort> effort;
+
+    /// Throws Error{invalid_argument} if there is an effort with nothing that takes one.
+    void require_sense() const;
 
     /// The distance in the store's unit. Throws Error{invalid_argument} where that is not known but
     /// the distance was given in one.

@@ -10,7 +10,7 @@ from . import _core, _queries
 from ._arguments import Box, Bytes, Point, Progress, in_own_unit, reporting
 from ._frame import Frame
 from ._mesh import Mesh
-from ._queries import (By, Cells, Close, Components, Coordinates, Distance, Guarantee, Place, PlaneCells, Stop,
+from ._queries import (By, Cells, Close, Components, Coordinates, Distance, Effort, Guarantee, Place, PlaneCells, Stop,
                        SurfaceStop, Vertices, Viewpoint)
 
 _Path = Union[str, "os.PathLike[str]"]
@@ -30,7 +30,7 @@ class Extracting:
                    guarantee: Guarantee = "deviation", simplify: bool = False, stop: Optional[str] = None,
                    threshold: Optional[float] = None, threshold_relative: Optional[float] = None,
                    distance: Distance = None, triangles: Optional[int] = None, by: By = "distance",
-                   no_simplify: bool = False, keep_analysis: "bool | _Path" = False,
+                   effort: Optional[Effort] = None, no_simplify: bool = False, keep_analysis: "bool | _Path" = False,
                    focus: Union[None, Point, Box] = None, falloff: float = 0.0, camera: Optional[Point] = None,
                    pixels: float = 1.0, fov: float = 40.0, height: int = 1080, box: Optional[Box] = None,
                    bound: Optional[str] = None, view: Optional[Point] = None, cull_by: Optional[str] = None,
@@ -86,6 +86,8 @@ class Extracting:
         triangles: in place of an error, at most so many, at the smallest distance that is found; with a distance,
             whichever is reached first. by: "error" makes the error small in place of the distance, with triangles of
             the nested grid or, with ``simplify``, fewer.
+        effort: with a distance or a number of triangles, "best" (as None) leaves the fewest triangles; "fast" leaves
+            more in less time, within the same distance.
         no_simplify: within the distance, but with the nested grid's own triangles.
         keep_analysis: True keeps an analysis of the surface beside the store, or give a folder: made once, in several
             times the time; other distances and numbers of triangles then take little.
@@ -115,7 +117,8 @@ class Extracting:
             raise ValueError(f"gradient_direction={gradient_direction!r}: give 'descent' or 'ascent'")
         place = self._place(coordinates)
         query = _core.SurfaceQuery()
-        SurfaceStop(in_own_unit(distance, self._core), triangles, by, simplify, no_simplify, keep_analysis).apply(
+        within = in_own_unit(distance, self._core)
+        SurfaceStop(within, triangles, by, simplify, no_simplify, keep_analysis, effort).apply(
             query, Stop(error, error_relative, guarantee, stop, threshold, threshold_relative))
         Viewpoint(focus, falloff, camera, pixels, fov, height).apply(query, place)
         place.set_box(query, box)
@@ -143,7 +146,7 @@ class Extracting:
                 for level, parts in zip(levels, meshes)]
 
     def label_surface(self, label: int, *, distance: Distance = None, triangles: Optional[int] = None,
-                      box: Optional[Box] = None, normals: bool = False,
+                      effort: Optional[Effort] = None, box: Optional[Box] = None, normals: bool = False,
                       vertex_values: "Optional[Extracting]" = None, cells: Cells = "tet",
                       components: Components = None, min_component: int = 0, min_volume: float = 0.0,
                       close: Close = None, coordinates: Coordinates = "array", quality: bool = False,
@@ -155,15 +158,15 @@ class Extracting:
         where the label reaches the border of the volume.
         """
         place = self._place(coordinates)
-        query = self._label_query(place, distance, triangles, box, normals, vertex_values, cells, components,
+        query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
                                   min_component, min_volume, close)
         query.set_label(int(label))
         options = _queries.options(memory, threads, scratch, quality)
         return self._extract(query, options, progress, place, level=float(label))
 
     def label_surfaces(self, labels: "Optional[Sequence[int]]" = None, *, distance: Distance = None,
-                       triangles: Optional[int] = None, box: Optional[Box] = None, normals: bool = False,
-                       vertex_values: "Optional[Extracting]" = None, cells: Cells = "tet",
+                       triangles: Optional[int] = None, effort: Optional[Effort] = None, box: Optional[Box] = None,
+                       normals: bool = False, vertex_values: "Optional[Extracting]" = None, cells: Cells = "tet",
                        components: Components = None, min_component: int = 0, min_volume: float = 0.0,
                        close: Close = None, coordinates: Coordinates = "array", quality: bool = False,
                        memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
@@ -173,7 +176,7 @@ class Extracting:
         The arguments are those of :meth:`label_surface`.
         """
         place = self._place(coordinates)
-        query = self._label_query(place, distance, triangles, box, normals, vertex_values, cells, components,
+        query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
                                   min_component, min_volume, close)
         options = _queries.options(memory, threads, scratch, quality)
         ids = None if labels is None else [int(label) for label in labels]
@@ -253,11 +256,12 @@ class Extracting:
         place.require()
         return place
 
-    def _label_query(self, place: Place, distance: Distance, triangles: Optional[int], box: Optional[Box],
-                     normals: bool, vertex_values: Any, cells: str, components: Components, min_component: int,
-                     min_volume: float, close: Close) -> Any:
+    def _label_query(self, place: Place, distance: Distance, triangles: Optional[int], effort: Optional[str],
+                     box: Optional[Box], normals: bool, vertex_values: Any, cells: str, components: Components,
+                     min_component: int, min_volume: float, close: Close) -> Any:
         query = _core.SurfaceQuery()
-        SurfaceStop(in_own_unit(distance, self._core), triangles).apply(query, Stop(0.0, None, "deviation"))
+        SurfaceStop(in_own_unit(distance, self._core), triangles, effort=effort).apply(
+            query, Stop(0.0, None, "deviation"))
         place.set_box(query, box)
         _queries.set_attributes(query, normals=normals, vertex_values=vertex_values, vertex_error=None, cells=cells)
         _queries.set_components(query, components, min_component, min_volume)

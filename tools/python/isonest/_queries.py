@@ -19,6 +19,7 @@ Close = Union[None, bool, Literal["below", "above"]]
 """True is "below"."""
 Components = Union[None, int, Literal["largest", "all"]]
 By = Literal["distance", "error"]
+Effort = Literal["fast", "best"]
 Distance = Union[None, float, str]
 Coordinates = Literal["array", "world"]
 
@@ -66,6 +67,7 @@ class SurfaceStop(NamedTuple):
     simplify: bool = False
     no_simplify: bool = False
     keep_analysis: Union[bool, str, "os.PathLike[str]"] = False
+    effort: Optional[str] = None
 
     def apply(self, query: Any, stop: Stop) -> None:
         """To a surface's query."""
@@ -78,6 +80,8 @@ class SurfaceStop(NamedTuple):
         asked = self.distance is not None or self.triangles is not None
         if self.keep_analysis and (not asked or self.no_simplify):
             raise ValueError("keep_analysis= goes with distance= or triangles=, and without no_simplify=")
+        if self.effort is not None and (not asked or self.no_simplify or self.by == "error"):
+            raise ValueError("effort= goes with distance= or triangles=, without by='error' and no_simplify=")
         if not asked:
             self._apply_error(query, stop)
             return
@@ -104,11 +108,11 @@ class SurfaceStop(NamedTuple):
             raise ValueError("simplify= goes with an error; a distance is kept by fewer triangles without it")
         within, voxels = to_distance(self.distance) if self.distance is not None else (None, False)
         if self.triangles is not None:
-            query.set_triangles(int(self.triangles), within, voxels)
+            query.set_triangles(int(self.triangles), within, voxels, "best" if self.effort is None else self.effort)
         elif self.no_simplify:
             query.set_nested_distance(within, voxels)
         else:
-            query.set_distance(within, voxels)
+            query.set_distance(within, voxels, "best" if self.effort is None else self.effort)
 
 
 class Viewpoint(NamedTuple):

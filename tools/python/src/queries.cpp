@@ -40,6 +40,12 @@ Guarantee guarantee_of(const std::string& name) {
                                                           {"estimate", Guarantee::estimate}}});
 }
 
+Effort effort_of(const std::string& name) {
+    return choose("effort", name,
+                  std::array<std::pair<const char*, Effort>, 2>{
+                      {{"fast", Effort::fast}, {"best", Effort::best}}});
+}
+
 /// By the names of the program, or written out. `cubes`: what cells are that are not simplices.
 Cells cells_of(const std::string& name, const char* cubes, const char* cubes_in_full) {
     return choose(
@@ -143,10 +149,10 @@ void add_surface_stops(py::class_<AskedSurface>& type) {
             "value"_a, "relative"_a, "guarantee"_a)
         .def(
             "set_distance",
-            [](A& a, double value, bool voxels) {
-                a.query.stop = DistanceBound{value, voxels};
+            [](A& a, double value, bool voxels, const std::string& effort) {
+                a.query.stop = DistanceBound{value, voxels, effort_of(effort)};
             },
-            "value"_a, "voxels"_a)
+            "value"_a, "voxels"_a, "effort"_a)
         .def(
             "set_nested_distance",
             [](A& a, double value, bool voxels) {
@@ -155,14 +161,15 @@ void add_surface_stops(py::class_<AskedSurface>& type) {
             "value"_a, "voxels"_a)
         .def(
             "set_triangles",
-            [](A& a, std::uint64_t most, std::optional<double> within, bool voxels) {
-                TriangleBudget budget{most};
+            [](A& a, std::uint64_t most, std::optional<double> within, bool voxels,
+               const std::string& effort) {
+                TriangleBudget budget{most, {}, effort_of(effort)};
                 if (within) {
                     budget.within = DistanceBound{*within, voxels};
                 }
                 a.query.stop = budget;
             },
-            "most"_a, "within"_a, "voxels"_a)
+            "most"_a, "within"_a, "voxels"_a, "effort"_a)
         .def(
             "set_triangles_by_error",
             [](A& a, std::uint64_t most, bool simplified) {

@@ -1,0 +1,46 @@
+#include "query/extract/stages/mapping_stage.h"
+
+#include "query/extract/stages/distance_limits.h"
+#include "query/extract/stages/stage_memory.h"
+#include "query/simplify/mapping/map_mesh.h"
+
+namespace isonest::detail {
+namespace {
+
+/// The limit from which mappings go on until there are few enough triangles.
+double first_limit(const ExtractQuery& query) {
+    constexpr double kVoxels = 0.25;
+    return kVoxels * voxel_of(query);
+}
+
+}  // namespace
+
+int MappingStage::threads() const {
+    return threads_within(setting().store, setting().options, map_heap(),
+                          "simplification within a distance");
+}
+
+void MappingStage::run(StageMesh& mesh, ExtractReport& report) {
+    const auto& [store, query, options, scratch, progress] = setting();
+    const double limit = limit_of(store, query);
+    const std::optional<std::uint64_t>& most = query.stages.distance->triangles;
+    report.distance->full_triangles = mesh.vertices().layout().elements;
+    MeshMapper mapper(mesh.vertices(), world_lattice(store, query), world_box(query), scratch,
+                      progress);
+    const Mapped full = mapper.full(mesh.elements());
+    const Mapped result =
+        most ? mapper.down_to(full, *most, first_limit(query), limit) : mapper.within(full, limit);
+    if (most) {
+        report.within_budget = result.triangles <= *most;
+        report.distance->asked = result.limit + (result.limit > 0 ? most_moved(query) : 0);
+        if (!*report.within_budget && any_distance(store, query)) {
+            refuse_budget(store, result.triangles);
+        }
+    }
+    const auto corners = std::make_shared<ScratchFile>(mapper.corners(result));
+    mesh.choose({corners->as<ElementCorners>().data(), result.triangles}, corners);
+    report.distance->bound = result.bound + most_moved(query);
+    report.scratch_bytes += mapper.scratch_bytes();
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,243 @@
+#include "query/simplify/mapping/fan_overlay.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace isonest::detail {
+namespace {
+
+/// A triangle whose area is a smaller part of what its edges allow is seen from its side.
+constexpr double kLeastSine = 1e-6;
+/// Nearer to a spoke than that, as a sine, a point may lie on either side of it.
+constexpr double kUnclear = 1e-12;
+/// 64 times the rounding of double, for what sums of a few products lose.
+constexpr double kRounding = 1e-14;
+
+template <class P>
+double turn(const P& a, const P& b) {
+    return a.u * b.v - a.v * b.u;
+}
+
+/// Whether the turn from `a` to `b` is to the left, and not nearly straight on or back.
+template <class P>
+bool turns_left(const P& a, const P& b) {
+    const double area = turn(a, b);
+    return area > 0 && area * area > kLeastSine * kLeastSine * (a.u * a.u + a.v * a.v) *
+                                         (b.u * b.u + b.v * b.v);
+}
+
+}  // namespace
+
+/// Along the vector area of the ring, which is that of all that it borders.
+void FanOverlay::look_down() {
+    const auto& p = star_->ring;
+    up_ = {};
+    for (std::size_t i = 0; i < count_; ++i) {
+        const Double3 n = cross(p[i], p[i + 1 < count_ ? i + 1 : 0]);
+        up_ = {up_[0] + n[0], up_[1] + n[1], up_[2] + n[2]};
+    }
+    const bool is_border = star_->missing != kNone;
+    if (is_border) {
+        up_[star_->axis] = 0;
+    }
+    const double size = length(up_);
+    up_ = {up_[0] / size, up_[1] / size, up_[2] / size};
+    std::size_t flat = 0;
+    for (std::size_t a = 1; a < 3; ++a) {
+        flat = std::fabs(up_[a]) < std::fabs(up_[flat]) ? a : flat;
+    }
+    if (is_border) {
+        flat = star_->axis;
+    }
+    Double3 right{};
+    if (is_border) {
+        // Corners in the border's plane are seen at 0 exactly.
+        right[flat] = 1;
+    } else {
+        Double3 axis{};
+        axis[flat] = 1;
+        right = cross(axis, up_);
+        const double width = length(right);
+        right = {right[0] / width, right[1] / width, right[2] / width};
+    }
+    const Double3 ahead = cross(up_, right);
+    widest_ = 0;
+    highest_ = 0;
+    for (std::size_t i = 0; i < count_; ++i) {
+        Seen& s = seen_[i];
+        s = {dot(p[i], right), dot(p[i], ahead), dot(p[i], up_)};
+        widest_ = std::max(widest_, s.u * s.u + s.v * s.v);
+        highest_ = std::max(highest_, std::fabs(s.height));
+    }
+    widest_ = std::sqrt(widest_);
+    rounding_ = kRounding * (widest_ + highest_);
+}
+
+/// And the ring goes once around the middle.
+bool FanOverlay::are_front_sides_up() const {
+    int rounds = 0;
+    for (std::size_t i = 0; i < count_; ++i) {
+        const Seen& p = seen_[i];
+        const Seen& q = seen_[i + 1 < count_ ? i + 1 : 0];
+        if (i == star_->missing) {
+            // The middle lies on the edge between them.
+            if (p.u != 0 || q.u != 0 || !(p.v * q.v < 0)) {
+                return false;
+            }
+        } else if (!turns_left(p, q)) {
+            return false;
+        }
+        rounds += p.v < 0 && q.v >= 0 ? 1 : 0;
+    }
+    const Seen& first = seen_[0];
+    for (std::size_t j = 1; j + 1 < count_; ++j) {
+        const Seen p{seen_[j].u - first.u, seen_[j].v - first.v, 0};
+        const Seen q{seen_[j + 1].u - first.u, seen_[j + 1].v - first.v, 0};
+        if (!turns_left(p, q)) {
+            return false;
+        }
+    }
+    return rounds == 1;
+}
+
+bool FanOverlay::look_at(const Star& star) {
+    star_ = &star;
+    count_ = star.corners;
+    look_down();
+    return are_front_sides_up();
+}
+
+/// Crosses each new spoke with the old ones on its other side.
+bool FanOverlay::cross_spokes() {
+    const std::size_t n = count_;
+    for (std::size_t j = 1; j < n; ++j) {
+        above_[0][j] = above_[j][j] = above_[n][j] = 0;
+    }
+    left_[1] = right_[n - 1] = true;
+    right_[1] = left_[n - 1] = false;
+    const Seen& a = seen_[0];
+    for (std::size_t j = 2; j + 1 < n; ++j) {
+        const Seen& b = seen_[j];
+        const Seen edge{b.u - a.u, b.v - a.v, b.height - a.height};
+        const double side = turn(a, b);
+        const double unclear =
+            kUnclear * std::sqrt((a.u * a.u + a.v * a.v) * (b.u * b.u + b.v * b.v));
+        left_[j] = side > -unclear;
+        right_[j] = side < unclear;
+        const std::size_t begin = left_[j] ? 1 : j + 1;
+        const std::size_t end = right_[j] ? n : j;
+        for (std::size_t i = begin; i < end; ++i) {
+            if (i == j) {
+                continue;
+            }
+            const Seen& c = seen_[i];
+            const double by = turn(edge, c);
+            if (by == 0) {
+                return false;
+            }
+            // Where the two cross: a + s edge = t c.
+            const double inverse = 1 / by;
+            const double s = std::clamp(-turn(a, c) * inverse, 0.0, 1.0);
+            const double t = std::clamp(turn(edge, a) * inverse, 0.0, 1.0);
+            above_[i][j] = a.height + s * edge.height - t * c.height;
+            rounding_ = std::max(rounding_,
+                                 2 * kRounding * widest_ * widest_ * highest_ * std::fabs(inverse));
+        }
+    }
+    return true;
+}
+
+/// How high new triangle `j` is over the middle, which is in it.
+bool FanOverlay::look_over_middle(std::size_t j) {
+    const Seen& a = seen_[0];
+    const Seen& b = seen_[j];
+    const Seen& c = seen_[j + 1];
+    const double at_a = turn(b, c);
+    const double at_b = turn(c, a);
+    const double at_c = turn(a, b);
+    const double sum = at_a + at_b + at_c;
+    if (!(sum > 0)) {
+        return false;
+    }
+    over_middle_ = (at_a * a.height + at_b * b.height + at_c * c.height) / sum;
+    rounding_ = std::max(rounding_, 2 * kRounding * widest_ * widest_ * highest_ / sum);
+    return true;
+}
+
+bool FanOverlay::displaced(std::span<const Displacement* const> before, double limit,
+                           std::span<Displacement> after) {
+    if (!cross_spokes()) {
+        return false;
+    }
+    const std::size_t n = count_;
+    largest_ = 0;
+    std::array<double, kMostCorners> over{};
+    const auto has_middle = [&](std::size_t j) { return left_[j] && right_[j + 1]; };
+    for (std::size_t j = 1; j + 1 < n; ++j) {
+        if (has_middle(j)) {
+            if (!look_over_middle(j)) {
+                return false;
+            }
+            over[j] = over_middle_;
+        }
+    }
+    for (std::size_t j = 1; j + 1 < n; ++j) {
+        std::array<double, 3> lo{};
+        std::array<double, 3> hi{};
+        lo.fill(std::numeric_limits<double>::infinity());
+        hi.fill(-std::numeric_limits<double>::infinity());
+        float radius = 0;
+        const bool all = has_middle(j);
+        const std::size_t begin = all || left_[j] ? 0 : j;
+        const std::size_t end = all || !left_[j] ? n : j + 1;
+        for (std::size_t i = begin; i < end; ++i) {
+            if (i == star_->missing) {
+                continue;
+            }
+            double least = 0;
+            double most = 0;
+            const auto take = [&](double x) {
+                least = std::min(least, x);
+                most = std::max(most, x);
+            };
+            if (i == j) {
+                // Both have the edge from corner j to j + 1.
+                take(all ? over[j] : left_[j] ? above_[j][j + 1] : above_[j + 1][j]);
+            } else if (all) {
+                least = most = over[j];
+                take(above_[i][i < j ? j : j + 1]);
+                take(above_[i + 1][i < j ? j : j + 1]);
+            } else {
+                least = most = above_[i][j];
+                take(above_[i + 1][j]);
+                take(above_[i][j + 1]);
+                take(above_[i + 1][j + 1]);
+            }
+            least -= rounding_;
+            most += rounding_;
+            const Displacement& old = *before[i];
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                const double x = least * up_[axis];
+                const double y = most * up_[axis];
+                lo[axis] = std::min(lo[axis], static_cast<double>(old.lo[axis]) + std::min(x, y));
+                hi[axis] = std::max(hi[axis], static_cast<double>(old.hi[axis]) + std::max(x, y));
+            }
+            radius = std::max(radius, old.radius);
+        }
+        Displacement& d = after[j];
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            // Perpendicular to `up`, too, computed places are off by what double rounds.
+            d.lo[axis] = float_below(lo[axis] - rounding_);
+            d.hi[axis] = float_above(hi[axis] + rounding_);
+        }
+        d.radius = radius;
+        const double bound = d.bound();
+        if (!(bound <= limit)) {
+            return false;
+        }
+        largest_ = std::max(largest_, bound);
+    }
+    return true;
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,74 @@
+// How far a surface moves when an edge is collapsed, up and down, and what of it becomes what.
+//
+// Source: J. Cohen, D. Manocha, M. Olano, "Simplifying polygonal models using successive mappings",
+// IEEE Visualization 1997. The triangles around a vertex, the old ones, are replaced by a fan from
+// one corner of the ring around it. If both project one to one onto the same polygon, "straight
+// above or below" is a bijection between them. The difference of their heights is linear on each
+// cell of the overlay of both, so that its extremes lie at the cells' corners: the vertex, the
+// ring, and where spokes from the vertex cross those from the fan's corner.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "query/simplify/mapping/displacement.h"
+#include "store/base/vector3.h"
+
+namespace isonest::detail {
+
+/// Not thread-safe.
+class FanOverlay {
+  public:
+    static constexpr std::size_t kMostCorners = 24;
+    static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+
+    /// A vertex, at the origin, with the ring around it, counterclockwise, and the corner that it
+    /// becomes, ring[0]. Old triangle i is (0, ring[i], ring[i + 1]), the last one (0, ring[n - 1],
+    /// ring[0]); new triangle j is (ring[0], ring[j], ring[j + 1]), 1 <= j <= n - 2.
+    struct Star {
+        std::array<Double3, kMostCorners> ring;
+        std::size_t corners = 0;  ///< n, >= 3
+        /// At a border the old triangle that there is none of, 0 or n - 1; else kNone. Both ends of
+        /// its outer edge and the middle lie in a plane across `axis`.
+        std::size_t missing = kNone;
+        std::size_t axis = 0;
+    };
+    /// Whether old and new triangles are the same polygon, seen from some direction, each with all
+    /// front sides up. `star` has to stay until displaced() was asked.
+    [[nodiscard]] bool look_at(const Star& star);
+    /// The displacements of the new triangles, at [1] to [n - 2], from those of the old ones at [0]
+    /// to [n - 1]. False: one of them is further than the limit; the others are undefined then.
+    /// REQUIRES: look_at() was true.
+    [[nodiscard]] bool displaced(std::span<const Displacement* const> before, double limit,
+                                 std::span<Displacement> after);
+    /// The largest bound of the new displacements, after displaced() was true.
+    [[nodiscard]] double largest() const { return largest_; }
+
+  private:
+    struct Seen {
+        double u, v, height;
+    };
+    void look_down();
+    [[nodiscard]] bool are_front_sides_up() const;
+    [[nodiscard]] bool find_sides();
+    [[nodiscard]] bool cross_spokes();
+    [[nodiscard]] bool look_over_middle(std::size_t j);
+
+    const Star* star_ = nullptr;
+    std::size_t count_ = 0;
+    Double3 up_{};
+    double widest_ = 0;    ///< distance of a corner from the middle, seen from above
+    double highest_ = 0;   ///< height of a corner over the middle or below
+    double rounding_ = 0;  ///< of heights, at most
+    std::array<Seen, kMostCorners> seen_;
+    /// Whether the middle may lie to the left, or to the right, of new spoke j.
+    std::array<bool, kMostCorners> left_;
+    std::array<bool, kMostCorners> right_;
+    /// New above old where old spoke i crosses new spoke j; [n] is [0].
+    std::array<std::array<double, kMostCorners>, kMostCorners + 1> above_;
+    double over_middle_ = 0;
+    double largest_ = 0;
+};
+
+}  // namespace isonest::detail

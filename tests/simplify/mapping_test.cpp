@@ -1,0 +1,714 @@
+// Successive mappings: displacements against points that are mapped one by one, corner meshes
+// against ones that are made anew, and meshes against sampled distances and counted shapes.
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <map>
+#include <optional>
+#include <random>
+#include <set>
+
+#include "query/simplify/mapping/corner_mesh.h"
+#include "query/simplify/mapping/fan_overlay.h"
+#include "query/simplify/mapping/map_mesh.h"
+#include "query/simplify/mapping/map_patch.h"
+#include "store/base/workers.h"
+#include "tests/support/surface_samples.h"
+#include "tests/support/test_support.h"
+
+using namespace isonest;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
+
+namespace {
+
+using Star = FanOverlay::Star;
+
+Star star_of(const std::vector<Double3>& ring) {
+    Star star;
+    star.corners = ring.size();
+    std::copy(ring.begin(), ring.end(), star.ring.begin());
+    return star;
+}
+
+std::size_t next_in(const Star& star, std::size_t i) {
+    return (i + 1) % star.corners;
+}
+
+Triangle old_triangle(const Star& star, std::size_t i) {
+    return {Double3{0, 0, 0}, star.ring[i], star.ring[next_in(star, i)]};
+}
+
+Triangle new_triangle(const Star& star, std::size_t j) {
+    return {star.ring[0], star.ring[j], star.ring[j + 1]};
+}
+
+/// Along which the overlay looks: the ring's vector area, in the border's plane at a border.
+Double3 looks_along(const Star& star) {
+    Double3 up{};
+    for (std::size_t i = 0; i < star.corners; ++i) {
+        up = along(up, 1, cross(star.ring[i], star.ring[next_in(star, i)]));
+    }
+    if (star.missing != FanOverlay::kNone) {
+        up[star.axis] = 0;
+    }
+    const double size = std::sqrt(square(up));
+    return {up[0] / size, up[1] / size, up[2] / size};
+}
+
+/// How far along `up` the plane of a triangle is from `p`, if the triangle is above or below it,
+/// but for `slack` of its size.
+std::optional<double> height_to(const Triangle& t, const Double3& p, const Double3& up,
+                                double slack) {
+    const Double3 n = cross(minus(t[1], t[0]), minus(t[2], t[0]));
+    const double by = dot(n, up);
+    if (std::fabs(by) < 1e-12) {
+        return std::nullopt;
+    }
+    const double h = dot(n, minus(t[0], p)) / by;
+    const Double3 q = along(p, h, up);
+    for (std::size_t i = 0; i < 3; ++i) {
+        const Double3 side = cross(minus(t[(i + 1) % 3], t[i]), minus(q, t[i]));
+        if (dot(side, n) < -slack * square(n)) {
+            return std::nullopt;
+        }
+    }
+    return h;
+}
+
+/// A ring around the origin with heights of up to `height`.
+Star random_star(std::mt19937& random, std::size_t corners, double height) {
+    std::uniform_real_distribution<double> number(0, 1);
+    constexpr double kTurn = 6.283185307179586;
+    std::vector<Double3> ring;
+    for (std::size_t i = 0; i < corners; ++i) {
+        const double angle =
+            kTurn * (static_cast<double>(i) + 0.8 * number(random)) / static_cast<double>(corners);
+        const double far = 0.5 + number(random);
+        ring.push_back(
+            {far * std::cos(angle), far * std::sin(angle), height * (2 * number(random) - 1)});
+    }
+    return star_of(ring);
+}
+
+/// The same with a border through the middle, in a plane across x: the old triangle that is not
+/// there is the first or the last one.
+Star random_border_star(std::mt19937& random, std::size_t corners, double height, bool first) {
+    Star star = random_star(random, corners, height);
+    std::uniform_real_distribution<double> number(0, 1);
+    constexpr double kHalf = 3.141592653589793;
+    for (std::size_t i = 0; i < corners; ++i) {
+        // From one end of the border, at -90 degrees, to the other one.
+        const double share = static_cast<double>(i) / static_cast<double>(corners - 1);
+        const double angle = kHalf * (share - 0.5);
+        const double far = 0.5 + number(random);
+        star.ring[i] = {far * std::cos(angle), far * std::sin(angle), star.ring[i][2]};
+    }
+    star.ring[0][0] = star.ring[corners - 1][0] = 0;
+    star.axis = 0;
+    star.missing = corners - 1;
+    if (first) {
+        std::rotate(star.ring.begin(), star.ring.begin() + static_cast<long>(corners) - 1,
+                    star.ring.begin() + static_cast<long>(corners));
+        star.missing = 0;
+    }
+    return star;
+}
+
+Displacement random_displacement(std::mt19937& random, double size) {
+    std::uniform_real_distribution<double> number(-size, size);
+    Displacement d;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const double x = number(random);
+        const double y = number(random);
+        d.lo[a] = static_cast<float>(std::min(x, y));
+        d.hi[a] = static_cast<float>(std::max(x, y));
+    }
+    d.radius = static_cast<float>(std::fabs(number(random)));
+    return d;
+}
+
+struct Overlaid {
+    std::vector<Displacement> before;
+    std::array<Displacement, FanOverlay::kMostCorners> after;
+};
+
+bool overlay(const Star& star, Overlaid& o, double limit) {
+    FanOverlay overlay;
+    if (!overlay.look_at(star)) {
+        return false;
+    }
+    std::vector<const Displacement*> pointers;
+    for (std::size_t i = 0; i < star.corners; ++i) {
+        pointers.push_back(i == star.missing ? nullptr : &o.before[i]);
+    }
+    return overlay.displaced(pointers, limit, o.after);
+}
+
+void require_all_displacements(std::mt19937& random, const Star& star) {
+    Overlaid o;
+    for (std::size_t i = 0; i < star.corners; ++i) {
+        o.before.push_back(random_displacement(random, 0.2));
+    }
+    REQUIRE(overlay(star, o, 1e9));
+    const Double3 up = looks_along(star);
+    constexpr int kSteps = 40;
+    double most = 0;
+    for (std::size_t j = 1; j + 1 < star.corners; ++j) {
+        const Displacement& d = o.after[j];
+        std::array<double, 3> lo{1e9, 1e9, 1e9};
+        std::array<double, 3> hi{-1e9, -1e9, -1e9};
+        double spread = 0;
+        const Triangle t = new_triangle(star, j);
+        const Double3 middle = along({0, 0, 0}, 1.0 / 3, along(along(t[0], 1, t[1]), 1, t[2]));
+        for_samples(t, kSteps, [&](const Double3& sample) {
+            // What only touches does not overlap.
+            const Double3 p = along(middle, 0.999, minus(sample, middle));
+            int found = 0;
+            for (std::size_t i = 0; i < star.corners; ++i) {
+                if (i == star.missing) {
+                    continue;
+                }
+                const auto h = height_to(old_triangle(star, i), p, up, 1e-9);
+                if (!h) {
+                    continue;
+                }
+                ++found;
+                spread = std::max(spread, std::fabs(*h));
+                for (std::size_t a = 0; a < 3; ++a) {
+                    // From the old triangle to the new one.
+                    const double moved = -*h * up[a];
+                    lo[a] = std::min(lo[a], moved + static_cast<double>(o.before[i].lo[a]));
+                    hi[a] = std::max(hi[a], moved + static_cast<double>(o.before[i].hi[a]));
+                }
+                REQUIRE(d.radius >= o.before[i].radius);
+            }
+            REQUIRE(found > 0);
+        });
+        for (std::size_t a = 0; a < 3; ++a) {
+            REQUIRE(static_cast<double>(d.lo[a]) <= lo[a] + 1e-9);
+            REQUIRE(static_cast<double>(d.hi[a]) >= hi[a] - 1e-9);
+            // The box is that of the extremes, which lie between samples; old triangles that are
+            // over less than what lies between two samples may be missed by them.
+            REQUIRE(static_cast<double>(d.lo[a]) >= lo[a] - 0.4 - spread);
+            REQUIRE(static_cast<double>(d.hi[a]) <= hi[a] + 0.4 + spread);
+        }
+        most = std::max(most, d.bound());
+    }
+    REQUIRE(overlay(star, o, most));
+    REQUIRE_FALSE(overlay(star, o, most * (1 - 1e-6)));
+}
+
+std::vector<bool> none_locked(const Patch& patch) {
+    return std::vector<bool>(patch.positions.size());
+}
+
+std::vector<PatchTriangle> triangles_of(const CornerMesh& mesh) {
+    std::vector<PatchTriangle> left;
+    for (std::uint32_t t = 0; t < mesh.triangles(); ++t) {
+        if (!mesh.is_gone(t)) {
+            left.push_back(from_smallest(mesh.corners(t)));
+        }
+    }
+    return left;
+}
+
+MappedPatch mapped(const Patch& patch) {
+    MappedPatch m;
+    m.positions = patch.positions;
+    m.box = patch.box;
+    m.shared = patch.shared;
+    m.triangles = patch.triangles;
+    m.displacements.resize(m.triangles.size());
+    m.tried.resize(m.triangles.size());
+    return m;
+}
+
+MappingLimits limits_of(double distance) {
+    return {distance, static_cast<float>(4 * distance * distance)};
+}
+
+/// Degrees between the normals at each edge of two triangles.
+template <class Corners>
+std::vector<double> folds_of(const std::vector<std::array<float, 3>>& positions,
+                             const std::vector<Corners>& triangles) {
+    const auto point = [&](std::uint64_t v) {
+        const auto& p = positions[v];
+        return Double3{p[0], p[1], p[2]};
+    };
+    std::map<std::pair<std::uint64_t, std::uint64_t>, Double3> normals;
+    for (const Corners& t : triangles) {
+        const Double3 n = cross(minus(point(t[1]), point(t[0])), minus(point(t[2]), point(t[0])));
+        for (std::size_t i = 0; i < 3; ++i) {
+            normals[{t[i], t[(i + 1) % 3]}] = n;
+        }
+    }
+    std::vector<double> folds;
+    for (const auto& [edge, n] : normals) {
+        const auto other = normals.find({edge.second, edge.first});
+        if (edge.first < edge.second && other != normals.end()) {
+            constexpr double kDegrees = 57.29577951308232;
+            folds.push_back(kDegrees *
+                            std::atan2(length(cross(n, other->second)), dot(n, other->second)));
+        }
+    }
+    return folds;
+}
+
+template <class Corners>
+void require_no_new_folds(const std::vector<std::array<float, 3>>& positions,
+                          const std::vector<Corners>& full, const std::vector<Corners>& left) {
+    const auto count = [](const std::vector<double>& folds) {
+        return std::count_if(folds.begin(), folds.end(), [](double x) { return x > 72.01; });
+    };
+    const std::vector<double> before = folds_of(positions, full);
+    const std::vector<double> after = folds_of(positions, left);
+    REQUIRE(count(after) <= count(before));
+    const double most = before.empty() ? 0 : *std::max_element(before.begin(), before.end());
+    for (const double fold : after) {
+        REQUIRE(fold <= std::max(72.01, most + 0.01));
+    }
+}
+
+/// The smallest height of a triangle over its longest side, in parts of that.
+double thinnest(const Patch& patch, const std::vector<PatchTriangle>& triangles) {
+    double least = 1;
+    for (const PatchTriangle& t : triangles) {
+        const Triangle p = patch.at(t);
+        const double area = length(cross(minus(p[1], p[0]), minus(p[2], p[0])));
+        double longest = 0;
+        for (std::size_t i = 0; i < 3; ++i) {
+            longest = std::max(longest, square(minus(p[(i + 1) % 3], p[i])));
+        }
+        least = std::min(least, longest > 0 ? area / longest : 0);
+    }
+    return least;
+}
+
+MappedPatch require_within(const Patch& patch, double limit) {
+    MappedPatch m = mapped(patch);
+    map_patch(m, limits_of(limit));
+    REQUIRE(m.displacements.size() == m.triangles.size());
+    REQUIRE(m.tried.size() == m.triangles.size());
+    REQUIRE(shape_of(m.triangles) == shape_of(patch.triangles));
+    constexpr int kSteps = 6;
+    double most = 0;
+    for (std::size_t i = 0; i < m.triangles.size(); ++i) {
+        const double bound = m.displacements[i].bound();
+        REQUIRE(bound <= limit);
+        most = std::max(most, bound);
+    }
+    REQUIRE(sampled_distance(patch.positions, patch.triangles, m.triangles, kSteps) <=
+            most * (1 + 1e-9) + 1e-9);
+    const TriangleTree full(patch.positions, patch.triangles);
+    for (std::size_t i = 0; i < m.triangles.size(); ++i) {
+        const double bound = m.displacements[i].bound() * (1 + 1e-9) + 1e-9;
+        for_samples(patch.at(m.triangles[i]), kSteps, [&](const Double3& p) {
+            REQUIRE(full.nearest(p, 1e300).square_distance <= bound * bound);
+        });
+    }
+    require_no_new_folds(patch.positions, patch.triangles, m.triangles);
+    REQUIRE(thinnest(patch, m.triangles) >=
+            std::min(0.0869, thinnest(patch, patch.triangles) * (1 - 1e-5)));
+    return m;
+}
+
+Patch back_to_front(Patch patch) {
+    for (PatchTriangle& t : patch.triangles) {
+        std::swap(t[1], t[2]);
+    }
+    finish(patch);
+    return patch;
+}
+
+/// Half of the grid's steps are uneven, so that its triangles are of all shapes.
+Patch rough_grid(std::mt19937& random, std::uint32_t n, double height) {
+    Patch patch = wavy_grid(n, 0);
+    std::uniform_real_distribution<float> number(-1, 1);
+    for (std::uint32_t v = 0; v < patch.positions.size(); ++v) {
+        auto& p = patch.positions[v];
+        const bool inside = v % n != 0 && v % n != n - 1 && v >= n && v < n * (n - 1);
+        p[0] += inside ? 0.4F * number(random) : 0;
+        p[1] += inside ? 0.4F * number(random) : 0;
+        p[2] = static_cast<float>(height) * number(random);
+    }
+    return patch;
+}
+
+template <class Corners>
+std::size_t border_edges(const std::vector<Corners>& triangles) {
+    std::set<std::pair<std::uint64_t, std::uint64_t>> edges;
+    for (const Corners& t : triangles) {
+        for (std::size_t i = 0; i < 3; ++i) {
+            edges.insert({t[i], t[(i + 1) % 3]});
+        }
+    }
+    return static_cast<std::size_t>(std::count_if(edges.begin(), edges.end(), [&](const auto& e) {
+        return !edges.contains({e.second, e.first});
+    }));
+}
+
+void fill(ScratchMesh& mesh, const Patch& patch) {
+    MeshLayout layout;
+    layout.vertices = patch.positions.size();
+    layout.elements = patch.triangles.size();
+    mesh.begin(layout);
+    VertexBatch vertices;
+    vertices.positions = patch.positions;
+    mesh.vertices(vertices);
+    std::vector<ElementCorners> corners;
+    for (const PatchTriangle& t : patch.triangles) {
+        corners.push_back({t[0], t[1], t[2]});
+    }
+    ElementBatch batch;
+    batch.corners = corners;
+    mesh.elements(batch);
+}
+
+}  // namespace
+
+TEST_CASE("Displacements of a collapse contain those of all points, at borders, too") {
+    std::mt19937 random(11);
+    int looked = 0;
+    for (int round = 0; round < 150; ++round) {
+        const std::size_t corners = 3 + static_cast<std::size_t>(round) % 8;
+        const double height = round % 3 == 0 ? 0.05 : 0.5;
+        Star star = random_star(random, corners, height);
+        if (round % 3 != 0) {
+            star = random_border_star(random, corners, height, round % 3 == 1);
+        }
+        FanOverlay overlay;
+        if (overlay.look_at(star)) {
+            ++looked;
+            require_all_displacements(random, star);
+        }
+    }
+    REQUIRE(looked > 60);
+}
+
+TEST_CASE("A vertex on a spoke of the fan is on both of its sides") {
+    std::mt19937 random(12);
+    // The middle lies on the line from the first corner to the one across.
+    Star star = star_of({{-1, 0, 0.1}, {0, -1, 0.2}, {1, 0, -0.3}, {0, 1, 0.05}});
+    require_all_displacements(random, star);
+    star = star_of({{-1, 0, 0.1},
+                    {-0.5, -1, 0.2},
+                    {0.5, -1, 0},
+                    {1, 0, -0.3},
+                    {0.5, 1, 0.05},
+                    {-0.5, 1, -0.05}});
+    require_all_displacements(random, star);
+}
+
+TEST_CASE("Rings that overlap themselves, go round twice or have slivers are refused") {
+    FanOverlay overlay;
+    const std::vector<Double3> square{{1, 1, 0}, {-1, 1, 0.1}, {-1, -1, 0}, {1, -1, 0.2}};
+    REQUIRE(overlay.look_at(star_of(square)));
+    std::vector<Double3> twice = square;
+    twice.insert(twice.end(), square.begin(), square.end());
+    REQUIRE_FALSE(overlay.look_at(star_of(twice)));
+    // Wound up: each edge turns left, 8 times a quarter.
+    for (std::size_t i = 0; i < twice.size(); ++i) {
+        const double far = 1 + 0.1 * static_cast<double>(i);
+        twice[i] = {far * twice[i][0], far * twice[i][1], 0.1 * static_cast<double>(i)};
+    }
+    REQUIRE_FALSE(overlay.look_at(star_of(twice)));
+    // Back over itself.
+    REQUIRE_FALSE(overlay.look_at(
+        star_of({{1, 1, 0}, {-1, 1, 0}, {0, 1.2, 0}, {-1.2, 0.5, 0}, {-1, -1, 0}, {1, -1, 0}})));
+    // Not all of it is seen from the first corner.
+    REQUIRE_FALSE(overlay.look_at(
+        star_of({{3, 0, 0}, {0.1, 0.2, 0}, {0, 3, 0}, {-1, -1, 0}, {0.2, -0.2, 0}})));
+    // The middle is on an edge, at a corner, and outside.
+    REQUIRE_FALSE(overlay.look_at(star_of({{1, 0, 0}, {0, 1, 0}, {-1, 0, 0}})));
+    REQUIRE_FALSE(overlay.look_at(star_of({{0, 0, 0}, {0, 1, 0}, {-1, -1, 0}, {1, -1, 0}})));
+    REQUIRE_FALSE(overlay.look_at(star_of({{1, 1, 0}, {2, 1, 0}, {2, 2, 0}, {1, 2, 0}})));
+    // Two corners in one place, and nearly so.
+    REQUIRE_FALSE(
+        overlay.look_at(star_of({{1, 1, 0}, {-1, 1, 0}, {-1, 1, 0}, {-1, -1, 0}, {1, -1, 0}})));
+    REQUIRE_FALSE(overlay.look_at(
+        star_of({{1, 1, 0}, {-1, 1, 0}, {-1, 1 - 1e-9, 0}, {-1, -1, 0}, {1, -1, 0}})));
+    // No area at all.
+    REQUIRE_FALSE(overlay.look_at(star_of({{1, 0, 0}, {1, 0, 0}, {1, 0, 0}})));
+    REQUIRE_FALSE(overlay.look_at(star_of({{0, 0, 0}, {0, 0, 0}, {0, 0, 0}})));
+    // A border that is not straight, seen from above, or does not go through the middle.
+    Star border = star_of({{0, -1, 0}, {1, -1, 0}, {1, 1, 0}, {0, 1, 0.3}});
+    border.missing = 3;
+    border.axis = 0;
+    REQUIRE(overlay.look_at(border));
+    border.ring[3][0] = 0.01;
+    REQUIRE_FALSE(overlay.look_at(border));
+    border.ring[3] = {0, -2, 0};
+    REQUIRE_FALSE(overlay.look_at(border));
+}
+
+TEST_CASE("Corner meshes stay what they would be if they were made anew") {
+    std::mt19937 random(13);
+    Patch patch = torus(14, 9, 3, 1, 0.1);
+    append(patch, wavy_grid(9, 0.2), {10, 0, 0});
+    append(patch, torus(3, 3, 3, 1, 0), {20, 0, 0});
+    std::vector<bool> locked = none_locked(patch);
+    for (std::uint32_t v = 0; v < locked.size(); ++v) {
+        locked[v] = v % 17 == 0;
+    }
+    CornerMesh mesh(patch.positions.size(), patch.triangles, locked);
+    const Shape shape = shape_of(patch.triangles);
+    CornerMesh::Ring ring;
+    int made = 0;
+    for (int round = 0; round < 4000; ++round) {
+        const auto v = static_cast<std::uint32_t>(random() % patch.positions.size());
+        mesh.ring_of(v, ring);
+        if (locked[v] || ring.vertices.empty()) {
+            continue;
+        }
+        const std::size_t place = random() % ring.vertices.size();
+        const std::uint32_t to = ring.vertices[place];
+        const bool is_end = place == 0 || place + 1 == ring.vertices.size();
+        if (!mesh.keeps_topology(ring, place, locked)) {
+            continue;
+        }
+        REQUIRE((ring.is_closed || is_end));
+        mesh.collapse(ring, place);
+        ++made;
+        const std::vector<PatchTriangle> left = triangles_of(mesh);
+        REQUIRE(shape_of(left) == shape);
+        std::vector<bool> same = locked;
+        const CornerMesh anew(patch.positions.size(), left, same);
+        REQUIRE(same == locked);
+        REQUIRE(mesh.first(v) == CornerMesh::kNone);
+        for (std::uint32_t w = 0; w < patch.positions.size(); ++w) {
+            CornerMesh::Ring is;
+            CornerMesh::Ring would_be;
+            mesh.ring_of(w, is);
+            anew.ring_of(w, would_be);
+            REQUIRE(is.is_closed == would_be.is_closed);
+            REQUIRE(is.vertices.size() == would_be.vertices.size());
+            if (!is.vertices.empty() && is.is_closed) {
+                const auto begin = std::find(would_be.vertices.begin(), would_be.vertices.end(),
+                                             is.vertices.front());
+                std::rotate(would_be.vertices.begin(), begin, would_be.vertices.end());
+            }
+            REQUIRE(is.vertices == would_be.vertices);
+        }
+        mesh.ring_of(to, ring);
+        REQUIRE(ring.vertices.size() >= 2);
+    }
+    REQUIRE(made > 100);
+}
+
+TEST_CASE("Collapses that would change the topology, or what others see, are refused") {
+    const auto allowed = [](std::size_t vertices, const std::vector<PatchTriangle>& triangles,
+                            std::uint32_t from, std::uint32_t to, std::vector<bool> locked) {
+        locked.resize(vertices);
+        CornerMesh mesh(vertices, triangles, locked);
+        CornerMesh::Ring ring;
+        mesh.ring_of(from, ring);
+        const auto at = std::find(ring.vertices.begin(), ring.vertices.end(), to);
+        return !locked[from] && at != ring.vertices.end() &&
+               mesh.keeps_topology(ring, static_cast<std::size_t>(at - ring.vertices.begin()),
+                                   locked);
+    };
+    const std::vector<PatchTriangle> tetrahedron{{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}};
+    REQUIRE_FALSE(allowed(4, tetrahedron, 3, 0, {}));
+    REQUIRE_FALSE(allowed(3, {{0, 1, 2}, {0, 2, 1}}, 0, 1, {}));
+    REQUIRE_FALSE(allowed(3, {{0, 1, 2}}, 0, 1, {}));
+    // A vertex in a square, whose corners others have.
+    const std::vector<PatchTriangle> square{{0, 1, 4}, {1, 2, 4}, {2, 3, 4}, {3, 0, 4}};
+    REQUIRE(allowed(5, square, 4, 0, {}));
+    REQUIRE_FALSE(allowed(5, square, 4, 0, {true, true, true, true}));
+    REQUIRE(allowed(5, square, 4, 0, {true, true, false, true}));
+    // In a triangle: those beyond it could make the same one.
+    const std::vector<PatchTriangle> three{{0, 1, 3}, {1, 2, 3}, {2, 0, 3}};
+    REQUIRE_FALSE(allowed(4, three, 3, 0, {true, true, true}));
+    REQUIRE(allowed(4, three, 3, 0, {true, true, false}));
+    // Around a vertex with two fans nothing moves.
+    std::vector<PatchTriangle> fans = square;
+    fans.insert(fans.end(), {{0, 5, 6}, {0, 6, 7}});
+    REQUIRE_FALSE(allowed(8, fans, 4, 2, {}));
+    // Nor at an edge of three triangles.
+    std::vector<PatchTriangle> three_at_edge = square;
+    three_at_edge.push_back({0, 4, 5});
+    REQUIRE_FALSE(allowed(6, three_at_edge, 4, 2, {}));
+}
+
+TEST_CASE("What is mapped is near both ways, each triangle as near as it says, and has its shape") {
+    std::mt19937 random(14);
+    for (const double limit : {0.05, 0.3, 1.5, 30.0}) {
+        require_within(wavy_grid(25, 0.4), limit);
+        require_within(torus(40, 16, 5, 1.5, 0.2), limit);
+        require_within(rough_grid(random, 25, 0.3), limit);
+        require_within(rough_grid(random, 20, 2), limit);
+        // A thin sheet with two sides, and what lies near to it.
+        Patch sheet = wavy_grid(20, 0.3);
+        append(sheet, back_to_front(wavy_grid(20, 0.3)), {0, 0, 0.05F});
+        append(sheet, torus(24, 10, 3, 0.8, 0.1), {10, 10, 0.5F});
+        require_within(sheet, limit);
+    }
+    const MappedPatch flat = require_within(wavy_grid(30, 0), 1e-3);
+    REQUIRE(flat.triangles.size() < 300);
+    const MappedPatch smooth = require_within(torus(160, 64, 20, 6, 0), 0.2);
+    REQUIRE(smooth.triangles.size() < 160 * 64 * 2 / 8);
+}
+
+TEST_CASE("Borders in faces of the box are simplified there, others stay") {
+    for (const double height : {0.0, 0.4}) {
+        Patch patch = wavy_grid(24, height);
+        const MappedPatch free = require_within(patch, 0.5);
+        REQUIRE(border_edges(free.triangles) == border_edges(patch.triangles));
+        patch.box.lo = {0, 0, -9};
+        patch.box.hi = {23, 23, 9};
+        const MappedPatch cut = require_within(patch, 0.5);
+        REQUIRE(border_edges(cut.triangles) < border_edges(patch.triangles) / 2);
+        // The corners of the box stay, so that the border stays in its faces.
+        std::set<std::uint32_t> used;
+        for (const PatchTriangle& t : cut.triangles) {
+            used.insert(t.begin(), t.end());
+        }
+        for (const std::uint32_t corner : {0U, 23U, 23U * 24U, 24U * 24U - 1}) {
+            REQUIRE(used.contains(corner));
+        }
+        std::map<std::pair<std::uint32_t, std::uint32_t>, int> edges;
+        for (const PatchTriangle& t : cut.triangles) {
+            for (std::size_t i = 0; i < 3; ++i) {
+                ++edges[std::minmax(t[i], t[(i + 1) % 3])];
+            }
+        }
+        for (const auto& [edge, count] : edges) {
+            const auto& p = cut.positions[edge.first];
+            const auto& q = cut.positions[edge.second];
+            const bool in_face = (p[0] == q[0] && (p[0] == 0 || p[0] == 23)) ||
+                                 (p[1] == q[1] && (p[1] == 0 || p[1] == 23));
+            REQUIRE((count == 2 || in_face));
+        }
+    }
+}
+
+TEST_CASE("What other patches have, too, stays, and so do triangles at it") {
+    Patch patch = torus(30, 12, 4, 1, 0.1);
+    // A piece of it: others have the vertices along its rim.
+    const std::vector<PatchTriangle> all = patch.triangles;
+    patch.triangles.resize(all.size() / 2);
+    finish(patch);
+    std::vector<bool> elsewhere(patch.positions.size());
+    for (std::size_t i = patch.triangles.size(); i < all.size(); ++i) {
+        for (const std::uint32_t v : all[i]) {
+            elsewhere[v] = true;
+        }
+    }
+    patch.shared = elsewhere;
+    const MappedPatch m = require_within(patch, 0.5);
+    REQUIRE(m.triangles.size() < patch.triangles.size());
+    const std::set<PatchTriangle> left(m.triangles.begin(), m.triangles.end());
+    for (const PatchTriangle& t : patch.triangles) {
+        const int shared = elsewhere[t[0]] + elsewhere[t[1]] + elsewhere[t[2]];
+        REQUIRE((shared < 2 || left.contains(from_smallest(t))));
+    }
+}
+
+TEST_CASE("Coincident vertices and triangles without area do no harm") {
+    Patch patch = wavy_grid(20, 0.3);
+    for (std::uint32_t v = 25; v < 380; v += 19) {
+        patch.positions[v] = patch.positions[v + 1];  // of an edge
+    }
+    for (std::uint32_t v = 210; v < 330; v += 31) {
+        patch.positions[v] = patch.positions[v - 60];  // far away in the mesh
+    }
+    MappedPatch m = mapped(patch);
+    map_patch(m, limits_of(0.5));
+    REQUIRE(m.triangles.size() < patch.triangles.size());
+    REQUIRE(shape_of(m.triangles) == shape_of(patch.triangles));
+    REQUIRE(sampled_distance(patch.positions, patch.triangles, m.triangles, 6) <= 0.5);
+    REQUIRE(sampled_distance(patch.positions, m.triangles, patch.triangles, 6) <= 0.5);
+}
+
+TEST_CASE("Whole meshes are mapped within a distance or to a number, the same for any threads") {
+    Patch patch = torus(300, 100, 80, 24, 0.5);
+    append(patch, wavy_grid(120, 0.5), {-60, -60, 20});
+    for (auto& p : patch.positions) {
+        p = {p[0] + 110, p[1] + 110, p[2] + 30};
+    }
+    const TemporaryFolder folder;
+    ScratchMesh mesh(folder.path());
+    fill(mesh, patch);
+    WorldLattice lattice;
+    lattice.nodes = {221, 221, 61};
+    const std::vector<ElementCorners> full(mesh.corners().begin(), mesh.corners().end());
+    constexpr std::uint64_t kTriangles = 6000;
+    for (const double limit : {0.3, 1.5, 0.0}) {
+        std::vector<ElementCorners> first;
+        for (const int threads : {1, 3}) {
+            std::vector<ElementCorners> result;
+            double bound = 0;
+            Workers(threads).execute([&] {
+                MeshMapper mapper(mesh, lattice, {}, folder.path(), silent_progress());
+                const Mapped whole = mapper.full(mesh.corners());
+                const Mapped m = limit > 0 ? mapper.within(whole, limit)
+                                           : mapper.down_to(whole, kTriangles, 0.1, 1e9);
+                bound = m.bound;
+                const ScratchFile corners = mapper.corners(m);
+                const auto all = corners.as<ElementCorners>();
+                result.assign(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(m.triangles));
+            });
+            if (threads > 1) {
+                REQUIRE(result == first);
+                continue;
+            }
+            first = result;
+            if (limit > 0) {
+                REQUIRE(bound <= limit);
+                REQUIRE(result.size() < full.size() / 2);
+            } else {
+                REQUIRE(result.size() <= kTriangles);
+                REQUIRE(result.size() > kTriangles * 9 / 10);
+            }
+            REQUIRE(shape_of(result) == shape_of(full));
+            require_no_new_folds(patch.positions, full, result);
+            const double most = bound * (1 + 1e-9);
+            REQUIRE(sampled_distance(patch.positions, full, result, 3) <= most);
+            REQUIRE(sampled_distance(patch.positions, result, full, 4) <= most);
+        }
+    }
+}
+
+TEST_CASE("A surface that comes in parts is mapped as one that is there as a whole") {
+    Patch patch = torus(300, 100, 60, 20, 0.3);
+    for (auto& p : patch.positions) {
+        p = {p[0] + 90, p[1] + 90, p[2] + 30};
+    }
+    const TemporaryFolder folder;
+    ScratchMesh mesh(folder.path());
+    fill(mesh, patch);
+    WorldLattice lattice;
+    lattice.nodes = {181, 181, 61};
+    constexpr double kLimit = 0.5;
+    const std::vector<ElementCorners> full(mesh.corners().begin(), mesh.corners().end());
+    MeshMapper mapper(mesh, lattice, {}, folder.path(), silent_progress());
+    const Mapped at_once = mapper.within(mapper.full(full), kLimit);
+    constexpr std::size_t kParts = 7;
+    for (std::size_t part = 0; part < kParts; ++part) {
+        const std::size_t begin = full.size() * part / kParts;
+        const std::size_t end = full.size() * (part + 1) / kParts;
+        const std::vector<ElementCorners> here(full.begin() + static_cast<long>(begin),
+                                               full.begin() + static_cast<long>(end));
+        std::set<std::uint64_t> elsewhere;
+        for (std::size_t i = 0; i < full.size(); ++i) {
+            if (i < begin || i >= end) {
+                elsewhere.insert(full[i].begin(), full[i].end());
+            }
+        }
+        mapper.add(mapper.map(
+            here, [&](std::uint64_t v) { return elsewhere.contains(v); }, kLimit));
+    }
+    const Mapped parts = mapper.whole(kLimit);
+    REQUIRE(parts.triangles < full.size() / 2);
+    REQUIRE(parts.bound <= kLimit);
+    const Mapped joined = mapper.within(parts, kLimit);
+    REQUIRE(joined.triangles < at_once.triangles * 6 / 5);
+    const ScratchFile corners = mapper.corners(joined);
+    const auto all = corners.as<ElementCorners>().first(joined.triangles);
+    const std::vector<ElementCorners> result(all.begin(), all.end());
+    REQUIRE(shape_of(result) == shape_of(full));
+    const double most = joined.bound * (1 + 1e-9);
+    REQUIRE(most <= kLimit * (1 + 1e-9));
+    REQUIRE(sampled_distance(patch.positions, full, result, 3) <= most);
+    REQUIRE(sampled_distance(patch.positions, result, full, 4) <= most);
+}

@@ -1,0 +1,179 @@
+// What successive mappings alone leave of a mesh, and in which time.
+//
+// usage: isonest_map_mesh IN.ply OUT.ply (--distance D | --triangles N) [--size X,Y,Z]
+//                         [--voxel V] [--threads T] [--rounds R]
+//
+// IN.ply is a full surface in a volume of X * Y * Z nodes, V apart (by default 1), the first one at
+// 0; without --size, of as many as hold the mesh. Borders in the faces of the volume are simplified
+// too. D is in the mesh's unit. Prints JSON: triangles before and after, the bound of the
+// distance, seconds of the processor and of the clock for the simplification alone, the smallest
+// of R rounds (by default 1).
+#include "query/simplify/mapping/map_mesh.h"
+
+#include <chrono>
+#include <cstdio>
+#include <ctime>
+#include <exception>
+#include <filesystem>
+#include <span>
+#include <string>
+
+#include "store/base/workers.h"
+#include "tools/bench/meshes/ply_mesh.h"
+#include "tools/bench/meshes/ply_write.h"
+
+using namespace isonest;
+using namespace isonest::detail;
+
+namespace {
+
+struct Options {
+    std::string in;
+    std::string out;
+    double distance = 0;
+    std::uint64_t triangles = 0;
+    Int3 size{};
+    double voxel = 1;
+    int threads = 1;
+    int rounds = 1;
+};
+
+Options options_of(std::span<char*> arguments) {
+    constexpr const char* kUsage =
+        "usage: isonest_map_mesh IN.ply OUT.ply (--distance D | --triangles N) [--size X,Y,Z] "
+        "[--voxel V] [--threads T] [--rounds R]";
+    Options options;
+    for (std::size_t i = 1; i < arguments.size(); ++i) {
+        const std::string word = arguments[i];
+        if (!word.starts_with("--")) {
+            (options.in.empty() ? options.in : options.out) = word;
+            continue;
+        }
+        if (++i == arguments.size()) {
+            throw std::runtime_error(kUsage);
+        }
+        const std::string value = arguments[i];
+        if (word == "--distance") {
+            options.distance = std::stod(value);
+        } else if (word == "--triangles") {
+            options.triangles = std::stoull(value);
+        } else if (word == "--size") {
+            long x = 0;
+            long y = 0;
+            long z = 0;
+            if (std::sscanf(value.c_str(), "%ld,%ld,%ld", &x, &y, &z) != 3) {
+                throw std::runtime_error(kUsage);
+            }
+            options.size = {x, y, z};
+        } else if (word == "--voxel") {
+            options.voxel = std::stod(value);
+        } else if (word == "--threads") {
+            options.threads = std::stoi(value);
+        } else if (word == "--rounds") {
+            options.rounds = std::stoi(value);
+        } else {
+            throw std::runtime_error(kUsage);
+        }
+    }
+    if (options.out.empty() || (options.distance > 0) == (options.triangles > 0)) {
+        throw std::runtime_error(kUsage);
+    }
+    return options;
+}
+
+void fill(ScratchMesh& mesh, const bench::Mesh& from) {
+    MeshLayout layout;
+    layout.vertices = from.points.size();
+    layout.elements = from.triangles.size();
+    mesh.begin(layout);
+    std::vector<std::array<float, 3>> positions;
+    for (const bench::Point& p : from.points) {
+        positions.push_back(
+            {static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])});
+    }
+    VertexBatch vertices;
+    vertices.positions = positions;
+    mesh.vertices(vertices);
+    std::vector<ElementCorners> corners;
+    for (const bench::Triangle& t : from.triangles) {
+        corners.push_back({t[0], t[1], t[2]});
+    }
+    ElementBatch batch;
+    batch.corners = corners;
+    mesh.elements(batch);
+    mesh.end();
+}
+
+int run(std::span<char*> arguments) {
+    const Options options = options_of(arguments);
+    bench::Mesh read = bench::read_ply(options.in);
+    const std::filesystem::path folder = std::filesystem::temp_directory_path();
+    ScratchMesh mesh(folder);
+    fill(mesh, read);
+    WorldLattice lattice;
+    lattice.spacing = {options.voxel, options.voxel, options.voxel};
+    PatchBox box;
+    for (int a = 0; a < 3; ++a) {
+        const auto axis = static_cast<std::size_t>(a);
+        double most = 0;
+        for (const bench::Point& p : read.points) {
+            most = std::max(most, p[axis] / options.voxel);
+        }
+        const bool is_given = options.size[a] > 0;
+        lattice.nodes[a] = is_given ? options.size[a] : static_cast<std::int64_t>(most) + 2;
+        if (is_given) {
+            box.lo[axis] = 0;
+            box.hi[axis] =
+                static_cast<float>(static_cast<double>(options.size[a] - 1) * options.voxel);
+        }
+    }
+    double cpu = 0;
+    double seconds = 0;
+    Mapped mapped;
+    std::uint64_t scratch = 0;
+    std::vector<bench::Triangle> left;
+    Workers(options.threads).execute([&] {
+        for (int round = 0; round < options.rounds; ++round) {
+            const auto start = std::chrono::steady_clock::now();
+            const std::clock_t cpu_start = std::clock();
+            MeshMapper mapper(mesh, lattice, box, folder, silent_progress());
+            const Mapped full = mapper.full(mesh.corners());
+            mapped = options.distance > 0
+                         ? mapper.within(full, options.distance)
+                         : mapper.down_to(full, options.triangles, options.voxel / 4, 1e9);
+            const double took =
+                static_cast<double>(std::clock() - cpu_start) / static_cast<double>(CLOCKS_PER_SEC);
+            const double by_clock =
+                std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+            cpu = round == 0 ? took : std::min(cpu, took);
+            seconds = round == 0 ? by_clock : std::min(seconds, by_clock);
+            scratch = mapper.scratch_bytes();
+            const ScratchFile corners = mapper.corners(mapped);
+            left.clear();
+            for (const ElementCorners& t : corners.as<ElementCorners>().first(mapped.triangles)) {
+                left.push_back({static_cast<std::uint32_t>(t[0]), static_cast<std::uint32_t>(t[1]),
+                                static_cast<std::uint32_t>(t[2])});
+            }
+        }
+    });
+    const std::size_t before = read.triangles.size();
+    read.triangles = left;
+    bench::write_ply(options.out, read);
+    std::printf(
+        "{\"triangles_before\": %zu, \"triangles\": %zu, \"bound\": %.6g, \"cpu\": %.4f, "
+        "\"seconds\": %.4f, \"us_per_triangle\": %.3f, \"scratch_bytes\": %llu}\n",
+        before, left.size(), mapped.bound, cpu, seconds, 1e6 * cpu / static_cast<double>(before),
+        static_cast<unsigned long long>(scratch));
+    return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    try {
+        return run({argv, static_cast<std::size_t>(argc)});
+    } catch (const std::exception& error) {
+        std::fprintf(stderr, "isonest_map_mesh: %s\n", error.what());
+        return 1;
+    }
+}
