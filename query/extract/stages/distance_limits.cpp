@@ -65,7 +65,8 @@ PatchBox world_box(const ExtractQuery& query) {
 void refuse_budget(const StoreReader& store, std::uint64_t most, std::uint64_t triangles,
                    const ComponentSizes& sizes) {
     std::string problem = fmt::format(
-        "the surface has at least {} triangles, whatever the distance: its parts and holes stay",
+        "{} triangles are the fewest that were found for the surface, at any distance: its parts "
+        "and holes stay",
         triangles);
     std::vector<Remedy> remedies;
     if (sizes.components > 1) {

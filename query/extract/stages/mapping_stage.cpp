@@ -30,15 +30,18 @@ void MappingStage::run(StageMesh& mesh, ExtractReport& report) {
     const Mapped full = mapper.full(mesh.elements());
     const Mapped result =
         most ? mapper.down_to(full, *most, first_limit(query), limit) : mapper.within(full, limit);
+    const auto corners = std::make_shared<ScratchFile>(mapper.corners(result));
+    const std::span<const ElementCorners> left{corners->as<ElementCorners>().data(),
+                                               result.triangles};
     if (most) {
         report.within_budget = result.triangles <= *most;
         report.distance->asked = result.limit + (result.limit > 0 ? most_moved(query) : 0);
         if (!*report.within_budget && any_distance(store, query)) {
-            refuse_budget(store, result.triangles);
+            refuse_budget(store, *most, result.triangles,
+                          component_sizes(mesh.vertices().layout().vertices, left, scratch));
         }
     }
-    const auto corners = std::make_shared<ScratchFile>(mapper.corners(result));
-    mesh.choose({corners->as<ElementCorners>().data(), result.triangles}, corners);
+    mesh.choose(left, corners);
     report.distance->bound = result.bound + most_moved(query);
     report.scratch_bytes += mapper.scratch_bytes();
 }
