@@ -354,14 +354,14 @@ void fill(ScratchMesh& mesh, const Patch& patch) {
     mesh.begin(layout);
     VertexBatch vertices;
     vertices.positions = patch.positions;
-    mesh.vertices(vertices);
+    mesh.add_vertices(vertices);
     std::vector<ElementCorners> corners;
     for (const PatchTriangle& t : patch.triangles) {
         corners.push_back({t[0], t[1], t[2]});
     }
     ElementBatch batch;
     batch.corners = corners;
-    mesh.elements(batch);
+    mesh.add_elements(batch);
 }
 
 }  // namespace
