@@ -242,7 +242,7 @@ def fast(folder):
         assert run("extract", store, *options, "-o", full, "-q").returncode == 0
         return run("extract", store, *options, *stop, "--effort", "fast", "-o", mesh, "--json")
 
-    for options in ((), ("--box", "5,5,5,40.5,30,40"), ("--close",), ("--close", "above"), ("--components", "largest"),
+    for options in ((), ("--box", "5,5,5,40.5,30,40"), ("--close",), ("--close=above",), ("--components", "largest"),
                     ("--close", "--components", "largest", "--box", "5,5,5,40.5,30,40")):
         for d in (0.4, 1):
             done = both(store, ("--iso", 0.4, *options), ("--distance", d))

@@ -21,7 +21,6 @@ class QuadWorker {
     QuadWorker(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
                const PartSink& sink, Progress& progress)
         : walk(cache.source().layout().lattice(), query.box),
-          query_(query),
           is_finest_(query.tolerance.is_zero()),
           projection_(cache, query.stop, query.tolerance.threshold()),
           attributes_(query.attributes, cache, query.attribute_values),
@@ -109,7 +108,6 @@ class QuadWorker {
             std::max(counts_.height_rounding, height_rounding(corners, scale_, cut));
     }
 
-    const TraversalQuery& query_;
     bool is_finest_;  ///< nothing stops above the finest level, and no field is needed
     HexProjection projection_;
     AttributeSampler attributes_;
