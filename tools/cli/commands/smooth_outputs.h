@@ -7,6 +7,7 @@
 #include <string>
 
 #include <isonest/int3.h>
+#include <isonest/length_unit.h>
 #include <isonest/progress.h>
 
 #include "query/finite_elements/node_set.h"
