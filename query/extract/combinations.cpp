@@ -16,8 +16,8 @@ constexpr const char* kOnlyDistanceOfLabels =
 constexpr const char* kNoPlaceOfHexahedra =
     "hexahedral cells know neither focus nor camera; tetrahedra do";
 constexpr const char* kNoStopOfHexahedra =
-    "hexahedral cells stop by an error alone, neither by a distance nor by a number of triangles, "
-    "and are not simplified; tetrahedra do";
+    "hexahedral cells stop by an error, or are simplified from full resolution within a distance "
+    "or to a number of triangles; tetrahedra know the other stops";
 constexpr const char* kDistanceEverywhere =
     "a distance holds everywhere: it goes with neither focus nor camera";
 
@@ -49,7 +49,6 @@ constexpr std::array kRefused{
     Combination{Wish::hexahedra, Wish::exact_vertices,
                 "hexahedral cells have no exact vertices; tetrahedra do"},
     Combination{Wish::hexahedra, Wish::place, kNoPlaceOfHexahedra},
-    Combination{Wish::hexahedra, Wish::distance, kNoStopOfHexahedra},
     Combination{Wish::hexahedra, Wish::nested_distance, kNoStopOfHexahedra},
     Combination{Wish::hexahedra, Wish::simplified_error, kNoStopOfHexahedra},
     Combination{Wish::label, Wish::error, kNoErrorOfLabels},

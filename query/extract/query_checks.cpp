@@ -201,11 +201,14 @@ Stop stop_of_cells(const StoreReader& store, const isonest::StopTest& test,
 }
 
 Stop stop_of_cells(const StoreReader& store, const SurfaceStop& test, bool finest_needs_none) {
-    const auto* const threshold = std::get_if<FieldThreshold>(&test);
-    return stop_of_cells(store,
-                         threshold != nullptr ? isonest::StopTest(*threshold)
-                                              : isonest::StopTest(std::get<ErrorBound>(test)),
-                         finest_needs_none);
+    if (const auto* const threshold = std::get_if<FieldThreshold>(&test)) {
+        return stop_of_cells(store, isonest::StopTest(*threshold), finest_needs_none);
+    }
+    if (const auto* const error = std::get_if<ErrorBound>(&test)) {
+        return stop_of_cells(store, isonest::StopTest(*error), finest_needs_none);
+    }
+    // What is simplified within a distance is the surface at full resolution.
+    return {Field::hex_deviation, stop_of(store, test).threshold};
 }
 
 void require_float32(const StoreReader& store, const ExtractQuery& query) {

@@ -42,6 +42,9 @@ std::string query_key(const StoreReader& store, const ExtractQuery& query) {
         key += fmt::format(", box {},{},{} to {},{},{} (nodes)", t.box.lo[0], t.box.lo[1],
                            t.box.lo[2], t.box.hi[0], t.box.hi[1], t.box.hi[2]);
     }
+    if (t.cells == Cells::hexahedra) {
+        key += ", of hexahedra";
+    }
     if (t.box.close) {
         key += *t.box.close == Outside::below ? ", closed" : ", closed above";
     }
