@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "query/simplify/collapse/collapse_edges.h"
+#include "query/simplify/collapse/fold_rule.h"
 #include "query/simplify/proof/projected_cover.h"
 #include "query/simplify/proof/server_lists.h"
 #include "query/simplify/proof/star_displacement.h"
@@ -33,6 +34,7 @@ class PatchSimplifier {
         find_servers();
         mesh_.emplace(patch, locked_);
         order_.emplace(patch, *mesh_, locked_, kFurthest * limit);
+        folds_.emplace(patch, *mesh_);
     }
 
     void run() {
@@ -118,7 +120,8 @@ class PatchSimplifier {
                 after_.push_back({i, patch_.at(CollapsingPatch::moved(t, from, to))});
             }
         }
-        return !after_.empty() && servers_.fits(from, around, after_, mesh_->triangles()) &&
+        return !after_.empty() && folds_->allows(from, to) &&
+               servers_.fits(from, around, after_, mesh_->triangles()) &&
                (moves_little(from, to) || are_covered(from, to));
     }
 
@@ -190,6 +193,7 @@ class PatchSimplifier {
     std::vector<double> off_;  ///< of each triangle: no point of it is further off
     std::optional<CollapsingPatch> mesh_;
     std::optional<CollapseOrder> order_;
+    std::optional<FoldRule> folds_;
     std::vector<Server> after_;
     std::vector<double> after_off_;
     double largest_ = 0;
