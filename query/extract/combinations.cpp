@@ -1,5 +1,6 @@
 #include "query/extract/combinations.h"
 
+#include <algorithm>
 #include <array>
 #include <utility>
 #include <vector>
@@ -147,6 +148,30 @@ Wishes stage_wishes(const SurfaceStages& stages) {
     return wishes;
 }
 
+/// `given`: nothing if the cells are to be chosen by all of the other wishes.
+void set_cells(Wishes& wishes, const std::optional<Cells>& given) {
+    const auto goes_with_hexahedra = [&](const Combination& row) {
+        return row.wish != Wish::hexahedra || !has(wishes, row.with);
+    };
+    const bool is_chosen = has(wishes, Wish::distance) &&
+                           std::all_of(kRefused.begin(), kRefused.end(), goes_with_hexahedra);
+    set(wishes, Wish::hexahedra, given ? *given == Cells::hexahedra : is_chosen);
+}
+
+Wishes surface_wishes(const SurfaceQuery& query, bool isolines) {
+    Wishes wishes = place_wishes(query) | stage_wishes(query.stages);
+    std::visit(StopWishes{wishes}, query.stop);
+    set(wishes, Wish::no_distance, !has(wishes, Wish::distance));
+    set(wishes, Wish::exact_vertices, query.grid.vertices == VertexPlace::exact);
+    set(wishes, Wish::culling, query.grid.culling.has_value());
+    set(wishes, Wish::analysis, query.analysis.has_value());
+    set(wishes, Wish::isolines, isolines);
+    // A field by which elements are left out is one of tetrahedra.
+    set_cells(wishes,
+              query.grid.bound ? query.grid.cells.value_or(Cells::tetrahedra) : query.grid.cells);
+    return wishes;
+}
+
 }  // namespace
 
 const char* name_of(Wish wish) {
@@ -204,30 +229,21 @@ std::span<const Combination> refused_combinations() {
 }
 
 Wishes wishes_of(const SurfaceQuery& query) {
-    Wishes wishes = place_wishes(query) | stage_wishes(query.stages);
-    std::visit(StopWishes{wishes}, query.stop);
-    set(wishes, Wish::no_distance, !has(wishes, Wish::distance));
-    set(wishes, Wish::hexahedra, query.grid.cells == Cells::hexahedra);
-    set(wishes, Wish::exact_vertices, query.grid.vertices == VertexPlace::exact);
-    set(wishes, Wish::culling, query.grid.culling.has_value());
-    set(wishes, Wish::analysis, query.analysis.has_value());
-    return wishes;
+    return surface_wishes(query, false);
 }
 
 Wishes wishes_of(const StoreReader& store, const SurfaceQuery& query) {
-    Wishes wishes = wishes_of(query);
-    set(wishes, Wish::isolines, is_flat(store));
-    return wishes;
+    return surface_wishes(query, is_flat(store));
 }
 
 Wishes wishes_of(const StoreReader& store, const LabelQuery& query) {
     Wishes wishes = stage_wishes(query.stages);
     set(wishes, Wish::label);
     set(wishes, Wish::isolines, is_flat(store));
-    set(wishes, Wish::hexahedra, query.cells == Cells::hexahedra);
     if (query.stop) {
         std::visit(StopWishes{wishes}, *query.stop);
     }
+    set_cells(wishes, query.cells);
     return wishes;
 }
 
@@ -252,6 +268,10 @@ Wishes wishes_of(const StoreReader& store, const GraphQuery& query) {
     set(wishes, Wish::volume_data, !is_flat(store) || store.layout().lattice().nodes().z != 1);
     set(wishes, Wish::hexahedra, query.cells == Cells::hexahedra);
     return wishes;
+}
+
+Cells cells_of(const Wishes& wishes) {
+    return has(wishes, Wish::hexahedra) ? Cells::hexahedra : Cells::tetrahedra;
 }
 
 void require_combination(const Wishes& wishes, const std::string& name) {

@@ -261,7 +261,9 @@ ExtractQuery finished(const StoreReader& store, ExtractQuery asked) {
 }  // namespace
 
 ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, bool float64) {
-    require_combination(wishes_of(store, query), store.path().string());
+    const Wishes wishes = wishes_of(store, query);
+    require_combination(wishes, store.path().string());
+    const Cells cells = cells_of(wishes);
     const bool flat = store.layout().lattice().dimension() == 2;
     if (!std::isfinite(query.iso)) {
         throw Error(ErrorKind::invalid_argument,
@@ -273,10 +275,10 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     }
     const NestedGrid& grid = query.grid;
     ExtractQuery asked =
-        begun(store, flat ? Product::isolines : Product::surface, query, grid.cells, true);
+        begun(store, flat ? Product::isolines : Product::surface, query, cells, true);
     asked.traversal.iso = query.iso;
     asked.traversal.vertices = grid.vertices;
-    if (grid.cells == Cells::tetrahedra) {
+    if (cells == Cells::tetrahedra) {
         asked.traversal.bound = bound_of(store, grid.bound);
     }
     if (grid.culling) {
@@ -300,14 +302,16 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
 }
 
 ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bool float64) {
-    require_combination(wishes_of(store, query), store.path().string());
+    const Wishes wishes = wishes_of(store, query);
+    require_combination(wishes, store.path().string());
     const SurfaceStop stop =
         query.stop ? std::visit([](const auto& s) { return SurfaceStop(s); }, *query.stop)
                    : SurfaceStop();
-    const bool has_cells = query.cells == Cells::hexahedra;
+    const Cells cells = cells_of(wishes);
+    const bool has_cells = cells == Cells::hexahedra;
     ExtractQuery asked = begun(store, Product::surface,
                                has_cells ? stop_of_cells(store, stop, true) : stop_of(store, stop),
-                               query.cells, query.box);
+                               cells, query.box);
     if (!has_cells) {
         asked.traversal.bound = bound_of(store, {});
     }

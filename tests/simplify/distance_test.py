@@ -106,18 +106,23 @@ def volumes():
 
 def check(folder, name, u, iso, options, distances):
     store = store_of(folder, "v", u, *options)
+    # From an analysis that is made, and from one that is there; by mappings alone.
+    kept = (("--keep-analysis",), ("--keep-analysis",), ("--effort", "fast"))
+    check_cells(folder, store, name, iso, distances, ("--cells", "hex"), ((), *kept))
+    check_cells(folder, store, name, iso, distances, ("--cells", "tet"), ((), kept[-1]))
+
+
+def check_cells(folder, store, name, iso, distances, cells, ways):
     full, mesh = folder / "full.ply", folder / "mesh.ply"
-    assert run("extract", store, "--iso", iso, "--error", 0, "-o", full, "-q").returncode == 0
+    assert run("extract", store, "--iso", iso, "--error", 0, "-o", full, "-q", *cells).returncode == 0
     before = topology(*read_ply(full))
     before_options = None
     largest = float(np.abs(read_ply(full)[0]).max(initial=0))
-    # Without an analysis, from one that is made, and from one that is there; by mappings alone.
-    for d, kept in ((d, kept) for d in distances for kept in ((), ("--keep-analysis",), ("--keep-analysis",),
-                                                              ("--effort", "fast"))):
-        what = f"{name}, distance {d} {' '.join(kept)}"
+    for d, kept in ((d, kept) for d in distances for kept in ways):
+        what = f"{name}, {cells[1]}, distance {d} {' '.join(kept)}"
         made = mesh.read_bytes() if kept and before_options == (d, kept) else None
         before_options = (d, kept)
-        done = run("extract", store, "--iso", iso, "--distance", d, "-o", mesh, "--json", *kept)
+        done = run("extract", store, "--iso", iso, "--distance", d, "-o", mesh, "--json", *cells, *kept)
         require(done.returncode == 0, f"{what}: {done.stderr}")
         if done.returncode:
             continue
@@ -191,6 +196,13 @@ def same_bytes(folder):
     require(run("extract", store, "--iso", 0.7, "--distance", "0.4voxel", "-o", mesh, "-q", "--effort",
                 "best").returncode == 0, "--effort best")
     require(mesh.read_bytes() in meshes.values(), "--effort best is not what is made without it")
+    folds = measure("quality", mesh)["folds_150"]
+    for cells, is_default in (("hex", True), ("tet", False)):
+        assert run("extract", store, "--iso", 0.7, "--distance", "0.4voxel", "-o", mesh, "-q", "--cells",
+                   cells).returncode == 0
+        require((mesh.read_bytes() in meshes.values()) == is_default, f"--cells {cells} beside what is made without it")
+        assert run("extract", store, "--iso", 0.7, "-o", mesh, "-q", "--cells", cells).returncode == 0
+        require(folds <= 2 * measure("quality", mesh)["folds_150"], f"{folds} folds beside those of the full {cells}")
 
 
 def waves(nodes, scale):
@@ -201,8 +213,8 @@ def waves(nodes, scale):
 
 def fast_bytes(folder):
     """More triangles than a block has; mapped by any threads, memory and chunks."""
-    u = waves((41, 45, 47), 3)
-    for stop in (("--distance", "0.3voxel"), ("--triangles", 4000)):
+    u = waves((67, 71, 75), 3)
+    for stop in (("--distance", "0.3voxel"), ("--triangles", 6000)):
         meshes = {}
         for chunk in (16, 64):
             store = store_of(folder, f"w{chunk}", u, "--chunk", chunk)
@@ -239,7 +251,8 @@ def fast(folder):
     store = store_of(folder, "waves", u, "--spacing", "1,1.5,2")
 
     def both(store, options, stop, full=full, mesh=mesh):
-        assert run("extract", store, *options, "-o", full, "-q").returncode == 0
+        cells = () if any("--close" in str(option) for option in options) else ("--cells", "hex")
+        assert run("extract", store, *options, *cells, "-o", full, "-q").returncode == 0
         return run("extract", store, *options, *stop, "--effort", "fast", "-o", mesh, "--json")
 
     for options in ((), ("--box", "5,5,5,40.5,30,40"), ("--close",), ("--close=above",), ("--components", "largest"),
@@ -278,7 +291,7 @@ def fast(folder):
 
 
 def fast_budgets(store, both, full, mesh):
-    for n in (5000, 2500, 1200):
+    for n in (2000, 1200, 700):
         done = both(store, ("--iso", 0.4), ("--triangles", n))
         report = json.loads(done.stdout)
         check_fast(f"{n} triangles", full, mesh, done, report["distance"])
@@ -309,7 +322,7 @@ def arguments(folder):
     for memory in ("1", "20M"):
         done = extract("--distance", 1, "--memory", memory)
         require(done.returncode == 7 and "give at least --memory" in done.stderr, f"{memory}: {done}")
-    assert run("extract", store, "--iso", 9.3, "-o", full, "--error", 0, "-q").returncode == 0
+    assert run("extract", store, "--iso", 9.3, "-o", full, "--error", 0, "--cells", "hex", "-q").returncode == 0
     require(extract("--distance", 0).returncode == 0, "--distance 0")
     require(mesh.read_bytes() == full.read_bytes(), "--distance 0 is not the full surface")
     for options in (("--close",), ("--components", "largest"), ("--triangles", 9), ("--keep-analysis",),

@@ -84,6 +84,11 @@ class Bench:
             seconds.append(report["seconds"])
         return {**report, "seconds": statistics.median(seconds)}
 
+    def full(self, store, iso, out, options=()):
+        """What the distance is measured from: hexahedra, unless --extract says otherwise."""
+        cells = () if self.args.extract else ("--cells", "hex")
+        return self.extract(store, iso, [*options, "--error", "0", *cells], out)
+
     def within(self, store, iso, distance, least, out):
         options = self.args.extract.split() if self.args.extract else ["--distance", repr(distance)]
         return self.extract(store, iso, [*options, *(["--min-component", str(least)] if least else [])], out)
@@ -175,7 +180,7 @@ def targets(bench, distances):
     for name, store, voxel, box, isos in bench.seven():
         for iso in isos:
             full = bench.folder / "full.ply"
-            report = bench.extract(store, iso, ["--error", "0"], full)
+            report = bench.full(store, iso, full)
             kept = bench.quality(full, (), "--min-component", least)["triangles"]
             peer, cells = Peer(bench, store, iso, voxel, least), []
             for d in distances:
@@ -197,7 +202,7 @@ def compare(bench, distances):
     for name, store, voxel, box, isos in bench.seven():
         for iso in isos:
             full, mesh = bench.folder / "full.ply", bench.folder / "mesh.ply"
-            bench.extract(store, iso, ["--error", "0"], full)
+            bench.full(store, iso, full)
             peer = Peer(bench, store, iso, voxel, least)
             for d in distances:
                 report = bench.within(store, iso, d * voxel, least, mesh)
@@ -242,7 +247,7 @@ def verify(bench, distances):
         slack = 4 * max(abs(number) for number in box) * 2.0**-24
         for iso in isos:
             full, mesh = bench.folder / "full.ply", bench.folder / "mesh.ply"
-            bench.extract(store, iso, ["--error", "0"], full)
+            bench.full(store, iso, full)
             before = bench.quality(full, box, "--min-component", least)
             for d in distances:
                 problem, triangles, text = "", 0, ""

@@ -89,7 +89,7 @@ def crops(bench):
     full = bench.folder / "crop-full.ply"
     for name, store, voxel, _box, isos in bench.seven():
         at, box = crop(store, isos[0], bench.args.cells)
-        report = extract(bench, store, isos[0], [*box, "--error", "0"], full)
+        report = extract(bench, store, isos[0], [*box, "--error", "0", "--cells", "hex"], full)
         yield name, store, isos[0], voxel, at, box, report["triangles"], full
 
 
@@ -147,7 +147,7 @@ def quadrics(bench, distances):
     distance.row(*["---"] * 4)
     full, mesh = bench.folder / "full.ply", bench.folder / "mesh.ply"
     for name, store, voxel, _box, isos in bench.seven():
-        bench.extract(store, isos[0], ["--error", "0"], full)
+        bench.full(store, isos[0], full)
         peer = distance.Peer(bench, store, isos[0], voxel, least)
         for d in distances:
             report = extract(bench, store, isos[0], ["--distance", repr(d * voxel), "--min-component", str(least)], mesh)
@@ -178,7 +178,7 @@ def adaptivity(bench, distances):
         raw.write_bytes(np.ascontiguousarray(u, "<f4").tobytes())
         volume = (raw, *u.shape[::-1], *map(repr, map(float, (*spacing, *origin))), isos[0])
         before = beside(bench, "openvdb_mesh", *volume, 0, theirs)["triangles"]
-        triangles = bench.extract(store, isos[0], ["--error", "0"], full)["triangles"]
+        triangles = bench.full(store, isos[0], full)["triangles"]
         for d in distances:
             report = extract(bench, store, isos[0], ["--distance", repr(d * voxel)], mesh)
             mine = bench.distance(full, mesh, voxel, "--max-only")

@@ -49,8 +49,10 @@ struct NestedGrid {
     /// where the corners of a face on alternate sides keep the values below the isovalue apart.
     /// Cells with a missing corner have no surface. An error, or the threshold of a field of cells,
     /// needs that field (hex_deviation, hex_linf for an estimate), and bounds how far the data are
-    /// from the function whose surface is shown, which is trilinear in each cell.
-    Cells cells = Cells::tetrahedra;
+    /// from the function whose surface is shown, which is trilinear in each cell. Nothing:
+    /// hexahedra if a DistanceBound or a TriangleBudget simplifies the surface, and if there is
+    /// nothing in the query that hexahedra do not go with; else tetrahedra.
+    std::optional<Cells> cells = {};
     VertexPlace vertices = VertexPlace::linear;  ///< within a distance they are exact in any case
     /// By which elements without surface are left out; the tightest that the store has.
     std::optional<Field> bound = {};
@@ -83,7 +85,7 @@ struct LabelQuery {
     LabelChoice label = {};
     std::optional<DistanceStop> stop = {};  ///< nothing: full resolution
     std::optional<WorldBox> box = {};
-    Cells cells = Cells::tetrahedra;
+    std::optional<Cells> cells = {};  ///< nothing: as of a NestedGrid
     MeshAttributes attributes = {};
     SurfaceStages stages = {};
 };

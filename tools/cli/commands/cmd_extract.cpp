@@ -99,7 +99,7 @@ Query begun_query(const Arguments& arguments, const Store* values) {
 GraphQuery graph_query(const Arguments& arguments, const Store* values) {
     auto query = begun_query<GraphQuery>(arguments, values);
     query.scale = arguments.scale;
-    query.cells = arguments.extract.cells;
+    query.cells = arguments.extract.cells.value_or(Cells::tetrahedra);
     return query;
 }
 

@@ -69,7 +69,7 @@ std::string empty_slice(const Store& store, const SliceArguments& a, bool is_lin
 }
 
 ExtractReport run_contours(const Store& store, const SliceArguments& a, Progress& progress) {
-    if (a.extract.cells != Cells::tetrahedra) {
+    if (a.extract.cells.value_or(Cells::tetrahedra) != Cells::tetrahedra) {
         throw Error(ErrorKind::invalid_argument,
                     "--contours: lines in a mesh are those of tetrahedra, without --cells");
     }
@@ -88,7 +88,7 @@ ExtractReport run_slice(const Store& store, const SliceArguments& a, MeshSink& s
                         Progress& progress) {
     SliceQuery query = a.extract.query<SliceQuery>();
     query.plane = a.plane;
-    query.cells = a.extract.cells;
+    query.cells = a.extract.cells.value_or(Cells::tetrahedra);
     query.attributes = {a.extract.normals, nullptr, a.extract.vertex_error};
     return extract(store, query, sink, options_of(a.extract), progress);
 }

@@ -210,7 +210,8 @@ void add_cells_option(CLI::App* c, ExtractArguments& a) {
         "cells of the nested grid: tetrahedra (triangles of data in a\n"
         "plane), or hexahedra, which give a third of the triangles; an\n"
         "error above 0 then needs hex_deviation, an estimate hex_linf.\n"
-        "quad: of --graph, quadrilaterals by the same fields [tet]",
+        "quad: of --graph, quadrilaterals by the same fields [tet; within\n"
+        "a distance hex, unless another option goes with tet alone]",
         "tet|hex|quad");
 }
 

@@ -22,8 +22,8 @@ struct ExtractArguments {
     bool normals = false;
     std::optional<Field> vertex_error;
     ExtractOptions options;
-    Cells cells = Cells::tetrahedra;
-    std::string cells_name = "tet";
+    std::optional<Cells> cells = {};
+    std::string cells_name = {};  ///< as it was given
     bool is_slice = false;  ///< or contour lines
     bool is_graph = false;
 

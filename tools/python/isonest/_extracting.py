@@ -35,7 +35,7 @@ class Extracting:
                    pixels: float = 1.0, fov: float = 40.0, height: int = 1080, box: Optional[Box] = None,
                    bound: Optional[str] = None, view: Optional[Point] = None, cull_by: Optional[str] = None,
                    normals: bool = True, vertex_values: "Optional[Extracting]" = None,
-                   vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Cells = "tet",
+                   vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Optional[Cells] = None,
                    components: Components = None, min_component: int = 0, min_volume: float = 0.0,
                    close: Close = None, coordinates: Coordinates = "array", gradient_direction: str = "descent",
                    quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
@@ -51,7 +51,7 @@ class Extracting:
                    pixels: float = 1.0, fov: float = 40.0, height: int = 1080, box: Optional[Box] = None,
                    bound: Optional[str] = None, view: Optional[Point] = None, cull_by: Optional[str] = None,
                    normals: bool = True, vertex_values: "Optional[Extracting]" = None,
-                   vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Cells = "tet",
+                   vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Optional[Cells] = None,
                    components: Components = None, min_component: int = 0, min_volume: float = 0.0,
                    close: Close = None, coordinates: Coordinates = "array", gradient_direction: str = "descent",
                    quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
@@ -66,7 +66,7 @@ class Extracting:
                    pixels: float = 1.0, fov: float = 40.0, height: int = 1080, box: Optional[Box] = None,
                    bound: Optional[str] = None, view: Optional[Point] = None, cull_by: Optional[str] = None,
                    normals: bool = True, vertex_values: "Optional[Extracting]" = None,
-                   vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Cells = "tet",
+                   vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Optional[Cells] = None,
                    components: Components = None, min_component: int = 0, min_volume: float = 0.0,
                    close: Close = None, coordinates: Coordinates = "array", gradient_direction: str = "descent",
                    quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
@@ -102,7 +102,8 @@ class Extracting:
         vertex_values: another store of the same shape whose values the vertices get; without one they have ``iso``.
         vertex_error: a field at the vertices, by its name.
         vertices: "exact" is where the finest data have the value, whatever the error; the bound is then twice it.
-        cells: "hex" gives a third of the triangles.
+        cells: "hex" gives a third of the triangles. None: "hex" within a distance or with a number of triangles,
+            unless another argument goes with "tet" alone; else "tet".
         components: of the connected pieces the "largest", so many of the largest, or "all", which counts them.
         min_component: drop pieces of fewer triangles; min_volume: drop closed pieces around less than this volume.
         close: a solid, of what is "below" the value outside of the volume (or True), or "above".
@@ -147,7 +148,7 @@ class Extracting:
 
     def label_surface(self, label: int, *, distance: Distance = None, triangles: Optional[int] = None,
                       effort: Optional[Effort] = None, box: Optional[Box] = None, normals: bool = False,
-                      vertex_values: "Optional[Extracting]" = None, cells: Cells = "tet",
+                      vertex_values: "Optional[Extracting]" = None, cells: Optional[Cells] = None,
                       components: Components = None, min_component: int = 0, min_volume: float = 0.0,
                       close: Close = None, coordinates: Coordinates = "array", quality: bool = False,
                       memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
@@ -166,7 +167,7 @@ class Extracting:
 
     def label_surfaces(self, labels: "Optional[Sequence[int]]" = None, *, distance: Distance = None,
                        triangles: Optional[int] = None, effort: Optional[Effort] = None, box: Optional[Box] = None,
-                       normals: bool = False, vertex_values: "Optional[Extracting]" = None, cells: Cells = "tet",
+                       normals: bool = False, vertex_values: "Optional[Extracting]" = None, cells: Optional[Cells] = None,
                        components: Components = None, min_component: int = 0, min_volume: float = 0.0,
                        close: Close = None, coordinates: Coordinates = "array", quality: bool = False,
                        memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
@@ -257,7 +258,7 @@ class Extracting:
         return place
 
     def _label_query(self, place: Place, distance: Distance, triangles: Optional[int], effort: Optional[str],
-                     box: Optional[Box], normals: bool, vertex_values: Any, cells: str, components: Components,
+                     box: Optional[Box], normals: bool, vertex_values: Any, cells: Optional[str], components: Components,
                      min_component: int, min_volume: float, close: Close) -> Any:
         query = _core.SurfaceQuery()
         SurfaceStop(in_own_unit(distance, self._core), triangles, effort=effort).apply(

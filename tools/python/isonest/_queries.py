@@ -189,10 +189,12 @@ def set_close(query: Any, close: Close) -> None:
         query.set_close("below" if close is True else close)
 
 
-def set_attributes(query: Any, *, normals: bool, vertex_values: Any, vertex_error: Optional[str], cells: str) -> None:
+def set_attributes(query: Any, *, normals: bool, vertex_values: Any, vertex_error: Optional[str],
+                   cells: Optional[str]) -> None:
     """What triangles have, and contour lines have not."""
     query.set_normals(bool(normals))
-    query.set_cells(cells)
+    if cells is not None:
+        query.set_cells(cells)
     if vertex_values is not None:
         query.set_vertex_values(vertex_values._core)
     if vertex_error is not None:

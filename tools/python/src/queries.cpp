@@ -68,11 +68,11 @@ Outside outside_of(const std::string& name) {
                       {{"below", Outside::below}, {"above", Outside::above}}});
 }
 
-Cells& cells_in(SurfaceQuery& query) {
+std::optional<Cells>& cells_in(SurfaceQuery& query) {
     return query.grid.cells;
 }
 template <class Query>
-Cells& cells_in(Query& query) {
+auto& cells_in(Query& query) {
     return query.cells;
 }
 
