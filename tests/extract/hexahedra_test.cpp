@@ -408,7 +408,8 @@ TEST_CASE("hexahedral cells refuse what they do not give") {
         REQUIRE_THROWS_AS(extract_query(store, query, false), Error);
     };
     refused([](SurfaceQuery& q) { q.stop = ErrorBound{0.1}; });
-    refused([](SurfaceQuery& q) { q.stop = DistanceBound{0.1}; });
+    refused([](SurfaceQuery& q) { q.stop = NestedDistanceBound{{0.1}}; });
+    refused([](SurfaceQuery& q) { q.stop = SimplifiedErrorBound{{0.1}}; });
     refused([](SurfaceQuery& q) { q.stages.close = Outside::below; });
     refused([](SurfaceQuery& q) { q.grid.vertices = VertexPlace::exact; });
     refused([](SurfaceQuery& q) { q.focus.emplace(); });
@@ -418,4 +419,43 @@ TEST_CASE("hexahedral cells refuse what they do not give") {
     SurfaceQuery query;
     query.grid.cells = Cells::hexahedra;
     REQUIRE_THROWS_AS(extract_query(plane, query, false), Error);
+}
+
+TEST_CASE("within a distance cells are hexahedra, unless something needs tetrahedra") {
+    const TemporaryFolder folder;
+    FunctionVolume<float> volume({9, 9, 9}, smooth_f);
+    make_store(volume, folder / "s");
+    const StoreReader store(folder / "s");
+    const auto cells = [&](const auto& change) {
+        SurfaceQuery query;
+        change(query);
+        return extract_query(store, query, false).traversal.cells;
+    };
+    const DistanceBound distance{0.1};
+    CHECK(cells([](SurfaceQuery& /*q*/) {}) == Cells::tetrahedra);
+    CHECK(cells([](SurfaceQuery& q) { q.stop = NestedDistanceBound{{0.1}}; }) == Cells::tetrahedra);
+    CHECK(cells([&](SurfaceQuery& q) { q.stop = distance; }) == Cells::hexahedra);
+    CHECK(cells([&](SurfaceQuery& q) { q.stop = TriangleBudget{100}; }) == Cells::hexahedra);
+    CHECK(cells([&](SurfaceQuery& q) {
+              q.stop = distance;
+              q.stages.components.emplace();
+          }) == Cells::hexahedra);
+    CHECK(cells([&](SurfaceQuery& q) {
+              q.stop = distance;
+              q.stages.close = Outside::below;
+          }) == Cells::tetrahedra);
+    CHECK(cells([&](SurfaceQuery& q) {
+              q.stop = distance;
+              q.grid.bound = Field::deviation_bar;
+          }) == Cells::tetrahedra);
+    CHECK(cells([&](SurfaceQuery& q) {
+              q.stop = distance;
+              q.grid.cells = Cells::tetrahedra;
+          }) == Cells::tetrahedra);
+    FunctionVolume<float> flat({9, 9, 1}, smooth_f);
+    make_store(flat, folder / "f");
+    const StoreReader plane(folder / "f");
+    SurfaceQuery query;
+    query.stop = distance;
+    CHECK(extract_query(plane, query, false).traversal.cells == Cells::tetrahedra);
 }

@@ -323,6 +323,7 @@ TEST_CASE("components are dropped before a distance simplifies") {
     FunctionVolume<float> balls = some_balls();
     const Volume volume(balls);
     SurfaceQuery query;
+    query.grid.cells = GENERATE(Cells::tetrahedra, Cells::hexahedra);
     MeshCollector whole;
     const std::uint64_t all = volume.extract(query, whole).triangles;
     query.stop = DistanceBound{0.4};

@@ -541,6 +541,7 @@ TEST_CASE("what components are chosen from and a distance simplifies has been me
     const auto f = [](const Int3& p) { return static_cast<float>(smooth(p) + 0.4 * noise(p)); };
     SurfaceQuery query;
     query.iso = 0.3;
+    query.grid.cells = GENERATE(Cells::tetrahedra, Cells::hexahedra);
     const Int3 n{40, 35, 37};
     const Double3 origin{100000.3, 100000.3, -100000.1};
     const Surface all = surface_of<float>(n, f, origin, query);
