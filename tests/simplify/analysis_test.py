@@ -73,7 +73,7 @@ def triangles_of(path):
 def check_distances(folder):
     """Any distance and any number of triangles, from one file: kept, and the same as when it was made."""
     store, mesh, full = store_of(folder, "d", waves((40, 44, 48)), "--spacing", "0.5,1,1"), folder / "m.ply", folder / "f.ply"
-    assert run("extract", store, "--iso", ISO, "-o", full, "-q").returncode == 0
+    assert run("extract", store, "--iso", ISO, "--cells", "hex", "-o", full, "-q").returncode == 0
     first = extract(store, mesh, "--distance", 0.3)
     require(first["analysis"] == "made" and len(analyses(folder)) == 1, f"made: {first}")
     written = analyses(folder)[0].read_bytes()
@@ -118,7 +118,7 @@ def check_format(folder):
     with h5py.File(analyses(folder)[0], "r") as f:
         require(f.attrs["format"] == b"isonest analysis" and f.attrs["version"] == 1, "format and version")
         require(f.attrs["counts"][0] == report["full_triangles"] and f.attrs["counts"][7] == 12, "counts")
-        require(b"\niso 0.3, normals" in f.attrs["key"], f"key {f.attrs['key']}")
+        require(b"\niso 0.3, of hexahedra, normals" in f.attrs["key"], f"key {f.attrs['key']}")
         bounds, counts = [], []
         for k in range(f.attrs["steps"]):
             step = f[f"step_{k:02}"]

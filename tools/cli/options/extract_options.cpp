@@ -326,7 +326,7 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
                  {"tolerance", r.tolerance},
                  {"error_bound", r.error_bound},
                  {"value_rounding", r.value_rounding},
-                 {"guaranteed", is_guaranteed(r)},
+                 {"guaranteed", is_guaranteed(r) || r.traversal.stop == Field::hex_deviation},
                  {"visited_tetrahedra", r.traversal.visited},
                  {"leaf_tetrahedra", r.traversal.leaves},
                  {"mended_triangles", r.mending.mended},
