@@ -88,7 +88,7 @@ def test_a_distance_is_kept(store_path):
     volume = ball((33, 33, 33), 12.3)
     isonest.preprocess(volume, store_path)
     store = isonest.open(store_path)
-    full, small = store.isosurface(0.0), store.isosurface(0.0, distance="0.5voxel")
+    full, small = store.isosurface(0.0, cells="hex"), store.isosurface(0.0, distance="0.5voxel")
     assert small.report.triangles < full.report.triangles / 4
     assert small.report.distance_bound <= small.report.distance == 0.5
     assert small.report.full_triangles == full.report.triangles
