@@ -61,6 +61,16 @@ ElementSection ends_section(std::uint64_t offset, std::size_t corners) {
             }};
 }
 
+ElementSection common_section(std::uint64_t offset, const VertexAttribute& attribute) {
+    return {offset, attribute.bytes(), [attribute](const ElementBatch& batch, std::byte* out) {
+                const std::byte* const rows = batch.nearby.attributes.data() + attribute.offset;
+                for (const auto& element : batch.nearby_corners) {
+                    out = std::copy_n(rows + element[0] * batch.nearby.row_bytes, attribute.bytes(),
+                                      out);
+                }
+            }};
+}
+
 ElementSection indices32_section(std::uint64_t offset, std::optional<std::byte> prefix) {
     return {offset, (prefix ? 1 : 0) + 3 * sizeof(std::uint32_t),
             [prefix](const ElementBatch& batch, std::byte* out) {

@@ -35,6 +35,8 @@ struct ElementSection {
 /// The numbers of the first `corners` corners, int64; and for each cell how many there are so far.
 ElementSection connectivity_section(std::uint64_t offset, std::size_t corners);
 ElementSection ends_section(std::uint64_t offset, std::size_t corners);
+/// An attribute that the vertices of each element have in common.
+ElementSection common_section(std::uint64_t offset, const VertexAttribute& attribute);
 /// The numbers of three corners, uint32, behind the byte `prefix` if there is one.
 ElementSection indices32_section(std::uint64_t offset, std::optional<std::byte> prefix = {});
 

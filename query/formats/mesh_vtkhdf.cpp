@@ -14,7 +14,7 @@ class VtkhdfFile : public SectionedFile {
         shape.triangles = layout.elements;
         shape.unit = layout.unit ? symbol_of(*layout.unit) : "";
         for (const VertexAttribute& a : layout.attributes) {
-            shape.attributes.push_back({a.name, a.components, a.is_double});
+            shape.attributes.push_back({a.name, a.components, a.is_double, a.same_in_element});
         }
         PolyDataOffsets offsets;
         const OutputFile& out = create([&](const std::filesystem::path& temporary) {
@@ -26,6 +26,10 @@ class VtkhdfFile : public SectionedFile {
         for (std::size_t i = 0; i < layout.attributes.size(); ++i) {
             sections.vertices.push_back(
                 attribute_section(offsets.attributes[i], layout.attributes[i]));
+            if (layout.attributes[i].same_in_element) {
+                sections.elements.push_back(
+                    common_section(offsets.attributes_of_triangles[i], layout.attributes[i]));
+            }
         }
         if (shape.triangles > 0) {
             const std::uint64_t zero = 0;

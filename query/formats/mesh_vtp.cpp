@@ -24,6 +24,11 @@ struct Appended {
         end = data + bytes;
         return data;
     }
+    /// With so many rows.
+    std::uint64_t add(const VertexAttribute& a, std::uint64_t rows) {
+        return add(a.is_double ? "Float64" : "Float32", a.name,
+                   static_cast<std::size_t>(a.components), rows * a.bytes());
+    }
 };
 
 /// The field data "unit", as text, unless it is not known.
@@ -64,12 +69,15 @@ class VtpFile : public SectionedFile {
                                 : layout.find("error") != nullptr ? " Scalars=\"error\""
                                                                   : "");
         for (const VertexAttribute& a : layout.attributes) {
-            sections.vertices.push_back(
-                attribute_section(data.add(a.is_double ? "Float64" : "Float32", a.name,
-                                           static_cast<std::size_t>(a.components), nv * a.bytes()),
-                                  a));
+            sections.vertices.push_back(attribute_section(data.add(a, nv), a));
         }
-        data.xml += "</PointData>\n<Points>\n";
+        data.xml += "</PointData>\n<CellData>\n";
+        for (const VertexAttribute& a : layout.attributes) {
+            if (a.same_in_element) {
+                sections.elements.push_back(common_section(data.add(a, nt), a));
+            }
+        }
+        data.xml += "</CellData>\n<Points>\n";
         sections.vertices.push_back(
             position_section(data.add("Float32", "points", 3, nv * 3 * sizeof(float))));
         data.xml += fmt::format("</Points>\n<{}>\n", cells);

@@ -110,7 +110,7 @@ std::unique_ptr<MeshSink> JoinedMeshes::part(std::size_t i) {
 }
 
 MeshLayout JoinedMeshes::with_isovalue(MeshLayout layout) const {
-    layout.attributes.push_back({"isovalue", 1, is_double_, layout.row_bytes});
+    layout.attributes.push_back({"isovalue", 1, is_double_, layout.row_bytes, true});
     layout.row_bytes += layout.attributes.back().bytes();
     return layout;
 }

@@ -11,6 +11,19 @@
 #include "store/hdf5/hdf5_frame.h"
 
 namespace isonest::detail {
+namespace {
+
+/// Returns where the data begin.
+std::uint64_t add_attribute(const Hdf5Frame& frame, hid_t where, const PolyDataShape::Attribute& a,
+                            std::uint64_t rows) {
+    std::vector<hsize_t> dims{rows};
+    if (a.components > 1) {
+        dims.push_back(static_cast<hsize_t>(a.components));
+    }
+    return frame.array(where, a.name.c_str(), a.wide ? H5T_IEEE_F64LE : H5T_IEEE_F32LE, dims);
+}
+
+}  // namespace
 
 PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDataShape& shape) {
     const QuietHdf5 quiet;
@@ -39,16 +52,15 @@ PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDat
         offsets.ends =
             frame.array(group.get(), "Offsets", H5T_STD_I64LE, {cells + 1}) + sizeof(std::int64_t);
     }
-    GroupHandle data = frame.group(root.get(), "PointData");
+    GroupHandle of_points = frame.group(root.get(), "PointData");
+    GroupHandle of_cells = frame.group(root.get(), "CellData");
     for (const PolyDataShape::Attribute& a : shape.attributes) {
-        std::vector<hsize_t> dims{shape.points};
-        if (a.components > 1) {
-            dims.push_back(static_cast<hsize_t>(a.components));
-        }
-        offsets.attributes.push_back(frame.array(data.get(), a.name.c_str(),
-                                                 a.wide ? H5T_IEEE_F64LE : H5T_IEEE_F32LE, dims));
+        offsets.attributes.push_back(add_attribute(frame, of_points.get(), a, shape.points));
+        offsets.attributes_of_triangles.push_back(
+            a.of_triangles ? add_attribute(frame, of_cells.get(), a, shape.triangles) : 0);
     }
-    data.reset();
+    of_points.reset();
+    of_cells.reset();
     root.reset();
     frame.close();
     return offsets;

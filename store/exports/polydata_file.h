@@ -13,7 +13,8 @@ struct PolyDataShape {
     struct Attribute {
         std::string name;
         int components = 1;
-        bool wide = false;  ///< float64 in place of float32
+        bool wide = false;          ///< float64 in place of float32
+        bool of_triangles = false;  ///< there is an array per triangle, too
     };
     std::uint64_t points = 0;
     std::uint64_t triangles = 0;
@@ -25,8 +26,10 @@ struct PolyDataShape {
 struct PolyDataOffsets {
     std::uint64_t points = 0;               ///< float32 x 3
     std::vector<std::uint64_t> attributes;  ///< float32 or float64 x components
-    std::uint64_t connectivity = 0;         ///< int64 x 3 for each triangle
-    std::uint64_t ends = 0;                 ///< int64: three times the triangles so far
+    /// Likewise of each triangle; 0 unless the attribute is of triangles, too.
+    std::vector<std::uint64_t> attributes_of_triangles;
+    std::uint64_t connectivity = 0;  ///< int64 x 3 for each triangle
+    std::uint64_t ends = 0;          ///< int64: three times the triangles so far
 };
 
 /// Creates the file with all arrays allocated, little endian and contiguous. The Offsets

@@ -2,6 +2,8 @@
 #include <fmt/format.h>
 
 #include <catch2/catch.hpp>
+#include <cstring>
+#include <nlohmann/json.hpp>
 
 #include <isonest/error.h>
 #include <isonest/joined_isovalues.h>
@@ -380,6 +382,37 @@ TEST_CASE("a joined mesh gives sinks that draw the vertices of each element") {
     extract_joined(*subject.store, isovalues, {}, *open_mesh_file(folder / "all.stl"),
                    [](std::size_t, const ExtractReport&) {});
     CHECK(read_file(folder / "all.stl").substr(84) == triangles);
+}
+
+TEST_CASE("a joined mesh in glTF has the isovalue of each vertex, in float32") {
+    const Waves subject({17, 15, 13});
+    const std::vector<double> isovalues{0.5, 0.3};
+    const TemporaryFolder folder;
+    extract_joined(*subject.store, isovalues, {}, *open_mesh_file(folder / "all.glb"),
+                   [](std::size_t, const ExtractReport&) {});
+    const std::string file = read_file(folder / "all.glb");
+    std::uint32_t json_bytes = 0;
+    std::memcpy(&json_bytes, file.data() + 12, sizeof(json_bytes));
+    const auto json = nlohmann::json::parse(file.substr(20, json_bytes));
+    const auto& accessor =
+        json["accessors"]
+            [json["meshes"][0]["primitives"][0]["attributes"].at("_ISOVALUE").get<std::size_t>()];
+    const std::size_t at =
+        28 + json_bytes +
+        json["bufferViews"][accessor["bufferView"].get<std::size_t>()]["byteOffset"]
+            .get<std::size_t>();
+    std::vector<float> expected;
+    for (const double isovalue : isovalues) {
+        SurfaceQuery query;
+        query.iso = isovalue;
+        MeshCollector own;
+        extract(*subject.store, query, own);
+        expected.insert(expected.end(), own.vertices.size(), static_cast<float>(isovalue));
+    }
+    REQUIRE(accessor["count"] == expected.size());
+    std::vector<float> found(expected.size());
+    std::memcpy(found.data(), file.data() + at, found.size() * sizeof(float));
+    CHECK(found == expected);
 }
 
 TEST_CASE("a joined mesh of isolines has those of each isovalue") {

@@ -244,6 +244,37 @@ with tempfile.TemporaryDirectory() as name:
         assert off == r["value_rounding"] == r["error_bound"] and (off > 0) == (end == "glb"), end
     run("slice", folder / "far", "--plane", "0,0,1,4", "-o", folder / "far.png")
 
+    # Several isovalues in one file: each vertex and each cell says which one it is of.
+    for isovalues, kind in (((0.5, 99.0, 0.25), "f4"), ((0.5, 99.0, 0.3), "f8"), ((98.0, 99.0), "f4")):
+        own = [run("extract", store, "--iso", v, "-o", folder / "one.vtp", "--json") for v in isovalues]
+        of_points = np.repeat(np.array(isovalues, kind), [r["vertices"] for r in own])
+        of_cells = np.repeat(np.array(isovalues, kind), [r["triangles"] for r in own])
+        assert len(of_cells) > 5000 or isovalues[0] == 98
+        joined = ("extract", store, "--iso", ",".join(map(str, isovalues)), "--normals", "-o")
+        for options in ((), ("--threads", 1), ("--threads", 3, "--memory", "30M")):
+            run(*joined, folder / "j.vtp", *options)
+            run(*joined, folder / "j.vtkhdf", *options)
+            _, joined_polys, mesh = vtk_mesh(vtkXMLPolyDataReader(), folder / "j.vtp")
+            for data, expected in ((mesh.GetPointData(), of_points), (mesh.GetCellData(), of_cells)):
+                found = vtk_to_numpy(data.GetArray("isovalue"))
+                assert found.dtype == kind and np.array_equal(found, expected), (isovalues, options)
+            assert mesh.GetCellData().GetNumberOfArrays() == 1
+            with h5py.File(folder / "j.vtkhdf") as f:
+                for data, expected in (("PointData", of_points), ("CellData", of_cells)):
+                    found = f[f"VTKHDF/{data}/isovalue"]
+                    assert found.dtype == kind and np.array_equal(found[:], expected), (isovalues, options)
+                assert list(f["VTKHDF/CellData"]) == ["isovalue"]
+                assert np.array_equal(f["VTKHDF/Polygons/Connectivity"][:].reshape(-1, 3), joined_polys)
+    _, _, mesh = vtk_mesh(vtkXMLPolyDataReader(), folder / "one.vtp")
+    assert mesh.GetCellData().GetNumberOfArrays() == 0
+    own = [run("extract", folder / "f", "--iso", v, "-o", folder / "l.vtp", "--json")["triangles"] for v in (200, 90.5)]
+    run("extract", folder / "f", "--iso", "200,90.5", "-o", folder / "j.vtp")
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(str(folder / "j.vtp"))
+    reader.Update()
+    found = vtk_to_numpy(reader.GetOutput().GetCellData().GetArray("isovalue"))
+    assert np.array_equal(found, np.repeat(np.array((200, 90.5), "f4"), own)) and min(own) > 10
+
     message = run("extract", folder / "f", "--iso", 200, "-o", folder / "l.ply", expect=2)
     assert ".vtp or .obj" in message, message
     message = run("extract", folder / "f", "--iso", 200, "-o", folder / "l.3mf", expect=2)

@@ -788,7 +788,17 @@ class Cli(unittest.TestCase):
         self.assertIn(f"element face {sum(r['triangles'] for r in report)}", header)
         for path in [*self.here.glob("i_*"), *self.here.glob("all.*")]:
             path.unlink()
-        self.assertIn("a name with {iso} in it", self.fails(2, *several, "-o", "all.stl"))
+        # Formats without such an attribute, or with one of 32 bits and a name of its own.
+        for name in ("all.stl", "all.obj", "all.3mf", "all.glb", "all.GLB"):
+            message = self.fails(2, *several, "-o", name)
+            self.assertIn(f"{name}: of several isovalues in one file, .ply, .vtp and .vtkhdf say which is whose", message)
+            self.assertIn("a name with {iso} in it", message)
+            self.assertFalse((self.here / name).exists())
+            # Each of them takes a file for each.
+            self.ok(*several, "-o", name.replace("all", "i_{iso}"))
+            self.assertEqual(len(list(self.here.glob(f"i_*{name[-4:]}"))), 3)
+        for path in self.here.glob("i_*"):
+            path.unlink()
         self.assertIn("given twice", self.fails(2, "extract", "b.isonest", "--iso", "0.5,0.50", "-o", "i_{iso}.ply"))
         many = ",".join(str(i / 300) for i in range(257))
         self.assertIn("in several runs", self.fails(7, "extract", "b.isonest", "--iso", many, "-o", "all.ply"))

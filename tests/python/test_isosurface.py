@@ -124,15 +124,36 @@ def test_closed_solids_and_components(store_path, noise):
     assert len(one.faces) < len(store.isosurface(0.3).faces)
 
 
+@pytest.mark.parametrize("coordinates, rounding", [("world", 1e-10), ("array", 1e-6)])
+@pytest.mark.parametrize("more", [{}, {"distance": 0.4}, {"cells": "hex", "error": 0.1}])
+def test_the_report_measures_the_mesh(store_path, noise, more, coordinates, rounding):
+    """The mesh in the world; taking the origin off its coordinates rounds them once more."""
+    isonest.preprocess(noise, store_path, spacing=(2.5, 1, 0.5), origin=(7, -40, 300),
+                       indicators=["deviation_bar", "hex_deviation"])
+    store = isonest.open(store_path)
+    for closing in ({}, {"close": "below"}, {"close": "above"}):
+        if closing and "cells" in more:  # hexahedra give no caps
+            break
+        mesh = store.isosurface(0.3, coordinates=coordinates, **more, **closing)
+        assert mesh.report.area == pytest.approx(area(mesh.vertices, mesh.faces), rel=rounding)
+        if closing:
+            about_one_vertex = mesh.vertices.astype(float) - mesh.vertices[0]
+            assert mesh.report.volume == pytest.approx(abs(signed_volume(about_one_vertex, mesh.faces)), rel=rounding)
+        else:
+            assert mesh.report.volume is None
+
+
 def test_no_surface_is_an_empty_mesh(noise):
     mesh = isonest.isosurface(noise, 1000.0)
     assert mesh.vertices.shape == (0, 3) and mesh.faces.shape == (0, 3)
+    assert mesh.report.area == 0 and mesh.report.volume == 0
 
 
 def test_a_map_has_lines():
     volume = ball((30, 40), 10)
     mesh = isonest.isosurface(volume, 0.0, normals=False)
     assert mesh.faces.shape[1] == 2 and len(mesh.faces) == len(mesh.vertices) > 50
+    assert mesh.report.area is None and mesh.report.volume is None
     np.testing.assert_allclose(np.linalg.norm(mesh.vertices[:, 1:] - [14.5, 19.5], axis=1), 10, atol=0.1)
 
 

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import isonest
@@ -36,6 +37,30 @@ def test_the_component_is_the_package_and_works_from_anywhere(tmp_path):
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True,
                           env={**os.environ, "PYTHONPATH": str(folder)})
     assert done.stdout.split() == [str(folder / "isonest/__init__.py"), "True"]
+
+
+@pytest.mark.parametrize("way", ["built", "installed"])
+def test_a_file_that_needs_a_module_is_read(tmp_path, way):
+    tree = build_tree()
+    if not (tree / "lib/isonest/isonest_gdcm.so").exists():
+        pytest.skip("this build has no GDCM")
+    folder = tree / "python"
+    if way == "installed":
+        for component in ("isonest", "python"):
+            subprocess.run(["cmake", "--install", tree, "--component", component, "--prefix", tmp_path / "prefix"],
+                           check=True, capture_output=True)
+        folder = tmp_path / "prefix/lib/python3/dist-packages"
+    packed = ROOT / "tests/fuzz/corpus/volume/dicom_jpeg"
+    subprocess.run([os.environ["ISONEST_PROGRAM"], "preprocess", packed, "-o", tmp_path / "own.isonest", "--chunk", "16"],
+                   check=True, capture_output=True)
+    done = subprocess.run([sys.executable, "-c", f"import isonest; isonest.preprocess({str(packed)!r}, 'x.isonest', "
+                           "chunk=16); print(isonest.__file__)"], cwd=tmp_path, capture_output=True, text=True,
+                          env={**os.environ, "PYTHONPATH": str(folder)})
+    assert done.returncode == 0, done.stderr
+    assert pathlib.Path(done.stdout.strip()).parent == folder / "isonest"
+    own, found = (isonest.open(tmp_path / name).values() for name in ("own.isonest", "x.isonest"))
+    np.testing.assert_array_equal(found, own)
+    assert len(np.unique(found)) > 5
 
 
 def test_the_version_is_that_of_the_project():

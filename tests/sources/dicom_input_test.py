@@ -20,7 +20,7 @@ try:
     from pydicom.sequence import Sequence
     from pydicom.uid import (CTImageStorage, DeflatedExplicitVRLittleEndian, ExplicitVRBigEndian,
                              ExplicitVRLittleEndian, ImplicitVRLittleEndian, generate_uid)
-    from volume_inputs import ISONEST, RANDOM, DamagedFiles, Input
+    from volume_inputs import ISONEST, RANDOM, DamagedFiles, Input, Module
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
@@ -32,7 +32,7 @@ def text(value):
     return f"{value:.10g}"
 
 
-class Dicom(DamagedFiles, Input):
+class Dicom(DamagedFiles, Module, Input):
     def setUp(self):
         super().setUp()
         self.path = self.here / "series"
@@ -319,6 +319,18 @@ class Dicom(DamagedFiles, Input):
                 d.PixelData = item(b"") + b"".join(map(item, halves))
                 d.save_as(self.path / "all.dcm")
                 self.refuses(4, "table of offsets")
+
+    def test_without_its_module_jpeg_is_told_of_and_the_rest_is_read(self):
+        if shutil.which("gdcmconv") is None:
+            self.skipTest("no gdcmconv (Debian: libgdcm-tools)")
+        program = self.moved_program()
+        self.stack(self.data.repeat(3, 1).repeat(3, 2))
+        self.assertEqual(self.run_moved(program).returncode, 0)
+        self.packed("--rle")
+        self.assertEqual(self.run_moved(program).returncode, 0)
+        (self.here / "moved.isonest").unlink()
+        self.packed("--jpegls")
+        self.needs_module(program, "isonest_gdcm.so", "isonest")
 
     def test_packed_frames_where_children_are_not_waited_for(self):
         """A parent that ignores SIGCHLD hands that on; the process that unpacks a frame is then nobody's to collect."""

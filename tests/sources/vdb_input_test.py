@@ -13,7 +13,7 @@ import served  # noqa: E402
 try:
     import numpy as np
     import pyopenvdb as vdb
-    from volume_inputs import ISONEST, RANDOM, DamagedFiles, Input
+    from volume_inputs import ISONEST, RANDOM, DamagedFiles, Input, Module
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
@@ -22,7 +22,7 @@ if b"libopenvdb-dev" in served.run([ISONEST, "--version"], capture_output=True).
     sys.exit(77)
 
 
-class OpenVdb(DamagedFiles, Input):
+class OpenVdb(DamagedFiles, Module, Input):
     def setUp(self):
         super().setUp()
         self.path = self.here / "v.vdb"
@@ -51,6 +51,10 @@ class OpenVdb(DamagedFiles, Input):
         self.reads(self.data)
         self.lies([1 - 1.5, 2 + 1.25, 3 + 200], [0.5, 0.25, 2])
         self.reads(self.data[2:7, :, ::2].copy()[:, ::2], "--crop", ":,:,2:7", "--every", "2,2,1")
+
+    def test_without_its_module_it_is_told_of(self):
+        vdb.write(str(self.path), grids=[self.grid()])
+        self.needs_module(self.moved_program(), "isonest_openvdb.so", "isonest-openvdb")
 
     def test_turned_grids(self):
         turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))

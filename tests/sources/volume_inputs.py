@@ -4,6 +4,8 @@ REQUIRES: sys.argv[1] is the program.
 """
 import json
 import pathlib
+import shutil
+import subprocess
 import sys
 import tempfile
 import unittest
@@ -46,6 +48,36 @@ class DamagedFiles:
             self.assertIn(done.returncode, (0, 2, 3, 4, 5, 6, 7), (i, done.stderr))
             if len(data) < len(whole) and done.returncode == 0:
                 self.fail(f"{i}: a file that was cut short was read")
+
+
+class Module:
+    """Mixed in: what a module of the library reads. A copy of the program elsewhere has the modules that it is given."""
+
+    def moved_program(self):
+        program = self.here / "moved/bin/isonest"
+        program.parent.mkdir(parents=True)
+        (self.here / "moved/lib/isonest").mkdir(parents=True)
+        shutil.copy(ISONEST, program)
+        return program
+
+    def run_moved(self, program):
+        return subprocess.run([program, "preprocess", self.path, "-o", self.here / "moved.isonest", "--chunk", "8",
+                               "--force"], capture_output=True, text=True)
+
+    def needs_module(self, program, name, package):
+        """`path` is read with the module, and with none or a broken one there is an error and no store."""
+        module = self.here / "moved/lib/isonest" / name
+        done = self.run_moved(program)
+        self.assertEqual(done.returncode, 5, done.stderr)
+        self.assertRegex(done.stderr, f"the module that .* is not installed: it is in the package {package}\n")
+        module.write_bytes(b"no module")
+        done = self.run_moved(program)
+        self.assertEqual(done.returncode, 5, done.stderr)
+        self.assertRegex(done.stderr, f"the module that .* cannot be loaded: .*{name}")
+        self.assertEqual(list(self.here.glob("moved.*")), [])
+        shutil.copy(pathlib.Path(ISONEST).resolve().parents[1] / "lib/isonest" / name, module)
+        done = self.run_moved(program)
+        self.assertEqual(done.returncode, 0, done.stderr)
 
 
 class Input(unittest.TestCase):

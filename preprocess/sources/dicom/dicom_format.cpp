@@ -295,7 +295,7 @@ bool is_dicom(const VolumeInput& input) {
 }  // namespace
 
 VolumeFormat dicom_format() {
-    return {.about = {dicom_codec_is_built() ? "DICOM" : "DICOM (what is not packed)",
+    return {.about = {dicom_codec_is_built() ? "DICOM" : "DICOM (without JPEG)",
                       ".dcm, a folder or a list of them", ""},
             .takes = {.index = true, .series = true},
             .several_files = true,

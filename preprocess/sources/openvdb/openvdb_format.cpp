@@ -3,18 +3,10 @@
 #include <string_view>
 
 #if ISONEST_WITH_OPENVDB
-#include <dlfcn.h>
-#include <fmt/format.h>
-
-#include <array>
-#include <filesystem>
 #include <memory>
-#include <string>
-#include <system_error>
 
-#include <isonest/error.h>
-
-#include "preprocess/sources/openvdb/vdb_module.h"
+#include "preprocess/sources/modules/module_loader.h"
+#include "preprocess/sources/openvdb/module/vdb_module.h"
 #endif
 
 namespace isonest::detail {
@@ -27,43 +19,10 @@ bool is_vdb(const VolumeInput& input) {
 
 #if ISONEST_WITH_OPENVDB
 
-using OpenVdb = decltype(&isonest_open_vdb);
-
-/// In the build's folder beside that of the program, or where it is installed.
-OpenVdb load_module(const std::string& input) {
-    std::error_code ignored;
-    const std::filesystem::path program =
-        std::filesystem::read_symlink("/proc/self/exe", ignored).parent_path();
-    const std::array<std::filesystem::path, 3> folders{program / "../lib/isonest",
-                                                       program / ".." / ISONEST_LIBDIR / "isonest",
-                                                       ISONEST_FULL_LIBDIR "/isonest"};
-    std::string problem;
-    bool is_installed = false;
-    for (const std::filesystem::path& folder : folders) {
-        const std::filesystem::path file = folder / "isonest_openvdb.so";
-        if (void* const module = ::dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL)) {
-            if (void* const open = ::dlsym(module, "isonest_open_vdb")) {
-                return reinterpret_cast<OpenVdb>(open);
-            }
-        }
-        const char* const said = ::dlerror();
-        if (std::filesystem::exists(file, ignored)) {
-            is_installed = true;
-            problem = said == nullptr ? "" : said;
-        }
-    }
-    if (!is_installed) {
-        throw Error(ErrorKind::unsupported, {input},
-                    "the module that reads OpenVDB is not installed: it is in the package "
-                    "isonest-openvdb");
-    }
-    throw Error(ErrorKind::unsupported, {input},
-                fmt::format("the module that reads OpenVDB cannot be loaded: {}", problem),
-                {{RemedyKind::install_package, "libopenvdb-dev"}});
-}
-
 std::unique_ptr<VolumeSource> open_vdb(const VolumeInput& input, const SourceOptions& options) {
-    static const OpenVdb open = load_module(input.path().string());
+    static const auto open = reinterpret_cast<decltype(&isonest_open_vdb)>(load_from_module(
+        {"isonest_openvdb.so", "reads OpenVDB", "isonest-openvdb", "libopenvdb-dev"},
+        "isonest_open_vdb", input.path().string()));
     return std::unique_ptr<VolumeSource>(open(input, options));
 }
 

@@ -21,10 +21,13 @@ namespace isonest {
 /// Numbers that every vertex of a mesh carries.
 struct VertexAttribute {
     std::string name =
-        {};  ///< "normal" (3 components, unit length), "value" or "error" (1 component)
+        {};  ///< "normal" (3 components, unit length); "value", "error" or "isovalue" (1 component)
     int components = 1;
     bool is_double = false;  ///< float64, where float32 would round them; else float32
     std::size_t offset = 0;  ///< bytes from the beginning of a vertex's row
+    /// Whether all vertices of an element have the same: file formats that hold numbers of elements
+    /// have it as one of those, too.
+    bool same_in_element = false;
 
     [[nodiscard]] std::size_t bytes() const {
         return static_cast<std::size_t>(components) * (is_double ? sizeof(double) : sizeof(float));

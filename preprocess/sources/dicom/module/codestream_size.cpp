@@ -1,4 +1,4 @@
-#include "preprocess/sources/dicom/codestream_size.h"
+#include "preprocess/sources/dicom/module/codestream_size.h"
 
 #include <string_view>
 

@@ -1,6 +1,6 @@
 // OpenVDB files, in a module of its own: with the library come others that start threads as soon as
 // they are loaded (Debian's log4cplus), which no program should pay for that reads no such file.
-#include "preprocess/sources/openvdb/vdb_module.h"
+#include "preprocess/sources/openvdb/module/vdb_module.h"
 
 #include <fmt/format.h>
 #include <openvdb/openvdb.h>

@@ -1,6 +1,4 @@
-#include "preprocess/sources/dicom/jpeg2000_frame.h"
-
-#if ISONEST_WITH_GDCM
+#include "preprocess/sources/dicom/module/jpeg2000_frame.h"
 
 #include <openjpeg.h>
 
@@ -98,5 +96,3 @@ std::string unpack_jpeg2000(std::span<const char> frame, const DicomNumbers& num
 }
 
 }  // namespace isonest::detail
-
-#endif

@@ -1,0 +1,217 @@
+"""Area and volume that `extract` reports, against sums over the triangles of the mesh that it wrote: those of numpy in
+float64, and those of VTK.
+
+Usage: measures_test.py ISONEST PLUGIN_FOLDER
+"""
+import json
+import pathlib
+import re
+import sys
+import tempfile
+import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
+
+import numpy as np
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkFiltersCore import vtkMassProperties
+from vtkmodules.vtkIOPLY import vtkPLYReader
+
+ISONEST = sys.argv[1]
+MIDDLE = np.array((9, 8, 10))  # of the balls, in nodes: x, y, z
+RADIUS = 6.3
+
+
+class Mesh:
+    """A file's triangles, and what they measure."""
+
+    def __init__(self, path):
+        reader = vtkPLYReader()
+        reader.SetFileName(str(path))
+        reader.Update()
+        self.data = reader.GetOutput()
+        self.triangles = np.zeros((0, 3), int)
+        if self.data.GetNumberOfPolys():
+            self.triangles = vtk_to_numpy(self.data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+            points = vtk_to_numpy(self.data.GetPoints().GetData()).astype("f8")
+            # About a point of the surface, so that what is far from the origin loses no digits.
+            self.corners = (points - points[0])[self.triangles]
+        else:
+            self.corners = np.zeros((0, 3, 3))
+
+    def area(self):
+        a, b, c = self.corners.transpose(1, 0, 2)
+        return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+
+    def signed_volume(self):
+        """Of a closed mesh. Positive if the triangles, whose corners turn left seen from outside, face away from it."""
+        a, b, c = self.corners.transpose(1, 0, 2)
+        return np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+
+    def is_closed(self):
+        """Whether every edge is passed as often in one direction as in the other."""
+        passes = np.concatenate([self.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+        edges, place = np.unique(np.sort(passes, 1), axis=0, return_inverse=True)
+        balance = np.bincount(place.ravel(), np.sign(passes[:, 1] - passes[:, 0]), len(edges))
+        return not balance.any()
+
+    def of_vtk(self):
+        """Area and volume."""
+        properties = vtkMassProperties()
+        properties.SetInputData(self.data)
+        return properties.GetSurfaceArea(), properties.GetVolume()
+
+
+class MeasuresTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory(prefix="isonest-test-")
+        cls.here = pathlib.Path(cls.folder.name)
+        z, y, x = np.mgrid[:21, :18, :23].astype("f8")
+        distance = np.sqrt((x - MIDDLE[0]) ** 2 + (y - MIDDLE[1]) ** 2 + (z - MIDDLE[2]) ** 2)
+        waves = np.sin(x / 3) + np.cos(y / 4 + 1) * np.sin(z / 5) + 0.05 * np.random.default_rng(5).random(x.shape)
+        volumes = {"ball": RADIUS - distance, "shell": 1.7 - abs(distance - 5), "waves": waves,
+                   "holes": np.where((x > 12) & (y > 9) & (z > 11) & (z < 13), np.nan, RADIUS - distance)}
+        for name, data in volumes.items():
+            np.save(cls.here / "v.npy", data.astype("f4"))
+            cls.run_program("preprocess", "v.npy", "-o", name, "--chunk", 8, "--indicators",
+                            "deviation_bar,hex_deviation", "--force")
+        np.save(cls.here / "v.npy", volumes["waves"].astype("f4"))
+        cls.run_program("preprocess", "v.npy", "-o", "placed", "--chunk", 8, "--spacing", "2,0.5,1.25", "--origin",
+                        "1000,-300,40", "--unit", "mm")
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.folder.cleanup()
+
+    @classmethod
+    def run_program(cls, *arguments):
+        done = served.run([ISONEST, *map(str, arguments)], capture_output=True, text=True, cwd=cls.here)
+        assert done.returncode == 0, (arguments, done.stderr)
+        return done.stdout
+
+    def measured(self, store, *options, iso=0.0, unit=""):
+        """The mesh, after both forms of its report were compared with it; and the report as JSON."""
+        command = ("extract", store, "--iso", iso, "-o", "m.ply", *options)
+        report = json.loads(self.run_program(*command, "--json"))
+        mesh = Mesh(self.here / "m.ply")
+        self.assertEqual(len(mesh.triangles), report["triangles"])
+        self.assertGreater(len(mesh.triangles), 100)
+        np.testing.assert_allclose(report["area"], mesh.area(), rtol=1e-10)
+        area_of_vtk, volume_of_vtk = mesh.of_vtk()
+        np.testing.assert_allclose(report["area"], area_of_vtk, rtol=1e-5)
+        closed = mesh.is_closed()
+        if closed:
+            volume = abs(mesh.signed_volume())
+            np.testing.assert_allclose(report["volume"], volume, rtol=1e-10)
+            np.testing.assert_allclose(report["volume"], volume_of_vtk, rtol=1e-4)
+        else:
+            self.assertIn("volume", report)
+            self.assertIsNone(report["volume"])
+        said = self.run_program(*command)
+        number = r"([0-9.e+-]+)"
+        square, cube = (f" {unit}{power}" if unit else "" for power in "23")
+        if closed:
+            (found,) = re.findall(rf"^area {number}{square}, volume {number}{cube}$", said, re.MULTILINE)
+        else:
+            (found,) = re.findall(rf"^area {number}{square}, not closed, so it has no volume$", said, re.MULTILINE)
+            found = (found,)
+        self.assertEqual(list(found), [f"{n:.6g}" for n in (report["area"], report["volume"])[:len(found)]])
+        return mesh, report
+
+    def test_a_sphere_within_the_volume_is_closed_and_faces_outwards(self):
+        for options in ((), ("--cells", "hex"), ("--error", 0.3), ("--cells", "hex", "--error", 0.3), ("--normals",),
+                        ("--vertices", "exact")):
+            with self.subTest(options=options):
+                mesh, report = self.measured("ball", *options)
+                self.assertTrue(mesh.is_closed())
+                self.assertGreater(mesh.signed_volume(), 0)
+                self.assertAlmostEqual(report["area"] / (4 * np.pi * RADIUS ** 2), 1, delta=0.08)
+                self.assertAlmostEqual(report["volume"] / (4 / 3 * np.pi * RADIUS ** 3), 1, delta=0.08)
+
+    def test_a_simplified_surface_is_measured_as_it_is_written(self):
+        full = self.measured("ball")[1]
+        for options in (("--distance", 0.3), ("--distance", 0.3, "--effort", "fast"), ("--triangles", 300),
+                        ("--error", 0.3, "--simplify"), ("--distance", 0.3, "--no-simplify")):
+            with self.subTest(options=options):
+                mesh, report = self.measured("ball", *options)
+                self.assertTrue(mesh.is_closed())
+                self.assertLess(report["triangles"], full["triangles"])
+                self.assertNotEqual(report["area"], full["area"])
+                self.assertNotEqual(report["volume"], full["volume"])
+
+    def test_a_void_takes_its_volume_from_the_solid(self):
+        mesh, report = self.measured("shell")
+        self.assertTrue(mesh.is_closed())
+        self.assertAlmostEqual(report["volume"] / (4 / 3 * np.pi * (6.7 ** 3 - 3.3 ** 3)), 1, delta=0.05)
+        _, outer = self.measured("shell", "--components", "largest")
+        self.assertGreater(outer["volume"], 1.1 * report["volume"])
+        self.assertLess(outer["area"], report["area"])
+
+    def test_an_open_surface_has_an_area_and_no_volume(self):
+        box = ("--box", "3,1,2,15,9.5,18")
+        for store, options in (("waves", ()), ("ball", box), ("holes", ()), ("waves", ("--cells", "hex")),
+                               ("waves", ("--distance", 0.4)), ("ball", (*box, "--distance", 0.2)),
+                               ("holes", ("--close",))):
+            with self.subTest(store=store, options=options):
+                self.assertFalse(self.measured(store, *options)[0].is_closed())
+
+    def test_a_surface_that_was_closed_is_measured_with_its_caps(self):
+        opened = self.measured("waves")[1]
+        total = 20 * 17 * 22
+        volumes = {}
+        for side, signs in (("below", 1), ("above", -1)):
+            for options in ((), ("--distance", 0.4), ("--error", 0.1)):
+                with self.subTest(side=side, options=options):
+                    mesh, report = self.measured("waves", f"--close={side}", *options)
+                    self.assertTrue(mesh.is_closed())
+                    self.assertGreater(signs * mesh.signed_volume(), 0)
+                    if not options:
+                        volumes[side] = report["volume"]
+                        self.assertGreater(report["area"], opened["area"])
+        # Both sides of one surface fill the box.
+        self.assertAlmostEqual(sum(volumes.values()) / total, 1, delta=1e-3)
+        box = ("--box", "3,1,2,15,9.5,18")
+        mesh, report = self.measured("ball", *box, "--close")
+        self.assertTrue(mesh.is_closed())
+        self.assertLess(report["volume"], 12 * 8.5 * 16)
+
+    def test_measures_are_in_the_unit_of_the_coordinates(self):
+        for options, closed in (((), False), (("--close",), True), (("--close", "--distance", "0.2mm"), True)):
+            with self.subTest(options=options):
+                self.assertEqual(self.measured("placed", *options, unit="mm")[0].is_closed(), closed)
+        # A distance of nodes is 2 x 0.5 x 1.25 mm3.
+        _, nodes = self.measured("waves", "--close")
+        _, millimetres = self.measured("placed", "--close", unit="mm")
+        self.assertAlmostEqual(millimetres["volume"] / nodes["volume"], 1.25, delta=1e-3)
+
+    def test_a_surface_without_triangles_measures_nothing(self):
+        for options in ((), ("--close",), ("--distance", 0.3), ("--cells", "hex")):
+            with self.subTest(options=options):
+                command = ("extract", "ball", "--iso", 99, "-o", "m.ply", *options)
+                report = json.loads(self.run_program(*command, "--json"))
+                self.assertEqual((report["triangles"], report["area"], report["volume"]), (0, 0, 0))
+                self.assertEqual(len(Mesh(self.here / "m.ply").triangles), 0)
+                self.assertNotIn("area", self.run_program(*command))
+
+    def test_each_of_several_isovalues_has_its_own(self):
+        isovalues = (-0.4, 0.0, 0.6)
+        command = ("extract", "waves", "--close", "--iso", ",".join(map(str, isovalues)), "-o")
+        expected = [self.measured("waves", "--close", iso=iso)[1] for iso in isovalues]
+        for name in ("m_{iso}.ply", "all.ply"):
+            reports = json.loads(self.run_program(*command, name, "--json"))["meshes"]
+            self.assertEqual([(r["area"], r["volume"]) for r in reports], [(r["area"], r["volume"]) for r in expected])
+
+    def test_lines_have_neither(self):
+        y, x = np.mgrid[:19, :23]
+        np.save(self.here / "flat.npy", (6 - np.hypot(x - 11, y - 9)).astype("f4"))
+        self.run_program("preprocess", "flat.npy", "-o", "flat")
+        command = ("extract", "flat", "--iso", 0, "-o", "m.vtp")
+        report = json.loads(self.run_program(*command, "--json"))
+        self.assertGreater(report["triangles"], 0)
+        self.assertFalse({"area", "volume"} & report.keys())
+        self.assertNotIn("area", self.run_program(*command))
+
+
+unittest.main(argv=sys.argv[:1])
