@@ -11,7 +11,8 @@
 namespace isonest::detail {
 
 /// What one block under way holds at most, in bytes. K: nodes per axis of a chunk. The formulas are
-/// in pass_budget.cpp; tests/program/memory_test.py compares the sum of all with the heap of whole runs.
+/// in pass_budget.cpp; tests/program/memory_test.py compares the sum of all with the heap of whole
+/// runs.
 struct BlockHeap {
     std::uint64_t values = 0;  ///< the box of values that it reads, with a margin
     /// Beside that box: the encoded chunks of values (a base block), or the finer deviations (a

@@ -1,4 +1,5 @@
-// In place of picture.cpp where OSMesa's headers were missing, or not wanted, when the program was built.
+// In place of picture.cpp where OSMesa's headers were missing, or not wanted, when the program was
+// built.
 #include <isonest/error.h>
 
 #include "tools/drawing/picture.h"

@@ -27,14 +27,13 @@ struct MeshFileOptions {
 ///
 /// Coordinates are float32. MeshLayout::unit is written where the format has a place for it; glTF
 /// is in metres and ngmesh in nanometres, 3MF in one of six units, to which a mesh is scaled. Where
-/// it is not known, the numbers stay and 3MF takes them for millimetres. The file appears under its name when the extraction ends, whole or not
-/// at all; until then it has a temporary name in the same folder, which the sink's destructor
-/// removes. One sink may be used for one extraction after the other; each replaces the file only if
-/// the options allow it.
-/// Throws Error{invalid_argument} for another end of the name. The sink's prepare() throws
-/// Error{invalid_argument} if the file may not be written or the format has no lines, and
-/// Error{not_found} without the folder; begin() throws Error{limit} beyond what the format can
-/// number; all throw Error{io}.
+/// it is not known, the numbers stay and 3MF takes them for millimetres. The file appears under its
+/// name when the extraction ends, whole or not at all; until then it has a temporary name in the
+/// same folder, which the sink's destructor removes. One sink may be used for one extraction after
+/// the other; each replaces the file only if the options allow it. Throws Error{invalid_argument}
+/// for another end of the name. The sink's prepare() throws Error{invalid_argument} if the file may
+/// not be written or the format has no lines, and Error{not_found} without the folder; begin()
+/// throws Error{limit} beyond what the format can number; all throw Error{io}.
 std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
                                          const MeshFileOptions& options = {});
 

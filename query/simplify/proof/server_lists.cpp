@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::uint32_t kNoServer = std::numeric_limits<std::uint32_t>::max();
 constexpr std::uint32_t kSeveral = kNoServer - 1;
-constexpr int kMostBack = 4;        ///< fine triangles asked whether they serve their server
+constexpr int kMostBack = 4;      ///< fine triangles asked whether they serve their server
 constexpr int kMostListCuts = 6;  ///< of a fine triangle, one in the other
 
 }  // namespace

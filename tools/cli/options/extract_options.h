@@ -24,7 +24,7 @@ struct ExtractArguments {
     ExtractOptions options;
     std::optional<Cells> cells = {};
     std::string cells_name = {};  ///< as it was given
-    bool is_slice = false;  ///< or contour lines
+    bool is_slice = false;        ///< or contour lines
     bool is_graph = false;
 
     template <class Stop>
