@@ -18,12 +18,14 @@
 #include <isonest/error.h>
 #include <isonest/extract.h>
 #include <isonest/labels.h>
+#include <isonest/march.h>
 #include <isonest/mesh_file.h>
 
 #include "tools/python/src/array_mesh.h"
 #include "tools/python/src/arrays.h"
 #include "tools/python/src/progress.h"
 #include "tools/python/src/queries.h"
+#include "tools/python/src/sources.h"
 #include "tools/python/src/stores.h"
 
 namespace isonest::python {
@@ -101,6 +103,28 @@ py::tuple extract_mesh(const OpenStore& handle, const A& asked, const ExtractOpt
     run_watched(progress,
                 [&](Progress& p) { report = extract_asked(*store, asked, mesh, options, p); });
     return as_tuple(mesh, std::move(report));
+}
+
+/// Straight from a volume, as extract_mesh(). The volume is used up.
+py::tuple march_mesh(Source& source, double iso, bool normals, const ExtractOptions& options,
+                     const py::object& progress) {
+    const std::unique_ptr<VolumeSource> volume = source.take();
+    Collector mesh;
+    ExtractReport report;
+    run_watched(progress, [&](Progress& p) {
+        report = march_hexahedra(*volume, {iso, normals}, mesh, options, p);
+    });
+    return as_tuple(mesh, std::move(report));
+}
+
+/// Of a volume, which is used up.
+std::optional<std::pair<double, double>> range_of_source(Source& source,
+                                                         const ExtractOptions& options,
+                                                         const py::object& progress) {
+    const std::unique_ptr<VolumeSource> volume = source.take();
+    std::optional<std::pair<double, double>> range;
+    run_watched(progress, [&](Progress& p) { range = finite_range(*volume, options, p); });
+    return range;
 }
 
 std::vector<Label>::const_iterator place_of(const std::vector<Label>& labels, std::int64_t id) {
@@ -236,6 +260,8 @@ void add_meshes(py::module_& module) {
     add(&extract_mesh<AskedSlice>);
     add(&extract_mesh<AskedContours>);
     add(&extract_mesh<AskedGraph>);
+    module.def("march", &march_mesh, "source"_a, "iso"_a, "normals"_a, "options"_a, "progress"_a);
+    module.def("finite_range", &range_of_source, "source"_a, "options"_a, "progress"_a);
     module.def("extract_isovalues", &extract_isovalue_meshes, "store"_a, "isovalues"_a, "query"_a,
                "options"_a, "progress"_a);
     module.def("extract_labels", &extract_label_meshes, "store"_a, "labels"_a, "query"_a,
