@@ -9,8 +9,10 @@
 #include <oneapi/tbb/parallel_pipeline.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
+#include <cstring>
 #include <filesystem>
 #include <limits>
 #include <memory>
@@ -203,13 +205,13 @@ struct SlabResult {
 
 template <class T>
 SlabResult marched(const SlabPlanes& planes, const Int3& nodes, const Slab& layers,
-                   const SlabPlace& place) {
+                   const SlabPlace& place, const SlabEstimate& likely) {
     const SlabValues<T> values{reinterpret_cast<const T*>(planes.data), planes.first, nodes};
     const std::int64_t end = layers.end + 1 == nodes.z ? nodes.z : layers.end;
     SlabResult result;
     result.range = range_of(values, layers.begin, end);
     if (NodeBits<T>::crosses(place.iso)) {
-        result.slab = march_slab(values, layers, place);
+        result.slab = march_slab(values, layers, place, likely);
     }
     return result;
 }
@@ -225,21 +227,19 @@ MeshLayout layout_of(const VolumeDescription& volume, bool normals) {
 }
 
 /// Hands a mesh in memory to a sink.
-void hand_over(const MeshCollector& mesh, MeshLayout layout, MeshSink& sink) {
-    layout.vertices = mesh.vertices.size();
-    layout.elements = mesh.triangles.size();
+void hand_over(const MeshRoom& mesh, const MeshLayout& layout, MeshSink& sink) {
     sink.begin(layout);
-    const auto rows = std::as_bytes(std::span(mesh.normals));
+    const auto rows = std::as_bytes(mesh.normals);
     for (std::size_t at = 0; at < mesh.vertices.size(); at += MeshSink::kMostRows) {
         const std::size_t count = std::min(MeshSink::kMostRows, mesh.vertices.size() - at);
-        sink.add_vertices({at, std::span(mesh.vertices).subspan(at, count),
+        sink.add_vertices({at, mesh.vertices.subspan(at, count),
                            rows.subspan(at * layout.row_bytes, count * layout.row_bytes),
                            layout.row_bytes});
     }
     std::vector<std::array<std::uint64_t, 3>> corners;
     for (std::size_t at = 0; at < mesh.triangles.size(); at += MeshSink::kMostRows) {
         const std::size_t count = std::min(MeshSink::kMostRows, mesh.triangles.size() - at);
-        const auto some = std::span(mesh.triangles).subspan(at, count);
+        const auto some = mesh.triangles.subspan(at, count);
         corners.clear();
         for (const auto& t : some) {
             corners.push_back({t[0], t[1], t[2]});
@@ -249,9 +249,38 @@ void hand_over(const MeshCollector& mesh, MeshLayout layout, MeshSink& sink) {
     sink.end();
 }
 
-/// Mends what has no area, as MendStage does.
-void mend(MeshCollector& mesh, const MeshLayout& layout, const VolumeDescription& volume,
-          const ExtractOptions& options, ExtractReport& report, Progress& progress) {
+/// Puts a mesh into the room that is made for it.
+class RoomSink : public MeshSink {
+  public:
+    explicit RoomSink(const MakeRoom& make_room) : make_room_(make_room) {}
+
+    void begin(const MeshLayout& layout) override { room_ = make_room_(layout); }
+    void add_vertices(const VertexBatch& batch) override {
+        std::copy(batch.positions.begin(), batch.positions.end(),
+                  room_.vertices.subspan(batch.first).begin());
+        if (!room_.normals.empty()) {
+            std::memcpy(room_.normals.subspan(batch.first).data(), batch.attributes.data(),
+                        batch.attributes.size());
+        }
+    }
+    void add_elements(const ElementBatch& batch) override {
+        std::transform(batch.corners.begin(), batch.corners.end(),
+                       room_.triangles.subspan(batch.first).begin(), [](const auto& c) {
+                           return std::array{static_cast<std::uint32_t>(c[0]),
+                                             static_cast<std::uint32_t>(c[1]),
+                                             static_cast<std::uint32_t>(c[2])};
+                       });
+    }
+
+  private:
+    const MakeRoom& make_room_;
+    MeshRoom room_;
+};
+
+/// Mends what has no area, as MendStage does, in another room.
+void mend(const MeshRoom& mesh, const MeshLayout& layout, const MakeRoom& make_room,
+          const VolumeDescription& volume, const ExtractOptions& options, ExtractReport& report,
+          Progress& progress) {
     const std::filesystem::path folder =
         options.scratch.empty() ? std::filesystem::temp_directory_path() : options.scratch;
     ScratchMesh whole(folder);
@@ -268,16 +297,21 @@ void mend(MeshCollector& mesh, const MeshLayout& layout, const VolumeDescription
         moved = std::max(moved, mended.moved[axis] / volume.spacing[axis]);
     }
     report.coordinate_rounding += moved;
-    MeasuringSink measuring(mesh, options.quality);
-    report.mending.zero_area =
-        emit_elements(whole, whole.corners(), folder, measuring, progress).zero_area_triangles;
+    RoomSink into(make_room);
+    MeasuringSink measuring(into, options.quality);
+    const EmittedMesh emitted =
+        emit_elements(whole, whole.corners(), folder, measuring, progress);
     measuring.report(report);
+    report.vertices = emitted.vertices;
+    report.triangles = emitted.elements;
+    report.mending.zero_area = emitted.zero_area_triangles;
 }
 
 }  // namespace
 
-ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query, MeshCollector& mesh,
-                              const ExtractOptions& options, Progress& progress) {
+ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query,
+                              const MakeRoom& make_room, const ExtractOptions& options,
+                              Progress& progress) {
     const auto start = std::chrono::steady_clock::now();
     const VolumeDescription description = volume.describe();
     const Int3& nodes = description.nodes;
@@ -285,7 +319,6 @@ ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query, Mes
     SlabReader reader(volume);
     const SlabPlan plan = plan_of(reader, description, options);
     MeshLayout layout = layout_of(description, query.normals);
-    mesh.prepare(layout, volume.files());
     const SlabPlace place{query.iso, query.normals, description.spacing, description.origin};
 
     ExtractReport report;
@@ -293,37 +326,52 @@ ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query, Mes
     Workers(plan.threads).execute([&] {
         SlabJoin join;
         Range range;
+        // Of the slab that came last. What is made does not depend on it.
+        std::atomic<std::size_t> last_vertices{0};
+        std::atomic<std::size_t> last_triangles{0};
         each_slab<SlabResult>(
             reader, nodes.z - 1, plan, progress,
             [&](const Slab& layers, const SlabPlanes& planes) {
+                const SlabEstimate likely{last_vertices * 9 / 8, last_triangles * 9 / 8};
                 return dispatch(description.type, [&](auto tag) {
-                    return marched<typename decltype(tag)::type>(planes, nodes, layers, place);
+                    return marched<typename decltype(tag)::type>(planes, nodes, layers, place, likely);
                 });
             },
             [&](SlabResult&& result) {
                 range.add(result.range);
+                last_vertices = result.slab.positions.size();
+                last_triangles = result.slab.triangles.size();
                 join.append(std::move(result.slab));
             });
         report.value_range = std::max(range.high - range.low, 0.0);
-        const JoinedMesh joined = join.finish(layout, mesh, options.quality, progress);
+        const JoinedMesh joined = join.finish(layout, make_room, options.quality, progress);
         report.traversal.visited = joined.cells;
         report.traversal.leaves = joined.cells;
+        report.vertices = layout.vertices;
+        report.triangles = layout.elements;
         report.mending.zero_area = joined.zero_area_triangles;
         report.measures = joined.sums.measures();
         if (joined.angles) {
             report.quality = joined.angles->quality();
         }
         if (report.mending.zero_area > 0) {
-            mend(mesh, layout, description, options, report, progress);
-        } else {
-            mesh.end();
+            mend(joined.room, layout, make_room, description, options, report, progress);
         }
     });
-    report.vertices = mesh.vertices.size();
-    report.triangles = mesh.triangles.size();
     report.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     return report;
+}
+
+ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query, MeshCollector& mesh,
+                              const ExtractOptions& options, Progress& progress) {
+    return march_hexahedra(
+        volume, query,
+        [&](const MeshLayout& layout) {
+            mesh.begin(layout);
+            return MeshRoom{mesh.vertices, mesh.triangles, mesh.normals};
+        },
+        options, progress);
 }
 
 std::optional<std::uint64_t> march_memory(VolumeSource& volume) {

@@ -1,12 +1,14 @@
 #include "query/slabs/join_slabs.h"
 
+#include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
 #include <array>
 #include <limits>
 #include <numeric>
-#include <tuple>
+
+#include <isonest/error.h>
 
 #include "query/mesh/zero_area.h"
 #include "store/base/union_find.h"
@@ -127,7 +129,7 @@ void SlabJoin::number_own(Part& part) {
     }
 }
 
-void SlabJoin::put(Part& part, MeshCollector& mesh, const SurfaceSums& none, bool with_angles) {
+void SlabJoin::put(Part& part, const MeshRoom& mesh, const SurfaceSums& none, bool with_angles) {
     constexpr std::size_t kAtOnce = 4096;
     const auto& positions = part.slab.positions;
     const auto& triangles = part.slab.triangles;
@@ -170,7 +172,7 @@ void SlabJoin::put(Part& part, MeshCollector& mesh, const SurfaceSums& none, boo
     }
 }
 
-JoinedMesh SlabJoin::finish(MeshLayout layout, MeshCollector& mesh, bool with_angles,
+JoinedMesh SlabJoin::finish(MeshLayout& layout, const MakeRoom& make_room, bool with_angles,
                             Progress& progress) {
     tbb::parallel_for(std::size_t{0}, parts_.size(), [&](std::size_t i) { number_own(parts_[i]); });
     layout.lo = {kMost, kMost, kMost};
@@ -190,17 +192,22 @@ JoinedMesh SlabJoin::finish(MeshLayout layout, MeshCollector& mesh, bool with_an
         }
         before = &part;
     }
-    mesh.begin(layout);
+    if (layout.vertices > std::numeric_limits<std::uint32_t>::max()) {
+        throw Error(
+            ErrorKind::limit,
+            fmt::format("the mesh has {} vertices, more than 32 bits can number", layout.vertices));
+    }
+    const MeshRoom room = make_room(layout);
     const SurfaceSums none(layout);
     progress.begin("join slabs", parts_.size(), "slabs");
     tbb::parallel_for(std::size_t{0}, parts_.size(), [&](std::size_t i) {
         progress.check();
-        put(parts_[i], mesh, none, with_angles);
+        put(parts_[i], room, none, with_angles);
         parts_[i].slab = {};
         parts_[i].number = {};
         progress.advance(1);
     });
-    JoinedMesh joined{0, 0, none, {}};
+    JoinedMesh joined{0, 0, room, none, {}};
     if (with_angles) {
         joined.angles.emplace();
     }

@@ -5,7 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include <isonest/mesh_sink.h>
+#include <isonest/march.h>
 
 #include "query/mesh/measuring_sink.h"
 #include "query/mesh/surface_sums.h"
@@ -17,6 +17,7 @@ namespace isonest::detail {
 struct JoinedMesh {
     std::uint64_t cells = 0;  ///< that hold triangles
     std::uint64_t zero_area_triangles = 0;
+    MeshRoom room;  ///< that holds it
     SurfaceSums sums;
     std::optional<AngleCounts> angles;  ///< if asked for
 };
@@ -28,9 +29,10 @@ class SlabJoin {
   public:
     /// The next slab, in ascending order.
     void append(MarchedSlab&& slab);
-    /// Puts the mesh into the sink's arrays, with all threads of the arena, and lets go of the
-    /// slabs. `layout`: of prepare(). Throws what begin() throws, and Error{cancelled}.
-    JoinedMesh finish(MeshLayout layout, MeshCollector& mesh, bool with_angles,
+    /// Puts the mesh into the room that is made for it, with all threads of the arena, and lets go
+    /// of the slabs. Writes counts and box into the layout. Throws Error{limit} beyond 2^32 - 1
+    /// vertices, Error{cancelled}, and what `make_room` throws.
+    JoinedMesh finish(MeshLayout& layout, const MakeRoom& make_room, bool with_angles,
                       Progress& progress);
 
   private:
@@ -60,7 +62,7 @@ class SlabJoin {
     static void weld_edges(const Part& before, Part& part);
     static void weld_named(Part& before, Part& part);
     static void number_own(Part& part);
-    static void put(Part& part, MeshCollector& mesh, const SurfaceSums& none, bool with_angles);
+    static void put(Part& part, const MeshRoom& mesh, const SurfaceSums& none, bool with_angles);
 
     std::vector<Part> parts_;
 };

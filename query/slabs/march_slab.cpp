@@ -214,8 +214,12 @@ class SlabMarch {
 }  // namespace
 
 template <class T>
-MarchedSlab march_slab(const SlabValues<T>& values, const Slab& layers, const SlabPlace& place) {
+MarchedSlab march_slab(const SlabValues<T>& values, const Slab& layers, const SlabPlace& place,
+                       const SlabEstimate& likely) {
     MarchedSlab slab;
+    slab.positions.reserve(likely.vertices);
+    slab.normals.reserve(place.normals ? likely.vertices : 0);
+    slab.triangles.reserve(likely.triangles);
     SlabMarch<T>(values, place, slab).march(layers);
     return slab;
 }
@@ -226,8 +230,9 @@ std::uint64_t march_slab_bytes(const Int3& nodes) {
            4 * sizeof(std::uint64_t) * words_of(nodes.x) * static_cast<std::uint64_t>(nodes.y);
 }
 
-#define ISONEST_INSTANTIATE(tag, T) \
-    template MarchedSlab march_slab<T>(const SlabValues<T>&, const Slab&, const SlabPlace&);
+#define ISONEST_INSTANTIATE(tag, T)                                                              \
+    template MarchedSlab march_slab<T>(const SlabValues<T>&, const Slab&, const SlabPlace&, \
+                                       const SlabEstimate&);
 ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_INSTANTIATE)
 #undef ISONEST_INSTANTIATE
 

@@ -13,7 +13,8 @@ namespace isonest::detail {
 /// REQUIRES: the planes of the layers are there and, with normals, those beside them that the
 /// volume has; no axis has one node alone.
 template <class T>
-MarchedSlab march_slab(const SlabValues<T>& values, const Slab& layers, const SlabPlace& place);
+MarchedSlab march_slab(const SlabValues<T>& values, const Slab& layers, const SlabPlace& place,
+                       const SlabEstimate& likely);
 
 /// Bytes of heap beside the slab.
 std::uint64_t march_slab_bytes(const Int3& nodes);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -13,6 +14,12 @@ namespace isonest::detail {
 struct Slab {
     std::int64_t begin = 0;
     std::int64_t end = 0;
+};
+
+/// How much of a surface a slab is likely to hold: room is made for as much.
+struct SlabEstimate {
+    std::size_t vertices = 0;
+    std::size_t triangles = 0;
 };
 
 struct MarchedSlab {

@@ -1,9 +1,11 @@
 #include "tools/python/src/meshes.h"
 
+#include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <iterator>
@@ -105,16 +107,40 @@ py::tuple extract_mesh(const OpenStore& handle, const A& asked, const ExtractOpt
     return as_tuple(mesh, std::move(report));
 }
 
+/// An array (n, 3) whose numbers are yet to come. Large ones lie in large pages: NumPy asks for them.
+template <class T>
+py::array_t<T> rows_of_three(std::uint64_t n) {
+    return py::array_t<T>(std::vector<py::ssize_t>{static_cast<py::ssize_t>(n), 3});
+}
+template <class T>
+std::span<std::array<T, 3>> rows_in(py::array_t<T>& rows) {
+    return {reinterpret_cast<std::array<T, 3>*>(rows.mutable_data()),
+            static_cast<std::size_t>(rows.shape(0))};
+}
+
 /// Straight from a volume, as extract_mesh(). The volume is used up.
 py::tuple march_mesh(Source& source, double iso, bool normals, const ExtractOptions& options,
                      const py::object& progress) {
     const std::unique_ptr<VolumeSource> volume = source.take();
-    Collector mesh;
+    MeshOrigin origin{{}, volume->files()};
+    py::array_t<float> vertices;
+    py::array_t<std::uint32_t> triangles;
+    py::array_t<float> normal_rows;
+    const auto make_room = [&](const MeshLayout& layout) {
+        const py::gil_scoped_acquire with;
+        origin.layout = layout;
+        vertices = rows_of_three<float>(layout.vertices);
+        triangles = rows_of_three<std::uint32_t>(layout.elements);
+        normal_rows = rows_of_three<float>(normals ? layout.vertices : 0);
+        return MeshRoom{rows_in(vertices), rows_in(triangles), rows_in(normal_rows)};
+    };
     ExtractReport report;
     run_watched(progress, [&](Progress& p) {
-        report = march_hexahedra(*volume, {iso, normals}, mesh, options, p);
+        report = march_hexahedra(*volume, {iso, normals}, make_room, options, p);
     });
-    return as_tuple(mesh, std::move(report));
+    return py::make_tuple(std::move(vertices), std::move(triangles),
+                          normals ? py::object(std::move(normal_rows)) : py::object(py::none()),
+                          py::none(), py::none(), std::move(origin), std::move(report));
 }
 
 /// Of a volume, which is used up.
