@@ -174,7 +174,7 @@ def test_a_rotated_volume_is_the_same_in_array_coordinates(tmp_path):
     isonest.preprocess(tmp_path / "v.nrrd", tmp_path / "v.isonest")
     store = isonest.open(tmp_path / "v.isonest")
     np.testing.assert_allclose(np.array(store.direction).T, matrix, atol=1e-12)
-    plain = isonest.isosurface(data, 6.05, normals=True)
+    plain = isonest.isosurface(data, 6.05, normals=True, cells="tet")
     found = store.isosurface(6.05, normals=True)
     np.testing.assert_array_equal(found.faces, plain.faces)
     np.testing.assert_allclose(found.vertices, plain.vertices, atol=1e-5)
@@ -199,7 +199,7 @@ def test_labels_and_the_surface_of_one(tmp_path):
     assert [label.nodes for label in found] == counts.tolist()
     assert found[-1].low == (3, 2, 4) and found[-1].high == (5, 4, 7)
     for label in ids:
-        binary = isonest.isosurface((data == label).astype("u2"), 0.5)
+        binary = isonest.isosurface((data == label).astype("u2"), 0.5, cells="tet")
         surface = store.label_surface(label)
         np.testing.assert_array_equal(surface.vertices, binary.vertices)
         np.testing.assert_array_equal(surface.faces, binary.faces)
