@@ -299,8 +299,7 @@ void mend(const MeshRoom& mesh, const MeshLayout& layout, const MakeRoom& make_r
     report.coordinate_rounding += moved;
     RoomSink into(make_room);
     MeasuringSink measuring(into, options.quality);
-    const EmittedMesh emitted =
-        emit_elements(whole, whole.corners(), folder, measuring, progress);
+    const EmittedMesh emitted = emit_elements(whole, whole.corners(), folder, measuring, progress);
     measuring.report(report);
     report.vertices = emitted.vertices;
     report.triangles = emitted.elements;
@@ -334,7 +333,8 @@ ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query,
             [&](const Slab& layers, const SlabPlanes& planes) {
                 const SlabEstimate likely{last_vertices * 9 / 8, last_triangles * 9 / 8};
                 return dispatch(description.type, [&](auto tag) {
-                    return marched<typename decltype(tag)::type>(planes, nodes, layers, place, likely);
+                    return marched<typename decltype(tag)::type>(planes, nodes, layers, place,
+                                                                 likely);
                 });
             },
             [&](SlabResult&& result) {
@@ -400,9 +400,9 @@ std::optional<std::pair<double, double>> finite_range(VolumeSource& volume,
             [&](const Slab& layers, const SlabPlanes& planes) {
                 return dispatch(description.type, [&](auto tag) {
                     using T = typename decltype(tag)::type;
-                    return range_of(SlabValues<T>{reinterpret_cast<const T*>(planes.data),
-                                                  planes.first, nodes},
-                                    layers.begin, layers.end);
+                    return range_of(
+                        SlabValues<T>{reinterpret_cast<const T*>(planes.data), planes.first, nodes},
+                        layers.begin, layers.end);
                 });
             },
             [&](const Range& found) { range.add(found); });

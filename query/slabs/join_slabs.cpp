@@ -72,8 +72,8 @@ void SlabJoin::weld_named(Part& before, Part& part) {
     std::sort(members.begin(), members.end());
     members.erase(std::unique(members.begin(), members.end()), members.end());
     const auto place_of = [&](const Member& m) {
-        return static_cast<std::uint32_t>(
-            std::lower_bound(members.begin(), members.end(), m) - members.begin());
+        return static_cast<std::uint32_t>(std::lower_bound(members.begin(), members.end(), m) -
+                                          members.begin());
     };
     std::vector<std::uint32_t> parent(members.size());
     std::iota(parent.begin(), parent.end(), 0U);

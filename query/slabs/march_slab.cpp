@@ -230,7 +230,7 @@ std::uint64_t march_slab_bytes(const Int3& nodes) {
            4 * sizeof(std::uint64_t) * words_of(nodes.x) * static_cast<std::uint64_t>(nodes.y);
 }
 
-#define ISONEST_INSTANTIATE(tag, T)                                                              \
+#define ISONEST_INSTANTIATE(tag, T)                                                         \
     template MarchedSlab march_slab<T>(const SlabValues<T>&, const Slab&, const SlabPlace&, \
                                        const SlabEstimate&);
 ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_INSTANTIATE)

@@ -35,8 +35,8 @@ ISONEST_SIMD void mark_special(const T* value, T limit, T hit, std::uint8_t* __r
         if constexpr (std::is_floating_point_v<T>) {
             special = special | !(std::fabs(v) <= std::numeric_limits<T>::max());
         }
-        out[i] = static_cast<std::uint8_t>((v < limit ? kBelowBit : 0) |
-                                           (special ? kSpecialBit : 0));
+        out[i] =
+            static_cast<std::uint8_t>((v < limit ? kBelowBit : 0) | (special ? kSpecialBit : 0));
     }
 }
 

@@ -29,8 +29,8 @@ class NodeBits {
                 std::uint64_t* special) const;
 
   private:
-    T limit_;      ///< the smallest number that is not below
-    T hit_;        ///< what equals the isovalue; of floats NaN if nothing does
+    T limit_;       ///< the smallest number that is not below
+    T hit_;         ///< what equals the isovalue; of floats NaN if nothing does
     bool special_;  ///< there can be special nodes
 };
 

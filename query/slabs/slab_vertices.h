@@ -243,7 +243,7 @@ class SlabVertices {
     MarchedSlab& slab_;
     std::int64_t z_ = 0;
     std::int64_t y_ = 0;
-    std::array<Plane, 2> planes_;  ///< below and above the cells
+    std::array<Plane, 2> planes_;                        ///< below and above the cells
     std::array<std::vector<std::uint32_t>, 2> between_;  ///< edges along z, even and odd rows
     std::array<std::uint32_t*, kCubeEdges> slots_{};     ///< of cell 0 of the row
     std::array<const T*, 4> rows_{};                     ///< by the offsets along y and z (bits)

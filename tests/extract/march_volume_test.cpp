@@ -161,9 +161,9 @@ T wave(const Int3& p) {
     return static_cast<T>(20 * (smooth(p) + 2.5) + 5 * noise(p));
 }
 
-const std::vector<Int3> kShapes{{2, 2, 2},   {2, 9, 5},    {40, 2, 3},   {3, 2, 40},  {5, 4, 3},
-                                {64, 5, 4},  {65, 4, 6},   {66, 3, 19},  {130, 4, 9}, {17, 19, 21},
-                                {9, 23, 40}};
+const std::vector<Int3> kShapes{{2, 2, 2},   {2, 9, 5},    {40, 2, 3}, {3, 2, 40},
+                                {5, 4, 3},   {64, 5, 4},   {65, 4, 6}, {66, 3, 19},
+                                {130, 4, 9}, {17, 19, 21}, {9, 23, 40}};
 
 template <class T>
 void check_type() {
@@ -194,7 +194,8 @@ TEST_CASE("Wide integers and floats have the surfaces of their stores") {
 TEST_CASE("The ends of integers' ranges are marched as what they are") {
     const auto ends = []<class T>(T /*type*/) {
         const Function<T> f = [](const Int3& p) {
-            return noise(p) < 0.5 ? std::numeric_limits<T>::lowest() : std::numeric_limits<T>::max();
+            return noise(p) < 0.5 ? std::numeric_limits<T>::lowest()
+                                  : std::numeric_limits<T>::max();
         };
         const auto low = static_cast<double>(std::numeric_limits<T>::lowest());
         const auto high = static_cast<double>(std::numeric_limits<T>::max());
@@ -328,14 +329,13 @@ TEST_CASE("Triangles that float32 leaves without area are mended") {
 
 TEST_CASE("The range of a volume is that of its finite values") {
     FunctionVolume<float> volume({33, 9, 20}, [](const Int3& p) {
-        return p == Int3{32, 8, 19}   ? -7.0F
-               : p == Int3{0, 0, 0}   ? 1e30F
-               : noise(p) < 0.2       ? std::numeric_limits<float>::quiet_NaN()
-               : noise(p) < 0.3       ? std::numeric_limits<float>::infinity()
-                                      : static_cast<float>(noise(p));
+        return p == Int3{32, 8, 19} ? -7.0F
+               : p == Int3{0, 0, 0} ? 1e30F
+               : noise(p) < 0.2     ? std::numeric_limits<float>::quiet_NaN()
+               : noise(p) < 0.3     ? std::numeric_limits<float>::infinity()
+                                    : static_cast<float>(noise(p));
     });
-    CHECK(finite_range(volume) ==
-          std::pair{-7.0, static_cast<double>(1e30F)});
+    CHECK(finite_range(volume) == std::pair{-7.0, static_cast<double>(1e30F)});
     FunctionVolume<double> missing({3, 4, 5}, [](const Int3&) { return -kInfinity; });
     CHECK(!finite_range(missing));
     FunctionVolume<std::uint8_t> full({3, 4, 5}, [](const Int3&) { return std::uint8_t{255}; });

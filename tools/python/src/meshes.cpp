@@ -107,7 +107,8 @@ py::tuple extract_mesh(const OpenStore& handle, const A& asked, const ExtractOpt
     return as_tuple(mesh, std::move(report));
 }
 
-/// An array (n, 3) whose numbers are yet to come. Large ones lie in large pages: NumPy asks for them.
+/// An array (n, 3) whose numbers are yet to come. Large ones lie in large pages: NumPy asks for
+/// them.
 template <class T>
 py::array_t<T> rows_of_three(std::uint64_t n) {
     return py::array_t<T>(std::vector<py::ssize_t>{static_cast<py::ssize_t>(n), 3});
