@@ -20,13 +20,6 @@ FinestCrossing::Edge FinestCrossing::between(const Int3& a, double a_value, cons
     return in_order ? Edge{a, b, a_value, b_value} : Edge{b, a, b_value, a_value};
 }
 
-double FinestCrossing::Edge::crossing(double iso) const {
-    const double t = (iso - from_value) / (to_value - from_value);
-    return std::isfinite(to_value - from_value)
-               ? t
-               : (iso / 4 - from_value / 4) / (to_value / 4 - from_value / 4);
-}
-
 FinestCrossing::Edge FinestCrossing::finest(Edge edge) {
     for (;;) {
         const Int3 twice = edge.from + edge.to;

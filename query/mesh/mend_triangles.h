@@ -19,6 +19,10 @@
 
 namespace isonest::detail {
 
+/// The least step that is used, in distances between nodes: no more than float32 rounds coordinates
+/// in volumes of 16 nodes along an axis.
+inline constexpr double kLeastNudge = 0x1p-20;
+
 struct MendedTriangles {
     std::uint64_t found = 0;  ///< triangles without area
     std::uint64_t left = 0;

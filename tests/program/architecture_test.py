@@ -29,9 +29,9 @@ ROOMS = {
               "simplify": {"view", "mesh", "traverse"},
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "finite_elements": {"view", "traverse"},
-              "statistics": set(), "labels": set(),
+              "statistics": set(), "labels": set(), "slabs": {"view", "march", "mesh"},
               "distance": {"view", "march", "simplify", "traverse"},
-              "extract": {"view", "march", "mesh", "simplify", "traverse", "distance"}},
+              "extract": {"view", "march", "mesh", "simplify", "traverse", "distance", "slabs"}},
 }
 # Rooms within a room, each with those that it may include beside itself; every folder there is one of them.
 SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes"}, "wrapping": set(),

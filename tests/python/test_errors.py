@@ -209,7 +209,7 @@ def test_ctrl_c_ends_preprocess_and_leaves_no_store(tmp_path, kind, threads):
 
 
 def test_ctrl_c_ends_the_call_for_small_data_and_removes_its_folder(tmp_path):
-    call = "isonest.isosurface(volume, 0.5, scratch=sys.argv[1])"
+    call = "isonest.isosurface(volume, 0.5, scratch=sys.argv[1], cells='tet')"
     child = subprocess.Popen([sys.executable, "-c", INTERRUPTED.format(call=call), tmp_path, "array"],
                              stdout=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 20
@@ -265,7 +265,7 @@ def test_only_what_can_be_told_from_others_is_resumed(tmp_path):
 
 
 def test_the_temporary_folder_is_removed(tmp_path, noise):
-    isonest.isosurface(noise, 0.3, scratch=tmp_path)
+    isonest.isosurface(noise, 0.3, scratch=tmp_path, cells="tet")
     with pytest.raises(isonest.Error):
         isonest.isosurface(noise, 0.3, scratch=tmp_path, error=-1)
     assert not list(tmp_path.iterdir())

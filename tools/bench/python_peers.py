@@ -53,8 +53,8 @@ with tempfile.TemporaryDirectory(prefix="isonest-bench-") as folder:
         "scikit-image, `marching_cubes(volume, 0.1)`": lambda: len(marching_cubes(volume, ISO)[1]),
         "VTK, `vtkFlyingEdges3D`": flying_edges,
         "`isosurface(volume, 0.1)`": lambda: len(isonest.isosurface(volume, ISO).faces),
-        '`isosurface(volume, 0.1, cells="hexahedra")`':
-            lambda: len(isonest.isosurface(volume, ISO, cells="hexahedra").faces),
+        "`isosurface(volume, 0.1, normals=False)`": lambda: len(isonest.isosurface(volume, ISO, normals=False).faces),
+        '`isosurface(volume, 0.1, cells="tet")`': lambda: len(isonest.isosurface(volume, ISO, cells="tet").faces),
         "`isosurface(volume, 0.1, error=0.03)`": lambda: len(isonest.isosurface(volume, ISO, error=0.03).faces),
         "`preprocess(volume, ...)`": lambda: isonest.preprocess(volume, path + "2", replace=True) and None,
         "`store.isosurface(0.1)`": lambda: len(store.isosurface(ISO).faces),

@@ -6,19 +6,12 @@
 #include "query/mesh/mend_triangles.h"
 
 namespace isonest::detail {
-namespace {
-
-/// Of the distance between nodes: no more than float32 rounds coordinates in volumes of 16 nodes
-/// along an axis.
-constexpr double kLeastStep = 0x1p-20;
-
-}  // namespace
 
 void MendStage::run(StageMesh& mesh, ExtractReport& report) {
     ExtractQuery& query = setting().query;
     Double3 least_step{};
     for (std::size_t axis = 0; axis < 3; ++axis) {
-        least_step[axis] = std::fabs(query.spacing[axis]) * kLeastStep;
+        least_step[axis] = std::fabs(query.spacing[axis]) * kLeastNudge;
     }
     MendedTriangles mended;
     mesh.change([&](ScratchMesh& whole) {

@@ -12,15 +12,16 @@ from __future__ import annotations
 import os
 import pathlib
 import tempfile
-from typing import Any, Optional, Sequence, Union
+from typing import Any, Optional, Sequence, Union, overload
 
-from . import _core, _sources
+from . import _core, _marching, _queries, _sources
 from ._arguments import Bytes, Progress, reporting, to_bytes
 from ._core import (Analysis, CheckReport, Finding, PreprocessReport, Report, SmoothStep, StoredArray, StudyRow,
                     TriangleQuality)
 from ._errors import (CancelledError, CorruptError, Error, InputOutputError, InvalidArgumentError, LimitError,
                       MemoryLimitError, NotFoundError, UnsupportedError)
 from ._mesh import Mesh
+from ._queries import Cells
 from ._smooth import Smoothed, smooth
 from ._store import Histogram, Label, Store, Study
 from ._view import View
@@ -93,24 +94,58 @@ def view(path: "os.PathLike[str] | str", *, port: int = 0, memory: Bytes = "1G",
         return store.view(port=port, memory=memory, threads=threads, open=open, height=height, program=program)
 
 
+@overload
 def isosurface(volume: Any, iso: Optional[float] = None, *, spacing: Optional[Sequence[float]] = None,
-               missing: Optional[float] = None, memory: Bytes = "1G", threads: int = 0,
-               scratch: "os.PathLike[str] | str | None" = None, progress: Progress = None, **query: Any) -> Mesh:
+               unit: Optional[str] = None, missing: Optional[float] = None, cells: Optional[Cells] = None,
+               memory: Bytes = "1G", threads: int = 0, scratch: "os.PathLike[str] | str | None" = None,
+               progress: Progress = None, **query: Any) -> Mesh: ...
+
+
+@overload
+def isosurface(volume: Any, iso: Sequence[float], *, spacing: Optional[Sequence[float]] = None,
+               unit: Optional[str] = None, missing: Optional[float] = None, cells: Optional[Cells] = None,
+               memory: Bytes = "1G", threads: int = 0, scratch: "os.PathLike[str] | str | None" = None,
+               progress: Progress = None, **query: Any) -> "list[Mesh]": ...
+
+
+def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *,
+               spacing: Optional[Sequence[float]] = None, unit: Optional[str] = None,
+               missing: Optional[float] = None, cells: Optional[Cells] = None, memory: Bytes = "1G",
+               threads: int = 0, scratch: "os.PathLike[str] | str | None" = None, progress: Progress = None,
+               **query: Any) -> "Union[Mesh, list[Mesh]]":
     """The surface of a volume in one call, for volumes that are looked at once.
 
-    A temporary store is made in the folder ``scratch`` (without it, in the system's) and removed. ``volume``,
-    ``spacing`` and ``missing`` are those of :func:`preprocess`, the other arguments those of
+    ``volume``, ``spacing``, ``unit`` and ``missing`` are those of :func:`preprocess`, the other arguments those of
     :meth:`Store.isosurface`. Without an isovalue it is the mean of the smallest and the largest value.
+
+    cells: "hex" or "tet". Without a word it is "hex", which gives a third of the triangles, but "tet" where something
+        is asked for that is made of tetrahedra: an error, a distance, a number of triangles, ``close`` and the like.
+
+    At full resolution, hexahedra are made straight from the volume, which is read once. ``memory`` then bounds what
+    isonest allocates beside the volume and twice the mesh. Everything else needs a store, which is made in the
+    folder ``scratch`` (without it, in the system's) and removed.
     """
+    asked = _marching.asked_beside(query)
+    chosen = _marching.cells_for(asked) if cells is None else cells
+    _core.SurfaceQuery().set_cells(chosen)  # refuses what there is not
+    if chosen in ("hex", "hexahedra") and not asked:
+        options = _queries.options(memory, threads, scratch or "", bool(query.get("quality")))
+        mesh = _marching.march(volume, iso, spacing=spacing, unit=unit, missing=missing, options=options,
+                               progress=progress, **query)
+        if mesh is not None:
+            return mesh
     indicators = None
-    if query.get("cells") in ("hex", "hexahedra") and (query.get("error") or query.get("error_relative")):
+    if chosen in ("hex", "hexahedra") and (query.get("error") or query.get("error_relative")):
         indicators = ["deviation_bar", "hex_linf", "hex_deviation"]
     with tempfile.TemporaryDirectory(prefix="isonest-", dir=scratch) as folder:
         path = pathlib.Path(folder) / "volume.isonest"
-        preprocess(volume, path, spacing=spacing, missing=missing, indicators=indicators, memory=memory,
+        preprocess(volume, path, spacing=spacing, unit=unit, missing=missing, indicators=indicators, memory=memory,
                    threads=threads, progress=progress)
         with open(path) as store:
+            if cells is None and 1 in store.shape:
+                chosen = "tet"  # of data in a plane: lines
             if iso is None:
                 low, high = store.range or (0.0, 0.0)
                 iso = low + (high - low) / 2
-            return store.isosurface(iso, memory=memory, threads=threads, scratch=folder, progress=progress, **query)
+            return store.isosurface(iso, cells=chosen, memory=memory, threads=threads, scratch=folder,
+                                    progress=progress, **query)

@@ -114,8 +114,7 @@ class Extracting:
 
         A value that does not occur gives an empty mesh. Raises subclasses of :class:`isonest.Error`.
         """
-        if gradient_direction not in ("descent", "ascent"):
-            raise ValueError(f"gradient_direction={gradient_direction!r}: give 'descent' or 'ascent'")
+        flip = _queries.is_flipped(gradient_direction)
         place = self._place(coordinates)
         query = _core.SurfaceQuery()
         within = in_own_unit(distance, self._core)
@@ -135,7 +134,6 @@ class Extracting:
         _queries.set_components(query, components, min_component, min_volume)
         _queries.set_close(query, close)
         options = _queries.options(memory, threads, scratch, quality)
-        flip = gradient_direction == "ascent"
         if np.ndim(iso) == 0:
             level = float(iso)  # type: ignore[arg-type]
             query.set_iso(level)

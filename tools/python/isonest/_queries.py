@@ -201,6 +201,13 @@ def set_attributes(query: Any, *, normals: bool, vertex_values: Any, vertex_erro
         query.set_vertex_error(vertex_error)
 
 
+def is_flipped(gradient_direction: str) -> bool:
+    """Whether faces are turned against the order in which they are made."""
+    if gradient_direction not in ("descent", "ascent"):
+        raise ValueError(f"gradient_direction={gradient_direction!r}: give 'descent' or 'ascent'")
+    return gradient_direction == "ascent"
+
+
 def options(memory: Bytes, threads: int, scratch: "os.PathLike[str] | str", quality: bool = False) -> Any:
     """Of an extraction."""
     chosen = _core.ExtractOptions()

@@ -1,9 +1,11 @@
 #include "tools/python/src/meshes.h"
 
+#include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <iterator>
@@ -18,12 +20,14 @@
 #include <isonest/error.h>
 #include <isonest/extract.h>
 #include <isonest/labels.h>
+#include <isonest/march.h>
 #include <isonest/mesh_file.h>
 
 #include "tools/python/src/array_mesh.h"
 #include "tools/python/src/arrays.h"
 #include "tools/python/src/progress.h"
 #include "tools/python/src/queries.h"
+#include "tools/python/src/sources.h"
 #include "tools/python/src/stores.h"
 
 namespace isonest::python {
@@ -101,6 +105,53 @@ py::tuple extract_mesh(const OpenStore& handle, const A& asked, const ExtractOpt
     run_watched(progress,
                 [&](Progress& p) { report = extract_asked(*store, asked, mesh, options, p); });
     return as_tuple(mesh, std::move(report));
+}
+
+/// An array (n, 3) whose numbers are yet to come. Large ones lie in large pages: NumPy asks for
+/// them.
+template <class T>
+py::array_t<T> rows_of_three(std::uint64_t n) {
+    return py::array_t<T>(std::vector<py::ssize_t>{static_cast<py::ssize_t>(n), 3});
+}
+template <class T>
+std::span<std::array<T, 3>> rows_in(py::array_t<T>& rows) {
+    return {reinterpret_cast<std::array<T, 3>*>(rows.mutable_data()),
+            static_cast<std::size_t>(rows.shape(0))};
+}
+
+/// Straight from a volume, as extract_mesh(). The volume is used up.
+py::tuple march_mesh(Source& source, double iso, bool normals, const ExtractOptions& options,
+                     const py::object& progress) {
+    const std::unique_ptr<VolumeSource> volume = source.take();
+    MeshOrigin origin{{}, volume->files()};
+    py::array_t<float> vertices;
+    py::array_t<std::uint32_t> triangles;
+    py::array_t<float> normal_rows;
+    const auto make_room = [&](const MeshLayout& layout) {
+        const py::gil_scoped_acquire with;
+        origin.layout = layout;
+        vertices = rows_of_three<float>(layout.vertices);
+        triangles = rows_of_three<std::uint32_t>(layout.elements);
+        normal_rows = rows_of_three<float>(normals ? layout.vertices : 0);
+        return MeshRoom{rows_in(vertices), rows_in(triangles), rows_in(normal_rows)};
+    };
+    ExtractReport report;
+    run_watched(progress, [&](Progress& p) {
+        report = march_hexahedra(*volume, {iso, normals}, make_room, options, p);
+    });
+    return py::make_tuple(std::move(vertices), std::move(triangles),
+                          normals ? py::object(std::move(normal_rows)) : py::object(py::none()),
+                          py::none(), py::none(), std::move(origin), std::move(report));
+}
+
+/// Of a volume, which is used up.
+std::optional<std::pair<double, double>> range_of_source(Source& source,
+                                                         const ExtractOptions& options,
+                                                         const py::object& progress) {
+    const std::unique_ptr<VolumeSource> volume = source.take();
+    std::optional<std::pair<double, double>> range;
+    run_watched(progress, [&](Progress& p) { range = finite_range(*volume, options, p); });
+    return range;
 }
 
 std::vector<Label>::const_iterator place_of(const std::vector<Label>& labels, std::int64_t id) {
@@ -236,6 +287,8 @@ void add_meshes(py::module_& module) {
     add(&extract_mesh<AskedSlice>);
     add(&extract_mesh<AskedContours>);
     add(&extract_mesh<AskedGraph>);
+    module.def("march", &march_mesh, "source"_a, "iso"_a, "normals"_a, "options"_a, "progress"_a);
+    module.def("finite_range", &range_of_source, "source"_a, "options"_a, "progress"_a);
     module.def("extract_isovalues", &extract_isovalue_meshes, "store"_a, "isovalues"_a, "query"_a,
                "options"_a, "progress"_a);
     module.def("extract_labels", &extract_label_meshes, "store"_a, "labels"_a, "query"_a,

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/march.h>
 #include <isonest/memory_volume.h>
 #include <isonest/open_volume.h>
 #include <isonest/preprocess.h>
@@ -26,10 +27,15 @@
 namespace isonest::python {
 
 std::unique_ptr<VolumeSource> Source::take() {
+    static_cast<void>(volume());
+    return std::move(volume_);
+}
+
+VolumeSource& Source::volume() const {
     if (!volume_) {
         throw py::value_error("this source has been used");
     }
-    return std::move(volume_);
+    return *volume_;
 }
 
 namespace {
@@ -232,8 +238,11 @@ PreprocessReport preprocess_source(Source& source, const Path& store,
 
 void add_sources(py::module_& module) {
     using namespace py::literals;
-    // NOLINTNEXTLINE(bugprone-unused-raii): the module keeps it
-    py::class_<Source>(module, "Source");
+    py::class_<Source>(module, "Source")
+        .def_property_readonly("origin",
+                               [](const Source& s) { return s.volume().describe().origin; })
+        .def_property_readonly("march_memory",
+                               [](const Source& s) { return march_memory(s.volume()); });
     add_source_options(module);
     module.def("source_of_files", &source_of_files, "paths"_a, "options"_a);
     module.def("source_of_array", &source_of_array, "array"_a, py::kw_only(), "spacing"_a,

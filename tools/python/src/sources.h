@@ -18,6 +18,8 @@ class Source {
     explicit Source(std::unique_ptr<VolumeSource> volume) : volume_(std::move(volume)) {}
     /// Throws py::value_error if it was taken before.
     [[nodiscard]] std::unique_ptr<VolumeSource> take();
+    /// Throws py::value_error if it was taken.
+    [[nodiscard]] VolumeSource& volume() const;
 
   private:
     std::unique_ptr<VolumeSource> volume_;

@@ -1,0 +1,239 @@
+// Source: W. Lorensen, H. Cline, "Marching cubes", SIGGRAPH 1987. Rows of cells without surface are
+// passed over 64 cells at a time, by bits for the nodes below the isovalue.
+#include "query/slabs/march_slab.h"
+
+#include <array>
+#include <bit>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include <isonest/value_type.h>
+
+#include "query/march/hexahedron_cases.h"
+#include "query/march/polygon_with_hits.h"
+#include "query/slabs/node_bits.h"
+
+namespace isonest::detail {
+namespace {
+
+using Words = std::vector<std::uint64_t>;
+
+/// The bits of a plane's nodes, row by row.
+struct PlaneBits {
+    Words below;
+    Words special;
+    std::vector<std::uint8_t> row_special;  ///< whether a row has special nodes
+};
+
+/// Four rows of bits around a row of cells.
+class CellBits {
+  public:
+    CellBits(std::array<const std::uint64_t*, 4> rows, std::size_t words)
+        : rows_(rows), words_(words) {}
+
+    /// For cells 64 w, ...: whether corners are on both sides; bits behind the row mean nothing.
+    [[nodiscard]] std::uint64_t crossed(std::size_t w) const {
+        std::uint64_t any = 0;
+        std::uint64_t all = ~std::uint64_t{0};
+        for (const std::uint64_t* const row : rows_) {
+            const std::uint64_t low = row[w];
+            const std::uint64_t high = next(row, w);
+            any |= low | high;
+            all &= low & high;
+        }
+        return any & ~all;
+    }
+    /// For cells 64 w, ...: whether any corner has its bit.
+    [[nodiscard]] std::uint64_t any(std::size_t w) const {
+        std::uint64_t any = 0;
+        for (const std::uint64_t* const row : rows_) {
+            any |= row[w] | next(row, w);
+        }
+        return any;
+    }
+    /// The bits of a cell's corners.
+    [[nodiscard]] unsigned corners(std::size_t w, unsigned bit) const {
+        unsigned corners = 0;
+        for (unsigned i = 0; i < 4; ++i) {
+            const std::uint64_t low = rows_[i][w] >> bit & 1U;
+            const std::uint64_t high = next(rows_[i], w) >> bit & 1U;
+            corners |= static_cast<unsigned>(low | high << 1U) << (2 * i);
+        }
+        return corners;
+    }
+
+  private:
+    [[nodiscard]] std::uint64_t next(const std::uint64_t* row, std::size_t w) const {
+        return row[w] >> 1U | (w + 1 < words_ ? row[w + 1] << 63U : 0);
+    }
+    std::array<const std::uint64_t*, 4> rows_;
+    std::size_t words_;
+};
+
+template <class T>
+class SlabMarch {
+  public:
+    SlabMarch(const SlabValues<T>& values, const SlabPlace& place, MarchedSlab& slab)
+        : values_(values),
+          iso_(place.iso),
+          bits_of_(place.iso),
+          words_(words_of(values.nodes.x)),
+          slab_(slab),
+          vertices_(values, place, slab) {
+        const auto rows = static_cast<std::size_t>(values.nodes.y);
+        for (PlaneBits& plane : planes_) {
+            plane.below.resize(rows * words_);
+            plane.special.resize(rows * words_);
+            plane.row_special.resize(rows);
+        }
+    }
+
+    void march(const Slab& layers) {
+        find_sides(layers.begin);
+        for (std::int64_t z = layers.begin; z < layers.end; ++z) {
+            std::swap(planes_[0], planes_[1]);
+            find_sides(z + 1);
+            vertices_.begin_layer(z);
+            for (std::int64_t y = 0; y + 1 < values_.nodes.y; ++y) {
+                vertices_.begin_row(y);
+                march_row(y, z);
+            }
+            if (z == layers.begin) {
+                vertices_.keep_plane(0);
+            }
+        }
+        vertices_.keep_plane(1);
+        vertices_.finish(layers);
+    }
+
+  private:
+    /// Of the nodes of a plane, into the upper bits.
+    void find_sides(std::int64_t z) {
+        PlaneBits& plane = planes_[1];
+        for (std::int64_t y = 0; y < values_.nodes.y; ++y) {
+            const auto row = static_cast<std::size_t>(y);
+            plane.row_special[row] = bits_of_.of_row(values_.at({0, y, z}), values_.nodes.x,
+                                                     plane.below.data() + row * words_,
+                                                     plane.special.data() + row * words_)
+                                         ? 1
+                                         : 0;
+        }
+    }
+    [[nodiscard]] CellBits cells_of(std::int64_t y, Words PlaneBits::*bits) const {
+        const std::size_t row = static_cast<std::size_t>(y) * words_;
+        return {{(planes_[0].*bits).data() + row, (planes_[0].*bits).data() + row + words_,
+                 (planes_[1].*bits).data() + row, (planes_[1].*bits).data() + row + words_},
+                words_};
+    }
+    [[nodiscard]] bool has_special(std::int64_t y) const {
+        const auto row = static_cast<std::size_t>(y);
+        return (planes_[0].row_special[row] | planes_[0].row_special[row + 1] |
+                planes_[1].row_special[row] | planes_[1].row_special[row + 1]) != 0;
+    }
+    void march_row(std::int64_t y, std::int64_t z) {
+        const CellBits below = cells_of(y, &PlaneBits::below);
+        const CellBits special = cells_of(y, &PlaneBits::special);
+        const bool has_special = this->has_special(y);
+        const auto cells = static_cast<std::size_t>(values_.nodes.x - 1);
+        for (std::size_t w = 0; 64 * w < cells; ++w) {
+            std::uint64_t crossed = below.crossed(w);
+            if (cells - 64 * w < 64) {
+                crossed &= (std::uint64_t{1} << (cells - 64 * w)) - 1;
+            }
+            if (crossed == 0) {
+                continue;
+            }
+            const std::uint64_t specials = has_special ? special.any(w) : 0;
+            for (; crossed != 0; crossed &= crossed - 1) {
+                const auto bit = static_cast<unsigned>(std::countr_zero(crossed));
+                const auto x = static_cast<std::int64_t>(64 * w + bit);
+                if ((specials >> bit & 1U) != 0) {
+                    march_special({x, y, z}, below.corners(w, bit));
+                } else {
+                    march_plain(x, below.corners(w, bit));
+                }
+            }
+        }
+    }
+    /// A cell without corners on the surface.
+    void march_plain(std::int64_t x, unsigned below) {
+        const HexahedronCase& c = cases_[below];
+        std::array<std::uint32_t, 12> v{};
+        for (std::size_t i = 0; i < c.edges; ++i) {
+            v[i] = vertices_.on_edge(x, c.edge[i]);
+        }
+        for (std::size_t i = 0; i < c.triangles; ++i) {
+            const auto& t = c.triangle[i];
+            slab_.triangles.push_back({v[t[0]], v[t[1]], v[t[2]]});
+        }
+        ++slab_.cells;
+    }
+    /// A cell with corners on the surface or with missing ones, which has no surface.
+    void march_special(const Int3& low, unsigned below) {
+        Cube cube{low, 0, below, {}};
+        for (unsigned i = 0; i < 8; ++i) {
+            cube.value[i] = vertices_.value(low.x, i);
+            if (!std::isfinite(cube.value[i])) {
+                return;
+            }
+        }
+        vertices_.forget_positions();
+        const HexahedronCase& c = cases_[below];
+        for (std::size_t i = 0; i < c.polygons; ++i) {
+            PolygonWithHits polygon(vertices_, cube, iso_, c, i);
+            if (polygon.has_hits()) {
+                collected_.clear();
+                polygon.march(false, collected_);
+                for (const CollectedTriangle& t : collected_) {
+                    slab_.triangles.push_back(t.v);
+                }
+                continue;
+            }
+            for (std::size_t t = c.first[i] - 2 * i; t < c.first[i + 1] - 2 * (i + 1); ++t) {
+                const auto corner = [&](std::size_t k) {
+                    return vertices_.on_edge(low.x, c.edge[c.triangle[t][k]]);
+                };
+                slab_.triangles.push_back({corner(0), corner(1), corner(2)});
+            }
+        }
+        ++slab_.cells;
+    }
+
+    SlabValues<T> values_;
+    double iso_;
+    NodeBits<T> bits_of_;
+    std::size_t words_;
+    const HexahedronCases& cases_ = hexahedron_cases();
+    MarchedSlab& slab_;
+    SlabVertices<T> vertices_;
+    std::array<PlaneBits, 2> planes_;  ///< below and above the cells
+    std::vector<CollectedTriangle> collected_;
+};
+
+}  // namespace
+
+template <class T>
+MarchedSlab march_slab(const SlabValues<T>& values, const Slab& layers, const SlabPlace& place,
+                       const SlabEstimate& likely) {
+    MarchedSlab slab;
+    slab.positions.reserve(likely.vertices);
+    slab.normals.reserve(place.normals ? likely.vertices : 0);
+    slab.triangles.reserve(likely.triangles);
+    SlabMarch<T>(values, place, slab).march(layers);
+    return slab;
+}
+
+std::uint64_t march_slab_bytes(const Int3& nodes) {
+    // Edges, and bits of which each plane has two for every node. Their type does not matter.
+    return SlabVertices<float>::bytes(nodes) +
+           4 * sizeof(std::uint64_t) * words_of(nodes.x) * static_cast<std::uint64_t>(nodes.y);
+}
+
+#define ISONEST_INSTANTIATE(tag, T)                                                         \
+    template MarchedSlab march_slab<T>(const SlabValues<T>&, const Slab&, const SlabPlace&, \
+                                       const SlabEstimate&);
+ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_INSTANTIATE)
+#undef ISONEST_INSTANTIATE
+
+}  // namespace isonest::detail

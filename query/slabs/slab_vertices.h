@@ -1,0 +1,312 @@
+// The vertices of a slab, found by the edges of the lattice that they lie on.
+//
+// Source: numbers of the vertices are kept for the edges of two planes of nodes and two rows
+// between them, as in W. Schroeder, R. Maynard, B. Geveci, "Flying Edges: a high-performance
+// scalable isocontouring algorithm", LDAV 2015, by rows: nothing is hashed.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include <isonest/int3.h>
+
+#include "query/march/cube_cases.h"
+#include "query/march/finest_crossing.h"
+#include "query/march/part_vertices.h"
+#include "query/slabs/marched_slab.h"
+#include "query/slabs/slab_values.h"
+#include "query/view/topology.h"
+
+namespace isonest::detail {
+
+/// What vertices are made from.
+struct SlabPlace {
+    double iso = 0;
+    bool normals = false;
+    Double3 spacing{1, 1, 1};
+    Double3 origin{};
+};
+
+/// Vertices in lattice edges are numbered in the slab; those in nodes, which are rare, are those of
+/// a PartVertices, with kOfLinks, until finish(). Edges are numbered as kCubeEdge numbers those of
+/// a cell. Not thread-safe.
+template <class T>
+class SlabVertices {
+  public:
+    SlabVertices(const SlabValues<T>& values, const SlabPlace& place, MarchedSlab& slab)
+        : values_(values),
+          gradient_(values, place.spacing),
+          place_(place),
+          slab_(slab),
+          links_(nullptr) {
+        const auto size = static_cast<std::size_t>(values.nodes.x * values.nodes.y);
+        for (auto& plane : planes_) {
+            plane.along_x.assign(size, kNone);
+            plane.along_y.assign(size, kNone);
+        }
+        for (auto& row : between_) {
+            row.assign(static_cast<std::size_t>(values.nodes.x), kNone);
+        }
+    }
+    /// Bytes of heap beside the slab.
+    static std::uint64_t bytes(const Int3& nodes) {
+        return static_cast<std::uint64_t>(4 * nodes.y + 2) * static_cast<std::uint64_t>(nodes.x) *
+               sizeof(std::uint32_t);
+    }
+
+    /// From now on, cells between planes z and z + 1. In ascending order, without gaps.
+    void begin_layer(std::int64_t z) {
+        z_ = z;
+        std::swap(planes_[0], planes_[1]);
+        std::fill_n(planes_[1].along_x.begin(), values_.nodes.x, kNone);
+        std::fill(between_[0].begin(), between_[0].end(), kNone);
+    }
+    /// Of this layer, cells between rows y and y + 1. In ascending order, without gaps, from 0 on.
+    void begin_row(std::int64_t y) {
+        y_ = y;
+        const std::int64_t nx = values_.nodes.x;
+        std::fill_n(planes_[1].along_x.begin() + (y + 1) * nx, nx, kNone);
+        std::fill_n(planes_[1].along_y.begin() + y * nx, nx, kNone);
+        auto& next = between_[static_cast<std::size_t>((y + 1) & 1)];
+        std::fill(next.begin(), next.end(), kNone);
+        for (std::size_t e = 0; e < kCubeEdges; ++e) {
+            const Int3 low = corner_offset(kCubeEdge[e].low);
+            auto& plane = planes_[static_cast<std::size_t>(low.z)];
+            switch (kCubeEdge[e].low ^ kCubeEdge[e].high) {
+                case 1:
+                    slots_[e] = plane.along_x.data() + (y + low.y) * nx;
+                    break;
+                case 2:
+                    slots_[e] = plane.along_y.data() + y * nx + low.x;
+                    break;
+                case 4:
+                    slots_[e] = between_[static_cast<std::size_t>((y + low.y) & 1)].data() + low.x;
+                    break;
+                default:
+                    slots_[e] = nullptr;  // a diagonal
+            }
+        }
+        for (std::size_t i = 0; i < 4; ++i) {
+            const auto offset = static_cast<std::int64_t>(i);
+            rows_[i] = values_.at({0, y + (offset & 1), z_ + (offset >> 1)});
+        }
+    }
+    /// The value at a corner of cell x of the row.
+    [[nodiscard]] double value(std::int64_t x, unsigned corner) const {
+        return static_cast<double>(rows_[corner >> 1U][x + (corner & 1U)]);
+    }
+    /// The vertex on an edge of cell x of the row. REQUIRES: the surface crosses it.
+    std::uint32_t on_edge(std::int64_t x, std::size_t edge) {
+        std::uint32_t& slot = slots_[edge][x];
+        if (slot == kNone) {
+            slot = add_on_edge(x, edge);
+        }
+        return slot;
+    }
+
+    /// As PartVertices has them, for PolygonWithHits.
+    std::uint32_t edge_of_cube(const Cube& cube, std::size_t edge, double iso) {
+        const CubeEdge& e = kCubeEdge[edge];
+        const double t = crossing_of(cube.value[e.low], cube.value[e.high], iso);
+        const std::uint32_t v = on_edge(cube.low.x, edge);
+        recent_.push_back({v, on_edge_at(cube.low + corner_offset(e.low), axis_of(e), t)});
+        return v;
+    }
+    std::uint32_t fan(const Int3& node, const Int3& in, const Int3& out) {
+        const std::uint32_t v = links_.fan(node, in, out);
+        add_link_normal(node, node, 0);
+        return v | kOfLinks;
+    }
+    std::uint32_t run(const Int3& a, const Int3& b, const Int3& below) {
+        const std::uint32_t v = links_.run(a, b, below);
+        add_run_normal(a, b);
+        return v | kOfLinks;
+    }
+    void run_between(const Int3& a, const Int3& b, const Int3& below1, const Int3& below2) {
+        links_.run_between(a, b, below1, below2);
+        add_run_normal(a, b);
+    }
+    /// REQUIRES: the vertex was asked for since forget_positions().
+    [[nodiscard]] const Double3& position(std::uint32_t v) const {
+        if ((v & kOfLinks) != 0) {
+            return links_.position(v & ~kOfLinks);
+        }
+        return std::find_if(recent_.begin(), recent_.end(),
+                            [&](const Recent& r) { return r.vertex == v; })
+            ->position;
+    }
+    void forget_positions() { recent_.clear(); }
+    std::uint32_t centre(std::span<const std::uint32_t> v);
+
+    /// Keeps which edges of the first (0) or last plane have vertices. REQUIRES: the first or the
+    /// last layer is done.
+    void keep_plane(std::size_t side) {
+        const auto& plane = planes_[side];
+        for (std::size_t i = 0; i < plane.along_x.size(); ++i) {
+            if (plane.along_x[i] != kNone) {
+                slab_.on_plane[side].push_back({2 * i, plane.along_x[i]});
+            }
+            if (plane.along_y[i] != kNone) {
+                slab_.on_plane[side].push_back({2 * i + 1, plane.along_y[i]});
+            }
+        }
+    }
+    /// Gives the vertices in nodes numbers of the slab. No more vertices.
+    void finish(const Slab& layers);
+
+  private:
+    static constexpr std::uint32_t kNone = 0xFFFFFFFFU;
+    static constexpr std::uint32_t kOfLinks = 0x80000000U;
+    struct Plane {
+        std::vector<std::uint32_t> along_x;  ///< by the edge's low node, or kNone
+        std::vector<std::uint32_t> along_y;
+    };
+    struct Recent {
+        std::uint32_t vertex;
+        Double3 position;  ///< in the lattice
+    };
+
+    static int axis_of(const CubeEdge& e) { return (e.low ^ e.high) >> 1; }
+    static Double3 on_edge_at(const Int3& low, int axis, double t) {
+        Double3 p = as_point(low);
+        p[static_cast<std::size_t>(axis)] += t;
+        return p;
+    }
+    [[nodiscard]] std::array<float, 3> in_world(const Double3& p) const {
+        std::array<float, 3> world{};
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            world[axis] = static_cast<float>(place_.origin[axis] + place_.spacing[axis] * p[axis]);
+        }
+        return world;
+    }
+    /// At a + t (b - a): the same bits as AttributeSampler.
+    [[nodiscard]] std::array<float, 3> normal(const Int3& a, const Int3& b, double t) const {
+        std::array<float, 3> unit{};
+        if (!place_.normals) {
+            return unit;
+        }
+        const Double3 from = gradient_(a);
+        const Double3 to = a == b ? from : gradient_(b);
+        Double3 n{};
+        for (std::size_t i = 0; i < 3; ++i) {
+            n[i] = -(from[i] + t * (to[i] - from[i]));
+        }
+        return normalized(n);
+    }
+    [[nodiscard]] static std::array<float, 3> normalized(const Double3& n) {
+        std::array<float, 3> unit{};
+        const double size = std::hypot(n[0], n[1], n[2]);
+        if (size > 0 && std::isfinite(size)) {
+            for (std::size_t i = 0; i < 3; ++i) {
+                unit[i] = static_cast<float>(n[i] / size);
+            }
+        }
+        return unit;
+    }
+    std::uint32_t add(const Double3& position, const std::array<float, 3>& normal) {
+        const auto next = static_cast<std::uint32_t>(slab_.positions.size());
+        slab_.positions.push_back(in_world(position));
+        if (place_.normals) {
+            slab_.normals.push_back(normal);
+        }
+        return next;
+    }
+    [[gnu::noinline]] std::uint32_t add_on_edge(std::int64_t x, std::size_t edge) {
+        const CubeEdge& e = kCubeEdge[edge];
+        const double t = crossing_of(value(x, e.low), value(x, e.high), place_.iso);
+        const Int3 low = Int3{x, y_, z_} + corner_offset(e.low);
+        const Int3 high = Int3{x, y_, z_} + corner_offset(e.high);
+        return add(on_edge_at(low, axis_of(e), t), normal(low, high, t));
+    }
+    /// If the last call made a vertex.
+    void add_link_normal(const Int3& a, const Int3& b, double t) {
+        if (link_normals_.size() < links_.size()) {
+            link_normals_.push_back(normal(a, b, t));
+        }
+    }
+    void add_run_normal(const Int3& a, const Int3& b) {
+        const bool in_order = a.z != b.z ? a.z < b.z : a.y != b.y ? a.y < b.y : a.x < b.x;
+        add_link_normal(in_order ? a : b, in_order ? b : a, 0.5);
+    }
+    [[nodiscard]] const std::array<float, 3>& normal_of(std::uint32_t v) const {
+        return (v & kOfLinks) != 0 ? link_normals_[v & ~kOfLinks] : slab_.normals[v];
+    }
+
+    SlabValues<T> values_;
+    SlabGradient<T> gradient_;
+    SlabPlace place_;
+    MarchedSlab& slab_;
+    std::int64_t z_ = 0;
+    std::int64_t y_ = 0;
+    std::array<Plane, 2> planes_;                        ///< below and above the cells
+    std::array<std::vector<std::uint32_t>, 2> between_;  ///< edges along z, even and odd rows
+    std::array<std::uint32_t*, kCubeEdges> slots_{};     ///< of cell 0 of the row
+    std::array<const T*, 4> rows_{};                     ///< by the offsets along y and z (bits)
+    PartVertices links_;
+    std::vector<std::array<float, 3>> link_normals_;
+    std::vector<Recent> recent_;
+};
+
+/// As PartVertices::centre().
+template <class T>
+std::uint32_t SlabVertices<T>::centre(std::span<const std::uint32_t> v) {
+    Double3 at{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        for (const std::uint32_t corner : v) {
+            at[axis] += position(corner)[axis];
+        }
+        at[axis] /= static_cast<double>(v.size());
+    }
+    if (!place_.normals) {
+        return add(at, {});
+    }
+    std::array<float, 3> mean = normal_of(v[0]);
+    for (std::size_t i = 1; i < v.size(); ++i) {
+        const double t = 1 / static_cast<double>(i + 1);
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            const double a = mean[axis];
+            const double b = normal_of(v[i])[axis];
+            mean[axis] = static_cast<float>(a + t * (b - a));
+        }
+    }
+    return add(at, normalized({mean[0], mean[1], mean[2]}));
+}
+
+template <class T>
+void SlabVertices<T>::finish(const Slab& layers) {
+    if (links_.size() == 0) {
+        return;
+    }
+    links_.flatten();
+    const auto first = static_cast<std::uint32_t>(slab_.positions.size());
+    for (std::uint32_t v = 0; v < links_.size(); ++v) {
+        add(links_.position(v), link_normals_[v]);
+    }
+    std::vector<bool> used(links_.size());
+    for (auto& triangle : slab_.triangles) {
+        for (std::uint32_t& v : triangle) {
+            if ((v & kOfLinks) != 0) {
+                const std::uint32_t root = links_.root(v & ~kOfLinks);
+                used[root] = true;
+                v = first + root;
+            }
+        }
+    }
+    links_.for_incomplete([&](const VertexKey& key, std::uint32_t v) {
+        const std::uint32_t root = links_.root(v);
+        for (const std::size_t side : {0, 1}) {
+            const std::int64_t plane = side == 0 ? layers.begin : layers.end;
+            if (key.first >= half_lattice_key({0, 0, 2 * plane}) &&
+                key.first < half_lattice_key({0, 0, 2 * plane + 1})) {
+                slab_.named[side].push_back({key, first + root, used[root]});
+            }
+        }
+    });
+}
+
+}  // namespace isonest::detail
