@@ -237,10 +237,10 @@ def test_at_full_resolution_an_array_needs_no_store(tmp_path, noise, monkeypatch
 def test_cells_are_hexahedra_where_they_can_be(noise, store_path):
     isonest.preprocess(noise, store_path)
     store = isonest.open(store_path)
-    for query in ({"box": ((0, 0, 0), (20, 20, 20))}, {"components": "largest"}):
+    for query in ({"box": ((0, 0, 0), (20, 20, 20))}, {"components": "largest"}, {"triangles": 500}, {"distance": 0.3}):
         np.testing.assert_array_equal(isonest.isosurface(noise, 0.3, **query).faces,
                                       store.isosurface(0.3, cells="hex", **query).faces)
-    for query in ({"error": 0.2}, {"close": True}, {"triangles": 500}):
+    for query in ({"error": 0.2}, {"close": True}, {"close": True, "triangles": 500}):
         np.testing.assert_array_equal(isonest.isosurface(noise, 0.3, **query).faces,
                                       store.isosurface(0.3, cells="tet", **query).faces)
 

@@ -119,7 +119,7 @@ def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *
     :meth:`Store.isosurface`. Without an isovalue it is the mean of the smallest and the largest value.
 
     cells: "hex" or "tet". Without a word it is "hex", which gives a third of the triangles, but "tet" where something
-        is asked for that is made of tetrahedra: an error, a distance, a number of triangles, ``close`` and the like.
+        is asked for that is made of tetrahedra: an error, ``close`` and the like.
 
     At full resolution, hexahedra are made straight from the volume, which is read once. ``memory`` then bounds what
     isonest allocates beside the volume and twice the mesh. Everything else needs a store, which is made in the
@@ -127,7 +127,8 @@ def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *
     """
     asked = _marching.asked_beside(query)
     chosen = _marching.cells_for(asked) if cells is None else cells
-    _core.SurfaceQuery().set_cells(chosen)  # refuses what there is not
+    if cells is not None:
+        _core.SurfaceQuery().set_cells(cells)  # refuses what there is not
     if chosen in ("hex", "hexahedra") and not asked:
         options = _queries.options(memory, threads, scratch or "", bool(query.get("quality")))
         mesh = _marching.march(volume, iso, spacing=spacing, unit=unit, missing=missing, options=options,
@@ -143,7 +144,7 @@ def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *
                    threads=threads, progress=progress)
         with open(path) as store:
             if cells is None and 1 in store.shape:
-                chosen = "tet"  # of data in a plane: lines
+                chosen = None  # of data in a plane: lines
             if iso is None:
                 low, high = store.range or (0.0, 0.0)
                 iso = low + (high - low) / 2

@@ -29,9 +29,9 @@ def asked_beside(query: "dict[str, Any]") -> "set[str]":
             if name not in _OF_ANY_MESH and (np.ndim(value) > 0 or value != known[name].default)}
 
 
-def cells_for(asked: "set[str]") -> str:
-    """Hexahedra, unless something is asked for that goes with tetrahedra."""
-    return "hex" if asked <= _OF_HEXAHEDRA else "tet"
+def cells_for(asked: "set[str]") -> Optional[str]:
+    """Hexahedra, unless something is asked for of which a store has to say what goes with it."""
+    return "hex" if asked <= _OF_HEXAHEDRA else None
 
 
 def march(volume: Any, iso: "Union[None, float, Sequence[float]]", *, spacing: Optional[Sequence[float]],
