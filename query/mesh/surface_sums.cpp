@@ -97,4 +97,27 @@ SurfaceMeasures SurfaceSums::measures() const {
     return measures;
 }
 
+SurfaceMeasures measures_of(const MeshLayout& layout,
+                            std::span<const std::array<float, 3>> positions,
+                            std::span<const std::array<std::uint64_t, 3>> elements) {
+    constexpr std::size_t kAtOnce = 1U << 12U;
+    SurfaceSums sums(layout);
+    std::vector<std::array<float, 3>> nearby;
+    std::vector<std::array<std::uint32_t, 3>> places;
+    for (std::size_t at = 0; at < elements.size(); at += kAtOnce) {
+        const auto some = elements.subspan(at, std::min(kAtOnce, elements.size() - at));
+        nearby.clear();
+        places.clear();
+        for (const auto& t : some) {
+            const auto first = static_cast<std::uint32_t>(nearby.size());
+            places.push_back({first, first + 1, first + 2});
+            for (const std::uint64_t v : t) {
+                nearby.push_back(positions[v]);
+            }
+        }
+        sums.add({at, some, places, {0, nearby, {}, 0}});
+    }
+    return sums.measures();
+}
+
 }  // namespace isonest::detail

@@ -1,7 +1,9 @@
 // Area and volume of a mesh, summed triangle by triangle while it is handed over.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <span>
 
 #include <isonest/extract_report.h>
 #include <isonest/mesh_sink.h>
@@ -34,5 +36,10 @@ class SurfaceSums {
     Int128 six_volumes_ = 0;       ///< with the sign of the side that the triangles face
     std::uint64_t unmatched_ = 0;  ///< 0: no edge has a border
 };
+
+/// Of elements whose corners are places in `positions`, which lie within the layout's box.
+SurfaceMeasures measures_of(const MeshLayout& layout,
+                            std::span<const std::array<float, 3>> positions,
+                            std::span<const std::array<std::uint64_t, 3>> elements);
 
 }  // namespace isonest::detail

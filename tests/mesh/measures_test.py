@@ -3,6 +3,7 @@ float64, and those of VTK.
 
 Usage: measures_test.py ISONEST PLUGIN_FOLDER
 """
+import itertools
 import json
 import pathlib
 import re
@@ -140,6 +141,26 @@ class MeasuresTest(unittest.TestCase):
                 self.assertLess(report["triangles"], full["triangles"])
                 self.assertNotEqual(report["area"], full["area"])
                 self.assertNotEqual(report["volume"], full["volume"])
+
+    def test_the_surface_at_full_resolution_is_measured_beside_a_simplified_one(self):
+        cases = (("ball", ("--cells", "hex")), ("ball", ("--close", "--box", "3,1,2,15,9.5,18")),
+                 ("waves", ("--cells", "hex")), ("shell", ("--cells", "tet", "--components", "largest")),
+                 ("placed", ("--cells", "hex")))
+        for (store, options), stop in itertools.product(cases, (("--distance", 0.3), ("--triangles", 300),
+                                                                ("--distance", 0.3, "--effort", "fast"))):
+            with self.subTest(store=store, options=options, stop=stop):
+                command = ("extract", store, "--iso", 0, "-o", "m.ply", *options)
+                mesh = json.loads(self.run_program(*command, "--json"))
+                full = Mesh(self.here / "m.ply")
+                self.assertNotIn("full_area", mesh)
+                simple = json.loads(self.run_program(*command, *stop, "--json"))
+                np.testing.assert_allclose(simple["full_area"], full.area(), rtol=1e-10)
+                if full.is_closed():
+                    np.testing.assert_allclose(simple["full_volume"], abs(full.signed_volume()), rtol=1e-10)
+                else:
+                    self.assertIsNone(simple["full_volume"])
+                self.assertRegex(self.run_program(*command, *stop),
+                                 rf"\nat full resolution: area {simple['full_area']:.6g}(,| mm2,) ")
 
     def test_a_void_takes_its_volume_from_the_solid(self):
         mesh, report = self.measured("shell")

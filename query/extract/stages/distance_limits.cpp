@@ -7,6 +7,7 @@
 
 #include <isonest/error.h>
 
+#include "query/mesh/surface_sums.h"
 #include "store/container/extent.h"
 
 namespace isonest::detail {
@@ -60,6 +61,12 @@ PatchBox world_box(const ExtractQuery& query) {
         world.hi[axis] = at(box.hi[axis]);
     }
     return world;
+}
+
+void report_full(const StageMesh& mesh, ExtractReport& report) {
+    const ScratchMesh& vertices = mesh.vertices();
+    report.distance->full_triangles = vertices.layout().elements;
+    report.distance->full = measures_of(vertices.layout(), vertices.positions(), mesh.elements());
 }
 
 void refuse_budget(const StoreReader& store, std::uint64_t most, std::uint64_t triangles,

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "query/extract/extract_query.h"
+#include "query/extract/stages/stage.h"
 #include "query/mesh/components.h"
 #include "query/simplify/block_grid.h"
 #include "query/simplify/patch.h"
@@ -25,6 +26,9 @@ WorldLattice world_lattice(const StoreReader& store, const ExtractQuery& query);
 
 /// The box to which the surface is cut, as its vertices are.
 PatchBox world_box(const ExtractQuery& query);
+
+/// Counts and measures the surface that a distance is from.
+void report_full(const StageMesh& mesh, ExtractReport& report);
 
 /// Throws Error{limit}: the mesh with the fewest triangles that was found has these, more than
 /// `most`.

@@ -58,7 +58,7 @@ void DistanceStage::run(StageMesh& mesh, ExtractReport& report) {
     const auto& [store, query, options, scratch, progress] = setting();
     const double limit = limit_of(store, query);
     const double first = first_limit(query, limit);
-    report.distance->full_triangles = mesh.vertices().layout().elements;
+    report_full(mesh, report);
     {
         MeshSimplifier simplifier(mesh.vertices(), mesh.elements(), world_lattice(store, query),
                                   world_box(query), scratch, progress);

@@ -24,7 +24,7 @@ void MappingStage::run(StageMesh& mesh, ExtractReport& report) {
     const auto& [store, query, options, scratch, progress] = setting();
     const double limit = limit_of(store, query);
     const std::optional<std::uint64_t>& most = query.stages.distance->triangles;
-    report.distance->full_triangles = mesh.vertices().layout().elements;
+    report_full(mesh, report);
     MeshMapper mapper(mesh.vertices(), world_lattice(store, query), world_box(query), scratch,
                       progress);
     const Mapped full = mapper.full(mesh.elements());

@@ -43,6 +43,16 @@ struct ComponentReport {
     std::uint64_t largest_dropped = 0;    ///< triangles (or lines) of the largest of them
 };
 
+/// Of a mesh of triangles, as its coordinates are; the same for any threads and memory.
+struct SurfaceMeasures {
+    double area = 0;  ///< square world units
+    /// Within a closed mesh, cubic world units: of the space that its triangles face away from or,
+    /// if the rest of space is that, of the space that they face. A void in a solid counts
+    /// negative. Nothing if the mesh has a border: an edge that triangles pass more often in one
+    /// direction than in the other; by a checksum that misses one with a probability below 2^-50.
+    std::optional<double> volume = {};
+};
+
 /// Of a mesh that was to be within a distance of the surface at full resolution.
 struct DistanceReport {
     double asked = 0;  ///< within which the mesh was to be, in world units
@@ -51,6 +61,9 @@ struct DistanceReport {
     /// Triangles (or lines) of the surface at full resolution, with all its components, if it was
     /// simplified.
     std::uint64_t full_triangles = 0;
+    /// Of the surface that the distance is from, without components that were dropped, if it has
+    /// triangles and was simplified by this call (not in a kept analysis).
+    std::optional<SurfaceMeasures> full = {};
 };
 
 /// Of a mesh that was simplified within an error.
@@ -83,16 +96,6 @@ struct TriangleQuality {
     double five_percent = 0;  ///< one in twenty
     double median = 0;
     double narrow_share = 0;  ///< of the triangles, those with an angle below kNarrow; 0 ... 1
-};
-
-/// Of a mesh of triangles, as its coordinates are; the same for any threads and memory.
-struct SurfaceMeasures {
-    double area = 0;  ///< square world units
-    /// Within a closed mesh, cubic world units: of the space that its triangles face away from or,
-    /// if the rest of space is that, of the space that they face. A void in a solid counts
-    /// negative. Nothing if the mesh has a border: an edge that triangles pass more often in one
-    /// direction than in the other; by a checksum that misses one with a probability below 2^-50.
-    std::optional<double> volume = {};
 };
 
 /// The stages that were asked for have reports of their own; the others have none.

@@ -180,6 +180,9 @@ Result result_of(const Store& store, const Arguments& arguments, const ExtractRe
     result.text += analysis_text(r) + version_text(a.mesh);
     if (r.measures && r.triangles > 0) {
         result.text += measures_text(store, *r.measures);
+        if (r.distance && r.distance->full) {
+            result.text += "at full resolution: " + measures_text(store, *r.distance->full);
+        }
     }
     if (r.components) {
         add_component_json(*r.components, result.json);

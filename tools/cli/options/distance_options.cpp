@@ -215,6 +215,10 @@ void add_distance_json(Json& json, const ExtractReport& r) {
     json["distance"] = r.distance->asked;
     json["distance_bound"] = r.distance->bound;
     json["full_triangles"] = r.distance->full_triangles;
+    if (const auto& full = r.distance->full) {
+        json["full_area"] = full->area;
+        json["full_volume"] = full->volume ? Json(*full->volume) : Json();
+    }
     json["scratch_bytes"] = r.scratch_bytes;
 }
 

@@ -100,6 +100,19 @@ void add_extract_report(py::module_& module) {
             "full_triangles",
             [](const R& r) { return r.distance ? r.distance->full_triangles : 0; },
             "of the surface at full resolution, if a distance was asked for")
+        .def_property_readonly(
+            "full_area",
+            [](const R& r) {
+                return r.distance && r.distance->full ? std::optional(r.distance->full->area)
+                                                      : std::nullopt;
+            },
+            "of the surface that the distance is from, in square world units, or None")
+        .def_property_readonly(
+            "full_volume",
+            [](const R& r) {
+                return r.distance && r.distance->full ? r.distance->full->volume : std::nullopt;
+            },
+            "within that surface, in cubic world units; None unless it is closed")
         .def_property_readonly("nested_triangles",
                                [](const R& r) {
                                    return r.simplified_error ? r.simplified_error->nested_triangles
