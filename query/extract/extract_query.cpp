@@ -13,6 +13,7 @@
 #include "query/extract/combinations.h"
 #include "query/extract/query_checks.h"
 #include "query/extract/stages/error_stage.h"
+#include "query/mesh/coordinate_rounding.h"
 #include "query/view/label_view.h"
 #include "store/container/extent.h"
 
@@ -98,22 +99,6 @@ void keep_on_border(const StoreReader& store, TraversalQuery& query) {
             query.box.hi[axis] = kInfinity;
         }
     }
-}
-
-/// REQUIRES: world coordinates within float32.
-double coordinate_rounding(const StoreHeader& header) {
-    double most = 0;
-    const Double3 last = last_position(header);
-    for (int axis = 0; axis < 3; ++axis) {
-        const auto a = static_cast<std::size_t>(axis);
-        const auto largest =
-            static_cast<float>(std::max(std::fabs(header.origin[a]), std::fabs(last[a])));
-        const double next = std::nextafter(largest, 0.0F);
-        if (header.nodes[axis] > 1) {
-            most = std::max(most, (largest - next) / 2 / header.spacing[a]);
-        }
-    }
-    return most;
 }
 
 /// What all queries have.
@@ -254,7 +239,8 @@ void choose_label(const StoreReader& store, const LabelChoice& label, ExtractQue
 ExtractQuery finished(const StoreReader& store, ExtractQuery asked) {
     keep_on_border(store, asked.traversal);
     require_float32(store, asked);
-    asked.coordinate_rounding = coordinate_rounding(store.layout().header());
+    asked.coordinate_rounding =
+        coordinate_rounding(store.layout().header().nodes, asked.spacing, asked.origin);
     return asked;
 }
 

@@ -19,6 +19,7 @@
 
 #include <isonest/march.h>
 
+#include "query/mesh/coordinate_rounding.h"
 #include "query/mesh/mend_triangles.h"
 #include "query/mesh/scratch_mesh.h"
 #include "query/slabs/join_slabs.h"
@@ -101,21 +102,6 @@ void require_marchable(const VolumeDescription& volume, double iso) {
         throw Error(ErrorKind::limit, {volume.name},
                     "a layer of cells can have more vertices than 32 bits can number");
     }
-}
-
-/// Most by which rounding to float32 moves a coordinate, in distances of nodes.
-double coordinate_rounding(const VolumeDescription& volume) {
-    double most = 0;
-    for (int axis = 0; axis < 3; ++axis) {
-        const auto a = static_cast<std::size_t>(axis);
-        const double last =
-            volume.origin[a] + volume.spacing[a] * static_cast<double>(volume.nodes[axis] - 1);
-        const auto largest =
-            static_cast<float>(std::max(std::fabs(volume.origin[a]), std::fabs(last)));
-        const double next = std::nextafter(largest, 0.0F);
-        most = std::max(most, (static_cast<double>(largest) - next) / 2 / volume.spacing[a]);
-    }
-    return most;
 }
 
 /// How the layers of a volume are shared out.
@@ -321,7 +307,8 @@ ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query,
     const SlabPlace place{query.iso, query.normals, description.spacing, description.origin};
 
     ExtractReport report;
-    report.coordinate_rounding = coordinate_rounding(description);
+    report.coordinate_rounding =
+        coordinate_rounding(nodes, description.spacing, description.origin);
     Workers(plan.threads).execute([&] {
         SlabJoin join;
         Range range;

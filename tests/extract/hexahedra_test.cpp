@@ -9,6 +9,7 @@
 #include "query/march/triangulate_polygon.h"
 #include "query/view/topology.h"
 #include "tests/support/test_support.h"
+#include "tests/support/whole_mesh.h"
 
 using namespace isonest;
 using namespace isonest::detail;
@@ -51,16 +52,6 @@ Result surface(FunctionVolume<T>& volume, double iso, const How& how = {},
 Double3 last_of(const Int3& n) {
     return {static_cast<double>(n.x - 1), static_cast<double>(n.y - 1),
             static_cast<double>(n.z - 1)};
-}
-
-void require_whole(const Mesh& mesh, const Double3& lo, const Double3& hi) {
-    const MeshFaults faults = check_mesh(mesh, lo, hi);
-    CHECK(faults.unused_vertices == 0);
-    CHECK(faults.overused_edges == 0);
-    CHECK(faults.misoriented_edges == 0);
-    CHECK(faults.open_edges_inside == 0);
-    CHECK(faults.split_vertices == 0);
-    CHECK(faults.flat_triangles == 0);
 }
 
 double area_of(const Mesh& mesh, const std::array<std::uint32_t, 3>& t) {

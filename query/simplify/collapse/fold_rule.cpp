@@ -19,13 +19,14 @@ Double3 FoldRule::normal(std::uint32_t a, std::uint32_t b, std::uint32_t c) cons
     return size > 0 ? Double3{n[0] / size, n[1] / size, n[2] / size} : Double3{};
 }
 
-std::uint32_t FoldRule::across(std::uint32_t a, std::uint32_t b, std::uint32_t from) const {
+std::optional<std::uint32_t> FoldRule::across(std::uint32_t a, std::uint32_t b,
+                                              std::uint32_t from) const {
     const auto& around = mesh_.around(a);
     const auto found = std::find_if(around.begin(), around.end(), [&](std::uint32_t i) {
         const PatchTriangle& t = mesh_.triangles()[i];
         return CollapsingPatch::has(t, b) && !CollapsingPatch::has(t, from);
     });
-    return found != around.end() ? *found : static_cast<std::uint32_t>(mesh_.triangles().size());
+    return found != around.end() ? std::optional(*found) : std::nullopt;
 }
 
 bool FoldRule::look(std::uint32_t from, std::uint32_t to) {
@@ -41,8 +42,8 @@ bool FoldRule::look(std::uint32_t from, std::uint32_t to) {
     }
     // Across the outer edges; of a triangle that is gone, what is beyond meets the next wedge.
     for (Wedge& w : wedges_) {
-        const std::uint32_t beyond = across(w.a, w.b, from);
-        if (beyond == mesh_.triangles().size()) {
+        const std::optional<std::uint32_t> beyond = across(w.a, w.b, from);
+        if (!beyond) {
             if (is_unseen(w.a, w.b)) {
                 return false;
             }
@@ -51,7 +52,7 @@ bool FoldRule::look(std::uint32_t from, std::uint32_t to) {
             }
             continue;
         }
-        const PatchTriangle& t = mesh_.triangles()[beyond];
+        const PatchTriangle& t = mesh_.triangles()[*beyond];
         const Double3 other = normal(t[0], t[1], t[2]);
         before_ = std::min(before_, dot(w.before, other));
         if (w.is_gone) {

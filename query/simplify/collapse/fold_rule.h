@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "query/simplify/collapse/collapsing_patch.h"
@@ -39,9 +40,10 @@ class FoldRule {
     [[nodiscard]] bool is_unseen(std::uint32_t a, std::uint32_t b) const {
         return patch_.shared[a] && patch_.shared[b];
     }
-    /// The triangle with the edge that is not one of `from`; nothing: CollapsingPatch::triangles()
-    /// has no such place.
-    [[nodiscard]] std::uint32_t across(std::uint32_t a, std::uint32_t b, std::uint32_t from) const;
+    /// The place of the triangle with the edge that is not one of `from`, if there is one.
+    [[nodiscard]] std::optional<std::uint32_t> across(std::uint32_t a, std::uint32_t b,
+                                                      std::uint32_t from) const;
+    /// Finds the wedges, and what lies across their outer edges; false where that may be unseen.
     bool look(std::uint32_t from, std::uint32_t to);
 
     const Patch& patch_;
