@@ -21,6 +21,9 @@ struct WorldLattice {
     Int3 nodes{1, 1, 1};
 };
 
+/// Grids whose borders cross each other: BlockGrid's `thirds` from 0 on.
+inline constexpr int kBlockShifts = 3;
+
 /// Octree cells with at most a number of triangles, or of the smallest size. Where the cells begin
 /// is shifted, so that the borders of two grids with different shifts cross but do not run along
 /// each other. Source of shifts by thirds: T. Chan, "Approximate nearest neighbor queries

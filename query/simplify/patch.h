@@ -7,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include "query/simplify/mapping/displacement.h"
 #include "query/simplify/proof/point_triangle.h"
 
 namespace isonest::detail {
@@ -35,6 +36,13 @@ struct PatchBox {
     std::array<float, 3> hi{kNowhere, kNowhere, kNowhere};
 };
 
+/// How far edges are collapsed.
+struct CollapseLimits {
+    double distance = 0;  ///< world units
+    /// World units, squared: edges of which the quadrics estimate more are not collapsed.
+    float square_estimate = 0;
+};
+
 /// Vertices are places in `positions`; all triangles are oriented alike.
 struct Patch {
     std::vector<std::array<float, 3>> positions;  ///< world coordinates
@@ -46,6 +54,8 @@ struct Patch {
     std::vector<Stay> stay;  ///< of each triangle
     /// Of each triangle: whether the edges of its corners have all been tried within this limit.
     std::vector<bool> tried;
+    /// Of each triangle: how far it is from the full surface.
+    std::vector<Displacement> displacements;
     std::vector<PatchTriangle> fine;  ///< the full surface near the patch
     /// Whether this fine triangle has to be within the limit of the patch. Others are there to be
     /// near to.

@@ -15,6 +15,8 @@
 
 #include "query/mesh/scratch_mesh.h"
 #include "query/simplify/block_grid.h"
+#include "query/simplify/block_patch.h"
+#include "query/simplify/collapse/collapse_stars.h"
 #include "query/simplify/patch.h"
 
 namespace isonest::detail {
@@ -44,6 +46,10 @@ class MeshSimplifier {
     [[nodiscard]] Simplified full() const;
     /// `limit`: world units, > 0 and at least that within which `from` is.
     Simplified within(const Simplified& from, double limit);
+    /// In one run, by limits that rise from `first` to at most `most` (world units), until no more
+    /// than `triangles` are left; nearly as many, if there were more. The bound says how far that
+    /// is. More are left if there are more within `most`.
+    Simplified down_to(const Simplified& from, std::uint64_t triangles, double first, double most);
     /// An array of ElementCorners.
     [[nodiscard]] ScratchFile corners(const Simplified& of) const;
     /// Bytes of temporary files at a time, at most, while one result is made from another.
@@ -52,10 +58,17 @@ class MeshSimplifier {
   private:
     friend struct Simplified;
     struct Run;
-    std::shared_ptr<Run> pass(const Run& from, double limit, bool afresh);
+    struct Block;
+    std::shared_ptr<Run> pass(const Run& from, const CollapseLimits& limits, bool afresh,
+                              GoneTriangles* gone = nullptr);
+    [[nodiscard]] Block load(const Run& run, const Valences& valences, std::uint32_t block,
+                             bool afresh) const;
+    template <class Visit>
+    void each(const Run& run, const Visit& visit) const;
     void finish(Run& run);
 
     const ScratchMesh& mesh_;
+    std::span<const ElementCorners> triangles_;  ///< of the full surface
     PatchBox box_;
     std::filesystem::path folder_;
     Progress& progress_;
@@ -69,6 +82,7 @@ struct Simplified {
     std::shared_ptr<const MeshSimplifier::Run> run;
     std::uint64_t triangles = 0;
     double bound = 0;  ///< the largest distance that was met, at most the limit
+    double limit = 0;  ///< within which it was simplified
 };
 
 }  // namespace isonest::detail

@@ -5,11 +5,9 @@
 #include <limits>
 #include <optional>
 
-#include "query/simplify/collapse/collapse_edges.h"
-#include "query/simplify/collapse/fold_rule.h"
+#include "query/simplify/mapping/star_mapping.h"
 #include "query/simplify/proof/projected_cover.h"
 #include "query/simplify/proof/server_lists.h"
-#include "query/simplify/proof/star_displacement.h"
 #include "query/simplify/proof/surface_distance.h"
 #include "query/simplify/proof/triangle_tree.h"
 
@@ -20,43 +18,53 @@ constexpr std::uint32_t kNoPlace = std::numeric_limits<std::uint32_t>::max();
 
 /// Edges of which the estimate says that they are further off, in limits, are not tried. Those
 /// between one and two limits are worth it: without them up to 1.8 times as many triangles stay.
-constexpr double kFurthest = 3;
+constexpr double kFurthestMeasured = 3;
 
 class PatchSimplifier {
   public:
-    PatchSimplifier(const Patch& patch, double limit, std::vector<bool> locked)
+    PatchSimplifier(const Patch& patch, const CollapseLimits& limits)
         : patch_(patch),
-          limit_(limit),
-          locked_(std::move(locked)),
-          star_(patch.positions),
-          servers_(patch, limit),
-          off_(patch.triangles.size()) {
+          limit_(limits.distance),
+          locked_(locked_vertices(patch)),
+          servers_(patch, limit_),
+          displacements_(patch.displacements),
+          mapping_(displacements_) {
         find_servers();
-        mesh_.emplace(patch, locked_);
-        order_.emplace(patch, *mesh_, locked_, kFurthest * limit);
-        folds_.emplace(patch, *mesh_);
+        mesh_.emplace(patch.positions.size(), patch.triangles, locked_);
+        queue_.emplace(patch.positions, *mesh_, limits.square_estimate);
+        collapse_.emplace(patch.positions, patch.box, patch.shared, locked_, *mesh_);
     }
 
-    void run() {
-        collapse_edges(
-            patch_, locked_, *mesh_, *order_,
-            [this](std::uint32_t from, std::uint32_t to) { return stays_near(from, to); },
-            [this] { take(); });
+    SimplifiedPatch run() {
+        GoneTriangles gone = collapse_stars(
+            *queue_, *collapse_, waiting_vertices(patch_.triangles, patch_.tried, locked_), locked_,
+            [this](const EdgeQueue::Edge& edge) {
+                return stays_near(edge.from, edge.to) ? 0 : kNever;
+            },
+            [this] {
+                servers_.take();
+                mapping_.take(*collapse_);
+                collapse_->take();
+            });
+        SimplifiedPatch simplified = result();
+        simplified.gone_at = std::move(gone);
+        return simplified;
     }
 
-    /// Of the patch as it is now.
-    [[nodiscard]] std::vector<PatchTriangle> triangles() const { return triangles_left(*mesh_); }
-
+  private:
     [[nodiscard]] SimplifiedPatch result() const {
         SimplifiedPatch simplified;
         std::vector<std::uint32_t> place(patch_.triangles.size(), kNoPlace);
-        for (std::size_t i = 0; i < place.size(); ++i) {
-            const PatchTriangle& t = mesh_->triangles()[i];
-            if (CollapsingPatch::is_gone(t)) {
+        simplified.largest = std::max(found_, servers_.largest());
+        for (std::uint32_t i = 0; i < place.size(); ++i) {
+            if (mesh_->is_gone(i)) {
                 continue;
             }
+            const PatchTriangle t = mesh_->corners(i);
             place[i] = static_cast<std::uint32_t>(simplified.triangles.size());
             simplified.triangles.push_back(from_smallest(t));
+            simplified.displacements.push_back(displacements_[i]);
+            simplified.largest = std::max(simplified.largest, displacements_[i].bound());
             simplified.kept.push_back(patch_.stay[i] == Stay::forever);
             simplified.tried.push_back(
                 std::none_of(t.begin(), t.end(), [&](std::uint32_t v) { return locked_[v]; }));
@@ -69,16 +77,10 @@ class PatchSimplifier {
             }
         }
         simplified.first_server.push_back(static_cast<std::uint32_t>(servers.size()));
-        simplified.largest = std::max(largest_, servers_.largest());
         return simplified;
     }
 
-  private:
     void find_servers() {
-        for (std::size_t i = 0; i < off_.size(); ++i) {
-            const bool is_fine = i < patch_.fine.size() && patch_.fine[i] == patch_.triangles[i];
-            off_[i] = is_fine ? 0 : limit_;
-        }
         const TriangleTree tree(patch_.positions, patch_.triangles);
         SurfaceDistance distance(tree, limit_);
         for (std::uint32_t i = 0; i < patch_.fine.size(); ++i) {
@@ -91,7 +93,7 @@ class PatchSimplifier {
             }
             const Triangle t = patch_.at(patch_.fine[i]);
             if (distance.serves(t)) {
-                largest_ = std::max(largest_, distance.largest());
+                found_ = std::max(found_, distance.largest());
                 servers_.set(i, distance.servers());
                 continue;
             }
@@ -112,48 +114,36 @@ class PatchSimplifier {
     }
 
     bool stays_near(std::uint32_t from, std::uint32_t to) {
-        const auto& around = mesh_->around(from);
+        if (!collapse_->look(from, to) || !collapse_->has_no_new_fold(kMeasuredFold) ||
+            !collapse_->turns_little()) {
+            return false;
+        }
+        const Star& star = collapse_->star();
+        before_.clear();
         after_.clear();
-        for (const std::uint32_t i : around) {
-            const PatchTriangle& t = mesh_->triangles()[i];
-            if (!CollapsingPatch::has(t, to)) {
-                after_.push_back({i, patch_.at(CollapsingPatch::moved(t, from, to))});
+        for (std::size_t i = 0; i < star.corners; ++i) {
+            if (i != star.missing) {
+                before_.push_back(collapse_->triangle(i));
             }
         }
-        return !after_.empty() && folds_->allows(from, to) &&
-               servers_.fits(from, around, after_, mesh_->triangles()) &&
-               (moves_little(from, to) || are_covered(from, to));
+        for (std::size_t j = 1; j + 1 < star.corners; ++j) {
+            after_.push_back(
+                {collapse_->triangle(j), PreparedTriangle(patch_.at(collapse_->after(j)))});
+        }
+        return servers_.fits(from, before_, after_, *mesh_) &&
+               (mapping_.fits(*collapse_, limit_) || are_covered());
     }
 
-    /// Whether the new triangles are so near to the old ones that the full surface is near.
-    bool moves_little(std::uint32_t from, std::uint32_t to) {
-        double most = 0;
-        star_.opposite().clear();
-        for (const std::uint32_t i : mesh_->around(from)) {
-            const PatchTriangle& t = mesh_->triangles()[i];
-            const std::size_t k = t[0] == from ? 0 : t[1] == from ? 1 : 2;
-            star_.opposite().push_back({t[(k + 1) % 3], t[(k + 2) % 3]});
-            most = std::max(most, off_[i]);
+    /// Whether the new triangles are near to the full surface, measured.
+    bool are_covered() {
+        for (std::size_t j = 0; j < after_.size(); ++j) {
+            const std::optional<double> off = off_of(after_[j], collapse_->after(j + 1));
+            if (!off) {
+                return false;
+            }
+            mapping_.set_measured(j + 1, *off);
         }
-        if (!(most < limit_)) {
-            return false;
-        }
-        const std::optional<double> moved = star_.of(from, to);
-        if (!moved || most + *moved > limit_) {
-            return false;
-        }
-        after_off_.assign(after_.size(), most + *moved);
         return true;
-    }
-
-    bool are_covered(std::uint32_t from, std::uint32_t to) {
-        after_off_.clear();
-        return std::all_of(after_.begin(), after_.end(), [&](const Server& s) {
-            const std::optional<double> off =
-                off_of(s, CollapsingPatch::moved(mesh_->triangles()[s.triangle], from, to));
-            after_off_.push_back(off.value_or(limit_));
-            return off.has_value();
-        });
     }
 
     /// A bound on the distance of a new triangle from the full surface; nothing: above the limit.
@@ -171,15 +161,8 @@ class PatchSimplifier {
             fine_.emplace(patch_.positions, patch_.fine);
             to_fine_.emplace(*fine_, limit_);
         }
-        return to_fine_->covers(server.corners) ? std::optional(to_fine_->largest()) : std::nullopt;
-    }
-
-    void take() {
-        servers_.take();
-        for (std::size_t i = 0; i < after_.size(); ++i) {
-            off_[after_[i].triangle] = after_off_[i];
-            largest_ = std::max(largest_, after_off_[i]);
-        }
+        return to_fine_->covers(server.shape.corners()) ? std::optional(to_fine_->largest())
+                                                        : std::nullopt;
     }
 
     const Patch& patch_;
@@ -188,23 +171,26 @@ class PatchSimplifier {
     std::optional<TriangleTree> fine_;        ///< made when it is needed
     std::optional<SurfaceDistance> to_fine_;  ///< the same
     std::optional<ProjectedCover> above_;     ///< the same
-    StarDisplacement star_;
     ServerLists servers_;
-    std::vector<double> off_;  ///< of each triangle: no point of it is further off
-    std::optional<CollapsingPatch> mesh_;
-    std::optional<CollapseOrder> order_;
-    std::optional<FoldRule> folds_;
+    double found_ = 0;  ///< the most that a fine triangle is from its servers at the beginning
+    std::vector<Displacement> displacements_;  ///< of each triangle
+    StarMapping mapping_;
+    std::optional<CornerMesh> mesh_;
+    std::optional<EdgeQueue> queue_;
+    std::optional<StarCollapse> collapse_;
+    std::vector<std::uint32_t> before_;
     std::vector<Server> after_;
-    std::vector<double> after_off_;
-    double largest_ = 0;
 };
 
 }  // namespace
 
-SimplifiedPatch simplify_patch(const Patch& patch, double limit) {
-    return with_same_topology(patch, [&](const std::vector<bool>& locked) {
-        return PatchSimplifier(patch, limit, locked);
-    });
+CollapseLimits simplify_limits(double distance) {
+    const double estimate = kFurthestMeasured * distance;
+    return {distance, static_cast<float>(estimate * estimate)};
+}
+
+SimplifiedPatch simplify_patch(const Patch& patch, const CollapseLimits& limits) {
+    return PatchSimplifier(patch, limits).run();
 }
 
 }  // namespace isonest::detail

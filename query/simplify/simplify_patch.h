@@ -1,12 +1,12 @@
 // Fewer triangles for a patch, none of them and nothing of the full surface further from the other
 // than a distance.
 //
-// Edges are collapsed one after the other (query/simplify/collapse/collapse_order.h), each only
+// Edges are collapsed one after the other (query/simplify/collapse/collapse_stars.h), each only
 // after it was measured: all that the triangles around it were near to is near to those that
 // replace them (query/simplify/proof/server_lists.h), and these are near to the full surface: by
-// how far they are from the triangles before (query/simplify/proof/star_displacement.h), or
-// measured (query/simplify/proof/projected_cover.h, query/simplify/proof/surface_distance.h). So
-// the errors by which the collapses are ordered play no part in the bound.
+// how they project onto the triangles before (query/simplify/mapping/star_mapping.h), or measured
+// (query/simplify/proof/projected_cover.h, query/simplify/proof/surface_distance.h). So the errors
+// by which the collapses are ordered play no part in the bound.
 #pragma once
 
 #include <array>
@@ -14,19 +14,22 @@
 #include <span>
 #include <vector>
 
+#include "query/simplify/collapse/collapse_stars.h"
 #include "query/simplify/patch.h"
 
 namespace isonest::detail {
 
 struct SimplifiedPatch {
     std::vector<PatchTriangle> triangles;
-    std::vector<bool> kept;   ///< those that stay forever
-    std::vector<bool> tried;  ///< as in the patch, for the pass that comes
+    std::vector<Displacement> displacements;  ///< of each of them
+    std::vector<bool> kept;                   ///< those that stay forever
+    std::vector<bool> tried;                  ///< as in the patch, for the pass that comes
     /// Of each fine triangle those that it is near to: places in `triangles`. None, if it is not
     /// attached.
     std::vector<std::uint32_t> first_server;  ///< one more than there are fine triangles
     std::vector<std::uint32_t> servers;
-    double largest = 0;  ///< distance that was met; at most the limit
+    double largest = 0;     ///< distance that was met; at most the limit
+    GoneTriangles gone_at;  ///< triangles that went
 
     [[nodiscard]] std::span<const std::uint32_t> servers_of(std::size_t fine) const {
         return std::span(servers).subspan(first_server[fine],
@@ -38,8 +41,12 @@ struct SimplifiedPatch {
 /// the patch.
 inline constexpr std::size_t kSimplifyBytesPerTriangle = 600;
 
-/// `limit`: world units, > 0. REQUIRES: the attached fine triangles are within the limit of the
-/// patch's, and those of the fine ones. Thread-safe.
-SimplifiedPatch simplify_patch(const Patch& patch, double limit);
+/// The limits of a distance (world units, > 0).
+CollapseLimits simplify_limits(double distance);
+
+/// No edge becomes folded more than before by more than 120 degrees; the topology stays. REQUIRES:
+/// the attached fine triangles are within the limit of the patch's, and those of the fine ones by
+/// their displacements. Thread-safe.
+SimplifiedPatch simplify_patch(const Patch& patch, const CollapseLimits& limits);
 
 }  // namespace isonest::detail

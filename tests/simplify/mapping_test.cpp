@@ -7,7 +7,7 @@
 #include <random>
 #include <set>
 
-#include "query/simplify/mapping/corner_mesh.h"
+#include "query/simplify/collapse/corner_mesh.h"
 #include "query/simplify/mapping/fan_overlay.h"
 #include "query/simplify/mapping/map_mesh.h"
 #include "query/simplify/mapping/map_patch.h"
@@ -20,8 +20,6 @@ using namespace isonest::detail;
 using namespace isonest::detail::test;
 
 namespace {
-
-using Star = FanOverlay::Star;
 
 Star star_of(const std::vector<Double3>& ring) {
     Star star;
@@ -48,7 +46,7 @@ Double3 looks_along(const Star& star) {
     for (std::size_t i = 0; i < star.corners; ++i) {
         up = along(up, 1, cross(star.ring[i], star.ring[next_in(star, i)]));
     }
-    if (star.missing != FanOverlay::kNone) {
+    if (star.missing != Star::kNone) {
         up[star.axis] = 0;
     }
     const double size = std::sqrt(square(up));
@@ -129,7 +127,7 @@ Displacement random_displacement(std::mt19937& random, double size) {
 
 struct Overlaid {
     std::vector<Displacement> before;
-    std::array<Displacement, FanOverlay::kMostCorners> after;
+    std::array<Displacement, Star::kMostCorners> after;
 };
 
 bool overlay(const Star& star, Overlaid& o, double limit) {
@@ -223,7 +221,7 @@ MappedPatch mapped(const Patch& patch) {
     return m;
 }
 
-MappingLimits limits_of(double distance) {
+CollapseLimits limits_of(double distance) {
     return {distance, static_cast<float>(4 * distance * distance)};
 }
 

@@ -3,7 +3,6 @@
 
 #include <catch2/catch.hpp>
 
-#include "query/simplify/collapse/patch_topology.h"
 #include "query/simplify/simplify_patch.h"
 #include "store/base/workers.h"
 #include "tests/support/surface_samples.h"
@@ -15,27 +14,8 @@ using namespace isonest::detail::test;
 
 namespace {
 
-std::vector<PatchTriangle> turned(std::vector<PatchTriangle> triangles) {
-    for (PatchTriangle& t : triangles) {
-        t = from_smallest(t);
-    }
-    return triangles;
-}
-
-std::vector<std::uint32_t> changes(const Patch& patch, const std::vector<PatchTriangle>& after) {
-    return PatchTopology(patch, turned(patch.triangles)).changes(turned(after));
-}
-
-Patch patch_with(std::size_t vertices, std::vector<PatchTriangle> triangles) {
-    Patch patch;
-    patch.positions.resize(vertices);
-    patch.triangles = std::move(triangles);
-    finish(patch);
-    return patch;
-}
-
 void require_within(const Patch& patch, double limit) {
-    const SimplifiedPatch s = simplify_patch(patch, limit);
+    const SimplifiedPatch s = simplify_patch(patch, simplify_limits(limit));
     REQUIRE(shape_of(s.triangles) == shape_of(patch.triangles));
     REQUIRE(s.largest <= limit);
     constexpr int kSteps = 6;
@@ -73,69 +53,6 @@ void fill(ScratchMesh& mesh, const Patch& patch) {
 
 }  // namespace
 
-TEST_CASE("Links: rings, paths, and what is neither") {
-    const std::vector<PatchTriangle> ring{{0, 1, 2}, {0, 2, 3}, {0, 3, 1}};
-    REQUIRE(links_of(5, ring)[0].shape == LinkShape::cycle);
-    REQUIRE(links_of(5, ring)[1].shape == LinkShape::path);
-    REQUIRE(links_of(5, ring)[4].shape == LinkShape::none);
-    const std::vector<PatchTriangle> fan{{0, 2, 3}, {0, 1, 2}};
-    REQUIRE(links_of(4, fan)[0].shape == LinkShape::path);
-    REQUIRE(links_of(4, fan)[0].first == 1);
-    REQUIRE(links_of(4, fan)[0].last == 3);
-    const std::vector<PatchTriangle> doubled{{0, 1, 2}, {0, 2, 1}};
-    REQUIRE(links_of(3, doubled)[0].shape == LinkShape::tangled);
-    const std::vector<PatchTriangle> twice{{0, 1, 2}, {0, 1, 2}};
-    REQUIRE(links_of(3, twice)[0].shape == LinkShape::tangled);
-    const std::vector<PatchTriangle> pinched{{0, 1, 2}, {0, 3, 4}};
-    REQUIRE(links_of(5, pinched)[0].shape == LinkShape::tangled);
-    std::vector<PatchTriangle> rings = ring;
-    rings.insert(rings.end(), {{0, 4, 5}, {0, 5, 6}, {0, 6, 4}});
-    REQUIRE(links_of(7, rings)[0].shape == LinkShape::tangled);
-    rings = ring;
-    rings.push_back({0, 4, 5});
-    REQUIRE(links_of(6, rings)[0].shape == LinkShape::tangled);
-    const std::vector<PatchTriangle> against{{0, 1, 2}, {0, 3, 2}};
-    REQUIRE(links_of(4, against)[0].shape == LinkShape::tangled);
-}
-
-TEST_CASE("Changes of topology are found") {
-    const Patch ring = torus(5, 4, 3, 1, 0);
-    REQUIRE(changes(ring, ring.triangles).empty());
-    REQUIRE_FALSE(changes(ring, {{0, 1, 5}, {0, 5, 2}, {0, 2, 1}, {1, 2, 5}}).empty());
-    REQUIRE_FALSE(changes(ring, {}).empty());
-    Patch two = wavy_grid(4, 0);
-    append(two, ring, {0, 0, 0.5F});
-    REQUIRE_FALSE(changes(two, wavy_grid(4, 0).triangles).empty());
-    REQUIRE(changes(two, two.triangles).empty());
-
-    // A tetrahedron is a sphere, and so are eight triangles.
-    const Patch eight = patch_with(
-        6,
-        {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4}, {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}});
-    REQUIRE(changes(eight, {{0, 2, 4}, {2, 1, 4}, {1, 0, 4}, {0, 1, 2}}).empty());
-    REQUIRE_FALSE(changes(eight, {{0, 2, 4}, {0, 4, 2}}).empty());
-    REQUIRE_FALSE(changes(eight, {{0, 2, 4}}).empty());
-}
-
-TEST_CASE("Shared edges and triangles are neither moved nor made anew") {
-    // A square around 4: its corners are shared.
-    Patch square = patch_with(5, {{0, 1, 4}, {1, 2, 4}, {2, 3, 4}, {3, 0, 4}});
-    square.shared = {true, true, true, true, false};
-    REQUIRE(changes(square, square.triangles).empty());
-    // The diagonal may be the other side's, too.
-    REQUIRE_FALSE(changes(square, {{0, 1, 2}, {0, 2, 3}}).empty());
-    REQUIRE_FALSE(changes(square, {{0, 1, 3}, {1, 2, 3}}).empty());
-    REQUIRE_FALSE(changes(square, {{0, 1, 4}, {1, 2, 4}, {2, 0, 4}}).empty());
-    square.shared = {true, true, false, true, false};
-    REQUIRE(changes(square, {{0, 1, 2}, {0, 2, 3}}).empty());
-    const Patch first = [] {
-        Patch p = patch_with(4, {{0, 1, 3}, {1, 2, 3}, {2, 0, 3}});
-        p.shared = {true, true, true, false};
-        return p;
-    }();
-    REQUIRE_FALSE(changes(first, {{0, 1, 2}}).empty());
-}
-
 TEST_CASE("Patches stay within the limit and of the same shape") {
     for (const double limit : {0.05, 0.3, 1.5, 30.0}) {
         require_within(wavy_grid(25, 0.4), limit);
@@ -151,7 +68,7 @@ TEST_CASE("Patches stay within the limit and of the same shape") {
             partly.stay[i] = i % 31 == 0 ? Stay::forever : i % 37 == 0 ? Stay::now : Stay::no;
         }
         require_within(partly, limit);
-        const SimplifiedPatch s = simplify_patch(partly, limit);
+        const SimplifiedPatch s = simplify_patch(partly, simplify_limits(limit));
         std::set<PatchTriangle> kept;
         for (std::size_t i = 0; i < s.triangles.size(); ++i) {
             if (s.kept[i]) {

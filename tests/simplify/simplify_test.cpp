@@ -3,9 +3,9 @@
 #include <random>
 
 #include "query/mesh/zero_area.h"
-#include "query/simplify/collapse/collapse_order.h"
+#include "query/simplify/collapse/collapse_stars.h"
+#include "query/simplify/proof/prepared_triangle.h"
 #include "query/simplify/proof/projected_cover.h"
-#include "query/simplify/proof/star_displacement.h"
 #include "query/simplify/proof/surface_distance.h"
 #include "tests/support/surface_samples.h"
 
@@ -52,6 +52,13 @@ struct Surface {
     }
 };
 
+/// Whether the surface stays the same but for its shape if the edge is collapsed.
+bool is_possible(const Patch& patch, std::uint32_t from, std::uint32_t to) {
+    std::vector<bool> locked(patch.positions.size());
+    CornerMesh mesh(patch.positions.size(), patch.triangles, locked);
+    return StarCollapse(patch.positions, patch.box, patch.shared, locked, mesh).look(from, to);
+}
+
 }  // namespace
 
 TEST_CASE("The distance of a point from a triangle is the smallest that is found by trying") {
@@ -78,6 +85,25 @@ TEST_CASE("The distance of a point from a triangle is the smallest that is found
                     Approx(found).margin(i % 6 == 4 ? 1e-3 : 1e-7));
         }
     }
+}
+
+TEST_CASE("A prepared triangle is as far as the triangle, unless it is beyond the limit") {
+    std::mt19937 random(7);
+    int within = 0;
+    for (int i = 0; i < 20000; ++i) {
+        const Triangle t = triangle_of(random, i % 6, i % 7 == 0 ? 1e-3 : 1);
+        const Double3 p = triangle_of(random, 0, i % 5 == 0 ? 0.1 : 2)[0];
+        const double limit = 0.1 * (1 + i % 20);
+        const double truth = square_distance(p, t);
+        const double found = PreparedTriangle(t).square_distance_within(p, limit);
+        if (truth <= limit * limit) {
+            ++within;
+            REQUIRE(found == Approx(truth).epsilon(1e-9).margin(1e-18));
+        } else {
+            REQUIRE(found > limit * limit);
+        }
+    }
+    REQUIRE(within > 5000);
 }
 
 TEST_CASE("A tree finds the nearest triangle of all, and visits every near one") {
@@ -233,104 +259,12 @@ TEST_CASE("A hole or a border under a triangle is not covered by projection") {
     REQUIRE(covers({8, 80, 72}));
 }
 
-TEST_CASE("A collapse moves no sample of either surface further than was said") {
-    std::mt19937 random(6);
-    std::uniform_real_distribution<double> number(-1, 1);
-    constexpr double kTurn = 6.283185307179586;
-    int known = 0;
-    for (int i = 0; i < 4000; ++i) {
-        // A ring around the first vertex, seen from an oblique direction; every fifth goes round
-        // twice, every seventh does not keep its order.
-        const std::uint32_t count = 3 + static_cast<std::uint32_t>(random() % 9);
-        const bool is_twice = i % 5 == 0;
-        const double rough = 0.1 * (i % 9);
-        const Triangle frame = triangle_of(random, 0, 1);
-        std::vector<std::array<float, 3>> positions;
-        const auto add = [&](double x, double y, double z) {
-            const Double3 p =
-                along(along(along({5, -7, 3}, x, frame[0]), y, cross(frame[0], frame[1])), z,
-                      cross(frame[0], cross(frame[0], frame[1])));
-            positions.push_back(
-                {static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])});
-        };
-        add(0, 0, 0);
-        for (std::uint32_t k = 0; k < count; ++k) {
-            const double at = (is_twice ? 2 : 1) * kTurn * (k + 0.45 * number(random)) / count;
-            const double r = 1 + 0.6 * number(random);
-            const double z = rough * number(random);
-            add(r * std::cos(at), r * std::sin(at), z);
-        }
-        if (i % 7 == 0) {
-            std::swap(positions[1], positions[3]);
-        }
-        StarDisplacement star(positions);
-        std::vector<Triangle> before;
-        std::vector<Triangle> after;
-        const auto point = [&](std::uint32_t v) {
-            return Double3{static_cast<double>(positions[v][0]),
-                           static_cast<double>(positions[v][1]),
-                           static_cast<double>(positions[v][2])};
-        };
-        star.opposite().clear();
-        for (std::uint32_t k = 0; k < count; ++k) {
-            const std::array<std::uint32_t, 2> edge{1 + k, 1 + (k + 1) % count};
-            star.opposite().push_back(edge);
-            before.push_back({point(0), point(edge[0]), point(edge[1])});
-            if (edge[0] != 1 && edge[1] != 1) {
-                after.push_back({point(1), point(edge[0]), point(edge[1])});
-            }
-        }
-        std::shuffle(star.opposite().begin(), star.opposite().end(), random);
-        const std::optional<double> moved = star.of(0, 1);
-        if (!moved) {
-            continue;
-        }
-        REQUIRE_FALSE((is_twice && count > 4 && i % 7 != 0));
-        ++known;
-        double most = 0;
-        const auto measure = [&](const std::vector<Triangle>& from,
-                                 const std::vector<Triangle>& to) {
-            for (const Triangle& t : from) {
-                for_samples(t, 12, [&](const Double3& q) {
-                    double least = std::numeric_limits<double>::infinity();
-                    for (const Triangle& u : to) {
-                        least = std::min(least, square_distance(q, u));
-                    }
-                    most = std::max(most, std::sqrt(least));
-                });
-            }
-        };
-        measure(before, after);
-        measure(after, before);
-        REQUIRE(most <= *moved + 1e-5);
-        if (rough == 0) {
-            REQUIRE(*moved < 1e-5);
-        }
-    }
-    REQUIRE(known > 1000);
-}
-
-TEST_CASE("How far a collapse moves a border, or a ring that touches itself, is not known") {
-    const std::vector<std::array<float, 3>> positions{
-        {0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {-1, 0, 0}, {0, -1, 0}};
-    StarDisplacement star(positions);
-    star.opposite() = {{1, 2}, {2, 3}, {3, 4}, {4, 1}};
-    REQUIRE(star.of(0, 1) == 0);
-    star.opposite() = {{1, 2}, {2, 3}, {3, 4}};
-    REQUIRE_FALSE(star.of(0, 1));
-    star.opposite() = {{1, 2}, {2, 1}, {3, 4}, {4, 3}};
-    REQUIRE_FALSE(star.of(0, 1));
-    star.opposite() = {{1, 4}, {4, 3}, {3, 2}, {2, 1}};
-    REQUIRE(star.of(0, 1) == 0);  // seen from the other side
-}
-
 TEST_CASE("A border does not leave the face of the box that it lies in") {
     Patch corner;
     corner.positions = {{0, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 1}};
     corner.triangles = {{0, 1, 3}, {2, 0, 3}};
     finish(corner);
-    const std::vector<bool> locked(4);
-    const auto is_allowed = [&] { return CollapsingPatch(corner, locked).is_allowed(0, 1); };
+    const auto is_allowed = [&] { return is_possible(corner, 0, 1); };
     // From 2 to 1: through the inside, although all three have the same x.
     corner.box.lo = {-5, 0, 0};
     REQUIRE_FALSE(is_allowed());
@@ -350,9 +284,8 @@ TEST_CASE("A cap does not leave the face of the box that it lies in") {
                        {0, 1, 5}, {1, 2, 5}, {2, 3, 5}, {3, 0, 5}};
     finish(solid);
     solid.box.lo = {-5, -5, 0};
-    const std::vector<bool> locked(solid.positions.size());
     const auto is_allowed = [&](std::uint32_t from, std::uint32_t to) {
-        return CollapsingPatch(solid, locked).is_allowed(from, to);
+        return is_possible(solid, from, to);
     };
     REQUIRE(is_allowed(4, 0));
     REQUIRE_FALSE(is_allowed(0, 5));
@@ -370,22 +303,21 @@ TEST_CASE("Collapses leave locked vertices and what hangs together through them"
     for (std::size_t v = 0; v < locked.size(); ++v) {
         locked[v] = random() % 5 == 0;
     }
-    CollapsingPatch mesh(grid, locked);
-    CollapseOrder order(grid, mesh, locked, 100);
-    for (std::uint32_t v = 0; v < locked.size(); ++v) {
-        if (!locked[v]) {
-            order.add(v);
-        }
-    }
-    while (const auto next = order.next()) {
-        if (mesh.is_allowed(next->from, next->to)) {
-            mesh.collapse(next->from, next->to);
-            order.collapsed(next->from, next->to);
-        }
-    }
+    CornerMesh mesh(grid.positions.size(), grid.triangles, locked);
+    EdgeQueue queue(grid.positions, mesh, 1e4F);
+    StarCollapse collapse(grid.positions, grid.box, grid.shared, locked, mesh);
+    collapse_stars(
+        queue, collapse, waiting_vertices(grid.triangles, grid.tried, locked), locked,
+        [&](const EdgeQueue::Edge& edge) {
+            return collapse.look(edge.from, edge.to) && collapse.has_no_new_fold(-1) ? 0 : kNever;
+        },
+        [&] { collapse.take(); });
     std::vector<PatchTriangle> left;
-    std::copy_if(mesh.triangles().begin(), mesh.triangles().end(), std::back_inserter(left),
-                 [](const PatchTriangle& t) { return !CollapsingPatch::is_gone(t); });
+    for (std::uint32_t t = 0; t < grid.triangles.size(); ++t) {
+        if (!mesh.is_gone(t)) {
+            left.push_back(mesh.corners(t));
+        }
+    }
     REQUIRE(left.size() < grid.triangles.size());
     std::vector<bool> used(locked.size());
     for (const PatchTriangle& t : left) {

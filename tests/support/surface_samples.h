@@ -30,6 +30,7 @@ inline void finish(Patch& patch) {
     patch.shared.assign(patch.positions.size(), false);
     patch.stay.assign(patch.triangles.size(), Stay::no);
     patch.tried.assign(patch.triangles.size(), false);
+    patch.displacements.assign(patch.triangles.size(), {});
     patch.fine = patch.triangles;
     patch.attached.assign(patch.fine.size(), true);
 }

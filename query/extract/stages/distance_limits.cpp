@@ -46,6 +46,11 @@ double nested_limit_of(const StoreReader& store, const ExtractQuery& query) {
     return left_of(store, *query.nested_distance, kMended * most_moved(query));
 }
 
+double first_budget_limit(const ExtractQuery& query) {
+    constexpr double kVoxels = 0.25;
+    return kVoxels * voxel_of(query);
+}
+
 WorldLattice world_lattice(const StoreReader& store, const ExtractQuery& query) {
     return {query.origin, query.spacing, store.layout().header().nodes};
 }

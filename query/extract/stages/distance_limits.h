@@ -19,7 +19,11 @@ double most_moved(const ExtractQuery& query);
 /// Error{limit} if nothing is left.
 double limit_of(const StoreReader& store, const ExtractQuery& query);
 
-/// The same of query.nested_distance, whose triangles may be mended after they are measured.
+/// The limit from which simplification goes on until there are few enough triangles.
+double first_budget_limit(const ExtractQuery& query);
+
+/// The same as limit_of() of query.nested_distance, whose triangles may be mended after they are
+/// measured.
 double nested_limit_of(const StoreReader& store, const ExtractQuery& query);
 
 WorldLattice world_lattice(const StoreReader& store, const ExtractQuery& query);

@@ -3,7 +3,6 @@
 #include "query/extract/stages/distance_limits.h"
 #include "query/extract/stages/stage_memory.h"
 #include "query/simplify/simplify_mesh.h"
-#include "query/simplify/triangle_budget.h"
 
 namespace isonest::detail {
 namespace {
@@ -19,21 +18,22 @@ double first_limit(const ExtractQuery& query, double limit) {
     return !query.stages.distance->triangles && limit > kFar * voxel ? kNear * voxel : limit;
 }
 
-BudgetResult simplified(const StoreReader& store, const ExtractQuery& query,
-                        MeshSimplifier& simplifier, const StageMesh& mesh,
-                        const std::filesystem::path& folder, double limit) {
-    const std::optional<std::uint64_t>& triangles = query.stages.distance->triangles;
-    if (!triangles) {
-        return {simplifier.within(simplifier.full(), limit), limit, true};
+/// Within `limit`, and with no more triangles than are asked for, if the query does.
+Simplified simplified(const StoreReader& store, const ExtractQuery& query,
+                      MeshSimplifier& simplifier, const StageMesh& mesh,
+                      const std::filesystem::path& folder, double limit) {
+    const std::optional<std::uint64_t>& most = query.stages.distance->triangles;
+    if (!most) {
+        return simplifier.within(simplifier.full(), limit);
     }
-    BudgetResult result = within_budget(simplifier, *triangles, voxel_of(query) / 4, limit);
-    if (!result.is_met && any_distance(store, query)) {
-        const ScratchFile corners = simplifier.corners(result.mesh);
+    Simplified result =
+        simplifier.down_to(simplifier.full(), *most, first_budget_limit(query), limit);
+    if (result.triangles > *most && any_distance(store, query)) {
+        const ScratchFile corners = simplifier.corners(result);
         refuse_budget(
-            store, *triangles, result.mesh.triangles,
+            store, *most, result.triangles,
             component_sizes(mesh.vertices().layout().vertices,
-                            {corners.as<const ElementCorners>().data(), result.mesh.triangles},
-                            folder));
+                            {corners.as<const ElementCorners>().data(), result.triangles}, folder));
     }
     return result;
 }
@@ -62,12 +62,12 @@ void DistanceStage::run(StageMesh& mesh, ExtractReport& report) {
     {
         MeshSimplifier simplifier(mesh.vertices(), mesh.elements(), world_lattice(store, query),
                                   world_box(query), scratch, progress);
-        const BudgetResult result = simplified(store, query, simplifier, mesh, scratch, first);
-        choose(simplifier, result.mesh, mesh);
-        report.distance->bound = result.mesh.bound + most_moved(query);
+        const Simplified result = simplified(store, query, simplifier, mesh, scratch, first);
+        choose(simplifier, result, mesh);
+        report.distance->bound = result.bound + most_moved(query);
         report.scratch_bytes += simplifier.scratch_bytes();
-        if (query.stages.distance->triangles) {
-            report.within_budget = result.is_met;
+        if (const auto& most = query.stages.distance->triangles) {
+            report.within_budget = result.triangles <= *most;
             report.distance->asked = result.limit + (result.limit > 0 ? most_moved(query) : 0);
         }
     }

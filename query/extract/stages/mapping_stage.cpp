@@ -5,16 +5,6 @@
 #include "query/simplify/mapping/map_mesh.h"
 
 namespace isonest::detail {
-namespace {
-
-/// The limit from which mappings go on until there are few enough triangles.
-double first_limit(const ExtractQuery& query) {
-    constexpr double kVoxels = 0.25;
-    return kVoxels * voxel_of(query);
-}
-
-}  // namespace
-
 int MappingStage::threads() const {
     return threads_within(setting().store, setting().options, map_heap(),
                           "simplification within a distance");
@@ -28,8 +18,8 @@ void MappingStage::run(StageMesh& mesh, ExtractReport& report) {
     MeshMapper mapper(mesh.vertices(), world_lattice(store, query), world_box(query), scratch,
                       progress);
     const Mapped full = mapper.full(mesh.elements());
-    const Mapped result =
-        most ? mapper.down_to(full, *most, first_limit(query), limit) : mapper.within(full, limit);
+    const Mapped result = most ? mapper.down_to(full, *most, first_budget_limit(query), limit)
+                               : mapper.within(full, limit);
     const auto corners = std::make_shared<ScratchFile>(mapper.corners(result));
     const std::span<const ElementCorners> left{corners->as<ElementCorners>().data(),
                                                result.triangles};

@@ -1,7 +1,7 @@
 // Fewer triangles for a patch, on none of which the data are further from the isovalue than an
 // error.
 //
-// Edges are collapsed one after the other (query/simplify/collapse/collapse_order.h), each only
+// Edges are collapsed one after the other (query/simplify/collapse/collapse_stars.h), each only
 // after the triangles that it makes were proven to be within the error
 // (query/simplify/by_value/value_cover.h). The order plays no part in that.
 //

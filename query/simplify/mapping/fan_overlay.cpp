@@ -11,7 +11,7 @@ constexpr double kLeastSine = 1e-6;
 /// Nearer to a spoke than that, as a sine, a point may lie on either side of it.
 constexpr double kUnclear = 1e-12;
 /// 64 times the rounding of double, for what sums of a few products lose.
-constexpr double kRounding = 1e-14;
+constexpr double kSumRounding = 1e-14;
 
 template <class P>
 double turn(const P& a, const P& b) {
@@ -36,7 +36,7 @@ void FanOverlay::look_down() {
         const Double3 n = cross(p[i], p[i + 1 < count_ ? i + 1 : 0]);
         up_ = {up_[0] + n[0], up_[1] + n[1], up_[2] + n[2]};
     }
-    const bool is_border = star_->missing != kNone;
+    const bool is_border = star_->missing != Star::kNone;
     if (is_border) {
         up_[star_->axis] = 0;
     }
@@ -70,7 +70,7 @@ void FanOverlay::look_down() {
         highest_ = std::max(highest_, std::fabs(s.height));
     }
     widest_ = std::sqrt(widest_);
-    rounding_ = kRounding * (widest_ + highest_);
+    rounding_ = kSumRounding * (widest_ + highest_);
 }
 
 /// And the ring goes once around the middle.
@@ -101,6 +101,9 @@ bool FanOverlay::are_front_sides_up() const {
 }
 
 bool FanOverlay::look_at(const Star& star) {
+    if (star.missing != Star::kNone && star.axis == Star::kNone) {
+        return false;
+    }
     star_ = &star;
     count_ = star.corners;
     look_down();
@@ -140,8 +143,8 @@ bool FanOverlay::cross_spokes() {
             const double s = std::clamp(-turn(a, c) * inverse, 0.0, 1.0);
             const double t = std::clamp(turn(edge, a) * inverse, 0.0, 1.0);
             above_[i][j] = a.height + s * edge.height - t * c.height;
-            rounding_ = std::max(rounding_,
-                                 2 * kRounding * widest_ * widest_ * highest_ * std::fabs(inverse));
+            rounding_ = std::max(
+                rounding_, 2 * kSumRounding * widest_ * widest_ * highest_ * std::fabs(inverse));
         }
     }
     return true;
@@ -160,7 +163,7 @@ bool FanOverlay::look_over_middle(std::size_t j) {
         return false;
     }
     over_middle_ = (at_a * a.height + at_b * b.height + at_c * c.height) / sum;
-    rounding_ = std::max(rounding_, 2 * kRounding * widest_ * widest_ * highest_ / sum);
+    rounding_ = std::max(rounding_, 2 * kSumRounding * widest_ * widest_ * highest_ / sum);
     return true;
 }
 
@@ -171,7 +174,7 @@ bool FanOverlay::displaced(std::span<const Displacement* const> before, double l
     }
     const std::size_t n = count_;
     largest_ = 0;
-    std::array<double, kMostCorners> over{};
+    std::array<double, Star::kMostCorners> over{};
     const auto has_middle = [&](std::size_t j) { return left_[j] && right_[j + 1]; };
     for (std::size_t j = 1; j + 1 < n; ++j) {
         if (has_middle(j)) {

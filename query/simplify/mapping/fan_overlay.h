@@ -12,28 +12,14 @@
 #include <cstdint>
 #include <span>
 
+#include "query/simplify/collapse/star_collapse.h"
 #include "query/simplify/mapping/displacement.h"
-#include "store/base/vector3.h"
 
 namespace isonest::detail {
 
 /// Not thread-safe.
 class FanOverlay {
   public:
-    static constexpr std::size_t kMostCorners = 24;
-    static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
-
-    /// A vertex, at the origin, with the ring around it, counterclockwise, and the corner that it
-    /// becomes, ring[0]. Old triangle i is (0, ring[i], ring[i + 1]), the last one (0, ring[n - 1],
-    /// ring[0]); new triangle j is (ring[0], ring[j], ring[j + 1]), 1 <= j <= n - 2.
-    struct Star {
-        std::array<Double3, kMostCorners> ring;
-        std::size_t corners = 0;  ///< n, >= 3
-        /// At a border the old triangle that there is none of, 0 or n - 1; else kNone. Both ends of
-        /// its outer edge and the middle lie in a plane across `axis`.
-        std::size_t missing = kNone;
-        std::size_t axis = 0;
-    };
     /// Whether old and new triangles are the same polygon, seen from some direction, each with all
     /// front sides up. `star` has to stay until displaced() was asked.
     [[nodiscard]] bool look_at(const Star& star);
@@ -61,12 +47,12 @@ class FanOverlay {
     double widest_ = 0;    ///< distance of a corner from the middle, seen from above
     double highest_ = 0;   ///< height of a corner over the middle or below
     double rounding_ = 0;  ///< of heights, at most
-    std::array<Seen, kMostCorners> seen_;
+    std::array<Seen, Star::kMostCorners> seen_;
     /// Whether the middle may lie to the left, or to the right, of new spoke j.
-    std::array<bool, kMostCorners> left_;
-    std::array<bool, kMostCorners> right_;
+    std::array<bool, Star::kMostCorners> left_;
+    std::array<bool, Star::kMostCorners> right_;
     /// New above old where old spoke i crosses new spoke j; [n] is [0].
-    std::array<std::array<double, kMostCorners>, kMostCorners + 1> above_;
+    std::array<std::array<double, Star::kMostCorners>, Star::kMostCorners + 1> above_;
     double over_middle_ = 0;
     double largest_ = 0;
 };

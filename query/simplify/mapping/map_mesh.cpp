@@ -7,7 +7,6 @@
 
 #include "query/simplify/block_patch.h"
 #include "query/simplify/block_triangles.h"
-#include "query/simplify/mapping/edge_queue.h"
 #include "store/base/in_order.h"
 
 namespace isonest::detail {
@@ -30,12 +29,11 @@ namespace {
 
 /// Triangles in a block.
 constexpr std::uint32_t kMostInBlock = 1U << 14U;
-constexpr int kShifts = 3;  ///< of the blocks
 constexpr int kPasses = 3;
 /// Edges of which the quadrics estimate that they are further off, in limits, are not tried.
 constexpr double kFurthest = 1.5;
 
-MappingLimits limits_of(double distance) {
+CollapseLimits limits_of(double distance) {
     const double estimate = kFurthest * distance;
     return {distance, static_cast<float>(estimate * estimate)};
 }
@@ -100,18 +98,6 @@ struct MeshMapper::Run {
     }
 };
 
-/// How many triangles collapses take out, by the largest estimate until then.
-struct MeshMapper::Collapses {
-    std::vector<std::uint64_t> triangles;
-
-    void add(const MappingResult& result) {
-        triangles.resize(std::max(triangles.size(), result.gone_at.size()));
-        for (std::size_t i = 0; i < result.gone_at.size(); ++i) {
-            triangles[i] += result.gone_at[i];
-        }
-    }
-};
-
 MeshMapper::MeshMapper(const ScratchMesh& mesh, const WorldLattice& lattice, const PatchBox& box,
                        std::filesystem::path folder, Progress& progress)
     : mesh_(mesh), lattice_(lattice), box_(box), folder_(std::move(folder)), progress_(progress) {}
@@ -137,7 +123,7 @@ MappedBlock MeshMapper::map(std::span<const ElementCorners> triangles,
         [&](std::uint64_t v, std::uint32_t /*here*/) { return is_shared(v); }, block);
     block.patch.displacements.resize(triangles.size());
     block.patch.tried.resize(triangles.size());
-    block.result = map_patch(block.patch, limits_of(limit));
+    block.gone_at = map_patch(block.patch, limits_of(limit));
     return block;
 }
 
@@ -219,10 +205,10 @@ MappedBlock MeshMapper::load(const Run& run, const Valences& valences, std::uint
 }
 
 /// `afresh`: what was tried was so within another limit.
-std::shared_ptr<MeshMapper::Run> MeshMapper::pass(const Run& from, const MappingLimits& limits,
-                                                  bool afresh, Collapses* collapses) {
+std::shared_ptr<MeshMapper::Run> MeshMapper::pass(const Run& from, const CollapseLimits& limits,
+                                                  bool afresh, GoneTriangles* gone) {
     auto next = std::make_shared<Run>(folder_);
-    next->third = (from.third + 1) % kShifts;
+    next->third = (from.third + 1) % kBlockShifts;
     Valences valences(mesh_.layout().vertices, folder_);
     from.each([&](const ElementCorners& t) { valences.count(t); });
     progress_.begin("simplify", from.count(), "triangles");
@@ -232,14 +218,14 @@ std::shared_ptr<MeshMapper::Run> MeshMapper::pass(const Run& from, const Mapping
             progress_.check();
             MappedBlock block = load(from, valences, static_cast<std::uint32_t>(i), afresh);
             const std::size_t count = block.patch.triangles.size();
-            block.result = map_patch(block.patch, limits);
+            block.gone_at = map_patch(block.patch, limits);
             progress_.advance(count);
             return block;
         },
         [&](std::int64_t /*i*/, const MappedBlock& block) {
             append(*next, block);
-            if (collapses != nullptr) {
-                collapses->add(block.result);
+            if (gone != nullptr) {
+                add_gone(*gone, block.gone_at);
             }
         });
     sort(*next);
@@ -259,19 +245,13 @@ Mapped MeshMapper::down_to(const Mapped& from, std::uint64_t triangles, double f
     constexpr double kFactor = 2;
     for (double limit = std::min(first, most); mapped.triangles > triangles;
          limit = std::min(limit * kFactor, most)) {
-        Collapses collapses;
-        const MappingLimits limits = limits_of(limit);
-        std::shared_ptr<const Run> run = pass(*mapped.run, limits, true, &collapses);
+        GoneTriangles gone;
+        const CollapseLimits limits = limits_of(limit);
+        std::shared_ptr<const Run> run = pass(*mapped.run, limits, true, &gone);
         const bool is_enough = run->count() <= triangles;
         if (is_enough) {
             // Again, up to the estimate at which there are just few enough.
-            std::uint64_t left = mapped.triangles;
-            std::size_t bin = 0;
-            while (left > triangles) {
-                left -= collapses.triangles[bin++];
-            }
-            run = pass(*mapped.run, {limit, std::min(limits.square_estimate, end_of_bin(bin - 1))},
-                       true);
+            run = pass(*mapped.run, up_to(limits, gone, mapped.triangles, triangles), true);
         }
         const bool is_last = limit >= most && run->count() >= mapped.triangles;
         mapped = {run, run->count(), run->bound, limit};

@@ -35,7 +35,7 @@ struct Mapped;
 struct MappedBlock {
     MappedPatch patch;
     std::vector<std::uint64_t> vertex;  ///< of the mesh, for each one of the patch
-    MappingResult result;
+    GoneTriangles gone_at;
 };
 
 /// Distances are always from the full mesh, as its vertices are in float32; the topology stays; the
@@ -82,9 +82,8 @@ class MeshMapper {
   private:
     friend struct Mapped;
     struct Run;
-    struct Collapses;
-    std::shared_ptr<Run> pass(const Run& from, const MappingLimits& limits, bool afresh,
-                              Collapses* collapses = nullptr);
+    std::shared_ptr<Run> pass(const Run& from, const CollapseLimits& limits, bool afresh,
+                              GoneTriangles* gone = nullptr);
     [[nodiscard]] MappedBlock load(const Run& run, const Valences& valences, std::uint32_t block,
                                    bool afresh) const;
     static void append(Run& run, const MappedBlock& block);

@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "query/simplify/collapse/collapse_stars.h"
 #include "query/simplify/mapping/displacement.h"
 #include "query/simplify/patch.h"
 
@@ -28,17 +29,6 @@ struct MappedPatch {
     std::vector<bool> tried;
 };
 
-struct MappingLimits {
-    double distance = 0;  ///< world units: no displacement becomes larger
-    /// World units, squared: edges of which the quadrics estimate more are not collapsed.
-    float square_estimate = 0;
-};
-
-struct MappingResult {
-    /// Triangles that went, by the bin of the largest estimate until then (edge_queue.h).
-    std::vector<std::uint64_t> gone_at;
-};
-
 /// Heap per triangle of a patch, at most, that map_patch() takes beside the patch.
 inline constexpr std::size_t kMapBytesPerTriangle = 400;
 
@@ -46,6 +36,6 @@ inline constexpr std::size_t kMapBytesPerTriangle = 400;
 /// has any more stay in `positions`. Displacements that are larger than the limit before stay as
 /// they are. The topology stays. No edge becomes folded more than before by more than 72 degrees.
 /// Thread-safe.
-MappingResult map_patch(MappedPatch& patch, const MappingLimits& limits);
+GoneTriangles map_patch(MappedPatch& patch, const CollapseLimits& limits);
 
 }  // namespace isonest::detail

@@ -18,6 +18,7 @@ constexpr int kMostListCuts = 6;  ///< of a fine triangle, one in the other
 
 ServerLists::ServerLists(const Patch& patch, double limit)
     : patch_(patch),
+      limit_(limit),
       square_limit_(limit * limit),
       only_(patch.fine.size(), kNoServer),
       served_(patch.triangles.size()),
@@ -49,14 +50,25 @@ bool ServerLists::is_changed(std::uint32_t triangle) const {
     return std::find(before_.begin(), before_.end(), triangle) != before_.end();
 }
 
+void ServerLists::gather(std::uint32_t server, std::uint32_t place) {
+    const std::uint32_t fine = served_[server][place];
+    if (gathered_in_[fine] != question_) {
+        gathered_in_[fine] = question_;
+        gathered_.push_back({fine, server, place});
+    }
+}
+
+/// The first ones of all lists come first.
 void ServerLists::gather(std::span<const std::uint32_t> before) {
     gathered_.clear();
-    for (const std::uint32_t i : before) {
-        for (const std::uint32_t fine : served_[i]) {
-            if (gathered_in_[fine] != question_) {
-                gathered_in_[fine] = question_;
-                gathered_.push_back(fine);
-            }
+    for (const std::uint32_t server : before) {
+        if (!served_[server].empty()) {
+            gather(server, 0);
+        }
+    }
+    for (const std::uint32_t server : before) {
+        for (std::uint32_t place = 1; place < served_[server].size(); ++place) {
+            gather(server, place);
         }
     }
 }
@@ -69,7 +81,7 @@ double ServerLists::square_to(std::uint32_t vertex, std::size_t server) {
     }
     double& d = squares_[row_[vertex] + server];
     if (d < 0) {
-        d = square_distance(patch_.point(vertex), servers_[server].corners);
+        d = servers_[server].shape.square_distance_within(patch_.point(vertex), limit_);
     }
     return d;
 }
@@ -92,13 +104,14 @@ bool ServerLists::fits_cut(const Triangle& t, int depth) {
     const Double3 centre = centroid(t);
     bool any = false;
     for (const Server& server : servers_) {
-        if (square_distance(centre, server.corners) > square_limit_) {
+        const PreparedTriangle& by = server.shape;
+        if (by.square_distance_within(centre, limit_) > square_limit_) {
             continue;
         }
         any = true;
         double most = 0;
         for (const Double3& corner : t) {
-            most = std::max(most, square_distance(corner, server.corners));
+            most = std::max(most, by.square_distance_within(corner, limit_));
         }
         if (most <= square_limit_) {
             worst_ = std::max(worst_, most);
@@ -115,7 +128,7 @@ bool ServerLists::fits_cut(const Triangle& t, int depth) {
     return fits_cut(parts[0], depth + 1) && fits_cut(parts[1], depth + 1);
 }
 
-bool ServerLists::fits_one(std::uint32_t fine, const std::vector<PatchTriangle>& triangles) {
+bool ServerLists::fits_one(std::uint32_t fine, const CornerMesh& mesh) {
     const PatchTriangle& t = patch_.fine[fine];
     found_.clear();
     for (std::size_t i = 0; i < changed_; ++i) {
@@ -128,16 +141,16 @@ bool ServerLists::fits_one(std::uint32_t fine, const std::vector<PatchTriangle>&
     }
     for (const std::uint32_t other : servers_of(fine)) {
         if (!is_changed(other)) {
-            servers_.push_back({other, patch_.at(triangles[other])});
+            servers_.push_back({other, PreparedTriangle(patch_.at(mesh.corners(other)))});
         }
     }
     const bool fits = fits_cut(patch_.at(t), 0);
-    servers_.resize(changed_);
+    servers_.erase(servers_.begin() + static_cast<std::ptrdiff_t>(changed_), servers_.end());
     return fits;
 }
 
 bool ServerLists::fits(std::uint32_t moved, std::span<const std::uint32_t> before,
-                       std::span<const Server> after, const std::vector<PatchTriangle>& triangles) {
+                       std::span<const Server> after, const CornerMesh& mesh) {
     before_ = before;
     servers_.assign(after.begin(), after.end());
     changed_ = after.size();
@@ -155,8 +168,9 @@ bool ServerLists::fits(std::uint32_t moved, std::span<const std::uint32_t> befor
         return false;
     }
     gather(before);
-    for (const std::uint32_t fine : gathered_) {
-        if (!fits_one(fine, triangles)) {
+    for (const auto& [fine, server, place] : gathered_) {
+        if (!fits_one(fine, mesh)) {
+            std::swap(served_[server][0], served_[server][place]);
             return false;
         }
         plans_.push_back({fine, static_cast<std::uint32_t>(planned_.size()),
@@ -175,7 +189,7 @@ std::optional<double> ServerLists::served_back(const Server& server) const {
         const Triangle fine = patch_.at(patch_.fine[plan.fine]);
         double most = 0;
         for (std::size_t i = 0; i < 3 && most <= square_limit_; ++i) {
-            most = std::max(most, square_distance(server.corners[i], fine));
+            most = std::max(most, square_distance(server.shape.corners()[i], fine));
         }
         if (most <= square_limit_) {
             return std::sqrt(most);
@@ -188,7 +202,8 @@ std::optional<double> ServerLists::served_back(const Server& server) const {
 }
 
 void ServerLists::take() {
-    for (const std::uint32_t fine : gathered_) {
+    for (const Gathered& gathered : gathered_) {
+        const std::uint32_t fine = gathered.fine;
         if (only_[fine] != kSeveral) {
             continue;
         }

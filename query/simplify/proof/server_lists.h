@@ -12,14 +12,16 @@
 #include <span>
 #include <vector>
 
+#include "query/simplify/collapse/corner_mesh.h"
 #include "query/simplify/patch.h"
+#include "query/simplify/proof/prepared_triangle.h"
 
 namespace isonest::detail {
 
 /// A triangle of the patch, as it will be.
 struct Server {
     std::uint32_t triangle = 0;  ///< its place
-    Triangle corners{};
+    PreparedTriangle shape;
 };
 
 /// Not thread-safe.
@@ -35,10 +37,10 @@ class ServerLists {
 
     /// Whether all that the triangles `before` serve is near to the mesh still when they are
     /// replaced by `after`, whose places are some of theirs. `moved`: a vertex of the full surface
-    /// that is gone then; where it is far, the answer comes soon. `triangles`: of the patch before.
+    /// that is gone then; where it is far, the answer comes soon. `mesh`: the patch before.
     /// May be false where a search among more triangles than these found something.
     bool fits(std::uint32_t moved, std::span<const std::uint32_t> before,
-              std::span<const Server> after, const std::vector<PatchTriangle>& triangles);
+              std::span<const Server> after, const CornerMesh& mesh);
     /// After fits() was true: how far this one is at most from one of the first few fine triangles
     /// that it then serves. Nothing: further than the limit from each of them.
     [[nodiscard]] std::optional<double> served_back(const Server& server) const;
@@ -54,18 +56,27 @@ class ServerLists {
         std::uint32_t first;  ///< in planned_
         std::uint32_t count;
     };
+    /// A fine triangle that is looked at, and where it is in served_.
+    struct Gathered {
+        std::uint32_t fine;
+        std::uint32_t server;
+        std::uint32_t place;
+    };
     void gather(std::span<const std::uint32_t> before);
-    bool fits_one(std::uint32_t fine, const std::vector<PatchTriangle>& triangles);
+    void gather(std::uint32_t server, std::uint32_t place);
+    bool fits_one(std::uint32_t fine, const CornerMesh& mesh);
     bool fits_cut(const Triangle& t, int depth);
     double square_to(std::uint32_t vertex, std::size_t server);
     bool serves_alone(const PatchTriangle& t, std::size_t server);
     [[nodiscard]] bool is_changed(std::uint32_t triangle) const;
 
     const Patch& patch_;
+    double limit_;
     double square_limit_;
     std::vector<std::uint32_t> only_;  ///< of each fine triangle: its server, kNoServer or kSeveral
     tsl::robin_map<std::uint32_t, std::vector<std::uint32_t>> several_;
-    std::vector<std::vector<std::uint32_t>> served_;  ///< of each triangle of the patch
+    /// Of each triangle of the patch; the one that kept it from being replaced last comes first.
+    std::vector<std::vector<std::uint32_t>> served_;
 
     // The question that fits() is about.
     std::span<const std::uint32_t> before_;
@@ -74,7 +85,7 @@ class ServerLists {
     std::size_t last_ = 0;         ///< the one that served last
     std::uint32_t question_ = 0;
     std::vector<std::uint32_t> gathered_in_;  ///< question, of each fine triangle
-    std::vector<std::uint32_t> gathered_;
+    std::vector<Gathered> gathered_;
     std::vector<std::uint32_t> measured_in_;  ///< question, of each vertex
     std::vector<std::uint32_t> row_;          ///< of each vertex, in squares_
     std::vector<double> squares_;             ///< of distances from the changed ones; < 0: unknown

@@ -11,8 +11,8 @@
 #include <span>
 #include <vector>
 
+#include "query/simplify/collapse/corner_mesh.h"
 #include "query/simplify/collapse/quadric.h"
-#include "query/simplify/mapping/corner_mesh.h"
 
 namespace isonest::detail {
 

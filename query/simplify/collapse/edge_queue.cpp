@@ -1,4 +1,4 @@
-#include "query/simplify/mapping/edge_queue.h"
+#include "query/simplify/collapse/edge_queue.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "query/simplify/mapping/corner_mesh.h"
+#include "query/simplify/collapse/corner_mesh.h"
 
 #include <algorithm>
 #include <numeric>

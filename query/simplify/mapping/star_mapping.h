@@ -1,0 +1,54 @@
+// The displacements of a patch's triangles while its edges are collapsed.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "query/simplify/collapse/star_collapse.h"
+#include "query/simplify/mapping/displacement.h"
+#include "query/simplify/mapping/fan_overlay.h"
+
+namespace isonest::detail {
+
+/// Not thread-safe.
+class StarMapping {
+  public:
+    /// `displacements`: of each triangle of the patch; they have to stay.
+    explicit StarMapping(std::vector<Displacement>& displacements)
+        : displacements_(displacements) {}
+
+    /// Whether old and new triangles project one to one onto the same polygon, and no displacement
+    /// is further than the limit (world units) then. `collapse` was looked at.
+    [[nodiscard]] bool fits(const StarCollapse& collapse, double limit) {
+        const Star& star = collapse.star();
+        if (!overlay_.look_at(star)) {
+            return false;
+        }
+        for (std::size_t i = 0; i < star.corners; ++i) {
+            before_[i] = i == star.missing ? nullptr : &displacements_[collapse.triangle(i)];
+        }
+        return overlay_.displaced({before_.data(), star.corners}, limit, after_);
+    }
+    /// The largest distance of the new displacements, after fits() was true.
+    [[nodiscard]] double largest() const { return overlay_.largest(); }
+    /// New triangle j is no further than this from the full surface: what is measured in place of
+    /// what fits() found.
+    void set_measured(std::size_t j, double distance) {
+        after_[j] = {};
+        after_[j].radius = float_above(distance);
+    }
+    /// The new displacements are those of the triangles in whose places the new ones are.
+    void take(const StarCollapse& collapse) {
+        for (std::size_t j = 1; j + 1 < collapse.star().corners; ++j) {
+            displacements_[collapse.triangle(j)] = after_[j];
+        }
+    }
+
+  private:
+    std::vector<Displacement>& displacements_;
+    FanOverlay overlay_;
+    std::array<const Displacement*, Star::kMostCorners> before_{};
+    std::array<Displacement, Star::kMostCorners> after_{};
+};
+
+}  // namespace isonest::detail
