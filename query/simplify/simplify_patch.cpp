@@ -130,20 +130,27 @@ class PatchSimplifier {
             after_.push_back(
                 {collapse_->triangle(j), PreparedTriangle(patch_.at(collapse_->after(j)))});
         }
-        return servers_.fits(from, before_, after_, *mesh_) &&
-               (mapping_.fits(*collapse_, limit_) || are_covered());
+        return servers_.fits(from, before_, after_, *mesh_) && are_near();
     }
 
-    /// Whether the new triangles are near to the full surface, measured.
-    bool are_covered() {
-        for (std::size_t j = 0; j < after_.size(); ++j) {
-            const std::optional<double> off = off_of(after_[j], collapse_->after(j + 1));
-            if (!off) {
-                return false;
+    /// Whether the new triangles are near to the full surface: as far as they were moved, else
+    /// measured.
+    bool are_near() {
+        const bool is_mapped = mapping_.look(*collapse_);
+        const std::size_t corners = collapse_->star().corners;
+        measured_.clear();
+        for (std::size_t j = 1; j + 1 < corners; ++j) {
+            if (!is_mapped || !(mapping_.map(j, corners) <= limit_)) {
+                measured_.push_back(j);
             }
-            mapping_.set_measured(j + 1, *off);
         }
-        return true;
+        return std::all_of(measured_.begin(), measured_.end(), [&](std::size_t j) {
+            const std::optional<double> off = off_of(after_[j - 1], collapse_->after(j));
+            if (off) {
+                mapping_.set_measured(j, *off);
+            }
+            return off.has_value();
+        });
     }
 
     /// A bound on the distance of a new triangle from the full surface; nothing: above the limit.
@@ -180,6 +187,7 @@ class PatchSimplifier {
     std::optional<StarCollapse> collapse_;
     std::vector<std::uint32_t> before_;
     std::vector<Server> after_;
+    std::vector<std::size_t> measured_;  ///< new triangles that moved too far to be near by that
 };
 
 }  // namespace

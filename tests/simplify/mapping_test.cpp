@@ -139,7 +139,15 @@ bool overlay(const Star& star, Overlaid& o, double limit) {
     for (std::size_t i = 0; i < star.corners; ++i) {
         pointers.push_back(i == star.missing ? nullptr : &o.before[i]);
     }
-    return overlay.displaced(pointers, limit, o.after);
+    if (!overlay.crosses()) {
+        return false;
+    }
+    bool is_within = true;
+    for (std::size_t j = 1; j + 1 < star.corners; ++j) {
+        o.after[j] = overlay.displacement(j, pointers);
+        is_within = is_within && o.after[j].bound() <= limit;
+    }
+    return is_within;
 }
 
 void require_all_displacements(std::mt19937& random, const Star& star) {

@@ -162,85 +162,76 @@ bool FanOverlay::look_over_middle(std::size_t j) {
     if (!(sum > 0)) {
         return false;
     }
-    over_middle_ = (at_a * a.height + at_b * b.height + at_c * c.height) / sum;
+    over_[j] = (at_a * a.height + at_b * b.height + at_c * c.height) / sum;
     rounding_ = std::max(rounding_, 2 * kSumRounding * widest_ * widest_ * highest_ / sum);
     return true;
 }
 
-bool FanOverlay::displaced(std::span<const Displacement* const> before, double limit,
-                           std::span<Displacement> after) {
+bool FanOverlay::crosses() {
     if (!cross_spokes()) {
         return false;
     }
-    const std::size_t n = count_;
-    largest_ = 0;
-    std::array<double, Star::kMostCorners> over{};
-    const auto has_middle = [&](std::size_t j) { return left_[j] && right_[j + 1]; };
-    for (std::size_t j = 1; j + 1 < n; ++j) {
-        if (has_middle(j)) {
-            if (!look_over_middle(j)) {
-                return false;
-            }
-            over[j] = over_middle_;
-        }
-    }
-    for (std::size_t j = 1; j + 1 < n; ++j) {
-        std::array<double, 3> lo{};
-        std::array<double, 3> hi{};
-        lo.fill(std::numeric_limits<double>::infinity());
-        hi.fill(-std::numeric_limits<double>::infinity());
-        float radius = 0;
-        const bool all = has_middle(j);
-        const std::size_t begin = all || left_[j] ? 0 : j;
-        const std::size_t end = all || !left_[j] ? n : j + 1;
-        for (std::size_t i = begin; i < end; ++i) {
-            if (i == star_->missing) {
-                continue;
-            }
-            double least = 0;
-            double most = 0;
-            const auto take = [&](double x) {
-                least = std::min(least, x);
-                most = std::max(most, x);
-            };
-            if (i == j) {
-                // Both have the edge from corner j to j + 1.
-                take(all ? over[j] : left_[j] ? above_[j][j + 1] : above_[j + 1][j]);
-            } else if (all) {
-                least = most = over[j];
-                take(above_[i][i < j ? j : j + 1]);
-                take(above_[i + 1][i < j ? j : j + 1]);
-            } else {
-                least = most = above_[i][j];
-                take(above_[i + 1][j]);
-                take(above_[i][j + 1]);
-                take(above_[i + 1][j + 1]);
-            }
-            least -= rounding_;
-            most += rounding_;
-            const Displacement& old = *before[i];
-            for (std::size_t axis = 0; axis < 3; ++axis) {
-                const double x = least * up_[axis];
-                const double y = most * up_[axis];
-                lo[axis] = std::min(lo[axis], static_cast<double>(old.lo[axis]) + std::min(x, y));
-                hi[axis] = std::max(hi[axis], static_cast<double>(old.hi[axis]) + std::max(x, y));
-            }
-            radius = std::max(radius, old.radius);
-        }
-        Displacement& d = after[j];
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-            // Perpendicular to `up`, too, computed places are off by what double rounds.
-            d.lo[axis] = float_below(lo[axis] - rounding_);
-            d.hi[axis] = float_above(hi[axis] + rounding_);
-        }
-        d.radius = radius;
-        const double bound = d.bound();
-        if (!(bound <= limit)) {
+    for (std::size_t j = 1; j + 1 < count_; ++j) {
+        if (has_middle(j) && !look_over_middle(j)) {
             return false;
         }
-        largest_ = std::max(largest_, bound);
     }
     return true;
+}
+
+Displacement FanOverlay::displacement(std::size_t j,
+                                      std::span<const Displacement* const> before) const {
+    const std::size_t n = count_;
+    std::array<double, 3> lo{};
+    std::array<double, 3> hi{};
+    lo.fill(std::numeric_limits<double>::infinity());
+    hi.fill(-std::numeric_limits<double>::infinity());
+    float radius = 0;
+    const bool all = has_middle(j);
+    const std::size_t begin = all || left_[j] ? 0 : j;
+    const std::size_t end = all || !left_[j] ? n : j + 1;
+    for (std::size_t i = begin; i < end; ++i) {
+        if (i == star_->missing) {
+            continue;
+        }
+        double least = 0;
+        double most = 0;
+        const auto take = [&](double x) {
+            least = std::min(least, x);
+            most = std::max(most, x);
+        };
+        if (i == j) {
+            // Both have the edge from corner j to j + 1.
+            take(all ? over_[j] : left_[j] ? above_[j][j + 1] : above_[j + 1][j]);
+        } else if (all) {
+            least = most = over_[j];
+            take(above_[i][i < j ? j : j + 1]);
+            take(above_[i + 1][i < j ? j : j + 1]);
+        } else {
+            least = most = above_[i][j];
+            take(above_[i + 1][j]);
+            take(above_[i][j + 1]);
+            take(above_[i + 1][j + 1]);
+        }
+        least -= rounding_;
+        most += rounding_;
+        const Displacement& old = *before[i];
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            const double x = least * up_[axis];
+            const double y = most * up_[axis];
+            lo[axis] = std::min(lo[axis], static_cast<double>(old.lo[axis]) + std::min(x, y));
+            hi[axis] = std::max(hi[axis], static_cast<double>(old.hi[axis]) + std::max(x, y));
+        }
+        radius = std::max(radius, old.radius);
+    }
+    Displacement d;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        // Perpendicular to `up`, too, computed places are off by what double rounds.
+        d.lo[axis] = float_below(lo[axis] - rounding_);
+        d.hi[axis] = float_above(hi[axis] + rounding_);
+    }
+    d.radius = radius;
+    return d;
 }
 
 }  // namespace isonest::detail

@@ -21,15 +21,15 @@ namespace isonest::detail {
 class FanOverlay {
   public:
     /// Whether old and new triangles are the same polygon, seen from some direction, each with all
-    /// front sides up. `star` has to stay until displaced() was asked.
+    /// front sides up. `star` has to stay.
     [[nodiscard]] bool look_at(const Star& star);
-    /// The displacements of the new triangles, at [1] to [n - 2], from those of the old ones at [0]
-    /// to [n - 1]. False: one of them is further than the limit; the others are undefined then.
-    /// REQUIRES: look_at() was true.
-    [[nodiscard]] bool displaced(std::span<const Displacement* const> before, double limit,
-                                 std::span<Displacement> after);
-    /// The largest bound of the new displacements, after displaced() was true.
-    [[nodiscard]] double largest() const { return largest_; }
+    /// Looks where old and new triangles cross. False: rounding hides it. REQUIRES: look_at() was
+    /// true.
+    [[nodiscard]] bool crosses();
+    /// That of new triangle j, from those of the old ones at [0] to [n - 1]. REQUIRES: crosses() was
+    /// true.
+    [[nodiscard]] Displacement displacement(std::size_t j,
+                                            std::span<const Displacement* const> before) const;
 
   private:
     struct Seen {
@@ -37,8 +37,9 @@ class FanOverlay {
     };
     void look_down();
     [[nodiscard]] bool are_front_sides_up() const;
-    [[nodiscard]] bool find_sides();
     [[nodiscard]] bool cross_spokes();
+    /// Whether new triangle j may be over the middle.
+    [[nodiscard]] bool has_middle(std::size_t j) const { return left_[j] && right_[j + 1]; }
     [[nodiscard]] bool look_over_middle(std::size_t j);
 
     const Star* star_ = nullptr;
@@ -53,8 +54,7 @@ class FanOverlay {
     std::array<bool, Star::kMostCorners> right_;
     /// New above old where old spoke i crosses new spoke j; [n] is [0].
     std::array<std::array<double, Star::kMostCorners>, Star::kMostCorners + 1> above_;
-    double over_middle_ = 0;
-    double largest_ = 0;
+    std::array<double, Star::kMostCorners> over_;  ///< the middle, of the triangles that have it
 };
 
 }  // namespace isonest::detail

@@ -41,10 +41,18 @@ class PatchMapper {
   private:
     float due(const EdgeQueue::Edge& edge) {
         if (!collapse_.look(edge.from, edge.to) || !collapse_.has_no_new_needle() ||
-            !collapse_.has_no_new_fold(kFold) || !mapping_.fits(collapse_, limit_)) {
+            !collapse_.has_no_new_fold(kFold) || !mapping_.look(collapse_)) {
             return kNever;
         }
-        const double bound = kBoundWeight * mapping_.largest();
+        const std::size_t corners = collapse_.star().corners;
+        double largest = 0;
+        for (std::size_t j = 1; j + 1 < corners; ++j) {
+            largest = std::max(largest, mapping_.map(j, corners));
+            if (!(largest <= limit_)) {
+                return kNever;
+            }
+        }
+        const double bound = kBoundWeight * largest;
         return static_cast<float>(bound * bound);
     }
 

@@ -17,22 +17,24 @@ class StarMapping {
     explicit StarMapping(std::vector<Displacement>& displacements)
         : displacements_(displacements) {}
 
-    /// Whether old and new triangles project one to one onto the same polygon, and no displacement
-    /// is further than the limit (world units) then. `collapse` was looked at.
-    [[nodiscard]] bool fits(const StarCollapse& collapse, double limit) {
+    /// Whether old and new triangles project one to one onto the same polygon. `collapse` was
+    /// looked at, and has to stay.
+    [[nodiscard]] bool look(const StarCollapse& collapse) {
         const Star& star = collapse.star();
-        if (!overlay_.look_at(star)) {
+        if (!overlay_.look_at(star) || !overlay_.crosses()) {
             return false;
         }
         for (std::size_t i = 0; i < star.corners; ++i) {
             before_[i] = i == star.missing ? nullptr : &displacements_[collapse.triangle(i)];
         }
-        return overlay_.displaced({before_.data(), star.corners}, limit, after_);
+        return true;
     }
-    /// The largest distance of the new displacements, after fits() was true.
-    [[nodiscard]] double largest() const { return overlay_.largest(); }
-    /// New triangle j is no further than this from the full surface: what is measured in place of
-    /// what fits() found.
+    /// Finds the displacement of new triangle j: its bound. REQUIRES: look() was true.
+    double map(std::size_t j, std::size_t corners) {
+        after_[j] = overlay_.displacement(j, {before_.data(), corners});
+        return after_[j].bound();
+    }
+    /// New triangle j is no further than this from the full surface: measured, not mapped.
     void set_measured(std::size_t j, double distance) {
         after_[j] = {};
         after_[j].radius = float_above(distance);
