@@ -43,6 +43,9 @@ struct CollapseLimits {
     float square_estimate = 0;
 };
 
+inline constexpr std::uint32_t kNoServer = std::numeric_limits<std::uint32_t>::max();
+inline constexpr std::uint32_t kSomeServers = kNoServer - 1;
+
 /// Vertices are places in `positions`; all triangles are oriented alike.
 struct Patch {
     std::vector<std::array<float, 3>> positions;  ///< world coordinates
@@ -57,9 +60,10 @@ struct Patch {
     /// Of each triangle: how far it is from the full surface.
     std::vector<Displacement> displacements;
     std::vector<PatchTriangle> fine;  ///< the full surface near the patch
-    /// Whether this fine triangle has to be within the limit of the patch. Others are there to be
-    /// near to.
-    std::vector<bool> attached;
+    /// Of each fine triangle: the one that alone is within the limit of all its points, or
+    /// kSomeServers: several are, which are not known. kNoServer: it may be as far as it likes, and
+    /// is there for others to be near to.
+    std::vector<std::uint32_t> servers;
 
     [[nodiscard]] Double3 point(std::uint32_t v) const {
         const auto& p = positions[v];

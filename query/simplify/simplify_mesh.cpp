@@ -3,6 +3,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
+#include <numeric>
 #include <optional>
 #include <vector>
 
@@ -35,7 +36,7 @@ struct MeshTriangle {
 struct FineTriangle {
     std::uint64_t place = 0;
     std::uint32_t block = 0;
-    std::uint32_t is_attached = 0;  ///< Patch::attached
+    std::uint32_t server = kNoServer;  ///< as in the patch of the block
 };
 
 /// A full triangle that is near to triangles of several blocks: none of these can see alone that it
@@ -47,10 +48,17 @@ struct Split {
     std::array<ElementCorners, kMost> servers{};
 };
 
+/// A full triangle that the block of its servers knows.
+struct Attached {
+    std::uint64_t place = 0;
+    std::uint32_t server = 0;  ///< of the outcome's mesh, one of them
+    bool is_only = true;       ///< it has no other
+};
+
 /// What a block hands on to the next pass.
 struct Outcome {
     std::vector<MeshTriangle> mesh;
-    std::vector<FineTriangle> full;
+    std::vector<Attached> attached;
     std::vector<Split> splits;
     double largest = 0;
     GoneTriangles gone_at;
@@ -94,7 +102,7 @@ Outcome MeshSimplifier::Block::outcome(SimplifiedPatch&& simplified, const Block
         const std::uint32_t block = outcome.mesh[servers.front()].block;
         if (std::all_of(servers.begin(), servers.end(),
                         [&](std::uint32_t s) { return outcome.mesh[s].block == block; })) {
-            outcome.full.push_back({full[i].place, block, 1});
+            outcome.attached.push_back({full[i].place, servers.front(), servers.size() == 1});
         } else if (servers.size() <= Split::kMost) {
             Split split{full[i].place, servers.size(), {}};
             std::transform(servers.begin(), servers.end(), split.servers.begin(),
@@ -112,7 +120,10 @@ Outcome MeshSimplifier::Block::outcome(SimplifiedPatch&& simplified, const Block
 
 struct MeshSimplifier::Run {
     explicit Run(const std::filesystem::path& folder)
-        : mesh(folder), full(folder), held(folder), splits(folder) {}
+        : mesh(folder), full(folder), held(folder), splits(folder), in_block(folder) {}
+    /// `blocks`: into which they will be sorted.
+    void begin(std::uint32_t blocks) { in_block.map(std::uint64_t{blocks} * sizeof(std::uint32_t)); }
+    void add(const Outcome& outcome);
     /// `grid`: of the blocks of the next pass.
     void add(const Split& split, const BlockGrid& grid);
 
@@ -121,23 +132,37 @@ struct MeshSimplifier::Run {
     SortedByBlocks<FineTriangle> full;
     BlockTriangles held;  ///< triangles of the mesh that stay in the next pass
     GrowingFile<Split> splits;
+    ScratchFile in_block;  ///< triangles of the mesh in each block until now
     int third = 0;  ///< the shift of the blocks that they are sorted into next
     double bound = 0;
 };
+
+void MeshSimplifier::Run::add(const Outcome& outcome) {
+    const auto count = in_block.as<std::uint32_t>();
+    std::vector<std::uint32_t> place;
+    for (const MeshTriangle& t : outcome.mesh) {
+        place.push_back(count[t.block]++);
+        mesh.append(t);
+    }
+    for (const Attached& t : outcome.attached) {
+        full.append({t.place, outcome.mesh[t.server].block,
+                     t.is_only ? place[t.server] : kSomeServers});
+    }
+}
 
 void MeshSimplifier::Run::add(const Split& split, const BlockGrid& grid) {
     const auto servers = std::span(split.servers).first(split.count);
     const std::uint32_t block = grid.block_of(servers.front());
     if (std::all_of(servers.begin(), servers.end(),
                     [&](const ElementCorners& s) { return grid.block_of(s) == block; })) {
-        full.append({split.place, block, 1});
+        full.append({split.place, block, kSomeServers});
         return;
     }
     splits.append(split);
     for (const ElementCorners& server : servers) {
         const std::uint32_t of = grid.block_of(server);
         held.append({server, of, 0});
-        full.append({split.place, of, 0});
+        full.append({split.place, of, kNoServer});
     }
 }
 
@@ -156,7 +181,7 @@ MeshSimplifier::MeshSimplifier(const ScratchMesh& mesh, std::span<const ElementC
     full_ = std::make_shared<Run>(folder_);
     full_->is_full = true;
     for (std::uint64_t i = 0; i < triangles.size(); ++i) {
-        full_->full.append({i, grids_.front()->block_of(triangles[i]), 1});
+        full_->full.append({i, grids_.front()->block_of(triangles[i]), kSomeServers});
     }
     finish(*full_);
 }
@@ -209,13 +234,14 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
     }
     for (const FineTriangle& t : b.full) {
         patch.fine.push_back(numbering.local(triangles_[t.place]));
-        patch.attached.push_back(t.is_attached != 0);
+        patch.servers.push_back(t.server);
     }
     if (run.is_full) {
         patch.triangles = patch.fine;
         patch.stay.resize(patch.fine.size());
         patch.tried.resize(patch.fine.size());
         patch.displacements.resize(patch.fine.size());
+        std::iota(patch.servers.begin(), patch.servers.end(), 0U);
     }
     find_shared(valences, b.numbered);
     return b;
@@ -229,6 +255,7 @@ std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from,
     next->third = (from.third + 1) % kBlockShifts;
     next->bound = from.bound;
     const BlockGrid& after = *grids_[static_cast<std::size_t>(next->third)];
+    next->begin(after.blocks());
     Valences valences(mesh_.layout().vertices, folder_);
     each(from, [&](const ElementCorners& t) { valences.count(t); });
     progress_.begin("simplify", from.is_full ? triangles_.size() : from.mesh.count(), "triangles");
@@ -245,8 +272,7 @@ std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from,
             return outcome;
         },
         [&](std::int64_t /*i*/, const Outcome& outcome) {
-            next->mesh.append(outcome.mesh);
-            next->full.append(outcome.full);
+            next->add(outcome);
             for (const Split& split : outcome.splits) {
                 next->add(split, after);
             }

@@ -81,20 +81,24 @@ class PatchSimplifier {
     }
 
     void find_servers() {
-        const TriangleTree tree(patch_.positions, patch_.triangles);
-        SurfaceDistance distance(tree, limit_);
+        std::optional<TriangleTree> tree;
+        std::optional<SurfaceDistance> distance;
         for (std::uint32_t i = 0; i < patch_.fine.size(); ++i) {
-            if (!patch_.attached[i]) {
+            const std::uint32_t& known = patch_.servers[i];
+            if (known != kSomeServers) {
+                if (known != kNoServer) {
+                    servers_.set(i, std::span(&known, 1));
+                }
                 continue;
             }
-            if (i < patch_.triangles.size() && patch_.fine[i] == patch_.triangles[i]) {
-                servers_.set(i, std::span(&i, 1));
-                continue;
+            if (!tree) {
+                tree.emplace(patch_.positions, patch_.triangles);
+                distance.emplace(*tree, limit_);
             }
             const Triangle t = patch_.at(patch_.fine[i]);
-            if (distance.serves(t)) {
-                found_ = std::max(found_, distance.largest());
-                servers_.set(i, distance.servers());
+            if (distance->serves(t)) {
+                found_ = std::max(found_, distance->largest());
+                servers_.set(i, distance->servers());
                 continue;
             }
             // It was cut too often; what it is near to is among all these, and they stay.
@@ -102,7 +106,7 @@ class PatchSimplifier {
                 limit_ + std::sqrt(std::max({square(minus(t[1], t[0])), square(minus(t[2], t[1])),
                                              square(minus(t[0], t[2]))}));
             std::vector<std::uint32_t> all;
-            tree.near(t[0], reach * reach, [&](std::uint32_t server) {
+            tree->near(t[0], reach * reach, [&](std::uint32_t server) {
                 all.push_back(server);
                 for (const std::uint32_t v : patch_.triangles[server]) {
                     locked_[v] = true;
@@ -179,7 +183,7 @@ class PatchSimplifier {
     std::optional<SurfaceDistance> to_fine_;  ///< the same
     std::optional<ProjectedCover> above_;     ///< the same
     ServerLists servers_;
-    double found_ = 0;  ///< the most that a fine triangle is from its servers at the beginning
+    double found_ = 0;  ///< the most that a fine triangle is from servers that were looked for
     std::vector<Displacement> displacements_;  ///< of each triangle
     StarMapping mapping_;
     std::optional<CornerMesh> mesh_;

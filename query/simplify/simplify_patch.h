@@ -24,8 +24,8 @@ struct SimplifiedPatch {
     std::vector<Displacement> displacements;  ///< of each of them
     std::vector<bool> kept;                   ///< those that stay forever
     std::vector<bool> tried;                  ///< as in the patch, for the pass that comes
-    /// Of each fine triangle those that it is near to: places in `triangles`. None, if it is not
-    /// attached.
+    /// Of each fine triangle those that it is near to: places in `triangles`. None of one
+    /// that has none in the patch.
     std::vector<std::uint32_t> first_server;  ///< one more than there are fine triangles
     std::vector<std::uint32_t> servers;
     double largest = 0;     ///< distance that was met; at most the limit
@@ -45,7 +45,7 @@ inline constexpr std::size_t kSimplifyBytesPerTriangle = 600;
 CollapseLimits simplify_limits(double distance);
 
 /// No edge becomes folded more than before by more than 120 degrees; the topology stays. REQUIRES:
-/// the attached fine triangles are within the limit of the patch's, and those of the fine ones by
+/// the fine triangles that have servers are within the limit of these, and those of the fine ones by
 /// their displacements. Thread-safe.
 SimplifiedPatch simplify_patch(const Patch& patch, const CollapseLimits& limits);
 

@@ -24,7 +24,7 @@ void require_within(const Patch& patch, double limit) {
     REQUIRE(sampled_distance(patch.positions, s.triangles, patch.fine, kSteps) <= most);
     REQUIRE(s.first_server.size() == patch.fine.size() + 1);
     for (std::size_t i = 0; i < patch.fine.size(); ++i) {
-        REQUIRE(s.servers_of(i).empty() != patch.attached[i]);
+        REQUIRE(s.servers_of(i).empty() == (patch.servers[i] == kNoServer));
         for_samples(patch.at(patch.fine[i]), 3, [&](const Double3& p) {
             const auto servers = s.servers_of(i);
             REQUIRE(std::any_of(servers.begin(), servers.end(), [&](std::uint32_t t) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdint>
 #include <map>
+#include <numeric>
 #include <set>
 #include <utility>
 #include <vector>
@@ -32,7 +33,8 @@ inline void finish(Patch& patch) {
     patch.tried.assign(patch.triangles.size(), false);
     patch.displacements.assign(patch.triangles.size(), {});
     patch.fine = patch.triangles;
-    patch.attached.assign(patch.fine.size(), true);
+    patch.servers.resize(patch.fine.size());
+    std::iota(patch.servers.begin(), patch.servers.end(), 0U);
 }
 
 /// n x n nodes, heights of up to `height`.

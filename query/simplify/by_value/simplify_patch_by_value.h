@@ -27,7 +27,7 @@ struct ValuePatch {
 inline constexpr std::size_t kValuePatchBytesPerTriangle = 800;
 
 /// `has_caps`: whether triangles that lie in a face of the patch's box are caps; other triangles
-/// may lie anywhere. The patch's `stay`, `fine` and `attached` are not looked at. Thread-safe, with
+/// may lie anywhere. The patch's `stay`, `fine` and `servers` are not looked at. Thread-safe, with
 /// different `cover`.
 ValuePatch simplify_patch_by_value(const Patch& patch, bool has_caps, ValueCover& cover);
 

@@ -9,8 +9,6 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint32_t kNoServer = std::numeric_limits<std::uint32_t>::max();
-constexpr std::uint32_t kSeveral = kNoServer - 1;
 constexpr int kMostBack = 4;      ///< fine triangles asked whether they serve their server
 constexpr int kMostListCuts = 6;  ///< of a fine triangle, one in the other
 
@@ -30,7 +28,7 @@ void ServerLists::set(std::uint32_t fine, std::span<const std::uint32_t> servers
     if (servers.size() == 1) {
         only_[fine] = servers.front();
     } else {
-        only_[fine] = kSeveral;
+        only_[fine] = kSomeServers;
         several_[fine].assign(servers.begin(), servers.end());
     }
     for (const std::uint32_t s : servers) {
@@ -42,7 +40,7 @@ std::span<const std::uint32_t> ServerLists::servers_of(std::uint32_t fine) const
     if (only_[fine] == kNoServer) {
         return {};
     }
-    return only_[fine] == kSeveral ? std::span<const std::uint32_t>(several_.at(fine))
+    return only_[fine] == kSomeServers ? std::span<const std::uint32_t>(several_.at(fine))
                                    : std::span(&only_[fine], 1);
 }
 
@@ -204,7 +202,7 @@ std::optional<double> ServerLists::served_back(const Server& server) const {
 void ServerLists::take() {
     for (const Gathered& gathered : gathered_) {
         const std::uint32_t fine = gathered.fine;
-        if (only_[fine] != kSeveral) {
+        if (only_[fine] != kSomeServers) {
             continue;
         }
         const auto of = several_.find(fine);

@@ -32,7 +32,7 @@ class ServerLists {
 
     /// The fine triangle is near to these, of the patch. Once for each.
     void set(std::uint32_t fine, std::span<const std::uint32_t> servers);
-    /// None: it is not attached.
+    /// None: it may be as far as it likes.
     [[nodiscard]] std::span<const std::uint32_t> servers_of(std::uint32_t fine) const;
 
     /// Whether all that the triangles `before` serve is near to the mesh still when they are
@@ -73,7 +73,7 @@ class ServerLists {
     const Patch& patch_;
     double limit_;
     double square_limit_;
-    std::vector<std::uint32_t> only_;  ///< of each fine triangle: its server, kNoServer or kSeveral
+    std::vector<std::uint32_t> only_;  ///< of each fine triangle: its server, kNoServer or kSomeServers
     tsl::robin_map<std::uint32_t, std::vector<std::uint32_t>> several_;
     /// Of each triangle of the patch; the one that kept it from being replaced last comes first.
     std::vector<std::vector<std::uint32_t>> served_;
