@@ -122,7 +122,9 @@ struct MeshSimplifier::Run {
     explicit Run(const std::filesystem::path& folder)
         : mesh(folder), full(folder), held(folder), splits(folder), in_block(folder) {}
     /// `blocks`: into which they will be sorted.
-    void begin(std::uint32_t blocks) { in_block.map(std::uint64_t{blocks} * sizeof(std::uint32_t)); }
+    void begin(std::uint32_t blocks) {
+        in_block.map(std::uint64_t{blocks} * sizeof(std::uint32_t));
+    }
     void add(const Outcome& outcome);
     /// `grid`: of the blocks of the next pass.
     void add(const Split& split, const BlockGrid& grid);
@@ -133,7 +135,7 @@ struct MeshSimplifier::Run {
     BlockTriangles held;  ///< triangles of the mesh that stay in the next pass
     GrowingFile<Split> splits;
     ScratchFile in_block;  ///< triangles of the mesh in each block until now
-    int third = 0;  ///< the shift of the blocks that they are sorted into next
+    int third = 0;         ///< the shift of the blocks that they are sorted into next
     double bound = 0;
 };
 
@@ -145,8 +147,8 @@ void MeshSimplifier::Run::add(const Outcome& outcome) {
         mesh.append(t);
     }
     for (const Attached& t : outcome.attached) {
-        full.append({t.place, outcome.mesh[t.server].block,
-                     t.is_only ? place[t.server] : kSomeServers});
+        full.append(
+            {t.place, outcome.mesh[t.server].block, t.is_only ? place[t.server] : kSomeServers});
     }
 }
 

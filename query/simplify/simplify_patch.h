@@ -45,8 +45,8 @@ inline constexpr std::size_t kSimplifyBytesPerTriangle = 600;
 CollapseLimits simplify_limits(double distance);
 
 /// No edge becomes folded more than before by more than 120 degrees; the topology stays. REQUIRES:
-/// the fine triangles that have servers are within the limit of these, and those of the fine ones by
-/// their displacements. Thread-safe.
+/// the fine triangles that have servers are within the limit of these, and those of the fine ones
+/// by their displacements. Thread-safe.
 SimplifiedPatch simplify_patch(const Patch& patch, const CollapseLimits& limits);
 
 }  // namespace isonest::detail

@@ -26,8 +26,8 @@ class FanOverlay {
     /// Looks where old and new triangles cross. False: rounding hides it. REQUIRES: look_at() was
     /// true.
     [[nodiscard]] bool crosses();
-    /// That of new triangle j, from those of the old ones at [0] to [n - 1]. REQUIRES: crosses() was
-    /// true.
+    /// That of new triangle j, from those of the old ones at [0] to [n - 1]. REQUIRES: crosses()
+    /// was true.
     [[nodiscard]] Displacement displacement(std::size_t j,
                                             std::span<const Displacement* const> before) const;
 

@@ -41,7 +41,7 @@ std::span<const std::uint32_t> ServerLists::servers_of(std::uint32_t fine) const
         return {};
     }
     return only_[fine] == kSomeServers ? std::span<const std::uint32_t>(several_.at(fine))
-                                   : std::span(&only_[fine], 1);
+                                       : std::span(&only_[fine], 1);
 }
 
 bool ServerLists::is_changed(std::uint32_t triangle) const {

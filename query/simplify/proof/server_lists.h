@@ -73,7 +73,8 @@ class ServerLists {
     const Patch& patch_;
     double limit_;
     double square_limit_;
-    std::vector<std::uint32_t> only_;  ///< of each fine triangle: its server, kNoServer or kSomeServers
+    std::vector<std::uint32_t>
+        only_;  ///< of each fine triangle: its server, kNoServer or kSomeServers
     tsl::robin_map<std::uint32_t, std::vector<std::uint32_t>> several_;
     /// Of each triangle of the patch; the one that kept it from being replaced last comes first.
     std::vector<std::vector<std::uint32_t>> served_;
