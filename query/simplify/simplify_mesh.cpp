@@ -302,29 +302,6 @@ Simplified MeshSimplifier::within(const Simplified& from, double limit) {
     return {run, run->mesh.count(), run->bound, limit};
 }
 
-Simplified MeshSimplifier::down_to(const Simplified& from, std::uint64_t triangles, double first,
-                                   double most) {
-    Simplified found = from;
-    constexpr double kFactor = 2;
-    for (double limit = std::min(first, most); found.triangles > triangles;
-         limit = std::min(limit * kFactor, most)) {
-        GoneTriangles gone;
-        const CollapseLimits limits = simplify_limits(limit);
-        std::shared_ptr<const Run> run = pass(*found.run, limits, true, &gone);
-        const bool is_enough = run->mesh.count() <= triangles;
-        if (is_enough) {
-            // Again, up to the estimate at which there are just few enough.
-            run = pass(*found.run, up_to(limits, gone, found.triangles, triangles), true);
-        }
-        const bool is_last = limit >= most && run->mesh.count() >= found.triangles;
-        found = {run, run->mesh.count(), run->bound, limit};
-        if (is_enough || is_last) {
-            break;
-        }
-    }
-    return found;
-}
-
 ScratchFile MeshSimplifier::corners(const Simplified& of) const {
     ScratchFile file(folder_);
     file.map(of.triangles * sizeof(ElementCorners));

@@ -46,10 +46,6 @@ class MeshSimplifier {
     [[nodiscard]] Simplified full() const;
     /// `limit`: world units, > 0 and at least that within which `from` is.
     Simplified within(const Simplified& from, double limit);
-    /// In one run, by limits that rise from `first` to at most `most` (world units), until no more
-    /// than `triangles` are left; nearly as many, if there were more. The bound says how far that
-    /// is. More are left if there are more within `most`.
-    Simplified down_to(const Simplified& from, std::uint64_t triangles, double first, double most);
     /// An array of ElementCorners.
     [[nodiscard]] ScratchFile corners(const Simplified& of) const;
     /// Bytes of temporary files at a time, at most, while one result is made from another.

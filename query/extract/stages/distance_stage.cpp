@@ -3,6 +3,7 @@
 #include "query/extract/stages/distance_limits.h"
 #include "query/extract/stages/stage_memory.h"
 #include "query/simplify/simplify_mesh.h"
+#include "query/simplify/triangle_budget.h"
 
 namespace isonest::detail {
 namespace {
@@ -26,8 +27,8 @@ Simplified simplified(const StoreReader& store, const ExtractQuery& query,
     if (!most) {
         return simplifier.within(simplifier.full(), limit);
     }
-    Simplified result =
-        simplifier.down_to(simplifier.full(), *most, first_budget_limit(query), limit);
+    const Simplified result =
+        within_budget(simplifier, *most, first_budget_limit(query), limit).mesh;
     if (result.triangles > *most && any_distance(store, query)) {
         const ScratchFile corners = simplifier.corners(result);
         refuse_budget(

@@ -1,0 +1,70 @@
+#include "query/simplify/triangle_budget.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+namespace isonest::detail {
+namespace {
+
+/// A mesh with this share of the triangles asked for is near enough.
+constexpr double kNearlyAll = 0.9;
+constexpr double kAim = 0.96;
+constexpr int kMostTries = 4;  ///< after the first limit that is large enough
+/// A guess stays so far from both ends, in shares of what lies between them.
+constexpr double kInside = 0.1;
+
+/// The limit that leaves `aim` triangles, of which limits `a` and `b` leave more and fewer.
+double between(double a, double at_a, double b, double at_b, double aim) {
+    const double share = std::log(at_a / aim) / std::log(at_a / at_b);
+    return a * std::pow(b / a, std::clamp(share, kInside, 1 - kInside));
+}
+
+}  // namespace
+
+BudgetResult within_budget(MeshSimplifier& simplifier, std::uint64_t triangles, double first,
+                           double most) {
+    BudgetResult below{simplifier.full(), 0, false};
+    if (below.mesh.triangles <= triangles) {
+        below.is_met = true;
+        return below;
+    }
+    std::optional<BudgetResult> enough;
+    const auto asked = static_cast<double>(triangles);
+    const auto is_near = [&](const BudgetResult& r) {
+        return static_cast<double>(r.mesh.triangles) >= kNearlyAll * asked;
+    };
+    // From limits that leave too many to one that does not.
+    for (double limit = std::min(first, most); !enough;) {
+        BudgetResult next{simplifier.within(below.mesh, limit), limit, false};
+        if (next.mesh.triangles <= triangles) {
+            next.is_met = true;
+            enough = next;
+            break;
+        }
+        const bool is_last = limit >= most;
+        // The surface of most scans has triangles in inverse proportion to the distance, or more.
+        const double factor =
+            std::clamp(static_cast<double>(next.mesh.triangles) / asked, 1.25, 4.0);
+        below = next;
+        if (is_last) {
+            return below;
+        }
+        limit = std::min(limit * factor, most);
+    }
+    // Between the two, as if the triangles went with a power of the distance.
+    for (int i = 0; i < kMostTries && !is_near(*enough); ++i) {
+        const double low = std::max(below.limit, first / 16);
+        const double limit = between(low, static_cast<double>(below.mesh.triangles), enough->limit,
+                                     static_cast<double>(enough->mesh.triangles), kAim * asked);
+        if (!(limit > low) || !(limit < enough->limit)) {
+            break;
+        }
+        BudgetResult next{simplifier.within(below.mesh, limit), limit, false};
+        next.is_met = next.mesh.triangles <= triangles;
+        (next.is_met ? *enough : below) = next;
+    }
+    return *enough;
+}
+
+}  // namespace isonest::detail
