@@ -61,7 +61,6 @@ struct Outcome {
     std::vector<Attached> attached;
     std::vector<Split> splits;
     double largest = 0;
-    GoneTriangles gone_at;
 };
 
 }  // namespace
@@ -86,7 +85,6 @@ struct MeshSimplifier::Block {
 Outcome MeshSimplifier::Block::outcome(SimplifiedPatch&& simplified, const BlockGrid& next) const {
     Outcome outcome;
     outcome.largest = simplified.largest;
-    outcome.gone_at = std::move(simplified.gone_at);
     for (std::size_t i = 0; i < simplified.triangles.size(); ++i) {
         const ElementCorners corners = global(simplified.triangles[i]);
         outcome.mesh.push_back(
@@ -250,8 +248,8 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
 }
 
 std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from,
-                                                          const CollapseLimits& limits, bool afresh,
-                                                          GoneTriangles* gone) {
+                                                          const CollapseLimits& limits,
+                                                          bool afresh) {
     const BlockGrid& grid = *grids_[static_cast<std::size_t>(from.third)];
     auto next = std::make_shared<Run>(folder_);
     next->third = (from.third + 1) % kBlockShifts;
@@ -279,9 +277,6 @@ std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from,
                 next->add(split, after);
             }
             next->bound = std::max(next->bound, outcome.largest);
-            if (gone != nullptr) {
-                add_gone(*gone, outcome.gone_at);
-            }
         });
     for (const Split& split : from.splits.all()) {
         next->add(split, after);

@@ -55,8 +55,7 @@ class MeshSimplifier {
     friend struct Simplified;
     struct Run;
     struct Block;
-    std::shared_ptr<Run> pass(const Run& from, const CollapseLimits& limits, bool afresh,
-                              GoneTriangles* gone = nullptr);
+    std::shared_ptr<Run> pass(const Run& from, const CollapseLimits& limits, bool afresh);
     [[nodiscard]] Block load(const Run& run, const Valences& valences, std::uint32_t block,
                              bool afresh) const;
     template <class Visit>

@@ -36,7 +36,7 @@ class PatchSimplifier {
     }
 
     SimplifiedPatch run() {
-        GoneTriangles gone = collapse_stars(
+        collapse_stars(
             *queue_, *collapse_, waiting_vertices(patch_.triangles, patch_.tried, locked_), locked_,
             [this](const EdgeQueue::Edge& edge) {
                 return stays_near(edge.from, edge.to) ? 0 : kNever;
@@ -46,9 +46,7 @@ class PatchSimplifier {
                 mapping_.take(*collapse_);
                 collapse_->take();
             });
-        SimplifiedPatch simplified = result();
-        simplified.gone_at = std::move(gone);
-        return simplified;
+        return result();
     }
 
   private:

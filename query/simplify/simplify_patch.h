@@ -28,8 +28,7 @@ struct SimplifiedPatch {
     /// that has none in the patch.
     std::vector<std::uint32_t> first_server;  ///< one more than there are fine triangles
     std::vector<std::uint32_t> servers;
-    double largest = 0;     ///< distance that was met; at most the limit
-    GoneTriangles gone_at;  ///< triangles that went
+    double largest = 0;  ///< distance that was met; at most the limit
 
     [[nodiscard]] std::span<const std::uint32_t> servers_of(std::size_t fine) const {
         return std::span(servers).subspan(first_server[fine],
