@@ -46,6 +46,12 @@ struct CollapseLimits {
 inline constexpr std::uint32_t kNoServer = std::numeric_limits<std::uint32_t>::max();
 inline constexpr std::uint32_t kSomeServers = kNoServer - 1;
 
+/// `furthest`: of which the quadrics may estimate, in distances.
+inline CollapseLimits limits_of(double distance, double furthest) {
+    const double estimate = furthest * distance;
+    return {distance, static_cast<float>(estimate * estimate)};
+}
+
 /// Vertices are places in `positions`; all triangles are oriented alike.
 struct Patch {
     std::vector<std::array<float, 3>> positions;  ///< world coordinates

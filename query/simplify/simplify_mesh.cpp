@@ -15,7 +15,6 @@
 namespace isonest::detail {
 namespace {
 
-/// Fine triangles in a block.
 /// Full triangles in a block.
 constexpr std::uint32_t kMostFineInBlock = 1U << 15U;
 constexpr int kPassesWithin = 3;
@@ -79,10 +78,11 @@ struct MeshSimplifier::Block {
         return {v[t[0]], v[t[1]], v[t[2]]};
     }
     /// `next`: the blocks of the next pass.
-    [[nodiscard]] Outcome outcome(SimplifiedPatch&& simplified, const BlockGrid& next) const;
+    [[nodiscard]] Outcome outcome(const SimplifiedPatch& simplified, const BlockGrid& next) const;
 };
 
-Outcome MeshSimplifier::Block::outcome(SimplifiedPatch&& simplified, const BlockGrid& next) const {
+Outcome MeshSimplifier::Block::outcome(const SimplifiedPatch& simplified,
+                                       const BlockGrid& next) const {
     Outcome outcome;
     outcome.largest = simplified.largest;
     for (std::size_t i = 0; i < simplified.triangles.size(); ++i) {

@@ -16,7 +16,6 @@
 #include "query/mesh/scratch_mesh.h"
 #include "query/simplify/block_grid.h"
 #include "query/simplify/block_patch.h"
-#include "query/simplify/collapse/collapse_stars.h"
 #include "query/simplify/patch.h"
 
 namespace isonest::detail {
@@ -77,7 +76,7 @@ struct Simplified {
     std::shared_ptr<const MeshSimplifier::Run> run;
     std::uint64_t triangles = 0;
     double bound = 0;  ///< the largest distance that was met, at most the limit
-    double limit = 0;  ///< within which it was simplified
+    double limit = 0;  ///< within which it was simplified; 0: the full mesh
 };
 
 }  // namespace isonest::detail

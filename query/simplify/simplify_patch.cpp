@@ -5,6 +5,7 @@
 #include <limits>
 #include <optional>
 
+#include "query/simplify/collapse/collapse_stars.h"
 #include "query/simplify/mapping/star_mapping.h"
 #include "query/simplify/proof/projected_cover.h"
 #include "query/simplify/proof/server_lists.h"
@@ -64,8 +65,7 @@ class PatchSimplifier {
             simplified.displacements.push_back(displacements_[i]);
             simplified.largest = std::max(simplified.largest, displacements_[i].bound());
             simplified.kept.push_back(patch_.stay[i] == Stay::forever);
-            simplified.tried.push_back(
-                std::none_of(t.begin(), t.end(), [&](std::uint32_t v) { return locked_[v]; }));
+            simplified.tried.push_back(is_free(t, locked_));
         }
         auto& servers = simplified.servers;
         for (std::uint32_t i = 0; i < patch_.fine.size(); ++i) {
@@ -116,8 +116,7 @@ class PatchSimplifier {
     }
 
     bool stays_near(std::uint32_t from, std::uint32_t to) {
-        if (!collapse_->look(from, to) || !collapse_->has_no_new_fold(kMeasuredFold) ||
-            !collapse_->turns_little()) {
+        if (!may_be_measured(*collapse_, from, to)) {
             return false;
         }
         const Star& star = collapse_->star();
@@ -139,10 +138,9 @@ class PatchSimplifier {
     /// measured.
     bool are_near() {
         const bool is_mapped = mapping_.look(*collapse_);
-        const std::size_t corners = collapse_->star().corners;
         measured_.clear();
-        for (std::size_t j = 1; j + 1 < corners; ++j) {
-            if (!is_mapped || !(mapping_.map(j, corners) <= limit_)) {
+        for (std::size_t j = 1; j + 1 < collapse_->star().corners; ++j) {
+            if (!is_mapped || !(mapping_.map(j) <= limit_)) {
                 measured_.push_back(j);
             }
         }
@@ -195,8 +193,7 @@ class PatchSimplifier {
 }  // namespace
 
 CollapseLimits simplify_limits(double distance) {
-    const double estimate = kFurthestMeasured * distance;
-    return {distance, static_cast<float>(estimate * estimate)};
+    return limits_of(distance, kFurthestMeasured);
 }
 
 SimplifiedPatch simplify_patch(const Patch& patch, const CollapseLimits& limits) {

@@ -14,7 +14,6 @@
 #include <span>
 #include <vector>
 
-#include "query/simplify/collapse/collapse_stars.h"
 #include "query/simplify/patch.h"
 
 namespace isonest::detail {

@@ -22,32 +22,29 @@ double between(double a, double at_a, double b, double at_b, double aim) {
 
 }  // namespace
 
-BudgetResult within_budget(MeshSimplifier& simplifier, std::uint64_t triangles, double first,
-                           double most) {
-    BudgetResult below{simplifier.full(), 0, false};
-    if (below.mesh.triangles <= triangles) {
-        below.is_met = true;
+Simplified within_budget(MeshSimplifier& simplifier, std::uint64_t triangles, double first,
+                         double most) {
+    Simplified below = simplifier.full();
+    const auto is_met = [&](const Simplified& s) { return s.triangles <= triangles; };
+    if (is_met(below)) {
         return below;
     }
-    std::optional<BudgetResult> enough;
+    std::optional<Simplified> enough;
     const auto asked = static_cast<double>(triangles);
-    const auto is_near = [&](const BudgetResult& r) {
-        return static_cast<double>(r.mesh.triangles) >= kNearlyAll * asked;
+    const auto is_near = [&](const Simplified& s) {
+        return static_cast<double>(s.triangles) >= kNearlyAll * asked;
     };
     // From limits that leave too many to one that does not.
     for (double limit = std::min(first, most); !enough;) {
-        BudgetResult next{simplifier.within(below.mesh, limit), limit, false};
-        if (next.mesh.triangles <= triangles) {
-            next.is_met = true;
+        const Simplified next = simplifier.within(below, limit);
+        if (is_met(next)) {
             enough = next;
             break;
         }
-        const bool is_last = limit >= most;
         // The surface of most scans has triangles in inverse proportion to the distance, or more.
-        const double factor =
-            std::clamp(static_cast<double>(next.mesh.triangles) / asked, 1.25, 4.0);
+        const double factor = std::clamp(static_cast<double>(next.triangles) / asked, 1.25, 4.0);
         below = next;
-        if (is_last) {
+        if (limit >= most) {
             return below;
         }
         limit = std::min(limit * factor, most);
@@ -55,14 +52,13 @@ BudgetResult within_budget(MeshSimplifier& simplifier, std::uint64_t triangles, 
     // Between the two, as if the triangles went with a power of the distance.
     for (int i = 0; i < kMostTries && !is_near(*enough); ++i) {
         const double low = std::max(below.limit, first / 16);
-        const double limit = between(low, static_cast<double>(below.mesh.triangles), enough->limit,
-                                     static_cast<double>(enough->mesh.triangles), kAim * asked);
+        const double limit = between(low, static_cast<double>(below.triangles), enough->limit,
+                                     static_cast<double>(enough->triangles), kAim * asked);
         if (!(limit > low) || !(limit < enough->limit)) {
             break;
         }
-        BudgetResult next{simplifier.within(below.mesh, limit), limit, false};
-        next.is_met = next.mesh.triangles <= triangles;
-        (next.is_met ? *enough : below) = next;
+        const Simplified next = simplifier.within(below, limit);
+        (is_met(next) ? *enough : below) = next;
     }
     return *enough;
 }

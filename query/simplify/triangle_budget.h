@@ -7,18 +7,12 @@
 
 namespace isonest::detail {
 
-struct BudgetResult {
-    Simplified mesh;
-    double limit = 0;     ///< within which it is; 0: the full mesh
-    bool is_met = false;  ///< whether it has at most the triangles asked for
-};
-
 /// Looks for the smallest limit, from about `first` up to `most` (world units), at which the mesh
 /// has at most `triangles`, and stops when it has nearly as many. Counts do not always fall with
 /// the limit: it is the smallest of those that were tried. The same result for any number of
-/// threads. Not met: the mesh within `most`, or where a larger limit leaves no fewer. Throws what
+/// threads. With more triangles than asked for: the mesh within `most`. Throws what
 /// the simplifier throws.
-BudgetResult within_budget(MeshSimplifier& simplifier, std::uint64_t triangles, double first,
-                           double most);
+Simplified within_budget(MeshSimplifier& simplifier, std::uint64_t triangles, double first,
+                         double most);
 
 }  // namespace isonest::detail

@@ -27,8 +27,7 @@ Simplified simplified(const StoreReader& store, const ExtractQuery& query,
     if (!most) {
         return simplifier.within(simplifier.full(), limit);
     }
-    const Simplified result =
-        within_budget(simplifier, *most, first_budget_limit(query), limit).mesh;
+    const Simplified result = within_budget(simplifier, *most, first_budget_limit(query), limit);
     if (result.triangles > *most && any_distance(store, query)) {
         const ScratchFile corners = simplifier.corners(result);
         refuse_budget(

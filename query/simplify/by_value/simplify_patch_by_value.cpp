@@ -35,8 +35,7 @@ class Simplifier {
             if (!mesh_.is_gone(i)) {
                 const PatchTriangle t = mesh_.corners(i);
                 result.triangles.push_back(from_smallest(t));
-                result.tried.push_back(
-                    std::none_of(t.begin(), t.end(), [&](std::uint32_t v) { return locked_[v]; }));
+                result.tried.push_back(is_free(t, locked_));
             }
         }
         return result;
@@ -55,8 +54,7 @@ class Simplifier {
         return true;
     }
     bool fits(std::uint32_t from, std::uint32_t to) {
-        if (!collapse_.look(from, to) || !collapse_.has_no_new_fold(kMeasuredFold) ||
-            !collapse_.turns_little()) {
+        if (!may_be_measured(collapse_, from, to)) {
             return false;
         }
         met_ = 0;

@@ -33,11 +33,6 @@ constexpr int kPasses = 3;
 /// Edges of which the quadrics estimate that they are further off, in limits, are not tried.
 constexpr double kFurthest = 1.5;
 
-CollapseLimits limits_of(double distance) {
-    const double estimate = kFurthest * distance;
-    return {distance, static_cast<float>(estimate * estimate)};
-}
-
 /// Gives the patch all but what is known of its triangles. `is_shared(vertex, triangles here)`.
 template <class Corners, class IsShared>
 void number(const ScratchMesh& mesh, const PatchBox& box, std::size_t count,
@@ -123,7 +118,7 @@ MappedBlock MeshMapper::map(std::span<const ElementCorners> triangles,
         [&](std::uint64_t v, std::uint32_t /*here*/) { return is_shared(v); }, block);
     block.patch.displacements.resize(triangles.size());
     block.patch.tried.resize(triangles.size());
-    block.gone_at = map_patch(block.patch, limits_of(limit));
+    block.gone_at = map_patch(block.patch, limits_of(limit, kFurthest));
     return block;
 }
 
@@ -235,7 +230,7 @@ std::shared_ptr<MeshMapper::Run> MeshMapper::pass(const Run& from, const Collaps
 Mapped MeshMapper::within(const Mapped& from, double limit) {
     std::shared_ptr<const Run> run = from.run;
     for (int i = 0; i < kPasses; ++i) {
-        run = pass(*run, limits_of(limit), i == 0 && from.limit != limit);
+        run = pass(*run, limits_of(limit, kFurthest), i == 0 && from.limit != limit);
     }
     return {run, run->count(), run->bound, limit};
 }
@@ -246,7 +241,7 @@ Mapped MeshMapper::down_to(const Mapped& from, std::uint64_t triangles, double f
     for (double limit = std::min(first, most); mapped.triangles > triangles;
          limit = std::min(limit * kFactor, most)) {
         GoneTriangles gone;
-        const CollapseLimits limits = limits_of(limit);
+        const CollapseLimits limits = limits_of(limit, kFurthest);
         std::shared_ptr<const Run> run = pass(*mapped.run, limits, true, &gone);
         const bool is_enough = run->count() <= triangles;
         if (is_enough) {

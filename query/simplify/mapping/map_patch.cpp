@@ -44,10 +44,9 @@ class PatchMapper {
             !collapse_.has_no_new_fold(kFold) || !mapping_.look(collapse_)) {
             return kNever;
         }
-        const std::size_t corners = collapse_.star().corners;
         double largest = 0;
-        for (std::size_t j = 1; j + 1 < corners; ++j) {
-            largest = std::max(largest, mapping_.map(j, corners));
+        for (std::size_t j = 1; j + 1 < collapse_.star().corners; ++j) {
+            largest = std::max(largest, mapping_.map(j));
             if (!(largest <= limit_)) {
                 return kNever;
             }
@@ -63,8 +62,7 @@ class PatchMapper {
                 const PatchTriangle c = mesh_.corners(t);
                 patch_.triangles[left] = from_smallest(c);
                 patch_.displacements[left] = patch_.displacements[t];
-                patch_.tried[left] =
-                    std::none_of(c.begin(), c.end(), [&](std::uint32_t v) { return locked_[v]; });
+                patch_.tried[left] = is_free(c, locked_);
                 ++left;
             }
         }

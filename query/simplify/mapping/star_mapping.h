@@ -24,14 +24,15 @@ class StarMapping {
         if (!overlay_.look_at(star) || !overlay_.crosses()) {
             return false;
         }
-        for (std::size_t i = 0; i < star.corners; ++i) {
+        corners_ = star.corners;
+        for (std::size_t i = 0; i < corners_; ++i) {
             before_[i] = i == star.missing ? nullptr : &displacements_[collapse.triangle(i)];
         }
         return true;
     }
     /// Finds the displacement of new triangle j: its bound. REQUIRES: look() was true.
-    double map(std::size_t j, std::size_t corners) {
-        after_[j] = overlay_.displacement(j, {before_.data(), corners});
+    double map(std::size_t j) {
+        after_[j] = overlay_.displacement(j, {before_.data(), corners_});
         return after_[j].bound();
     }
     /// New triangle j is no further than this from the full surface: measured, not mapped.
@@ -50,6 +51,7 @@ class StarMapping {
     std::vector<Displacement>& displacements_;
     FanOverlay overlay_;
     std::array<const Displacement*, Star::kMostCorners> before_{};
+    std::size_t corners_ = 0;  ///< of the star that was looked at
     std::array<Displacement, Star::kMostCorners> after_{};
 };
 

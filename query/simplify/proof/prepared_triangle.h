@@ -1,4 +1,5 @@
-// The distance of many points from one triangle.
+// The distance of many points from one triangle: where the nearest point lies inside, from its
+// plane; else as in query/simplify/proof/point_triangle.h, whose source holds here, too.
 #pragma once
 
 #include <algorithm>
