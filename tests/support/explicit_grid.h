@@ -118,7 +118,7 @@ class ExplicitGrid {
         }
     }
 
-    const Lattice& lattice_;
+    Lattice lattice_;
     std::function<bool(const Int3&, int)> wanted_;
     std::set<Key> split_;
     std::vector<Element<D>> leaves_;
