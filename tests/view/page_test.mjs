@@ -120,7 +120,7 @@ test("the slider changes the mesh, and every number on it is the server's", asyn
 for (const [aim, fragment, exact] of [
   ["full resolution", "target=full", true],
   ["an error", "target=error&error=0.02", false],
-  ["the screen's pixels", "target=screen&pixels=24", false],
+  ["less than the screen's pixels", "target=screen&pixels=1", false],
 ]) {
   test(`at rest the surface is refined to ${aim}: as many triangles as isonest extract makes`, async () => {
     await onPage(`iso=0.5&moving=1000&${fragment}`, async (page) => {
@@ -137,13 +137,30 @@ for (const [aim, fragment, exact] of [
   });
 }
 
-test("the camera decides how fine the surface is at rest", async () => {
-  await onPage("iso=0.5&pixels=48&moving=1000", async (page) => {
-    const far = (await header(page)).triangles;
-    assert.equal((await header(page)).stop, "camera");
-    for (let i = 0; i < 8; ++i) await page.keyboard.press("+");
+test("the camera decides how fine the surface is at rest: within a distance that is not seen, or from near by pixels", async () => {
+  await onPage("iso=0.5&pixels=12&moving=1000", async (page) => {
+    const far = await header(page);
+    assert.equal(far.stop, "distance");
+    const { eye } = await state(page);
+    const { box } = await (await fetch(new URL("api/store", server.url))).json();
+    const away = Math.hypot(...[0, 1, 2].map((i) => Math.max(box[i] - eye[i], 0, eye[i] - box[i + 3])));
+    const pixel = (2 * away * Math.tan(Math.PI / 12)) / (await page.$eval("#canvas", (canvas) => canvas.height));
+    assert.ok(far.distance_bound <= 6 * pixel && far.tolerance > 4 * pixel, `${far.tolerance} of ${pixel}`);
+    const told = await page.$eval("#surface-bound", (element) => element.textContent);
+    assert.ok(Number(/^Within ([0-9.e-]+) µm of the surface at full resolution$/.exec(told)[1]) >= far.distance_bound, told);
+    await page.keyboard.press("ArrowRight");
     await idle(page);
-    assert.ok((await header(page)).triangles > far, "nearer, but not finer");
+    assert.deepEqual(await header(page), far, "turned a little, another mesh was made");
+    for (let i = 0; i < 6; ++i) await page.keyboard.press("+");
+    await idle(page);
+    const near = await header(page);
+    assert.ok(near.triangles > far.triangles, "nearer, but not finer");
+    for (let i = 0; i < 14; ++i) await page.keyboard.press("+");
+    await idle(page);
+    assert.equal((await header(page)).stop, "camera");
+    for (let i = 0; i < 20; ++i) await page.keyboard.press("-");
+    await idle(page);
+    assert.equal((await header(page)).stop, "distance");
   });
 });
 
@@ -258,7 +275,7 @@ test("two points measure the distance between them", async () => {
 });
 
 test("the mesh that is saved is the one of the command that is printed, byte by byte", async () => {
-  for (const [fragment, format] of [["target=error&error=0.03", "ply"], ["target=full&box=10,10,10,50,50,50", "stl"], ["target=screen&pixels=8", "obj"]]) {
+  for (const [fragment, format] of [["target=error&error=0.03", "ply"], ["target=full&box=10,10,10,50,50,50", "stl"], ["target=screen&pixels=8", "obj"], ["target=screen&pixels=1", "ply"]]) {
     await onPage(`iso=0.6&${fragment}`, async (page) => {
       const mesh = join(folder.path, `command.${format}`);
       await run(program, ...(await commandOf(page, mesh)));

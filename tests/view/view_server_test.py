@@ -221,6 +221,19 @@ class Answers(unittest.TestCase):
                                      mesh["value_rounding"] * 1.001 + 1e-7)
                 self.assertEqual(mesh["faces"].max() + 1, mesh["vertices"])
 
+    def test_the_fast_effort_leaves_more_triangles_within_the_same_distance(self):
+        best, fast = (self.view.mesh("/api/surface", iso=0.5, distance=0.5, effort=effort) for effort in ("best", "fast"))
+        self.assertLess(best["triangles"], fast["triangles"])
+        self.assertLessEqual(fast["distance_bound"], 0.5)
+        _, answer = self.view.json("/api/command", iso=0.5, distance=0.5, effort="fast")
+        self.assertIn(" --distance 0.5 --effort fast ", answer["command"])
+
+    def test_a_distance_that_needs_too_many_triangles_gives_way_to_an_error(self):
+        mesh = self.view.mesh("/api/surface", iso=0.5, distance=0.01, limit=2000)
+        self.assertEqual(mesh["stop"], "error")
+        self.assertLessEqual(mesh["triangles"], 2000)
+        self.assertGreater(mesh["error_bound"], 0)
+
     def test_a_distance_is_kept_with_positions_rounded(self):
         mesh = self.view.mesh("/api/surface", iso=0.5, distance=0.5)
         full = self.view.mesh("/api/surface", iso=0.5, error=0)
@@ -293,6 +306,8 @@ class Answers(unittest.TestCase):
                  ("/api/surface", {"iso": 1, "triangles": 10 ** 30}, "triangles"),
                  ("/api/surface", {"iso": 1, "triangles": 500, "error": 1}, "one of"),
                  ("/api/surface", {"iso": 1, "wrong": 1}, "wrong"),
+                 ("/api/surface", {"iso": 1, "distance": 1, "effort": "quick"}, "effort"),
+                 ("/api/surface", {"iso": 1, "error": 1, "effort": "fast"}, "effort"),
                  ("/api/surface", {"iso": 1, "box": "1,2,3"}, "box"),
                  ("/api/surface", {"iso": 1, "box": "5,5,5,1,1,1"}, "box"),
                  ("/api/surface", {"iso": 1, "camera": "0,0,0,180,100,1"}, "camera"),

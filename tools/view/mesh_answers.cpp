@@ -89,7 +89,8 @@ ExtractReport MeshAnswers::extract_to(MeshSink& sink, const MeshRequest& request
     }
     const auto* const distance = std::get_if<DistanceBound>(&request.stop);
     SurfaceQuery query = surface_query(
-        request, distance != nullptr ? SurfaceStop(DistanceBound{distance->value - rounding})
+        request, distance != nullptr ? SurfaceStop(DistanceBound{distance->value - rounding, false,
+                                                                 distance->effort})
                                      : SurfaceStop(std::get<ErrorBound>(request.stop)));
     query.attributes.normals = true;
     if (const auto* const label = std::get_if<LabelChoice>(&request.what)) {
@@ -154,7 +155,7 @@ HttpAnswer MeshAnswers::within_stop(const MeshRequest& request, Progress& progre
         const ExtractReport report = extract_to(mesh, request, rounding_within(request), progress);
         return as_answer(mesh, request, report);
     } catch (const TooManyTriangles& e) {
-        if (request.limit && std::holds_alternative<ErrorBound>(request.stop)) {
+        if (request.limit && !std::holds_alternative<LabelChoice>(request.what)) {
             return within_triangles(request, *request.limit, kPatience, progress);
         }
         throw Error(ErrorKind::limit, {store_.path().string()},

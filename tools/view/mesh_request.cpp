@@ -59,6 +59,14 @@ std::variant<double, LabelChoice, WorldPlane> parse_what(RequestTarget& target, 
     return *iso;
 }
 
+Effort parse_effort(RequestTarget& target) {
+    const std::string effort = target.text("effort").value_or("best");
+    if (effort != "best" && effort != "fast") {
+        fail(fmt::format("effort '{}': give best or fast", effort));
+    }
+    return effort == "fast" ? Effort::fast : Effort::best;
+}
+
 std::variant<AtMostTriangles, ErrorBound, DistanceBound> parse_stop(RequestTarget& target,
                                                                     bool is_slice) {
     const auto triangles = target.integer("triangles", kLeastTriangles, kMostTriangles);
@@ -72,7 +80,7 @@ std::variant<AtMostTriangles, ErrorBound, DistanceBound> parse_stop(RequestTarge
         return AtMostTriangles{static_cast<std::uint64_t>(*triangles)};
     }
     if (distance) {
-        return DistanceBound{*distance};
+        return DistanceBound{*distance, false, parse_effort(target)};
     }
     return ErrorBound{error.value_or(0)};
 }
@@ -166,7 +174,8 @@ std::string command_line(const MeshRequest& request, const Store& store,
         error != nullptr && error->value > 0) {
         line += fmt::format(" --error {}", error->value);
     } else if (const auto* const distance = std::get_if<DistanceBound>(&request.stop)) {
-        line += fmt::format(" --distance {}", distance->value);
+        line += fmt::format(" --distance {}{}", distance->value,
+                            distance->effort == Effort::fast ? " --effort fast" : "");
     }
     if (const std::optional<Camera>& c = request.camera) {
         line += fmt::format(" --camera={} --fov {} --height {} --pixels {}",

@@ -16,6 +16,11 @@ export function lengthOf(a: Vector, b: Vector): number {
   return Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 }
 
+/** From a place to the nearest point of the box: 0 from within. */
+export function lengthToBox(from: Vector, box: Box): number {
+  return Math.hypot(...([0, 1, 2] as const).map((i) => Math.max(box[i] - from[i], 0, from[i] - box[i + 3]!)));
+}
+
 /** The slice's unit normal: an axis of the data, or the oblique one's. */
 export function normalOf(name: SliceName, state: ViewState, store: StoreInfo): Vector {
   if (name !== "o") return store.direction[name === "x" ? 0 : name === "y" ? 1 : 2];

@@ -11,6 +11,10 @@ import type { Key, ViewState, ViewStore } from "./state";
 const kMoves: readonly Key[] = ["surface", "iso", "box", "largest", "moving", "most"];
 const kLooks: readonly Key[] = ["target", "pixels", "error", "distance", "triangles"];
 const kFirstSteps = 10; // times the triangles while moving
+/** Simplified meshes come from the whole surface at full resolution: of larger volumes that takes too long at rest. */
+const kMostSimplified = 2 ** 28; // nodes
+/** Within less than that the surface hardly gets smaller. */
+const kLeastDistance = 0.25; // of two nodes next to each other
 
 export const kSurfaceId = 1;
 
@@ -69,10 +73,10 @@ export class Surface {
   asSeen(): Parameters | null {
     const { header } = this.drawn;
     if (!header) return null;
-    const { camera, iso, label, box, components } = this.asked;
+    const { camera, iso, label, box, components, effort } = this.asked;
     const same: Record<string, string | number> = {};
     for (const [name, value] of Object.entries({ iso, label, box, components })) if (value !== undefined) same[name] = value;
-    if (header.stop === "distance") return { ...same, distance: header.tolerance };
+    if (header.stop === "distance") return { ...same, distance: header.tolerance, ...(effort === undefined ? {} : { effort }) };
     if (header.stop === "camera" && camera !== undefined) return { ...same, camera };
     return { ...same, error: header.tolerance };
   }
@@ -95,6 +99,16 @@ export class Surface {
     return [...this.stage.seen, pixels].map((part) => Number(part.toPrecision(9))).join(",");
   }
 
+  /** A distance that nobody sees, if a mesh is made within one: half of `pixels` of the screen, as a camera's triangles are. */
+  private unseenDistance(): number | null {
+    const { store } = this;
+    const { pixels, box } = this.views.state;
+    const unseen = (pixels / 2) * this.stage.leastUnitsPerPixel(box ?? store.box);
+    const nodes = store.nodes.reduce((product, count) => product * count, 1);
+    if (!(unseen >= kLeastDistance * Math.min(...store.spacing)) || nodes > kMostSimplified) return null;
+    return 2 ** (Math.floor(2 * Math.log2(unseen)) / 2); // in steps, so that small moves change nothing
+  }
+
   private steps(): readonly Step[] {
     const state: ViewState = this.views.state;
     const { most: limit, pixels } = state;
@@ -105,11 +119,14 @@ export class Surface {
       aim: "with more triangles",
     };
     switch (state.target) {
-      case "screen":
+      case "screen": {
+        const distance = this.unseenDistance();
+        const within = distance === null ? { camera: this.camera(pixels) } : { distance, effort: "fast" };
         return [
           { parameters: { ...basis, camera: this.camera(4 * pixels), limit }, aim: `to ${4 * pixels} pixels` },
-          { parameters: { ...basis, camera: this.camera(pixels), limit }, aim: "to what the screen can show" },
+          { parameters: { ...basis, ...within, limit }, aim: "to what the screen can show" },
         ];
+      }
       case "full":
         return [first, { parameters: { ...basis, error: 0, limit }, aim: "to full resolution" }];
       case "error":
@@ -123,6 +140,10 @@ export class Surface {
 
   private enough(shown: MeshHeader): boolean {
     const { target, error } = this.views.state;
+    if (shown.stop === "distance" && target === "screen") {
+      const unseen = this.unseenDistance();
+      return unseen !== null && shown.tolerance <= unseen && shown.tolerance > unseen / 4;
+    }
     if (shown.full_resolution && target !== "distance") return true;
     return target === "error" && shown.error_bound !== null && shown.error_bound <= error && shown.tolerance >= error;
   }
