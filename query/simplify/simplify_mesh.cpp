@@ -127,7 +127,8 @@ struct MeshSimplifier::Run {
     /// `grid`: of the blocks of the next pass.
     void add(const Split& split, const BlockGrid& grid);
 
-    bool is_full = false;  ///< the mesh is the full surface: it is in `full` alone
+    /// The mesh is the full surface, or a sample of it: it is in `full` alone.
+    bool is_full = false;
     SortedByBlocks<MeshTriangle> mesh;
     SortedByBlocks<FineTriangle> full;
     BlockTriangles held;  ///< triangles of the mesh that stay in the next pass
@@ -202,8 +203,12 @@ void MeshSimplifier::finish(Run& run) {
 /// Of the mesh, and of the full surface where it is that.
 template <class Visit>
 void MeshSimplifier::each(const Run& run, const Visit& visit) const {
-    if (run.is_full) {
+    if (run.is_full && run.full.count() == triangles_.size()) {
         std::for_each(triangles_.begin(), triangles_.end(), visit);
+    } else if (run.is_full) {
+        for (const FineTriangle& t : run.full.all()) {
+            visit(triangles_[t.place]);
+        }
     }
     for (const MeshTriangle& t : run.mesh.all()) {
         visit(t.corners);
@@ -287,6 +292,26 @@ std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from,
 
 Simplified MeshSimplifier::full() const {
     return {full_, triangles_.size(), 0, 0};
+}
+
+Simplified MeshSimplifier::sample(std::uint64_t most) const {
+    const std::uint64_t stride = triangles_.size() / std::max<std::uint64_t>(most, 1);
+    if (stride < 2) {
+        return full();
+    }
+    auto run = std::make_shared<Run>(folder_);
+    run->is_full = true;
+    const std::uint32_t blocks = grids_.front()->blocks();
+    for (std::uint32_t block = 0; block < blocks; ++block) {
+        if (block % stride == stride / 2) {
+            run->full.append(full_->full.of(block));
+        }
+    }
+    run->full.sort(blocks);
+    run->mesh.sort(blocks);
+    run->held.sort(blocks);
+    run->splits.seal();
+    return {run, run->full.count(), 0, 0};
 }
 
 Simplified MeshSimplifier::within(const Simplified& from, double limit) {

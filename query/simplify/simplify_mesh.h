@@ -43,6 +43,10 @@ class MeshSimplifier {
     MeshSimplifier& operator=(const MeshSimplifier&) = delete;
 
     [[nodiscard]] Simplified full() const;
+    /// About `most` triangles of the full mesh, those of blocks from all over it, which stand for
+    /// all of it where a limit is looked for: borders between the blocks that are in and those that
+    /// are not count as borders of the mesh. All of it if it is not much larger than that.
+    [[nodiscard]] Simplified sample(std::uint64_t most) const;
     /// `limit`: world units, > 0 and at least that within which `from` is.
     Simplified within(const Simplified& from, double limit);
     /// An array of ElementCorners.

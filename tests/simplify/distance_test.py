@@ -244,6 +244,25 @@ def check_fast(what, full, mesh, done, most):
     require(after["folds_150"] <= 2 * before["folds_150"], f"{what}: {after['folds_150']} folds")
 
 
+def sampled_budget(folder):
+    """A number of triangles of a surface so large that a part of it is searched first."""
+    full, mesh = folder / "full.ply", folder / "mesh.ply"
+    meshes = set()
+    most = 40000
+    for threads, chunk in ((1, 16), (7, 32)):
+        store = store_of(folder, f"s{chunk}", waves((69, 68, 71), 1.1), "--chunk", chunk)
+        done = run("extract", store, "--iso", 0.2, "--triangles", most, "-o", mesh, "--json", "--threads", threads)
+        require(done.returncode == 0, done.stderr)
+        meshes.add(mesh.read_bytes())
+    report = json.loads(done.stdout)
+    require(report["full_triangles"] > 2**18, "too small for a sample")
+    require(0.9 * most <= report["triangles"] <= most, f"{report['triangles']} triangles of a sampled surface")
+    require(len(meshes) == 1, "threads or chunks change the bytes within a number of triangles")
+    assert run("extract", store, "--iso", 0.2, "--cells", "hex", "-o", full, "-q").returncode == 0
+    found = farthest(full, mesh, report["distance_bound"] + 1e-5, report["distance_bound"] / 50)
+    require(found <= report["distance_bound"] + 1e-5, f"sampled: {found} away, {report['distance_bound']} is said")
+
+
 def fast(folder):
     full, mesh = folder / "full.ply", folder / "mesh.ply"
     u = waves((33, 30, 36), 3.3)
@@ -360,6 +379,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-distance-") as name:
         check_nested(pathlib.Path(name), *volume)
     same_bytes(pathlib.Path(name))
     fast_bytes(pathlib.Path(name))
+    sampled_budget(pathlib.Path(name))
     fast(pathlib.Path(name))
 
 sys.exit(1 if failures else 0)
