@@ -1,6 +1,10 @@
 """The heap of every command stays within --memory, or the command says how much it needs at least.
 
-Usage: memory_test.py ISONEST PLUGIN_FOLDER [CHUNK...]     (chunk sizes: all commands on stores of these, and nothing else)
+Usage: memory_test.py ISONEST PLUGIN_FOLDER [inputs|CHUNK...]
+
+Without more, commands on stores of several chunk sizes: all of them on one, on the others those whose memory follows
+the chunk most. With chunk sizes: all commands, with every budget, on stores of these. inputs: what reads files of
+others, finds labels and draws pictures.
 
 For chunk sizes and budgets: either the peak of malloc'ed bytes (tools/bench/peak_heap.cpp) is at most
 --memory, or the exit code is 7 with a message that names the least memory; with that one it works,
@@ -32,7 +36,9 @@ HEAP = ISONEST.parent.parent / "tools" / "bench" / "libisonest_peak_heap.so"
 MIB = 1 << 20
 LIMIT = 7
 CHUNKS = [16, 64, 256]
-ALL = [int(chunk) for chunk in sys.argv[3:]]  # every command, with every budget
+COMMON = 64  # the size on which all commands are tried
+INPUTS = sys.argv[3:] == ["inputs"]
+ALL = [] if INPUTS else [int(chunk) for chunk in sys.argv[3:]]  # every command, with every budget
 BUDGETS = ["20M", "64M"]
 LARGEST = "4096x4096"
 SIDE = 560  # an eighth of its cube is 21 MiB
@@ -111,60 +117,65 @@ if not HEAP.exists() or run("info", "--help")[2] is None:
     print(f"{HEAP} is not there or cannot be preloaded (sanitizers?)")
     sys.exit(77)
 
-with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
-    folder = pathlib.Path(name)
-    volume, mesh = folder / "v.h5", folder / "m.ply"
-    assert run("make-volume", "noise", "--size", "131,100,120", "-o", volume)[0] == 0
-    thin = folder / "thin.h5"
-    assert run("make-volume", "noise", "--size", "1000,3,3", "-o", thin)[0] == 0
 
-    for chunk in ALL or CHUNKS:
-        store = folder / f"{chunk}.isonest"
-        check(["preprocess", volume, "-o", store, "--chunk", chunk, "--force"], ["48M"])
-        assert run("preprocess", volume, "-o", store, "--chunk", chunk, "--force", "--memory",
-                   "2G")[0] == 0
-        full = ["extract", store, "--iso", 0.5, "-o", mesh]
-        for command in [
-                full,
-                [*full, "--error-relative", 0.1, "--normals", "--vertex-error", "deviation_bar"],
-                [*full, "--normals", "--vertex-values", store],
-                [*full, "--close", "--normals", "--box", "1.5,2,3.25,120.5,90,100"],
-                [*full, "--close", "--error-relative", 0.1],
-                ["extract", store, "--iso", 0.5, "-o", folder / "m.3mf"],
-                ["slice", store, "--plane", "1,2,3,300", "-o", mesh, "--error-relative", 0.1],
-                ["slice", store, "--plane", "1,2,3,300", "-o", folder / "s.png", "--size",
-                 "1500x1500"],
-                ["export", store, "--field", "values", "-o", folder / "e.nrrd", "--force"],
-                ["export", store, "--field", "deviation_bar", "-o", folder / "e.h5", "--force"],
-                ["export", store, "--field", "lp:3", "-o", folder / "e.raw", "--force"],
-                ["smooth", store, "--steps", 1, "--tau", 1, "--lambda", 0.1, "-o", folder / "u.raw", "--force"],
-                ["info", store, "--histogram", "-o", folder / "h.svg"],
-                ["check", store]]:
-            check(command, BUDGETS)
-        for threads, command in itertools.product([1, 8], [full, ["check", store]]):
-            must_stay_within([*command, "--threads", threads], "200M")
-        # What takes seconds each: on one store, unless all is asked for.
-        for command in [
-                ["extract", store, "--iso", 0.1, "-o", mesh, "--error-relative", 0.03, "--simplify", "--box",
-                 "10,10,10,70,60,60"],
-                ["check", store, "--deep", "--source", volume],
-                ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar",
-                 "--iso", 0.5],
-                ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "lp:3_bar",
-                 "--norm", 3],
-                ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar",
-                 "--plane", "1,2,3,300"]] if ALL or chunk == 64 else []:
-            check(command, BUDGETS if ALL else BUDGETS[:1])
+
+def made_store(folder, name, *options):
+    """Of what make-volume makes of the options."""
+    volume, store = folder / f"{name}.h5", folder / f"{name}.isonest"
+    assert run("make-volume", *options, "-o", volume)[0] == 0
+    assert run("preprocess", volume, "-o", store, "--memory", "2G")[0] == 0
+    return store
+
+
+def check_chunks(folder, volume, chunk):
+    """The commands on a store of this chunk size."""
+    mesh, store = folder / "m.ply", folder / f"{chunk}.isonest"
+    check(["preprocess", volume, "-o", store, "--chunk", chunk, "--force"], ["48M"])
+    assert run("preprocess", volume, "-o", store, "--chunk", chunk, "--force", "--memory", "2G")[0] == 0
+    full = ["extract", store, "--iso", 0.5, "-o", mesh]
+    commands = [
+        full,
+        [*full, "--close", "--normals", "--box", "1.5,2,3.25,120.5,90,100"],
+        ["slice", store, "--plane", "1,2,3,300", "-o", folder / "s.png", "--size", "1500x1500"],
+        ["export", store, "--field", "deviation_bar", "-o", folder / "e.h5", "--force"],
+        ["check", store]]
+    if ALL or chunk == COMMON:
+        commands += [
+            [*full, "--error-relative", 0.1, "--normals", "--vertex-error", "deviation_bar"],
+            [*full, "--normals", "--vertex-values", store],
+            [*full, "--close", "--error-relative", 0.1],
+            ["extract", store, "--iso", 0.5, "-o", folder / "m.3mf"],
+            ["slice", store, "--plane", "1,2,3,300", "-o", mesh, "--error-relative", 0.1],
+            ["export", store, "--field", "values", "-o", folder / "e.nrrd", "--force"],
+            ["export", store, "--field", "lp:3", "-o", folder / "e.raw", "--force"],
+            ["smooth", store, "--steps", 1, "--tau", 1, "--lambda", 0.1, "-o", folder / "u.raw", "--force"],
+            ["info", store, "--histogram", "-o", folder / "h.svg"]]
+    for command in commands:
+        check(command, BUDGETS)
+    for threads, command in itertools.product([1, 8], [full, ["check", store]]):
+        must_stay_within([*command, "--threads", threads], "200M")
+    slow = [
+        ["extract", store, "--iso", 0.1, "-o", mesh, "--error-relative", 0.03, "--simplify", "--box",
+         "10,10,10,70,60,60"],
+        ["check", store, "--deep", "--source", volume],
+        ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar", "--iso", 0.5],
+        ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "lp:3_bar", "--norm", 3],
+        ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar", "--plane", "1,2,3,300"]]
+    for command in slow if ALL or chunk == COMMON else []:
+        check(command, BUDGETS if ALL else BUDGETS[:1])
+
+
+def check_smooth(folder, volume):
     for command in [
             ["smooth", volume, "--steps", 1, "--tau", 1, "--lambda", 0.1, "--threshold", 0.003, "-o",
              folder / "u.raw", "--force"],
             ["smooth", volume, "--steps", 2, "--tau", 1, "--lambda", 0.1, "--threshold", 0.3, "-o",
              folder / "u.h5", "--grid", folder / "g.h5", "--snapshots", 1, "--force"]]:
         check(command, BUDGETS)
-    if ALL:
-        sys.exit(1 if failures else 0)
 
-    # Inputs of others, of eight times the memory, in chunks and pieces of many sizes.
+
+def check_inputs(folder):
+    """Inputs of others, of eight times the memory, in chunks and pieces of many sizes."""
     for path, *options in inputs(folder):
         bytes_in = SIDE**3
         must_stay_within(["preprocess", path, "-o", folder / "input.isonest", "--chunk", 16, "--force", *options],
@@ -173,10 +184,10 @@ with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
         assert run("export", folder / "input.isonest", "--field", "values", "-o", values, "--force")[0] == 0
         require(np.array_equal(np.memmap(values, "u1", "r"), waves().reshape(-1)), f"other numbers from {path}")
 
-    # Labels, each in a part of the volume.
-    labels = folder / "labels.isonest"
-    assert run("make-volume", "sphere", "--size", 65, "--type", "uint8", "-o", folder / "labels.h5")[0] == 0
-    assert run("preprocess", folder / "labels.h5", "-o", labels)[0] == 0
+
+def check_labels(folder):
+    """Labels, each in a part of the volume."""
+    labels = made_store(folder, "labels", "sphere", "--size", 65, "--type", "uint8")
     for options in ([], ["--distance", "1voxel"]):
         # To look for labels takes less than to extract them.
         command = ["extract", labels, "--labels", "1-40", "-o", folder / "meshes", *options]
@@ -187,20 +198,38 @@ with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
             named = must_stay_within(command, memory)
             require(named is None or memory != least, f"the least memory, {least}, is not enough: {command}")
 
-    # Pictures in strips; the default memory draws the largest.
-    store = folder / "64.isonest"
-    ball = folder / "ball.isonest"
-    assert run("make-volume", "sphere", "--size", 33, "-o", folder / "ball.h5")[0] == 0
-    assert run("preprocess", folder / "ball.h5", "-o", ball)[0] == 0
-    assert run("extract", ball, "--iso", 0.5, "-o", mesh)[0] == 0
+
+def check_pictures(folder):
+    """Pictures in strips; the default memory draws the largest."""
+    mesh = folder / "ball.ply"
+    noise = made_store(folder, "noise", "noise", "--size", "131,100,120")
+    assert run("extract", made_store(folder, "ball", "sphere", "--size", 33), "--iso", 0.5, "-o", mesh)[0] == 0
     check(["picture", mesh, "-o", folder / "p.png", "--size", LARGEST, "--flat"], ["256M"])
     check(["picture", mesh, "-o", folder / "p.png", "--size", "300x200"], BUDGETS)
-    for command in [["picture", mesh], ["slice", store, "--plane", "0,0,1,30"]]:
+    for command in [["picture", mesh], ["slice", noise, "--plane", "0,0,1,30"]]:
         code, text, peak = run(*command, "-o", folder / "p.png", "--size", LARGEST)
         require(code == 0 and peak <= 1024 * MIB, f"{command} {LARGEST}: {code}, {peak}, {text}")
 
-    # A study needs what there is, not the cube around it.
-    assert run("preprocess", thin, "-o", folder / "thin.isonest")[0] == 0
-    check(["study", folder / "thin.isonest", "-o", folder / "study", "--steps", 2], BUDGETS)
+
+def check_thin_study(folder):
+    """A study needs what there is, not the cube around it."""
+    thin = made_store(folder, "thin", "noise", "--size", "1000,3,3")
+    check(["study", thin, "-o", folder / "study", "--steps", 2], BUDGETS)
+
+
+with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
+    here = pathlib.Path(name)
+    if INPUTS:
+        check_inputs(here)
+        check_labels(here)
+        check_pictures(here)
+    else:
+        source = here / "v.h5"
+        assert run("make-volume", "noise", "--size", "131,100,120", "-o", source)[0] == 0
+        for size in ALL or CHUNKS:
+            check_chunks(here, source, size)
+        check_smooth(here, source)
+        if not ALL:
+            check_thin_study(here)
 
 sys.exit(1 if failures else 0)
