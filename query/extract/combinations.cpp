@@ -19,6 +19,11 @@ constexpr const char* kNoPlaceOfHexahedra =
 constexpr const char* kNoStopOfHexahedra =
     "hexahedral cells stop by an error, or are simplified from full resolution within a distance "
     "or to a number of triangles; tetrahedra know the other stops";
+constexpr const char* kVolumeOfSolid =
+    "the interval is one of the volume of a whole closed solid, whose values have one error "
+    "everywhere";
+constexpr const char* kVolumeByError =
+    "the interval is found by a proven error of tetrahedra's values";
 constexpr const char* kDistanceEverywhere =
     "a distance holds everywhere: it goes with neither focus nor camera";
 
@@ -89,6 +94,17 @@ constexpr std::array kRefused{
                 "for again; ask for one of the two"},
     Combination{Wish::analysis, Wish::culling,
                 "an analysis is kept of a whole surface, not of what a viewer sees of it"},
+    Combination{Wish::volume_interval, Wish::isolines, kVolumeOfSolid},
+    Combination{Wish::volume_interval, Wish::open, kVolumeOfSolid},
+    Combination{Wish::volume_interval, Wish::components, kVolumeOfSolid},
+    Combination{Wish::volume_interval, Wish::place, kVolumeOfSolid},
+    Combination{Wish::volume_interval, Wish::label, kVolumeByError},
+    Combination{Wish::volume_interval, Wish::threshold, kVolumeByError},
+    Combination{Wish::volume_interval, Wish::estimate, kVolumeByError},
+    Combination{Wish::volume_interval, Wish::nested_distance, kVolumeByError},
+    Combination{Wish::hexahedra, Wish::volume_interval, kVolumeByError},
+    Combination{Wish::volume_interval, Wish::distance,
+                "within a distance the report has the volume at full resolution itself"},
 };
 
 void set(Wishes& wishes, Wish wish, bool is_wished = true) {
@@ -113,8 +129,14 @@ struct StopWishes {
         set(wishes, Wish::error, stop.value != 0);
         set(wishes, Wish::estimate, stop.guarantee == Guarantee::estimate);
     }
-    void operator()(const FieldThreshold& /*stop*/) const { set(wishes, Wish::error); }
-    void operator()(const ErrorBudget& /*stop*/) const { set(wishes, Wish::error); }
+    void operator()(const FieldThreshold& /*stop*/) const {
+        set(wishes, Wish::error);
+        set(wishes, Wish::threshold);
+    }
+    void operator()(const ErrorBudget& stop) const {
+        set(wishes, Wish::error);
+        set(wishes, Wish::estimate, stop.guarantee == Guarantee::estimate);
+    }
     void operator()(const DistanceBound& stop) const {
         set(wishes, Wish::distance);
         set(wishes, Wish::fast, stop.effort == Effort::fast);
@@ -165,6 +187,8 @@ Wishes surface_wishes(const SurfaceQuery& query, bool isolines) {
     set(wishes, Wish::exact_vertices, query.grid.vertices == VertexPlace::exact);
     set(wishes, Wish::culling, query.grid.culling.has_value());
     set(wishes, Wish::analysis, query.analysis.has_value());
+    set(wishes, Wish::open, !query.stages.close);
+    set(wishes, Wish::volume_interval, query.volume_interval);
     set(wishes, Wish::isolines, isolines);
     // A field by which elements are left out is one of tetrahedra.
     set_cells(wishes,
@@ -198,6 +222,8 @@ const char* name_of(Wish wish) {
             return "leaving out backfaces";
         case Wish::error:
             return "an error above 0, or a field's threshold";
+        case Wish::threshold:
+            return "a field's threshold";
         case Wish::estimate:
             return "an estimate";
         case Wish::distance:
@@ -214,12 +240,16 @@ const char* name_of(Wish wish) {
             return "simplification within an error";
         case Wish::closing:
             return "closing";
+        case Wish::open:
+            return "no closing";
         case Wish::components:
             return "a choice of components";
         case Wish::least_volume:
             return "a least volume";
         case Wish::analysis:
             return "a kept analysis";
+        case Wish::volume_interval:
+            return "an interval of the volume";
     }
     return "";
 }

@@ -29,6 +29,7 @@ enum class Wish : std::uint8_t {
     culling,
     // When it stops.
     error,
+    threshold,
     estimate,
     distance,
     no_distance,
@@ -38,15 +39,17 @@ enum class Wish : std::uint8_t {
     simplified_error,
     // Stages, and what is kept.
     closing,
+    open,
     components,
     least_volume,
-    analysis
+    analysis,
+    volume_interval
 };
 
 /// How the table calls it.
 const char* name_of(Wish wish);
 
-using Wishes = std::bitset<static_cast<std::size_t>(Wish::analysis) + 1>;
+using Wishes = std::bitset<static_cast<std::size_t>(Wish::volume_interval) + 1>;
 
 /// A row: what does not go with what, and why, with what to do about it.
 struct Combination {

@@ -2,9 +2,11 @@
 
 #include <isonest/extract.h>
 
+#include "query/extract/combinations.h"
 #include "query/extract/error_budget.h"
 #include "query/extract/own_axes.h"
 #include "query/extract/run_extraction.h"
+#include "query/extract/volume_interval.h"
 #include "query/mesh/rotated_sink.h"
 
 namespace isonest {
@@ -49,7 +51,16 @@ ExtractReport run(const Store& store, const Query& query, MeshSink& sink,
 
 ExtractReport extract(const Store& store, const SurfaceQuery& query, MeshSink& sink,
                       const ExtractOptions& options, Progress& progress) {
-    return run(store, query, sink, options, progress);
+    if (query.volume_interval) {
+        const detail::StoreReader& reader = store.reader();
+        detail::require_combination(detail::wishes_of(reader, query), reader.path().string());
+    }
+    ExtractReport report = run(store, query, sink, options, progress);
+    if (query.volume_interval) {
+        report.volume_interval =
+            detail::volume_interval(store, query, report.tolerance, options, progress);
+    }
+    return report;
 }
 ExtractReport extract(const Store& store, const LabelQuery& query, MeshSink& sink,
                       const ExtractOptions& options, Progress& progress) {

@@ -31,11 +31,11 @@ void require_isovalues(const Store& store, std::span<const double> isovalues) {
     }
 }
 
-/// Whether one traversal gives them all: neither a search for an error, nor a kept analysis of
-/// each, nor a mesh that is turned.
+/// Whether one traversal gives them all: neither a search for an error, nor a kept analysis or an
+/// interval of the volume of each, nor a mesh that is turned.
 bool are_together(const Store& store, const SurfaceQuery& query) {
     return !std::holds_alternative<ErrorBudget>(query.stop) && !query.analysis &&
-           store.reader().layout().header().direction == kAlongWorld;
+           !query.volume_interval && store.reader().layout().header().direction == kAlongWorld;
 }
 
 }  // namespace

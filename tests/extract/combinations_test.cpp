@@ -80,8 +80,15 @@ TEST_CASE("a query wishes what its members say") {
         return wishes_of(query).test(static_cast<std::size_t>(wish));
     };
     SurfaceQuery query;
-    CHECK(wishes_of(query).count() == 1);
+    CHECK(wishes_of(query).count() == 2);
     CHECK(wishes(query, Wish::no_distance));
+    CHECK(wishes(query, Wish::open));
+    query.stop = FieldThreshold{};
+    CHECK(wishes(query, Wish::threshold));
+    CHECK(wishes(query, Wish::error));
+    query.stop = ErrorBudget{5, Guarantee::estimate};
+    CHECK(wishes(query, Wish::estimate));
+    CHECK(wishes(query, Wish::error));
     query.stop = SimplifiedErrorBound{{0.1, false, Guarantee::estimate}};
     CHECK(wishes(query, Wish::simplified_error));
     CHECK(wishes(query, Wish::error));
@@ -104,8 +111,10 @@ TEST_CASE("a query wishes what its members say") {
     query.camera.emplace();
     query.stages.close = Outside::above;
     query.analysis.emplace();
+    query.volume_interval = true;
+    CHECK_FALSE(wishes(query, Wish::open));
     for (const Wish wish : {Wish::hexahedra, Wish::exact_vertices, Wish::culling, Wish::place,
-                            Wish::closing, Wish::analysis}) {
+                            Wish::closing, Wish::analysis, Wish::volume_interval}) {
         CHECK(wishes(query, wish));
     }
 }

@@ -77,7 +77,7 @@ class MeasuresTest(unittest.TestCase):
         for name, data in volumes.items():
             np.save(cls.here / "v.npy", data.astype("f4"))
             cls.run_program("preprocess", "v.npy", "-o", name, "--chunk", 8, "--indicators",
-                            "deviation_bar,hex_deviation", "--force")
+                            "deviation_bar,hex_deviation,linf_plus", "--force")
         np.save(cls.here / "v.npy", volumes["waves"].astype("f4"))
         cls.run_program("preprocess", "v.npy", "-o", "placed", "--chunk", 8, "--spacing", "2,0.5,1.25", "--origin",
                         "1000,-300,40", "--unit", "mm")
@@ -198,6 +198,48 @@ class MeasuresTest(unittest.TestCase):
         self.assertTrue(mesh.is_closed())
         self.assertLess(report["volume"], 12 * 8.5 * 16)
 
+    def test_the_interval_of_a_solid_within_an_error_holds_its_full_volume_and_shrinks_with_the_error(self):
+        box = ("--box", "3,1,2,15,9.5,18")
+        for store, options in (("ball", ("--close",)), ("waves", ("--close",)), ("waves", ("--close=above",)),
+                               ("waves", ("--close", *box)), ("placed", ("--close=above",)),
+                               ("waves", ("--close", "--guarantee", "plus"))):
+            full = self.measured(store, *options, unit="mm" if store == "placed" else "")[1]["volume"]
+            before = np.inf
+            for error in (0.4, 0.2, 0.05, 0.01, 0):
+                with self.subTest(store=store, options=options, error=error):
+                    command = ("extract", store, "--iso", 0, "-o", "m.ply", *options, "--error", error)
+                    report = json.loads(self.run_program(*command, "--volume-interval", "--json"))
+                    least, most = report.pop("full_volume_interval")
+                    self.assertLess(least, full)
+                    self.assertLess(full, most)
+                    self.assertLess(most - least, before)
+                    before = most - least
+                    self.assertRegex(self.run_program(*command, "--volume-interval"),
+                                     rf"\nvolume at full resolution between {least:.6g} and {most:.6g}")
+                    alone = json.loads(self.run_program(*command, "--json"))
+                    for differing in ("seconds", "peak_cache_bytes"):
+                        del alone[differing], report[differing]
+                    self.assertEqual(alone, report)
+            self.assertLess(before, 1e-4 * full)
+
+    def test_the_interval_is_that_of_outer_solids(self):
+        """Whatever the guarantee and the budget, from the error that the report names."""
+        for options in (("--error-relative", 0.1), ("--error", 0.2, "--simplify"), ("--triangles", 300, "--by", "error"),
+                        ("--triangles", 300, "--by", "error", "--simplify")):
+            with self.subTest(options=options):
+                command = ("extract", "waves", "-o", "m.ply", "--close=above", "--json")
+                report = json.loads(self.run_program(*command, "--iso", 0, "--volume-interval", *options))
+                error = report["tolerance"]
+                self.assertGreater(error, 0)
+                volumes = [json.loads(self.run_program(*command, "--iso", iso, "--error", error))["volume"]
+                           for iso in (-error, error)]
+                np.testing.assert_allclose(report["full_volume_interval"], volumes, rtol=1e-5)
+
+    def test_no_interval_is_said_where_missing_values_leave_the_solid_open(self):
+        command = ("extract", "holes", "--iso", 0, "-o", "m.ply", "--close", "--error", 0.2, "--volume-interval")
+        self.assertIsNone(json.loads(self.run_program(*command, "--json"))["full_volume_interval"])
+        self.assertNotIn("between", self.run_program(*command))
+
     def test_measures_are_in_the_unit_of_the_coordinates(self):
         for options, closed in (((), False), (("--close",), True), (("--close", "--distance", "0.2mm"), True)):
             with self.subTest(options=options):
@@ -223,6 +265,12 @@ class MeasuresTest(unittest.TestCase):
         for name in ("m_{iso}.ply", "all.ply"):
             reports = json.loads(self.run_program(*command, name, "--json"))["meshes"]
             self.assertEqual([(r["area"], r["volume"]) for r in reports], [(r["area"], r["volume"]) for r in expected])
+        intervals = []
+        for iso in (*isovalues, ",".join(map(str, isovalues))):
+            report = json.loads(self.run_program(*command[:3], "--iso", iso, "--error", 0.1, "-o", "m.vtp",
+                                                 "--volume-interval", "--json"))
+            intervals.append([r["full_volume_interval"] for r in report.get("meshes", [report])])
+        self.assertEqual([one for several in intervals[:3] for one in several], intervals[3])
 
     def test_lines_have_neither(self):
         y, x = np.mgrid[:19, :23]

@@ -95,6 +95,10 @@ def test_a_distance_is_kept(store_path):
     assert small.report.full_triangles == full.report.triangles
     assert (small.report.full_area, small.report.full_volume) == (full.report.area, full.report.volume)
     assert full.report.full_area is None and full.report.full_volume is None
+    assert full.report.full_volume_interval is None
+    near = store.isosurface(0.0, error=0.2, close=True, volume_interval=True).report
+    least, most = near.full_volume_interval
+    assert least < full.report.volume < most and most - least < 0.2 * full.report.volume
     radius = np.linalg.norm(small.vertices - 16, axis=1)
     assert abs(radius - 12.3).max() < 0.5 + 0.1
     np.testing.assert_array_equal(small.faces, store.isosurface(0.0, distance=0.5).faces)

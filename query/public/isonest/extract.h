@@ -71,6 +71,9 @@ struct SurfaceQuery {
     MeshAttributes attributes = {};
     SurfaceStages stages = {};
     std::optional<KeptAnalysis> analysis = {};  ///< for a DistanceBound or TriangleBudget
+    /// The report says between which volumes that of the closed solid lies at full resolution. Two
+    /// more surfaces are extracted for it, and thrown away.
+    bool volume_interval = false;
 };
 
 /// Nodes with a label; none outside of [low, high] (as find_labels() says) is looked at.

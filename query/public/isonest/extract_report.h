@@ -53,6 +53,12 @@ struct SurfaceMeasures {
     std::optional<double> volume = {};
 };
 
+/// Between which volumes one is proven to lie, cubic world units, 0 <= least <= most.
+struct VolumeInterval {
+    double least = 0;
+    double most = 0;
+};
+
 /// Of a mesh that was to be within a distance of the surface at full resolution.
 struct DistanceReport {
     double asked = 0;  ///< within which the mesh was to be, in world units
@@ -130,6 +136,9 @@ struct ExtractReport {
     std::optional<AnalysisReport> analysis = {};
     /// If the mesh has triangles as elements.
     std::optional<SurfaceMeasures> measures = {};
+    /// If it was asked for and nothing was left open at missing values: of the volume at full
+    /// resolution.
+    std::optional<VolumeInterval> volume_interval = {};
     /// If it was asked for, and the mesh has triangles as elements.
     std::optional<TriangleQuality> quality = {};
 

@@ -30,6 +30,7 @@ struct Arguments {
     DistanceArguments distance;
     std::optional<ComponentChoice> components;
     std::optional<Outside> close;
+    bool volume_interval = false;
     VertexPlace vertices = VertexPlace::linear;
     std::string values;  ///< a second store, or empty
     LabelArguments labels;
@@ -128,6 +129,7 @@ SurfaceQuery surface_query(const Arguments& arguments, const Store* values) {
                     "--keep-analysis goes with --distance or --triangles");
     }
     query.analysis = arguments.distance.analysis;
+    query.volume_interval = arguments.volume_interval;
     return query;
 }
 
@@ -151,6 +153,13 @@ std::string measures_text(const Store& store, const SurfaceMeasures& m) {
     return fmt::format("area {:.6g}{}, {}\n", m.area, power(2),
                        m.volume ? fmt::format("volume {:.6g}{}", *m.volume, power(3))
                                 : "not closed, so it has no volume");
+}
+
+/// Between which volumes that at full resolution lies.
+std::string interval_text(const Store& store, const VolumeInterval& v) {
+    const std::string unit = unit_suffix(store);
+    return fmt::format("volume at full resolution between {:.6g} and {:.6g}{}\n", v.least, v.most,
+                       unit.empty() ? "" : unit + "3");
 }
 
 /// What is said of one mesh.
@@ -183,6 +192,12 @@ Result result_of(const Store& store, const Arguments& arguments, const ExtractRe
         if (r.distance && r.distance->full) {
             result.text += "at full resolution: " + measures_text(store, *r.distance->full);
         }
+    }
+    if (r.volume_interval) {
+        result.json["full_volume_interval"] = {r.volume_interval->least, r.volume_interval->most};
+        result.text += interval_text(store, *r.volume_interval);
+    } else if (arguments.volume_interval) {
+        result.json["full_volume_interval"] = nullptr;
     }
     if (r.components) {
         add_component_json(*r.components, result.json);
@@ -342,7 +357,12 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     for (CLI::Option* const option : add_component_options(c, a->components)) {
         option->excludes(graph);
     }
-    add_close_option(c, a->close)->excludes(graph);
+    CLI::Option* const close = add_close_option(c, a->close);
+    close->excludes(graph);
+    c->add_flag("--volume-interval", a->volume_interval,
+                "say between which volumes that of the solid at full\n"
+                "resolution lies; extracts two more surfaces to know it")
+        ->needs(close);
     add_parsed(
         c, "--scale", [a](const std::string& text) { a->scale = parse_number("--scale", text); },
         "of the graph: z = S times the value [1]", "S")
@@ -379,7 +399,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     add_cells_option(c, a->extract);
     add_label_options(c, a->labels,
                       {"--iso", "--error", "--error-relative", "--stop", "--focus", "--camera",
-                       "--graph", "--view", "--vertices", "--keep-analysis"});
+                       "--graph", "--view", "--vertices", "--keep-analysis", "--volume-interval"});
     c->add_flag("--normals", a->extract.normals, "vertex normals from the data's gradient");
     c->add_option("--vertex-values", a->values,
                   "vertex values from this other store of the same lattice")

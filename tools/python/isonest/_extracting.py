@@ -37,9 +37,9 @@ class Extracting:
                    normals: bool = True, vertex_values: "Optional[Extracting]" = None,
                    vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Optional[Cells] = None,
                    components: Components = None, min_component: int = 0, min_volume: float = 0.0,
-                   close: Close = None, coordinates: Coordinates = "array", gradient_direction: str = "descent",
-                   quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
-                   progress: Progress = None) -> Mesh: ...
+                   close: Close = None, volume_interval: bool = False, coordinates: Coordinates = "array",
+                   gradient_direction: str = "descent", quality: bool = False, memory: Bytes = "1G", threads: int = 0,
+                   scratch: _Path = "", progress: Progress = None) -> Mesh: ...
 
     @overload
     def isosurface(self, iso: Sequence[float], *, error: float = 0.0, error_relative: Optional[float] = None,
@@ -53,9 +53,9 @@ class Extracting:
                    normals: bool = True, vertex_values: "Optional[Extracting]" = None,
                    vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Optional[Cells] = None,
                    components: Components = None, min_component: int = 0, min_volume: float = 0.0,
-                   close: Close = None, coordinates: Coordinates = "array", gradient_direction: str = "descent",
-                   quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
-                   progress: Progress = None) -> "list[Mesh]": ...
+                   close: Close = None, volume_interval: bool = False, coordinates: Coordinates = "array",
+                   gradient_direction: str = "descent", quality: bool = False, memory: Bytes = "1G", threads: int = 0,
+                   scratch: _Path = "", progress: Progress = None) -> "list[Mesh]": ...
 
     def isosurface(self, iso: "float | Sequence[float]", *, error: float = 0.0, error_relative: Optional[float] = None,
                    guarantee: Guarantee = "deviation", simplify: bool = False, stop: Optional[str] = None,
@@ -68,9 +68,9 @@ class Extracting:
                    normals: bool = True, vertex_values: "Optional[Extracting]" = None,
                    vertex_error: Optional[str] = None, vertices: Vertices = "linear", cells: Optional[Cells] = None,
                    components: Components = None, min_component: int = 0, min_volume: float = 0.0,
-                   close: Close = None, coordinates: Coordinates = "array", gradient_direction: str = "descent",
-                   quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
-                   progress: Progress = None) -> "Mesh | list[Mesh]":
+                   close: Close = None, volume_interval: bool = False, coordinates: Coordinates = "array",
+                   gradient_direction: str = "descent", quality: bool = False, memory: Bytes = "1G", threads: int = 0,
+                   scratch: _Path = "", progress: Progress = None) -> "Mesh | list[Mesh]":
         """The surface on which the data have the value ``iso``; of data in a plane, the lines.
 
         iso: a number; or several, for which the store is read once, and a list of their meshes is returned, each as
@@ -107,6 +107,7 @@ class Extracting:
         components: of the connected pieces the "largest", so many of the largest, or "all", which counts them.
         min_component: drop pieces of fewer triangles; min_volume: drop closed pieces around less than this volume.
         close: a solid, of what is "below" the value outside of the volume (or True), or "above".
+        volume_interval: the report says between which volumes that of the solid at full resolution lies.
         coordinates: "array" is (z, y, x) times the spacing, "world" is (x, y, z) with the origin.
         gradient_direction: of the faces' corners, "descent" or "ascent", as scikit-image means it.
         quality: the report says which angles the triangles have.
@@ -133,6 +134,7 @@ class Extracting:
         query.set_vertices(vertices)
         _queries.set_components(query, components, min_component, min_volume)
         _queries.set_close(query, close)
+        query.set_volume_interval(volume_interval)
         options = _queries.options(memory, threads, scratch, quality)
         if np.ndim(iso) == 0:
             level = float(iso)  # type: ignore[arg-type]

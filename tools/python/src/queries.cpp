@@ -198,6 +198,9 @@ void add_surface(py::module_& module) {
             [](A& a, const std::string& outside) { a.query.stages.close = outside_of(outside); },
             "outside"_a)
         .def(
+            "set_volume_interval", [](A& a, bool asked) { a.query.volume_interval = asked; },
+            "asked"_a)
+        .def(
             "set_components",
             [](A& a, std::uint64_t largest, std::uint64_t least_triangles, double least_volume) {
                 a.query.stages.components = ComponentChoice{largest, least_triangles, least_volume};

@@ -113,6 +113,14 @@ void add_extract_report(py::module_& module) {
                 return r.distance && r.distance->full ? r.distance->full->volume : std::nullopt;
             },
             "within that surface, in cubic world units; None unless it is closed")
+        .def_property_readonly(
+            "full_volume_interval",
+            [](const R& r) {
+                return r.volume_interval ? std::optional(std::pair(r.volume_interval->least,
+                                                                   r.volume_interval->most))
+                                         : std::nullopt;
+            },
+            "between which volumes that at full resolution lies, if it was asked for, or None")
         .def_property_readonly("nested_triangles",
                                [](const R& r) {
                                    return r.simplified_error ? r.simplified_error->nested_triangles
