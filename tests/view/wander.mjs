@@ -14,7 +14,7 @@ function generator(seed) {
   };
 }
 
-/** For so many seconds. Gives how many things were done and the most bytes that were seen. */
+/** For so many seconds, or longer where the machine is so busy that hardly anything was done by then. Gives how many things were done and the most bytes that were seen. */
 export async function wander(page, seconds, seed) {
   const random = generator(seed);
   const pick = (list) => list[Math.floor(random() * list.length)];
@@ -57,7 +57,7 @@ export async function wander(page, seconds, seed) {
     seen.mostServer = Math.max(seen.mostServer, now.server);
     seen.longTasks = now.longTasks;
   };
-  for (const end = Date.now() + 1000 * seconds; Date.now() < end; ++seen.actions) {
+  for (const end = Date.now() + 1000 * seconds; Date.now() < end || seen.actions <= 5; ++seen.actions) {
     await pick(actions)();
     await watch();
   }

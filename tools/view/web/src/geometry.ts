@@ -16,9 +16,9 @@ export function lengthOf(a: Vector, b: Vector): number {
   return Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 }
 
-/** From a place to the nearest point of the box: 0 from within. */
-export function lengthToBox(from: Vector, box: Box): number {
-  return Math.hypot(...([0, 1, 2] as const).map((i) => Math.max(box[i] - from[i], 0, from[i] - box[i + 3]!)));
+/** From a place to the ball around the box: 0 from within. */
+export function lengthToBall(from: Vector, box: Box): number {
+  return Math.max(lengthOf(from, centreOf(box)) - radiusOf(box), 0);
 }
 
 /** The slice's unit normal: an axis of the data, or the oblique one's. */

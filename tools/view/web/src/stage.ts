@@ -3,7 +3,7 @@ import {
   Color, LinearSRGBColorSpace, NearestFilter, OrthographicCamera, PerspectiveCamera, Scene, Vector3, WebGLRenderer, WebGLRenderTarget,
 } from "three";
 import type { DrawnMesh } from "./drawn_mesh";
-import { centreOf, dot, lengthOf, lengthToBox, radiusOf } from "./geometry";
+import { centreOf, dot, lengthOf, lengthToBall, radiusOf } from "./geometry";
 import type { Box, StoreInfo, Vector } from "./protocol";
 import { kFieldOfView, type ViewState } from "./state";
 
@@ -108,10 +108,10 @@ export class Stage {
     return (2 * lengthOf(eye, lookAt) * Math.tan((kFieldOfView / 2) * (Math.PI / 180))) / Math.max(this.canvas.clientHeight, 1);
   }
 
-  /** World units of a pixel of the picture, where the box is nearest to the eye: 0 if the eye is in it. */
+  /** World units of a pixel of the picture, where the ball around the box is nearest to the eye: 0 if the eye is in it. */
   leastUnitsPerPixel(box: Box): number {
     const { eye, lookAt, projection } = this.state;
-    const away = projection === "perspective" ? lengthToBox(eye, box) : lengthOf(eye, lookAt);
+    const away = projection === "perspective" ? lengthToBall(eye, box) : lengthOf(eye, lookAt);
     return (2 * away * Math.tan((kFieldOfView / 2) * (Math.PI / 180))) / Math.max(this.renderer.domElement.height, 1);
   }
 

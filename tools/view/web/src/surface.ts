@@ -139,11 +139,12 @@ export class Surface {
   }
 
   private enough(shown: MeshHeader): boolean {
-    const { target, error } = this.views.state;
-    if (shown.stop === "distance" && target === "screen") {
-      const unseen = this.unseenDistance();
+    const { target, error, moving } = this.views.state;
+    const unseen = target === "screen" ? this.unseenDistance() : null;
+    if (target === "screen" && shown.stop === "distance") {
       return unseen !== null && shown.tolerance <= unseen && shown.tolerance > unseen / 4;
     }
+    if (unseen !== null && shown.triangles > moving) return false; // fewer show the same
     if (shown.full_resolution && target !== "distance") return true;
     return target === "error" && shown.error_bound !== null && shown.error_bound <= error && shown.tolerance >= error;
   }

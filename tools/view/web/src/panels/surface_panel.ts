@@ -100,7 +100,7 @@ export class SurfacePanel {
     const { header, refiner } = { header: this.surface.drawn.header, refiner: this.surface.refiner };
     const { target } = this.views.state;
     if (!header || header.full_resolution || refiner.busy) return false;
-    if (target === "screen") return header.stop !== "camera";
+    if (target === "screen") return header.stop === "error";
     return target === "full" || (target === "error" && header.tolerance > this.views.state.error);
   }
 }
