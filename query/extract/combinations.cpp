@@ -49,7 +49,9 @@ constexpr std::array kRefused{
                 "analyses are kept of surfaces; lines are simplified fast enough without"},
     Combination{Wish::least_volume, Wish::isolines,
                 "isolines of data in a plane have no volume; give the least number of lines"},
-    Combination{Wish::hexahedra, Wish::closing, "hexahedral cells give no caps; tetrahedra do"},
+    Combination{Wish::coarse_hexahedra, Wish::closing,
+                "hexahedral cells have caps at full resolution, simplified or not; tetrahedra have "
+                "them with an error as well"},
     Combination{Wish::hexahedra, Wish::culling,
                 "hexahedral cells leave out no backfaces; tetrahedra do"},
     Combination{Wish::hexahedra, Wish::exact_vertices,
@@ -178,6 +180,7 @@ void set_cells(Wishes& wishes, const std::optional<Cells>& given) {
     const bool is_chosen = has(wishes, Wish::distance) &&
                            std::all_of(kRefused.begin(), kRefused.end(), goes_with_hexahedra);
     set(wishes, Wish::hexahedra, given ? *given == Cells::hexahedra : is_chosen);
+    set(wishes, Wish::coarse_hexahedra, has(wishes, Wish::hexahedra) && has(wishes, Wish::error));
 }
 
 Wishes surface_wishes(const SurfaceQuery& query, bool isolines) {
@@ -214,6 +217,8 @@ const char* name_of(Wish wish) {
             return "a graph";
         case Wish::hexahedra:
             return "hexahedral cells";
+        case Wish::coarse_hexahedra:
+            return "hexahedral cells with an error above 0, or a field's threshold";
         case Wish::exact_vertices:
             return "exact vertices";
         case Wish::place:

@@ -24,6 +24,7 @@ enum class Wish : std::uint8_t {
     graph,
     // Its cells and vertices, and which elements are visited.
     hexahedra,
+    coarse_hexahedra,
     exact_vertices,
     place,
     culling,

@@ -332,6 +332,7 @@ ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query,
             });
         report.value_range = std::max(range.high - range.low, 0.0);
         const JoinedMesh joined = join.finish(layout, make_room, options.quality, progress);
+        report.traversal.cells = Cells::hexahedra;
         report.traversal.visited = joined.cells;
         report.traversal.leaves = joined.cells;
         report.vertices = layout.vertices;

@@ -75,9 +75,20 @@ Stop stop_of(const StoreReader& store, const FieldThreshold& asked) {
     return {asked.field, asked.value * (asked.relative ? largest_of(store, asked.field) : 1.0)};
 }
 
+void require_sense(const DistanceBound& asked) {
+    require_not_negative(asked.value, "distance");
+}
+
+void require_sense(const TriangleBudget& asked) {
+    if (asked.most == 0) {
+        throw Error(ErrorKind::invalid_argument, "a mesh of no triangles is no surface");
+    }
+    require_sense(asked.within.value_or(DistanceBound{}));
+}
+
 /// The surface at full resolution is what a distance is measured from.
 Stop stop_of(const StoreReader& store, const DistanceBound& asked) {
-    require_not_negative(asked.value, "distance");
+    require_sense(asked);
     return stop_of(store, ErrorBound{});
 }
 
@@ -86,10 +97,8 @@ Stop stop_of(const StoreReader& store, const NestedDistanceBound& asked) {
 }
 
 Stop stop_of(const StoreReader& store, const TriangleBudget& asked) {
-    if (asked.most == 0) {
-        throw Error(ErrorKind::invalid_argument, "a mesh of no triangles is no surface");
-    }
-    return stop_of(store, asked.within.value_or(DistanceBound{}));
+    require_sense(asked);
+    return stop_of(store, ErrorBound{});
 }
 
 /// Errors are tried before (query/extract/error_budget.h).
@@ -177,6 +186,27 @@ Stop cell_stop_of(const StoreReader& store, const ErrorBound& asked) {
             error_of(store, asked)};
 }
 
+/// What is simplified within a distance is the surface at full resolution.
+Stop cell_stop_of(const StoreReader& /*store*/, const DistanceBound& asked) {
+    require_sense(asked);
+    return {Field::hex_deviation, 0};
+}
+
+Stop cell_stop_of(const StoreReader& /*store*/, const TriangleBudget& asked) {
+    require_sense(asked);
+    return {Field::hex_deviation, 0};
+}
+
+Stop cell_stop_of(const StoreReader& store, const ErrorBudget& asked) {
+    return cell_stop_of(store, ErrorBound{0, false, asked.guarantee});
+}
+
+/// Those that hexahedra do not know.
+template <class Asked>
+Stop cell_stop_of(const StoreReader& store, const Asked& asked) {
+    return {Field::hex_deviation, stop_of(store, asked).threshold};
+}
+
 Stop cell_stop_of(const StoreReader& store, const FieldThreshold& asked) {
     if (!is_of_cells(asked.field)) {
         throw Error(ErrorKind::invalid_argument,
@@ -188,10 +218,8 @@ Stop cell_stop_of(const StoreReader& store, const FieldThreshold& asked) {
     return {asked.field, asked.value * (asked.relative ? largest_of(store, asked.field) : 1.0)};
 }
 
-}  // namespace
-
-Stop stop_of_cells(const StoreReader& store, const isonest::StopTest& test,
-                   bool finest_needs_none) {
+template <class Test>
+Stop any_cell_stop_of(const StoreReader& store, const Test& test, bool finest_needs_none) {
     const Stop stop =
         std::visit([&](const auto& asked) { return cell_stop_of(store, asked); }, test);
     if (stop.threshold > 0 || !finest_needs_none) {
@@ -200,15 +228,15 @@ Stop stop_of_cells(const StoreReader& store, const isonest::StopTest& test,
     return stop;
 }
 
+}  // namespace
+
+Stop stop_of_cells(const StoreReader& store, const isonest::StopTest& test,
+                   bool finest_needs_none) {
+    return any_cell_stop_of(store, test, finest_needs_none);
+}
+
 Stop stop_of_cells(const StoreReader& store, const SurfaceStop& test, bool finest_needs_none) {
-    if (const auto* const threshold = std::get_if<FieldThreshold>(&test)) {
-        return stop_of_cells(store, isonest::StopTest(*threshold), finest_needs_none);
-    }
-    if (const auto* const error = std::get_if<ErrorBound>(&test)) {
-        return stop_of_cells(store, isonest::StopTest(*error), finest_needs_none);
-    }
-    // What is simplified within a distance is the surface at full resolution.
-    return {Field::hex_deviation, stop_of(store, test).threshold};
+    return any_cell_stop_of(store, test, finest_needs_none);
 }
 
 void require_float32(const StoreReader& store, const ExtractQuery& query) {

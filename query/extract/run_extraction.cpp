@@ -93,6 +93,7 @@ class Extraction {
         report_.coordinate_rounding = asked_.coordinate_rounding;
         const StoreReader& values = asked_.values != nullptr ? *asked_.values : store_;
         report_.value_range = std::max(values.max_value() - values.min_value(), 0.0);
+        report_.traversal.cells = asked_.traversal.cells;
         report_.traversal.stop = asked_.traversal.stop;
         report_.traversal.bound = asked_.traversal.bound;
         report_.traversal.chunks_total = store_.layout().rows();

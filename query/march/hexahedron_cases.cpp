@@ -17,19 +17,9 @@ struct Side {
 };
 using Sides = std::array<Side, kCubeEdges>;
 
-/// A face's corners, counterclockwise seen from outside.
-std::array<unsigned, 4> corners_of(unsigned face) {
-    const unsigned axis = face / 2;
-    const bool high = (face & 1U) != 0;
-    const unsigned u = 1U << ((axis + 1) % 3);
-    const unsigned v = 1U << ((axis + 2) % 3);
-    const unsigned base = high ? 1U << axis : 0U;
-    return {base, base | (high ? u : v), base | u | v, base | (high ? v : u)};
-}
-
 /// Each run of corners below, on the way around a face, is cut off by a side.
 void add_sides(Sides& sides, unsigned face, unsigned below) {
-    const std::array<unsigned, 4> corner = corners_of(face);
+    const std::array<unsigned, 4> corner = corners_of_face(face);
     const auto is_below = [&](std::size_t i) { return (below >> corner[i % 4] & 1U) != 0; };
     for (std::size_t first = 0; first < 4; ++first) {
         if (!is_below(first) || is_below(first + 3)) {
@@ -90,6 +80,15 @@ HexahedronCase make_case(unsigned below) {
 }
 
 }  // namespace
+
+std::array<unsigned, 4> corners_of_face(unsigned face) {
+    const unsigned axis = face / 2;
+    const bool high = (face & 1U) != 0;
+    const unsigned u = 1U << ((axis + 1) % 3);
+    const unsigned v = 1U << ((axis + 2) % 3);
+    const unsigned base = high ? 1U << axis : 0U;
+    return {base, base | (high ? u : v), base | u | v, base | (high ? v : u)};
+}
 
 const HexahedronCases& hexahedron_cases() {
     static const HexahedronCases cases = [] {

@@ -34,6 +34,9 @@ struct HexahedronCase {
 using HexahedronCases = std::array<HexahedronCase, 256>;
 const HexahedronCases& hexahedron_cases();
 
+/// A face's corners, counterclockwise seen from outside.
+std::array<unsigned, 4> corners_of_face(unsigned face);
+
 /// Bits of the cube's faces in which a corner, or the edge between two corners, lies.
 constexpr unsigned faces_at(unsigned corner) {
     unsigned faces = 0;

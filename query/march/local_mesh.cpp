@@ -157,8 +157,14 @@ unsigned LocalMesh::march_in_cube(const Cube& cube, std::size_t order, double is
 }
 
 bool LocalMesh::march_hexahedron(const Cube& cube, bool hits, double iso, bool cut) {
-    return hits ? detail::march_hexahedron(vertices_, cube, iso, cut, triangles_)
-                : march_hexahedron_without_hits(vertices_, cube, iso, cut, triangles_);
+    if (cell_caps_ && cut) {
+        return cell_caps_->march(vertices_, cube, iso, triangles_);
+    }
+    if (!hits) {
+        return march_hexahedron_without_hits(vertices_, cube, iso, cut, triangles_);
+    }
+    const unsigned nodes = cell_caps_ ? cell_caps_->corners_far_from_faces(cube) : 0xFF;
+    return detail::march_hexahedron(vertices_, cube, iso, cut, triangles_, nodes);
 }
 
 void LocalMesh::march_line(const std::array<Corner, 3>& corners, double iso, bool cut) {

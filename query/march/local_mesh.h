@@ -8,6 +8,7 @@
 
 #include <isonest/int3.h>
 
+#include "query/march/capped_hexahedron.h"
 #include "query/march/capped_tetrahedron.h"
 #include "query/march/corner.h"
 #include "query/march/finish_part.h"
@@ -30,7 +31,7 @@ class LocalMesh {
     /// has a vertex on each edge to a smaller value there, and triangles may have zero area.
     /// REQUIRES: box.close.
     LocalMesh(AttributeSampler* attributes, const ClipBox& box)
-        : caps_(box), vertices_(attributes) {}
+        : caps_(box), cell_caps_(box), vertices_(attributes) {}
 
     /// From now on all corners are nodes of the lattice of edge 2^level, and in the box of `cells`
     /// from node `low` on; vertices are then found faster. REQUIRES: empty().
@@ -52,7 +53,8 @@ class LocalMesh {
     unsigned march_in_cube(const Cube& cube, std::size_t order, double iso, bool cut);
 
     /// Marches a hexahedral cell (march_hexahedron.h). `hits`: whether a corner has the isovalue.
-    /// REQUIRES: as there, and the mesh is not closed.
+    /// `cut`: as march() takes it. REQUIRES: as there; if the mesh is closed, of the finest
+    /// lattice.
     bool march_hexahedron(const Cube& cube, bool hits, double iso, bool cut);
 
     /// Marches a cell of an adaptive hexahedral grid (hex_cell.h). REQUIRES: place() was not
@@ -99,7 +101,9 @@ class LocalMesh {
     }
 
     bool single_sheet_ = false;
-    std::optional<CappedTetrahedron> caps_;  ///< if a box is closed
+    // If a box is closed.
+    std::optional<CappedTetrahedron> caps_;
+    std::optional<CappedHexahedron> cell_caps_;
     bool lines_ = false;
     PartVertices vertices_;
     std::vector<CollectedTriangle> triangles_;

@@ -41,10 +41,10 @@ bool march_hexahedron_without_hits(PartVertices& vertices, const Cube& cube, dou
 }
 
 bool march_hexahedron(PartVertices& vertices, const Cube& cube, double iso, bool cut,
-                      std::vector<CollectedTriangle>& triangles) {
+                      std::vector<CollectedTriangle>& triangles, unsigned nodes) {
     const HexahedronCase& c = hexahedron_cases()[cube.below];
     for (std::size_t i = 0; i < c.polygons; ++i) {
-        PolygonWithHits polygon(vertices, cube, iso, c, i);
+        PolygonWithHits polygon(vertices, cube, iso, c, i, nodes);
         if (polygon.has_hits()) {
             polygon.march(cut, triangles);
         } else {

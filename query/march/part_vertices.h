@@ -95,6 +95,12 @@ class PartVertices {
                            const Double3& position);
     /// One that no other tetrahedron names.
     std::uint32_t inner_cut(const Between& between, const Double3& position);
+    /// Where the faces `planes` of a closed box cut hexahedra, in the edge, face or cell whose
+    /// midpoint is half of `twice`; without planes, where the surface crosses a part of an edge.
+    /// `attributes(AttributeSampler&)` is asked where there are some. REQUIRES: level 0.
+    template <class Attributes>
+    std::uint32_t cell_cut(const Int3& twice, std::uint32_t planes, const Double3& position,
+                           const Attributes& attributes);
     /// A node in coordinates of the finest lattice.
     [[nodiscard]] Int3 finest(const Int3& p) const { return p * (std::int64_t{1} << level_); }
     /// Makes root() of all vertices known. No more vertices until clear().
@@ -188,6 +194,28 @@ class PartVertices {
     std::vector<Double3> positions_;
     std::vector<VertexAttributes> values_;
 };
+
+template <class Attributes>
+std::uint32_t PartVertices::cell_cut(const Int3& twice, std::uint32_t planes,
+                                     const Double3& position, const Attributes& attributes) {
+    const std::uint64_t key = half_lattice_key(twice);
+    const auto next = static_cast<std::uint32_t>(size());
+    if (planes == 0) {
+        std::uint32_t& slot = points_.at(twice);
+        if (slot != kNone) {
+            return slot;
+        }
+        slot = next;
+    } else if (const auto [it, is_new] =
+                   cuts_.try_emplace(VertexKey{key, 0, VertexKind::cell, planes}, next);
+               !is_new) {
+        return it->second;
+    }
+    if (attributes_ != nullptr) {
+        values_.push_back(attributes(*attributes_));
+    }
+    return add(planes == 0 ? key : kNoKey, position);
+}
 
 template <class F>
 void PartVertices::for_incomplete(const F& f) const {

@@ -27,15 +27,17 @@ class PolygonWithHits {
     static constexpr std::uint32_t kNoVertex = 0xFFFFFFFFU;
 
   public:
-    /// Polygon `number` of a cell.
+    /// Polygon `number` of a cell. `nodes`: bits of the corners that become one vertex for each
+    /// sheet if they lie on the surface; the others do not count as lying there.
     PolygonWithHits(Vertices& vertices, const Cube& cube, double iso, const HexahedronCase& c,
-                    std::size_t number)
+                    std::size_t number, unsigned nodes = 0xFF)
         : vertices_(vertices),
           cube_(cube),
           iso_(iso),
           edge_(c.edge.data() + c.first[number]),
           face_(c.face.data() + c.first[number]),
           size_(static_cast<std::size_t>(c.first[number + 1] - c.first[number])),
+          nodes_(nodes),
           alone_(c.polygons == 1) {}
 
     /// Whether one of its corners lies in a node.
@@ -93,7 +95,9 @@ class PolygonWithHits {
     [[nodiscard]] unsigned below(std::size_t i) const {
         return edge(i).low ^ edge(i).high ^ above(i);
     }
-    [[nodiscard]] bool is_hit(std::size_t i) const { return cube_.value[above(i)] == iso_; }
+    [[nodiscard]] bool is_hit(std::size_t i) const {
+        return cube_.value[above(i)] == iso_ && (nodes_ >> above(i) & 1U) != 0;
+    }
     [[nodiscard]] Int3 node(unsigned corner) const { return cube_.low + corner_offset(corner); }
     /// Whether the side from corner i to the next has no length.
     [[nodiscard]] bool stays_in_node(std::size_t i) const {
@@ -218,6 +222,7 @@ class PolygonWithHits {
     const std::uint8_t* edge_;
     const std::uint8_t* face_;
     std::size_t size_;
+    unsigned nodes_;
     bool alone_;  ///< the cell has no other polygon
     // What is beyond the counts is never read.
     std::array<Corner, kMostPolygonCorners> corner_;

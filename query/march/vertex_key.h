@@ -31,7 +31,11 @@ enum class VertexKind : std::uint32_t {
     run,
     /// Where a face of a closed box cuts a triangle of the grid. first: midpoint of one of the
     /// triangle's edges; second: its third node, opposite to that edge.
-    face
+    face,
+    /// Where the faces of a closed box cut hexahedra. first: midpoint of the edge, the face or the
+    /// cell of the grid in which the vertex lies. Along an axis that has it neither in a node nor
+    /// in a face of the box it is where the surface crosses an edge.
+    cell
 };
 
 struct VertexKey {

@@ -113,10 +113,15 @@ TEST_CASE("a query wishes what its members say") {
     query.analysis.emplace();
     query.volume_interval = true;
     CHECK_FALSE(wishes(query, Wish::open));
+    CHECK_FALSE(wishes(query, Wish::coarse_hexahedra));
     for (const Wish wish : {Wish::hexahedra, Wish::exact_vertices, Wish::culling, Wish::place,
                             Wish::closing, Wish::analysis, Wish::volume_interval}) {
         CHECK(wishes(query, wish));
     }
+    query.stop = ErrorBound{0.1};
+    CHECK(wishes(query, Wish::coarse_hexahedra));
+    query.stop = ErrorBound{};
+    CHECK_FALSE(wishes(query, Wish::coarse_hexahedra));
 }
 
 TEST_CASE("a label's surface is asked for as another, without what labels have not") {
@@ -126,9 +131,8 @@ TEST_CASE("a label's surface is asked for as another, without what labels have n
     query.stages.close = Outside::below;
     query.attributes.normals = true;
     query.grid.cells = Cells::hexahedra;
-    CHECK_THROWS_AS(label_query(query, {3}), Error);
-    query.grid.cells = Cells::tetrahedra;
     const LabelQuery label = label_query(query, {3});
+    CHECK(label.cells == Cells::hexahedra);
     CHECK(label.label.id == 3);
     CHECK(std::get<DistanceBound>(label.stop.value()).voxels);
     CHECK(std::get<DistanceBound>(label.stop.value()).effort == Effort::fast);

@@ -401,7 +401,10 @@ TEST_CASE("hexahedral cells refuse what they do not give") {
     refused([](SurfaceQuery& q) { q.stop = ErrorBound{0.1}; });
     refused([](SurfaceQuery& q) { q.stop = NestedDistanceBound{{0.1}}; });
     refused([](SurfaceQuery& q) { q.stop = SimplifiedErrorBound{{0.1}}; });
-    refused([](SurfaceQuery& q) { q.stages.close = Outside::below; });
+    refused([](SurfaceQuery& q) {
+        q.stop = FieldThreshold{Field::hex_deviation, 0};
+        q.stages.close = Outside::below;
+    });
     refused([](SurfaceQuery& q) { q.grid.vertices = VertexPlace::exact; });
     refused([](SurfaceQuery& q) { q.focus.emplace(); });
     FunctionVolume<float> flat({9, 9, 1}, smooth_f);
@@ -434,7 +437,7 @@ TEST_CASE("within a distance cells are hexahedra, unless something needs tetrahe
     CHECK(cells([&](SurfaceQuery& q) {
               q.stop = distance;
               q.stages.close = Outside::below;
-          }) == Cells::tetrahedra);
+          }) == Cells::hexahedra);
     CHECK(cells([&](SurfaceQuery& q) {
               q.stop = distance;
               q.grid.bound = Field::deviation_bar;

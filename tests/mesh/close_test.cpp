@@ -1,5 +1,5 @@
 // Closed surfaces: watertight, and around as much as the solid in all tetrahedra has, each cut by
-// itself.
+// itself, or as the hexahedra's surface in a volume with one more layer of nodes around it.
 #include <catch2/catch.hpp>
 #include <functional>
 #include <map>
@@ -159,6 +159,7 @@ struct Settings {
     int threads = 2;
     std::uint64_t memory = 1U << 30U;
     bool normals = false;
+    Cells cells = Cells::tetrahedra;
 };
 
 Closed closed(const StoreReader& store, double iso, const Settings& with) {
@@ -171,6 +172,7 @@ Closed closed(const StoreReader& store, double iso, const Settings& with) {
     e.threads = with.threads;
     e.memory = with.memory;
     e.normals = with.normals;
+    e.cells = with.cells;
     Closed r;
     r.report = extract(store, folder / "m.ply", e, silent_progress());
     r.bytes = read_file(folder / "m.ply");
@@ -216,6 +218,146 @@ ClipBox lattice_box(const StoreReader& store, const std::optional<WorldBox>& box
         clip.hi[axis] = std::min(clip.hi[axis], box->hi[axis] / spacing);
     }
     return clip;
+}
+
+/// The nodes of a lattice within a box, and where its faces cut it.
+std::vector<double> planes_within(double lo, double hi) {
+    std::vector<double> planes{lo};
+    for (double x = std::floor(lo) + 1; x < hi; ++x) {
+        planes.push_back(x);
+    }
+    planes.push_back(hi);
+    return planes;
+}
+
+/// What solid_volume() is of tetrahedra, of hexahedra at full resolution: the trilinear function
+/// at the planes of the box, with a layer of nodes around them that is far outside, has a surface
+/// without a border. Each axis of it is then stretched to where its planes are.
+template <class T>
+double solid_volume_of_cells(const FunctionVolume<T>& volume, double iso, const ClipBox& box,
+                             Outside outside) {
+    std::array<std::vector<double>, 3> planes;
+    Int3 n;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        planes[a] = planes_within(box.lo[a], box.hi[a]);
+        planes[a].insert(planes[a].begin(), planes[a].front());
+        planes[a].push_back(planes[a].back());
+        n[axis] = static_cast<std::int64_t>(planes[a].size());
+    }
+    FunctionVolume<double> padded(n, [&](const Int3& p) {
+        if (p.x == 0 || p.y == 0 || p.z == 0 || p.x == n.x - 1 || p.y == n.y - 1 ||
+            p.z == n.z - 1) {
+            return outside == Outside::below ? -1e200 : 1e200;
+        }
+        Int3 low;
+        Double3 t{};
+        for (int axis = 0; axis < 3; ++axis) {
+            const auto a = static_cast<std::size_t>(axis);
+            const double x = planes[a][static_cast<std::size_t>(p[axis])];
+            low[axis] = static_cast<std::int64_t>(std::floor(x));
+            t[a] = x - std::floor(x);
+        }
+        const auto along = [&](auto&& self, int axis, const Int3& at) -> double {
+            if (axis < 0) {
+                return volume.at(at);
+            }
+            Int3 next = at;
+            ++next[axis];
+            const double u = self(self, axis - 1, at);
+            const double s = t[static_cast<std::size_t>(axis)];
+            return s == 0 ? u : u + s * (self(self, axis - 1, next) - u);
+        };
+        return along(along, 2, low);
+    });
+    const TemporaryFolder folder;
+    make_store(padded, folder / "s", with_chunk(8));
+    const StoreReader store(folder / "s");
+    Extraction e;
+    // What has the isovalue counts as larger at the faces of the box.
+    e.iso = std::nextafter(iso, -std::numeric_limits<double>::infinity());
+    e.cells = Cells::hexahedra;
+    extract(store, folder / "m.ply", e, silent_progress());
+    Mesh mesh = read_mesh(folder / "m.ply");
+    for (auto& vertex : mesh.vertices) {
+        for (std::size_t a = 0; a < 3; ++a) {
+            const double x = static_cast<double>(vertex[a]);
+            const auto i = static_cast<std::size_t>(std::floor(x));
+            const double from = planes[a][i];
+            const double to = planes[a][std::min(i + 1, planes[a].size() - 1)];
+            vertex[a] = static_cast<float>(from + (x - std::floor(x)) * (to - from));
+        }
+    }
+    return enclosed(mesh);
+}
+
+template <class T>
+double trilinear_value(const FunctionVolume<T>& volume, const Double3& p) {
+    double sum = 0;
+    for (std::int64_t corner = 0; corner < 8; ++corner) {
+        double weight = 1;
+        Int3 node;
+        for (int axis = 0; axis < 3; ++axis) {
+            const double x = p[static_cast<std::size_t>(axis)];
+            const bool high = (corner >> axis & 1) != 0;
+            weight *= high ? x - std::floor(x) : 1 - (x - std::floor(x));
+            node[axis] = static_cast<std::int64_t>(std::floor(x)) + (high ? 1 : 0);
+        }
+        sum += weight * volume.at(node);
+    }
+    return sum;
+}
+
+/// How many nodes have the isovalue, and a vertex of their own: polygons there have other
+/// diagonals.
+template <class T>
+std::size_t hits_within(const FunctionVolume<T>& volume, double iso, const ClipBox& box) {
+    std::size_t hits = 0;
+    for (std::int64_t i = 0; i < volume.nodes().product(); ++i) {
+        const Int3 p = volume.nodes().unlinear(i);
+        bool is_far = volume.at(p) == iso;
+        for (int axis = 0; axis < 3; ++axis) {
+            const auto a = static_cast<std::size_t>(axis);
+            const auto x = static_cast<double>(p[axis]);
+            is_far = is_far && x - 1 > box.lo[a] && x + 1 < box.hi[a];
+        }
+        hits += is_far ? 1 : 0;
+    }
+    return hits;
+}
+
+/// Of both sides of the isovalue, and of their sum; of tetrahedra about the same.
+template <class T>
+void require_solid_of_cells(const FunctionVolume<T>& volume, const StoreReader& store, double iso,
+                            const std::optional<WorldBox>& world) {
+    const ClipBox box = lattice_box(store, world);
+    const Double3& spacing = store.layout().header().spacing;
+    const double cell = spacing[0] * spacing[1] * spacing[2];
+    double all = cell;
+    double surroundings = cell;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        all *= box.hi[axis] - box.lo[axis];
+        // Coordinates are rounded to float32.
+        surroundings *= box.hi[axis] - box.lo[axis] + 0.1;
+    }
+    const auto hits = static_cast<double>(hits_within(volume, iso, box));
+    double sum = 0;
+    for (const Outside outside : {Outside::below, Outside::above}) {
+        Settings with{0, world, outside};
+        with.cells = Cells::hexahedra;
+        const Closed r = closed(store, iso, with);
+        require_watertight(r.mesh);
+        const double found = enclosed(r.mesh);
+        // Where triangles were mended polygons have other diagonals as well.
+        const double diagonals =
+            cell * (hits + 0.05 * static_cast<double>(r.report.mending.mended));
+        CAPTURE(static_cast<int>(outside), hits, r.report.mending.mended);
+        CHECK(found == Approx(cell * solid_volume_of_cells(volume, iso, box, outside))
+                           .margin(1e-5 * surroundings + diagonals));
+        CHECK((outside == Outside::below ? found : -found) > -1e-5 * surroundings);
+        sum += std::fabs(found);
+    }
+    CHECK(sum == Approx(all).margin(1e-5 * surroundings));
 }
 
 void require_solid(const StoreReader& store, double iso, const Settings& with) {
@@ -271,6 +413,11 @@ void require_solids(const Int3& n, const std::function<T(const Int3&)>& f,
     make_store(volume, folder / "s", with_chunk(8));
     const StoreReader store(folder / "s");
     for (const double iso : isovalues) {
+        std::size_t of_cells = 0;
+        for (const auto& box : boxes_in(n, spacing)) {
+            CAPTURE(n.x, n.y, n.z, iso, of_cells++);
+            require_solid_of_cells(volume, store, iso, box);
+        }
         for (const double error : errors) {
             for (const Outside outside : {Outside::below, Outside::above}) {
                 std::size_t number = 0;
@@ -285,7 +432,7 @@ void require_solids(const Int3& n, const std::function<T(const Int3&)>& f,
 
 }  // namespace
 
-TEST_CASE("a closed surface is watertight around as much as the tetrahedra hold") {
+TEST_CASE("a closed surface is watertight around as much as the cells hold") {
     for (const Int3& n : {Int3{2, 2, 2}, Int3{5, 4, 7}, Int3{17, 17, 17}, Int3{3, 20, 6}}) {
         require_solids<float>(n, smooth_f, {-0.4, 0.1, 0.6}, {0, 0.02, 0.3, 2});
     }
@@ -330,11 +477,15 @@ TEST_CASE("a constant volume is the box or nothing") {
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
     const StoreReader store(folder / "s");
-    for (const double error : {0.0, 1.0}) {
+    for (const auto& [error, cells] :
+         {std::pair{0.0, Cells::tetrahedra}, {1.0, Cells::tetrahedra}, {0.0, Cells::hexahedra}}) {
         for (const double iso : {6.5, 7.0, 7.5}) {
             CAPTURE(error, iso);
-            const Closed above = closed(store, iso, {error, {}, Outside::above});
-            const Closed below = closed(store, iso, {error, {}, Outside::below});
+            Settings with{error, {}, Outside::above};
+            with.cells = cells;
+            const Closed above = closed(store, iso, with);
+            with.outside = Outside::below;
+            const Closed below = closed(store, iso, with);
             const bool full = iso <= 7;
             CHECK(below.mesh.triangles.empty() == !full);
             CHECK(above.mesh.triangles.empty() == full);
@@ -358,9 +509,12 @@ TEST_CASE("caps lie in the faces and face outward") {
     const StoreReader store(folder / "s");
     const WorldBox box{{2, 3.25, 1.5}, {12.75, 14, 40}};
     const Double3 hi{12.75, 14, 16};
-    for (const double error : {0.0, 0.2}) {
+    for (const auto& [error, cells] :
+         {std::pair{0.0, Cells::tetrahedra}, {0.2, Cells::tetrahedra}, {0.0, Cells::hexahedra}}) {
         for (const Outside outside : {Outside::below, Outside::above}) {
-            const Mesh mesh = closed(store, 0.1, {error, box, outside}).mesh;
+            Settings with{error, box, outside};
+            with.cells = cells;
+            const Mesh mesh = closed(store, 0.1, with).mesh;
             std::array<int, 6> caps{};
             for (const auto& t : mesh.triangles) {
                 std::array<Double3, 3> p;
@@ -447,6 +601,9 @@ TEST_CASE("random volumes, isovalues, tolerances and boxes are closed") {
             }
             CAPTURE(round, query, n.x, n.y, n.z, iso, with.error, static_cast<int>(with.outside));
             require_solid(store, iso, with);
+            if (query < 2) {
+                require_solid_of_cells(volume, store, iso, with.box);
+            }
         }
     }
 }
@@ -457,17 +614,18 @@ TEST_CASE("a closed mesh does not depend on chunks, threads and memory") {
     };
     FunctionVolume<std::uint8_t> volume({40, 37, 45}, all_levels);
     const WorldBox box{{0.5, 3, 7.25}, {33.5, 36, 41}};
-    for (const double error : {0.0, 3.0}) {
+    for (const auto& [error, cells] :
+         {std::pair{0.0, Cells::tetrahedra}, {3.0, Cells::tetrahedra}, {0.0, Cells::hexahedra}}) {
         for (const double iso : {40.0, 43.5}) {
             std::string first;
             for (const int chunk : {8, 16, 64}) {
                 const TemporaryFolder folder;
                 make_store(volume, folder / "s", with_chunk(chunk));
                 const StoreReader store(folder / "s");
-                for (const int threads : {1, 3}) {
+                for (const int threads : {1, 2, 7}) {
                     for (const std::uint64_t memory : {64U << 20U, 1U << 30U}) {
-                        const Closed r =
-                            closed(store, iso, {error, box, Outside::below, threads, memory, true});
+                        const Closed r = closed(
+                            store, iso, {error, box, Outside::below, threads, memory, true, cells});
                         if (first.empty()) {
                             require_watertight(r.mesh);
                             first = r.bytes;
@@ -490,9 +648,11 @@ TEST_CASE("what is closed stays open at missing values alone, and the report say
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
     const Store store(folder / "s");
-    for (const double error : {0.0, 0.3}) {
+    for (const auto& [error, cells] :
+         {std::pair{0.0, Cells::tetrahedra}, {0.3, Cells::tetrahedra}, {0.0, Cells::hexahedra}}) {
         for (const bool components : {false, true}) {
             SurfaceQuery query{.iso = -0.1};
+            query.grid.cells = cells;
             query.stop = ErrorBound{error};
             query.stages.close = Outside::below;
             if (components) {
@@ -514,7 +674,7 @@ TEST_CASE("what is closed stays open at missing values alone, and the report say
                 if (edges.count({edge.second, edge.first}) == 0) {
                     for (const std::uint32_t v : {edge.first, edge.second}) {
                         border.insert(v);
-                        // No further from a missing node than the tetrahedra around it.
+                        // No further from a missing node than the cells around it.
                         const auto near = [&](const Int3& p) {
                             bool all = true;
                             for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -563,12 +723,14 @@ Mesh mesh_of(const MeshCollector& collected) {
 }  // namespace
 
 TEST_CASE("vertices of caps carry the function's value and its gradient's direction") {
+    const Cells cells = GENERATE(Cells::tetrahedra, Cells::hexahedra);
     FunctionVolume<float> volume({14, 17, 12}, smooth_f);
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
     const Store store(folder / "s");
     SurfaceQuery query{.iso = 0.1};
     query.stages.close = Outside::below;
+    query.grid.cells = cells;
     query.attributes.normals = true;
     query.attributes.values = &store;
     query.box = WorldBox{{1, 2.25, 3.5}, {9.75, 12.5, 20}};
@@ -579,7 +741,9 @@ TEST_CASE("vertices of caps carry the function's value and its gradient's direct
     for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
         Double3 p{};
         std::copy(mesh.vertices[v].begin(), mesh.vertices[v].end(), p.begin());
-        CHECK(mesh.values[v] == Approx(fine_value(volume, p)).margin(1e-5));
+        const double expected =
+            cells == Cells::hexahedra ? trilinear_value(volume, p) : fine_value(volume, p);
+        CHECK(mesh.values[v] == Approx(expected).margin(1e-5));
         CHECK(mesh.values[v] > 0.1 - 1e-5);
         above += mesh.values[v] > 0.1 + 1e-5 ? 1 : 0;
         const auto& n = mesh.normals[v];
@@ -611,12 +775,14 @@ TEST_CASE("a closed surface stays closed within a distance, by place, and withou
         const bool speck = p.x % 6 == 5 && p.y % 6 == 5 && p.z % 6 == 5;
         return speck ? 1.0F : smooth_f(p);
     };
+    const Cells cells = GENERATE(Cells::tetrahedra, Cells::hexahedra);
     FunctionVolume<float> volume({24, 21, 26}, f);
     const TemporaryFolder folder;
     make_store(volume, folder / "s", with_chunk(8));
     const Store store(folder / "s");
     SurfaceQuery query{.iso = 0.1};
     query.stages.close = Outside::below;
+    query.grid.cells = cells;
     query.box = WorldBox{{1, 2.25, 3.5}, {19.75, 20, 30}};
     MeshCollector full;
     extract(store, query, full);
@@ -628,6 +794,12 @@ TEST_CASE("a closed surface stays closed within a distance, by place, and withou
     queries[2].stop = ErrorBound{0.01};
     queries[2].focus = Focus{{4, 4, 4}, {6, 6, 6}, 0.5};
     queries[3].camera = Camera{{-5, 3, 40}, 40, 64, 16};
+    if (cells == Cells::hexahedra) {
+        // Those have no caps with an error, and know no places.
+        queries.resize(2);
+    }
+    queries.emplace_back(query).stop = DistanceBound{0.2, false, Effort::fast};
+    queries.emplace_back(query).stop = TriangleBudget{full.triangles.size() / 3};
     for (const SurfaceQuery& q : queries) {
         CAPTURE(&q - queries.data());
         MeshCollector mesh;

@@ -15,8 +15,9 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
 
 import numpy as np
-from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkFiltersCore import vtkMassProperties
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkMassProperties
 from vtkmodules.vtkIOPLY import vtkPLYReader
 
 ISONEST = sys.argv[1]
@@ -143,7 +144,8 @@ class MeasuresTest(unittest.TestCase):
                 self.assertNotEqual(report["volume"], full["volume"])
 
     def test_the_surface_at_full_resolution_is_measured_beside_a_simplified_one(self):
-        cases = (("ball", ("--cells", "hex")), ("ball", ("--close", "--box", "3,1,2,15,9.5,18")),
+        cases = (("ball", ("--cells", "hex")), ("ball", ("--cells", "tet", "--close", "--box", "3,1,2,15,9.5,18")),
+                 ("ball", ("--cells", "hex", "--close", "--box", "3,1,2,15,9.5,18")),
                  ("waves", ("--cells", "hex")), ("shell", ("--cells", "tet", "--components", "largest")),
                  ("placed", ("--cells", "hex")))
         for (store, options), stop in itertools.product(cases, (("--distance", 0.3), ("--triangles", 300),
@@ -179,24 +181,43 @@ class MeasuresTest(unittest.TestCase):
                 self.assertFalse(self.measured(store, *options)[0].is_closed())
 
     def test_a_surface_that_was_closed_is_measured_with_its_caps(self):
-        opened = self.measured("waves")[1]
         total = 20 * 17 * 22
         volumes = {}
-        for side, signs in (("below", 1), ("above", -1)):
-            for options in ((), ("--distance", 0.4), ("--error", 0.1)):
-                with self.subTest(side=side, options=options):
-                    mesh, report = self.measured("waves", f"--close={side}", *options)
+        for cells, stops in (("tet", ((), ("--distance", 0.4), ("--error", 0.1))),
+                             ("hex", ((), ("--distance", 0.4), ("--distance", 0.4, "--effort", "fast")))):
+            opened = self.measured("waves", "--cells", cells)[1]
+            for (side, signs), options in itertools.product((("below", 1), ("above", -1)), stops):
+                with self.subTest(cells=cells, side=side, options=options):
+                    mesh, report = self.measured("waves", f"--close={side}", "--cells", cells, *options)
                     self.assertTrue(mesh.is_closed())
                     self.assertGreater(signs * mesh.signed_volume(), 0)
                     if not options:
-                        volumes[side] = report["volume"]
+                        volumes[cells, side] = report["volume"]
                         self.assertGreater(report["area"], opened["area"])
-        # Both sides of one surface fill the box.
-        self.assertAlmostEqual(sum(volumes.values()) / total, 1, delta=1e-3)
-        box = ("--box", "3,1,2,15,9.5,18")
-        mesh, report = self.measured("ball", *box, "--close")
-        self.assertTrue(mesh.is_closed())
-        self.assertLess(report["volume"], 12 * 8.5 * 16)
+            # Both sides of one surface fill the box.
+            self.assertAlmostEqual((volumes[cells, "below"] + volumes[cells, "above"]) / total, 1, delta=1e-5)
+            box = ("--box", "3,1,2,15,9.5,18")
+            mesh, report = self.measured("ball", *box, "--close", "--cells", cells)
+            self.assertTrue(mesh.is_closed())
+            self.assertLess(report["volume"], 12 * 8.5 * 16)
+        for side in ("below", "above"):
+            self.assertAlmostEqual(volumes["hex", side] / volumes["tet", side], 1, delta=5e-3)
+
+    def test_a_closed_surface_of_hexahedra_holds_what_that_of_vtk_holds_in_a_padded_volume(self):
+        """A layer of nodes far outside leaves no border; its cells are flat. VTK has other diagonals."""
+        for side, far in (("below", -1e30), ("above", 1e30)):
+            grid = vtkImageData()
+            padded = np.pad(np.load(self.here / "v.npy").astype("f8"), 1, constant_values=far)
+            grid.SetDimensions(*padded.shape[::-1])
+            values = numpy_to_vtk(padded.ravel(), deep=True)
+            grid.GetPointData().SetScalars(values)
+            edges = vtkFlyingEdges3D()
+            edges.SetInputData(grid)
+            edges.SetValue(0, 0.0)
+            properties = vtkMassProperties()
+            properties.SetInputConnection(edges.GetOutputPort())
+            report = self.measured("waves", f"--close={side}", "--cells", "hex")[1]
+            np.testing.assert_allclose(report["volume"], properties.GetVolume(), rtol=5e-4)
 
     def test_the_interval_of_a_solid_within_an_error_holds_its_full_volume_and_shrinks_with_the_error(self):
         box = ("--box", "3,1,2,15,9.5,18")

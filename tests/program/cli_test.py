@@ -335,6 +335,10 @@ class Cli(unittest.TestCase):
         self.assertGreater(report["triangles"], 0)
         header = (self.here / "e.ply").read_bytes()[:400].decode("latin-1")
         self.assertIn(f"element face {report['triangles']}\n", header)
+        cells = self.json("extract", "b.isonest", "--iso", "0.5", "--cells", "hex", "-o", "e.ply")
+        self.assertGreaterEqual(cells["visited_hexahedra"], cells["leaf_hexahedra"])
+        self.assertGreater(cells["leaf_hexahedra"], 0)
+        self.assertNotIn("visited_tetrahedra", cells)
         (self.here / "e.ply").unlink()
 
     def test_reports_say_which_triangles_there_are(self):

@@ -136,6 +136,7 @@ def check_chunks(folder, volume, chunk):
     commands = [
         full,
         [*full, "--close", "--normals", "--box", "1.5,2,3.25,120.5,90,100"],
+        [*full, "--cells", "hex", "--close", "--normals", "--box", "1.5,2,3.25,120.5,90,100"],
         ["slice", store, "--plane", "1,2,3,300", "-o", folder / "s.png", "--size", "1500x1500"],
         ["export", store, "--field", "deviation_bar", "-o", folder / "e.h5", "--force"],
         ["check", store]]

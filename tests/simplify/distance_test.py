@@ -110,6 +110,8 @@ def check(folder, name, u, iso, options, distances):
     kept = (("--keep-analysis",), ("--keep-analysis",), ("--effort", "fast"))
     check_cells(folder, store, name, iso, distances, ("--cells", "hex"), ((), *kept))
     check_cells(folder, store, name, iso, distances, ("--cells", "tet"), ((), kept[-1]))
+    for close, way in (("--close", ()), ("--close=above", kept[-1])):
+        check_cells(folder, store, name, iso, distances, ("--cells", "hex", close), (way,))
 
 
 def check_cells(folder, store, name, iso, distances, cells, ways):
@@ -119,7 +121,7 @@ def check_cells(folder, store, name, iso, distances, cells, ways):
     before_options = None
     largest = float(np.abs(read_ply(full)[0]).max(initial=0))
     for d, kept in ((d, kept) for d in distances for kept in ways):
-        what = f"{name}, {cells[1]}, distance {d} {' '.join(kept)}"
+        what = f"{name}, {' '.join(cells[1:])}, distance {d} {' '.join(kept)}"
         made = mesh.read_bytes() if kept and before_options == (d, kept) else None
         before_options = (d, kept)
         done = run("extract", store, "--iso", iso, "--distance", d, "-o", mesh, "--json", *cells, *kept)
@@ -270,8 +272,7 @@ def fast(folder):
     store = store_of(folder, "waves", u, "--spacing", "1,1.5,2")
 
     def both(store, options, stop, full=full, mesh=mesh):
-        cells = () if any("--close" in str(option) for option in options) else ("--cells", "hex")
-        assert run("extract", store, *options, *cells, "-o", full, "-q").returncode == 0
+        assert run("extract", store, *options, "--cells", "hex", "-o", full, "-q").returncode == 0
         return run("extract", store, *options, *stop, "--effort", "fast", "-o", mesh, "--json")
 
     for options in ((), ("--box", "5,5,5,40.5,30,40"), ("--close",), ("--close=above",), ("--components", "largest"),
@@ -344,6 +345,13 @@ def arguments(folder):
     assert run("extract", store, "--iso", 9.3, "-o", full, "--error", 0, "--cells", "hex", "-q").returncode == 0
     require(extract("--distance", 0).returncode == 0, "--distance 0")
     require(mesh.read_bytes() == full.read_bytes(), "--distance 0 is not the full surface")
+    # Hexahedra at full resolution need no field.
+    lean = store_of(folder, "lean", RNG.random((7, 8, 9)), "--indicators", "linf_bar")
+    for stop in (("--distance", 0.2), ("--triangles", 700), ("--distance", 0.2, "--effort", "fast", "--close")):
+        done = run("extract", lean, "--iso", 0.5, *stop, "-o", mesh, "-q")
+        require(done.returncode == 0, f"{stop} in a store without deviation_bar: {done.stderr}")
+        done = run("extract", lean, "--iso", 0.5, *stop, "--cells", "tet", "-o", mesh, "-q")
+        require(done.returncode == 3 and "deviation_bar" in done.stderr, f"{stop} of tetrahedra: {done}")
     for options in (("--close",), ("--components", "largest"), ("--triangles", 9), ("--keep-analysis",),
                     ("--box", "3,3,3,15,20,25"), ("--normals",)):
         good = options[0] in ("--box", "--normals")

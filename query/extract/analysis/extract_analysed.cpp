@@ -244,6 +244,7 @@ void report_surface(const AnalysedSurface& surface, const ExtractQuery& query,
     report.mending.mended = surface.mended_triangles;
     report.coordinate_rounding = surface.coordinate_rounding;
     report.value_rounding = surface.value_rounding;
+    report.traversal.cells = query.traversal.cells;
     report.traversal.stop = query.traversal.stop;
     report.traversal.bound = query.traversal.bound;
 }

@@ -15,12 +15,13 @@ struct TraversalReport {
     Field stop = Field::deviation_bar;   ///< the field of the stop test
     Field bound = Field::deviation_bar;  ///< of the interest test
     std::optional<Field> culled_by;
-    std::uint64_t visited = 0;       ///< tetrahedra, hexahedra; in a plane triangles, squares
-    std::uint64_t leaves = 0;        ///< visited, not refined further, holding surface or cap
-    std::uint64_t bricks = 0;        ///< units of work
-    std::uint64_t chunks_read = 0;   ///< by this call alone, those read twice counted twice
-    std::uint64_t chunks_total = 0;  ///< of the store
-    std::uint64_t bytes_read = 0;    ///< stored bytes of the chunks read
+    Cells cells = Cells::tetrahedra;  ///< of the nested grid
+    std::uint64_t visited = 0;        ///< of the cells; in a plane triangles or squares
+    std::uint64_t leaves = 0;         ///< visited, not refined further, holding surface or cap
+    std::uint64_t bricks = 0;         ///< units of work
+    std::uint64_t chunks_read = 0;    ///< by this call alone, those read twice counted twice
+    std::uint64_t chunks_total = 0;   ///< of the store
+    std::uint64_t bytes_read = 0;     ///< stored bytes of the chunks read
     std::uint64_t peak_cache_bytes = 0;
 };
 

@@ -27,7 +27,9 @@ struct SurfaceStages {
     /// Closes the surface by caps where it meets the faces of the volume or of the box, so that
     /// every edge has two triangles; only at missing values it stays open. The caps face as the
     /// surface does: out of the solid with Outside::below, into it with Outside::above. Where nodes
-    /// near those faces have the isovalue exactly, triangles without area arise, and are mended.
+    /// near those faces have the isovalue exactly, triangles without area arise, and are mended. A
+    /// hexahedron that the box cuts is the smaller one that is left, trilinear as the whole one is;
+    /// hexahedra are closed at full resolution, simplified or not.
     std::optional<Outside> close = {};
     /// Drops specks; without a value components are not looked for.
     std::optional<ComponentChoice> components = {};

@@ -32,10 +32,12 @@ class FinestHexahedra {
     void refine(const Int3& parent, bool cut) {
         values_.load(nodes_, parent, 0);
         const Sides sides = sides_of(nodes_.value, query_.iso);
+        // What is beyond a closed box's face counts.
+        const Sides here = cut && query_.box.close ? sides.with(*query_.box.close) : sides;
         const std::uint32_t special = special_nodes(nodes_.value, query_.iso);
         for (unsigned corner = 0; corner < 8; ++corner) {
             const std::uint32_t corners = topology_.corners[corner];
-            if (!sides.both_in(corners)) {
+            if (!here.both_in(corners)) {
                 continue;
             }
             bool cell_cut = cut;
@@ -46,6 +48,9 @@ class FinestHexahedra {
                     continue;
                 }
                 cell_cut = overlap == Overlap::crossing;
+                if (!cell_cut && !sides.both_in(corners)) {
+                    continue;
+                }
             }
             march_cell(corner, sides, (special & corners) != 0, cell_cut);
         }

@@ -9,10 +9,10 @@
 
 namespace isonest::detail {
 
-/// Marches all cubes of a brick that the isosurface passes through, each as one cell. `cubes`:
-/// those of level 1, from surface_cubes(). Cells with a missing corner have no surface. REQUIRES:
-/// the query has neither plane nor culling nor on_leaf, and its box is not closed. Throws what the
-/// chunk source and the sink throw.
+/// Marches all cubes of a brick that the isosurface passes through, or a cap of a closed box, each
+/// as one cell. `cubes`: those of level 1, from surface_cubes(). Cells with a missing corner have
+/// neither. REQUIRES: the query has neither plane nor culling nor on_leaf. Throws what the chunk
+/// source and the sink throw.
 void march_finest_hexahedra(TraversalRun& run, const Int3& brick, const MaskList& cubes);
 
 }  // namespace isonest::detail

@@ -318,6 +318,7 @@ ExtractOptions options_of(const ExtractArguments& a) {
 }
 
 Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
+    const std::string cells = r.traversal.cells == Cells::hexahedra ? "hexahedra" : "tetrahedra";
     Json json = {{"mesh", a.mesh},
                  {"vertices", r.vertices},
                  {"triangles", r.triangles},
@@ -327,8 +328,8 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
                  {"error_bound", r.error_bound},
                  {"value_rounding", r.value_rounding},
                  {"guaranteed", is_guaranteed(r) || r.traversal.stop == Field::hex_deviation},
-                 {"visited_tetrahedra", r.traversal.visited},
-                 {"leaf_tetrahedra", r.traversal.leaves},
+                 {"visited_" + cells, r.traversal.visited},
+                 {"leaf_" + cells, r.traversal.leaves},
                  {"mended_triangles", r.mending.mended},
                  {"zero_area_triangles", r.mending.zero_area},
                  {"coordinate_rounding", r.coordinate_rounding},

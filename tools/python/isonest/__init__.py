@@ -119,7 +119,7 @@ def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *
     :meth:`Store.isosurface`. Without an isovalue it is the mean of the smallest and the largest value.
 
     cells: "hex" or "tet". Without a word it is "hex", which gives a third of the triangles, but "tet" where something
-        is asked for that is made of tetrahedra: an error, ``close`` and the like.
+        is asked for that is made of tetrahedra: an error, a focus and the like.
 
     At full resolution, hexahedra are made straight from the volume, which is read once. ``memory`` then bounds what
     isonest allocates beside the volume and twice the mesh. Everything else needs a store, which is made in the

@@ -15,7 +15,7 @@ from ._queries import Place
 
 _OF_ANY_MESH = frozenset(("normals", "coordinates", "gradient_direction", "quality"))
 """Arguments of Store.isosurface that need no store."""
-_OF_HEXAHEDRA = frozenset(("box", "components", "min_component", "min_volume", "vertex_values"))
+_OF_HEXAHEDRA = frozenset(("box", "close", "components", "min_component", "min_volume", "vertex_values"))
 """Those that need one, and go with hexahedra at full resolution."""
 
 
