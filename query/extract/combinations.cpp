@@ -24,10 +24,36 @@ constexpr const char* kVolumeOfSolid =
     "everywhere";
 constexpr const char* kVolumeByError =
     "the interval is found by a proven error of tetrahedra's values";
+constexpr const char* kErrorsOfStores =
+    "errors are those of a store; a volume file gives the surface at full resolution, or "
+    "simplified within a distance or to a number of triangles";
+constexpr const char* kHexahedraOfVolumes =
+    "tetrahedra, exact vertices, closing and leaving out backfaces are of a store; a volume file "
+    "is marched by hexahedra";
+constexpr auto kMakeStore = RemedyKind::make_store;
 constexpr const char* kDistanceEverywhere =
     "a distance holds everywhere: it goes with neither focus nor camera";
 
 constexpr std::array kRefused{
+    Combination{Wish::no_store, Wish::plane_data,
+                "isolines and graphs of data in a plane need a store", kMakeStore},
+    Combination{Wish::no_store, Wish::error, kErrorsOfStores, kMakeStore},
+    Combination{Wish::no_store, Wish::simplified_error, kErrorsOfStores, kMakeStore},
+    Combination{Wish::no_store, Wish::nested_distance, kErrorsOfStores, kMakeStore},
+    Combination{Wish::no_store, Wish::place, kErrorsOfStores, kMakeStore},
+    Combination{Wish::no_store, Wish::volume_interval, kErrorsOfStores, kMakeStore},
+    Combination{Wish::no_store, Wish::tetrahedra, kHexahedraOfVolumes, kMakeStore},
+    Combination{Wish::no_store, Wish::exact_vertices, kHexahedraOfVolumes, kMakeStore},
+    Combination{Wish::no_store, Wish::culling, kHexahedraOfVolumes, kMakeStore},
+    Combination{Wish::no_store, Wish::closing, kHexahedraOfVolumes, kMakeStore},
+    Combination{Wish::no_store, Wish::box,
+                "a box cuts the surface of a store; a volume file is cropped when it is opened, "
+                "by numbers of nodes",
+                kMakeStore},
+    Combination{Wish::no_store, Wish::vertex_fields,
+                "vertices of a volume file carry normals; fields and values of stores need a store",
+                kMakeStore},
+    Combination{Wish::no_store, Wish::analysis, "an analysis is kept of a store", kMakeStore},
     Combination{Wish::graph, Wish::volume_data, "a graph needs data in a plane, one node along z"},
     Combination{Wish::slice, Wish::plane_data, "a slice needs a volume", RemedyKind::graph},
     Combination{Wish::culling, Wish::isolines, "leaving out backfaces needs a volume"},
@@ -189,6 +215,9 @@ Wishes surface_wishes(const SurfaceQuery& query, bool isolines) {
     set(wishes, Wish::no_distance, !has(wishes, Wish::distance));
     set(wishes, Wish::exact_vertices, query.grid.vertices == VertexPlace::exact);
     set(wishes, Wish::culling, query.grid.culling.has_value());
+    set(wishes, Wish::tetrahedra, query.grid.cells == Cells::tetrahedra);
+    set(wishes, Wish::box, query.box.has_value());
+    set(wishes, Wish::vertex_fields, query.attributes.error || query.attributes.values != nullptr);
     set(wishes, Wish::analysis, query.analysis.has_value());
     set(wishes, Wish::open, !query.stages.close);
     set(wishes, Wish::volume_interval, query.volume_interval);
@@ -207,6 +236,8 @@ const char* name_of(Wish wish) {
             return "data in a plane";
         case Wish::volume_data:
             return "a volume";
+        case Wish::no_store:
+            return "a volume file, without a store";
         case Wish::isolines:
             return "isolines";
         case Wish::label:
@@ -219,12 +250,18 @@ const char* name_of(Wish wish) {
             return "hexahedral cells";
         case Wish::coarse_hexahedra:
             return "hexahedral cells with an error above 0, or a field's threshold";
+        case Wish::tetrahedra:
+            return "tetrahedra by name";
         case Wish::exact_vertices:
             return "exact vertices";
         case Wish::place:
             return "focus or camera";
         case Wish::culling:
             return "leaving out backfaces";
+        case Wish::box:
+            return "a box";
+        case Wish::vertex_fields:
+            return "errors or other values at the vertices";
         case Wish::error:
             return "an error above 0, or a field's threshold";
         case Wish::threshold:
@@ -269,6 +306,18 @@ Wishes wishes_of(const SurfaceQuery& query) {
 
 Wishes wishes_of(const StoreReader& store, const SurfaceQuery& query) {
     return surface_wishes(query, is_flat(store));
+}
+
+Wishes wishes_of(const VolumeDescription& volume, const SurfaceQuery& query) {
+    Wishes wishes = surface_wishes(query, false);
+    const Int3& n = volume.nodes;
+    set(wishes, Wish::no_store);
+    set(wishes, Wish::plane_data, std::min({n.x, n.y, n.z}) == 1);
+    // A field by which elements are left out is one of tetrahedra.
+    const bool by_name = query.grid.cells == Cells::tetrahedra || query.grid.bound.has_value();
+    set(wishes, Wish::tetrahedra, by_name);
+    wishes.set(static_cast<std::size_t>(Wish::hexahedra), !by_name);
+    return wishes;
 }
 
 Wishes wishes_of(const StoreReader& store, const LabelQuery& query) {

@@ -8,6 +8,7 @@
 
 #include <isonest/error.h>
 #include <isonest/extract.h>
+#include <isonest/volume_source.h>
 
 #include "store/container/reader.h"
 
@@ -17,6 +18,7 @@ enum class Wish : std::uint8_t {
     // Of what data.
     plane_data,
     volume_data,
+    no_store,
     // What is extracted.
     isolines,
     label,
@@ -25,9 +27,12 @@ enum class Wish : std::uint8_t {
     // Its cells and vertices, and which elements are visited.
     hexahedra,
     coarse_hexahedra,
+    tetrahedra,
     exact_vertices,
     place,
     culling,
+    box,
+    vertex_fields,
     // When it stops.
     error,
     threshold,
@@ -68,6 +73,8 @@ Wishes wishes_of(const StoreReader& store, const LabelQuery& query);
 Wishes wishes_of(const StoreReader& store, const SliceQuery& query);
 Wishes wishes_of(const StoreReader& store, const ContourQuery& query);
 Wishes wishes_of(const StoreReader& store, const GraphQuery& query);
+/// Of a volume without a store.
+Wishes wishes_of(const VolumeDescription& volume, const SurfaceQuery& query);
 /// Of the query alone, whatever the store.
 Wishes wishes_of(const SurfaceQuery& query);
 

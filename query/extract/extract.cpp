@@ -1,5 +1,3 @@
-#include <algorithm>
-
 #include <isonest/extract.h>
 
 #include "query/extract/combinations.h"
@@ -38,12 +36,7 @@ ExtractReport run(const Store& store, const Query& query, MeshSink& sink,
     ExtractReport report =
         run_along_axes(store, detail::in_own_axes(query, header, store.reader().path().string()),
                        turning, options, progress);
-    // Turned positions are rounded once more.
-    if (report.distance && report.distance->bound > 0) {
-        report.distance->bound += turning.rounding();
-    }
-    report.coordinate_rounding +=
-        turning.rounding() / *std::min_element(header.spacing.begin(), header.spacing.end());
+    detail::add_turned_rounding(turning, header.spacing, report);
     return report;
 }
 

@@ -14,6 +14,7 @@
 #include "query/extract/query_checks.h"
 #include "query/extract/stages/error_stage.h"
 #include "query/mesh/coordinate_rounding.h"
+#include "query/slabs/slab_plan.h"
 #include "query/view/label_view.h"
 #include "store/container/extent.h"
 
@@ -156,8 +157,7 @@ void choose_attributes(const StoreReader& store, const MeshAttributes& chosen, b
     }
 }
 
-double world_distance(const StoreReader& store, const DistanceBound& asked) {
-    const StoreHeader& header = store.layout().header();
+double world_distance(const StoreHeader& header, const DistanceBound& asked) {
     double voxel = kInfinity;
     for (int axis = 0; axis < 3; ++axis) {
         if (header.nodes[axis] > 1) {
@@ -177,19 +177,19 @@ void require_sense(const ComponentChoice& choice) {
 
 /// The distances of a surface's stop: of its simplification and of the traversal.
 struct DistanceOfStop {
-    const StoreReader& store;
+    const StoreHeader& header;
     ExtractQuery& asked;
 
     void operator()(const DistanceBound& stop) const {
-        asked.stages.distance = {world_distance(store, stop), std::nullopt, stop.effort};
+        asked.stages.distance = {world_distance(header, stop), std::nullopt, stop.effort};
     }
     void operator()(const TriangleBudget& stop) const {
-        asked.stages.distance = {stop.within ? world_distance(store, *stop.within)
-                                             : diagonal_of(store.layout().header()),
-                                 stop.most, stop.effort};
+        asked.stages.distance = {
+            stop.within ? world_distance(header, *stop.within) : diagonal_of(header), stop.most,
+            stop.effort};
     }
     void operator()(const NestedDistanceBound& stop) const {
-        if (const double distance = world_distance(store, stop.bound); distance > 0) {
+        if (const double distance = world_distance(header, stop.bound); distance > 0) {
             asked.nested_distance = distance;
             asked.traversal.vertices = VertexPlace::exact;
         }
@@ -270,7 +270,7 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     if (grid.culling) {
         asked.traversal.culling = culling_of(store, *grid.culling);
     }
-    std::visit(DistanceOfStop{store, asked}, query.stop);
+    std::visit(DistanceOfStop{store.layout().header(), asked}, query.stop);
     if (std::holds_alternative<SimplifiedErrorBound>(query.stop)) {
         if (asked.threshold > 0) {
             asked.stages.error = asked.threshold;
@@ -287,6 +287,37 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     return finished(store, std::move(asked));
 }
 
+StoreHeader header_of(const VolumeDescription& volume) {
+    StoreHeader header;
+    header.nodes = volume.nodes;
+    header.type = volume.type;
+    header.spacing = volume.spacing;
+    header.origin = volume.origin;
+    header.direction = volume.direction;
+    header.unit = volume.unit;
+    return header;
+}
+
+ExtractQuery extract_query(const VolumeDescription& volume, const SurfaceQuery& query) {
+    require_combination(wishes_of(volume, query), volume.name);
+    require_marchable(volume, query.iso);
+    require_distance(query.stop);
+    ExtractQuery asked;
+    asked.spacing = volume.spacing;
+    asked.origin = volume.origin;
+    asked.traversal.iso = query.iso;
+    asked.traversal.cells = Cells::hexahedra;
+    asked.traversal.attributes.normal = query.attributes.normals;
+    for (int axis = 0; axis < 3; ++axis) {
+        asked.traversal.box.hi[static_cast<std::size_t>(axis)] =
+            static_cast<double>(volume.nodes[axis] - 1);
+    }
+    std::visit(DistanceOfStop{header_of(volume), asked}, query.stop);
+    choose_stages(query.stages, asked);
+    asked.coordinate_rounding = coordinate_rounding(volume.nodes, volume.spacing, volume.origin);
+    return asked;
+}
+
 ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bool float64) {
     const Wishes wishes = wishes_of(store, query);
     require_combination(wishes, store.path().string());
@@ -301,7 +332,7 @@ ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bo
     if (!has_cells) {
         asked.traversal.bound = bound_of(store, {});
     }
-    std::visit(DistanceOfStop{store, asked}, stop);
+    std::visit(DistanceOfStop{store.layout().header(), asked}, stop);
     choose_label(store, query.label, asked);
     choose_stages(query.stages, asked);
     choose_attributes(store, query.attributes, false, float64, asked);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <isonest/extract.h>
+#include <isonest/volume_source.h>
 
 #include "query/traverse/traversal.h"
 #include "store/container/reader.h"
@@ -70,6 +71,10 @@ struct ExtractQuery {
 /// no ErrorBudget.
 ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, bool float64);
 ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bool float64);
+/// What a store of the volume would say of its place.
+StoreHeader header_of(const VolumeDescription& volume);
+/// Of a volume without a store, in its own axes. Throws Error{unsupported} too.
+ExtractQuery extract_query(const VolumeDescription& volume, const SurfaceQuery& query);
 ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bool float64);
 ExtractQuery extract_query(const StoreReader& store, const ContourQuery& query, bool float64);
 ExtractQuery extract_query(const StoreReader& store, const GraphQuery& query, bool float64);

@@ -23,6 +23,16 @@ void require_not_negative(double number, const char* what) {
     }
 }
 
+void require_sense(const DistanceBound& asked) {
+    require_not_negative(asked.value, "distance");
+}
+void require_sense(const TriangleBudget& asked) {
+    if (asked.most == 0) {
+        throw Error(ErrorKind::invalid_argument, "a mesh of no triangles is no surface");
+    }
+    require_sense(asked.within.value_or(DistanceBound{}));
+}
+
 double largest_of(const StoreReader& store, Field field) {
     double largest = 0;
     for (const ArrayInfo& array : store.layout().arrays()) {
@@ -130,6 +140,14 @@ Stop stop_of(const StoreReader& store, const SimplifiedErrorBound& asked) {
 }
 
 }  // namespace
+
+void require_distance(const SurfaceStop& stop) {
+    if (const auto* const distance = std::get_if<DistanceBound>(&stop)) {
+        require_sense(*distance);
+    } else if (const auto* const budget = std::get_if<TriangleBudget>(&stop)) {
+        require_sense(*budget);
+    }
+}
 
 void require_stored(const StoreReader& store, Field field, const std::string& what) {
     const StoreLayout& layout = store.layout();

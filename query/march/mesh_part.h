@@ -32,7 +32,9 @@ struct MeshPart {
         std::uint32_t plane = 0;
         std::uint32_t shared = 0;  ///< the element of the cut vertex itself
     };
-    std::vector<Double3> positions;         ///< coordinates of the finest lattice
+    std::vector<Double3> positions;  ///< coordinates of the finest lattice
+    /// In place of these: world coordinates, as rounded.
+    std::vector<std::array<float, 3>> world = {};
     std::vector<std::uint32_t> attributes;  ///< AttributeWords, as many per vertex as asked for
     std::vector<std::array<std::uint32_t, 3>> triangles;
     std::vector<Shared> shared;  ///< those with a vertex in ascending order of it

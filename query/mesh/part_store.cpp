@@ -49,7 +49,7 @@ PartStore::PartStore(const std::filesystem::path& folder, const Double3& spacing
 void PartStore::append(std::uint64_t order, const MeshPart& part) {
     PartRecord record;
     record.order = order;
-    record.vertices = static_cast<std::uint32_t>(part.positions.size());
+    record.vertices = static_cast<std::uint32_t>(part.positions.size() + part.world.size());
     record.triangles = static_cast<std::uint32_t>(part.triangles.size());
     record.shared = static_cast<std::uint32_t>(part.shared.size());
     record.names = static_cast<std::uint32_t>(part.names.size());
@@ -69,11 +69,16 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     auto* const world = reinterpret_cast<Point*>(bytes.get() + pieces.vertices);
     Point lo{kMost, kMost, kMost};
     Point hi{-kMost, -kMost, -kMost};
+    std::copy(part.world.begin(), part.world.end(), world);
     for (std::size_t i = 0; i < part.positions.size(); ++i) {
         for (std::size_t axis = 0; axis < 3; ++axis) {
-            const auto x =
+            world[i][axis] =
                 static_cast<float>(origin_[axis] + spacing_[axis] * part.positions[i][axis]);
-            world[i][axis] = x;
+        }
+    }
+    for (std::size_t i = 0; i < record.vertices; ++i) {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            const float x = world[i][axis];
             lo[axis] = std::min(lo[axis], x);
             hi[axis] = std::max(hi[axis], x);
         }

@@ -96,4 +96,13 @@ double RotatedSink::rounding() const {
     return std::sqrt(sum);
 }
 
+void add_turned_rounding(const RotatedSink& turning, const Double3& spacing,
+                         ExtractReport& report) {
+    if (report.distance && report.distance->bound > 0) {
+        report.distance->bound += turning.rounding();
+    }
+    report.coordinate_rounding +=
+        turning.rounding() / *std::min_element(spacing.begin(), spacing.end());
+}
+
 }  // namespace isonest::detail

@@ -5,6 +5,7 @@
 #include <mutex>
 #include <vector>
 
+#include <isonest/extract_report.h>
 #include <isonest/int3.h>
 #include <isonest/mesh_sink.h>
 
@@ -44,5 +45,9 @@ class RotatedSink : public MeshSink {
     bool measured_ = false;  ///< the box is known
     std::mutex box_;
 };
+
+/// Turned positions are rounded once more: adds that to what the report of a mesh in the volume's
+/// own axes says. `spacing`: of the volume.
+void add_turned_rounding(const RotatedSink& turning, const Double3& spacing, ExtractReport& report);
 
 }  // namespace isonest::detail

@@ -13,6 +13,9 @@
 #include "query/march/hexahedron_cases.h"
 #include "query/march/polygon_with_hits.h"
 #include "query/slabs/node_bits.h"
+#include "query/slabs/slab_edges.h"
+#include "query/slabs/slab_values.h"
+#include "query/slabs/slab_vertices.h"
 
 namespace isonest::detail {
 namespace {
@@ -72,16 +75,15 @@ class CellBits {
 };
 
 template <class T>
-class SlabMarch {
+class SlabMarch : public SlabMarcher {
   public:
-    SlabMarch(const SlabValues<T>& values, const SlabPlace& place, MarchedSlab& slab)
-        : values_(values),
-          iso_(place.iso),
+    SlabMarch(const Int3& nodes, const SlabPlace& place)
+        : values_{nullptr, 0, nodes},
+          place_(place),
           bits_of_(place.iso),
-          words_(words_of(values.nodes.x)),
-          slab_(slab),
-          vertices_(values, place, slab) {
-        const auto rows = static_cast<std::size_t>(values.nodes.y);
+          words_(words_of(nodes.x)),
+          vertices_(nodes, place, slab_) {
+        const auto rows = static_cast<std::size_t>(nodes.y);
         for (PlaneBits& plane : planes_) {
             plane.below.resize(rows * words_);
             plane.special.resize(rows * words_);
@@ -89,25 +91,71 @@ class SlabMarch {
         }
     }
 
-    void march(const Slab& layers) {
+    MarchedSlab march(const SlabPlanes& planes, const Slab& layers,
+                      const SlabEstimate& likely) override {
+        slab_ = {};
+        slab_.positions.reserve(likely.vertices);
+        slab_.normals.reserve(place_.normals ? likely.vertices : 0);
+        slab_.triangles.reserve(likely.triangles);
+        begin(planes);
+        vertices_.begin(values_);
+        march_layers(
+            layers, [](std::int64_t /*y*/, std::int64_t /*z*/) {},
+            [&](std::int64_t z) {
+                if (z == layers.begin) {
+                    vertices_.keep_plane(0);
+                }
+            });
+        vertices_.keep_plane(1);
+        vertices_.finish(layers);
+        return std::move(slab_);
+    }
+    void march_parts(const SlabPlanes& planes, const Slab& layers, std::size_t most,
+                     const std::function<void(std::uint64_t, MarchedSlab&&)>& part) override {
+        slab_ = {};
+        begin(planes);
+        vertices_.begin(values_);
+        vertices_.begin_part(0, layers.begin);
+        const std::int64_t rows = values_.nodes.y - 1;
+        const auto end_part = [&](std::int64_t y, std::int64_t z) {
+            vertices_.finish_part(y);
+            if (!slab_.triangles.empty() || !slab_.shared.empty()) {
+                part(static_cast<std::uint64_t>(z * rows + y), std::move(slab_));
+            }
+            slab_ = {};
+        };
+        march_layers(
+            layers,
+            [&](std::int64_t y, std::int64_t z) {
+                if (vertices_.weight() >= most) {
+                    end_part(y, z);
+                    vertices_.begin_part((y + 1) % rows, y + 1 < rows ? z : z + 1);
+                }
+            },
+            [](std::int64_t /*z*/) {});
+        end_part(rows - 1, layers.end - 1);
+    }
+
+  private:
+    void begin(const SlabPlanes& planes) {
+        values_.data = reinterpret_cast<const T*>(planes.data);
+        values_.first = planes.first;
+    }
+    /// Calls row(y, z) behind each row of cells and layer(z) behind each layer.
+    template <class Row, class Layer>
+    void march_layers(const Slab& layers, const Row& row, const Layer& layer) {
         find_sides(layers.begin);
         for (std::int64_t z = layers.begin; z < layers.end; ++z) {
             std::swap(planes_[0], planes_[1]);
             find_sides(z + 1);
             vertices_.begin_layer(z);
             for (std::int64_t y = 0; y + 1 < values_.nodes.y; ++y) {
-                vertices_.begin_row(y);
                 march_row(y, z);
+                row(y, z);
             }
-            if (z == layers.begin) {
-                vertices_.keep_plane(0);
-            }
+            layer(z);
         }
-        vertices_.keep_plane(1);
-        vertices_.finish(layers);
     }
-
-  private:
     /// Of the nodes of a plane, into the upper bits.
     void find_sides(std::int64_t z) {
         PlaneBits& plane = planes_[1];
@@ -136,6 +184,7 @@ class SlabMarch {
         const CellBits special = cells_of(y, &PlaneBits::special);
         const bool has_special = this->has_special(y);
         const auto cells = static_cast<std::size_t>(values_.nodes.x - 1);
+        bool is_begun = false;
         for (std::size_t w = 0; 64 * w < cells; ++w) {
             std::uint64_t crossed = below.crossed(w);
             if (cells - 64 * w < 64) {
@@ -143,6 +192,9 @@ class SlabMarch {
             }
             if (crossed == 0) {
                 continue;
+            }
+            if (!std::exchange(is_begun, true)) {
+                vertices_.begin_row(y);
             }
             const std::uint64_t specials = has_special ? special.any(w) : 0;
             for (; crossed != 0; crossed &= crossed - 1) {
@@ -181,7 +233,7 @@ class SlabMarch {
         vertices_.forget_positions();
         const HexahedronCase& c = cases_[below];
         for (std::size_t i = 0; i < c.polygons; ++i) {
-            PolygonWithHits polygon(vertices_, cube, iso_, c, i);
+            PolygonWithHits polygon(vertices_, cube, place_.iso, c, i);
             if (polygon.has_hits()) {
                 collected_.clear();
                 polygon.march(false, collected_);
@@ -201,11 +253,11 @@ class SlabMarch {
     }
 
     SlabValues<T> values_;
-    double iso_;
+    SlabPlace place_;
     NodeBits<T> bits_of_;
     std::size_t words_;
     const HexahedronCases& cases_ = hexahedron_cases();
-    MarchedSlab& slab_;
+    MarchedSlab slab_;
     SlabVertices<T> vertices_;
     std::array<PlaneBits, 2> planes_;  ///< below and above the cells
     std::vector<CollectedTriangle> collected_;
@@ -213,27 +265,19 @@ class SlabMarch {
 
 }  // namespace
 
-template <class T>
-MarchedSlab march_slab(const SlabValues<T>& values, const Slab& layers, const SlabPlace& place,
-                       const SlabEstimate& likely) {
-    MarchedSlab slab;
-    slab.positions.reserve(likely.vertices);
-    slab.normals.reserve(place.normals ? likely.vertices : 0);
-    slab.triangles.reserve(likely.triangles);
-    SlabMarch<T>(values, place, slab).march(layers);
-    return slab;
+std::unique_ptr<SlabMarcher> make_slab_marcher(ValueType type, const Int3& nodes,
+                                               const SlabPlace& place) {
+    return dispatch(type, [&](auto tag) -> std::unique_ptr<SlabMarcher> {
+        using T = typename decltype(tag)::type;
+        return NodeBits<T>::crosses(place.iso) ? std::make_unique<SlabMarch<T>>(nodes, place)
+                                               : nullptr;
+    });
 }
 
 std::uint64_t march_slab_bytes(const Int3& nodes) {
-    // Edges, and bits of which each plane has two for every node. Their type does not matter.
-    return SlabVertices<float>::bytes(nodes) +
+    // Edges, and bits of which each plane has two for every node.
+    return SlabEdges::bytes(nodes) +
            4 * sizeof(std::uint64_t) * words_of(nodes.x) * static_cast<std::uint64_t>(nodes.y);
 }
-
-#define ISONEST_INSTANTIATE(tag, T)                                                         \
-    template MarchedSlab march_slab<T>(const SlabValues<T>&, const Slab&, const SlabPlace&, \
-                                       const SlabEstimate&);
-ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_INSTANTIATE)
-#undef ISONEST_INSTANTIATE
 
 }  // namespace isonest::detail

@@ -29,7 +29,8 @@ struct MarchedSlab {
         std::uint64_t edge;  ///< numbers the plane's edges
         std::uint32_t vertex;
     };
-    /// A vertex with a name of kind fan or run; the next slab may have one of that name as well.
+    /// A vertex with a name; the next slab may have one of that name as well. Of kind fan or run,
+    /// but in `shared`.
     struct Named {
         VertexKey key;
         std::uint32_t vertex;
@@ -42,7 +43,9 @@ struct MarchedSlab {
     std::vector<std::array<std::uint32_t, 3>> triangles;
     std::array<std::vector<OnPlane>, 2> on_plane;  ///< first and last, ascending
     std::array<std::vector<Named>, 2> named;       ///< the same
-    std::uint64_t cells = 0;                       ///< that hold triangles
+    /// Of a part of a slab in place of these: all that other parts and slabs may have as well.
+    std::vector<Named> shared;
+    std::uint64_t cells = 0;  ///< that hold triangles
 };
 
 }  // namespace isonest::detail

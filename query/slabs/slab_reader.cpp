@@ -11,7 +11,7 @@ SlabReader::SlabReader(VolumeSource& volume)
       mapped_(volume.mapped()),
       plane_bytes_(static_cast<std::uint64_t>(description_.nodes.x * description_.nodes.y) *
                    size_of(description_.type)),
-      at_once_(volume.granularity().planes) {}
+      at_once_(std::min(volume.granularity().planes, description_.nodes.z)) {}
 
 std::uint64_t SlabReader::own_bytes(std::int64_t layers) const {
     return mapped_.empty()
@@ -34,6 +34,7 @@ SlabPlanes SlabReader::read(const Slab& layers) {
     const std::int64_t dropped = std::min(first, window_end_) - window_first_;
     window_.erase(window_.begin(), window_.begin() + static_cast<std::ptrdiff_t>(bytes(dropped)));
     window_first_ += dropped;
+    window_.reserve(bytes(layers.end - layers.begin + 3 + at_once_));
     while (window_end_ < end) {
         const std::int64_t next = std::min((window_end_ / at_once_ + 1) * at_once_, planes);
         window_.resize(bytes(next - window_first_));

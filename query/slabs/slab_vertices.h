@@ -1,8 +1,4 @@
 // The vertices of a slab, found by the edges of the lattice that they lie on.
-//
-// Source: numbers of the vertices are kept for the edges of two planes of nodes and two rows
-// between them, as in W. Schroeder, R. Maynard, B. Geveci, "Flying Edges: a high-performance
-// scalable isocontouring algorithm", LDAV 2015, by rows: nothing is hashed.
 #pragma once
 
 #include <algorithm>
@@ -19,78 +15,48 @@
 #include "query/march/finest_crossing.h"
 #include "query/march/part_vertices.h"
 #include "query/slabs/marched_slab.h"
+#include "query/slabs/slab_edges.h"
+#include "query/slabs/slab_place.h"
 #include "query/slabs/slab_values.h"
 #include "query/view/topology.h"
 
 namespace isonest::detail {
 
-/// What vertices are made from.
-struct SlabPlace {
-    double iso = 0;
-    bool normals = false;
-    Double3 spacing{1, 1, 1};
-    Double3 origin{};
-};
-
 /// Vertices in lattice edges are numbered in the slab; those in nodes, which are rare, are those of
 /// a PartVertices, with kOfLinks, until finish(). Edges are numbered as kCubeEdge numbers those of
-/// a cell. Not thread-safe.
+/// a cell. One object serves any number of slabs, one after the other. Not thread-safe.
 template <class T>
 class SlabVertices {
   public:
-    SlabVertices(const SlabValues<T>& values, const SlabPlace& place, MarchedSlab& slab)
-        : values_(values),
-          gradient_(values, place.spacing),
+    SlabVertices(const Int3& nodes, const SlabPlace& place, MarchedSlab& slab)
+        : values_{nullptr, 0, nodes},
+          gradient_(values_, place.spacing),
           place_(place),
           slab_(slab),
-          links_(nullptr) {
-        const auto size = static_cast<std::size_t>(values.nodes.x * values.nodes.y);
-        for (auto& plane : planes_) {
-            plane.along_x.assign(size, kNone);
-            plane.along_y.assign(size, kNone);
-        }
-        for (auto& row : between_) {
-            row.assign(static_cast<std::size_t>(values.nodes.x), kNone);
-        }
-    }
-    /// Bytes of heap beside the slab.
-    static std::uint64_t bytes(const Int3& nodes) {
-        return static_cast<std::uint64_t>(4 * nodes.y + 2) * static_cast<std::uint64_t>(nodes.x) *
-               sizeof(std::uint32_t);
-    }
+          edges_(nodes),
+          links_(nullptr) {}
 
+    /// From now on cells of these values, which have no vertices yet.
+    void begin(const SlabValues<T>& values) {
+        values_ = values;
+        forget();
+    }
+    /// The same of another part of the slab, from cells of row y of layer z on. What this and other
+    /// parts may both have is then kept in the slab's `shared`.
+    void begin_part(std::int64_t y, std::int64_t z) {
+        forget();
+        part_ = {true, y, z};
+    }
     /// From now on, cells between planes z and z + 1. In ascending order, without gaps.
     void begin_layer(std::int64_t z) {
         z_ = z;
-        std::swap(planes_[0], planes_[1]);
-        std::fill_n(planes_[1].along_x.begin(), values_.nodes.x, kNone);
-        std::fill(between_[0].begin(), between_[0].end(), kNone);
+        edges_.begin_layer(z);
     }
-    /// Of this layer, cells between rows y and y + 1. In ascending order, without gaps, from 0 on.
+    /// Of this layer, cells between rows y and y + 1. In ascending order; rows without surface may
+    /// be left out.
     void begin_row(std::int64_t y) {
         y_ = y;
-        const std::int64_t nx = values_.nodes.x;
-        std::fill_n(planes_[1].along_x.begin() + (y + 1) * nx, nx, kNone);
-        std::fill_n(planes_[1].along_y.begin() + y * nx, nx, kNone);
-        auto& next = between_[static_cast<std::size_t>((y + 1) & 1)];
-        std::fill(next.begin(), next.end(), kNone);
-        for (std::size_t e = 0; e < kCubeEdges; ++e) {
-            const Int3 low = corner_offset(kCubeEdge[e].low);
-            auto& plane = planes_[static_cast<std::size_t>(low.z)];
-            switch (kCubeEdge[e].low ^ kCubeEdge[e].high) {
-                case 1:
-                    slots_[e] = plane.along_x.data() + (y + low.y) * nx;
-                    break;
-                case 2:
-                    slots_[e] = plane.along_y.data() + y * nx + low.x;
-                    break;
-                case 4:
-                    slots_[e] = between_[static_cast<std::size_t>((y + low.y) & 1)].data() + low.x;
-                    break;
-                default:
-                    slots_[e] = nullptr;  // a diagonal
-            }
-        }
+        edges_.begin_row(y);
         for (std::size_t i = 0; i < 4; ++i) {
             const auto offset = static_cast<std::int64_t>(i);
             rows_[i] = values_.at({0, y + (offset & 1), z_ + (offset >> 1)});
@@ -102,8 +68,8 @@ class SlabVertices {
     }
     /// The vertex on an edge of cell x of the row. REQUIRES: the surface crosses it.
     std::uint32_t on_edge(std::int64_t x, std::size_t edge) {
-        std::uint32_t& slot = slots_[edge][x];
-        if (slot == kNone) {
+        std::uint32_t& slot = edges_.at(x, edge);
+        if (slot == SlabEdges::kNone) {
             slot = add_on_edge(x, edge);
         }
         return slot;
@@ -143,33 +109,54 @@ class SlabVertices {
     void forget_positions() { recent_.clear(); }
     std::uint32_t centre(std::span<const std::uint32_t> v);
 
+    /// Vertices, and what names of vertices in nodes take, in units of a vertex.
+    [[nodiscard]] std::size_t weight() const { return slab_.positions.size() + links_.weight(); }
     /// Keeps which edges of the first (0) or last plane have vertices. REQUIRES: the first or the
     /// last layer is done.
     void keep_plane(std::size_t side) {
-        const auto& plane = planes_[side];
-        for (std::size_t i = 0; i < plane.along_x.size(); ++i) {
-            if (plane.along_x[i] != kNone) {
-                slab_.on_plane[side].push_back({2 * i, plane.along_x[i]});
-            }
-            if (plane.along_y[i] != kNone) {
-                slab_.on_plane[side].push_back({2 * i + 1, plane.along_y[i]});
-            }
-        }
+        edges_.for_plane(side, [&](std::uint64_t edge, std::uint32_t vertex) {
+            slab_.on_plane[side].push_back({edge, vertex});
+        });
     }
     /// Gives the vertices in nodes numbers of the slab. No more vertices.
     void finish(const Slab& layers);
+    /// The same of a part that ends with row y of cells of the layer.
+    void finish_part(std::int64_t y);
 
   private:
-    static constexpr std::uint32_t kNone = 0xFFFFFFFFU;
     static constexpr std::uint32_t kOfLinks = 0x80000000U;
-    struct Plane {
-        std::vector<std::uint32_t> along_x;  ///< by the edge's low node, or kNone
-        std::vector<std::uint32_t> along_y;
-    };
     struct Recent {
         std::uint32_t vertex;
         Double3 position;  ///< in the lattice
     };
+    /// The part of a slab, if it is one, and its first row of cells.
+    struct Part {
+        bool is = false;
+        std::int64_t y = 0;
+        std::int64_t z = 0;
+    };
+
+    void forget() {
+        edges_.forget();
+        links_.clear();
+        link_normals_.clear();
+        part_ = {};
+    }
+    /// Whether cells before the part's first one have the edge, too.
+    [[nodiscard]] bool is_in_earlier(const Int3& low, int axis) const {
+        if (low.z == part_.z) {
+            return axis != 2 || (low.y == part_.y && part_.y > 0);
+        }
+        return low.z == part_.z + 1 &&
+               (axis == 0 ? part_.y > 0 && low.y <= part_.y : axis == 1 && low.y < part_.y);
+    }
+    void share(const Int3& low, int axis, std::uint32_t vertex) {
+        Int3 middle = low * 2;
+        ++middle[axis];
+        slab_.shared.push_back({{half_lattice_key(middle), 0, VertexKind::edge}, vertex, true});
+    }
+    /// Puts vertices in nodes behind the others; returns the first.
+    std::uint32_t append_links(std::vector<bool>& used);
 
     static int axis_of(const CubeEdge& e) { return (e.low ^ e.high) >> 1; }
     static Double3 on_edge_at(const Int3& low, int axis, double t) {
@@ -221,7 +208,11 @@ class SlabVertices {
         const double t = crossing_of(value(x, e.low), value(x, e.high), place_.iso);
         const Int3 low = Int3{x, y_, z_} + corner_offset(e.low);
         const Int3 high = Int3{x, y_, z_} + corner_offset(e.high);
-        return add(on_edge_at(low, axis_of(e), t), normal(low, high, t));
+        const std::uint32_t v = add(on_edge_at(low, axis_of(e), t), normal(low, high, t));
+        if (part_.is && is_in_earlier(low, axis_of(e))) {
+            share(low, axis_of(e), v);
+        }
+        return v;
     }
     /// If the last call made a vertex.
     void add_link_normal(const Int3& a, const Int3& b, double t) {
@@ -241,12 +232,11 @@ class SlabVertices {
     SlabGradient<T> gradient_;
     SlabPlace place_;
     MarchedSlab& slab_;
+    SlabEdges edges_;
     std::int64_t z_ = 0;
     std::int64_t y_ = 0;
-    std::array<Plane, 2> planes_;                        ///< below and above the cells
-    std::array<std::vector<std::uint32_t>, 2> between_;  ///< edges along z, even and odd rows
-    std::array<std::uint32_t*, kCubeEdges> slots_{};     ///< of cell 0 of the row
-    std::array<const T*, 4> rows_{};                     ///< by the offsets along y and z (bits)
+    Part part_;
+    std::array<const T*, 4> rows_{};  ///< by the offsets along y and z (bits)
     PartVertices links_;
     std::vector<std::array<float, 3>> link_normals_;
     std::vector<Recent> recent_;
@@ -278,16 +268,13 @@ std::uint32_t SlabVertices<T>::centre(std::span<const std::uint32_t> v) {
 }
 
 template <class T>
-void SlabVertices<T>::finish(const Slab& layers) {
-    if (links_.size() == 0) {
-        return;
-    }
+std::uint32_t SlabVertices<T>::append_links(std::vector<bool>& used) {
     links_.flatten();
     const auto first = static_cast<std::uint32_t>(slab_.positions.size());
     for (std::uint32_t v = 0; v < links_.size(); ++v) {
         add(links_.position(v), link_normals_[v]);
     }
-    std::vector<bool> used(links_.size());
+    used.assign(links_.size(), false);
     for (auto& triangle : slab_.triangles) {
         for (std::uint32_t& v : triangle) {
             if ((v & kOfLinks) != 0) {
@@ -297,6 +284,16 @@ void SlabVertices<T>::finish(const Slab& layers) {
             }
         }
     }
+    return first;
+}
+
+template <class T>
+void SlabVertices<T>::finish(const Slab& layers) {
+    if (links_.size() == 0) {
+        return;
+    }
+    std::vector<bool> used;
+    const std::uint32_t first = append_links(used);
     links_.for_incomplete([&](const VertexKey& key, std::uint32_t v) {
         const std::uint32_t root = links_.root(v);
         for (const std::size_t side : {0, 1}) {
@@ -306,6 +303,21 @@ void SlabVertices<T>::finish(const Slab& layers) {
                 slab_.named[side].push_back({key, first + root, used[root]});
             }
         }
+    });
+}
+
+template <class T>
+void SlabVertices<T>::finish_part(std::int64_t y) {
+    edges_.for_later(
+        y, [&](const Int3& low, int axis, std::uint32_t vertex) { share(low, axis, vertex); });
+    if (links_.size() == 0) {
+        return;
+    }
+    std::vector<bool> used;
+    const std::uint32_t first = append_links(used);
+    links_.for_incomplete([&](const VertexKey& key, std::uint32_t v) {
+        const std::uint32_t root = links_.root(v);
+        slab_.shared.push_back({key, first + root, used[root]});
     });
 }
 

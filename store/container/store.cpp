@@ -1,9 +1,7 @@
-#include <fmt/format.h>
-
-#include <isonest/error.h>
 #include <isonest/store.h>
 
 #include "store/container/reader.h"
+#include "store/container/world_units.h"
 
 namespace isonest {
 
@@ -35,15 +33,7 @@ std::optional<LengthUnit> Store::unit() const {
     return reader_->layout().header().unit;
 }
 double Store::world_units(double length, LengthUnit given) const {
-    if (!unit()) {
-        throw Error(
-            ErrorKind::invalid_argument, {path().string()},
-            fmt::format("nothing says how many world units {:g} {} are: the volume's unit "
-                        "of length is not known",
-                        length, symbol_of(given)),
-            {{RemedyKind::world_units}, {RemedyKind::say_unit, std::string(symbol_of(given))}});
-    }
-    return converted_length(length, given, *unit());
+    return detail::world_units(length, given, unit(), path().string());
 }
 int Store::levels() const {
     return reader_->layout().lattice().top() + 1;

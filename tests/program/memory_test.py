@@ -118,7 +118,6 @@ if not HEAP.exists() or run("info", "--help")[2] is None:
     sys.exit(77)
 
 
-
 def made_store(folder, name, *options):
     """Of what make-volume makes of the options."""
     volume, store = folder / f"{name}.h5", folder / f"{name}.isonest"
@@ -164,6 +163,13 @@ def check_chunks(folder, volume, chunk):
         ["study", store, "-o", folder / "study", "--steps", 2, "--fields", "linf_bar", "--plane", "1,2,3,300"]]
     for command in slow if ALL or chunk == COMMON else []:
         check(command, BUDGETS if ALL else BUDGETS[:1])
+
+
+def check_volume(folder, volume):
+    """Surfaces without a store, on their way through temporary files."""
+    straight = ["extract", volume, "--iso", 0.5, "-o", folder / "m.ply"]
+    for options in ([], ["--normals", "--components", "largest"], ["--distance", "0.5voxel", "--effort", "fast"]):
+        check([*straight, *options], BUDGETS)
 
 
 def check_smooth(folder, volume):
@@ -230,6 +236,7 @@ with tempfile.TemporaryDirectory(prefix="isonest-memory-") as name:
         for size in ALL or CHUNKS:
             check_chunks(here, source, size)
         check_smooth(here, source)
+        check_volume(here, source)
         if not ALL:
             check_thin_study(here)
 

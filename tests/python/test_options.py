@@ -17,7 +17,8 @@ from isonest import Store, _sources
 
 COMMANDS = {
     "preprocess": [isonest.preprocess],
-    "extract": [Store.isosurface, Store.label_surface, Store.label_surfaces, Store.graph, isonest.Mesh.save],
+    "extract": [Store.isosurface, Store.label_surface, Store.label_surfaces, Store.graph, isonest.Mesh.save,
+                _sources.of_volume],
     "slice": [Store.slice, Store.contours, isonest.Mesh.save],
     "study": [Store.study],
     "smooth": [isonest.smooth, _sources.of_volume],

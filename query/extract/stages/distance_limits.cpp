@@ -24,9 +24,9 @@ double most_moved(const ExtractQuery& query) {
 namespace {
 
 /// What is left of a distance.
-double left_of(const StoreReader& store, double distance, double moved) {
+double left_of(const StagedVolume& volume, double distance, double moved) {
     if (!(distance > moved)) {
-        throw Error(ErrorKind::limit, {store.path().string()},
+        throw Error(ErrorKind::limit, {volume.name},
                     fmt::format("32-bit floats round coordinates so far from 0 by up to {:.3g}, "
                                 "more than the distance {:.3g} allows",
                                 moved, distance));
@@ -36,14 +36,14 @@ double left_of(const StoreReader& store, double distance, double moved) {
 
 }  // namespace
 
-double limit_of(const StoreReader& store, const ExtractQuery& query) {
-    return left_of(store, query.stages.distance->within, most_moved(query));
+double limit_of(const StagedVolume& volume, const ExtractQuery& query) {
+    return left_of(volume, query.stages.distance->within, most_moved(query));
 }
 
-double nested_limit_of(const StoreReader& store, const ExtractQuery& query) {
+double nested_limit_of(const StagedVolume& volume, const ExtractQuery& query) {
     // Rounding takes half a unit in the last place, mending up to four.
     constexpr double kMended = 9;
-    return left_of(store, *query.nested_distance, kMended * most_moved(query));
+    return left_of(volume, *query.nested_distance, kMended * most_moved(query));
 }
 
 double first_budget_limit(const ExtractQuery& query) {
@@ -51,8 +51,8 @@ double first_budget_limit(const ExtractQuery& query) {
     return kVoxels * voxel_of(query);
 }
 
-WorldLattice world_lattice(const StoreReader& store, const ExtractQuery& query) {
-    return {query.origin, query.spacing, store.layout().header().nodes};
+WorldLattice world_lattice(const StagedVolume& volume, const ExtractQuery& query) {
+    return {query.origin, query.spacing, volume.header.nodes};
 }
 
 PatchBox world_box(const ExtractQuery& query) {
@@ -74,7 +74,7 @@ void report_full(const StageMesh& mesh, ExtractReport& report) {
     report.distance->full = measures_of(vertices.layout(), vertices.positions(), mesh.elements());
 }
 
-void refuse_budget(const StoreReader& store, std::uint64_t most, std::uint64_t triangles,
+void refuse_budget(const StagedVolume& volume, std::uint64_t most, std::uint64_t triangles,
                    const ComponentSizes& sizes) {
     std::string problem = fmt::format(
         "{} triangles are the fewest that were found for the surface, at any distance: its parts "
@@ -88,11 +88,11 @@ void refuse_budget(const StoreReader& store, std::uint64_t most, std::uint64_t t
             remedies.push_back({RemedyKind::fewer_components});
         }
     }
-    throw Error(ErrorKind::limit, {store.path().string()}, problem, remedies);
+    throw Error(ErrorKind::limit, {volume.name}, problem, remedies);
 }
 
-bool any_distance(const StoreReader& store, const ExtractQuery& query) {
-    return query.stages.distance->within >= diagonal_of(store.layout().header());
+bool any_distance(const StagedVolume& volume, const ExtractQuery& query) {
+    return query.stages.distance->within >= diagonal_of(volume.header);
 }
 
 }  // namespace isonest::detail

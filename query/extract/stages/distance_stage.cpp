@@ -20,7 +20,7 @@ double first_limit(const ExtractQuery& query, double limit) {
 }
 
 /// Within `limit`, and with no more triangles than are asked for, if the query does.
-Simplified simplified(const StoreReader& store, const ExtractQuery& query,
+Simplified simplified(const StagedVolume& volume, const ExtractQuery& query,
                       MeshSimplifier& simplifier, const StageMesh& mesh,
                       const std::filesystem::path& folder, double limit) {
     const std::optional<std::uint64_t>& most = query.stages.distance->triangles;
@@ -28,10 +28,10 @@ Simplified simplified(const StoreReader& store, const ExtractQuery& query,
         return simplifier.within(simplifier.full(), limit);
     }
     const Simplified result = within_budget(simplifier, *most, first_budget_limit(query), limit);
-    if (result.triangles > *most && any_distance(store, query)) {
+    if (result.triangles > *most && any_distance(volume, query)) {
         const ScratchFile corners = simplifier.corners(result);
         refuse_budget(
-            store, *most, result.triangles,
+            volume, *most, result.triangles,
             component_sizes(mesh.vertices().layout().vertices,
                             {corners.as<const ElementCorners>().data(), result.triangles}, folder));
     }
@@ -46,23 +46,23 @@ void choose(const MeshSimplifier& simplifier, const Simplified& result, StageMes
 
 }  // namespace
 
-int distance_stage_threads(const StoreReader& store, const ExtractOptions& options) {
-    return threads_within(store, options, simplify_heap(), "simplification within a distance");
+int distance_stage_threads(const StagedVolume& volume, const ExtractOptions& options) {
+    return threads_within(volume, options, simplify_heap(), "simplification within a distance");
 }
 
 int DistanceStage::threads() const {
-    return distance_stage_threads(setting().store, setting().options);
+    return distance_stage_threads(setting().volume, setting().options);
 }
 
 void DistanceStage::run(StageMesh& mesh, ExtractReport& report) {
-    const auto& [store, query, options, scratch, progress] = setting();
-    const double limit = limit_of(store, query);
+    const auto& [volume, query, options, scratch, progress] = setting();
+    const double limit = limit_of(volume, query);
     const double first = first_limit(query, limit);
     report_full(mesh, report);
     {
-        MeshSimplifier simplifier(mesh.vertices(), mesh.elements(), world_lattice(store, query),
+        MeshSimplifier simplifier(mesh.vertices(), mesh.elements(), world_lattice(volume, query),
                                   world_box(query), scratch, progress);
-        const Simplified result = simplified(store, query, simplifier, mesh, scratch, first);
+        const Simplified result = simplified(volume, query, simplifier, mesh, scratch, first);
         choose(simplifier, result, mesh);
         report.distance->bound = result.bound + most_moved(query);
         report.scratch_bytes += simplifier.scratch_bytes();
@@ -78,14 +78,14 @@ void DistanceStage::run(StageMesh& mesh, ExtractReport& report) {
 
 /// Once more, within the rest of the distance.
 void DistanceStage::simplify_far_mesh(StageMesh& mesh, ExtractReport& report) const {
-    const auto& [store, query, options, scratch, progress] = setting();
+    const auto& [volume, query, options, scratch, progress] = setting();
     auto near = std::make_shared<ScratchMesh>(scratch);
     emit_elements(mesh.vertices(), mesh.elements(), scratch, *near, progress);
     mesh.replace(near);
-    MeshSimplifier simplifier(*near, near->corners(), world_lattice(store, query), world_box(query),
-                              scratch, progress);
+    MeshSimplifier simplifier(*near, near->corners(), world_lattice(volume, query),
+                              world_box(query), scratch, progress);
     const Simplified result = simplifier.within(
-        simplifier.full(), limit_of(store, query) + most_moved(query) - report.distance->bound);
+        simplifier.full(), limit_of(volume, query) + most_moved(query) - report.distance->bound);
     choose(simplifier, result, mesh);
     report.distance->bound += result.bound;
     report.scratch_bytes += near->bytes();

@@ -8,7 +8,7 @@ namespace isonest::detail {
 
 /// For how many threads a simplification within a distance has memory. Throws Error{limit} if there
 /// is for none.
-int distance_stage_threads(const StoreReader& store, const ExtractOptions& options);
+int distance_stage_threads(const StagedVolume& volume, const ExtractOptions& options);
 
 /// REQUIRES: stages.simplifies(), of triangles.
 class DistanceStage : public Stage {

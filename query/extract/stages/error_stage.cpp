@@ -48,7 +48,8 @@ std::uint64_t own_heap(const StoreReader& store) {
 }  // namespace
 
 int ErrorStage::threads() const {
-    const auto& [store, query, options, scratch, progress] = setting();
+    const auto& [volume, query, options, scratch, progress] = setting();
+    const StoreReader& store = *volume.store;
     const std::uint64_t each = own_heap(store) + held_heap(store, query.traversal.stop);
     // The traversal comes before, and needs other memory.
     const std::uint64_t least = std::max(each, least_heap(store, query.traversal, query.values));
@@ -60,7 +61,8 @@ int ErrorStage::threads() const {
 }
 
 void ErrorStage::run(StageMesh& mesh, ExtractReport& report) {
-    const auto& [store, query, options, scratch, progress] = setting();
+    const auto& [volume, query, options, scratch, progress] = setting();
+    const StoreReader& store = *volume.store;
     const auto threads = static_cast<std::uint64_t>(tbb::this_task_arena::max_concurrency());
     // What is held lies in the cache.
     ChunkCache cache(store, options.memory - kLibraryHeap - threads * own_heap(store));

@@ -16,7 +16,8 @@ constexpr double nested_share(VertexPlace vertices) {
     return vertices == VertexPlace::exact ? kNestedShare / 2 : kNestedShare;
 }
 
-/// REQUIRES: stages.error; the triangles are of a traversal within nested_share() of it.
+/// REQUIRES: stages.error; the volume has a store; the triangles are of a traversal within
+/// nested_share() of it.
 class ErrorStage : public Stage {
   public:
     using Stage::Stage;

@@ -15,15 +15,15 @@ int flat_axis(const Int3& nodes) {
 }  // namespace
 
 int LineStage::threads() const {
-    return threads_within(setting().store, setting().options, simplify_lines_heap(),
+    return threads_within(setting().volume, setting().options, simplify_lines_heap(),
                           "simplification within a distance");
 }
 
 void LineStage::run(StageMesh& mesh, ExtractReport& report) {
-    const auto& [store, query, options, scratch, progress] = setting();
-    const auto lines = std::make_shared<SimplifiedLines>(mesh.vertices(), mesh.elements(),
-                                                         flat_axis(store.layout().header().nodes),
-                                                         limit_of(store, query), scratch, progress);
+    const auto& [volume, query, options, scratch, progress] = setting();
+    const auto lines = std::make_shared<SimplifiedLines>(
+        mesh.vertices(), mesh.elements(), flat_axis(volume.header.nodes), limit_of(volume, query),
+        scratch, progress);
     mesh.choose(lines->corners(), lines);
     report.distance->full_triangles = mesh.vertices().layout().elements;
     report.distance->bound = lines->bound() + most_moved(query);

@@ -6,16 +6,16 @@
 
 namespace isonest::detail {
 int MappingStage::threads() const {
-    return threads_within(setting().store, setting().options, map_heap(),
+    return threads_within(setting().volume, setting().options, map_heap(),
                           "simplification within a distance");
 }
 
 void MappingStage::run(StageMesh& mesh, ExtractReport& report) {
-    const auto& [store, query, options, scratch, progress] = setting();
-    const double limit = limit_of(store, query);
+    const auto& [volume, query, options, scratch, progress] = setting();
+    const double limit = limit_of(volume, query);
     const std::optional<std::uint64_t>& most = query.stages.distance->triangles;
     report_full(mesh, report);
-    MeshMapper mapper(mesh.vertices(), world_lattice(store, query), world_box(query), scratch,
+    MeshMapper mapper(mesh.vertices(), world_lattice(volume, query), world_box(query), scratch,
                       progress);
     const Mapped full = mapper.full(mesh.elements());
     const Mapped result = most ? mapper.down_to(full, *most, first_budget_limit(query), limit)
@@ -26,8 +26,8 @@ void MappingStage::run(StageMesh& mesh, ExtractReport& report) {
     if (most) {
         report.within_budget = result.triangles <= *most;
         report.distance->asked = result.limit + (result.limit > 0 ? most_moved(query) : 0);
-        if (!*report.within_budget && any_distance(store, query)) {
-            refuse_budget(store, *most, result.triangles,
+        if (!*report.within_budget && any_distance(volume, query)) {
+            refuse_budget(volume, *most, result.triangles,
                           component_sizes(mesh.vertices().layout().vertices, left, scratch));
         }
     }

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "query/extract/extract_query.h"
+#include "query/extract/stages/staged_volume.h"
 #include "query/mesh/part_store.h"
 #include "query/mesh/scratch_mesh.h"
 #include "store/base/workers.h"
@@ -17,7 +18,7 @@ namespace isonest::detail {
 
 /// What all stages of one extraction see.
 struct StageSetting {
-    const StoreReader& store;
+    const StagedVolume& volume;
     ExtractQuery& query;  ///< mending adds to its coordinate_rounding
     const ExtractOptions& options;
     const std::filesystem::path& scratch;  ///< the folder of temporary files

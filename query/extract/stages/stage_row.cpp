@@ -41,7 +41,8 @@ StageRow::StageRow(const StageSetting& setting)
     if (asked.error) {
         stages_.push_back(std::make_unique<ErrorStage>(setting));
     }
-    if (setting.query.traversal.box.close && setting.store.has_missing()) {
+    if (setting.query.traversal.box.close && setting.volume.store != nullptr &&
+        setting.volume.store->has_missing()) {
         stages_.push_back(std::make_unique<BorderStage>(setting));
     }
     for (const auto& stage : stages_) {

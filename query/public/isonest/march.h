@@ -54,6 +54,20 @@ ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query, Mes
                               const ExtractOptions& options = {},
                               Progress& progress = silent_progress());
 
+/// The surface into a sink, with what can be done to a whole mesh: the same mesh as that of
+/// march_hexahedra(), without its components that are not chosen, or simplified within a distance
+/// or to a number of triangles. What needs a store (errors, tetrahedra, boxes, closing ...) is
+/// refused by the table of combinations (tools/MANUAL.md), with RemedyKind::make_store. Axes need
+/// not be along the world's. The mesh is the same for any threads and memory.
+///
+/// `options.memory` bounds the heap, but what the sink keeps: what grows with the mesh lies in
+/// temporary files. The volume is read once, in ascending order, or where it lies if it is mapped.
+///
+/// Throws what march_hexahedra() throws for the volume, and what extract() of a store does.
+/// Thread-safety: any number of calls at once, each with its own volume and sink.
+ExtractReport extract(VolumeSource& volume, const SurfaceQuery& query, MeshSink& sink,
+                      const ExtractOptions& options = {}, Progress& progress = silent_progress());
+
 /// Bytes of ExtractOptions::memory that march_hexahedra() needs at least; nothing if the volume has
 /// to become a store, because march_hexahedra() would refuse it as it is.
 std::optional<std::uint64_t> march_memory(VolumeSource& volume);

@@ -1,7 +1,9 @@
-// isonest extract: from a store to an isosurface mesh.
+// isonest extract: from a store or a volume to an isosurface mesh.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <memory>
+#include <system_error>
 
 #include <isonest/error.h>
 #include <isonest/extract.h>
@@ -9,35 +11,19 @@
 #include <isonest/mesh_file.h>
 
 #include "tools/cli/command.h"
+#include "tools/cli/commands/extract_command.h"
+#include "tools/cli/commands/volume_values.h"
 #include "tools/cli/options/close_option.h"
 #include "tools/cli/options/component_options.h"
-#include "tools/cli/options/distance_options.h"
-#include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/fields.h"
-#include "tools/cli/options/isovalue_option.h"
-#include "tools/cli/options/label_options.h"
+#include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
 namespace {
 
-struct Arguments {
-    ExtractArguments extract;
-    Isovalues isovalues;
-    double scale = 1;  ///< of the graph
-    std::optional<Field> bound;
-    std::optional<BackfaceCulling> culling;
-    DistanceArguments distance;
-    std::optional<ComponentChoice> components;
-    std::optional<Outside> close;
-    bool volume_interval = false;
-    VertexPlace vertices = VertexPlace::linear;
-    std::string values;  ///< a second store, or empty
-    LabelArguments labels;
-};
-
 /// REQUIRES: the option needs --view.
-BackfaceCulling& culling_of(Arguments& a) {
+BackfaceCulling& culling_of(ExtractCommand& a) {
     if (!a.culling) {
         a.culling.emplace();
     }
@@ -52,194 +38,33 @@ VertexPlace parse_vertices(const std::string& text) {
     return text == "exact" ? VertexPlace::exact : VertexPlace::linear;
 }
 
-/// Why there is none.
-std::string empty_surface(const Store& store, const Arguments& arguments, const ExtractReport& r) {
-    const ExtractArguments& a = arguments.extract;
-    const double iso = arguments.isovalues.one();
-    const std::string range = human_range(store.min_value(), store.max_value());
-    if (arguments.labels.one) {
-        return fmt::format(
-            "There is no node with the label {}{}, or no other one: the values are "
-            "{}.\n",
-            *arguments.labels.one, a.box ? " in the box" : "", range);
-    }
-    if (!(store.min_value() <= store.max_value())) {
-        return "The surface is empty: all values are missing.\n";
-    }
-    // What is closed is a solid, and may fill the whole volume.
-    const bool some_below = store.min_value() < iso || arguments.close == Outside::below;
-    const bool some_above = iso <= store.max_value() || arguments.close == Outside::above;
-    if (!a.is_graph && !(some_below && some_above)) {
-        return fmt::format("The surface is empty: {} value is below {}; they are {}.\n",
-                           iso <= store.min_value() ? "no" : "every", iso, range);
-    }
-    if (a.box && !reaches_volume(store, *a.box)) {
-        return "The surface is empty: the box lies outside of the volume, " + volume_text(store) +
-               ".\n";
-    }
-    const std::string inside = a.box ? " inside the box" : "";
-    if (r.tolerance > 0 || a.camera) {
-        return fmt::format(
-            "There is no surface{} that is coarse enough for the tolerance: a smaller one may show "
-            "some. The values are {}.\n",
-            inside, range);
-    }
-    return fmt::format("The surface is empty{}: the values are {}{}.\n", inside, range,
-                       a.box ? " in the whole volume" : "");
-}
-
-/// What surfaces and graphs have.
-template <class Query>
-Query begun_query(const Arguments& arguments, const Store* values) {
-    const ExtractArguments& a = arguments.extract;
-    auto query = a.query<Query>();
-    query.attributes = {a.normals, values, a.vertex_error};
-    return query;
-}
-
-GraphQuery graph_query(const Arguments& arguments, const Store* values) {
-    auto query = begun_query<GraphQuery>(arguments, values);
+GraphQuery graph_query(const ExtractCommand& arguments, const Store* values) {
+    auto query = arguments.begun<GraphQuery>(values);
     query.scale = arguments.scale;
     query.cells = arguments.extract.cells.value_or(Cells::tetrahedra);
     return query;
 }
 
-SurfaceQuery surface_query(const Arguments& arguments, const Store* values) {
-    const ExtractArguments& a = arguments.extract;
-    auto query = begun_query<SurfaceQuery>(arguments, values);
-    query.iso = arguments.isovalues.one();
-    query.grid = {a.cells, arguments.vertices, arguments.bound, arguments.culling};
-    if (arguments.distance.by_error && arguments.distance.distance) {
-        throw Error(ErrorKind::invalid_argument,
-                    "--by error goes without --distance: the triangles are the nested grid's");
-    }
-    if (arguments.distance.simplify && !arguments.distance.by_error) {
-        if (a.error.value == 0) {
-            throw Error(ErrorKind::invalid_argument,
-                        "--simplify goes with --error or --error-relative, above 0, or with "
-                        "--triangles N --by error; --distance simplifies by itself");
-        }
-        query.stop = SimplifiedErrorBound{a.error};
-    }
-    arguments.distance.require_sense();
-    query.stop = arguments.distance.stop().value_or(query.stop);
-    query.stages = {arguments.close, arguments.components};
-    if (arguments.distance.analysis && !arguments.distance.stop()) {
-        throw Error(ErrorKind::invalid_argument,
-                    "--keep-analysis goes with --distance or --triangles");
-    }
-    query.analysis = arguments.distance.analysis;
-    query.volume_interval = arguments.volume_interval;
-    return query;
-}
-
-ExtractReport run_query(const Store& store, const Arguments& arguments, const Store* values,
+ExtractReport run_query(const Store& store, const ExtractCommand& arguments, const Store* values,
                         Progress& progress) {
     const ExtractArguments& a = arguments.extract;
     const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, {.replace = true});
     if (a.is_graph) {
         return extract(store, graph_query(arguments, values), *sink, options_of(a), progress);
     }
-    const SurfaceQuery query = surface_query(arguments, values);
+    const SurfaceQuery query = arguments.surface_query(values);
     return arguments.labels.one ? extract(store, label_query(query, {*arguments.labels.one}), *sink,
                                           options_of(a), progress)
                                 : extract(store, query, *sink, options_of(a), progress);
 }
 
-/// "area 12.5 mm2, volume 3.25 mm3".
-std::string measures_text(const Store& store, const SurfaceMeasures& m) {
-    const std::string unit = unit_suffix(store);
-    const auto power = [&](int p) { return unit.empty() ? "" : fmt::format("{}{}", unit, p); };
-    return fmt::format("area {:.6g}{}, {}\n", m.area, power(2),
-                       m.volume ? fmt::format("volume {:.6g}{}", *m.volume, power(3))
-                                : "not closed, so it has no volume");
-}
-
-/// Between which volumes that at full resolution lies.
-std::string interval_text(const Store& store, const VolumeInterval& v) {
-    const std::string unit = unit_suffix(store);
-    return fmt::format("volume at full resolution between {:.6g} and {:.6g}{}\n", v.least, v.most,
-                       unit.empty() ? "" : unit + "3");
-}
-
-/// What is said of one mesh.
-Result result_of(const Store& store, const Arguments& arguments, const ExtractReport& r) {
-    const ExtractArguments& a = arguments.extract;
-    const LabelArguments& labels = arguments.labels;
-    const bool has_iso = !arguments.isovalues.all.empty();
-    Result result;
-    result.warning = extract_warning(a, r);
-    result.json = extract_json(a, r);
-    add_distance_json(result.json, r);
-    result.json["unit"] = unit_json(store.unit());
-    if (has_iso) {
-        result.json["iso"] = arguments.isovalues.one();
-    }
-    if (labels.one) {
-        result.json["label"] = *labels.one;
-    }
-    result.text =
-        fmt::format("{}: {} {}, {} vertices, in {}\n{}; read {} of {} chunks, {}\n", a.mesh,
-                    r.triangles, r.dimension == 2 && !a.is_graph ? "line segments" : "triangles",
-                    r.vertices, human_seconds(r.seconds),
-                    r.distance || r.within_budget ? distance_text(arguments.distance, r)
-                                                  : guarantee_text(a, r) + simplified_text(r),
-                    r.traversal.chunks_read, r.traversal.chunks_total,
-                    human_bytes(static_cast<double>(r.traversal.bytes_read)));
-    result.text += analysis_text(r) + version_text(a.mesh);
-    if (r.measures && r.triangles > 0) {
-        result.text += measures_text(store, *r.measures);
-        if (r.distance && r.distance->full) {
-            result.text += "at full resolution: " + measures_text(store, *r.distance->full);
-        }
-    }
-    if (r.volume_interval) {
-        result.json["full_volume_interval"] = {r.volume_interval->least, r.volume_interval->most};
-        result.text += interval_text(store, *r.volume_interval);
-    } else if (arguments.volume_interval) {
-        result.json["full_volume_interval"] = nullptr;
-    }
-    if (r.components) {
-        add_component_json(*r.components, result.json);
-        result.text += component_text(r);
-    }
-    if (r.closing) {
-        add_close_json(*r.closing, result.json);
-        result.text += r.triangles > 0 ? close_text(*r.closing, a.box.has_value()) : "";
-    }
-    if (r.triangles == 0 && (!r.components || r.components->dropped == 0)) {
-        result.text += empty_surface(store, arguments, r);
-    }
-    if (r.mending.mended > 0) {
-        result.text += fmt::format(
-            "{} triangles whose corners 32-bit floats round to one place or line were taken out or "
-            "mended.\n",
-            r.mending.mended);
-    }
-    if (r.mending.zero_area > 0) {
-        result.text += fmt::format(
-            "{} triangles have no area; nothing that keeps the mesh whole "
-            "mends them.\n",
-            r.mending.zero_area);
-    }
-    if (r.quality && r.triangles > 0) {
-        constexpr double kPercent = 100;
-        result.text += fmt::format(
-            "Smallest angles of the triangles: {:.2g} degrees at least, {:.3g} in the middle; "
-            "{:.2g} % are below {}.\n",
-            r.quality->least, r.quality->median, kPercent * r.quality->narrow_share,
-            TriangleQuality::kNarrow);
-    }
-    return result;
-}
-
 /// A mesh for each isovalue, or one with all of them.
-Result run_isovalues(const Store& store, const Arguments& arguments, const Store* values,
+Result run_isovalues(const Store& store, const ExtractCommand& arguments, const Store* values,
                      Progress& progress) {
     const Isovalues& isovalues = arguments.isovalues;
     const std::string& mesh = arguments.extract.mesh;
     const bool in_one = !is_own_name(mesh);
-    std::vector<Arguments> each(isovalues.all.size(), arguments);
+    std::vector<ExtractCommand> each(isovalues.all.size(), arguments);
     for (std::size_t i = 0; i < each.size(); ++i) {
         each[i].extract.mesh = mesh_name(mesh, isovalues.texts[i]);
         each[i].isovalues = {{isovalues.all[i]}, {isovalues.texts[i]}};
@@ -247,7 +72,7 @@ Result run_isovalues(const Store& store, const Arguments& arguments, const Store
     Result all;
     all.json = {{"meshes", Json::array()}};
     const auto done = [&](std::size_t i, const ExtractReport& r) {
-        Result result = result_of(store, each[i], r);
+        Result result = result_of({&store, nullptr, store.unit(), {}}, each[i], r);
         all.json["meshes"].push_back(std::move(result.json));
         all.text += in_one ? fmt::format("isovalue {} in ", isovalues.texts[i]) : "";
         all.text += result.text;
@@ -255,7 +80,7 @@ Result run_isovalues(const Store& store, const Arguments& arguments, const Store
             all.warning += (all.warning.empty() ? "" : "\n") + result.warning;
         }
     };
-    const SurfaceQuery query = surface_query(arguments, values);
+    const SurfaceQuery query = arguments.surface_query(values);
     const ExtractOptions options = options_of(arguments.extract);
     if (in_one) {
         require_place_for_isovalue(mesh);
@@ -270,12 +95,41 @@ Result run_isovalues(const Store& store, const Arguments& arguments, const Store
     return all;
 }
 
-Result run(const Arguments& given, bool has_iso, Progress& progress) {
-    Arguments arguments = given;
+/// The input, or nothing if it is no store.
+std::optional<Store> open_store(const ExtractCommand& a) {
+    std::error_code ignored;
+    if (a.input.size() > 1 || a.extract.store == "-" ||
+        std::filesystem::is_directory(a.extract.store, ignored)) {
+        return std::nullopt;
+    }
+    std::optional<Store> store;
+    try {
+        store.emplace(a.extract.store);
+    } catch (const Error& error) {
+        if (!is_no_store(error)) {
+            throw;
+        }
+        return std::nullopt;
+    }
+    if (!a.source_option.empty()) {
+        throw Error(
+            ErrorKind::invalid_argument, {a.extract.store},
+            fmt::format("is a store, and {} says how a volume file is read", a.source_option));
+    }
+    return store;
+}
+
+Result run(const ExtractCommand& given, bool has_iso, Progress& progress) {
+    ExtractCommand arguments = given;
+    arguments.extract.store = arguments.input.front();
     const ExtractArguments& a = arguments.extract;
     require_suitable_cells(a);
-    const Store store(a.store);
-    arguments.distance.resolve(store);
+    std::optional<Store> opened = open_store(arguments);
+    if (!opened) {
+        return extract_volume_file(std::move(arguments), has_iso, progress);
+    }
+    const Store& store = *opened;
+    arguments.distance.resolve(store.unit(), a.store);
     std::optional<Store> others;
     if (!arguments.values.empty()) {
         others.emplace(arguments.values);
@@ -284,7 +138,7 @@ Result run(const Arguments& given, bool has_iso, Progress& progress) {
     const LabelArguments& labels = arguments.labels;
     if (labels.several) {
         return extract_label_meshes(store, labels, a,
-                                    label_query(surface_query(arguments, values), {}), progress);
+                                    label_query(arguments.surface_query(values), {}), progress);
     }
     if (!has_iso && !a.is_graph && !labels.one) {
         throw Error(ErrorKind::invalid_argument,
@@ -294,15 +148,16 @@ Result run(const Arguments& given, bool has_iso, Progress& progress) {
     if (arguments.isovalues.all.size() > 1) {
         return run_isovalues(store, arguments, values, progress);
     }
-    Arguments own = arguments;
+    ExtractCommand own = arguments;
     if (has_iso) {
         own.extract.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());
     }
-    return result_of(store, own, run_query(store, own, values, progress));
+    return result_of({&store, nullptr, store.unit(), {}}, own,
+                     run_query(store, own, values, progress));
 }
 
 /// What usually comes, and how long it takes beside the rest.
-std::vector<ProgressStage> stages_of(const Arguments& a) {
+std::vector<ProgressStage> stages_of(const ExtractCommand& a) {
     std::vector<ProgressStage> stages;
     if (a.labels.several) {
         return {{"find labels", "finding the labels", 0.2}, {"extract", "extracting", 1}};
@@ -323,10 +178,17 @@ std::vector<ProgressStage> stages_of(const Arguments& a) {
 }  // namespace
 
 void add_extract(CLI::App& app, Invocation& chosen) {
-    const auto a = std::make_shared<Arguments>();
+    const auto a = std::make_shared<ExtractCommand>();
     CLI::App* const c = add_command(
         app, chosen, "extract",
         {"Write an isosurface of a store as a mesh, with a guaranteed error",
+         "INPUT is a store, or any volume that preprocess reads (a file, a folder or files of "
+         "slices, -).\n"
+         "A volume is read once and needs no store, for the surface of one isovalue by hexahedra "
+         "at\n"
+         "full resolution, simplified within a --distance or to --triangles; --crop takes a part "
+         "of it.\n"
+         "For errors, --box, --close, labels, several isovalues: isonest preprocess first.\n"
          "The mesh is crack-free, and nowhere further from the isovalue than the error says. A "
          "larger\n"
          "error gives fewer triangles and reads less; error 0 gives the surface at full "
@@ -335,6 +197,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "in a plane\n"
          "(one node along an axis) give isolines (.vtp .obj), or their graph.",
          "isonest extract scan.isonest --iso 120 -o full.ply\n"
+         "isonest extract scan.nrrd --iso 120 -o full.ply\n"
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.glb --normals\n"
          "isonest extract scan.isonest --iso 80,120,160 -o surface_{iso}.ply\n"
          "isonest extract scan.isonest --iso 80,120,160 -o surfaces.vtp\n"
@@ -349,6 +212,8 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract scan.isonest --iso 120 --stop normal_bar --threshold 0.2 -o smooth.vtp\n"
          "isonest extract map.isonest --iso 500 --error 2 -o contour.vtp\n"
          "isonest extract map.isonest --graph --scale 3 --error 5 -o relief.glb --normals"});
+    c->add_option("INPUT", a->input, "a store that isonest preprocess made, or a volume")
+        ->required();
     add_extract_options(c, a->extract);
     CLI::Option* const iso = add_isovalue_option(c, a->isovalues);
     CLI::Option* const graph =
@@ -415,7 +280,9 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     c->add_option("-o,--output", a->extract.mesh, "the mesh to write")
         ->required()
         ->type_name("MESH");
-    c->callback([a, iso, &chosen] {
+    add_source_options(c, a->source, false);
+    c->callback([a, c, iso, &chosen] {
+        a->source_option = given_source_option(*c);
         chosen.run = [a, has_iso = iso->count() > 0](Progress& progress) {
             return run(*a, has_iso, progress);
         };

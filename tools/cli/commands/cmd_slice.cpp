@@ -160,6 +160,7 @@ void add_slice(CLI::App& app, Invocation& chosen) {
          "isonest slice scan.isonest --plane 1,1,0,90 --error-relative 0.02 -o oblique.vtp\n"
          "isonest slice scan.isonest --plane 0,1,0,40 -o lines.png --contours 80,120,160\n"
          "isonest slice scan.isonest --plane 0,1,0,40 -o lines.vtp --contours 80,120,160"});
+    c->add_option("STORE", a->extract.store, "made by isonest preprocess")->required();
     add_extract_options(c, a->extract);
     a->extract.is_slice = true;
     add_cells_option(c, a->extract);

@@ -18,11 +18,6 @@ namespace {
 
 constexpr std::uint64_t kSlab = std::uint64_t{8} << 20U;  ///< bytes of input read at once
 
-bool is_no_store(const Error& error) {
-    return std::any_of(error.remedies().begin(), error.remedies().end(),
-                       [](const Remedy& r) { return r.kind == RemedyKind::make_store; });
-}
-
 /// Planes per slab; whole ones.
 std::int64_t planes_at_once(const VolumeDescription& d, std::int64_t multiple) {
     const auto plane = static_cast<std::uint64_t>(d.nodes.x * d.nodes.y) * size_of(d.type);
@@ -31,6 +26,11 @@ std::int64_t planes_at_once(const VolumeDescription& d, std::int64_t multiple) {
 }
 
 }  // namespace
+
+bool is_no_store(const Error& error) {
+    return std::any_of(error.remedies().begin(), error.remedies().end(),
+                       [](const Remedy& r) { return r.kind == RemedyKind::make_store; });
+}
 
 VolumeValues::VolumeValues(const std::string& path, const SourceOptions& options) : path_(path) {
     try {

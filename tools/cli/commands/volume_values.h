@@ -7,12 +7,16 @@
 #include <string>
 #include <vector>
 
+#include <isonest/error.h>
 #include <isonest/open_volume.h>
 #include <isonest/progress.h>
 
 #include "store/container/reader.h"
 
 namespace isonest::detail::cli {
+
+/// Whether opening a store failed because the file is none.
+bool is_no_store(const Error& error);
 
 /// A volume file, or the finest level of a store.
 class VolumeValues {

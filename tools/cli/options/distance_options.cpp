@@ -29,10 +29,10 @@ const char* analysis_name(AnalysisUse use) {
 
 }  // namespace
 
-void DistanceArguments::resolve(const Store& store) {
-    unit = unit_suffix(store);
+void DistanceArguments::resolve(std::optional<LengthUnit> of_world, const std::string& name) {
+    unit = unit_suffix(of_world);
     if (distance && !length.voxels) {
-        distance->value = in_world_units(length, store);
+        distance->value = in_world_units(length, of_world, name);
     }
 }
 

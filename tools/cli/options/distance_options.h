@@ -26,9 +26,9 @@ struct DistanceArguments {
     /// Throws Error{invalid_argument} if there is an effort with nothing that takes one.
     void require_sense() const;
 
-    /// The distance in the store's unit. Throws Error{invalid_argument} where that is not known but
-    /// the distance was given in one.
-    void resolve(const Store& store);
+    /// The distance in the unit of the world. Throws Error{invalid_argument} where that is not
+    /// known but the distance was given in one. `name`: of the store or volume.
+    void resolve(std::optional<LengthUnit> of_world, const std::string& name);
     /// In place of an error; nothing if neither was given.
     [[nodiscard]] std::optional<SurfaceStop> stop() const;
 };

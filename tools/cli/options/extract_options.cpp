@@ -194,7 +194,6 @@ void parse_cells(const std::string& text, ExtractArguments& a) {
 }  // namespace
 
 void add_extract_options(CLI::App* c, ExtractArguments& a) {
-    c->add_option("STORE", a.store, "made by isonest preprocess")->required();
     add_error_options(c, a);
     add_place_options(c, a);
     add_parsed(

@@ -43,7 +43,7 @@ struct ExtractArguments {
     }
 };
 
-/// STORE, the error, the stop test, focus and camera, --box, --memory, --threads.
+/// The error, the stop test, focus and camera, --box, --memory, --threads.
 void add_extract_options(CLI::App* command, ExtractArguments& a);
 
 /// --cells, of surfaces, slices and graphs.

@@ -52,6 +52,8 @@ ValueType parse_type(const std::string& text) {
 
 namespace {
 
+constexpr const char* kGroup = "How to read INPUT";
+
 /// "A,B": for data in a plane.
 bool in_plane(const std::string& text) {
     return std::count(text.begin(), text.end(), ',') == 1;
@@ -177,8 +179,18 @@ std::unique_ptr<VolumeSource> open_input(const std::vector<std::string>& input,
     return open_volume(std::vector<std::filesystem::path>(input.begin(), input.end()), options);
 }
 
-void add_source_options(CLI::App* command, SourceOptions& o) {
-    const char* const group = "How to read INPUT";
+std::string given_source_option(const CLI::App& command) {
+    for (const CLI::Option* const option :
+         command.get_options([](const CLI::Option* o) { return o->get_group() == kGroup; })) {
+        if (option->count() > 0) {
+            return "--" + option->get_lnames().front();
+        }
+    }
+    return "";
+}
+
+void add_source_options(CLI::App* command, SourceOptions& o, bool with_labels) {
+    const char* const group = kGroup;
     add_parsed(
         command, "--dataset", [&o](const std::string& text) { o.dataset = text; },
         "the array's path or name in a file of several (HDF5, Zarr, .npz, ...)", "PATH")
@@ -249,9 +261,11 @@ void add_source_options(CLI::App* command, SourceOptions& o) {
         },
         "of length, of spacing and origin, instead of the file's: mm, um, nm, ...", "U")
         ->group(group);
-    command->add_flag("--labels", o.labels,
-                      "integers of 64 bits are labels (0 to 2^62 - 1), kept as they are for\n"
-                      "extract --label; else float64, and refused beyond 2^53");
+    if (with_labels) {
+        command->add_flag("--labels", o.labels,
+                          "integers of 64 bits are labels (0 to 2^62 - 1), kept as they are for\n"
+                          "extract --label; else float64, and refused beyond 2^53");
+    }
     add_parsed(
         command, "--missing",
         [&o](const std::string& text) { o.missing = parse_number("--missing", text); },

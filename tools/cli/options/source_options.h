@@ -21,7 +21,9 @@ std::unique_ptr<VolumeSource> open_input(const std::vector<std::string>& input,
                                          const SourceOptions& options);
 
 /// --dataset, --series, --index, --crop, --every, --dims, --type, --endian, --offset, --spacing,
-/// --origin, --missing.
-void add_source_options(CLI::App* command, SourceOptions& options);
+/// --origin, --missing and, unless a command has another option of that name, --labels.
+void add_source_options(CLI::App* command, SourceOptions& options, bool with_labels = true);
+/// "--dataset": one of them that was given; or empty.
+std::string given_source_option(const CLI::App& command);
 
 }  // namespace isonest::detail::cli

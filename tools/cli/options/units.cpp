@@ -10,6 +10,7 @@
 #include <isonest/error.h>
 
 #include "store/base/label_bits.h"
+#include "store/container/world_units.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -130,12 +131,13 @@ Length parse_length(std::string_view option, std::string_view text) {
     return length;
 }
 
-double in_world_units(const Length& length, const Store& store) {
-    return length.unit ? store.world_units(length.value, *length.unit) : length.value;
+double in_world_units(const Length& length, std::optional<LengthUnit> unit,
+                      const std::string& name) {
+    return length.unit ? world_units(length.value, *length.unit, unit, name) : length.value;
 }
 
-std::string unit_suffix(const Store& store) {
-    return store.unit() ? fmt::format(" {}", symbol_of(*store.unit())) : "";
+std::string unit_suffix(std::optional<LengthUnit> unit) {
+    return unit ? fmt::format(" {}", symbol_of(*unit)) : "";
 }
 
 std::int64_t parse_integer(std::string_view option, std::string_view text, std::int64_t lowest,

@@ -9,7 +9,6 @@
 
 #include <isonest/int3.h>
 #include <isonest/length_unit.h>
-#include <isonest/store.h>
 
 namespace isonest::detail::cli {
 
@@ -24,11 +23,12 @@ struct Length {
 };
 /// >= 0. Throws Error{invalid_argument}, which lists the units, for a word that is none.
 Length parse_length(std::string_view option, std::string_view text);
-/// In the store's unit. Throws Error{invalid_argument} for a length with a unit where the store has
-/// none. REQUIRES: it is not in voxels.
-double in_world_units(const Length& length, const Store& store);
-/// " mm", or nothing where the store's unit is not known: to stand behind a length.
-std::string unit_suffix(const Store& store);
+/// In a volume's unit. Throws Error{invalid_argument} for a length with a unit where the volume has
+/// none; `name`: of its file. REQUIRES: it is not in voxels.
+double in_world_units(const Length& length, std::optional<LengthUnit> unit,
+                      const std::string& name);
+/// " mm", or nothing where the unit is not known: to stand behind a length.
+std::string unit_suffix(std::optional<LengthUnit> unit);
 
 /// "512M", "2G", "1GiB", "1.5g" or plain bytes; K, M, G, T are powers of 1024, whatever follows.
 std::uint64_t parse_bytes(std::string_view option, std::string_view text);

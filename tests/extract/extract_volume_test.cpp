@@ -1,0 +1,297 @@
+// A volume without a store into a sink: the mesh of march_hexahedra(), however it is cut into
+// parts, and what stages make of it.
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <isonest/error.h>
+#include <isonest/march.h>
+#include <isonest/mesh_file.h>
+#include <isonest/preprocess.h>
+
+#include "query/mesh/emit_mesh.h"
+#include "query/mesh/part_store.h"
+#include "query/mesh/weld.h"
+#include "query/slabs/march_slab.h"
+#include "query/slabs/slab_part.h"
+#include "tests/support/test_support.h"
+#include "tests/support/whole_mesh.h"
+
+using namespace isonest;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
+
+namespace {
+
+bool same_mesh(const MeshCollector& a, const MeshCollector& b) {
+    return a.vertices == b.vertices && a.triangles == b.triangles && a.normals == b.normals;
+}
+
+/// By one marcher, in slabs of so many layers and parts of such a weight, and then welded.
+void march_in_parts(MeshCollector& mesh, VolumeSource& volume, double iso, std::int64_t layers,
+                    std::size_t most) {
+    const VolumeDescription d = volume.describe();
+    const TemporaryFolder folder;
+    const SlabPlace place{iso, true, d.spacing, d.origin};
+    PartStore parts(folder.path(), d.spacing, d.origin, 1000, 3);
+    SlabReader reader(volume);
+    const auto marcher = make_slab_marcher(d.type, d.nodes, place);
+    for (std::int64_t z = 0; marcher && z + 1 < d.nodes.z; z += layers) {
+        const Slab slab{z, std::min(z + layers, d.nodes.z - 1)};
+        marcher->march_parts(reader.read(slab), slab, most,
+                             [&](std::uint64_t order, MarchedSlab&& part) {
+                                 parts.append(order, part_of(std::move(part)));
+                             });
+    }
+    parts.seal();
+    AttributeChoice attributes;
+    attributes.normal = true;
+    emit_mesh(parts, Weld(parts, folder.path()), layout_of(attributes, 3, {}), mesh,
+              silent_progress());
+}
+
+ExtractReport extract_volume(VolumeSource& volume, const SurfaceQuery& query, MeshCollector& mesh,
+                             int threads = 0, std::uint64_t memory = std::uint64_t{1} << 30U) {
+    ExtractOptions options;
+    options.threads = threads;
+    options.memory = memory;
+    return extract(volume, query, mesh, options);
+}
+
+SurfaceQuery at(double iso) {
+    SurfaceQuery query;
+    query.iso = iso;
+    query.attributes.normals = true;
+    return query;
+}
+
+template <class T>
+void check_volume(const Int3& nodes, double iso, const std::function<T(const Int3&)>& f) {
+    FunctionVolume<T> volume(nodes, f);
+    volume.spacing_ = {0.5, 1.25, 2};
+    CAPTURE(nodes.x, nodes.y, nodes.z, iso, name_of(value_type_of<T>));
+    MeshCollector whole;
+    const ExtractReport marched = march_hexahedra(volume, {iso, true}, whole);
+    MeshCollector mesh;
+    const ExtractReport report = extract_volume(volume, at(iso), mesh, 2);
+    CHECK(same_mesh(mesh, whole));
+    CHECK(report.vertices == marched.vertices);
+    CHECK(report.triangles == marched.triangles);
+    CHECK(report.value_range == marched.value_range);
+    CHECK(report.coordinate_rounding == marched.coordinate_rounding);
+    CHECK(report.traversal.leaves == marched.traversal.leaves);
+    CHECK(report.mending.mended == marched.mending.mended);
+    CHECK(report.measures->area == Approx(marched.measures->area));
+    CHECK(report.measures->volume.has_value() == marched.measures->volume.has_value());
+    if (marched.mending.mended == 0) {
+        for (const std::size_t most : {1, 7, 60}) {
+            for (const std::int64_t layers : {1, 3, 100}) {
+                CAPTURE(most, layers);
+                MeshCollector parts;
+                march_in_parts(parts, volume, iso, layers, most);
+                CHECK(same_mesh(parts, whole));
+            }
+        }
+    }
+}
+
+template <class T>
+T plateaus(const Int3& p) {
+    return static_cast<T>(4 * noise(p));
+}
+template <class T>
+T waves(const Int3& p) {
+    return static_cast<T>(20 * (smooth(p) + 2.5) + 5 * noise(p));
+}
+
+float ball(const Int3& p) {
+    return static_cast<float>(18 - std::hypot(p.x - 20.0, p.y - 19.0, p.z - 21.5));
+}
+
+}  // namespace
+
+TEST_CASE("However a volume is cut into slabs and parts, its mesh is one") {
+    for (const Int3& nodes : {Int3{2, 2, 2}, Int3{2, 9, 5}, Int3{40, 2, 3}, Int3{3, 2, 40},
+                              Int3{65, 4, 6}, Int3{17, 19, 21}}) {
+        check_volume<std::uint8_t>(nodes, 50.5, waves<std::uint8_t>);
+        check_volume<float>(nodes, 50, waves<float>);
+        check_volume<std::int16_t>(nodes, 2, plateaus<std::int16_t>);
+        check_volume<double>(nodes, 1.5, plateaus<double>);
+    }
+}
+
+TEST_CASE("Missing values and constant volumes are the same in parts") {
+    const float nan = std::numeric_limits<float>::quiet_NaN();
+    for (const Int3& nodes : {Int3{2, 2, 2}, Int3{17, 19, 21}}) {
+        check_volume<float>(
+            nodes, 2, [&](const Int3& p) { return noise(p, 3) < 0.1 ? nan : plateaus<float>(p); });
+        check_volume<float>(nodes, 2, [&](const Int3&) { return nan; });
+        check_volume<float>(nodes, 2, [](const Int3&) { return 2.0F; });
+        check_volume<std::uint8_t>(nodes, 300, plateaus<std::uint8_t>);
+    }
+}
+
+TEST_CASE("The mesh of a volume has the same bytes for any threads and memory") {
+    FunctionVolume<std::uint8_t> volume({60, 61, 62}, plateaus<std::uint8_t>);
+    volume.granularity_ = {4, 2};
+    const std::uint64_t least = [&] {
+        for (std::uint64_t memory = std::uint64_t{8} << 20U;; memory += std::uint64_t{1} << 18U) {
+            try {
+                MeshCollector mesh;
+                extract_volume(volume, at(2), mesh, 1, memory);
+                return memory;
+            } catch (const Error& error) {
+                REQUIRE(error.kind() == ErrorKind::limit);
+            }
+        }
+    }();
+    MeshCollector one;
+    const ExtractReport report = extract_volume(volume, at(2), one, 1);
+    CHECK(report.triangles > 100000);
+    for (const int threads : {1, 2, 7}) {
+        for (const std::uint64_t memory :
+             {least, least + (std::uint64_t{4} << 20U), std::uint64_t{1} << 28U}) {
+            CAPTURE(threads, memory);
+            MeshCollector mesh;
+            extract_volume(volume, at(2), mesh, threads, memory);
+            CHECK(same_mesh(mesh, one));
+        }
+    }
+}
+
+TEST_CASE("What is marched is simplified and sorted out as what a store gives") {
+    FunctionVolume<float> volume({44, 45, 46}, [](const Int3& p) {
+        return std::max(ball(p), 2 - std::hypot(p.x - 3.0F, p.y - 40.0F, p.z - 3.0F));
+    });
+    SurfaceQuery query = at(0.25);
+    query.attributes.normals = false;
+    query.stages.components = ComponentChoice{.largest = 1};
+    MeshCollector full;
+    const ExtractReport whole = extract_volume(volume, query, full);
+    REQUIRE(whole.components);
+    CHECK(whole.components->components == 2);
+    CHECK(whole.components->dropped == 1);
+    CHECK(whole.measures->volume.has_value());
+    for (const Effort effort : {Effort::best, Effort::fast}) {
+        query.stop = DistanceBound{0.5, true, effort};
+        MeshCollector mesh;
+        const ExtractReport report = extract_volume(volume, query, mesh, 1);
+        REQUIRE(report.distance);
+        CHECK(report.distance->bound <= 0.5);
+        CHECK(report.distance->asked == 0.5);
+        CHECK(report.distance->full_triangles ==
+              whole.triangles + whole.components->dropped_triangles);
+        CHECK(report.triangles < whole.triangles / 4);
+        require_whole({mesh.vertices, {}, mesh.triangles}, {0, 0, 0}, {43, 44, 45});
+        for (const int threads : {2, 7}) {
+            MeshCollector other;
+            extract_volume(volume, query, other, threads, std::uint64_t{1} << 27U);
+            CHECK(same_mesh(mesh, other));
+        }
+        query.stop = TriangleBudget{200, {}, effort};
+        MeshCollector few;
+        CHECK(extract_volume(volume, query, few).triangles <= 200);
+    }
+}
+
+TEST_CASE("A volume that is turned is marched in its own axes") {
+    FunctionVolume<float> volume({44, 45, 46}, ball);
+    MeshCollector straight;
+    const ExtractReport along = extract_volume(volume, at(0.25), straight);
+    class Turned : public FunctionVolume<float> {
+      public:
+        using FunctionVolume<float>::FunctionVolume;
+        [[nodiscard]] VolumeDescription describe() const override {
+            VolumeDescription d = FunctionVolume<float>::describe();
+            d.direction = {Double3{0, 1, 0}, Double3{-1, 0, 0}, Double3{0, 0, 1}};
+            return d;
+        }
+    } turned({44, 45, 46}, ball);
+    MeshCollector mesh;
+    const ExtractReport report = extract_volume(turned, at(0.25), mesh);
+    REQUIRE(mesh.vertices.size() == straight.vertices.size());
+    CHECK(mesh.triangles == straight.triangles);
+    CHECK(report.measures->area == Approx(along.measures->area));
+    for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
+        CHECK(mesh.vertices[i][0] == Approx(-straight.vertices[i][1]));
+        CHECK(mesh.vertices[i][1] == Approx(straight.vertices[i][0]));
+    }
+    const TemporaryFolder folder;
+    preprocess(turned, folder / "s", with_chunk(16), silent_progress());
+    SurfaceQuery query = at(0.25);
+    query.grid.cells = Cells::hexahedra;
+    MeshCollector stored;
+    extract(Store(folder / "s"), query, stored);
+    auto a = mesh.vertices;
+    auto b = stored.vertices;
+    std::sort(a.begin(), a.end());
+    std::sort(b.begin(), b.end());
+    CHECK(a == b);
+}
+
+TEST_CASE("What needs a store is refused, and told how to get one") {
+    FunctionVolume<float> volume({9, 9, 9}, ball);
+    const auto refused = [&](const std::function<void(SurfaceQuery&)>& ask) {
+        SurfaceQuery query = at(0.25);
+        ask(query);
+        try {
+            MeshCollector mesh;
+            extract_volume(volume, query, mesh);
+        } catch (const Error& error) {
+            return error.kind() == ErrorKind::invalid_argument &&
+                   error.remedies() == std::vector<Remedy>{{RemedyKind::make_store}};
+        }
+        return false;
+    };
+    CHECK(refused([](auto& q) { q.stop = ErrorBound{0.1}; }));
+    CHECK(refused([](auto& q) { q.stop = FieldThreshold{}; }));
+    CHECK(refused([](auto& q) { q.stop = SimplifiedErrorBound{{0.1}}; }));
+    CHECK(refused([](auto& q) { q.stop = ErrorBudget{100}; }));
+    CHECK(refused([](auto& q) { q.stop = NestedDistanceBound{{1}}; }));
+    CHECK(refused([](auto& q) { q.focus.emplace(); }));
+    CHECK(refused([](auto& q) { q.camera.emplace(); }));
+    CHECK(refused([](auto& q) { q.box = WorldBox{{0, 0, 0}, {1, 1, 1}}; }));
+    CHECK(refused([](auto& q) { q.grid.cells = Cells::tetrahedra; }));
+    CHECK(refused([](auto& q) { q.grid.bound = Field::deviation_bar; }));
+    CHECK(refused([](auto& q) { q.grid.culling.emplace(); }));
+    CHECK(refused([](auto& q) { q.grid.vertices = VertexPlace::exact; }));
+    CHECK(refused([](auto& q) { q.stages.close = Outside::below; }));
+    CHECK(refused([](auto& q) { q.attributes.error = Field::deviation_bar; }));
+    CHECK(refused([](auto& q) {
+        q.stop = DistanceBound{1};
+        q.analysis.emplace();
+    }));
+    CHECK_FALSE(refused([](auto& q) { q.grid.cells = Cells::hexahedra; }));
+    CHECK_FALSE(refused([](auto& q) { q.stop = DistanceBound{1}; }));
+    for (const SurfaceStop& stop :
+         {SurfaceStop(DistanceBound{-1}), SurfaceStop(TriangleBudget{0})}) {
+        SurfaceQuery query = at(0.25);
+        query.stop = stop;
+        MeshCollector mesh;
+        CHECK_THROWS_AS(extract_volume(volume, query, mesh), Error);
+    }
+    FunctionVolume<float> flat({9, 1, 9}, ball);
+    MeshCollector mesh;
+    CHECK_THROWS_WITH(extract_volume(flat, at(0.25), mesh), Catch::Contains("need a store"));
+    CHECK_THROWS_AS(extract_volume(volume, at(0.25), mesh, 1, 1000), Error);
+}
+
+TEST_CASE("A mesh file that is one of the volume's own files is refused, and left alone") {
+    class OfFile : public FunctionVolume<float> {
+      public:
+        using FunctionVolume<float>::FunctionVolume;
+        [[nodiscard]] std::vector<std::filesystem::path> files() const override { return {file}; }
+        std::filesystem::path file;
+    } volume({9, 9, 9}, ball);
+    const TemporaryFolder folder;
+    volume.file = folder / "v.ply";
+    std::ofstream(volume.file) << "numbers";
+    const auto sink = open_mesh_file(volume.file, {.replace = true});
+    CHECK_THROWS_AS(extract(volume, at(0.25), *sink), Error);
+    CHECK(std::filesystem::file_size(volume.file) == 7);
+}

@@ -1,0 +1,219 @@
+"""`isonest extract` of a volume file: the triangles that its store has, whatever the format, and what is refused.
+
+Usage: extract_volume_test.py ISONEST PLUGIN_FOLDER
+"""
+import gzip
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import served  # noqa: E402
+
+os.environ["HDF5_PLUGIN_PATH"] = sys.argv[2]
+try:
+    import h5py
+    import nibabel
+    import numpy as np
+    import tifffile
+except ImportError as error:
+    print(f"skipped: {error}")
+    sys.exit(77)
+
+ISONEST = os.path.abspath(sys.argv[1])
+
+
+def waves(shape, kind="f4"):
+    z, y, x = np.meshgrid(*map(np.arange, shape), indexing="ij")
+    return np.round(100 + 40 * (np.sin(x / 3) + np.cos(y / 4) + np.sin(z / 5))).astype(kind)
+
+
+def triangles(path):
+    """Sorted, each from its smallest corner on."""
+    data = path.read_bytes()
+    end = data.index(b"end_header\n") + len(b"end_header\n")
+    lines = data[:end].decode().split("\n")
+    count = {line.split()[1]: int(line.split()[2]) for line in lines if line.startswith("element")}
+    vertices = np.frombuffer(data, "<f4", 3 * count["vertex"], end).reshape(-1, 3)
+    face = np.dtype([("n", "u1"), ("v", "<i4", 3)])
+    faces = np.frombuffer(data, face, count["face"], end + vertices.nbytes)["v"]
+    found = []
+    for a, b, c in vertices[faces].tolist():
+        found.append(min((a, b, c), (b, c, a), (c, a, b)))
+    return sorted(found)
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory(prefix="isonest-volume-")
+        self.addCleanup(temporary.cleanup)
+        self.here = pathlib.Path(temporary.name)
+        self.mesh = self.here / "m.ply"
+
+    def run_program(self, *arguments):
+        return served.run([ISONEST, *map(str, arguments)], capture_output=True, text=True, timeout=600)
+
+    def works(self, *arguments):
+        done = self.run_program(*arguments)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return done.stdout
+
+    def fails(self, code, *arguments):
+        done = self.run_program(*arguments, "-o", self.mesh)
+        self.assertEqual(done.returncode, code, done.stderr)
+        self.assertFalse(self.mesh.exists())
+        return done.stderr
+
+    def nrrd(self, data, name="v.nrrd"):
+        kinds = {"f4": "float", "u1": "uint8", "i2": "int16"}
+        path = self.here / name
+        header = (f"NRRD0004\ntype: {kinds[data.dtype.str[1:]]}\ndimension: 3\nendian: little\nencoding: raw\n"
+                  f"sizes: {data.shape[2]} {data.shape[1]} {data.shape[0]}\nspacings: 0.5 0.5 2\n\n")
+        path.write_bytes(header.encode() + data.tobytes())
+        return path
+
+
+class Formats(Case):
+    def same(self, *how, iso="100.5"):
+        """As through a store."""
+        self.works("extract", *how, "--iso", iso, "-o", self.mesh)
+        store, other = self.here / "s.isonest", self.here / "o.ply"
+        self.works("preprocess", *how, "-o", store, "--chunk", "16", "--force")
+        self.works("extract", store, "--iso", iso, "--cells", "hex", "-o", other)
+        found = triangles(self.mesh)
+        self.assertEqual(found, triangles(other))
+        return found
+
+    def test_every_format_has_the_surface_of_its_store(self):
+        data = waves((20, 21, 22))
+        self.assertGreater(len(self.same(self.nrrd(data))), 1000)
+        raw = self.here / "v.raw"
+        raw.write_bytes(data.astype(">f4").tobytes())
+        self.same(raw, "--dims", "22,21,20", "--type", ">f4", "--spacing", "1,2,3", "--unit", "mm")
+        raw.with_suffix(".gz").write_bytes(gzip.compress(data.tobytes()))
+        self.same(raw.with_suffix(".gz"), "--dims", "22,21,20", "--type", "f4")
+        with h5py.File(self.here / "v.h5", "w") as file:
+            file.create_dataset("first/v", data=data, chunks=(8, 8, 8), compression="gzip")
+            file["second"] = data[:5]
+        self.same(self.here / "v.h5", "--dataset", "/first/v")
+        self.same(self.here / "v.h5", "--dataset", "second", "--every", "2")
+        tifffile.imwrite(self.here / "v.tif", data, photometric="minisblack", metadata=None)
+        self.same(self.here / "v.tif")
+        stack = self.here / "stack"
+        stack.mkdir()
+        for z, plane in enumerate(data.astype("u1")):
+            tifffile.imwrite(stack / f"{z:03}.tif", plane, photometric="minisblack", metadata=None)
+        self.same(stack)
+        self.same(*sorted(stack.iterdir()))
+        np.save(self.here / "v.npy", data)
+        self.same(self.here / "v.npy", "--crop", "3:,:-2,1:9")
+
+    def test_a_turned_volume_lies_where_its_store_has_it(self):
+        affine = np.array([[0, -2, 0, 5], [1, 0, 0, 6], [0, 0, 3, 7], [0, 0, 0, 1.0]])
+        image = nibabel.Nifti1Image(waves((20, 21, 22)).T, affine)
+        nibabel.save(image, self.here / "v.nii.gz")
+        self.same(self.here / "v.nii.gz")
+
+    def test_missing_values_plateaus_and_small_volumes(self):
+        data = waves((20, 21, 22))
+        self.same(self.nrrd(data), iso="100")
+        self.same(self.nrrd(data), "--missing", "120", iso="110")
+        data[5:8, :, 3] = np.nan
+        self.same(self.nrrd(data))
+        self.same(self.nrrd(waves((2, 2, 2)) + np.arange(2, dtype="f4")), iso="159")
+        self.assertEqual(self.same(self.nrrd(np.ones((9, 9, 9), "f4")), iso="1"), [])
+
+    def test_standard_input_is_a_volume(self):
+        path = self.nrrd(waves((20, 21, 22)))
+        self.works("extract", path, "--iso", "100.5", "-o", self.mesh)
+        with open(path, "rb") as file:
+            subprocess.run([ISONEST, "extract", "-", "--iso", "100.5", "-o", self.here / "p.ply", "-q"], stdin=file,
+                           check=True)
+        self.assertEqual(self.mesh.read_bytes(), (self.here / "p.ply").read_bytes())
+
+
+class Bytes(Case):
+    def test_threads_and_memory_change_no_byte(self):
+        path = self.nrrd(waves((24, 60, 64), "u1"))
+        for options in ([], ["--normals", "--components", "largest"],
+                        ["--distance", "0.5voxel", "--effort", "fast"], ["--triangles", "2000"]):
+            meshes = set()
+            for threads, memory in ((1, "1G"), (2, "48M"), (7, "1G")):
+                self.works("extract", path, "--iso", "100", "--threads", threads, "--memory", memory, "-o", self.mesh,
+                           *options)
+                meshes.add(self.mesh.read_bytes())
+            self.assertEqual(len(meshes), 1, options)
+        self.assertEqual(sorted(os.listdir(self.here)), ["m.ply", "v.nrrd"])
+
+    def test_the_report_says_what_was_done(self):
+        path = self.nrrd(waves((20, 21, 22)))
+        said = json.loads(self.works("extract", path, "--iso", "100.5", "--unit", "mm", "--distance", "200um", "--json",
+                                     "-o", self.mesh))
+        self.assertTrue(said["without_store"])
+        self.assertEqual(said["unit"], "mm")
+        self.assertEqual(said["distance"], 0.2)
+        self.assertLessEqual(said["distance_bound"], 0.2)
+        self.assertLess(said["triangles"], said["full_triangles"])
+        self.assertGreater(said["area"], 0)
+        text = self.works("extract", path, "--iso", "1000", "-o", self.mesh)
+        self.assertIn("every value is below 1000; they are ", text)
+        self.assertIn("straight from", text)
+
+
+class Refused(Case):
+    def test_what_needs_a_store_says_how_to_get_one(self):
+        path = self.nrrd(waves((9, 10, 11)))
+        for options in (["--error", "2"], ["--error-relative", "0.1"], ["--stop", "deviation_bar"],
+                        ["--focus", "1,2,3"], ["--camera", "1,2,3"], ["--box", "0,0,0,1,1,1"], ["--close"],
+                        ["--cells", "tet"], ["--vertices", "exact"], ["--view", "0,0,1"], ["--bound", "deviation_bar"],
+                        ["--vertex-error", "deviation_bar"], ["--distance", "1", "--no-simplify"],
+                        ["--distance", "1", "--keep-analysis"], ["--triangles", "9", "--by", "error"],
+                        ["--error", "1", "--simplify"]):
+            with self.subTest(options=options):
+                self.assertIn("isonest preprocess", self.fails(2, "extract", path, "--iso", "100", *options))
+        for options in (["--iso", "90,100"], ["--label", "3"], ["--graph"]):
+            with self.subTest(options=options):
+                self.assertIn("isonest preprocess", self.fails(2, "extract", path, *options))
+        self.assertIn("isonest preprocess", self.fails(2, "extract", path, "--iso", "100", "--crop", ":,:,3:4"))
+        self.assertIn("--iso", self.fails(2, "extract", path))
+        self.assertIn("distance", self.fails(2, "extract", path, "--iso", "100", "--effort", "fast"))
+        self.assertIn("--unit", self.fails(2, "extract", path, "--iso", "100", "--distance", "1mm"))
+
+    def test_a_file_that_is_no_volume_says_what_there_is(self):
+        with h5py.File(self.here / "v.h5", "w") as file:
+            file["a"] = file["b"] = waves((9, 10, 11))
+        for options in ([], ["--dataset", "c"]):
+            said = self.fails(2 if not options else 3, "extract", self.here / "v.h5", "--iso", "100", *options)
+            self.assertIn("/a", said)
+            self.assertIn("/b", said)
+        junk = self.here / "junk"
+        junk.write_bytes(b"hello world" * 100)
+        said = self.fails(2, "extract", junk, "--iso", "100")
+        self.assertIn("no store", said)
+        self.assertIn("NRRD", said)
+        self.assertIn("--dims", said)
+        self.fails(3, "extract", self.here / "nothing.nrrd", "--iso", "100")
+        path = self.nrrd(waves((9, 10, 11)))
+        path.write_bytes(path.read_bytes()[:-100])
+        self.assertIn("v.nrrd", self.fails(2, "extract", path, "--iso", "100"))
+
+    def test_a_store_is_not_read_as_a_volume(self):
+        store = self.here / "s.isonest"
+        self.works("preprocess", self.nrrd(waves((9, 10, 11))), "-o", store)
+        self.assertIn("is a store", self.fails(2, "extract", store, "--iso", "100", "--crop", ":,:,2:"))
+        store.write_bytes(store.read_bytes()[:-1000])
+        self.assertNotIn("volume file", self.fails(4, "extract", store, "--iso", "100"))
+
+    def test_the_volume_is_not_replaced(self):
+        path = self.nrrd(waves((9, 10, 11)), "v.ply")
+        before = path.read_bytes()
+        self.assertEqual(self.run_program("extract", path, "--iso", "100", "-o", path).returncode, 2)
+        self.assertEqual(path.read_bytes(), before)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])

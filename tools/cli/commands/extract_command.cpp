@@ -1,0 +1,131 @@
+#include "tools/cli/commands/extract_command.h"
+
+#include <fmt/format.h>
+
+#include <limits>
+#include <memory>
+#include <utility>
+
+#include <isonest/error.h>
+#include <isonest/march.h>
+#include <isonest/mesh_file.h>
+
+#include "tools/cli/options/source_options.h"
+#include "tools/cli/options/units.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+/// `what` needs a store.
+[[noreturn]] void refuse_without_store(const ExtractCommand& arguments, const char* what) {
+    throw Error(ErrorKind::invalid_argument, {arguments.extract.store},
+                std::string("is no store, which ") + what + " need", {{RemedyKind::make_store}});
+}
+
+void require_no_store(const ExtractCommand& a, bool has_iso) {
+    if (a.labels.one || a.labels.several) {
+        refuse_without_store(a, "surfaces of labels");
+    }
+    if (a.extract.is_graph) {
+        refuse_without_store(a, "graphs");
+    }
+    if (a.isovalues.all.size() > 1) {
+        refuse_without_store(a, "several isovalues at once");
+    }
+    if (!has_iso) {
+        throw Error(ErrorKind::invalid_argument, {a.extract.store}, "give the isovalue, --iso V");
+    }
+}
+
+/// Says of a file that nothing describes that it is no store either.
+std::unique_ptr<VolumeSource> open_any_volume(const ExtractCommand& a,
+                                              const std::filesystem::path& scratch) {
+    try {
+        return open_input(a.input, scratch, a.source);
+    } catch (const Error& error) {
+        const bool is_unknown = !error.remedies().empty() &&
+                                error.remedies().front().kind == RemedyKind::describe_numbers;
+        if (!is_unknown) {
+            throw;
+        }
+        throw Error(error.kind(), error.place(), "is no store; " + error.problem(),
+                    error.remedies());
+    }
+}
+
+/// Why there is no surface. The volume is read once more.
+std::string empty_volume(VolumeSource& volume, double iso, const ExtractOptions& options,
+                         Progress& progress) {
+    if (volume.sequential()) {
+        return fmt::format("The surface is empty: no cell has values on both sides of {}.\n", iso);
+    }
+    constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+    const auto [low, high] =
+        finite_range(volume, options, progress).value_or(std::pair{kNone, kNone});
+    if (!(low <= high)) {
+        return "The surface is empty: all values are missing.\n";
+    }
+    return fmt::format("The surface is empty: {}; they are {}.\n",
+                       iso <= low ? fmt::format("no value is below {}", iso)
+                       : high < iso
+                           ? fmt::format("every value is below {}", iso)
+                           : fmt::format("values are missing wherever others pass {}", iso),
+                       human_range(low, high));
+}
+
+}  // namespace
+
+SurfaceQuery ExtractCommand::surface_query(const Store* others) const {
+    const ExtractArguments& a = extract;
+    auto query = begun<SurfaceQuery>(others);
+    query.iso = isovalues.one();
+    query.grid = {a.cells, vertices, bound, culling};
+    if (distance.by_error && distance.distance) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--by error goes without --distance: the triangles are the nested grid's");
+    }
+    if (distance.simplify && !distance.by_error) {
+        if (a.error.value == 0) {
+            throw Error(ErrorKind::invalid_argument,
+                        "--simplify goes with --error or --error-relative, above 0, or with "
+                        "--triangles N --by error; --distance simplifies by itself");
+        }
+        query.stop = SimplifiedErrorBound{a.error};
+    }
+    distance.require_sense();
+    query.stop = distance.stop().value_or(query.stop);
+    query.stages = {close, components};
+    if (distance.analysis && !distance.stop()) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--keep-analysis goes with --distance or --triangles");
+    }
+    query.analysis = distance.analysis;
+    query.volume_interval = volume_interval;
+    return query;
+}
+
+Result extract_volume_file(ExtractCommand arguments, bool has_iso, Progress& progress) {
+    require_no_store(arguments, has_iso);
+    ExtractArguments& a = arguments.extract;
+    a.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());
+    const ExtractOptions options = options_of(a);
+    // As preprocess does: a quarter of the budget for chunks of the input.
+    arguments.source.max_heap = options.memory / 4;
+    const std::unique_ptr<VolumeSource> volume = open_any_volume(arguments, options.scratch);
+    const VolumeDescription description = volume->describe();
+    arguments.distance.resolve(description.unit, description.name);
+    std::optional<Store> others;
+    if (!arguments.values.empty()) {
+        others.emplace(arguments.values);
+    }
+    const SurfaceQuery query = arguments.surface_query(others ? &*others : nullptr);
+    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, {.replace = true});
+    const ExtractReport report = isonest::extract(*volume, query, *sink, options, progress);
+    ExtractOrigin origin{nullptr, volume.get(), description.unit, {}};
+    if (report.triangles == 0) {
+        origin.why_empty = empty_volume(*volume, query.iso, options, progress);
+    }
+    return result_of(origin, arguments, report);
+}
+
+}  // namespace isonest::detail::cli

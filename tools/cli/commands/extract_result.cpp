@@ -1,0 +1,153 @@
+#include <fmt/format.h>
+
+#include "tools/cli/commands/extract_command.h"
+#include "tools/cli/options/close_option.h"
+#include "tools/cli/options/component_options.h"
+#include "tools/cli/options/units.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+/// Why there is none.
+std::string empty_surface(const Store& store, const ExtractCommand& arguments,
+                          const ExtractReport& r) {
+    const ExtractArguments& a = arguments.extract;
+    const double iso = arguments.isovalues.one();
+    const std::string range = human_range(store.min_value(), store.max_value());
+    if (arguments.labels.one) {
+        return fmt::format(
+            "There is no node with the label {}{}, or no other one: the values are "
+            "{}.\n",
+            *arguments.labels.one, a.box ? " in the box" : "", range);
+    }
+    if (!(store.min_value() <= store.max_value())) {
+        return "The surface is empty: all values are missing.\n";
+    }
+    // What is closed is a solid, and may fill the whole volume.
+    const bool some_below = store.min_value() < iso || arguments.close == Outside::below;
+    const bool some_above = iso <= store.max_value() || arguments.close == Outside::above;
+    if (!a.is_graph && !(some_below && some_above)) {
+        return fmt::format("The surface is empty: {} value is below {}; they are {}.\n",
+                           iso <= store.min_value() ? "no" : "every", iso, range);
+    }
+    if (a.box && !reaches_volume(store, *a.box)) {
+        return "The surface is empty: the box lies outside of the volume, " + volume_text(store) +
+               ".\n";
+    }
+    const std::string inside = a.box ? " inside the box" : "";
+    if (r.tolerance > 0 || a.camera) {
+        return fmt::format(
+            "There is no surface{} that is coarse enough for the tolerance: a smaller one may show "
+            "some. The values are {}.\n",
+            inside, range);
+    }
+    return fmt::format("The surface is empty{}: the values are {}{}.\n", inside, range,
+                       a.box ? " in the whole volume" : "");
+}
+
+/// "read 3 of 8 chunks, 1.2 MB".
+std::string read_text(const TraversalReport& r) {
+    return fmt::format("read {} of {} chunks, {}", r.chunks_read, r.chunks_total,
+                       human_bytes(static_cast<double>(r.bytes_read)));
+}
+
+/// "area 12.5 mm2, volume 3.25 mm3".
+std::string measures_text(std::optional<LengthUnit> of, const SurfaceMeasures& m) {
+    const std::string unit = unit_suffix(of);
+    const auto power = [&](int p) { return unit.empty() ? "" : fmt::format("{}{}", unit, p); };
+    return fmt::format("area {:.6g}{}, {}\n", m.area, power(2),
+                       m.volume ? fmt::format("volume {:.6g}{}", *m.volume, power(3))
+                                : "not closed, so it has no volume");
+}
+
+/// Between which volumes that at full resolution lies.
+std::string interval_text(std::optional<LengthUnit> of, const VolumeInterval& v) {
+    const std::string unit = unit_suffix(of);
+    return fmt::format("volume at full resolution between {:.6g} and {:.6g}{}\n", v.least, v.most,
+                       unit.empty() ? "" : unit + "3");
+}
+
+}  // namespace
+
+Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
+                 const ExtractReport& r) {
+    const ExtractArguments& a = arguments.extract;
+    const LabelArguments& labels = arguments.labels;
+    const bool has_iso = !arguments.isovalues.all.empty();
+    Result result;
+    result.warning = extract_warning(a, r);
+    result.json = extract_json(a, r);
+    add_distance_json(result.json, r);
+    result.json["unit"] = unit_json(origin.unit);
+    if (origin.volume != nullptr) {
+        result.json["without_store"] = true;
+        result.json["notes"] = origin.volume->notes();
+    }
+    if (has_iso) {
+        result.json["iso"] = arguments.isovalues.one();
+    }
+    if (labels.one) {
+        result.json["label"] = *labels.one;
+    }
+    result.text =
+        fmt::format("{}: {} {}, {} vertices, in {}\n{}; {}\n", a.mesh, r.triangles,
+                    r.dimension == 2 && !a.is_graph ? "line segments" : "triangles", r.vertices,
+                    human_seconds(r.seconds),
+                    r.distance || r.within_budget ? distance_text(arguments.distance, r)
+                    : origin.volume != nullptr    ? "the surface at full resolution"
+                                                  : guarantee_text(a, r) + simplified_text(r),
+                    origin.volume != nullptr ? "straight from " + origin.volume->describe().name
+                                             : read_text(r.traversal));
+    result.text += analysis_text(r) + version_text(a.mesh);
+    if (r.measures && r.triangles > 0) {
+        result.text += measures_text(origin.unit, *r.measures);
+        if (r.distance && r.distance->full) {
+            result.text += "at full resolution: " + measures_text(origin.unit, *r.distance->full);
+        }
+    }
+    if (r.volume_interval) {
+        result.json["full_volume_interval"] = {r.volume_interval->least, r.volume_interval->most};
+        result.text += interval_text(origin.unit, *r.volume_interval);
+    } else if (arguments.volume_interval) {
+        result.json["full_volume_interval"] = nullptr;
+    }
+    if (r.components) {
+        add_component_json(*r.components, result.json);
+        result.text += component_text(r);
+    }
+    if (r.closing) {
+        add_close_json(*r.closing, result.json);
+        result.text += r.triangles > 0 ? close_text(*r.closing, a.box.has_value()) : "";
+    }
+    if (r.triangles == 0 && (!r.components || r.components->dropped == 0)) {
+        result.text +=
+            origin.store != nullptr ? empty_surface(*origin.store, arguments, r) : origin.why_empty;
+    }
+    if (r.mending.mended > 0) {
+        result.text += fmt::format(
+            "{} triangles whose corners 32-bit floats round to one place or line were taken out or "
+            "mended.\n",
+            r.mending.mended);
+    }
+    if (r.mending.zero_area > 0) {
+        result.text += fmt::format(
+            "{} triangles have no area; nothing that keeps the mesh whole "
+            "mends them.\n",
+            r.mending.zero_area);
+    }
+    if (r.quality && r.triangles > 0) {
+        constexpr double kPercent = 100;
+        result.text += fmt::format(
+            "Smallest angles of the triangles: {:.2g} degrees at least, {:.3g} in the middle; "
+            "{:.2g} % are below {}.\n",
+            r.quality->least, r.quality->median, kPercent * r.quality->narrow_share,
+            TriangleQuality::kNarrow);
+    }
+    for (const std::string& note :
+         origin.volume != nullptr ? origin.volume->notes() : std::vector<std::string>{}) {
+        result.text += fmt::format("note: {}\n", note);
+    }
+    return result;
+}
+
+}  // namespace isonest::detail::cli
