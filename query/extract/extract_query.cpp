@@ -241,6 +241,13 @@ ExtractQuery finished(const StoreReader& store, ExtractQuery asked) {
     require_float32(store, asked);
     asked.coordinate_rounding =
         coordinate_rounding(store.layout().header().nodes, asked.spacing, asked.origin);
+    const StoreHeader& header = store.layout().header();
+    if (header.direction != kAlongWorld) {
+        asked.turn = Turn{header.origin, header.direction};
+        asked.least_apart =
+            std::max(kLeastApart, asked.turn->least_step(header.nodes, header.spacing));
+    }
+    asked.moves_apart = is_short_step(step_apart(asked.coordinate_rounding, asked.least_apart));
     return asked;
 }
 

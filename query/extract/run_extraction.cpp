@@ -13,8 +13,10 @@
 #include <chrono>
 #include <vector>
 
+#include "query/apart/parts_apart.h"
 #include "query/extract/analysis/extract_analysed.h"
 #include "query/extract/find_parts.h"
+#include "query/extract/stages/apart_stage.h"
 #include "query/extract/stages/contour_lines.h"
 #include "query/extract/stages/distance_limits.h"
 #include "query/extract/stages/stage_row.h"
@@ -57,6 +59,10 @@ class Extraction {
     FoundParts begin_parts(std::uint64_t memory) {
         parts_.emplace(scratch_, asked_.spacing, asked_.origin, memory,
                        asked_.traversal.attributes.width());
+        if (asked_.keeps_apart()) {
+            parts_->watch({sight_apart(asked_.coordinate_rounding, asked_.least_apart),
+                           asked_.traversal.box});
+        }
         return {asked_.traversal.iso, &*parts_, &report_};
     }
     /// From the parts to the mesh in the sink.
@@ -66,6 +72,11 @@ class Extraction {
         Workers(budget.threads).execute([&] {
             progress_.check();
             const Weld weld(*parts_, scratch_);
+            if (asked_.keeps_apart() && parts_->zero_area_triangles() == 0) {
+                count_apart(
+                    keep_parts_apart(*parts_, weld, apart_range(asked_), scratch_, progress_),
+                    asked_, report_);
+            }
             stages = row_->with_work(*parts_);
             if (!stages.empty()) {
                 whole = std::make_shared<ScratchMesh>(scratch_);

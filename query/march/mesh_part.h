@@ -33,6 +33,7 @@ struct MeshPart {
         std::uint32_t shared = 0;  ///< the element of the cut vertex itself
     };
     std::vector<Double3> positions;         ///< coordinates of the finest lattice
+    std::vector<std::uint32_t> off_edges;   ///< vertices that are not on an edge of their own
     std::vector<std::uint32_t> attributes;  ///< AttributeWords, as many per vertex as asked for
     std::vector<std::array<std::uint32_t, 3>> triangles;
     std::vector<Shared> shared;  ///< those with a vertex in ascending order of it

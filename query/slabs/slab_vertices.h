@@ -30,6 +30,7 @@ struct SlabPlace {
     bool normals = false;
     Double3 spacing{1, 1, 1};
     Double3 origin{};
+    double sight = 0;  ///< how near to a node a vertex may share its place with another one
 };
 
 /// Vertices in lattice edges are numbered in the slab; those in nodes, which are rare, are those of
@@ -221,7 +222,14 @@ class SlabVertices {
         const double t = crossing_of(value(x, e.low), value(x, e.high), place_.iso);
         const Int3 low = Int3{x, y_, z_} + corner_offset(e.low);
         const Int3 high = Int3{x, y_, z_} + corner_offset(e.high);
+        if (t <= place_.sight || t >= 1 - place_.sight) {
+            add_not_alone();
+        }
         return add(on_edge_at(low, axis_of(e), t), normal(low, high, t));
+    }
+    /// The next vertex.
+    void add_not_alone() {
+        slab_.not_alone.push_back(static_cast<std::uint32_t>(slab_.positions.size()));
     }
     /// If the last call made a vertex.
     void add_link_normal(const Int3& a, const Int3& b, double t) {
@@ -262,6 +270,7 @@ std::uint32_t SlabVertices<T>::centre(std::span<const std::uint32_t> v) {
         }
         at[axis] /= static_cast<double>(v.size());
     }
+    add_not_alone();
     if (!place_.normals) {
         return add(at, {});
     }
@@ -285,6 +294,7 @@ void SlabVertices<T>::finish(const Slab& layers) {
     links_.flatten();
     const auto first = static_cast<std::uint32_t>(slab_.positions.size());
     for (std::uint32_t v = 0; v < links_.size(); ++v) {
+        add_not_alone();
         add(links_.position(v), link_normals_[v]);
     }
     std::vector<bool> used(links_.size());

@@ -222,6 +222,12 @@ Result result_of(const Store& store, const Arguments& arguments, const ExtractRe
             "mends them.\n",
             r.mending.zero_area);
     }
+    if (r.apart.together > 0) {
+        result.text += fmt::format(
+            "{} vertices lie in the places of others: 32-bit floats have no other place for "
+            "them.\n",
+            r.apart.together);
+    }
     if (r.quality && r.triangles > 0) {
         constexpr double kPercent = 100;
         result.text += fmt::format(
