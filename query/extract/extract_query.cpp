@@ -236,11 +236,21 @@ void choose_label(const StoreReader& store, const LabelChoice& label, ExtractQue
     }
 }
 
+/// How vertices are rounded and kept apart.
+void choose_apart(const StoreHeader& header, ExtractQuery& asked) {
+    asked.coordinate_rounding = coordinate_rounding(header.nodes, asked.spacing, asked.origin);
+    if (header.direction != kAlongWorld) {
+        asked.turn = Turn{header.origin, header.direction};
+        asked.least_apart =
+            std::max(kLeastApart, asked.turn->least_step(header.nodes, header.spacing));
+    }
+    asked.moves_apart = is_short_step(step_apart(asked.coordinate_rounding, asked.least_apart));
+}
+
 ExtractQuery finished(const StoreReader& store, ExtractQuery asked) {
     keep_on_border(store, asked.traversal);
     require_float32(store, asked);
-    asked.coordinate_rounding =
-        coordinate_rounding(store.layout().header().nodes, asked.spacing, asked.origin);
+    choose_apart(store.layout().header(), asked);
     return asked;
 }
 
@@ -314,7 +324,7 @@ ExtractQuery extract_query(const VolumeDescription& volume, const SurfaceQuery& 
     }
     std::visit(DistanceOfStop{header_of(volume), asked}, query.stop);
     choose_stages(query.stages, asked);
-    asked.coordinate_rounding = coordinate_rounding(volume.nodes, volume.spacing, volume.origin);
+    choose_apart(header_of(volume), asked);
     return asked;
 }
 

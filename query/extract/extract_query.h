@@ -8,6 +8,7 @@
 #include <isonest/extract.h>
 #include <isonest/volume_source.h>
 
+#include "query/apart/keep_apart.h"
 #include "query/traverse/traversal.h"
 #include "store/container/reader.h"
 
@@ -49,6 +50,9 @@ struct ExtractQuery {
     Double3 spacing{1, 1, 1};
     Double3 origin{};
     double coordinate_rounding = 0;       ///< as in the report
+    std::optional<Turn> turn;             ///< of a volume that is not along the world's axes
+    double least_apart = kLeastApart;     ///< least step by which vertices are kept apart
+    bool moves_apart = true;              ///< else they stay together
     const StoreReader* values = nullptr;  ///< where vertex values are from, if not the store
     StageChoice stages;
     /// The folder of a kept analysis, if there is to be one.
@@ -57,6 +61,10 @@ struct ExtractQuery {
     /// Corners of an element.
     [[nodiscard]] int corners() const {
         return product == Product::isolines || product == Product::contours ? 2 : 3;
+    }
+    /// Whether no two vertices may lie in one place.
+    [[nodiscard]] bool keeps_apart() const {
+        return product == Product::surface || product == Product::slice;
     }
     /// As in the report.
     [[nodiscard]] std::optional<double> asked_distance() const {

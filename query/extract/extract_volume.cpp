@@ -11,6 +11,7 @@
 
 #include <isonest/march.h>
 
+#include "query/apart/keep_apart.h"
 #include "query/extract/extraction.h"
 #include "query/mesh/measuring_sink.h"
 #include "query/mesh/rotated_sink.h"
@@ -92,13 +93,15 @@ ExtractReport extract_along_axes(VolumeSource& volume, const VolumeDescription& 
                                  const ExtractOptions& options, Progress& progress) {
     const auto start = std::chrono::steady_clock::now();
     MeasuringSink measuring(sink, options.quality);
-    Extraction extraction({description.name, header_of(description)},
-                          extract_query(description, query), measuring, options, progress);
+    ExtractQuery asked = extract_query(description, query);
+    const SlabPlace place{query.iso, query.attributes.normals, description.spacing,
+                          description.origin,
+                          sight_apart(asked.coordinate_rounding, asked.least_apart)};
+    Extraction extraction({description.name, header_of(description)}, std::move(asked), measuring,
+                          options, progress);
     extraction.prepare(volume.files());
     SlabReader reader(volume);
     const MarchBudget budget = march_budget(reader, description, options);
-    const SlabPlace place{query.iso, query.attributes.normals, description.spacing,
-                          description.origin};
     Workers(budget.plan.threads).execute([&] {
         march_into(extraction.begin_parts(budget.parts), reader, description, place, budget,
                    progress);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "query/apart/parts_apart.h"
+#include "query/extract/stages/apart_stage.h"
 #include "query/extract/stages/contour_lines.h"
 #include "query/extract/stages/distance_limits.h"
 #include "query/mesh/emit_mesh.h"
@@ -32,6 +34,10 @@ void Extraction::prepare(std::vector<std::filesystem::path> inputs) {
 FoundParts Extraction::begin_parts(std::uint64_t memory) {
     parts_.emplace(scratch_, asked_.spacing, asked_.origin, memory,
                    asked_.traversal.attributes.width());
+    if (asked_.keeps_apart()) {
+        parts_->watch(
+            {sight_apart(asked_.coordinate_rounding, asked_.least_apart), asked_.traversal.box});
+    }
     return {asked_.traversal.iso, &*parts_, &report_};
 }
 
@@ -41,6 +47,10 @@ ExtractReport Extraction::finish(const TraversalBudget& budget) {
     Workers(budget.threads).execute([&] {
         progress_.check();
         const Weld weld(*parts_, scratch_);
+        if (asked_.keeps_apart() && parts_->zero_area_triangles() == 0) {
+            count_apart(keep_parts_apart(*parts_, weld, apart_range(asked_), scratch_, progress_),
+                        asked_, report_);
+        }
         stages = row_->with_work(*parts_);
         if (!stages.empty()) {
             whole = std::make_shared<ScratchMesh>(scratch_);

@@ -3,22 +3,19 @@
 //     volume        -> planes of a slab   query/slabs/slab_reader.h
 //     planes        -> surface in a slab  query/slabs/march_slab.h
 //     all the slabs -> one mesh           query/slabs/join_slabs.h
-//
-// Where float32 has left triangles without area, the mesh is mended as the stage of that name does.
+//     the mesh      -> without faults     query/slabs/settle_mesh.h
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <cstring>
-#include <filesystem>
 
 #include <isonest/error.h>
 #include <isonest/march.h>
 
+#include "query/apart/keep_apart.h"
 #include "query/mesh/coordinate_rounding.h"
-#include "query/mesh/mend_triangles.h"
-#include "query/mesh/scratch_mesh.h"
 #include "query/slabs/each_slab.h"
 #include "query/slabs/join_slabs.h"
+#include "query/slabs/settle_mesh.h"
 #include "query/slabs/value_range.h"
 #include "store/base/workers.h"
 
@@ -50,86 +47,6 @@ MeshLayout layout_of(const VolumeDescription& volume, bool normals) {
     return layout;
 }
 
-/// Hands a mesh in memory to a sink.
-void hand_over(const MeshRoom& mesh, const MeshLayout& layout, MeshSink& sink) {
-    sink.begin(layout);
-    const auto rows = std::as_bytes(mesh.normals);
-    for (std::size_t at = 0; at < mesh.vertices.size(); at += MeshSink::kMostRows) {
-        const std::size_t count = std::min(MeshSink::kMostRows, mesh.vertices.size() - at);
-        sink.add_vertices({at, mesh.vertices.subspan(at, count),
-                           rows.subspan(at * layout.row_bytes, count * layout.row_bytes),
-                           layout.row_bytes});
-    }
-    std::vector<std::array<std::uint64_t, 3>> corners;
-    for (std::size_t at = 0; at < mesh.triangles.size(); at += MeshSink::kMostRows) {
-        const std::size_t count = std::min(MeshSink::kMostRows, mesh.triangles.size() - at);
-        const auto some = mesh.triangles.subspan(at, count);
-        corners.clear();
-        for (const auto& t : some) {
-            corners.push_back({t[0], t[1], t[2]});
-        }
-        sink.add_elements({at, corners, some, {0, mesh.vertices, rows, layout.row_bytes}});
-    }
-    sink.end();
-}
-
-/// Puts a mesh into the room that is made for it.
-class RoomSink : public MeshSink {
-  public:
-    explicit RoomSink(const MakeRoom& make_room) : make_room_(make_room) {}
-
-    void begin(const MeshLayout& layout) override { room_ = make_room_(layout); }
-    void add_vertices(const VertexBatch& batch) override {
-        std::copy(batch.positions.begin(), batch.positions.end(),
-                  room_.vertices.subspan(batch.first).begin());
-        if (!room_.normals.empty()) {
-            std::memcpy(room_.normals.subspan(batch.first).data(), batch.attributes.data(),
-                        batch.attributes.size());
-        }
-    }
-    void add_elements(const ElementBatch& batch) override {
-        std::transform(batch.corners.begin(), batch.corners.end(),
-                       room_.triangles.subspan(batch.first).begin(), [](const auto& c) {
-                           return std::array{static_cast<std::uint32_t>(c[0]),
-                                             static_cast<std::uint32_t>(c[1]),
-                                             static_cast<std::uint32_t>(c[2])};
-                       });
-    }
-
-  private:
-    const MakeRoom& make_room_;
-    MeshRoom room_;
-};
-
-/// Mends what has no area, as MendStage does, in another room.
-void mend(const MeshRoom& mesh, const MeshLayout& layout, const MakeRoom& make_room,
-          const VolumeDescription& volume, const ExtractOptions& options, ExtractReport& report,
-          Progress& progress) {
-    const std::filesystem::path folder =
-        options.scratch.empty() ? std::filesystem::temp_directory_path() : options.scratch;
-    ScratchMesh whole(folder);
-    hand_over(mesh, layout, whole);
-    Double3 least_step{};
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        least_step[axis] = volume.spacing[axis] * kLeastNudge;
-    }
-    const MendedTriangles mended = mend_triangles(whole, least_step, folder, progress);
-    report.scratch_bytes = whole.bytes() + mended.scratch_bytes;
-    report.mending.mended = mended.found - mended.left;
-    double moved = 0;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        moved = std::max(moved, mended.moved[axis] / volume.spacing[axis]);
-    }
-    report.coordinate_rounding += moved;
-    RoomSink into(make_room);
-    MeasuringSink measuring(into, options.quality);
-    const EmittedMesh emitted = emit_elements(whole, whole.corners(), folder, measuring, progress);
-    measuring.report(report);
-    report.vertices = emitted.vertices;
-    report.triangles = emitted.elements;
-    report.mending.zero_area = emitted.zero_area_triangles;
-}
-
 }  // namespace
 
 ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query,
@@ -143,11 +60,11 @@ ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query,
     SlabReader reader(volume);
     const SlabPlan plan = slab_plan(reader, description, options);
     MeshLayout layout = layout_of(description, query.normals);
-    const SlabPlace place{query.iso, query.normals, description.spacing, description.origin};
-
     ExtractReport report;
     report.coordinate_rounding =
         coordinate_rounding(nodes, description.spacing, description.origin);
+    const SlabPlace place{query.iso, query.normals, description.spacing, description.origin,
+                          sight_apart(report.coordinate_rounding, kLeastApart)};
     Workers(plan.threads).execute([&] {
         SlabJoin join;
         ValueRange range;
@@ -185,9 +102,7 @@ ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query,
         if (joined.angles) {
             report.quality = joined.angles->quality();
         }
-        if (report.mending.zero_area > 0) {
-            mend(joined.room, layout, make_room, description, options, report, progress);
-        }
+        settle_mesh(joined, layout, make_room, description, options, report, progress);
     });
     report.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

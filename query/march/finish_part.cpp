@@ -110,6 +110,9 @@ class Finisher {
     std::uint32_t append(std::uint32_t v) {
         const auto next = static_cast<std::uint32_t>(part_.positions.size());
         part_.positions.push_back(v < first_new_ ? vertices_.position(v) : clip_.position(v));
+        if (v >= first_new_ || vertices_.key(v) == PartVertices::kNoKey) {
+            part_.off_edges.push_back(next);
+        }
         if (const auto width = static_cast<std::ptrdiff_t>(vertices_.width()); width > 0) {
             const VertexAttributes a = attributes(v);
             part_.attributes.insert(part_.attributes.end(), a.begin(), a.begin() + width);

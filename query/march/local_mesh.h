@@ -73,7 +73,7 @@ class LocalMesh {
     /// What is held, in units of a vertex; the owner bounds it by finishing the part.
     [[nodiscard]] std::size_t size() const { return vertices_.weight(); }
     /// Bytes of heap per unit held, at most, finishing included; the table of place() comes on top.
-    static constexpr std::size_t kBytesPerVertex = 472;
+    static constexpr std::size_t kBytesPerVertex = 488;
 
     /// Turns what was collected into a part, cut to the box, and starts anew.
     MeshPart finish(const ClipBox& box);

@@ -35,6 +35,9 @@ struct MeshPart {
     std::vector<Double3> positions;  ///< coordinates of the finest lattice
     /// In place of these: world coordinates, as rounded.
     std::vector<std::array<float, 3>> world = {};
+    /// Vertices that are not on an edge of their own; with world coordinates all that may share
+    /// their places with other ones. Ascending.
+    std::vector<std::uint32_t> off_edges;
     std::vector<std::uint32_t> attributes;  ///< AttributeWords, as many per vertex as asked for
     std::vector<std::array<std::uint32_t, 3>> triangles;
     std::vector<Shared> shared;  ///< those with a vertex in ascending order of it

@@ -1,6 +1,7 @@
 #include "query/mesh/part_store.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 #include "query/mesh/zero_area.h"
@@ -15,13 +16,14 @@ std::uint64_t aligned(std::uint64_t bytes) {
 }
 
 /// Where the pieces of a part begin, in bytes from its start: names, cuts, shared, vertices,
-/// triangles, end.
+/// triangles, those that may not be alone, end.
 struct Pieces {
     std::uint64_t cuts;
     std::uint64_t shared;
     std::uint64_t vertices;
     std::uint64_t attributes;
     std::uint64_t triangles;
+    std::uint64_t not_alone;
     std::uint64_t end;
     Pieces(const PartRecord& r, std::size_t width)
         : cuts(aligned(r.names * sizeof(MeshPart::Name))),
@@ -29,8 +31,42 @@ struct Pieces {
           vertices(shared + aligned(r.shared * sizeof(MeshPart::Shared))),
           attributes(vertices + aligned(r.vertices * sizeof(Point))),
           triangles(attributes + aligned(r.vertices * width * sizeof(std::uint32_t))),
-          end(triangles + aligned(r.triangles * sizeof(std::array<std::uint32_t, 3>))) {}
+          not_alone(triangles + aligned(r.triangles * sizeof(std::array<std::uint32_t, 3>))),
+          end(not_alone + aligned(r.not_alone * sizeof(std::uint32_t))) {}
 };
+
+bool is_near_node(const Double3& p, double sight) {
+    constexpr double kToInteger = 0x1.8p52;  // added and taken away again, it rounds
+    return std::all_of(p.begin(), p.end(), [sight](double x) {
+        return std::fabs(x - ((x + kToInteger) - kToInteger)) <= sight;
+    });
+}
+
+bool is_near_face(const Double3& p, const PlaceWatch& watch) {
+    bool near = false;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        near = near || std::fabs(p[axis] - watch.box.lo[axis]) <= watch.sight ||
+               std::fabs(p[axis] - watch.box.hi[axis]) <= watch.sight;
+    }
+    return near;
+}
+
+std::vector<std::uint32_t> not_alone_in(const MeshPart& part, const PlaceWatch& watch) {
+    if (!part.world.empty()) {
+        return part.off_edges;
+    }
+    std::vector<std::uint32_t> found;
+    auto off_edge = part.off_edges.begin();
+    for (std::uint32_t v = 0; v < part.positions.size(); ++v) {
+        const bool is_off = off_edge != part.off_edges.end() && *off_edge == v;
+        off_edge += is_off ? 1 : 0;
+        if (is_off || is_near_node(part.positions[v], watch.sight) ||
+            is_near_face(part.positions[v], watch)) {
+            found.push_back(v);
+        }
+    }
+    return found;
+}
 
 /// What keeping a part costs beside its bytes.
 constexpr std::uint64_t kKeptOverhead = 64;
@@ -54,6 +90,11 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     record.shared = static_cast<std::uint32_t>(part.shared.size());
     record.names = static_cast<std::uint32_t>(part.names.size());
     record.cuts = static_cast<std::uint32_t>(part.cuts.size());
+    std::vector<std::uint32_t> not_alone;
+    if (watch_) {
+        not_alone = not_alone_in(part, *watch_);
+    }
+    record.not_alone = static_cast<std::uint32_t>(not_alone.size());
     const Pieces pieces(record, attributes_);
     auto bytes = std::make_unique_for_overwrite<std::byte[]>(pieces.end);
     const auto put = [&](std::uint64_t at, const auto& v) {
@@ -66,6 +107,7 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     put(pieces.shared, part.shared);
     put(pieces.attributes, part.attributes);
     put(pieces.triangles, part.triangles);
+    put(pieces.not_alone, not_alone);
     auto* const world = reinterpret_cast<Point*>(bytes.get() + pieces.vertices);
     Point lo{kMost, kMost, kMost};
     Point hi{-kMost, -kMost, -kMost};
@@ -133,12 +175,19 @@ std::span<const MeshPart::Shared> PartStore::shared(const PartRecord& r) const {
 std::span<const std::array<float, 3>> PartStore::vertices(const PartRecord& r) const {
     return slice<Point>(r, Pieces(r, attributes_).vertices, r.vertices);
 }
+std::span<std::array<float, 3>> PartStore::changeable_vertices(const PartRecord& r) {
+    std::byte* const part = r.in_memory != 0 ? kept_[r.offset].get() : data_.data() + r.offset;
+    return {reinterpret_cast<Point*>(part + Pieces(r, attributes_).vertices), r.vertices};
+}
 std::span<const std::uint32_t> PartStore::attributes(const PartRecord& r) const {
     return slice<std::uint32_t>(r, Pieces(r, attributes_).attributes,
                                 r.vertices * static_cast<std::uint32_t>(attributes_));
 }
 std::span<const std::array<std::uint32_t, 3>> PartStore::triangles(const PartRecord& r) const {
     return slice<std::array<std::uint32_t, 3>>(r, Pieces(r, attributes_).triangles, r.triangles);
+}
+std::span<const std::uint32_t> PartStore::not_alone(const PartRecord& r) const {
+    return slice<std::uint32_t>(r, Pieces(r, attributes_).not_alone, r.not_alone);
 }
 
 }  // namespace isonest::detail

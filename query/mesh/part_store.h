@@ -7,8 +7,10 @@
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <vector>
 
+#include "query/march/clip.h"
 #include "query/march/mesh_part.h"
 #include "store/files/scratch_file.h"
 
@@ -24,10 +26,17 @@ struct PartRecord {
     std::uint32_t shared = 0;
     std::uint32_t names = 0;
     std::uint32_t cuts = 0;
+    std::uint32_t not_alone = 0;
     std::uint32_t owned = 0;         ///< set by the weld: vertices not named by an earlier part
     std::uint64_t first_vertex = 0;  ///< set by the weld: number of the first owned vertex
     std::uint64_t first_triangle = 0;
     std::uint64_t first_shared = 0;
+};
+
+/// Which vertices may share their place with another one, by where they are in the lattice.
+struct PlaceWatch {
+    double sight = 0;  ///< from nodes and from the box's faces, along the axes
+    ClipBox box = {};
 };
 
 /// Thread-safety: append() from any thread; the rest from one, after the last append.
@@ -39,6 +48,9 @@ class PartStore {
     PartStore(const std::filesystem::path& folder, const Double3& spacing, const Double3& origin,
               std::uint64_t memory, std::size_t attributes = 0);
 
+    /// From now on vertices are looked for that may share their place with another one. REQUIRES:
+    /// nothing was appended.
+    void watch(const PlaceWatch& places) { watch_ = places; }
     /// Throws Error{io}.
     void append(std::uint64_t order, const MeshPart& part);
     /// Ends the appending: maps everything and sorts the records.
@@ -46,6 +58,8 @@ class PartStore {
 
     [[nodiscard]] std::span<PartRecord> records() const { return records_; }
     [[nodiscard]] std::span<const std::array<float, 3>> vertices(const PartRecord& r) const;
+    /// For whoever moves vertices: every part has its own copy of one. The box stays as it is.
+    [[nodiscard]] std::span<std::array<float, 3>> changeable_vertices(const PartRecord& r);
     /// attributes_per_vertex() words for each vertex.
     [[nodiscard]] std::span<const std::uint32_t> attributes(const PartRecord& r) const;
     [[nodiscard]] std::size_t attributes_per_vertex() const { return attributes_; }
@@ -54,6 +68,9 @@ class PartStore {
     [[nodiscard]] std::span<const MeshPart::Shared> shared(const PartRecord& r) const;
     [[nodiscard]] std::span<const MeshPart::Name> names(const PartRecord& r) const;
     [[nodiscard]] std::span<const MeshPart::Cut> cuts(const PartRecord& r) const;
+    /// Vertices, ascending, that may share their place with another one of any part. Others are
+    /// alone. REQUIRES: watch() was called.
+    [[nodiscard]] std::span<const std::uint32_t> not_alone(const PartRecord& r) const;
     [[nodiscard]] std::uint64_t zero_area_triangles() const { return zero_area_; }
     /// The smallest box that holds all vertices, world coordinates; lo > hi if there is none.
     [[nodiscard]] const std::array<float, 3>& lo() const { return lo_; }
@@ -72,6 +89,7 @@ class PartStore {
     Double3 origin_;
     std::uint64_t memory_;
     std::size_t attributes_;
+    std::optional<PlaceWatch> watch_;
     std::mutex mutex_;
     std::vector<std::unique_ptr<std::byte[]>> kept_;
     std::uint64_t end_ = 0;
@@ -80,7 +98,7 @@ class PartStore {
     static constexpr float kMost = std::numeric_limits<float>::max();
     std::array<float, 3> lo_{kMost, kMost, kMost};
     std::array<float, 3> hi_{-kMost, -kMost, -kMost};
-    std::span<const std::byte> data_;
+    std::span<std::byte> data_;
     std::span<PartRecord> records_;
 };
 

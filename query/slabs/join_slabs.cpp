@@ -143,6 +143,11 @@ void SlabJoin::put(Part& part, const MeshRoom& mesh, const SurfaceSums& none, bo
             }
         }
     }
+    for (const std::uint32_t v : part.slab.not_alone) {
+        if (part.number[v] < kForeign) {
+            part.found.not_alone.push_back(part.number[v]);
+        }
+    }
     for (const Foreign& f : part.foreign) {
         part.number[f.vertex] = f.number;
     }
@@ -207,13 +212,15 @@ JoinedMesh SlabJoin::finish(MeshLayout& layout, const MakeRoom& make_room, bool 
         parts_[i].number = {};
         progress.advance(1);
     });
-    JoinedMesh joined{0, 0, room, none, {}};
+    JoinedMesh joined{0, 0, room, {}, none, {}};
     if (with_angles) {
         joined.angles.emplace();
     }
     for (const Part& part : parts_) {
         joined.cells += part.found.cells;
         joined.zero_area_triangles += part.found.zero_area_triangles;
+        joined.not_alone.insert(joined.not_alone.end(), part.found.not_alone.begin(),
+                                part.found.not_alone.end());
         joined.sums.add(part.found.sums);
         if (with_angles) {
             joined.angles->add(*part.found.angles);

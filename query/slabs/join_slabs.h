@@ -17,7 +17,8 @@ namespace isonest::detail {
 struct JoinedMesh {
     std::uint64_t cells = 0;  ///< that hold triangles
     std::uint64_t zero_area_triangles = 0;
-    MeshRoom room;  ///< that holds it
+    MeshRoom room;                         ///< that holds it
+    std::vector<std::uint32_t> not_alone;  ///< vertices that may share their places with other ones
     SurfaceSums sums;
     std::optional<AngleCounts> angles;  ///< if asked for
 };

@@ -38,7 +38,9 @@ struct MarchedSlab {
     };
 
     std::vector<Point> positions;  ///< of vertices, world coordinates; some are in no triangle
-    std::vector<Point> normals;    ///< the same, or empty if not asked for
+    /// Of vertices that may share their places with other ones, ascending.
+    std::vector<std::uint32_t> not_alone;
+    std::vector<Point> normals;  ///< the same, or empty if not asked for
     /// Cell by cell, x fastest, then y, then z.
     std::vector<std::array<std::uint32_t, 3>> triangles;
     std::array<std::vector<OnPlane>, 2> on_plane;  ///< first and last, ascending

@@ -26,6 +26,12 @@ MeshPart part_of(MarchedSlab&& slab) {
         }
     }
     part.triangles = std::exchange(slab.triangles, {});
+    for (const std::uint32_t v : slab.not_alone) {
+        if (number[v] != MeshPart::kNoVertex) {
+            part.off_edges.push_back(number[v]);
+        }
+    }
+    std::sort(part.off_edges.begin(), part.off_edges.end());
 
     // Those with a vertex come first, in ascending order of it; a vertex may have several names.
     std::vector<std::uint32_t> named;

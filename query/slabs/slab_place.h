@@ -10,6 +10,7 @@ struct SlabPlace {
     bool normals = false;
     Double3 spacing{1, 1, 1};
     Double3 origin{};
+    double sight = 0;  ///< how near to a node a vertex may share its place with another one
 };
 
 }  // namespace isonest::detail

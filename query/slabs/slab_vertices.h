@@ -208,11 +208,19 @@ class SlabVertices {
         const double t = crossing_of(value(x, e.low), value(x, e.high), place_.iso);
         const Int3 low = Int3{x, y_, z_} + corner_offset(e.low);
         const Int3 high = Int3{x, y_, z_} + corner_offset(e.high);
+        const bool is_alone = t > place_.sight && t < 1 - place_.sight;
+        if (!is_alone) {
+            add_not_alone();
+        }
         const std::uint32_t v = add(on_edge_at(low, axis_of(e), t), normal(low, high, t));
         if (part_.is && is_in_earlier(low, axis_of(e))) {
             share(low, axis_of(e), v);
         }
         return v;
+    }
+    /// The next vertex.
+    void add_not_alone() {
+        slab_.not_alone.push_back(static_cast<std::uint32_t>(slab_.positions.size()));
     }
     /// If the last call made a vertex.
     void add_link_normal(const Int3& a, const Int3& b, double t) {
@@ -252,6 +260,7 @@ std::uint32_t SlabVertices<T>::centre(std::span<const std::uint32_t> v) {
         }
         at[axis] /= static_cast<double>(v.size());
     }
+    add_not_alone();
     if (!place_.normals) {
         return add(at, {});
     }
@@ -272,6 +281,7 @@ std::uint32_t SlabVertices<T>::append_links(std::vector<bool>& used) {
     links_.flatten();
     const auto first = static_cast<std::uint32_t>(slab_.positions.size());
     for (std::uint32_t v = 0; v < links_.size(); ++v) {
+        add_not_alone();
         add(links_.position(v), link_normals_[v]);
     }
     used.assign(links_.size(), false);

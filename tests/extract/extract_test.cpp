@@ -153,7 +153,9 @@ TEST_CASE("an isovalue that nodes have exactly gives a manifold without flat tri
                 const Result r = surface(volume, iso, error);
                 require_whole(volume, r);
                 CHECK(r.report.mending.zero_area == 0);
-                CHECK(residual(volume, r.mesh, iso) <= error + 1e-4);
+                // Sheets that touch are moved apart.
+                const double moved = 3 * r.report.value_range * r.report.coordinate_rounding;
+                CHECK(residual(volume, r.mesh, iso) <= error + 1e-4 + moved);
             }
         }
     }

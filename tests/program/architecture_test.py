@@ -26,12 +26,12 @@ ROOMS = {
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
                    "synthetic": set()},
     "query": {"view": set(), "march": {"view"}, "formats": set(), "mesh": {"view", "march"},
-              "simplify": {"view", "mesh", "traverse"},
+              "apart": {"mesh"}, "simplify": {"view", "mesh", "traverse"},
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "finite_elements": {"view", "traverse"},
-              "statistics": set(), "labels": set(), "slabs": {"view", "march", "mesh"},
+              "statistics": set(), "labels": set(), "slabs": {"view", "march", "mesh", "apart"},
               "distance": {"view", "march", "simplify", "traverse"},
-              "extract": {"view", "march", "mesh", "simplify", "traverse", "distance", "slabs"}},
+              "extract": {"view", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs"}},
 }
 # Rooms within a room, each with those that it may include beside itself; every folder there is one of them.
 SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes"}, "wrapping": set(),

@@ -41,9 +41,13 @@ double limit_of(const StagedVolume& volume, const ExtractQuery& query) {
 }
 
 double nested_limit_of(const StagedVolume& volume, const ExtractQuery& query) {
-    // Rounding takes half a unit in the last place, mending up to four.
-    constexpr double kMended = 9;
-    return left_of(volume, *query.nested_distance, kMended * most_moved(query));
+    // Rounding takes half a unit in the last place, mending up to four; and sheets are kept apart.
+    ExtractQuery moved = query;
+    moved.coordinate_rounding =
+        9 * query.coordinate_rounding +
+        (query.moves_apart ? kMostApart * step_apart(query.coordinate_rounding, query.least_apart)
+                           : 0);
+    return left_of(volume, *query.nested_distance, most_moved(moved));
 }
 
 double first_budget_limit(const ExtractQuery& query) {

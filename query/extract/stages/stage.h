@@ -19,7 +19,7 @@ namespace isonest::detail {
 /// What all stages of one extraction see.
 struct StageSetting {
     const StagedVolume& volume;
-    ExtractQuery& query;  ///< mending adds to its coordinate_rounding
+    ExtractQuery& query;  ///< what moves vertices adds to its coordinate_rounding
     const ExtractOptions& options;
     const std::filesystem::path& scratch;  ///< the folder of temporary files
     Progress& progress;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "query/extract/stages/apart_stage.h"
 #include "query/extract/stages/border_stage.h"
 #include "query/extract/stages/component_stage.h"
 #include "query/extract/stages/distance_stage.h"
@@ -31,6 +32,9 @@ StageRow::StageRow(const StageSetting& setting)
     const StageChoice& asked = setting.query.stages;
     if (setting.query.corners() == 3) {
         stages_.push_back(std::make_unique<MendStage>(setting));
+    }
+    if (setting.query.keeps_apart()) {
+        stages_.push_back(std::make_unique<ApartStage>(setting));
     }
     if (asked.components) {
         stages_.push_back(std::make_unique<ComponentStage>(setting));

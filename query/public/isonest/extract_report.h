@@ -37,6 +37,12 @@ struct MendingReport {
     std::uint64_t zero_area = 0;  ///< nothing helped
 };
 
+/// Vertices of different sheets that were in one place.
+struct ApartReport {
+    std::uint64_t moved = 0;     ///< so that they are not any more
+    std::uint64_t together = 0;  ///< nothing helped
+};
+
 struct ComponentReport {
     std::uint64_t components = 0;         ///< that there are
     std::uint64_t dropped = 0;            ///< of them
@@ -122,7 +128,8 @@ struct ExtractReport {
     double value_rounding = 0;
     double value_range = 0;  ///< of the store that values and heights are taken from
     /// Most by which a coordinate is off, in distances of neighbouring nodes: on top of the error.
-    /// It is rounded to float32, and a few may be moved to give triangles an area.
+    /// It is rounded to float32, and a few may be moved to give triangles an area, and to keep
+    /// sheets apart that touch.
     double coordinate_rounding = 0;
     /// Whether a mesh has no more triangles than asked for. (An ErrorBudget that cannot be met is
     /// an error; the error that was found is `tolerance`.)
@@ -131,6 +138,7 @@ struct ExtractReport {
     TraversalReport traversal = {};
     std::optional<ClosingReport> closing = {};
     MendingReport mending = {};
+    ApartReport apart = {};
     std::optional<ComponentReport> components = {};
     std::optional<DistanceReport> distance = {};
     std::optional<ErrorSimplificationReport> simplified_error = {};

@@ -135,6 +135,12 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
             "mends them.\n",
             r.mending.zero_area);
     }
+    if (r.apart.together > 0) {
+        result.text += fmt::format(
+            "{} vertices lie in the places of others: 32-bit floats have no other place for "
+            "them.\n",
+            r.apart.together);
+    }
     if (r.quality && r.triangles > 0) {
         constexpr double kPercent = 100;
         result.text += fmt::format(

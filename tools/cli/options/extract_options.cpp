@@ -331,6 +331,8 @@ Json extract_json(const ExtractArguments& a, const ExtractReport& r) {
                  {"leaf_" + cells, r.traversal.leaves},
                  {"mended_triangles", r.mending.mended},
                  {"zero_area_triangles", r.mending.zero_area},
+                 {"apart_vertices", r.apart.moved},
+                 {"together_vertices", r.apart.together},
                  {"coordinate_rounding", r.coordinate_rounding},
                  {"chunks_read", r.traversal.chunks_read},
                  {"chunks_total", r.traversal.chunks_total},

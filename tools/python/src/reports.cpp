@@ -151,6 +151,12 @@ void add_extract_report(py::module_& module) {
         .def_property_readonly("mended_triangles", [](const R& r) { return r.mending.mended; })
         .def_property_readonly("zero_area_triangles",
                                [](const R& r) { return r.mending.zero_area; })
+        .def_property_readonly(
+            "apart_vertices", [](const R& r) { return r.apart.moved; },
+            "vertices of sheets that touch, moved so that no two are in one place")
+        .def_property_readonly(
+            "together_vertices", [](const R& r) { return r.apart.together; },
+            "vertices that are in one place all the same")
         .def_readonly(
             "coordinate_rounding", &R::coordinate_rounding,
             "most by which float32 coordinates are off, in distances of neighbouring nodes")

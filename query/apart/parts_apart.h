@@ -1,0 +1,21 @@
+// Keeps the vertices of a welded mesh apart, in its parts.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+
+#include <isonest/progress.h>
+
+#include "query/apart/keep_apart.h"
+#include "query/mesh/part_store.h"
+#include "query/mesh/weld.h"
+
+namespace isonest::detail {
+
+/// `range`: its box is not looked at, that of the parts holds. What grows with the mesh lies in
+/// temporary files in `folder`. REQUIRES: PartStore::watch() was called, and no triangle is without
+/// area. Throws Error{io, cancelled}.
+ApartVertices keep_parts_apart(PartStore& parts, const Weld& weld, ApartRange range,
+                               const std::filesystem::path& folder, Progress& progress);
+
+}  // namespace isonest::detail
