@@ -85,17 +85,6 @@ Stop stop_of(const StoreReader& store, const FieldThreshold& asked) {
     return {asked.field, asked.value * (asked.relative ? largest_of(store, asked.field) : 1.0)};
 }
 
-void require_sense(const DistanceBound& asked) {
-    require_not_negative(asked.value, "distance");
-}
-
-void require_sense(const TriangleBudget& asked) {
-    if (asked.most == 0) {
-        throw Error(ErrorKind::invalid_argument, "a mesh of no triangles is no surface");
-    }
-    require_sense(asked.within.value_or(DistanceBound{}));
-}
-
 /// The surface at full resolution is what a distance is measured from.
 Stop stop_of(const StoreReader& store, const DistanceBound& asked) {
     require_sense(asked);
