@@ -192,9 +192,11 @@ class Apart {
                     --left;
                 }
             } else if (rank > 0 && !try_steps(v, rank + round)) {
-                // What went astray from several places has to part.
+                // At last what comes from several places has to part.
                 constexpr std::uint64_t kPlaces = kDirections * kMostApart;
-                go_anywhere(v, rank + round + static_cast<int>(v.number % kPlaces));
+                const auto mixed = v.number * static_cast<std::uint64_t>(2 * round + 1);
+                const int own = round < kMostRounds / 3 ? 0 : static_cast<int>(mixed % kPlaces);
+                go_anywhere(v, rank + round + own);
             }
             ++rank;
         }
