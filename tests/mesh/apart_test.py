@@ -141,7 +141,8 @@ with tempfile.TemporaryDirectory() as name:
         box = ",".join(f"{o + s * (n - 1) * share:.17g}" for share in (0.21, 0.77)
                        for o, s, n in zip(origin, spacing, values.shape[::-1]))
         whole = ["--error", 0]
-        for options in (whole, [*whole, "--cells", "hex"], [*whole, "--close"],
+        for options in (whole, [*whole, "--cells", "hex"], [*whole, "--close"], [*whole, "--close", "--cells", "hex"],
+                        [*whole, "--close", "--cells", "hex", "--box", box],
                         [*whole, "--close=above"], [*whole, "--box", box], [*whole, "--box", box, "--close"],
                         ["--error", 0.7], ["--error", 0.7, "--cells", "hex"], ["--error", 0.7, "--simplify"],
                         ["--error", 0.7, "--close"], ["--error", 0.7, "--vertices", "exact"],
