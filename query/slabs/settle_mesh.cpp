@@ -169,6 +169,16 @@ void measure(const MeshRoom& mesh, const MeshLayout& layout, bool with_quality,
     }
 }
 
+bool are_all_alone(const MeshRoom& mesh, std::span<const std::uint32_t> vertices) {
+    std::vector<std::array<float, 3>> places;
+    places.reserve(vertices.size());
+    for (const std::uint32_t v : vertices) {
+        places.push_back(mesh.vertices[v]);
+    }
+    std::sort(places.begin(), places.end());
+    return std::adjacent_find(places.begin(), places.end()) == places.end();
+}
+
 }  // namespace
 
 void settle_mesh(const JoinedMesh& joined, const MeshLayout& layout, const MakeRoom& make_room,
@@ -180,8 +190,8 @@ void settle_mesh(const JoinedMesh& joined, const MeshLayout& layout, const MakeR
     if (joined.zero_area_triangles > 0) {
         return mend(mesh, layout, make_room, volume, folder, options.quality, report, progress);
     }
-    if (joined.not_alone.empty()) {
-        return;
+    if (are_all_alone(mesh, joined.not_alone)) {
+        return;  // without a temporary file
     }
     const PlacedVertices vertices(mesh.vertices, joined.not_alone, folder);
     if (sort_by_place(vertices.all()) == 0) {

@@ -205,6 +205,7 @@ class Refused(Case):
         store = self.here / "s.isonest"
         self.works("preprocess", self.nrrd(waves((9, 10, 11))), "-o", store)
         self.assertIn("is a store", self.fails(2, "extract", store, "--iso", "100", "--crop", ":,:,2:"))
+        self.assertIn("surplus", self.fails(3, "extract", store, "surplus", "--iso", "100"))
         store.write_bytes(store.read_bytes()[:-1000])
         self.assertNotIn("volume file", self.fails(4, "extract", store, "--iso", "100"))
 

@@ -158,7 +158,6 @@ class Cli(unittest.TestCase):
                 [*extract, "--iso", "1", "--box", "5,0,0,1,9,9"],
                 [*extract, "--iso", "1", "--memory", "lots"],
                 [*extract, "--iso", "1", "--threads", "-1"],
-                [*extract, "--iso", "1", "surplus"],
                 [*raw, "--chunk", "20"], [*raw, "--chunk", "512"], [*raw, "--compression", "0"],
                 [*raw, "--indicators", "best"], [*raw, "--indicators", "values"],
                 [*raw, "--spacing", "1,0,1"], [*raw, "--spacing", "1"], [*raw, "--type", "int24"],
