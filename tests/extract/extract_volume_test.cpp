@@ -88,13 +88,17 @@ void check_volume(const Int3& nodes, double iso, const std::function<T(const Int
     CHECK(report.mending.mended == marched.mending.mended);
     CHECK(report.measures->area == Approx(marched.measures->area));
     CHECK(report.measures->volume.has_value() == marched.measures->volume.has_value());
+    CHECK(report.apart.moved == marched.apart.moved);
     if (marched.mending.mended == 0) {
         for (const std::size_t most : {1, 7, 60}) {
             for (const std::int64_t layers : {1, 3, 100}) {
                 CAPTURE(most, layers);
                 MeshCollector parts;
                 march_in_parts(parts, volume, iso, layers, most);
-                CHECK(same_mesh(parts, whole));
+                // Parts alone are not kept apart.
+                const bool is_same = marched.apart.moved == 0 ? same_mesh(parts, whole)
+                                                              : parts.triangles == whole.triangles;
+                CHECK(is_same);
             }
         }
     }

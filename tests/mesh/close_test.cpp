@@ -342,6 +342,7 @@ void require_solid_of_cells(const FunctionVolume<T>& volume, const StoreReader& 
     }
     const auto hits = static_cast<double>(hits_within(volume, iso, box));
     double sum = 0;
+    double moved = 0;  // vertices, each by up to 4 steps of 2^-16
     for (const Outside outside : {Outside::below, Outside::above}) {
         Settings with{0, world, outside};
         with.cells = Cells::hexahedra;
@@ -356,8 +357,9 @@ void require_solid_of_cells(const FunctionVolume<T>& volume, const StoreReader& 
                            .margin(1e-5 * surroundings + diagonals));
         CHECK((outside == Outside::below ? found : -found) > -1e-5 * surroundings);
         sum += std::fabs(found);
+        moved += static_cast<double>(r.report.apart.moved);
     }
-    CHECK(sum == Approx(all).margin(1e-5 * surroundings));
+    CHECK(sum == Approx(all).margin(1e-5 * surroundings + 1e-4 * cell * moved));
 }
 
 void require_solid(const StoreReader& store, double iso, const Settings& with) {
