@@ -123,8 +123,10 @@ Phrase phrase_of(RemedyKind kind) {
             return {"install_package", "", "install {} and build isonest again (cmake finds it)",
                     "", ""};
         case RemedyKind::say_unit:
-            return {"say_unit", "--unit", "give --unit {}", "give --unit",
-                    "preprocess the volume again with its --unit"};
+            return {"say_unit", "--unit",
+                    "give a volume file --unit {}, and for a store preprocess the volume again "
+                    "with its --unit",
+                    "give --unit", "preprocess the volume again with its --unit"};
         case RemedyKind::world_units:
             return {"world_units", "", "give a number alone, in the volume's own unit", "", ""};
         case RemedyKind::fewer_components:
