@@ -64,6 +64,7 @@ class Hdf5Source : public VolumeSource {
         const QuietHdf5 quiet;
         register_zstd_filter();
         file_ = open_hdf5(path);
+        const std::string why = file_.valid() ? "" : hdf5_message();
         if (!file_.valid() && is_being_written(path)) {
             throw Error(ErrorKind::io, {path.string()},
                         "another program writes it, or died before it closed it; wait until it is "
@@ -71,7 +72,7 @@ class Hdf5Source : public VolumeSource {
         }
         if (!file_.valid()) {
             throw Error(ErrorKind::corrupt, {path.string()},
-                        fmt::format("HDF5 cannot open it: {}", hdf5_message()));
+                        "HDF5 cannot open it" + (why.empty() ? "" : ": " + why));
         }
         files_ = {path};
         dataset_name_ = options.dataset.empty()
