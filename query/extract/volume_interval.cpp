@@ -16,6 +16,7 @@
 
 #include "store/base/vector3.h"
 #include "store/container/extent.h"
+#include "store/container/reader.h"
 
 namespace isonest::detail {
 namespace {
