@@ -44,15 +44,16 @@ ExtractReport run(const Store& store, const Query& query, MeshSink& sink,
 
 ExtractReport extract(const Store& store, const SurfaceQuery& query, MeshSink& sink,
                       const ExtractOptions& options, Progress& progress) {
-    if (query.volume_interval) {
-        const detail::StoreReader& reader = store.reader();
-        detail::require_combination(detail::wishes_of(reader, query), reader.path().string());
+    if (!query.volume_interval) {
+        return run(store, query, sink, options, progress);
     }
-    ExtractReport report = run(store, query, sink, options, progress);
-    if (query.volume_interval) {
-        report.volume_interval =
-            detail::volume_interval(store, query, report.tolerance, options, progress);
-    }
+    const detail::StoreReader& reader = store.reader();
+    detail::require_combination(detail::wishes_of(reader, query), reader.path().string());
+    SurfaceQuery alone = query;  // a search for an error extracts it several times
+    alone.volume_interval = false;
+    ExtractReport report = run(store, alone, sink, options, progress);
+    report.volume_interval =
+        detail::volume_interval(store, alone, report.tolerance, options, progress);
     return report;
 }
 ExtractReport extract(const Store& store, const LabelQuery& query, MeshSink& sink,

@@ -58,7 +58,6 @@ std::optional<VolumeInterval> volume_interval(const Store& store, const SurfaceQ
                                               double tolerance, const ExtractOptions& options,
                                               Progress& progress) {
     SurfaceQuery outer = query;
-    outer.volume_interval = false;
     outer.attributes = {};
     outer.stop = ErrorBound{tolerance, false, guarantee_of(query.stop)};
     const auto extracted = [&](double iso) {
