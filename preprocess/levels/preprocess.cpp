@@ -96,14 +96,7 @@ void require_place(const VolumeDescription& volume) {
 
 StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& options) {
     require_place(volume);
-    StoreHeader header;
-    header.nodes = volume.nodes;
-    header.type = volume.type;
-    header.spacing = volume.spacing;
-    header.origin = volume.origin;
-    header.direction = volume.direction;
-    header.labels = volume.labels;
-    header.unit = volume.unit;
+    StoreHeader header = detail::header_of(volume);
     header.chunk = options.chunk;
     header.compression = options.compression;
     header.exact = options.exact;

@@ -297,17 +297,6 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     return finished(store, std::move(asked));
 }
 
-StoreHeader header_of(const VolumeDescription& volume) {
-    StoreHeader header;
-    header.nodes = volume.nodes;
-    header.type = volume.type;
-    header.spacing = volume.spacing;
-    header.origin = volume.origin;
-    header.direction = volume.direction;
-    header.unit = volume.unit;
-    return header;
-}
-
 ExtractQuery extract_query(const VolumeDescription& volume, const SurfaceQuery& query) {
     require_combination(wishes_of(volume, query), volume.name);
     require_marchable(volume, query.iso);

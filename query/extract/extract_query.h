@@ -79,8 +79,6 @@ struct ExtractQuery {
 /// no ErrorBudget.
 ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, bool float64);
 ExtractQuery extract_query(const StoreReader& store, const LabelQuery& query, bool float64);
-/// What a store of the volume would say of its place.
-StoreHeader header_of(const VolumeDescription& volume);
 /// Of a volume without a store, in its own axes. Throws Error{unsupported} too.
 ExtractQuery extract_query(const VolumeDescription& volume, const SurfaceQuery& query);
 ExtractQuery extract_query(const StoreReader& store, const SliceQuery& query, bool float64);

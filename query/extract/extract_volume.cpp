@@ -19,6 +19,7 @@
 #include "query/slabs/slab_part.h"
 #include "query/slabs/value_range.h"
 #include "store/base/workers.h"
+#include "store/container/extent.h"
 
 namespace isonest {
 namespace detail {

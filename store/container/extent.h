@@ -3,6 +3,8 @@
 
 #include <string>
 
+#include <isonest/volume_source.h>
+
 #include "store/container/format.h"
 
 namespace isonest::detail {
@@ -27,6 +29,19 @@ inline Double3 last_position(const StoreHeader& header) {
         last[axis] = header.origin[axis] + header.spacing[axis] * static_cast<double>(cells);
     }
     return last;
+}
+
+/// What a store of the volume says of its nodes and their place.
+inline StoreHeader header_of(const VolumeDescription& volume) {
+    StoreHeader header;
+    header.nodes = volume.nodes;
+    header.type = volume.type;
+    header.spacing = volume.spacing;
+    header.origin = volume.origin;
+    header.direction = volume.direction;
+    header.labels = volume.labels;
+    header.unit = volume.unit;
+    return header;
 }
 
 /// Length of the volume's diagonal in the world.
