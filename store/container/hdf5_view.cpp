@@ -21,8 +21,7 @@ Hdf5View::Hdf5View(const std::filesystem::path& path) : impl_(std::make_unique<I
     const QuietHdf5 quiet;
     impl_->file = open_hdf5(path);
     if (!impl_->file.valid()) {
-        throw Error(ErrorKind::corrupt, {path.string()},
-                    fmt::format("HDF5 cannot open it: {}", hdf5_message()));
+        throw Error(ErrorKind::corrupt, {path.string()}, hdf5_cannot_open());
     }
 }
 

@@ -24,9 +24,7 @@ StoreReader::StoreReader(const std::filesystem::path& path) : path_(path), file_
     const QuietHdf5 quiet;
     const FileHandle file = open_hdf5(path_);
     if (!file.valid()) {
-        const std::string why = hdf5_message();
-        throw Error(ErrorKind::corrupt, {path_.string()},
-                    "not a store: HDF5 cannot open it" + (why.empty() ? "" : " (" + why + ")"),
+        throw Error(ErrorKind::corrupt, {path_.string()}, "not a store: " + hdf5_cannot_open(),
                     {{RemedyKind::make_store}});
     }
     const RootAttributes root = read_root_attributes(file.get(), path_.string());

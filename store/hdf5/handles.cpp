@@ -46,4 +46,9 @@ std::string hdf5_message() {
     return text;
 }
 
+std::string hdf5_cannot_open() {
+    const std::string why = hdf5_message();
+    return "HDF5 cannot open it" + (why.empty() ? "" : " (" + why + ")");
+}
+
 }  // namespace isonest::detail

@@ -81,4 +81,7 @@ FileHandle create_hdf5(const std::filesystem::path& path,
 /// what failed and the system's message.
 std::string hdf5_message();
 
+/// "HDF5 cannot open it", with that description if there is one. After open_hdf5().
+std::string hdf5_cannot_open();
+
 }  // namespace isonest::detail

@@ -64,15 +64,13 @@ class Hdf5Source : public VolumeSource {
         const QuietHdf5 quiet;
         register_zstd_filter();
         file_ = open_hdf5(path);
-        const std::string why = file_.valid() ? "" : hdf5_message();
         if (!file_.valid() && is_being_written(path)) {
             throw Error(ErrorKind::io, {path.string()},
                         "another program writes it, or died before it closed it; wait until it is "
                         "closed, or if nothing writes it, run h5clear -s");
         }
         if (!file_.valid()) {
-            throw Error(ErrorKind::corrupt, {path.string()},
-                        "HDF5 cannot open it" + (why.empty() ? "" : ": " + why));
+            throw Error(ErrorKind::corrupt, {path.string()}, hdf5_cannot_open());
         }
         files_ = {path};
         dataset_name_ = options.dataset.empty()
