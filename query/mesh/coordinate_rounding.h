@@ -26,4 +26,16 @@ inline double coordinate_rounding(const Int3& nodes, const Double3& spacing,
     return most;
 }
 
+/// The largest of what coordinates moved along each axis, world units, in distances of neighbouring
+/// nodes.
+inline double most_in_lattice(const Double3& moved, const Double3& spacing) {
+    double most = 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        if (moved[axis] > 0) {
+            most = std::max(most, moved[axis] / std::fabs(spacing[axis]));
+        }
+    }
+    return most;
+}
+
 }  // namespace isonest::detail

@@ -69,15 +69,6 @@ class RoomSink : public MeshSink {
     MeshRoom room_;
 };
 
-/// In distances between nodes.
-double most_in_lattice(const Double3& moved, const VolumeDescription& volume) {
-    double most = 0;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        most = std::max(most, moved[axis] / volume.spacing[axis]);
-    }
-    return most;
-}
-
 /// As ApartStage does it. `vertices`: sorted by place; corners(t): of triangle t of `triangles`.
 template <class Corners>
 void move_apart(std::span<std::array<float, 3>> positions, std::uint64_t triangles,
@@ -103,7 +94,7 @@ void move_apart(std::span<std::array<float, 3>> positions, std::uint64_t triangl
     report.scratch_bytes +=
         apart.scratch_bytes + vertices.scratch_bytes() + touched.scratch_bytes();
     report.apart = {apart.moved, apart.left};
-    report.coordinate_rounding += most_in_lattice(apart.by, volume);
+    report.coordinate_rounding += most_in_lattice(apart.by, volume.spacing);
 }
 
 void mend(const MeshRoom& mesh, const MeshLayout& layout, const MakeRoom& make_room,
@@ -118,7 +109,7 @@ void mend(const MeshRoom& mesh, const MeshLayout& layout, const MakeRoom& make_r
     const MendedTriangles mended = mend_triangles(whole, least_step, folder, progress);
     report.scratch_bytes = whole.bytes() + mended.scratch_bytes;
     report.mending.mended = mended.found - mended.left;
-    report.coordinate_rounding += most_in_lattice(mended.moved, volume);
+    report.coordinate_rounding += most_in_lattice(mended.moved, volume.spacing);
     if (const PlacedVertices vertices(whole, {}, folder); sort_by_place(vertices.all()) > 0) {
         move_apart(
             whole.changeable_positions(), whole.corners().size(),
@@ -194,9 +185,7 @@ void settle_mesh(const JoinedMesh& joined, const MeshLayout& layout, const MakeR
         return;  // without a temporary file
     }
     const PlacedVertices vertices(mesh.vertices, joined.not_alone, folder);
-    if (sort_by_place(vertices.all()) == 0) {
-        return;
-    }
+    sort_by_place(vertices.all());
     move_apart(
         mesh.vertices, mesh.triangles.size(),
         [&](std::uint64_t t) {

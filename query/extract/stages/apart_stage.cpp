@@ -1,11 +1,11 @@
 #include "query/extract/stages/apart_stage.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "query/apart/placed_vertices.h"
 #include "query/apart/touched_triangles.h"
 #include "query/extract/stages/distance_limits.h"
+#include "query/mesh/coordinate_rounding.h"
 
 namespace isonest::detail {
 
@@ -25,12 +25,7 @@ ApartRange apart_range(const ExtractQuery& query) {
 void count_apart(const ApartVertices& apart, ExtractQuery& query, ExtractReport& report) {
     report.apart = {apart.moved, apart.left};
     report.scratch_bytes += apart.scratch_bytes;
-    double moved = 0;  // in distances between nodes
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        if (apart.by[axis] > 0) {
-            moved = std::max(moved, apart.by[axis] / std::fabs(query.spacing[axis]));
-        }
-    }
+    const double moved = most_in_lattice(apart.by, query.spacing);
     query.coordinate_rounding += moved;
     report.coordinate_rounding += moved;
 }
