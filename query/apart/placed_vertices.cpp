@@ -19,11 +19,8 @@ PlacedVertices::PlacedVertices(const PartStore& parts, const Weld& weld,
                                Progress& progress)
     : file_(folder) {
     const auto records = parts.records();
-    std::vector<std::uint64_t> first;
-    first.reserve(records.size());
-    for (const PartRecord& r : records) {
-        first.push_back(count_);
-        count_ += r.not_alone;
+    if (!records.empty()) {
+        count_ = records.back().first_not_alone + records.back().not_alone;
     }
     if (count_ == 0) {
         return;
@@ -40,7 +37,7 @@ PlacedVertices::PlacedVertices(const PartStore& parts, const Weld& weld,
         std::vector<bool> owned;
         weld.numbers(r, number, owned);
         const auto positions = parts.vertices(r);
-        std::uint64_t at = first[i];
+        std::uint64_t at = r.first_not_alone;
         for (const std::uint32_t v : parts.not_alone(r)) {
             all[at++] = placed_vertex(owned[v] ? number[v] : kOfOther, positions[v], turn);
         }

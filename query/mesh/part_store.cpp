@@ -161,6 +161,11 @@ void PartStore::seal() {
     records_ = record_file_.as<PartRecord>();
     std::sort(records_.begin(), records_.end(),
               [](const PartRecord& a, const PartRecord& b) { return a.order < b.order; });
+    std::uint64_t not_alone = 0;
+    for (PartRecord& r : records_) {
+        r.first_not_alone = not_alone;
+        not_alone += r.not_alone;
+    }
 }
 
 std::span<const MeshPart::Name> PartStore::names(const PartRecord& r) const {

@@ -31,6 +31,7 @@ struct PartRecord {
     std::uint64_t first_vertex = 0;  ///< set by the weld: number of the first owned vertex
     std::uint64_t first_triangle = 0;
     std::uint64_t first_shared = 0;
+    std::uint64_t first_not_alone = 0;  ///< set by seal(): those of the parts before
 };
 
 /// Which vertices may share their place with another one, by where they are in the lattice.
