@@ -20,6 +20,7 @@ try:
     import nibabel
     import numpy as np
     import tifffile
+    from ply import read_points
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
@@ -34,13 +35,7 @@ def waves(shape, kind="f4"):
 
 def triangles(path):
     """Sorted, each from its smallest corner on."""
-    data = path.read_bytes()
-    end = data.index(b"end_header\n") + len(b"end_header\n")
-    lines = data[:end].decode().split("\n")
-    count = {line.split()[1]: int(line.split()[2]) for line in lines if line.startswith("element")}
-    vertices = np.frombuffer(data, "<f4", 3 * count["vertex"], end).reshape(-1, 3)
-    face = np.dtype([("n", "u1"), ("v", "<i4", 3)])
-    faces = np.frombuffer(data, face, count["face"], end + vertices.nbytes)["v"]
+    vertices, faces = read_points(path)
     found = []
     for a, b, c in vertices[faces].tolist():
         found.append(min((a, b, c), (b, c, a), (c, a, b)))

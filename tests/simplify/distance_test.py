@@ -12,6 +12,7 @@ import served  # noqa: E402
 
 try:
     import numpy as np
+    from ply import read_points
 except ImportError:
     print("numpy is not there")
     sys.exit(77)
@@ -47,16 +48,6 @@ def store_of(folder, name, u, *options):
                "--force", "-q", *options)
     assert done.returncode == 0, done.stderr
     return store
-
-
-def read_ply(path):
-    """(vertices, triangles)"""
-    text = path.read_bytes()
-    end = text.index(b"end_header\n") + 11
-    count = [int(text[:end].split(b"element " + kind)[1].split()[0]) for kind in (b"vertex", b"face")]
-    v = np.frombuffer(text, "<f4", 3 * count[0], end).reshape(-1, 3)
-    t = np.frombuffer(text, np.dtype([("n", "u1"), ("i", "<u4", 3)]), count[1], end + v.nbytes)["i"]
-    return v, t.astype(np.int64)
 
 
 def topology(v, t):
@@ -117,9 +108,9 @@ def check(folder, name, u, iso, options, distances):
 def check_cells(folder, store, name, iso, distances, cells, ways):
     full, mesh = folder / "full.ply", folder / "mesh.ply"
     assert run("extract", store, "--iso", iso, "--error", 0, "-o", full, "-q", *cells).returncode == 0
-    before = topology(*read_ply(full))
+    before = topology(*read_points(full))
     before_options = None
-    largest = float(np.abs(read_ply(full)[0]).max(initial=0))
+    largest = float(np.abs(read_points(full)[0]).max(initial=0))
     for d, kept in ((d, kept) for d in distances for kept in ways):
         what = f"{name}, {' '.join(cells[1:])}, distance {d} {' '.join(kept)}"
         made = mesh.read_bytes() if kept and before_options == (d, kept) else None
@@ -130,9 +121,9 @@ def check_cells(folder, store, name, iso, distances, cells, ways):
             continue
         require(made in (None, mesh.read_bytes()), f"{what}: other bytes than when it was made")
         report = json.loads(done.stdout)
-        require(report["full_triangles"] == len(read_ply(full)[1]), f"{what}: full_triangles")
+        require(report["full_triangles"] == len(read_points(full)[1]), f"{what}: full_triangles")
         require(report["distance_bound"] <= d, f"{what}: bound {report['distance_bound']}")
-        require(topology(*read_ply(mesh)) == before, f"{what}: {before} -> {topology(*read_ply(mesh))}")
+        require(topology(*read_points(mesh)) == before, f"{what}: {before} -> {topology(*read_points(mesh))}")
         if report["full_triangles"]:
             most = d + 2e-7 * largest
             found = farthest(full, mesh, most, d / 50)
@@ -154,7 +145,7 @@ def check_nested(folder, name, u, iso, options, distances):
     full, mesh = folder / "full.ply", folder / "mesh.ply"
     assert run("extract", store, "--iso", iso, "--error", 0, "-o", full, "-q").returncode == 0
     spacing = [float(s) for s in options[1].split(",")] if options[:1] == ("--spacing",) else [1, 1, 1]
-    largest = float(np.abs(read_ply(full)[0]).max(initial=0))
+    largest = float(np.abs(read_points(full)[0]).max(initial=0))
     counts = []
     for d in (min(distances) / 1000, *distances):
         what = f"{name}, nested, distance {d}"
@@ -170,12 +161,12 @@ def check_nested(folder, name, u, iso, options, distances):
         require(len(set(made)) == 1, f"{what}: threads or memory change the bytes")
         report = json.loads(done.stdout)
         require(report["distance_bound"] <= d, f"{what}: bound {report['distance_bound']}")
-        v, t = read_ply(mesh)
+        v, t = read_points(mesh)
         counts.append(len(t))
         if name != "holes" and name != "far":
             require(faults(v, t, u.shape[::-1], spacing) == (0, 0, 0),
                     f"{what}: cracks {faults(v, t, u.shape[::-1], spacing)}")
-        require((len(t) == 0) == (len(read_ply(full)[1]) == 0), f"{what}: {len(t)} triangles")
+        require((len(t) == 0) == (len(read_points(full)[1]) == 0), f"{what}: {len(t)} triangles")
         if len(t):
             most = d + 2e-7 * largest
             found = farthest(full, mesh, most, min(distances) / 50)
@@ -240,7 +231,7 @@ def check_fast(what, full, mesh, done, most):
     found = farthest(full, mesh, report["distance_bound"] + 1e-5, most / 100)
     require(found <= report["distance_bound"] + 1e-5, f"{what}: {found} away")
     require(after["triangles"] < before["triangles"] / 3, f"{what}: {after['triangles']} triangles")
-    require(topology(*read_ply(full)) == topology(*read_ply(mesh)), f"{what}: another topology")
+    require(topology(*read_points(full)) == topology(*read_points(mesh)), f"{what}: another topology")
     for name in ("nonmanifold_edges", "turned_edges", "euler", "components", "fan_vertices"):
         require(before[name] == after[name], f"{what}: {name} {before[name]} -> {after[name]}")
     require(after["folds_150"] <= 2 * before["folds_150"], f"{what}: {after['folds_150']} folds")
@@ -368,7 +359,7 @@ def arguments(folder):
         codes = [run("extract", store, "--iso", 9.3, "--box", box, "-q", "-o", path, *options).returncode
                  for path, options in ((full, ("--error", 0)), (mesh, ("--distance", 1.5)))]
         require(codes == [0, 0], f"--box {box}: {codes}")
-        require(topology(*read_ply(full)) == topology(*read_ply(mesh)), f"--box {box}: another topology")
+        require(topology(*read_points(full)) == topology(*read_points(mesh)), f"--box {box}: another topology")
     # Rounding alone moves vertices further than this.
     far = store_of(folder, "far", RNG.random((5, 5, 5)), "--origin", "1e6,1e6,1e6")
     done = run("extract", far, "--iso", 0.5, "--distance", 1e-4, "-o", mesh, "-q")

@@ -28,6 +28,7 @@ import urllib.parse
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
+from ply import read_ply  # noqa: E402
 
 import h5py
 import numpy
@@ -134,20 +135,6 @@ def decoded(message):
         header["normals"] = arrays["normals"].reshape(-1, 4)[:, :3] / 127
     header["faces"] = arrays["indices"].reshape(-1, 3)
     return header
-
-
-def read_ply(path):
-    """Vertices as a structured array, triangles."""
-    data = path.read_bytes()
-    end = data.index(b"end_header\n") + 11
-    lines = data[:end].decode().splitlines()
-    counts = [int(line.split()[2]) for line in lines if line.startswith("element")]
-    kinds = {"float": "<f4", "double": "<f8"}
-    fields = [(line.split()[2], kinds[line.split()[1]]) for line in lines
-              if line.startswith("property") and "list" not in line]
-    vertices = numpy.frombuffer(data, fields, counts[0], end)
-    faces = numpy.frombuffer(data, [("n", "u1"), ("corners", "<i4", 3)], counts[1], end + vertices.nbytes)
-    return vertices, faces["corners"]
 
 
 def corners(points, faces):
