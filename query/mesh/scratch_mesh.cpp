@@ -152,6 +152,24 @@ std::uint64_t ScratchMesh::bytes() const {
            layout_.elements * sizeof(ElementCorners);
 }
 
+void ScratchMesh::add_copies(std::span<const MovedCopy> copies) {
+    if (copies.empty()) {
+        return;
+    }
+    const std::uint64_t first = layout_.vertices;
+    const std::size_t row_bytes = layout_.row_bytes;
+    layout_.vertices += copies.size();
+    const auto positions = position_file_.map(layout_.vertices * sizeof(Point));
+    const auto rows = row_file_.map(layout_.vertices * row_bytes);
+    for (std::size_t i = 0; i < copies.size(); ++i) {
+        std::memcpy(positions.data() + (first + i) * sizeof(Point), &copies[i].at, sizeof(Point));
+        if (row_bytes > 0) {
+            std::memcpy(rows.data() + (first + i) * row_bytes,
+                        rows.data() + copies[i].of * row_bytes, row_bytes);
+        }
+    }
+}
+
 void ScratchMesh::compact(const std::filesystem::path& folder, Progress& progress) {
     ScratchFile number_file(folder);
     number_file.map(layout_.vertices * sizeof(std::uint64_t));

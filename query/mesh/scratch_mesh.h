@@ -56,6 +56,14 @@ class ScratchMesh : public MeshSink {
     [[nodiscard]] std::span<ElementCorners> changeable_corners() {
         return {corner_file_.as<ElementCorners>().data(), layout_.elements};
     }
+    /// A further vertex: a copy of one of the mesh, at another place.
+    struct MovedCopy {
+        std::array<float, 3> at{};
+        std::uint64_t of = 0;
+    };
+    /// They get the numbers that follow; no element has them. The box of the layout stays as it is.
+    /// Spans of vertices from before are invalid. Throws Error{io}.
+    void add_copies(std::span<const MovedCopy> copies);
     /// Takes elements out whose first corner is kNoVertex, and vertices that none of the others
     /// names. The order stays. Spans from before are invalid. Throws Error{io, cancelled}.
     void compact(const std::filesystem::path& folder, Progress& progress);

@@ -19,7 +19,7 @@ Int3 cell_at(const Int3& node, std::int64_t cell) {
 BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
                      std::span<const ElementCorners> triangles, int thirds, std::uint32_t most,
                      const std::filesystem::path& folder, Progress& progress)
-    : BlockGrid(lattice, mesh.positions(), thirds, folder) {
+    : BlockGrid(lattice, mesh, thirds, folder) {
     std::uint64_t i = 0;
     for (const ElementCorners& triangle : triangles) {
         constexpr std::uint64_t kOften = 1U << 16U;
@@ -31,9 +31,9 @@ BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
     divide(most);
 }
 
-BlockGrid::BlockGrid(const WorldLattice& lattice, std::span<const std::array<float, 3>> positions,
-                     int thirds, const std::filesystem::path& folder)
-    : lattice_(lattice), positions_(positions), file_(folder) {
+BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh, int thirds,
+                     const std::filesystem::path& folder)
+    : lattice_(lattice), mesh_(mesh), file_(folder) {
     const std::int64_t longest = std::max({lattice.nodes.x, lattice.nodes.y, lattice.nodes.z});
     // Twice as large as the volume: shifted by two thirds it still holds all.
     const auto whole = 2 * static_cast<std::int64_t>(
@@ -47,16 +47,21 @@ BlockGrid::BlockGrid(const WorldLattice& lattice, std::span<const std::array<flo
 }
 
 void BlockGrid::count(const ElementCorners& triangle) {
-    ++file_.as<std::uint32_t>()[cell_of(triangle)];
+    ++file_.as<std::uint32_t>()[cell_of(points_of(triangle))];
 }
 
-std::size_t BlockGrid::cell_of(const ElementCorners& triangle) const {
+BlockGrid::Points BlockGrid::points_of(const ElementCorners& triangle) const {
+    const auto positions = mesh_.positions();
+    return {positions[triangle[0]], positions[triangle[1]], positions[triangle[2]]};
+}
+
+std::size_t BlockGrid::cell_of(const Points& triangle) const {
     Int3 cell;
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
         double sum = 0;
-        for (const std::uint64_t v : triangle) {
-            sum += static_cast<double>(positions_[v][a]);
+        for (const auto& point : triangle) {
+            sum += static_cast<double>(point[a]);
         }
         const double at = (sum / 3 - lattice_.origin[a]) / lattice_.spacing[a];
         const double last = static_cast<double>(lattice_.nodes[axis] - 1);
@@ -110,6 +115,10 @@ void BlockGrid::divide(const Int3& low, std::int64_t size, std::uint32_t most) {
 }
 
 std::uint32_t BlockGrid::block_of(const ElementCorners& triangle) const {
+    return block_of(points_of(triangle));
+}
+
+std::uint32_t BlockGrid::block_of(const Points& triangle) const {
     return file_.as<const std::uint32_t>()[cell_of(triangle)];
 }
 

@@ -36,25 +36,28 @@ class BlockGrid {
     BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
               std::span<const ElementCorners> triangles, int thirds, std::uint32_t most,
               const std::filesystem::path& folder, Progress& progress);
-    /// For triangles that are then counted one by one, and divided into blocks at last. `positions`
-    /// have to stay.
-    BlockGrid(const WorldLattice& lattice, std::span<const std::array<float, 3>> positions,
-              int thirds, const std::filesystem::path& folder);
+    /// For triangles that are then counted one by one, and divided into blocks at last. `mesh` has
+    /// to stay; it may get more vertices.
+    BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh, int thirds,
+              const std::filesystem::path& folder);
     void count(const ElementCorners& triangle);
     void divide(std::uint32_t most) { divide({0, 0, 0}, size_, most); }
 
     [[nodiscard]] std::uint32_t blocks() const { return blocks_; }
     /// The block that a triangle's centroid lies in.
     [[nodiscard]] std::uint32_t block_of(const ElementCorners& triangle) const;
+    using Points = std::array<std::array<float, 3>, 3>;
+    [[nodiscard]] std::uint32_t block_of(const Points& triangle) const;
 
   private:
     static constexpr std::int64_t kCell = 8;  ///< nodes along an edge of the smallest cell
-    [[nodiscard]] std::size_t cell_of(const ElementCorners& triangle) const;
+    [[nodiscard]] Points points_of(const ElementCorners& triangle) const;
+    [[nodiscard]] std::size_t cell_of(const Points& triangle) const;
     std::uint64_t count_in(const Int3& low, std::int64_t size) const;
     void divide(const Int3& low, std::int64_t size, std::uint32_t most);
 
     WorldLattice lattice_;
-    std::span<const std::array<float, 3>> positions_;
+    const ScratchMesh& mesh_;
     Int3 shift_;
     std::int64_t size_;  ///< of the octree, in cells
     Int3 first_;         ///< cell of the table

@@ -70,6 +70,11 @@ class PatchNumbering {
         }
         return t;
     }
+    /// kNoVertex: it has not come.
+    [[nodiscard]] std::uint32_t number_of(std::uint64_t vertex) const {
+        const auto slot = place_.find(vertex);
+        return slot == place_.end() ? kNoVertex : slot->second;
+    }
 
   private:
     struct Hash {

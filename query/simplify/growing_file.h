@@ -23,7 +23,7 @@ class GrowingFile {
             flush();
         }
     }
-    /// After the last append(). Throws Error{io}.
+    /// After the last append(), or the last one for now. Throws Error{io}.
     void seal() {
         flush();
         waiting_ = {};

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <span>
 #include <vector>
 
 #include "query/simplify/mapping/displacement.h"
@@ -52,9 +53,22 @@ inline CollapseLimits limits_of(double distance, double furthest) {
     return {distance, static_cast<float>(estimate * estimate)};
 }
 
+inline constexpr std::uint32_t kNoVertex = std::numeric_limits<std::uint32_t>::max();
+
+inline Double3 point_at(const std::array<float, 3>& p) {
+    return {static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])};
+}
+inline Triangle triangle_at(std::span<const std::array<float, 3>> positions,
+                            const PatchTriangle& t) {
+    return {point_at(positions[t[0]]), point_at(positions[t[1]]), point_at(positions[t[2]])};
+}
+
 /// Vertices are places in `positions`; all triangles are oriented alike.
 struct Patch {
     std::vector<std::array<float, 3>> positions;  ///< world coordinates
+    /// Of each vertex one of the full surface that is near: that itself, or where one was moved
+    /// from. kNoVertex: it is not in the patch.
+    std::vector<std::uint32_t> near;
     PatchBox box;
     /// Vertices that triangles outside of the patch have, too: they and the edges between them
     /// stay.
@@ -71,13 +85,8 @@ struct Patch {
     /// is there for others to be near to.
     std::vector<std::uint32_t> servers;
 
-    [[nodiscard]] Double3 point(std::uint32_t v) const {
-        const auto& p = positions[v];
-        return {static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])};
-    }
-    [[nodiscard]] Triangle at(const PatchTriangle& t) const {
-        return {point(t[0]), point(t[1]), point(t[2])};
-    }
+    [[nodiscard]] Double3 point(std::uint32_t v) const { return point_at(positions[v]); }
+    [[nodiscard]] Triangle at(const PatchTriangle& t) const { return triangle_at(positions, t); }
 };
 
 }  // namespace isonest::detail

@@ -3,6 +3,8 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <numeric>
 #include <optional>
 #include <vector>
@@ -22,6 +24,9 @@ constexpr int kPassesWithin = 3;
 // Marks of triangles of the mesh.
 constexpr std::uint32_t kForever = 1;  ///< it has to stay
 constexpr std::uint32_t kTried = 2;    ///< Patch::tried
+
+/// From here on, numbers of an outcome's own vertices.
+constexpr std::uint64_t kOwn = std::uint64_t{1} << 63U;
 
 /// A triangle of the mesh between two passes.
 struct MeshTriangle {
@@ -57,10 +62,41 @@ struct Attached {
 /// What a block hands on to the next pass.
 struct Outcome {
     std::vector<MeshTriangle> mesh;
+    std::vector<ScratchMesh::MovedCopy> moved;  ///< vertices, from kOwn on
     std::vector<Attached> attached;
     std::vector<Split> splits;
     double largest = 0;
+
+    /// The first of its own vertices gets this number.
+    void number_from(std::uint64_t first) {
+        const auto number = [&](ElementCorners& corners) {
+            for (std::uint64_t& v : corners) {
+                v = v >= kOwn ? v - kOwn + first : v;
+            }
+        };
+        for (MeshTriangle& t : mesh) {
+            number(t.corners);
+        }
+        for (Split& split : splits) {
+            std::for_each_n(split.servers.begin(), split.count, number);
+        }
+    }
 };
+
+/// The distance of two float32 that follow each other, where the volume's coordinates are largest.
+double unit_of(const WorldLattice& lattice) {
+    float largest = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        const double first = lattice.origin[a];
+        const double last =
+            first + lattice.spacing[a] * static_cast<double>(lattice.nodes[axis] - 1);
+        largest =
+            std::max(largest, static_cast<float>(std::max(std::fabs(first), std::fabs(last))));
+    }
+    return static_cast<double>(std::nextafterf(largest, std::numeric_limits<float>::infinity()) -
+                               largest);
+}
 
 }  // namespace
 
@@ -73,22 +109,27 @@ struct MeshSimplifier::Block {
     BlockPatch numbered;
     std::span<const FineTriangle> full;
 
-    [[nodiscard]] ElementCorners global(const PatchTriangle& t) const {
-        const auto& v = numbered.vertex;
-        return {v[t[0]], v[t[1]], v[t[2]]};
-    }
     /// `next`: the blocks of the next pass.
-    [[nodiscard]] Outcome outcome(const SimplifiedPatch& simplified, const BlockGrid& next) const;
+    [[nodiscard]] Outcome outcome(const SimplifiedPatch& simplified, const BlockGrid& next,
+                                  const MovedVertices& vertices) const;
 };
 
-Outcome MeshSimplifier::Block::outcome(const SimplifiedPatch& simplified,
-                                       const BlockGrid& next) const {
+Outcome MeshSimplifier::Block::outcome(const SimplifiedPatch& simplified, const BlockGrid& next,
+                                       const MovedVertices& vertices) const {
     Outcome outcome;
     outcome.largest = simplified.largest;
+    std::vector<std::uint64_t> number = numbered.vertex;
+    std::vector<std::array<float, 3>> positions = numbered.patch.positions;
+    for (const SimplifiedPatch::Moved& moved : simplified.moved) {
+        outcome.moved.push_back({moved.to, vertices.origin_of(number[moved.vertex])});
+        number[moved.vertex] = kOwn + outcome.moved.size() - 1;
+        positions[moved.vertex] = moved.to;
+    }
     for (std::size_t i = 0; i < simplified.triangles.size(); ++i) {
-        const ElementCorners corners = global(simplified.triangles[i]);
+        const PatchTriangle& t = simplified.triangles[i];
         outcome.mesh.push_back(
-            {corners, next.block_of(corners),
+            {{number[t[0]], number[t[1]], number[t[2]]},
+             next.block_of({positions[t[0]], positions[t[1]], positions[t[2]]}),
              (simplified.kept[i] ? kForever : 0U) | (simplified.tried[i] ? kTried : 0U),
              simplified.displacements[i]});
     }
@@ -167,11 +208,13 @@ void MeshSimplifier::Run::add(const Split& split, const BlockGrid& grid) {
     }
 }
 
-MeshSimplifier::MeshSimplifier(const ScratchMesh& mesh, std::span<const ElementCorners> triangles,
+MeshSimplifier::MeshSimplifier(ScratchMesh& mesh, std::span<const ElementCorners> triangles,
                                const WorldLattice& lattice, const PatchBox& box,
                                std::filesystem::path folder, Progress& progress)
     : mesh_(mesh),
+      moved_(mesh, folder),
       triangles_(triangles),
+      unit_(unit_of(lattice)),
       box_(box),
       folder_(std::move(folder)),
       progress_(progress) {
@@ -248,6 +291,9 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
         patch.displacements.resize(patch.fine.size());
         std::iota(patch.servers.begin(), patch.servers.end(), 0U);
     }
+    for (const std::uint64_t v : b.numbered.vertex) {
+        patch.near.push_back(numbering.number_of(moved_.origin_of(v)));
+    }
     find_shared(valences, b.numbered);
     return b;
 }
@@ -261,6 +307,8 @@ std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from,
     next->bound = from.bound;
     const BlockGrid& after = *grids_[static_cast<std::size_t>(next->third)];
     next->begin(after.blocks());
+    MovedVertices::Copies moved(folder_);
+    GrowingFile<Split> splits(folder_);
     Valences valences(mesh_.layout().vertices, folder_);
     each(from, [&](const ElementCorners& t) { valences.count(t); });
     progress_.begin("simplify", from.is_full ? triangles_.size() : from.mesh.count(), "triangles");
@@ -272,19 +320,25 @@ std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from,
             if (b.numbered.patch.triangles.empty()) {
                 return Outcome{};
             }
-            Outcome outcome = b.outcome(simplify_patch(b.numbered.patch, limits), after);
+            Outcome outcome = b.outcome(simplify_patch(b.numbered.patch, limits), after, moved_);
             progress_.advance(b.numbered.patch.triangles.size());
             return outcome;
         },
-        [&](std::int64_t /*i*/, const Outcome& outcome) {
+        [&](std::int64_t /*i*/, Outcome& outcome) {
+            outcome.number_from(moved_.next() + moved.size());
             next->add(outcome);
-            for (const Split& split : outcome.splits) {
-                next->add(split, after);
-            }
+            std::for_each(outcome.moved.begin(), outcome.moved.end(),
+                          [&](const auto& copy) { moved.append(copy); });
+            std::for_each(outcome.splits.begin(), outcome.splits.end(),
+                          [&](const Split& split) { splits.append(split); });
             next->bound = std::max(next->bound, outcome.largest);
         });
-    for (const Split& split : from.splits.all()) {
-        next->add(split, after);
+    moved_.add(moved);
+    splits.seal();
+    for (const auto& some : {splits.all(), from.splits.all()}) {
+        for (const Split& split : some) {
+            next->add(split, after);
+        }
     }
     finish(*next);
     return next;
@@ -314,12 +368,42 @@ Simplified MeshSimplifier::sample(std::uint64_t most) const {
     return {run, run->full.count(), 0, 0};
 }
 
+/// The part of a limit that is left for giving vertices places of their own.
+double MeshSimplifier::reserve(double limit) const {
+    constexpr double kUnits = 4;
+    constexpr double kMost = 0x1p-8;
+    return std::min(kUnits * unit_, kMost * limit);
+}
+
+double MeshSimplifier::give_own_places(const Run& run, double most) {
+    if (moved_.empty()) {
+        return 0;
+    }
+    ScratchFile seen_file(folder_);
+    seen_file.map(mesh_.layout().vertices);
+    const auto seen = seen_file.as<std::uint8_t>();
+    GrowingFile<std::uint64_t> vertices(folder_);
+    for (const MeshTriangle& t : run.mesh.all()) {
+        for (const std::uint64_t v : t.corners) {
+            if (seen[v] == 0) {
+                seen[v] = 1;
+                vertices.append(v);
+            }
+        }
+    }
+    vertices.seal();
+    progress_.check();
+    return moved_.give_own_places(vertices.all(), most);
+}
+
 Simplified MeshSimplifier::within(const Simplified& from, double limit) {
     std::shared_ptr<const Run> run = from.run;
+    const double kept = reserve(limit);
     for (int i = 0; i < kPassesWithin; ++i) {
-        run = pass(*run, simplify_limits(limit), i == 0);
+        run = pass(*run, simplify_limits(limit - kept), i == 0);
     }
-    return {run, run->mesh.count(), run->bound, limit};
+    const double moved = give_own_places(*run, kept);
+    return {run, run->mesh.count(), run->bound + moved, limit};
 }
 
 ScratchFile MeshSimplifier::corners(const Simplified& of) const {

@@ -16,6 +16,7 @@
 #include "query/mesh/scratch_mesh.h"
 #include "query/simplify/block_grid.h"
 #include "query/simplify/block_patch.h"
+#include "query/simplify/moved_vertices.h"
 #include "query/simplify/patch.h"
 
 namespace isonest::detail {
@@ -33,9 +34,10 @@ struct Simplified;
 class MeshSimplifier {
   public:
     /// `triangles`: the full surface, whose corners are vertices of `mesh`; both have to stay.
-    /// `box`: to which it is cut.
+    /// `mesh` gets further vertices: copies of the surface's, at other places near to it, which
+    /// triangles of results have for corners. `box`: to which the surface is cut.
     /// REQUIRES: mesh.layout().corners == 3. Throws Error{io, cancelled}, as all members do.
-    MeshSimplifier(const ScratchMesh& mesh, std::span<const ElementCorners> triangles,
+    MeshSimplifier(ScratchMesh& mesh, std::span<const ElementCorners> triangles,
                    const WorldLattice& lattice, const PatchBox& box, std::filesystem::path folder,
                    Progress& progress);
     ~MeshSimplifier();
@@ -64,9 +66,13 @@ class MeshSimplifier {
     template <class Visit>
     void each(const Run& run, const Visit& visit) const;
     void finish(Run& run);
+    [[nodiscard]] double reserve(double limit) const;
+    double give_own_places(const Run& run, double most);
 
     const ScratchMesh& mesh_;
+    MovedVertices moved_;
     std::span<const ElementCorners> triangles_;  ///< of the full surface
+    double unit_;                                ///< in the last place of the largest coordinate
     PatchBox box_;
     std::filesystem::path folder_;
     Progress& progress_;

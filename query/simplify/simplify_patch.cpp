@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "query/simplify/collapse/collapse_stars.h"
+#include "query/simplify/collapse/placed_collapse.h"
 #include "query/simplify/mapping/star_mapping.h"
 #include "query/simplify/proof/projected_cover.h"
 #include "query/simplify/proof/server_lists.h"
@@ -25,28 +26,24 @@ class PatchSimplifier {
   public:
     PatchSimplifier(const Patch& patch, const CollapseLimits& limits)
         : patch_(patch),
+          positions_(patch.positions),
           limit_(limits.distance),
           locked_(locked_vertices(patch)),
-          servers_(patch, limit_),
+          servers_(patch, positions_, limit_),
           displacements_(patch.displacements),
           mapping_(displacements_) {
         find_servers();
         mesh_.emplace(patch.positions.size(), patch.triangles, locked_);
-        queue_.emplace(patch.positions, *mesh_, limits.square_estimate);
-        collapse_.emplace(patch.positions, patch.box, patch.shared, locked_, *mesh_);
+        queue_.emplace(positions_, *mesh_, limits.square_estimate);
+        collapse_.emplace(positions_, patch.box, patch.shared, locked_, *mesh_);
+        placed_.emplace(positions_, patch.box, patch.shared, *mesh_);
     }
 
     SimplifiedPatch run() {
         collapse_stars(
             *queue_, *collapse_, waiting_vertices(patch_.triangles, patch_.tried, locked_), locked_,
-            [this](const EdgeQueue::Edge& edge) {
-                return stays_near(edge.from, edge.to) ? 0 : kNever;
-            },
-            [this] {
-                servers_.take();
-                mapping_.take(*collapse_);
-                collapse_->take();
-            });
+            [this](const EdgeQueue::Edge& edge) { return may_go(edge) ? 0 : kNever; },
+            [this] { take(); });
         return result();
     }
 
@@ -66,6 +63,11 @@ class PatchSimplifier {
             simplified.largest = std::max(simplified.largest, displacements_[i].bound());
             simplified.kept.push_back(patch_.stay[i] == Stay::forever);
             simplified.tried.push_back(is_free(t, locked_));
+        }
+        for (std::uint32_t v = 0; v < positions_.size(); ++v) {
+            if (mesh_->first(v) != CornerMesh::kNone && positions_[v] != patch_.positions[v]) {
+                simplified.moved.push_back({v, positions_[v]});
+            }
         }
         auto& servers = simplified.servers;
         for (std::uint32_t i = 0; i < patch_.fine.size(); ++i) {
@@ -115,8 +117,32 @@ class PatchSimplifier {
         }
     }
 
-    bool stays_near(std::uint32_t from, std::uint32_t to) {
-        if (!may_be_measured(*collapse_, from, to)) {
+    bool may_go(const EdgeQueue::Edge& edge) {
+        is_placed_ = false;
+        if (!collapse_->look(edge.from, edge.to)) {
+            return false;
+        }
+        return stays_near() || stays_near_at_best_place(edge);
+    }
+
+    void take() {
+        servers_.take();
+        if (!is_placed_) {
+            mapping_.take(*collapse_);
+            collapse_->take();
+            return;
+        }
+        positions_[collapse_->vertex(0)] = placed_->place();
+        for (std::size_t i = 0; i < after_.size(); ++i) {
+            Displacement measured;
+            measured.radius = float_above(measured_off_[i]);
+            displacements_[after_[i].triangle] = measured;
+        }
+        collapse_->take_moved();
+    }
+
+    bool stays_near() {
+        if (!collapse_->has_no_new_fold(kMostMeasuredFold) || !collapse_->turns_little()) {
             return false;
         }
         const Star& star = collapse_->star();
@@ -128,10 +154,42 @@ class PatchSimplifier {
             }
         }
         for (std::size_t j = 1; j + 1 < star.corners; ++j) {
-            after_.push_back(
-                {collapse_->triangle(j), PreparedTriangle(patch_.at(collapse_->after(j)))});
+            after_.push_back({collapse_->triangle(j),
+                              PreparedTriangle(triangle_at(positions_, collapse_->after(j)))});
         }
-        return servers_.fits(from, before_, after_, *mesh_) && are_near();
+        return servers_.fits(near_of(collapse_->ring().middle), before_, after_, *mesh_) &&
+               are_near();
+    }
+
+    /// The same with the end of the edge where the quadrics are least.
+    bool stays_near_at_best_place(const EdgeQueue::Edge& edge) {
+        if (locked_[edge.to]) {
+            return false;
+        }
+        const std::optional<Double3> best = queue_->lowest(edge.from, edge.to);
+        if (!best ||
+            !placed_->look(*collapse_,
+                           {static_cast<float>((*best)[0]), static_cast<float>((*best)[1]),
+                            static_cast<float>((*best)[2])}) ||
+            !placed_->has_no_new_fold(*collapse_, kMostMeasuredFold)) {
+            return false;
+        }
+        after_.clear();
+        for (const PlacedCollapse::Placed& placed : placed_->after()) {
+            after_.push_back({placed.triangle, PreparedTriangle(placed.at)});
+        }
+        if (!servers_.fits(near_of(edge.from), placed_->before(), after_, *mesh_)) {
+            return false;
+        }
+        measured_off_.clear();
+        is_placed_ = std::all_of(placed_->after().begin(), placed_->after().end(),
+                                 [&](const PlacedCollapse::Placed& placed) {
+                                     const std::optional<double> off = off_of(
+                                         after_[measured_off_.size()], placed.corners, edge.to);
+                                     measured_off_.push_back(off.value_or(0));
+                                     return off.has_value();
+                                 });
+        return is_placed_;
     }
 
     /// Whether the new triangles are near to the full surface: as far as they were moved, else
@@ -145,7 +203,7 @@ class PatchSimplifier {
             }
         }
         return std::all_of(measured_.begin(), measured_.end(), [&](std::size_t j) {
-            const std::optional<double> off = off_of(after_[j - 1], collapse_->after(j));
+            const std::optional<double> off = off_of(after_[j - 1], collapse_->after(j), kNoVertex);
             if (off) {
                 mapping_.set_measured(j, *off);
             }
@@ -153,15 +211,41 @@ class PatchSimplifier {
         });
     }
 
-    /// A bound on the distance of a new triangle from the full surface; nothing: above the limit.
-    std::optional<double> off_of(const Server& server, const PatchTriangle& t) {
-        if (const std::optional<double> off = servers_.served_back(server)) {
-            return off;
-        }
+    [[nodiscard]] std::uint32_t near_of(std::uint32_t v) const {
+        return patch_.near.empty() ? v : patch_.near[v];
+    }
+
+    /// From above. `moved`: a vertex that is elsewhere then.
+    std::optional<double> off_from_above(const Triangle& at, const PatchTriangle& t,
+                                         std::uint32_t moved) {
         if (!above_) {
             above_.emplace(patch_.positions, patch_.fine, limit_);
         }
-        if (const std::optional<double> off = above_->covers(t)) {
+        // Best from a corner that is a vertex of the full surface.
+        std::size_t first = 3;
+        for (std::size_t i = 0; i < 3; ++i) {
+            const std::uint32_t near = near_of(t[i]);
+            if (near == kNoVertex) {
+                continue;
+            }
+            if (t[i] != moved && patch_.positions[near] == positions_[t[i]]) {
+                first = i;
+                break;
+            }
+            first = first == 3 ? i : first;
+        }
+        return first == 3 ? std::nullopt
+                          : above_->covers({at[first], at[(first + 1) % 3], at[(first + 2) % 3]},
+                                           near_of(t[first]));
+    }
+
+    /// A bound on the distance of a new triangle from the full surface; nothing: above the limit.
+    std::optional<double> off_of(const Server& server, const PatchTriangle& t,
+                                 std::uint32_t moved) {
+        if (const std::optional<double> off = servers_.served_back(server)) {
+            return off;
+        }
+        if (const std::optional<double> off = off_from_above(server.shape.corners(), t, moved)) {
             return off;
         }
         if (!to_fine_) {
@@ -173,6 +257,7 @@ class PatchSimplifier {
     }
 
     const Patch& patch_;
+    std::vector<std::array<float, 3>> positions_;  ///< of the mesh's vertices, as they are by now
     double limit_;
     std::vector<bool> locked_;
     std::optional<TriangleTree> fine_;        ///< made when it is needed
@@ -185,9 +270,12 @@ class PatchSimplifier {
     std::optional<CornerMesh> mesh_;
     std::optional<EdgeQueue> queue_;
     std::optional<StarCollapse> collapse_;
+    std::optional<PlacedCollapse> placed_;
+    bool is_placed_ = false;  ///< the edge that was looked at last goes there
     std::vector<std::uint32_t> before_;
     std::vector<Server> after_;
     std::vector<std::size_t> measured_;  ///< new triangles that moved too far to be near by that
+    std::vector<double> measured_off_;   ///< of each triangle of placed_
 };
 
 }  // namespace

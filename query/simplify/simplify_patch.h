@@ -6,7 +6,9 @@
 // replace them (query/simplify/proof/server_lists.h), and these are near to the full surface: by
 // how they project onto the triangles before (query/simplify/mapping/star_mapping.h), or measured
 // (query/simplify/proof/projected_cover.h, query/simplify/proof/surface_distance.h). So the errors
-// by which the collapses are ordered play no part in the bound.
+// by which the collapses are ordered play no part in the bound. An edge that cannot be collapsed
+// into its end is tried once more with that end at the place of the smallest quadric error,
+// measured in the same way (query/simplify/collapse/placed_collapse.h).
 #pragma once
 
 #include <array>
@@ -19,7 +21,14 @@
 namespace isonest::detail {
 
 struct SimplifiedPatch {
+    /// A vertex that is at another place than in the patch.
+    struct Moved {
+        std::uint32_t vertex = 0;
+        std::array<float, 3> to{};
+    };
+
     std::vector<PatchTriangle> triangles;
+    std::vector<Moved> moved;  ///< of the vertices of the triangles; in ascending order
     std::vector<Displacement> displacements;  ///< of each of them
     std::vector<bool> kept;                   ///< those that stay forever
     std::vector<bool> tried;                  ///< as in the patch, for the pass that comes

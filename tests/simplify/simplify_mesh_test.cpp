@@ -2,6 +2,9 @@
 #include "query/simplify/simplify_mesh.h"
 
 #include <catch2/catch.hpp>
+#include <cmath>
+#include <numeric>
+#include <set>
 
 #include "query/simplify/simplify_patch.h"
 #include "store/base/workers.h"
@@ -14,24 +17,55 @@ using namespace isonest::detail::test;
 
 namespace {
 
-void require_within(const Patch& patch, double limit) {
+/// The patch's vertices, where they were and, with numbers that follow, where they are.
+std::vector<std::array<float, 3>> both_positions(const Patch& patch, const SimplifiedPatch& s) {
+    std::vector<std::array<float, 3>> positions = patch.positions;
+    positions.insert(positions.end(), patch.positions.begin(), patch.positions.end());
+    for (const SimplifiedPatch::Moved& moved : s.moved) {
+        positions[patch.positions.size() + moved.vertex] = moved.to;
+    }
+    return positions;
+}
+
+std::vector<PatchTriangle> shifted(std::vector<PatchTriangle> triangles, std::size_t by) {
+    for (PatchTriangle& t : triangles) {
+        for (std::uint32_t& v : t) {
+            v += static_cast<std::uint32_t>(by);
+        }
+    }
+    return triangles;
+}
+
+SimplifiedPatch require_within(const Patch& patch, double limit) {
     const SimplifiedPatch s = simplify_patch(patch, simplify_limits(limit));
     REQUIRE(shape_of(s.triangles) == shape_of(patch.triangles));
     REQUIRE(s.largest <= limit);
     constexpr int kSteps = 6;
     const double most = limit * (1 + 1e-9);
-    REQUIRE(sampled_distance(patch.positions, patch.fine, s.triangles, kSteps) <= most);
-    REQUIRE(sampled_distance(patch.positions, s.triangles, patch.fine, kSteps) <= most);
+    const auto positions = both_positions(patch, s);
+    const auto triangles = shifted(s.triangles, patch.positions.size());
+    REQUIRE(sampled_distance(positions, patch.fine, triangles, kSteps) <= most);
+    REQUIRE(sampled_distance(positions, triangles, patch.fine, kSteps) <= most);
     REQUIRE(s.first_server.size() == patch.fine.size() + 1);
     for (std::size_t i = 0; i < patch.fine.size(); ++i) {
         REQUIRE(s.servers_of(i).empty() == (patch.servers[i] == kNoServer));
         for_samples(patch.at(patch.fine[i]), 3, [&](const Double3& p) {
             const auto servers = s.servers_of(i);
             REQUIRE(std::any_of(servers.begin(), servers.end(), [&](std::uint32_t t) {
-                return square_distance(p, patch.at(s.triangles[t])) <= most * most;
+                return square_distance(p, triangle_at(positions, triangles[t])) <= most * most;
             }));
         });
     }
+    std::set<std::uint32_t> there;
+    for (const PatchTriangle& t : s.triangles) {
+        there.insert(t.begin(), t.end());
+    }
+    for (const SimplifiedPatch::Moved& moved : s.moved) {
+        REQUIRE(there.contains(moved.vertex));
+        REQUIRE(moved.to != patch.positions[moved.vertex]);
+        REQUIRE(!patch.shared[moved.vertex]);
+    }
+    return s;
 }
 
 void fill(ScratchMesh& mesh, const Patch& patch) {
@@ -84,6 +118,62 @@ TEST_CASE("Patches stay within the limit and of the same shape") {
     }
 }
 
+TEST_CASE("Vertices leave a curved surface where that leaves fewer triangles, but not its border") {
+    const Patch round = torus(60, 40, 20, 8, 0);
+    REQUIRE(require_within(round, 0.3).moved.size() > 20);
+    const Patch grid = wavy_grid(30, 0.6);
+    for (const SimplifiedPatch::Moved& moved : require_within(grid, 0.3).moved) {
+        const std::uint32_t x = moved.vertex % 30;
+        const std::uint32_t y = moved.vertex / 30;
+        REQUIRE((x > 0 && x < 29 && y > 0 && y < 29));
+    }
+    Patch box = round;
+    box.box.lo = {-100, -100, -7.9F};
+    box.box.hi = {100, 100, 7.9F};
+    for (const SimplifiedPatch::Moved& moved : require_within(box, 0.3).moved) {
+        REQUIRE((moved.to[2] > -7.9F && moved.to[2] < 7.9F));
+    }
+}
+
+TEST_CASE("Moved vertices that meet others get places of their own, and nothing else moves") {
+    const TemporaryFolder folder;
+    ScratchMesh mesh(folder.path());
+    fill(mesh, wavy_grid(4, 0.5));
+    MovedVertices vertices(mesh, folder.path());
+    REQUIRE(vertices.empty());
+    const std::vector<std::array<float, 3>> before(mesh.positions().begin(),
+                                                   mesh.positions().end());
+    MovedVertices::Copies copies(folder.path());
+    for (int i = 0; i < 5; ++i) {
+        copies.append({before[3], 7});  // with a vertex of the surface
+    }
+    copies.append({{1.5F, 2.5F, 3.5F}, 2});
+    copies.append({{1.5F, 2.5F, 3.5F}, 1});
+    copies.append({{9, 9, 9}, 4});
+    vertices.add(copies);
+    REQUIRE(vertices.next() == 24);
+    REQUIRE(vertices.origin_of(3) == 3);
+    REQUIRE(vertices.origin_of(16) == 7);
+    REQUIRE(vertices.origin_of(22) == 1);
+    std::vector<std::uint64_t> all(24);
+    const auto places = [&] {
+        return std::set<std::array<float, 3>>(mesh.positions().begin(), mesh.positions().end());
+    };
+    std::iota(all.begin(), all.end(), 0U);
+    REQUIRE(places().size() == 18);
+    REQUIRE(vertices.give_own_places(all, 0) == 0);
+    REQUIRE(places().size() == 18);
+    const double moved = vertices.give_own_places(all, 1e-5);
+    REQUIRE((moved > 0 && moved <= 1e-5));
+    REQUIRE(places().size() == 24);
+    for (std::size_t v = 0; v < before.size(); ++v) {
+        REQUIRE(mesh.positions()[v] == before[v]);
+    }
+    REQUIRE(mesh.positions()[23] == std::array<float, 3>{9, 9, 9});
+    REQUIRE(std::fabs(mesh.positions()[22][0] - 1.5F) <= 1e-6F);
+    REQUIRE(vertices.give_own_places(all, 1e-5) == 0);
+}
+
 TEST_CASE("A small torus or an open tube near a plane does not vanish") {
     Patch patch = wavy_grid(30, 0);
     append(patch, torus(16, 8, 2, 0.7, 0), {14, 14, 1});
@@ -103,17 +193,18 @@ TEST_CASE("Whole meshes of many blocks stay within the limit, the same for any t
         p = {p[0] + 110, p[1] + 110, p[2] + 30};
     }
     const TemporaryFolder folder;
-    ScratchMesh mesh(folder.path());
-    fill(mesh, patch);
     WorldLattice lattice;
     lattice.nodes = {221, 221, 61};
-    const std::vector<ElementCorners> full(mesh.corners().begin(), mesh.corners().end());
     for (const double limit : {0.3, 1.5}) {
         std::vector<ElementCorners> first;
+        std::vector<std::array<float, 3>> first_positions;
         for (const int threads : {1, 2, 4}) {
             if (threads > 1 && limit > 1) {
                 break;
             }
+            ScratchMesh mesh(folder.path());
+            fill(mesh, patch);
+            const std::vector<ElementCorners> full(mesh.corners().begin(), mesh.corners().end());
             std::vector<ElementCorners> result;
             double bound = 0;
             Workers(threads).execute([&] {
@@ -125,17 +216,22 @@ TEST_CASE("Whole meshes of many blocks stay within the limit, the same for any t
                 const auto all = corners.as<ElementCorners>();
                 result.assign(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(s.triangles));
             });
+            const std::vector<std::array<float, 3>> positions(mesh.positions().begin(),
+                                                              mesh.positions().end());
             if (threads > 1) {
                 REQUIRE(result == first);
+                REQUIRE(positions == first_positions);
                 continue;
             }
+            REQUIRE(positions.size() > patch.positions.size());
             first = result;
+            first_positions = positions;
             REQUIRE(bound <= limit);
             REQUIRE(result.size() < full.size() / 2);
             REQUIRE(shape_of(result) == shape_of(full));
             const double most = limit * (1 + 1e-9);
-            REQUIRE(sampled_distance(patch.positions, full, result, 3) <= most);
-            REQUIRE(sampled_distance(patch.positions, result, full, 4) <= most);
+            REQUIRE(sampled_distance(positions, full, result, 3) <= most);
+            REQUIRE(sampled_distance(positions, result, full, 4) <= most);
         }
     }
 }

@@ -4,6 +4,7 @@
 
 #include "query/mesh/zero_area.h"
 #include "query/simplify/collapse/collapse_stars.h"
+#include "query/simplify/collapse/placed_collapse.h"
 #include "query/simplify/proof/prepared_triangle.h"
 #include "query/simplify/proof/projected_cover.h"
 #include "query/simplify/proof/surface_distance.h"
@@ -209,7 +210,8 @@ TEST_CASE("A large flat triangle is covered by many small ones, however small th
 
 TEST_CASE("What covers a triangle by projection is near to all samples of it") {
     std::mt19937 random(5);
-    int covered = 0;
+    std::uniform_real_distribution<double> share(-1, 1);
+    std::array<int, 2> covered{};
     for (const double height : {0.0, 0.2, 0.6, 1.5}) {
         for (const bool is_grid : {true, false}) {
             const Patch surface =
@@ -230,26 +232,38 @@ TEST_CASE("What covers a triangle by projection is near to all samples of it") {
                     if (has_no_area(p[t[0]], p[t[1]], p[t[2]])) {
                         continue;
                     }
-                    const std::optional<double> off = cover.covers(t);
-                    if (!off) {
-                        continue;
+                    // As it is, and with corners that are beside the surface.
+                    for (const double beside : {0.0, 0.3}) {
+                        Triangle at = surface.at(t);
+                        for (Double3& corner : at) {
+                            corner = along(corner, beside,
+                                           {share(random), share(random), share(random)});
+                        }
+                        const std::optional<double> off = cover.covers(at, t[0]);
+                        if (!off) {
+                            continue;
+                        }
+                        ++covered[beside > 0 ? 1 : 0];
+                        REQUIRE(*off <= limit);
+                        for_samples(at, 12, [&](const Double3& q) {
+                            REQUIRE(std::sqrt(tree.nearest(q, 1e300).square_distance) <=
+                                    *off + 1e-9);
+                        });
                     }
-                    ++covered;
-                    REQUIRE(*off <= limit);
-                    for_samples(surface.at(t), 12, [&](const Double3& q) {
-                        REQUIRE(std::sqrt(tree.nearest(q, 1e300).square_distance) <= *off + 1e-9);
-                    });
                 }
             }
         }
     }
-    REQUIRE(covered > 1000);
+    REQUIRE(covered[0] > 1000);
+    REQUIRE(covered[1] > 500);
 }
 
 TEST_CASE("A hole or a border under a triangle is not covered by projection") {
     Patch grid = wavy_grid(9, 0);
     const auto covers = [&](const PatchTriangle& t) {
-        return ProjectedCover(grid.positions, grid.triangles, 100).covers(t).has_value();
+        return ProjectedCover(grid.positions, grid.triangles, 100)
+            .covers(grid.at(t), t[0])
+            .has_value();
     };
     REQUIRE(covers({0, 8, 72}));  // its edges lie along the border
     REQUIRE(covers({8, 80, 72}));
@@ -328,4 +342,105 @@ TEST_CASE("Collapses leave locked vertices and what hangs together through them"
     for (std::size_t v = 0; v < locked.size(); ++v) {
         REQUIRE((!locked[v] || used[v]));
     }
+}
+
+TEST_CASE("The place of the smallest quadric error is no worse than places around it") {
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> number(-1, 1);
+    const auto point = [&] { return Double3{number(random), number(random), number(random)}; };
+    REQUIRE_FALSE(Quadric().lowest({1, 2, 3}));
+    for (int i = 0; i < 200; ++i) {
+        Quadric quadric;
+        for (int plane = 0; plane <= i % 5; ++plane) {
+            Double3 n = point();
+            const double size = length(n);
+            n = {n[0] / size, n[1] / size, n[2] / size};
+            quadric.add_plane(n, point(), 1 + number(random));
+        }
+        const Double3 near = point();
+        const std::optional<Double3> lowest = quadric.lowest(near);
+        REQUIRE(lowest);
+        const auto cost = [&](const Double3& p) {
+            return quadric.mean(p) + 0.01 * square(minus(p, near));
+        };
+        for (int k = 0; k < 20; ++k) {
+            REQUIRE(cost(*lowest) <= cost(along(*lowest, k < 10 ? 0.01 : 0.5, point())) + 1e-12);
+        }
+    }
+}
+
+TEST_CASE("A collapse into another place looks at the triangles and folds that it makes") {
+    std::mt19937 random(11);
+    std::uniform_real_distribution<double> share(-1, 1);
+    int looked = 0;
+    int folded = 0;
+    for (int i = 0; i < 3000; ++i) {
+        const Patch patch = torus(9, 7, 4, 1.5, 0.3);
+        std::vector<bool> locked(patch.positions.size());
+        CornerMesh mesh(patch.positions.size(), patch.triangles, locked);
+        StarCollapse half(patch.positions, patch.box, patch.shared, locked, mesh);
+        PlacedCollapse placed(patch.positions, patch.box, patch.shared, mesh);
+        const PatchTriangle& t = patch.triangles[random() % patch.triangles.size()];
+        if (!half.look(t[0], t[1])) {
+            continue;
+        }
+        const auto& p = patch.positions[t[1]];
+        const auto moved = [&](float x) { return x + static_cast<float>(share(random)); };
+        const std::array<float, 3> place{moved(p[0]), moved(p[1]), moved(p[2])};
+        if (!placed.look(half, place)) {
+            continue;
+        }
+        ++looked;
+        // The whole mesh before and after, and its sharpest edges among those of changed triangles.
+        const auto sharpest = [&](const std::vector<std::array<float, 3>>& positions,
+                                  const std::vector<PatchTriangle>& triangles, std::uint32_t end) {
+            const auto normal = [&](const PatchTriangle& c) {
+                const Triangle at = triangle_at(positions, c);
+                return StarCollapse::normal(at[0], at[1], at[2]);
+            };
+            const auto has = [&](const PatchTriangle& c, std::uint32_t v) {
+                return c[0] == v || c[1] == v || c[2] == v;
+            };
+            float least = 1;
+            for (const PatchTriangle& a : triangles) {
+                if (!has(a, t[1]) && !has(a, end)) {
+                    continue;
+                }
+                for (const PatchTriangle& b : triangles) {
+                    const auto common = std::count_if(a.begin(), a.end(),
+                                                      [&](std::uint32_t v) { return has(b, v); });
+                    if (common == 2) {
+                        least = std::min(least, StarCollapse::cosine(normal(a), normal(b)));
+                    }
+                }
+            }
+            return least;
+        };
+        std::vector<std::array<float, 3>> positions = patch.positions;
+        positions[t[1]] = place;
+        std::vector<PatchTriangle> after;
+        for (PatchTriangle c : patch.triangles) {
+            std::replace(c.begin(), c.end(), t[0], t[1]);
+            if (c[0] != c[1] && c[1] != c[2] && c[2] != c[0]) {
+                after.push_back(c);
+            }
+        }
+        REQUIRE(after.size() + 2 == patch.triangles.size());
+        REQUIRE(placed.after().size() + 2 == placed.before().size());
+        for (const PlacedCollapse::Placed& one : placed.after()) {
+            REQUIRE(one.at == triangle_at(positions, one.corners));
+            REQUIRE(std::any_of(after.begin(), after.end(), [&](const PatchTriangle& c) {
+                return from_smallest(c) == from_smallest(one.corners);
+            }));
+        }
+        const float before_fold = sharpest(patch.positions, patch.triangles, t[0]);
+        const float after_fold = sharpest(positions, after, t[1]);
+        for (const float least : {0.7F, 0.0F, -0.5F}) {
+            const bool is_fine = after_fold >= least || after_fold >= before_fold;
+            REQUIRE(placed.has_no_new_fold(half, least) == is_fine);
+            folded += is_fine ? 0 : 1;
+        }
+    }
+    REQUIRE(looked > 300);
+    REQUIRE(folded > 100);
 }

@@ -60,7 +60,7 @@ void DistanceStage::run(StageMesh& mesh, ExtractReport& report) {
     const double first = first_limit(query, limit);
     report_full(mesh, report);
     {
-        MeshSimplifier simplifier(mesh.vertices(), mesh.elements(), world_lattice(volume, query),
+        MeshSimplifier simplifier(mesh.growing(), mesh.elements(), world_lattice(volume, query),
                                   world_box(query), scratch, progress);
         const Simplified result = simplified(volume, query, simplifier, mesh, scratch, first);
         choose(simplifier, result, mesh);

@@ -40,6 +40,8 @@ class StageMesh {
         elements_ = elements;
         owner_ = std::move(owner);
     }
+    /// For a stage that adds vertices, which its elements then have.
+    [[nodiscard]] ScratchMesh& growing() { return *vertices_; }
     /// Another mesh, all of it.
     void replace(std::shared_ptr<ScratchMesh> mesh) {
         elements_ = mesh->corners();

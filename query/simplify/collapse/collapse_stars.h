@@ -15,13 +15,16 @@
 
 namespace isonest::detail {
 
+/// Cosine of the angle between normals from which on an edge is a fold where triangles are
+/// measured: 120 degrees. At 72 degrees, 6 to 15 % more triangles are left, and hardly fewer edges
+/// above 150 degrees.
+inline constexpr float kMostMeasuredFold = -0.5F;
+
 /// Looks at a collapse. Whether it leaves the topology, makes no new fold and turns no triangle
 /// far, so that it is worth measuring what its triangles are near to.
 inline bool may_be_measured(StarCollapse& collapse, std::uint32_t from, std::uint32_t to) {
-    // Cosine of 120 degrees. At 72 degrees, 6 to 15 % more triangles are left, and hardly fewer
-    // edges above 150 degrees.
-    constexpr float kFold = -0.5F;
-    return collapse.look(from, to) && collapse.has_no_new_fold(kFold) && collapse.turns_little();
+    return collapse.look(from, to) && collapse.has_no_new_fold(kMostMeasuredFold) &&
+           collapse.turns_little();
 }
 
 /// Whether none of the corners is locked.

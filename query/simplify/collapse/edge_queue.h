@@ -42,7 +42,7 @@ class EdgeQueue {
     };
 
     /// Edges whose error is larger than `most` (world units, squared) never come. The arguments
-    /// have to stay.
+    /// have to stay; positions of vertices that edges were collapsed into may change.
     EdgeQueue(std::span<const std::array<float, 3>> positions, const CornerMesh& mesh, float most);
 
     /// From now on the edges from `v` are waiting.
@@ -57,6 +57,15 @@ class EdgeQueue {
     }
     /// Of the edge that came last.
     [[nodiscard]] std::size_t bin() const { return lowest_; }
+    /// Where the surface changes least if both vertices go there.
+    [[nodiscard]] std::optional<Double3> lowest(std::uint32_t from, std::uint32_t to) const {
+        Quadric both = quadrics_[from];
+        both.add(quadrics_[to]);
+        const std::optional<Double3> p = both.lowest(at(to));
+        return p ? std::optional(
+                       Double3{(*p)[0] + origin_[0], (*p)[1] + origin_[1], (*p)[2] + origin_[2]})
+                 : std::nullopt;
+    }
     /// `from` was collapsed into `to`, around which `ring` lies; the edges there wait again, but
     /// for those from vertices that are locked.
     void collapsed(std::uint32_t from, const CornerMesh::Ring& ring,

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <algorithm>
+#include <optional>
 
 #include "query/simplify/proof/point_triangle.h"
 
@@ -47,6 +48,30 @@ class Quadric {
                            p[1] * (yy_ * p[1] + 2 * (yz_ * p[2] + y_)) +
                            p[2] * (zz_ * p[2] + 2 * z_) + c_;
         return weight_ > 0 ? std::max(sum, 0.0) / weight_ : 0;
+    }
+    /// Where the mean, plus a hundredth of the squared distance from `near`, is least: so along
+    /// planes that are nearly the same it stays near. Nothing: there are no planes.
+    [[nodiscard]] std::optional<Double3> lowest(const Double3& near) const {
+        constexpr double kHold = 1e-2;
+        const double hold = kHold * weight_;
+        const double xx = xx_ + hold;
+        const double yy = yy_ + hold;
+        const double zz = zz_ + hold;
+        const Double3 r{hold * near[0] - x_, hold * near[1] - y_, hold * near[2] - z_};
+        // By Cramer's rule.
+        const double of_xx = yy * zz - yz_ * yz_;
+        const double of_xy = xz_ * yz_ - xy_ * zz;
+        const double of_xz = xy_ * yz_ - xz_ * yy;
+        const double of_yy = xx * zz - xz_ * xz_;
+        const double of_yz = xy_ * xz_ - xx * yz_;
+        const double of_zz = xx * yy - xy_ * xy_;
+        const double determinant = xx * of_xx + xy_ * of_xy + xz_ * of_xz;
+        if (!(determinant > 0)) {
+            return std::nullopt;
+        }
+        return Double3{(of_xx * r[0] + of_xy * r[1] + of_xz * r[2]) / determinant,
+                       (of_xy * r[0] + of_yy * r[1] + of_yz * r[2]) / determinant,
+                       (of_xz * r[0] + of_yz * r[1] + of_zz * r[2]) / determinant};
     }
 
   private:

@@ -11,8 +11,6 @@ namespace {
 constexpr std::uint32_t kNone = CornerMesh::kNone;
 /// A triangle is thin if its height is less than this part of its longest edge: 5 degrees, nearly.
 constexpr float kThin = 0.087F;
-/// A triangle's normal may not turn further than to this cosine by one collapse.
-constexpr float kLeastCosine = 0.1F;
 
 /// Twice the area over the square of the longest edge: the sine of the smallest angle, nearly.
 float thickness(const Double3& a, const Double3& b, const Double3& c) {
@@ -174,6 +172,16 @@ bool StarCollapse::turns_little() const {
         }
     }
     return true;
+}
+
+void StarCollapse::take_moved() {
+    const std::uint32_t to = ring_.vertices[place_];
+    mesh_.collapse(ring_, place_);
+    mesh_.ring_of(to, ring_);
+    for (const std::uint32_t h : ring_.halves) {
+        const PatchTriangle t = mesh_.corners(h / 3);
+        normals_[h / 3] = normal(point(t[0]), point(t[1]), point(t[2]));
+    }
 }
 
 void StarCollapse::take() {

@@ -32,7 +32,7 @@ struct Star {
 class StarCollapse {
   public:
     /// `positions`, `shared` and `locked` are of the patch's vertices, as in Patch. All but the box
-    /// have to stay.
+    /// have to stay; positions may change as take_moved() says.
     StarCollapse(std::span<const std::array<float, 3>> positions, const PatchBox& box,
                  const std::vector<bool>& shared, const std::vector<bool>& locked,
                  CornerMesh& mesh);
@@ -43,6 +43,13 @@ class StarCollapse {
     [[nodiscard]] bool look(std::uint32_t from, std::uint32_t to);
     /// The faces of the box that a vertex lies in, as bits.
     [[nodiscard]] unsigned faces_of(std::uint32_t v) const;
+    using Normal = std::array<float, 3>;
+    /// That of a triangle of the patch, of length 1, or 0.
+    [[nodiscard]] const Normal& normal_of(std::uint32_t triangle) const {
+        return normals_[triangle];
+    }
+    static Normal normal(const Double3& a, const Double3& b, const Double3& c);
+    static float cosine(const Normal& a, const Normal& b);
 
     // After look() was true:
 
@@ -68,6 +75,8 @@ class StarCollapse {
     /// more than this after, or than before. False where a triangle that is not in the patch may
     /// lie across one of them. `least`: cosine of the angle between two normals.
     [[nodiscard]] bool has_no_new_fold(float least);
+    /// A triangle's normal may not turn further than to this cosine by one collapse: 84 degrees.
+    static constexpr float kLeastCosine = 0.1F;
     /// Whether all new triangles have an area, also in float32, and their normals are less than 84
     /// degrees from those of the old triangles in whose places they are. REQUIRES:
     /// has_no_new_fold() was asked.
@@ -75,15 +84,14 @@ class StarCollapse {
 
     /// Makes the collapse: ring() is that of `to` then. REQUIRES: has_no_new_fold() was true.
     void take();
+    /// The same where `to` has another position by now, which changes all triangles around it.
+    void take_moved();
 
   private:
-    using Normal = std::array<float, 3>;
     [[nodiscard]] Double3 point(std::uint32_t v) const {
         const auto& p = positions_[v];
         return {static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])};
     }
-    static Normal normal(const Double3& a, const Double3& b, const Double3& c);
-    static float cosine(const Normal& a, const Normal& b);
     [[nodiscard]] bool stays_in_faces(std::uint32_t from, std::uint32_t to);
     void turn_ring();
 

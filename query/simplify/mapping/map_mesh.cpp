@@ -151,7 +151,7 @@ void MeshMapper::append(Run& run, const MappedBlock& block) {
 
 /// Into blocks of their own.
 void MeshMapper::sort(Run& run) {
-    BlockGrid grid(lattice_, mesh_.positions(), run.third, folder_);
+    BlockGrid grid(lattice_, mesh_, run.third, folder_);
     const auto full = run.full.unsorted();
     const auto mesh = run.mesh.unsorted();
     for (const ElementCorners& t : run.triangles) {

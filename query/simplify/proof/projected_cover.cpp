@@ -216,20 +216,31 @@ void ProjectedCover::visit(std::uint32_t triangle) {
     }
 }
 
-std::optional<double> ProjectedCover::covers(const PatchTriangle& triangle) {
-    const auto point = [&](std::uint32_t v) {
-        const auto& p = positions_[v];
-        return Double3{static_cast<double>(p[0]), static_cast<double>(p[1]),
-                       static_cast<double>(p[2])};
-    };
-    look_at({point(triangle[0]), point(triangle[1]), point(triangle[2])});
-    ++question_;
+/// False: there is nothing to begin with. Whatever is begun with, that all is followed across edges
+/// over the triangle makes the degree the same everywhere.
+bool ProjectedCover::begin(const Triangle& triangle, std::uint32_t near) {
     stack_.clear();
-    const std::uint32_t first = start(triangle[0]);
-    if (first == kNone) {
+    const auto& p = positions_[near];
+    if (Double3{static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])} ==
+        triangle[0]) {
+        const std::uint32_t first = start(near);
+        if (first != kNone) {
+            visit(first);
+        }
+    } else {
+        for (std::uint32_t i = first_[near]; i < first_[near + 1]; ++i) {
+            visit(around_[i]);
+        }
+    }
+    return !stack_.empty();
+}
+
+std::optional<double> ProjectedCover::covers(const Triangle& triangle, std::uint32_t near) {
+    look_at(triangle);
+    ++question_;
+    if (!begin(triangle, near)) {
         return std::nullopt;
     }
-    visit(first);
     double highest = 0;
     int degree = 0;
     for (std::size_t next = 0; next < stack_.size(); ++next) {

@@ -1,7 +1,7 @@
-// Whether a triangle lies near to a surface that has its corners, by looking straight down on it.
+// Whether a triangle lies near to a surface, by looking straight down on it.
 //
-// The surface is followed from a corner of the triangle, across all edges whose projection to the
-// triangle's plane meets the triangle. If none of these is a border, the projection of what was
+// The surface is followed from near a corner of the triangle, across all edges whose projection to
+// the triangle's plane meets the triangle. If none of these is a border, the projection of what was
 // followed has no border inside the triangle, so the number of times (front sides minus back
 // sides) that it lies over a point is the same for all points of the triangle: the degree of a
 // map (J. Milnor, "Topology from the Differentiable Viewpoint", 1965, section 5). If it is not 0
@@ -27,8 +27,10 @@ class ProjectedCover {
                    std::span<const PatchTriangle> surface, double limit);
 
     /// A distance, at most the limit, within which all points of the triangle are from the surface.
-    /// Nothing: it is not certain that there is one. REQUIRES: it has an area.
-    [[nodiscard]] std::optional<double> covers(const PatchTriangle& triangle);
+    /// Nothing: it is not certain that there is one. `near`: a vertex of the surface, which is
+    /// followed from there: the one at the first corner, or one that is near to the triangle.
+    /// REQUIRES: it has an area.
+    [[nodiscard]] std::optional<double> covers(const Triangle& triangle, std::uint32_t near);
 
   private:
     /// Seen from above: where in the plane, how far inside of the three edges, and how high.
@@ -50,6 +52,7 @@ class ProjectedCover {
     [[nodiscard]] int turns_around_middle(const SeenTriangle& t) const;
     [[nodiscard]] std::uint32_t beyond(std::uint32_t triangle, std::size_t edge) const;
     std::uint32_t start(std::uint32_t vertex);
+    bool begin(const Triangle& triangle, std::uint32_t near);
     void visit(std::uint32_t triangle);
 
     std::span<const std::array<float, 3>> positions_;

@@ -14,8 +14,10 @@ constexpr int kMostListCuts = 6;  ///< of a fine triangle, one in the other
 
 }  // namespace
 
-ServerLists::ServerLists(const Patch& patch, double limit)
+ServerLists::ServerLists(const Patch& patch, std::span<const std::array<float, 3>> positions,
+                         double limit)
     : patch_(patch),
+      positions_(positions),
       limit_(limit),
       square_limit_(limit * limit),
       only_(patch.fine.size(), kNoServer),
@@ -139,7 +141,8 @@ bool ServerLists::fits_one(std::uint32_t fine, const CornerMesh& mesh) {
     }
     for (const std::uint32_t other : servers_of(fine)) {
         if (!is_changed(other)) {
-            servers_.push_back({other, PreparedTriangle(patch_.at(mesh.corners(other)))});
+            servers_.push_back(
+                {other, PreparedTriangle(triangle_at(positions_, mesh.corners(other)))});
         }
     }
     const bool fits = fits_cut(patch_.at(t), 0);
@@ -158,7 +161,7 @@ bool ServerLists::fits(std::uint32_t moved, std::span<const std::uint32_t> befor
     plans_.clear();
     planned_.clear();
     worst_ = 0;
-    bool is_near = false;
+    bool is_near = moved == kNoVertex;
     for (std::size_t i = 0; i < changed_ && !is_near; ++i) {
         is_near = square_to(moved, i) <= square_limit_;
     }

@@ -27,8 +27,8 @@ struct Server {
 /// Not thread-safe.
 class ServerLists {
   public:
-    /// `limit`: > 0, world units. `patch` has to stay.
-    ServerLists(const Patch& patch, double limit);
+    /// `limit`: > 0, world units. `positions`: of the vertices of the mesh. Both have to stay.
+    ServerLists(const Patch& patch, std::span<const std::array<float, 3>> positions, double limit);
 
     /// The fine triangle is near to these, of the patch. Once for each.
     void set(std::uint32_t fine, std::span<const std::uint32_t> servers);
@@ -37,7 +37,8 @@ class ServerLists {
 
     /// Whether all that the triangles `before` serve is near to the mesh still when they are
     /// replaced by `after`, whose places are some of theirs. `moved`: a vertex of the full surface
-    /// that is gone then; where it is far, the answer comes soon. `mesh`: the patch before.
+    /// that is gone then, or kNoVertex; where it is far, the answer comes soon. `mesh`: the patch
+    /// before.
     /// May be false where a search among more triangles than these found something.
     bool fits(std::uint32_t moved, std::span<const std::uint32_t> before,
               std::span<const Server> after, const CornerMesh& mesh);
@@ -71,6 +72,7 @@ class ServerLists {
     [[nodiscard]] bool is_changed(std::uint32_t triangle) const;
 
     const Patch& patch_;
+    std::span<const std::array<float, 3>> positions_;
     double limit_;
     double square_limit_;
     std::vector<std::uint32_t>
