@@ -145,6 +145,10 @@ bool has(const Wishes& wishes, Wish wish) {
     return wishes[static_cast<std::size_t>(wish)];
 }
 
+bool fits(const Combination& row, const Wishes& wishes) {
+    return has(wishes, row.wish) && has(wishes, row.with);
+}
+
 bool is_flat(const StoreReader& store) {
     return store.layout().lattice().dimension() == 2;
 }
@@ -358,9 +362,15 @@ Cells cells_of(const Wishes& wishes) {
     return has(wishes, Wish::hexahedra) ? Cells::hexahedra : Cells::tetrahedra;
 }
 
+bool needs_store(const Wishes& wishes) {
+    return std::any_of(kRefused.begin(), kRefused.end(), [&](const Combination& row) {
+        return row.remedy == RemedyKind::make_store && fits(row, wishes);
+    });
+}
+
 void require_combination(const Wishes& wishes, const std::string& name) {
     for (const Combination& row : kRefused) {
-        if (has(wishes, row.wish) && has(wishes, row.with)) {
+        if (fits(row, wishes)) {
             std::vector<Remedy> remedies;
             if (row.remedy) {
                 remedies.push_back({*row.remedy});

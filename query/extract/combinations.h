@@ -81,6 +81,9 @@ Wishes wishes_of(const SurfaceQuery& query);
 /// Those that are asked for, or that suit the wishes best.
 Cells cells_of(const Wishes& wishes);
 
+/// Whether what is wished from a volume without a store needs one.
+bool needs_store(const Wishes& wishes);
+
 /// Throws Error{invalid_argument} with the reason of the first row that fits. `name`: of the store,
 /// or empty.
 void require_combination(const Wishes& wishes, const std::string& name);

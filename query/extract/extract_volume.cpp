@@ -8,15 +8,18 @@
 #include <algorithm>
 #include <chrono>
 #include <memory>
+#include <optional>
 
 #include <isonest/march.h>
 
 #include "query/apart/keep_apart.h"
+#include "query/extract/combinations.h"
 #include "query/extract/extraction.h"
 #include "query/mesh/measuring_sink.h"
 #include "query/mesh/rotated_sink.h"
 #include "query/slabs/each_slab.h"
 #include "query/slabs/slab_part.h"
+#include "query/slabs/slab_plan.h"
 #include "query/slabs/value_range.h"
 #include "store/base/workers.h"
 #include "store/container/extent.h"
@@ -131,6 +134,15 @@ ExtractReport extract(VolumeSource& volume, const SurfaceQuery& query, MeshSink&
         extract_along_axes(volume, description, query, turning, options, progress);
     add_turned_rounding(turning, description.spacing, report);
     return report;
+}
+
+std::optional<std::uint64_t> march_memory(VolumeSource& volume, const SurfaceQuery& query) {
+    using namespace detail;
+    const VolumeDescription description = volume.describe();
+    if (!is_marchable(description) || needs_store(wishes_of(description, query))) {
+        return std::nullopt;
+    }
+    return least_slab_memory(SlabReader(volume), description, least_parts(description.nodes));
 }
 
 }  // namespace isonest

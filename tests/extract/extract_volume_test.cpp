@@ -243,10 +243,13 @@ TEST_CASE("What needs a store is refused, and told how to get one") {
     const auto refused = [&](const std::function<void(SurfaceQuery&)>& ask) {
         SurfaceQuery query = at(0.25);
         ask(query);
+        const bool has_memory = march_memory(volume, query).has_value();
         try {
             MeshCollector mesh;
             extract_volume(volume, query, mesh);
+            CHECK(has_memory);
         } catch (const Error& error) {
+            CHECK_FALSE(has_memory);
             return error.kind() == ErrorKind::invalid_argument &&
                    error.remedies() == std::vector<Remedy>{{RemedyKind::make_store}};
         }
@@ -282,7 +285,16 @@ TEST_CASE("What needs a store is refused, and told how to get one") {
     FunctionVolume<float> flat({9, 1, 9}, ball);
     MeshCollector mesh;
     CHECK_THROWS_WITH(extract_volume(flat, at(0.25), mesh), Catch::Contains("need a store"));
-    CHECK_THROWS_AS(extract_volume(volume, at(0.25), mesh, 1, 1000), Error);
+    CHECK_FALSE(march_memory(flat, at(0.25)));
+}
+
+TEST_CASE("The least memory of a volume that is marched is enough, and less is refused") {
+    FunctionVolume<float> volume({44, 45, 46}, ball);
+    volume.granularity_ = {8, 4};
+    const std::uint64_t least = march_memory(volume, at(0.25)).value();
+    MeshCollector mesh;
+    CHECK(extract_volume(volume, at(0.25), mesh, 0, least).triangles > 0);
+    CHECK_THROWS_AS(extract_volume(volume, at(0.25), mesh, 0, least - 1), Error);
 }
 
 TEST_CASE("A mesh file that is one of the volume's own files is refused, and left alone") {

@@ -274,7 +274,7 @@ def test_a_slice_of_another_shape_is_refused(store_path):
         isonest.preprocess(Short(numbers("uint8")), store_path)
 
 
-@pytest.mark.parametrize("kind", ["memmap", "h5py"])
+@pytest.mark.parametrize("kind", ["memmap", "h5py", "surface"])
 def test_a_volume_larger_than_the_memory_is_not_copied(tmp_path, kind):
     """In a process that may have 160 MB beside what importing takes, a volume of 216 MB."""
     if kind == "h5py":
@@ -294,12 +294,17 @@ def test_a_volume_larger_than_the_memory_is_not_copied(tmp_path, kind):
             volume = h5py.File(folder + "/a.h5")["a"]
         else:
             volume = np.memmap(folder + "/a", "u1", "w+", shape=shape)
-            volume[7::9, 5::7] = 200
+            part = np.s_[100:150, 200:250, :] if kind == "surface" else np.s_[7::9, 5::7]
+            volume[part] = 200
             volume.flush()
         used = int(open("/proc/self/status").read().split("VmData:")[1].split()[0]) * 1024
         resource.setrlimit(resource.RLIMIT_DATA, (used + (160 << 20), resource.RLIM_INFINITY))
-        report = isonest.preprocess(volume, folder + "/x.isonest", memory="100M", chunk=32, threads=2)
-        assert report.input_bytes == 216_000_000
+        if kind == "surface":
+            mesh = isonest.isosurface(volume, 100, distance=0.5, memory="100M", threads=2)
+            assert 12 <= len(mesh.faces) < 1000 < mesh.report.full_triangles
+        else:
+            report = isonest.preprocess(volume, folder + "/x.isonest", memory="100M", chunk=32, threads=2)
+            assert report.input_bytes == 216_000_000
         try:
             np.ones(216_000_000, "u1")
         except MemoryError:

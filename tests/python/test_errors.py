@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 import types
 
@@ -221,6 +222,36 @@ def test_ctrl_c_ends_the_call_for_small_data_and_removes_its_folder(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("kind", ["slices", "array"])
+def test_ctrl_c_ends_a_surface_without_a_store_and_leaves_no_file(tmp_path, kind):
+    call = "isonest.isosurface(volume, 0.5, scratch=sys.argv[1], distance=0.5, " \
+           "progress=lambda *_: print('at work', flush=True))"
+    child = subprocess.Popen([sys.executable, "-c", INTERRUPTED.format(call=call), tmp_path, kind],
+                             stdout=subprocess.PIPE, text=True)
+    lines = iter(child.stdout.readline, "")
+    assert [next(lines), next(lines)] == ["begins\n", "at work\n"]
+    begin = time.monotonic()
+    child.send_signal(signal.SIGINT)
+    out, _ = child.communicate(timeout=30)
+    assert child.returncode == 5 and out.endswith("KeyboardInterrupt builtins\n")
+    assert time.monotonic() - begin < 5
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_progress_raises_ends_the_stages_of_a_surface(tmp_path):
+    volume = np.random.default_rng(0).random((90, 90, 90), np.float32)
+    seen = []
+
+    def stop(phase, *_):
+        seen.append(phase)
+        if phase != seen[0]:
+            raise Stop
+
+    with pytest.raises(Stop):
+        isonest.isosurface(volume, 0.5, distance=0.5, scratch=tmp_path, progress=stop)
+    assert not list(tmp_path.iterdir())
+
+
 class Stop(Exception):
     """Whatever ends a run."""
 
@@ -269,6 +300,27 @@ def test_the_temporary_folder_is_removed(tmp_path, noise):
     with pytest.raises(isonest.Error):
         isonest.isosurface(noise, 0.3, scratch=tmp_path, error=-1)
     assert not list(tmp_path.iterdir())
+    with pytest.raises(isonest.Error, match="none"):
+        isonest.isosurface(noise, 0.3, scratch=tmp_path / "none", distance=0.5)
+
+
+def test_others_work_while_a_surface_is_simplified(noise):
+    volume = np.tile(noise, (4, 4, 4))
+    counted, ended = 0, threading.Event()
+
+    def surface():
+        isonest.isosurface(volume, 0.3, distance=0.5, effort="fast", threads=1)
+        ended.set()
+
+    worker = threading.Thread(target=surface)
+    worker.start()
+    begin = time.monotonic()
+    while not ended.is_set():
+        time.sleep(0.001)
+        counted += 1
+    seconds = time.monotonic() - begin
+    worker.join()
+    assert counted > 50 * seconds
 
 
 def test_the_store_is_that_of_the_program(tmp_path, noise):

@@ -1,6 +1,5 @@
 """Surfaces beside scikit-image's marching cubes, which knows nothing of isonest."""
 import gc
-import zipfile
 
 import numpy as np
 import pytest
@@ -156,109 +155,6 @@ def test_no_surface_is_an_empty_mesh(noise):
     assert mesh.report.area == 0 and mesh.report.volume == 0
 
 
-def whole(mesh):
-    """Its triangles as a sorted array of corners with normals, each from its smallest corner on."""
-    corners = np.hstack([mesh.vertices, mesh.normals])[mesh.faces]
-    first = [min(range(3), key=lambda k, t=t: tuple(t[k])) for t in corners]
-    turned = np.array([np.roll(t, -k, axis=0) for t, k in zip(corners, first)]).reshape(len(corners), -1)
-    return turned[np.lexsort(turned.T)]
-
-
-def same_surface(ours, stored):
-    assert len(ours.vertices) == len(stored.vertices) > 0
-    np.testing.assert_array_equal(whole(ours), whole(stored))
-    assert ours.report.area == stored.report.area
-
-
-def from_store(volume, iso, path, *, spacing=None, missing=None, **query):
-    isonest.preprocess(volume, path, spacing=spacing, missing=missing)
-    with isonest.open(path) as store:
-        return store.isosurface(iso, cells="hex", **query)
-
-
-@pytest.mark.parametrize("dtype", ["u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8", "f2", "i8", "?", ">f4", ">i2"])
-def test_an_array_has_the_surface_of_its_store(store_path, noise, dtype):
-    small = (noise[:21, :18, :15] * 12).astype("i1")
-    volume = np.abs(small).astype(dtype) if dtype in ("u1", "u2", "u4") else small.astype(dtype)
-    volume = small > 3 if dtype == "?" else volume
-    for iso in ([0.5] if dtype == "?" else [3.0, 3.5]):
-        same_surface(isonest.isosurface(volume, iso, spacing=(2, 1, 0.5)),
-                     from_store(volume, iso, store_path.with_suffix(f".{iso}"), spacing=(2, 1, 0.5)))
-
-
-LAYOUTS = {
-    "Fortran": np.asfortranarray, "backwards": lambda v: v[::-1, ::-1, ::-1], "a part": lambda v: v[1::2, :, 2:-1],
-    "turned": lambda v: v.transpose(2, 0, 1), "a view of one plane": lambda v: np.broadcast_to(v[5], v.shape),
-    "masked": lambda v: np.ma.masked_greater(v, 1.0), "with holes": lambda v: np.where(v > 1.0, np.nan, v),
-}
-
-
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_an_array_of_any_layout_has_the_surface_of_its_store(store_path, noise, layout):
-    volume = LAYOUTS[layout](noise)
-    ours = isonest.isosurface(volume, 0.3)
-    same_surface(ours, from_store(volume, 0.3, store_path))
-    again = isonest.isosurface(volume, 0.3, threads=1, memory="16M")
-    np.testing.assert_array_equal(again.vertices, ours.vertices)
-    np.testing.assert_array_equal(again.faces, ours.faces)
-    np.testing.assert_array_equal(again.normals, ours.normals)
-
-
-def test_files_and_datasets_are_marched_as_arrays_are(tmp_path, noise):
-    ours = isonest.isosurface(noise, 0.3, missing=0.25)
-    np.save(tmp_path / "v.npy", noise)
-    for volume in (np.load(tmp_path / "v.npy", mmap_mode="r"), tmp_path / "v.npy"):
-        mesh = isonest.isosurface(volume, 0.3, missing=0.25)
-        np.testing.assert_array_equal(mesh.vertices, ours.vertices)
-        np.testing.assert_array_equal(mesh.faces, ours.faces)
-
-
-def test_at_full_resolution_an_array_needs_no_store(tmp_path, noise, monkeypatch):
-    def refuse(*_, **__):
-        raise AssertionError("a store is made")
-
-    monkeypatch.setattr(isonest, "preprocess", refuse)
-    hexahedra = isonest.isosurface(noise, 0.3, scratch=tmp_path / "none")
-    for query in ({"cells": "hex"}, {"cells": "hexahedra"}, {"error": 0}, {"close": None}, {"quality": True},
-                  {"box": None}, {"threads": 1}):
-        np.testing.assert_array_equal(isonest.isosurface(noise, 0.3, **query).faces, hexahedra.faces)
-    assert isonest.isosurface(noise, 0.3, quality=True).report.quality.median > 20
-    assert isonest.isosurface(noise, 0.3, normals=False).normals is None
-    world = isonest.isosurface(noise, 0.3, coordinates="world", gradient_direction="ascent")
-    np.testing.assert_array_equal(world.vertices, hexahedra.vertices[:, ::-1])
-    np.testing.assert_array_equal(world.faces, hexahedra.faces[:, ::-1])
-    several = isonest.isosurface(noise, [0.3, -0.2])
-    np.testing.assert_array_equal(several[0].vertices, hexahedra.vertices)
-    assert len(several) == 2 and len(several[1].faces) > 0
-    for query in ({"cells": "tet"}, {"error": 0.1}, {"distance": 0.5}, {"triangles": 100}, {"close": True},
-                  {"box": ((0, 0, 0), (9, 9, 9))}, {"components": "largest"}, {"simplify": True}):
-        with pytest.raises(AssertionError, match="a store is made"):
-            isonest.isosurface(noise, 0.3, **query)
-    for wrong, error in (({"cells": "cubes"}, ValueError), ({"errors": 1}, TypeError), ({"unit": "ell"}, ValueError),
-                         ({"coordinates": "x"}, ValueError), ({"gradient_direction": "x"}, ValueError)):
-        with pytest.raises(error):
-            isonest.isosurface(noise, 0.3, **wrong)
-
-
-def test_cells_are_hexahedra_where_they_can_be(noise, store_path):
-    isonest.preprocess(noise, store_path)
-    store = isonest.open(store_path)
-    for query in ({"box": ((0, 0, 0), (20, 20, 20))}, {"components": "largest"}, {"triangles": 500}, {"distance": 0.3},
-                  {"close": True}, {"close": "above", "distance": 0.4, "box": ((0, 0, 0), (20, 20.5, 20))}):
-        np.testing.assert_array_equal(isonest.isosurface(noise, 0.3, **query).faces,
-                                      store.isosurface(0.3, cells="hex", **query).faces)
-    for query in ({"error": 0.2}, {"close": True, "error": 0.2}):
-        np.testing.assert_array_equal(isonest.isosurface(noise, 0.3, **query).faces,
-                                      store.isosurface(0.3, cells="tet", **query).faces)
-
-
-def test_a_unit_is_that_of_the_file(tmp_path, noise):
-    isonest.isosurface(noise, 0.3, unit="mm", spacing=(2, 1, 0.5)).save(tmp_path / "a.3mf")
-    with zipfile.ZipFile(tmp_path / "a.3mf") as archive:
-        assert b'unit="millimeter"' in archive.read("3D/3dmodel.model")
-    assert isonest.isosurface(noise, 0.3, unit="um", distance="500nm").report.distance == 0.5
-
-
 def test_a_map_has_lines():
     volume = ball((30, 40), 10)
     mesh = isonest.isosurface(volume, 0.0, normals=False)
@@ -292,7 +188,7 @@ def test_any_number_of_threads_gives_the_same_mesh(store_path, noise):
     np.testing.assert_array_equal(one.faces, two.faces)
 
 
-def test_a_rotated_volume_is_the_same_in_array_coordinates(tmp_path):
+def test_a_rotated_volume_is_the_same_in_array_coordinates(tmp_path, monkeypatch):
     """The corners of the world's mesh are those of the array's, turned about the origin."""
     matrix, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
     matrix *= np.linalg.det(matrix)
@@ -316,6 +212,17 @@ def test_a_rotated_volume_is_the_same_in_array_coordinates(tmp_path):
         store.isosurface(6.05, box=((0, 0, 0), (5, 5, 5)))
     cut = store.slice((1, 0, 0), 6, coordinates="array")
     np.testing.assert_allclose(cut.vertices[:, 0], 6, atol=1e-5)
+    with monkeypatch.context() as without:  # a store
+        without.delattr(isonest, "preprocess")
+        found, plain = isonest.isosurface(tmp_path / "v.nrrd", 6.05), isonest.isosurface(data, 6.05)
+        np.testing.assert_array_equal(found.faces, plain.faces)
+        np.testing.assert_allclose(found.vertices, plain.vertices, atol=1e-5)
+        np.testing.assert_allclose(found.normals, plain.normals, atol=1e-5)
+        np.testing.assert_allclose(found.in_world().vertices, plain.vertices[:, ::-1] @ matrix.T + (10, 20, 30),
+                                   atol=1e-4)
+        near = isonest.isosurface(tmp_path / "v.nrrd", 6.05, distance=0.3)
+        assert 0 < len(near.faces) < len(found.faces) / 4
+        assert spatial.cKDTree(plain.vertices).query(near.vertices)[0].max() < 0.3 + 1
 
 
 def test_labels_and_the_surface_of_one(tmp_path):

@@ -55,11 +55,17 @@ with tempfile.TemporaryDirectory(prefix="isonest-bench-") as folder:
         "`isosurface(volume, 0.1)`": lambda: len(isonest.isosurface(volume, ISO).faces),
         "`isosurface(volume, 0.1, normals=False)`": lambda: len(isonest.isosurface(volume, ISO, normals=False).faces),
         '`isosurface(volume, 0.1, cells="tet")`': lambda: len(isonest.isosurface(volume, ISO, cells="tet").faces),
+        "`isosurface(volume, 0.1, distance=0.5)`": lambda: len(isonest.isosurface(volume, ISO, distance=0.5).faces),
+        '`isosurface(volume, 0.1, distance=0.5, effort="fast")`':
+            lambda: len(isonest.isosurface(volume, ISO, distance=0.5, effort="fast").faces),
         "`isosurface(volume, 0.1, error=0.03)`": lambda: len(isonest.isosurface(volume, ISO, error=0.03).faces),
         "`preprocess(volume, ...)`": lambda: isonest.preprocess(volume, path + "2", replace=True) and None,
         "`store.isosurface(0.1)`": lambda: len(store.isosurface(ISO).faces),
         "`store.isosurface(0.1, normals=False)`": lambda: len(store.isosurface(ISO, normals=False).faces),
         '`store.isosurface(0.1, cells="hexahedra")`': lambda: len(store.isosurface(ISO, cells="hexahedra").faces),
+        "`store.isosurface(0.1, distance=0.5)`": lambda: len(store.isosurface(ISO, distance=0.5).faces),
+        '`store.isosurface(0.1, distance=0.5, effort="fast")`':
+            lambda: len(store.isosurface(ISO, distance=0.5, effort="fast").faces),
         "`store.isosurface(0.1, error=0.03)`": lambda: len(store.isosurface(ISO, error=0.03).faces),
         "`store.isosurface(0.1, error=0.3)`": lambda: len(store.isosurface(ISO, error=0.3).faces),
         "`store.slice((1, 0, 0), 35)`": lambda: len(store.slice((1, 0, 0), 35).faces),

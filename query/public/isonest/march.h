@@ -56,9 +56,11 @@ ExtractReport march_hexahedra(VolumeSource& volume, const MarchQuery& query, Mes
 
 /// The surface into a sink, with what can be done to a whole mesh: the same mesh as that of
 /// march_hexahedra(), without its components that are not chosen, or simplified within a distance
-/// or to a number of triangles. What needs a store (errors, tetrahedra, boxes, closing ...) is
-/// refused by the table of combinations (tools/MANUAL.md), with RemedyKind::make_store. Axes need
-/// not be along the world's. The mesh is the same for any threads and memory.
+/// or to a number of triangles. (Simplification takes edges that cost about the same in the
+/// order of the mesh, which is not that of a store's: some triangles may be others than from
+/// there.) What needs a store (errors, tetrahedra, boxes, closing ...) is refused by the table of
+/// combinations (tools/MANUAL.md), with RemedyKind::make_store. Axes need not be along the world's.
+/// The mesh is the same for any threads and memory.
 ///
 /// `options.memory` bounds the heap, but what the sink keeps: what grows with the mesh lies in
 /// temporary files. The volume is read once, in ascending order, or where it lies if it is mapped.
@@ -71,6 +73,10 @@ ExtractReport extract(VolumeSource& volume, const SurfaceQuery& query, MeshSink&
 /// Bytes of ExtractOptions::memory that march_hexahedra() needs at least; nothing if the volume has
 /// to become a store, because march_hexahedra() would refuse it as it is.
 std::optional<std::uint64_t> march_memory(VolumeSource& volume);
+/// The same for extract(), which also takes volumes that are not along the world's axes; nothing if
+/// the query needs a store as well: if extract() would refuse it with RemedyKind::make_store.
+/// Stages may need more, as those of a store's surface do. Nothing is read.
+std::optional<std::uint64_t> march_memory(VolumeSource& volume, const SurfaceQuery& query);
 
 /// The smallest and the largest finite value; nothing if there is none. The volume is read once, in
 /// ascending order, or where it lies. Throws Error{limit, cancelled}, and what reading throws.

@@ -14,7 +14,7 @@ import pathlib
 import tempfile
 from typing import Any, Optional, Sequence, Union, overload
 
-from . import _core, _marching, _queries, _sources
+from . import _core, _marching, _sources
 from ._arguments import Bytes, Progress, reporting, to_bytes
 from ._core import (Analysis, CheckReport, Finding, PreprocessReport, Report, SmoothStep, StoredArray, StudyRow,
                     TriangleQuality)
@@ -121,20 +121,21 @@ def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *
     cells: "hex" or "tet". Without a word it is "hex", which gives a third of the triangles, but "tet" where something
         is asked for that is made of tetrahedra: an error, a focus and the like.
 
-    At full resolution, hexahedra are made straight from the volume, which is read once. ``memory`` then bounds what
-    isonest allocates beside the volume and twice the mesh. Everything else needs a store, which is made in the
-    folder ``scratch`` (without it, in the system's) and removed.
+    Hexahedra at full resolution, and what is simplified from them (``distance``, ``triangles``, ``components``,
+    ``min_component``, ``min_volume``), are made straight from the volume, which is read once for each isovalue. What
+    else is asked for needs a store, which is made in the folder ``scratch`` and removed: an error, a threshold or
+    ``simplify``; "tet"; ``close``, ``box``, ``focus``, ``camera``, ``view``, ``bound``; ``vertices``,
+    ``vertex_values`` and ``vertex_error``; ``no_simplify``, ``by="error"``, ``keep_analysis``, ``volume_interval``.
+    So do data in a plane, labels of 64 bits, and chunks of planes that are beyond ``memory``.
+
+    memory: bytes, beside the volume and the mesh (at full resolution, twice the mesh). scratch: the folder for that
+        store and for temporary files; without it, the system's.
     """
-    asked = _marching.asked_beside(query)
-    chosen = _marching.cells_for(asked) if cells is None else cells
-    if cells is not None:
-        _core.SurfaceQuery().set_cells(cells)  # refuses what there is not
-    if chosen in ("hex", "hexahedra") and not asked:
-        options = _queries.options(memory, threads, scratch or "", bool(query.get("quality")))
-        mesh = _marching.march(volume, iso, spacing=spacing, unit=unit, missing=missing, options=options,
-                               progress=progress, **query)
-        if mesh is not None:
-            return mesh
+    mesh = _marching.march(volume, iso, spacing=spacing, unit=unit, missing=missing, cells=cells, memory=memory,
+                           threads=threads, scratch=scratch or "", progress=progress, **query)
+    if mesh is not None:
+        return mesh
+    chosen = _marching.cells_for(query) if cells is None else cells
     indicators = None
     if chosen in ("hex", "hexahedra") and (query.get("error") or query.get("error_relative")):
         indicators = ["deviation_bar", "hex_linf", "hex_deviation"]
@@ -145,8 +146,9 @@ def isosurface(volume: Any, iso: "Union[None, float, Sequence[float]]" = None, *
         with open(path) as store:
             if cells is None and 1 in store.shape:
                 chosen = None  # of data in a plane: lines
-            if iso is None:
+            level: Any = iso
+            if level is None:
                 low, high = store.range or (0.0, 0.0)
-                iso = low + (high - low) / 2
-            return store.isosurface(iso, cells=chosen, memory=memory, threads=threads, scratch=folder,
+                level = low + (high - low) / 2
+            return store.isosurface(level, cells=chosen, memory=memory, threads=threads, scratch=folder,
                                     progress=progress, **query)

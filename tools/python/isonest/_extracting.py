@@ -141,10 +141,7 @@ class Extracting:
             query.set_iso(level)
             return self._extract(query, options, progress, place, level=level, flip=flip)
         levels = [float(level) for level in iso]  # type: ignore[union-attr]
-        with reporting(progress) as report:
-            meshes = _core.extract_isovalues(self._core, levels, query, options, report)
-        return [Mesh(parts, coordinates=place.coordinates, frame=place.frame, flip=flip, level=level)
-                for level, parts in zip(levels, meshes)]
+        return self._extract_levels(levels, query, options, progress, place, flip=flip)
 
     def label_surface(self, label: int, *, distance: Distance = None, triangles: Optional[int] = None,
                       effort: Optional[Effort] = None, box: Optional[Box] = None, normals: bool = False,
@@ -274,3 +271,10 @@ class Extracting:
         with reporting(progress) as report:
             parts = _core.extract(self._core, query, options, report)
         return Mesh(parts, coordinates=place.coordinates, frame=place.frame, flip=flip, level=level)
+
+    def _extract_levels(self, levels: "list[float]", query: Any, options: Any, progress: Progress, place: Place, *,
+                        flip: bool) -> "list[Mesh]":
+        with reporting(progress) as report:
+            meshes = _core.extract_isovalues(self._core, levels, query, options, report)
+        return [Mesh(parts, coordinates=place.coordinates, frame=place.frame, flip=flip, level=level)
+                for level, parts in zip(levels, meshes)]

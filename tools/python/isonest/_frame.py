@@ -1,7 +1,7 @@
 """Between the coordinates of an array, (z, y, x) times the spacing, and those of the world, (x, y, z)."""
 from __future__ import annotations
 
-from typing import NamedTuple, Sequence
+from typing import Any, NamedTuple, Sequence
 
 import numpy as np
 
@@ -19,6 +19,13 @@ class Frame(NamedTuple):
     """World position of the first node, (x, y, z)."""
     direction: Directions = _ALONG_WORLD
     """World directions of the axes x, y and z."""
+
+    @classmethod
+    def of(cls, core: Any) -> "Frame":
+        """That of a store or a source of _core."""
+        x, y, z = core.origin
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = core.direction
+        return cls((x, y, z), ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)))
 
     @property
     def _turned(self) -> bool:

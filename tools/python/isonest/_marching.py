@@ -2,66 +2,98 @@
 from __future__ import annotations
 
 import inspect
-from typing import Any, Optional, Sequence, Union
+from typing import Any, Callable, Optional, Sequence, Union
 
 import numpy as np
 
-from . import _core, _queries, _sources
-from ._arguments import Progress, reporting
+from . import _core, _sources
+from ._arguments import Bytes, Progress, reporting, to_bytes
 from ._extracting import Extracting
 from ._frame import Frame
 from ._mesh import Mesh
-from ._queries import Place
+from ._queries import Cells, Place
 
-_OF_ANY_MESH = frozenset(("normals", "coordinates", "gradient_direction", "quality"))
-"""Arguments of Store.isosurface that need no store."""
-_OF_HEXAHEDRA = frozenset(("box", "close", "components", "min_component", "min_volume", "vertex_values"))
-"""Those that need one, and go with hexahedra at full resolution."""
+_OF_HEXAHEDRA = frozenset(("normals", "coordinates", "gradient_direction", "quality", "box", "close", "components",
+                           "min_component", "min_volume", "vertex_values"))
+"""Arguments of Store.isosurface that go with hexahedra at full resolution."""
 
 
-def asked_beside(query: "dict[str, Any]") -> "set[str]":
-    """Which arguments of Store.isosurface are there, need a store, and are not as if nothing was said."""
+def cells_for(query: "dict[str, Any]") -> Optional[Cells]:
+    """Of a store: hexahedra, unless something is asked for of which the store has to say what goes with it."""
     known = inspect.signature(Extracting.isosurface).parameters
-    for name in query:
-        if name not in known:
-            raise TypeError(f"isosurface() got an unexpected keyword argument {name!r}")
-    return {name for name, value in query.items()
-            if name not in _OF_ANY_MESH and (np.ndim(value) > 0 or value != known[name].default)}
-
-
-def cells_for(asked: "set[str]") -> Optional[str]:
-    """Hexahedra, unless something is asked for of which a store has to say what goes with it."""
+    asked = {name for name, value in query.items() if np.ndim(value) > 0 or value != known[name].default}
     return "hex" if asked <= _OF_HEXAHEDRA else None
 
 
-def march(volume: Any, iso: "Union[None, float, Sequence[float]]", *, spacing: Optional[Sequence[float]],
-          unit: Optional[str], missing: Optional[float], options: Any, progress: Progress, normals: bool = True,
-          coordinates: str = "array", gradient_direction: str = "descent",
-          **_as_nothing_was_said: Any) -> "Union[None, Mesh, list[Mesh]]":
-    """The surface of hexahedra at full resolution, of several isovalues a list; None if that needs a store.
+class _NeedsStore(Exception):
+    """The volume, the query or the memory does."""
 
-    ``options`` are those of an extraction.
+
+class _Volume(Extracting):
+    """A volume, whose surfaces are those of Store.isosurface as far as they need no store.
+
+    ``open_source`` opens it; each surface takes a source of its own, because a source is read once. With
+    ``in_the_middle`` the isovalue is the mean of the smallest and the largest value, whatever the query says.
     """
-    def source() -> Any:
-        return _sources.of_volume(volume, identified=False, memory=options.memory, spacing=spacing, unit=unit,
+
+    def __init__(self, open_source: "Callable[[], Any]", in_the_middle: bool) -> None:
+        self._open = open_source
+        self._core = open_source()
+        self._frame_of_source = Frame.of(self._core)
+        self._in_the_middle = in_the_middle
+        self._is_used = False
+
+    @property
+    def _frame(self) -> Frame:
+        return self._frame_of_source
+
+    def _source(self) -> Any:
+        """One that nobody has read."""
+        source = self._open() if self._is_used else self._core
+        self._is_used = True
+        return source
+
+    def _require_no_store(self, query: Any, options: Any) -> None:
+        least = self._core.march_memory(query)
+        if least is None or least > options.memory:
+            raise _NeedsStore
+
+    def _middle(self, options: Any, progress: Progress) -> float:
+        with reporting(progress) as report:
+            low, high = _core.finite_range(self._source(), options, report) or (0.0, 0.0)
+        return low + (high - low) / 2
+
+    def _march(self, query: Any, options: Any, progress: Progress, place: Place, level: float, flip: bool) -> Mesh:
+        query.set_iso(level)
+        with reporting(progress) as report:
+            parts = _core.extract_volume(self._source(), query, options, report)
+        return Mesh(parts, coordinates=place.coordinates, frame=place.frame, flip=flip, level=level)
+
+    def _extract(self, query: Any, options: Any, progress: Progress, place: Place, *, level: Optional[float] = None,
+                 flip: bool = False) -> Mesh:
+        self._require_no_store(query, options)
+        if self._in_the_middle or level is None:
+            level = self._middle(options, progress)
+        return self._march(query, options, progress, place, level, flip)
+
+    def _extract_levels(self, levels: "list[float]", query: Any, options: Any, progress: Progress, place: Place, *,
+                        flip: bool) -> "list[Mesh]":
+        self._require_no_store(query, options)
+        return [self._march(query, options, progress, place, level, flip) for level in levels]
+
+
+def march(volume: Any, iso: "Union[None, float, Sequence[float]]", *, spacing: Optional[Sequence[float]],
+          unit: Optional[str], missing: Optional[float], memory: Bytes,
+          **query: Any) -> "Union[None, Mesh, list[Mesh]]":
+    """The surface of hexahedra, of several isovalues a list; None if that needs a store.
+
+    The arguments are those of :func:`isonest.isosurface`.
+    """
+    def open_source() -> Any:
+        return _sources.of_volume(volume, identified=False, memory=to_bytes(memory), spacing=spacing, unit=unit,
                                   missing=missing)
 
-    flip = _queries.is_flipped(gradient_direction)
-    first = source()
-    if first.march_memory is None or first.march_memory > options.memory:
+    try:
+        return _Volume(open_source, iso is None).isosurface(0.0 if iso is None else iso, memory=memory, **query)
+    except _NeedsStore:
         return None
-    place = Place(Frame(tuple(first.origin)), coordinates)
-    place.require()
-
-    def of_isovalue(read: Any, level: float) -> Mesh:
-        with reporting(progress) as report:
-            parts = _core.march(read, level, bool(normals), options, report)
-        return Mesh(parts, coordinates=coordinates, frame=place.frame, flip=flip, level=level)
-
-    if iso is None:
-        with reporting(progress) as report:
-            low, high = _core.finite_range(first, options, report) or (0.0, 0.0)
-        return of_isovalue(source(), low + (high - low) / 2)
-    if np.ndim(iso) == 0:
-        return of_isovalue(first, float(iso))  # type: ignore[arg-type]
-    return [of_isovalue(source(), float(level)) for level in iso]  # type: ignore[union-attr]

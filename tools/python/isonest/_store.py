@@ -112,13 +112,11 @@ class Store(Extracting):
     @property
     def direction(self) -> Directions:
         """World directions (x, y, z) of the axes x, y and z: unit vectors at right angles."""
-        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self._core.direction
-        return (xx, xy, xz), (yx, yy, yz), (zx, zy, zz)
+        return self._frame.direction
 
     @property
     def _frame(self) -> Frame:
-        x, y, z = self._core.origin
-        return Frame((x, y, z), self.direction)
+        return Frame.of(self._core)
 
     @property
     def range(self) -> Optional[tuple[float, float]]:

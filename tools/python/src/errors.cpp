@@ -89,7 +89,7 @@ std::string_view words_of(RemedyKind kind) {
         case RemedyKind::install_package:
             return "install {} and build isonest again";
         case RemedyKind::say_unit:
-            return "preprocess the volume again with unit='{}'";
+            return "give unit='{}' with the volume, to isonest.preprocess or isonest.isosurface";
         case RemedyKind::world_units:
             return "give a number alone, in the volume's own unit";
         case RemedyKind::fewer_components:

@@ -40,4 +40,13 @@ std::vector<Field> indicators_of_names(const std::vector<std::string>& names) {
     return fields;
 }
 
+LengthUnit unit_of_name(const std::string& name) {
+    const std::optional<LengthUnit> unit = length_unit_from(name);
+    if (!unit) {
+        throw Error(ErrorKind::invalid_argument, "there is no unit of length '" + name +
+                                                     "'; there are " + list_of_length_units());
+    }
+    return *unit;
+}
+
 }  // namespace isonest::python

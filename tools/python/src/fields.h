@@ -1,10 +1,11 @@
-// Names of fields in arguments.
+// Names in arguments: of fields and of units.
 #pragma once
 
 #include <string>
 #include <vector>
 
 #include <isonest/field.h>
+#include <isonest/length_unit.h>
 
 namespace isonest::python {
 
@@ -15,5 +16,8 @@ Field indicator_of_name(const std::string& name);
 std::vector<Field> indicators_of_names(const std::vector<std::string>& names);
 /// The same, or the values.
 Field field_of_name(const std::string& name);
+
+/// Throws Error{invalid_argument}, which lists the units.
+LengthUnit unit_of_name(const std::string& name);
 
 }  // namespace isonest::python

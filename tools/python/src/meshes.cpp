@@ -15,6 +15,7 @@
 #include <span>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include <isonest/error.h>
@@ -119,11 +120,10 @@ std::span<std::array<T, 3>> rows_in(py::array_t<T>& rows) {
             static_cast<std::size_t>(rows.shape(0))};
 }
 
-/// Straight from a volume, as extract_mesh(). The volume is used up.
-py::tuple march_mesh(Source& source, double iso, bool normals, const ExtractOptions& options,
+/// The surface at full resolution, made where NumPy has it.
+py::tuple march_mesh(VolumeSource& volume, const MarchQuery& query, const ExtractOptions& options,
                      const py::object& progress) {
-    const std::unique_ptr<VolumeSource> volume = source.take();
-    MeshOrigin origin{{}, volume->files()};
+    MeshOrigin origin{{}, volume.files()};
     py::array_t<float> vertices;
     py::array_t<std::uint32_t> triangles;
     py::array_t<float> normal_rows;
@@ -132,16 +132,39 @@ py::tuple march_mesh(Source& source, double iso, bool normals, const ExtractOpti
         origin.layout = layout;
         vertices = rows_of_three<float>(layout.vertices);
         triangles = rows_of_three<std::uint32_t>(layout.elements);
-        normal_rows = rows_of_three<float>(normals ? layout.vertices : 0);
+        normal_rows = rows_of_three<float>(query.normals ? layout.vertices : 0);
         return MeshRoom{rows_in(vertices), rows_in(triangles), rows_in(normal_rows)};
     };
     ExtractReport report;
     run_watched(progress, [&](Progress& p) {
-        report = march_hexahedra(*volume, {iso, normals}, make_room, options, p);
+        report = march_hexahedra(volume, query, make_room, options, p);
     });
-    return py::make_tuple(std::move(vertices), std::move(triangles),
-                          normals ? py::object(std::move(normal_rows)) : py::object(py::none()),
-                          py::none(), py::none(), std::move(origin), std::move(report));
+    return py::make_tuple(
+        std::move(vertices), std::move(triangles),
+        query.normals ? py::object(std::move(normal_rows)) : py::object(py::none()), py::none(),
+        py::none(), std::move(origin), std::move(report));
+}
+
+/// Whether there is nothing to do with the surface at full resolution.
+bool is_marched_alone(const VolumeSource& volume, const SurfaceQuery& query) {
+    return std::holds_alternative<ErrorBound>(query.stop) && !query.stages.components &&
+           volume.describe().direction == kAlongWorld;
+}
+
+/// Straight from a volume, as extract_mesh(). The volume is used up. REQUIRES: the query needs no
+/// store.
+py::tuple extract_volume_mesh(Source& source, const AskedSurface& asked,
+                              const ExtractOptions& options, const py::object& progress) {
+    const std::unique_ptr<VolumeSource> volume = source.take();
+    if (is_marched_alone(*volume, asked.query)) {
+        return march_mesh(*volume, {asked.query.iso, asked.query.attributes.normals}, options,
+                          progress);
+    }
+    Collector mesh;
+    ExtractReport report;
+    run_watched(progress,
+                [&](Progress& p) { report = extract(*volume, asked.query, mesh, options, p); });
+    return as_tuple(mesh, std::move(report));
 }
 
 /// Of a volume, which is used up.
@@ -287,7 +310,8 @@ void add_meshes(py::module_& module) {
     add(&extract_mesh<AskedSlice>);
     add(&extract_mesh<AskedContours>);
     add(&extract_mesh<AskedGraph>);
-    module.def("march", &march_mesh, "source"_a, "iso"_a, "normals"_a, "options"_a, "progress"_a);
+    module.def("extract_volume", &extract_volume_mesh, "source"_a, "query"_a, "options"_a,
+               "progress"_a);
     module.def("finite_range", &range_of_source, "source"_a, "options"_a, "progress"_a);
     module.def("extract_isovalues", &extract_isovalue_meshes, "store"_a, "isovalues"_a, "query"_a,
                "options"_a, "progress"_a);

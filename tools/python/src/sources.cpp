@@ -20,9 +20,11 @@
 #include <isonest/preprocess.h>
 
 #include "preprocess/sources/wrapping/missing_source.h"
+#include "store/container/world_units.h"
 #include "tools/python/src/arrays.h"
 #include "tools/python/src/fields.h"
 #include "tools/python/src/progress.h"
+#include "tools/python/src/queries.h"
 
 namespace isonest::python {
 
@@ -148,14 +150,8 @@ Source with_missing(std::unique_ptr<VolumeSource> volume, std::optional<double> 
 
 using Range = std::pair<std::optional<std::int64_t>, std::optional<std::int64_t>>;
 
-/// Throws Error{invalid_argument}, which lists the units.
-std::optional<LengthUnit> unit_of(const std::optional<std::string>& text) {
-    const auto unit = text ? length_unit_from(*text) : std::nullopt;
-    if (text && !unit) {
-        throw Error(ErrorKind::invalid_argument, "there is no unit of length '" + *text +
-                                                     "'; there are " + list_of_length_units());
-    }
-    return unit;
+std::optional<LengthUnit> unit_of(const std::optional<std::string>& name) {
+    return name ? std::optional(unit_of_name(*name)) : std::nullopt;
 }
 
 /// How files are read, as Python fills it in.
@@ -176,7 +172,7 @@ void add_source_options(py::module_& module) {
              [](O& o, const std::string& axis, std::optional<std::int64_t> at) {
                  o.index.push_back({axis, at});
              })
-        .def("set_unit", [](O& o, const std::string& unit) { o.unit = unit_of(unit); })
+        .def("set_unit", [](O& o, const std::string& unit) { o.unit = unit_of_name(unit); })
         .def("set_dims", [](O& o, const Numbers& dims) { o.dims = int3_of(dims); })
         .def("set_dtype", [](O& o, const py::dtype& dtype) { o.type = value_type_of(dtype); })
         .def("set_crop",
@@ -241,8 +237,21 @@ void add_sources(py::module_& module) {
     py::class_<Source>(module, "Source")
         .def_property_readonly("origin",
                                [](const Source& s) { return s.volume().describe().origin; })
-        .def_property_readonly("march_memory",
-                               [](const Source& s) { return march_memory(s.volume()); });
+        .def_property_readonly("direction",
+                               [](const Source& s) { return s.volume().describe().direction; })
+        .def(
+            "world_units",
+            [](const Source& s, double length, const std::string& unit) {
+                const VolumeDescription volume = s.volume().describe();
+                return detail::world_units(length, unit_of_name(unit), volume.unit, volume.name);
+            },
+            "length"_a, "unit"_a)
+        .def(
+            "march_memory",
+            [](const Source& s, const AskedSurface& asked) {
+                return march_memory(s.volume(), asked.query);
+            },
+            "query"_a);
     add_source_options(module);
     module.def("source_of_files", &source_of_files, "paths"_a, "options"_a);
     module.def("source_of_array", &source_of_array, "array"_a, py::kw_only(), "spacing"_a,

@@ -19,6 +19,7 @@
 #include "store/base/workers.h"
 #include "store/container/reader.h"
 #include "tools/python/src/arrays.h"
+#include "tools/python/src/fields.h"
 #include "tools/python/src/progress.h"
 
 namespace isonest::python {
@@ -185,13 +186,7 @@ void add_stores(py::module_& module) {
         .def(
             "world_units",
             [](const OpenStore& s, double length, const std::string& unit) {
-                const auto given = length_unit_from(unit);
-                if (!given) {
-                    throw Error(ErrorKind::invalid_argument, "there is no unit of length '" + unit +
-                                                                 "'; there are " +
-                                                                 list_of_length_units());
-                }
-                return s.get()->world_units(length, *given);
+                return s.get()->world_units(length, unit_of_name(unit));
             },
             "length"_a, "unit"_a)
         .def_property_readonly("direction", [](const OpenStore& s) { return s.get()->direction(); })
