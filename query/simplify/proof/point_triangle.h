@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <limits>
 
 #include <isonest/int3.h>
 
@@ -66,9 +67,19 @@ inline double square_distance(const Double3& p, const Triangle& t) {
         // Inside: a point of the triangle, so that rounding makes the distance larger at most.
         return square(minus(p, along(along(t[0], b / area, ab), c / area, ac)));
     }
-    return std::min({square_distance_to_segment(p, t[0], t[1]),
-                     square_distance_to_segment(p, t[1], t[2]),
-                     square_distance_to_segment(p, t[2], t[0])});
+    // Seen from above, the nearest point is on an edge beyond which `p` lies.
+    const bool is_needle = !(a <= 0 || b <= 0 || c <= 0);
+    double least = std::numeric_limits<double>::infinity();
+    if (c <= 0 || is_needle) {
+        least = square_distance_to_segment(p, t[0], t[1]);
+    }
+    if (a <= 0 || is_needle) {
+        least = std::min(least, square_distance_to_segment(p, t[1], t[2]));
+    }
+    if (b <= 0 || is_needle) {
+        least = std::min(least, square_distance_to_segment(p, t[2], t[0]));
+    }
+    return least;
 }
 
 }  // namespace isonest::detail
