@@ -17,11 +17,11 @@ Int3 cell_at(const Int3& node, std::int64_t cell) {
 }  // namespace
 
 BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
-                     std::span<const ElementCorners> triangles, int thirds, std::uint32_t most,
-                     const std::filesystem::path& folder, Progress& progress)
+                     const CornerView& triangles, int thirds, std::uint32_t most,
+                     const ScratchFolder& folder, Progress& progress)
     : BlockGrid(lattice, mesh.positions(), thirds, folder) {
     std::uint64_t i = 0;
-    for (const ElementCorners& triangle : triangles) {
+    for (const ElementCorners triangle : triangles) {
         constexpr std::uint64_t kOften = 1U << 16U;
         if (i++ % kOften == 0) {
             progress.check();
@@ -32,7 +32,7 @@ BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
 }
 
 BlockGrid::BlockGrid(const WorldLattice& lattice, std::span<const std::array<float, 3>> positions,
-                     int thirds, const std::filesystem::path& folder)
+                     int thirds, const ScratchFolder& folder)
     : lattice_(lattice), positions_(positions), file_(folder) {
     const std::int64_t longest = std::max({lattice.nodes.x, lattice.nodes.y, lattice.nodes.z});
     // Twice as large as the volume: shifted by two thirds it still holds all.

@@ -3,7 +3,6 @@
 
 #include <array>
 #include <cstdint>
-#include <filesystem>
 #include <span>
 
 #include <isonest/int3.h>
@@ -33,13 +32,12 @@ class BlockGrid {
   public:
     /// `thirds`: of the whole grid's size, by which it is shifted: 0, 1 or 2. `most`: of
     /// `triangles` in a block; their corners are vertices of `mesh`.
-    BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
-              std::span<const ElementCorners> triangles, int thirds, std::uint32_t most,
-              const std::filesystem::path& folder, Progress& progress);
+    BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh, const CornerView& triangles,
+              int thirds, std::uint32_t most, const ScratchFolder& folder, Progress& progress);
     /// For triangles that are then counted one by one, and divided into blocks at last. `positions`
     /// have to stay.
     BlockGrid(const WorldLattice& lattice, std::span<const std::array<float, 3>> positions,
-              int thirds, const std::filesystem::path& folder);
+              int thirds, const ScratchFolder& folder);
     void count(const ElementCorners& triangle);
     void divide(std::uint32_t most) { divide({0, 0, 0}, size_, most); }
 

@@ -6,7 +6,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <memory>
 #include <span>
 #include <vector>
@@ -17,6 +16,7 @@
 #include "query/simplify/block_grid.h"
 #include "query/simplify/block_patch.h"
 #include "query/simplify/patch.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -35,8 +35,8 @@ class MeshSimplifier {
     /// `triangles`: the full surface, whose corners are vertices of `mesh`; both have to stay.
     /// `box`: to which it is cut.
     /// REQUIRES: mesh.layout().corners == 3. Throws Error{io, cancelled}, as all members do.
-    MeshSimplifier(const ScratchMesh& mesh, std::span<const ElementCorners> triangles,
-                   const WorldLattice& lattice, const PatchBox& box, std::filesystem::path folder,
+    MeshSimplifier(const ScratchMesh& mesh, const CornerView& triangles,
+                   const WorldLattice& lattice, const PatchBox& box, ScratchFolder folder,
                    Progress& progress);
     ~MeshSimplifier();
     MeshSimplifier(const MeshSimplifier&) = delete;
@@ -48,36 +48,33 @@ class MeshSimplifier {
     /// are not count as borders of the mesh. All of it if it is not much larger than that.
     [[nodiscard]] Simplified sample(std::uint64_t most) const;
     /// `limit`: world units, > 0 and at least that within which `from` is.
-    Simplified within(const Simplified& from, double limit);
-    /// An array of ElementCorners.
-    [[nodiscard]] ScratchFile corners(const Simplified& of) const;
-    /// Bytes of temporary files at a time, at most, while one result is made from another.
-    [[nodiscard]] std::uint64_t scratch_bytes() const { return scratch_bytes_; }
+    [[nodiscard]] Simplified within(const Simplified& from, double limit) const;
+    [[nodiscard]] CornerFile corners(const Simplified& of) const;
 
   private:
     friend struct Simplified;
     struct Run;
     struct Block;
-    std::shared_ptr<Run> pass(const Run& from, const CollapseLimits& limits, bool afresh);
+    std::shared_ptr<Run> pass(Run& from, const CollapseLimits& limits, bool afresh,
+                              bool is_last) const;
     [[nodiscard]] Block load(const Run& run, const Valences& valences, std::uint32_t block,
                              bool afresh) const;
     template <class Visit>
     void each(const Run& run, const Visit& visit) const;
-    void finish(Run& run);
+    void finish(Run& run) const;
 
     const ScratchMesh& mesh_;
-    std::span<const ElementCorners> triangles_;  ///< of the full surface
+    CornerView triangles_;  ///< of the full surface
     PatchBox box_;
-    std::filesystem::path folder_;
+    ScratchFolder folder_;
     Progress& progress_;
     std::vector<std::unique_ptr<BlockGrid>> grids_;
     std::shared_ptr<Run> full_;
-    std::uint64_t scratch_bytes_ = 0;
 };
 
 /// A mesh near to the full one; its temporary files go with the last copy.
 struct Simplified {
-    std::shared_ptr<const MeshSimplifier::Run> run;
+    std::shared_ptr<MeshSimplifier::Run> run;
     std::uint64_t triangles = 0;
     double bound = 0;  ///< the largest distance that was met, at most the limit
     double limit = 0;  ///< within which it was simplified; 0: the full mesh

@@ -51,8 +51,19 @@ void march_in_parts(MeshCollector& mesh, VolumeSource& volume, double iso, std::
     parts.seal();
     AttributeChoice attributes;
     attributes.normal = true;
-    emit_mesh(parts, Weld(parts, folder.path()), layout_of(attributes, 3, {}), mesh,
-              silent_progress());
+    const Weld weld(parts, folder.path());
+    const MeshLayout layout = layout_of(attributes, 3, {});
+    emit_mesh(parts, weld, layout, mesh, silent_progress());
+    // The same, while the parts are given back.
+    ScratchMesh moved(folder.path());
+    move_mesh(parts, weld, layout, moved, silent_progress());
+    MeshCollector again;
+    again.begin(moved.layout());
+    emit_vertices(moved, again, silent_progress());
+    emit_elements(moved, again, silent_progress());
+    REQUIRE(again.vertices == mesh.vertices);
+    REQUIRE(again.triangles == mesh.triangles);
+    REQUIRE(again.normals == mesh.normals);
 }
 
 ExtractReport extract_volume(VolumeSource& volume, const SurfaceQuery& query, MeshCollector& mesh,
