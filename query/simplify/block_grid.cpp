@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <tuple>
 
 #include "store/base/box.h"
 
@@ -33,7 +34,7 @@ BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
 
 BlockGrid::BlockGrid(const WorldLattice& lattice, std::span<const std::array<float, 3>> positions,
                      int thirds, const ScratchFolder& folder)
-    : lattice_(lattice), positions_(positions), file_(folder) {
+    : lattice_(lattice), positions_(positions), folder_(folder), file_(folder) {
     const std::int64_t longest = std::max({lattice.nodes.x, lattice.nodes.y, lattice.nodes.z});
     // Twice as large as the volume: shifted by two thirds it still holds all.
     const auto whole = 2 * static_cast<std::int64_t>(
@@ -82,7 +83,27 @@ std::uint64_t BlockGrid::count_in(const Int3& low, std::int64_t size) const {
     return count;
 }
 
-void BlockGrid::divide(const Int3& low, std::int64_t size, std::uint32_t most) {
+void BlockGrid::divide(std::uint32_t most) {
+    GrowingFile<Begin> begins(folder_);
+    divide({0, 0, 0}, size_, most, begins);
+    begins.seal();
+    const auto all = begins.all();
+    std::sort(all.begin(), all.end(), [](const Begin& a, const Begin& b) {
+        return std::tie(a.z, a.y, a.x) < std::tie(b.z, b.y, b.x);
+    });
+    ScratchFile rank_file(folder_);
+    rank_file.map(std::max(blocks_, 1U) * sizeof(std::uint32_t));
+    const auto rank = rank_file.as<std::uint32_t>();
+    for (std::uint32_t i = 0; i < blocks_; ++i) {
+        rank[all[i].number] = i;
+    }
+    for (std::uint32_t& block : file_.as<std::uint32_t>()) {
+        block = rank[block];
+    }
+}
+
+void BlockGrid::divide(const Int3& low, std::int64_t size, std::uint32_t most,
+                       GrowingFile<Begin>& begins) {
     const Int3 begin = max(low - first_, {0, 0, 0});
     const Int3 end = min(low - first_ + Int3{size, size, size}, cells_);
     if (min(begin, end - Int3{1, 1, 1}) != begin) {
@@ -92,12 +113,15 @@ void BlockGrid::divide(const Int3& low, std::int64_t size, std::uint32_t most) {
     if (count > most && size > 1) {
         const std::int64_t half = size / 2;
         for (std::int64_t octant = 0; octant < 8; ++octant) {
-            divide(low + Int3{2, 2, 2}.unlinear(octant) * half, half, most);
+            divide(low + Int3{2, 2, 2}.unlinear(octant) * half, half, most, begins);
         }
         return;
     }
     // Nothing of the mesh is here, but a triangle of a coarser one may be: the block before has it.
-    const std::uint32_t block = count > 0 ? blocks_++ : std::max(blocks_, 1U) - 1;
+    if (count > 0) {
+        begins.append({low.z, low.y, low.x, blocks_++});
+    }
+    const std::uint32_t block = std::max(blocks_, 1U) - 1;
     const auto cells = file_.as<std::uint32_t>();
     for (std::int64_t z = begin.z; z < end.z; ++z) {
         for (std::int64_t y = begin.y; y < end.y; ++y) {

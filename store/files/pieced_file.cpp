@@ -13,7 +13,7 @@ namespace {
 /// Pieces of one size before the next ones are twice as large.
 constexpr std::uint64_t kOfASize = 8;
 /// Bytes of the first one; a multiple of what pages have.
-constexpr std::uint64_t kFirst = std::uint64_t{1} << 20U;
+constexpr std::uint64_t kFirst = std::uint64_t{1} << 18U;
 
 /// A piece's place in the whole.
 struct Place {
