@@ -45,8 +45,8 @@ int component(int direction, int axis) {
 class Apart {
   public:
     Apart(std::span<Place> positions, std::span<const ElementCorners> touched,
-          std::span<PlacedVertex> vertices, const ApartRange& range,
-          const std::filesystem::path& folder, Progress& progress)
+          std::span<PlacedVertex> vertices, const ApartRange& range, const ScratchFolder& folder,
+          Progress& progress)
         : positions_(positions),
           touched_(touched),
           vertices_(vertices),
@@ -81,7 +81,6 @@ class Apart {
                     std::max(result.by[axis], std::fabs(from_to(v.start, v.now)[axis]));
             }
         }
-        result.scratch_bytes = stars_.scratch_bytes();
         return result;
     }
 
@@ -302,7 +301,7 @@ std::uint64_t sort_by_place(std::span<PlacedVertex> vertices) {
 
 ApartVertices keep_apart(std::span<Place> positions, std::span<const ElementCorners> touched,
                          std::span<PlacedVertex> vertices, const ApartRange& range,
-                         const std::filesystem::path& folder, Progress& progress) {
+                         const ScratchFolder& folder, Progress& progress) {
     progress.begin("keep sheets apart", touched.size(), "triangles");
     return Apart(positions, touched, vertices, range, folder, progress).run();
 }

@@ -13,7 +13,6 @@
 
 #include <array>
 #include <cstdint>
-#include <filesystem>
 #include <optional>
 #include <span>
 
@@ -21,6 +20,7 @@
 #include <isonest/progress.h>
 
 #include "query/mesh/scratch_mesh.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -87,7 +87,6 @@ struct ApartVertices {
     std::uint64_t moved = 0;
     std::uint64_t left = 0;  ///< that share their place with another one all the same
     Double3 by{};            ///< most by which a coordinate changed, world units
-    std::uint64_t scratch_bytes = 0;
 };
 
 /// Moves those of `vertices` that are not alone in their place. `positions`: of all vertices of the
@@ -98,7 +97,6 @@ struct ApartVertices {
 /// ever on the order of the mesh. Throws Error{io, cancelled}.
 ApartVertices keep_apart(std::span<std::array<float, 3>> positions,
                          std::span<const ElementCorners> touched, std::span<PlacedVertex> vertices,
-                         const ApartRange& range, const std::filesystem::path& folder,
-                         Progress& progress);
+                         const ApartRange& range, const ScratchFolder& folder, Progress& progress);
 
 }  // namespace isonest::detail

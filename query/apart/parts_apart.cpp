@@ -74,7 +74,7 @@ void put_back(PartStore& parts, const Weld& weld, std::span<PlacedVertex> vertic
 }  // namespace
 
 ApartVertices keep_parts_apart(PartStore& parts, const Weld& weld, ApartRange range,
-                               const std::filesystem::path& folder, Progress& progress) {
+                               const ScratchFolder& folder, Progress& progress) {
     const PlacedVertices placed(parts, weld, range.turn, folder, progress);
     if (sort_by_place(placed.all()) == 0) {
         return {};
@@ -98,10 +98,8 @@ ApartVertices keep_parts_apart(PartStore& parts, const Weld& weld, ApartRange ra
         });
     range.lo = parts.lo();
     range.hi = parts.hi();
-    ApartVertices apart =
+    const ApartVertices apart =
         keep_apart(positions, touched.all(), placed.all(), range, folder, progress);
-    apart.scratch_bytes +=
-        placed.scratch_bytes() + touched.scratch_bytes() + positions.size_bytes();
     if (apart.moved > 0) {
         put_back(parts, weld, placed.all());
     }

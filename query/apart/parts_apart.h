@@ -1,7 +1,6 @@
 // Keeps the vertices of a welded mesh apart, in its parts.
 #pragma once
 
-#include <filesystem>
 #include <optional>
 
 #include <isonest/progress.h>
@@ -9,6 +8,7 @@
 #include "query/apart/keep_apart.h"
 #include "query/mesh/part_store.h"
 #include "query/mesh/weld.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -16,6 +16,6 @@ namespace isonest::detail {
 /// temporary files in `folder`. REQUIRES: PartStore::watch() was called, and no triangle is without
 /// area. Throws Error{io, cancelled}.
 ApartVertices keep_parts_apart(PartStore& parts, const Weld& weld, ApartRange range,
-                               const std::filesystem::path& folder, Progress& progress);
+                               const ScratchFolder& folder, Progress& progress);
 
 }  // namespace isonest::detail

@@ -15,7 +15,7 @@ constexpr std::uint64_t kOfOther = std::numeric_limits<std::uint64_t>::max();
 }  // namespace
 
 PlacedVertices::PlacedVertices(const PartStore& parts, const Weld& weld,
-                               const std::optional<Turn>& turn, const std::filesystem::path& folder,
+                               const std::optional<Turn>& turn, const ScratchFolder& folder,
                                Progress& progress)
     : file_(folder) {
     const auto records = parts.records();
@@ -48,8 +48,7 @@ PlacedVertices::PlacedVertices(const PartStore& parts, const Weld& weld,
 }
 
 PlacedVertices::PlacedVertices(std::span<const std::array<float, 3>> positions,
-                               std::span<const std::uint32_t> numbers,
-                               const std::filesystem::path& folder)
+                               std::span<const std::uint32_t> numbers, const ScratchFolder& folder)
     : file_(folder), count_(numbers.size()) {
     file_.map(count_ * sizeof(PlacedVertex));
     std::transform(numbers.begin(), numbers.end(), all().begin(),
@@ -57,7 +56,7 @@ PlacedVertices::PlacedVertices(std::span<const std::array<float, 3>> positions,
 }
 
 PlacedVertices::PlacedVertices(const ScratchMesh& mesh, const std::optional<Turn>& turn,
-                               const std::filesystem::path& folder)
+                               const ScratchFolder& folder)
     : file_(folder), count_(mesh.positions().size()) {
     file_.map(count_ * sizeof(PlacedVertex));
     const auto all = this->all();

@@ -1,7 +1,6 @@
 // Finds the vertices of a mesh that may share their places.
 #pragma once
 
-#include <filesystem>
 #include <optional>
 #include <span>
 
@@ -19,19 +18,16 @@ class PlacedVertices {
     /// Those of PartStore::not_alone(), each once, with their numbers in the welded mesh. REQUIRES:
     /// PartStore::watch() was called. Throws Error{io, cancelled}.
     PlacedVertices(const PartStore& parts, const Weld& weld, const std::optional<Turn>& turn,
-                   const std::filesystem::path& folder, Progress& progress);
+                   const ScratchFolder& folder, Progress& progress);
     /// Those of a mesh in memory with these numbers.
     PlacedVertices(std::span<const std::array<float, 3>> positions,
-                   std::span<const std::uint32_t> numbers, const std::filesystem::path& folder);
+                   std::span<const std::uint32_t> numbers, const ScratchFolder& folder);
     /// All of a mesh.
     PlacedVertices(const ScratchMesh& mesh, const std::optional<Turn>& turn,
-                   const std::filesystem::path& folder);
+                   const ScratchFolder& folder);
 
     [[nodiscard]] std::span<PlacedVertex> all() const {
         return file_.as<PlacedVertex>().first(count_);
-    }
-    [[nodiscard]] std::uint64_t scratch_bytes() const {
-        return file_.as<PlacedVertex>().size_bytes();
     }
 
   private:

@@ -3,7 +3,7 @@
 namespace isonest::detail {
 
 TouchedTriangles::TouchedTriangles(std::span<const PlacedVertex> vertices,
-                                   std::uint64_t mesh_vertices, const std::filesystem::path& folder)
+                                   std::uint64_t mesh_vertices, const ScratchFolder& folder)
     : bit_file_(folder), triangle_file_(folder) {
     bit_file_.map((mesh_vertices / kBits + 1) * sizeof(std::uint64_t));
     bits_ = bit_file_.as<std::uint64_t>();

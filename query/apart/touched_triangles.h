@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <filesystem>
 #include <span>
 #include <vector>
 
@@ -23,7 +22,7 @@ class TouchedTriangles {
   public:
     /// For a mesh of so many vertices. `vertices`: sorted by place. Throws Error{io}.
     TouchedTriangles(std::span<const PlacedVertex> vertices, std::uint64_t mesh_vertices,
-                     const std::filesystem::path& folder);
+                     const ScratchFolder& folder);
 
     /// Whether a vertex shares its place.
     [[nodiscard]] bool touches(std::uint64_t v) const {
@@ -69,9 +68,6 @@ class TouchedTriangles {
     }
     /// REQUIRES: everything was gathered.
     [[nodiscard]] std::span<const ElementCorners> all();
-    [[nodiscard]] std::uint64_t scratch_bytes() const {
-        return bits_.size_bytes() + count_ * sizeof(ElementCorners);
-    }
 
   private:
     static constexpr std::uint64_t kBits = 64;

@@ -7,7 +7,7 @@
 
 namespace isonest::detail {
 
-NodeErrors::NodeErrors(std::filesystem::path folder)
+NodeErrors::NodeErrors(ScratchFolder folder)
     : folder_(std::move(folder)), errors_(folder_), table_(folder_) {
     for (int h = 0; h < kHeights; ++h) {
         links_.push_back(std::make_unique<GrowingFile<Pair>>(folder_));
@@ -34,11 +34,9 @@ NodeError& NodeErrors::place(std::uint64_t node) const {
 
 void NodeErrors::saturate() {
     errors_.seal();
-    bytes_ = errors_.bytes();
     const std::uint64_t size = std::bit_ceil(2 * errors_.size() + 2);
     mask_ = size - 1;
     table_.map(size * sizeof(NodeError));
-    bytes_ += size * sizeof(NodeError);
     for (const NodeError& e : errors_.all()) {
         NodeError& to = place(e.node);
         to.node = e.node;
@@ -47,7 +45,6 @@ void NodeErrors::saturate() {
     // The child's number is final when its own children's have been handed up.
     for (const auto& links : links_) {
         links->seal();
-        bytes_ += links->bytes();
         for (const Pair& link : links->all()) {
             float& parent = place(link.parent).error;
             parent = std::max(parent, place(link.child).error);

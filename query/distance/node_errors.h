@@ -5,7 +5,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <memory>
 #include <span>
 #include <vector>
@@ -34,15 +33,13 @@ class NodeErrors {
     /// REQUIRES of all heights: less than this.
     static constexpr int kHeights = 16;
 
-    explicit NodeErrors(std::filesystem::path folder);
+    explicit NodeErrors(ScratchFolder folder);
     /// Throws Error{io}.
     void append(std::span<const NodeError> errors, std::span<const NodeLink> links);
     /// After the last append(). Throws Error{io}.
     void saturate();
     /// 0 at nodes that none of the elements has that were appended.
     [[nodiscard]] double at(std::uint64_t node) const;
-    /// Bytes of its files.
-    [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
 
   private:
     struct Pair {
@@ -51,12 +48,11 @@ class NodeErrors {
     };
     [[nodiscard]] NodeError& place(std::uint64_t node) const;
 
-    std::filesystem::path folder_;
+    ScratchFolder folder_;
     GrowingFile<NodeError> errors_;
     std::vector<std::unique_ptr<GrowingFile<Pair>>> links_;  ///< by height
     ScratchFile table_;                                      ///< hashed; 0 is no node
     std::uint64_t mask_ = 0;
-    std::uint64_t bytes_ = 0;
 };
 
 }  // namespace isonest::detail

@@ -247,10 +247,10 @@ std::uint64_t distance_traversal_heap(const StoreLayout& layout, const Traversal
     return held + kBlock;
 }
 
-DistanceTraversal traverse_within_distance(ChunkCache& cache, const TraversalQuery& query,
-                                           double limit, const std::filesystem::path& folder,
-                                           std::size_t part_vertices, const PartSink& sink,
-                                           Progress& progress) {
+TraversalCounts traverse_within_distance(ChunkCache& cache, const TraversalQuery& query,
+                                         double limit, const ScratchFolder& folder,
+                                         std::size_t part_vertices, const PartSink& sink,
+                                         Progress& progress) {
     const Grid grid{cache, query};
     NodeErrors errors(folder);
     measure(grid, limit, errors, progress);
@@ -266,13 +266,12 @@ DistanceTraversal traverse_within_distance(ChunkCache& cache, const TraversalQue
         });
         number += blocks.size();
     });
-    DistanceTraversal result;
+    TraversalCounts counts;
     for (const BlockMarch& march : marches) {
-        result.counts.add(march.counts());
+        counts.add(march.counts());
     }
-    result.counts.bricks = number;
-    result.scratch_bytes = errors.bytes();
-    return result;
+    counts.bricks = number;
+    return counts;
 }
 
 }  // namespace isonest::detail

@@ -3,16 +3,11 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 
 #include "query/traverse/traversal.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
-
-struct DistanceTraversal {
-    TraversalCounts counts;  ///< error_bound: the largest distance at which a leaf stopped
-    std::uint64_t scratch_bytes = 0;
-};
 
 /// Heap that one thread needs beside what traverse() needs.
 std::uint64_t distance_traversal_heap(const StoreLayout& layout, const TraversalQuery& query);
@@ -20,10 +15,11 @@ std::uint64_t distance_traversal_heap(const StoreLayout& layout, const Traversal
 /// As traverse() of the query's isosurface, with exact vertices, and leaves whose triangles are
 /// within `limit` (world units, > 0) of the surface at full resolution, both ways; elements that
 /// the box cuts, and those larger than 32 cells, go on. REQUIRES: query.vertices is exact; no
-/// culling, no closed box. Throws what traverse() throws, and Error{io}.
-DistanceTraversal traverse_within_distance(ChunkCache& cache, const TraversalQuery& query,
-                                           double limit, const std::filesystem::path& folder,
-                                           std::size_t part_vertices, const PartSink& sink,
-                                           Progress& progress);
+/// culling, no closed box. Of the counts, error_bound is the largest distance at which a leaf
+/// stopped. Throws what traverse() throws, and Error{io}.
+TraversalCounts traverse_within_distance(ChunkCache& cache, const TraversalQuery& query,
+                                         double limit, const ScratchFolder& folder,
+                                         std::size_t part_vertices, const PartSink& sink,
+                                         Progress& progress);
 
 }  // namespace isonest::detail

@@ -19,7 +19,7 @@ Extraction::Extraction(StagedVolume volume, ExtractQuery asked, MeshSink& sink,
       sink_(sink),
       options_(options),
       progress_(progress),
-      scratch_(options.scratch.empty() ? std::filesystem::temp_directory_path() : options.scratch),
+      scratch_(ScratchFolder::metered(options.scratch)),
       layout_(layout_of(asked_.traversal.attributes, asked_.corners(), volume_.header.unit)) {}
 
 void Extraction::prepare(std::vector<std::filesystem::path> inputs) {
@@ -54,7 +54,7 @@ ExtractReport Extraction::finish(const TraversalBudget& budget) {
         stages = row_->with_work(*parts_);
         if (!stages.empty()) {
             whole = std::make_shared<ScratchMesh>(scratch_);
-            emit_mesh(*parts_, weld, layout_, *whole, progress_);
+            move_mesh(*parts_, weld, layout_, *whole, progress_);
         } else if (asked_.product == Product::contours) {
             emit_contours(weld, budget);
         } else {
@@ -110,7 +110,6 @@ void Extraction::emit_contours(const Weld& weld, const TraversalBudget& budget) 
 }
 
 void Extraction::run_stages(const std::vector<Stage*>& stages, std::shared_ptr<ScratchMesh> whole) {
-    report_.scratch_bytes += whole->bytes();
     StageMesh mesh(std::move(whole));
     for (Stage* const stage : stages) {
         stage->run(mesh, report_);
@@ -123,6 +122,7 @@ void Extraction::run_stages(const std::vector<Stage*>& stages, std::shared_ptr<S
 }
 
 void Extraction::end_report() {
+    report_.scratch_bytes = scratch_.meter()->peak();
     if (asked_.nested_distance) {
         report_.distance->bound += most_moved(asked_);
     }

@@ -16,6 +16,7 @@
 #include "query/extract/find_parts.h"
 #include "query/extract/stages/stage_row.h"
 #include "query/mesh/weld.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -32,7 +33,7 @@ class Extraction {
     /// From the parts, which are sealed, to the mesh in the sink.
     ExtractReport finish(const TraversalBudget& budget);
     [[nodiscard]] const ExtractQuery& asked() const { return asked_; }
-    [[nodiscard]] const std::filesystem::path& scratch() const { return scratch_; }
+    [[nodiscard]] const ScratchFolder& scratch() const { return scratch_; }
 
   private:
     void begin_report();
@@ -46,7 +47,7 @@ class Extraction {
     MeshSink& sink_;
     const ExtractOptions& options_;
     Progress& progress_;
-    std::filesystem::path scratch_;
+    ScratchFolder scratch_;
     MeshLayout layout_;
     ExtractReport report_;
     std::unique_ptr<StageRow> row_;

@@ -22,18 +22,16 @@ struct TraversalSetting {
     const TraversalQuery& query;  ///< of `asked`, with the cache of the vertex values
     ChunkCache& cache;
     std::size_t part_vertices;
-    const std::filesystem::path& scratch;
+    const ScratchFolder& scratch;
     Progress& progress;
 };
 
 TraversalCounts counts_within_distance(const TraversalSetting& s, const PartSink& sink,
                                        ExtractReport& report) {
-    const DistanceTraversal done =
+    TraversalCounts counts =
         traverse_within_distance(s.cache, s.query, nested_limit_of(s.store, s.asked), s.scratch,
                                  s.part_vertices, sink, s.progress);
-    report.scratch_bytes += done.scratch_bytes;
-    report.distance->bound = done.counts.error_bound;
-    TraversalCounts counts = done.counts;
+    report.distance->bound = counts.error_bound;
     counts.error_bound = 0;
     return counts;
 }
@@ -116,7 +114,7 @@ TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query
 }
 
 void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
-                std::span<const FoundParts> found, const std::filesystem::path& scratch,
+                std::span<const FoundParts> found, const ScratchFolder& scratch,
                 Progress& progress) {
     TraversalQuery query = asked.traversal;
     std::optional<ChunkCache> others;

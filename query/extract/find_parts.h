@@ -1,12 +1,12 @@
 // What is extracted -> parts: the traversal that a product needs.
 #pragma once
 
-#include <filesystem>
 #include <span>
 
 #include "query/extract/extract_query.h"
 #include "query/mesh/part_store.h"
 #include "query/traverse/traversal_budget.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -27,7 +27,7 @@ struct FoundParts {
 /// surface or isolines of values have several isovalues; is called within an arena of
 /// budget.threads. Throws what traverse() throws.
 void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
-                std::span<const FoundParts> found, const std::filesystem::path& scratch,
+                std::span<const FoundParts> found, const ScratchFolder& scratch,
                 Progress& progress);
 
 }  // namespace isonest::detail

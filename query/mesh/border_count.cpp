@@ -6,8 +6,7 @@
 #include <algorithm>
 
 namespace isonest::detail {
-BorderCount::BorderCount(std::uint64_t vertices, const std::filesystem::path& folder)
-    : file_(folder) {
+BorderCount::BorderCount(std::uint64_t vertices, const ScratchFolder& folder) : file_(folder) {
     file_.map(vertices * sizeof(std::uint64_t));
     balance_ = file_.as<std::uint64_t>();
 }
@@ -23,8 +22,8 @@ std::uint64_t BorderCount::vertices() const {
         balance_.begin(), balance_.end(), [](std::uint64_t balance) { return balance != 0; }));
 }
 
-std::uint64_t border_vertices(const PartStore& parts, const Weld& weld,
-                              const std::filesystem::path& folder, Progress& progress) {
+std::uint64_t border_vertices(const PartStore& parts, const Weld& weld, const ScratchFolder& folder,
+                              Progress& progress) {
     progress.begin("count borders", weld.triangles(), "triangles");
     BorderCount count(weld.vertices(), folder);
     std::vector<std::uint64_t> number;
@@ -40,15 +39,15 @@ std::uint64_t border_vertices(const PartStore& parts, const Weld& weld,
     return count.vertices();
 }
 
-std::uint64_t border_vertices(const ScratchMesh& mesh, std::span<const ElementCorners> triangles,
-                              const std::filesystem::path& folder, Progress& progress) {
+std::uint64_t border_vertices(const ScratchMesh& mesh, const CornerView& triangles,
+                              const ScratchFolder& folder, Progress& progress) {
     constexpr std::size_t kOften = std::size_t{1} << 16U;
     progress.begin("count borders", triangles.size(), "triangles");
     BorderCount count(mesh.layout().vertices, folder);
     for (std::size_t at = 0; at < triangles.size(); at += kOften) {
         progress.check();
         const auto some = triangles.subspan(at, std::min(kOften, triangles.size() - at));
-        for (const ElementCorners& t : some) {
+        for (const ElementCorners t : some) {
             count.add(t);
         }
         progress.advance(some.size());

@@ -2,13 +2,13 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <span>
 
 #include <isonest/progress.h>
 
 #include "query/mesh/scratch_mesh.h"
 #include "query/mesh/weld.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -25,7 +25,7 @@ inline std::uint64_t mixed(std::uint64_t v) {
 class BorderCount {
   public:
     /// Throws Error{io}.
-    BorderCount(std::uint64_t vertices, const std::filesystem::path& folder);
+    BorderCount(std::uint64_t vertices, const ScratchFolder& folder);
 
     /// REQUIRES: corners are numbers below `vertices`.
     void add(const ElementCorners& triangle);
@@ -37,9 +37,9 @@ class BorderCount {
 };
 
 /// Of a welded mesh, and of triangles with vertices of a whole one. Throw Error{io, cancelled}.
-std::uint64_t border_vertices(const PartStore& parts, const Weld& weld,
-                              const std::filesystem::path& folder, Progress& progress);
-std::uint64_t border_vertices(const ScratchMesh& mesh, std::span<const ElementCorners> triangles,
-                              const std::filesystem::path& folder, Progress& progress);
+std::uint64_t border_vertices(const PartStore& parts, const Weld& weld, const ScratchFolder& folder,
+                              Progress& progress);
+std::uint64_t border_vertices(const ScratchMesh& mesh, const CornerView& triangles,
+                              const ScratchFolder& folder, Progress& progress);
 
 }  // namespace isonest::detail

@@ -37,7 +37,7 @@ void each_element(const ScratchMesh& mesh, Progress& progress, const Visit& visi
 /// The component of each vertex, numbered by their lowest vertices.
 class Labels {
   public:
-    Labels(const ScratchMesh& mesh, const std::filesystem::path& folder, Progress& progress)
+    Labels(const ScratchMesh& mesh, const ScratchFolder& folder, Progress& progress)
         : file_(folder) {
         file_.map(mesh.layout().vertices * sizeof(std::uint64_t));
         const auto parent = file_.as<std::uint64_t>();
@@ -82,7 +82,7 @@ double six_volumes(const ScratchMesh& mesh, const ElementCorners& e, std::uint64
 /// often the first of a triangle's two as it is the second: so a sum of their mixed numbers, with
 /// signs, is 0 there. At the end of a border it is a difference of two, which is not.
 void measure(const ScratchMesh& mesh, const Labels& labels, std::span<Component> components,
-             const std::filesystem::path& folder, Progress& progress) {
+             const ScratchFolder& folder, Progress& progress) {
     constexpr double kOfParallelepiped = 1.0 / 6;
     ScratchFile balance_file(folder);
     balance_file.map(mesh.layout().vertices * sizeof(std::uint64_t));
@@ -104,11 +104,10 @@ void measure(const ScratchMesh& mesh, const Labels& labels, std::span<Component>
 }
 
 /// Keeps the `most` largest of those that are kept, of equal ones those with lower vertices.
-/// Returns bytes of temporary files.
-std::uint64_t keep_largest(std::span<Component> components, std::uint64_t most,
-                           const std::filesystem::path& folder) {
+void keep_largest(std::span<Component> components, std::uint64_t most,
+                  const ScratchFolder& folder) {
     if (components.size() <= most) {
-        return 0;
+        return;
     }
     ScratchFile file(folder);
     file.map(components.size() * sizeof(std::uint64_t));
@@ -128,13 +127,12 @@ std::uint64_t keep_largest(std::span<Component> components, std::uint64_t most,
         });
         std::for_each(middle, end, [&](std::uint64_t i) { components[i].kept = 0; });
     }
-    return places.size_bytes();
 }
 
 }  // namespace
 
 KeptComponents::KeptComponents(const ScratchMesh& mesh, const ComponentChoice& choice,
-                               const std::filesystem::path& folder, Progress& progress)
+                               const ScratchFolder& folder, Progress& progress)
     : corner_file_(folder), corners_(mesh.corners()) {
     progress.begin("find components", 2 * mesh.layout().elements, "triangles");
     const Labels labels(mesh, folder, progress);
@@ -147,10 +145,8 @@ KeptComponents::KeptComponents(const ScratchMesh& mesh, const ComponentChoice& c
     }
     each_element(mesh, progress,
                  [&](const ElementCorners& e) { ++components[labels.of(e)].elements; });
-    scratch_bytes_ = labels.of_vertex().size_bytes() + components.size_bytes();
     if (choice.least_volume > 0) {
         measure(mesh, labels, components, folder, progress);
-        scratch_bytes_ += labels.of_vertex().size_bytes();
     }
     for (Component& c : components) {
         const bool large =
@@ -158,7 +154,7 @@ KeptComponents::KeptComponents(const ScratchMesh& mesh, const ComponentChoice& c
         c.kept = large && c.elements >= choice.least_triangles ? 1 : 0;
     }
     if (choice.largest > 0) {
-        scratch_bytes_ += keep_largest(components, choice.largest, folder);
+        keep_largest(components, choice.largest, folder);
     }
     for (const Component& c : components) {
         if (c.kept == 0) {
@@ -170,33 +166,32 @@ KeptComponents::KeptComponents(const ScratchMesh& mesh, const ComponentChoice& c
     if (dropped_ == 0) {
         return;
     }
-    corner_file_.map((mesh.layout().elements - dropped_elements_) * sizeof(ElementCorners));
-    const auto kept = corner_file_.as<ElementCorners>();
-    auto to = kept.begin();
+    corner_file_.begin(mesh.layout().vertices);
+    corner_file_.map(mesh.layout().elements - dropped_elements_);
+    std::uint64_t kept = 0;
     progress.begin("drop components", mesh.layout().elements, "triangles");
     each_element(mesh, progress, [&](const ElementCorners& e) {
         if (components[labels.of(e)].kept != 0) {
-            *to++ = e;
+            corner_file_.set(kept++, e);
         }
     });
-    corners_ = kept;
-    scratch_bytes_ += kept.size_bytes();
+    corners_ = corner_file_.all();
 }
 
-ComponentSizes component_sizes(std::uint64_t vertices, std::span<const ElementCorners> elements,
-                               const std::filesystem::path& folder) {
+ComponentSizes component_sizes(std::uint64_t vertices, const CornerView& elements,
+                               const ScratchFolder& folder) {
     ScratchFile parents(folder);
     parents.map(vertices * sizeof(std::uint64_t));
     const auto parent = parents.as<std::uint64_t>();
     std::iota(parent.begin(), parent.end(), std::uint64_t{0});
-    for (const ElementCorners& e : elements) {
+    for (const ElementCorners e : elements) {
         unite(parent, unite(parent, e[0], e[1]), e[2]);
     }
     ScratchFile counts(folder);
     counts.map(vertices * sizeof(std::uint64_t));
     const auto count = counts.as<std::uint64_t>();
     ComponentSizes sizes;
-    for (const ElementCorners& e : elements) {
+    for (const ElementCorners e : elements) {
         std::uint64_t& own = count[root_of(parent, e[0])];
         sizes.components += own == 0 ? 1 : 0;
         sizes.largest = std::max(sizes.largest, ++own);

@@ -2,13 +2,13 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <span>
 
 #include <isonest/extract.h>
 #include <isonest/progress.h>
 
 #include "query/mesh/scratch_mesh.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -19,26 +19,25 @@ class KeptComponents {
     /// REQUIRES: every vertex of `mesh` is named by an element, which outlives this; an element
     /// has three corners if choice.least_volume > 0. Throws Error{io, cancelled}.
     KeptComponents(const ScratchMesh& mesh, const ComponentChoice& choice,
-                   const std::filesystem::path& folder, Progress& progress);
+                   const ScratchFolder& folder, Progress& progress);
 
-    [[nodiscard]] std::span<const ElementCorners> corners() const { return corners_; }
+    [[nodiscard]] const CornerView& corners() const { return corners_; }
+    /// That has the corners, if any component was dropped.
+    [[nodiscard]] CornerFile& file() { return corner_file_; }
     /// Of the whole mesh.
     [[nodiscard]] std::uint64_t components() const { return components_; }
     [[nodiscard]] std::uint64_t dropped() const { return dropped_; }
     [[nodiscard]] std::uint64_t dropped_elements() const { return dropped_elements_; }
     /// Elements of the largest component that was dropped; 0 if none was.
     [[nodiscard]] std::uint64_t largest_dropped() const { return largest_dropped_; }
-    /// Bytes of all temporary files, at most.
-    [[nodiscard]] std::uint64_t scratch_bytes() const { return scratch_bytes_; }
 
   private:
-    ScratchFile corner_file_;
-    std::span<const ElementCorners> corners_;
+    CornerFile corner_file_;
+    CornerView corners_;
     std::uint64_t components_ = 0;
     std::uint64_t dropped_ = 0;
     std::uint64_t dropped_elements_ = 0;
     std::uint64_t largest_dropped_ = 0;
-    std::uint64_t scratch_bytes_ = 0;
 };
 
 /// How many components there are of elements whose corners are vertices below `vertices`, and the
@@ -48,7 +47,7 @@ struct ComponentSizes {
     std::uint64_t largest = 0;
 };
 /// Throws Error{io}. Without heap that grows with the mesh.
-ComponentSizes component_sizes(std::uint64_t vertices, std::span<const ElementCorners> elements,
-                               const std::filesystem::path& folder);
+ComponentSizes component_sizes(std::uint64_t vertices, const CornerView& elements,
+                               const ScratchFolder& folder);
 
 }  // namespace isonest::detail

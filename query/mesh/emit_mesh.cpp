@@ -72,8 +72,10 @@ void hand_over(MeshSink& sink, const ElementBatch& all) {
     }
 }
 
-/// Batches from all threads.
-void emit_at_once(const PartStore& parts, const Weld& weld, MeshSink& sink, Progress& progress) {
+/// Batches from all threads. Calls done(record) after each part.
+template <class Done>
+void emit_at_once(const PartStore& parts, const Weld& weld, MeshSink& sink, Progress& progress,
+                  const Done& done) {
     const auto records = parts.records();
     struct Nothing {};
     in_order(
@@ -87,6 +89,7 @@ void emit_at_once(const PartStore& parts, const Weld& weld, MeshSink& sink, Prog
             Made made;
             hand_over(sink, own_vertices(parts, r, owned, made));
             hand_over(sink, elements_of(parts, r, number, made));
+            done(r);
             progress.advance(r.triangles);
             return Nothing{};
         },
@@ -120,7 +123,23 @@ void emit_in_order(const PartStore& parts, const Weld& weld, MeshSink& sink, Pro
         });
 }
 
+void count(const PartStore& parts, const Weld& weld, MeshLayout& layout) {
+    layout.vertices = weld.vertices();
+    layout.elements = weld.triangles();
+    layout.lo = parts.lo();
+    layout.hi = parts.hi();
+}
+
 }  // namespace
+
+void move_mesh(PartStore& parts, const Weld& weld, MeshLayout layout, ScratchMesh& mesh,
+               Progress& progress) {
+    count(parts, weld, layout);
+    mesh.begin(layout);
+    progress.begin("write mesh", layout.elements, "triangles");
+    emit_at_once(parts, weld, mesh, progress, [&](const PartRecord& r) { parts.release(r); });
+    mesh.end();
+}
 
 MeshLayout layout_of(const AttributeChoice& attributes, int corners,
                      std::optional<LengthUnit> unit) {
@@ -137,16 +156,13 @@ MeshLayout layout_of(const AttributeChoice& attributes, int corners,
 
 void emit_mesh(const PartStore& parts, const Weld& weld, MeshLayout layout, MeshSink& sink,
                Progress& progress) {
-    layout.vertices = weld.vertices();
-    layout.elements = weld.triangles();
-    layout.lo = parts.lo();
-    layout.hi = parts.hi();
+    count(parts, weld, layout);
     sink.begin(layout);
     const bool at_once = sink.concurrent();
     do {
         progress.begin("write mesh", (at_once ? 1 : 2) * layout.elements, "triangles");
         if (at_once) {
-            emit_at_once(parts, weld, sink, progress);
+            emit_at_once(parts, weld, sink, progress, [](const PartRecord& /*r*/) {});
             continue;
         }
         emit_in_order<VertexBatch>(

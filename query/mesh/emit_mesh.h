@@ -5,6 +5,7 @@
 #include <isonest/progress.h>
 
 #include "query/march/vertex_attributes.h"
+#include "query/mesh/scratch_mesh.h"
 #include "query/mesh/weld.h"
 
 namespace isonest::detail {
@@ -17,6 +18,11 @@ MeshLayout layout_of(const AttributeChoice& attributes, int corners,
 /// ("triangles" whose last two corners are equal) and triangles. Throws what the sink throws, and
 /// Error{cancelled}.
 void emit_mesh(const PartStore& parts, const Weld& weld, MeshLayout layout, MeshSink& sink,
+               Progress& progress);
+
+/// Into `mesh`, begin() and end() included. Each part's space is given back as soon as it was
+/// handed over: nothing but the records of `parts` is left. Throws Error{io, cancelled}.
+void move_mesh(PartStore& parts, const Weld& weld, MeshLayout layout, ScratchMesh& mesh,
                Progress& progress);
 
 }  // namespace isonest::detail

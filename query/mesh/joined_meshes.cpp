@@ -86,7 +86,10 @@ class JoinedMeshes::Part : public MeshSink {
     }
     void add_vertices(const VertexBatch& batch) override { mesh_->add_vertices(batch); }
     void add_elements(const ElementBatch& batch) override { mesh_->add_elements(batch); }
-    void end() override { joined_.meshes_[number_] = std::move(mesh_); }
+    void end() override {
+        mesh_->end();
+        joined_.meshes_[number_] = std::move(mesh_);
+    }
     [[nodiscard]] bool concurrent() const override { return true; }
     [[nodiscard]] bool holds_float64() const override { return joined_.sink_.holds_float64(); }
 
@@ -96,8 +99,7 @@ class JoinedMeshes::Part : public MeshSink {
     std::unique_ptr<ScratchMesh> mesh_;
 };
 
-JoinedMeshes::JoinedMeshes(MeshSink& sink, std::span<const double> isovalues,
-                           std::filesystem::path scratch)
+JoinedMeshes::JoinedMeshes(MeshSink& sink, std::span<const double> isovalues, ScratchFolder scratch)
     : sink_(sink),
       isovalues_(isovalues.begin(), isovalues.end()),
       scratch_(std::move(scratch)),

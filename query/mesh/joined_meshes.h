@@ -1,7 +1,6 @@
 // The meshes of several isovalues as one mesh.
 #pragma once
 
-#include <filesystem>
 #include <memory>
 #include <span>
 #include <vector>
@@ -10,6 +9,7 @@
 #include <isonest/progress.h>
 
 #include "query/mesh/scratch_mesh.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -18,7 +18,7 @@ namespace isonest::detail {
 class JoinedMeshes {
   public:
     /// REQUIRES: `sink` lives as long as this.
-    JoinedMeshes(MeshSink& sink, std::span<const double> isovalues, std::filesystem::path scratch);
+    JoinedMeshes(MeshSink& sink, std::span<const double> isovalues, ScratchFolder scratch);
 
     /// Where the mesh of isovalue number `i` goes. Its prepare() is that of the joined one. It must
     /// not outlive this.
@@ -34,7 +34,7 @@ class JoinedMeshes {
 
     MeshSink& sink_;
     std::vector<double> isovalues_;
-    std::filesystem::path scratch_;
+    ScratchFolder scratch_;
     bool is_double_ = false;  ///< of the attribute
     std::vector<std::unique_ptr<ScratchMesh>> meshes_;
 };

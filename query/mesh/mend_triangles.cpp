@@ -30,7 +30,7 @@ constexpr int kMostSteps = 4;  ///< of a move, along an axis
 /// Triangles that wait, each once, first in first out.
 class Waiting {
   public:
-    Waiting(std::uint64_t triangles, const std::filesystem::path& folder) : file_(folder) {
+    Waiting(std::uint64_t triangles, const ScratchFolder& folder) : file_(folder) {
         file_.map(triangles * sizeof(std::uint64_t));
         next_ = file_.as<std::uint64_t>();
     }
@@ -53,7 +53,6 @@ class Waiting {
         next_[t] = 0;
         return t;
     }
-    [[nodiscard]] std::uint64_t scratch_bytes() const { return next_.size_bytes(); }
 
   private:
     static constexpr std::uint64_t kLast = 1;   ///< 0: does not wait
@@ -66,7 +65,7 @@ class Waiting {
 
 class Mender {
   public:
-    Mender(ScratchMesh& mesh, const Double3& least_step, const std::filesystem::path& folder,
+    Mender(ScratchMesh& mesh, const Double3& least_step, const ScratchFolder& folder,
            Progress& progress)
         : positions_(mesh.changeable_positions()),
           corners_(mesh.changeable_corners()),
@@ -87,11 +86,9 @@ class Mender {
         });
         each([&](std::uint64_t t) {
             for (std::size_t i = 0; i < 3; ++i) {
-                stars_.add(3 * t + i, corners_[t][i]);
+                stars_.add(3 * t + i, corners_.at(t, i));
             }
         });
-        result_.scratch_bytes =
-            stars_.scratch_bytes() + waiting_.scratch_bytes() + positions_.size() * sizeof(Start);
     }
 
     MendedTriangles run() {
@@ -118,7 +115,7 @@ class Mender {
             work(t);
         }
     }
-    [[nodiscard]] bool is_there(std::uint64_t t) const { return corners_[t][0] != kNone; }
+    [[nodiscard]] bool is_there(std::uint64_t t) const { return corners_.at(t, 0) != kNone; }
     [[nodiscard]] bool lacks_area(const ElementCorners& c) const {
         return has_no_area(positions_[c[0]], positions_[c[1]], positions_[c[2]]);
     }
@@ -126,11 +123,11 @@ class Mender {
         return is_there(t) && lacks_area(corners_[t]);
     }
     [[nodiscard]] bool has(std::uint64_t t, std::uint64_t v) const {
-        return corners_[t][0] == v || corners_[t][1] == v || corners_[t][2] == v;
+        return corners_.at(t, 0) == v || corners_.at(t, 1) == v || corners_.at(t, 2) == v;
     }
     /// The corner's vertex, and those after it in its triangle.
     [[nodiscard]] std::uint64_t vertex_of(std::uint64_t corner, std::uint64_t after = 0) const {
-        return corners_[corner / 3][(corner % 3 + after) % 3];
+        return corners_.at(corner / 3, (corner % 3 + after) % 3);
     }
 
     /// False if it is none of one ring.
@@ -164,16 +161,15 @@ class Mender {
 
     void drop(std::uint64_t t) {
         for (std::size_t i = 0; i < 3; ++i) {
-            stars_.remove(3 * t + i, corners_[t][i]);
+            stars_.remove(3 * t + i, corners_.at(t, i));
         }
-        corners_[t] = {kNone, kNone, kNone};
+        corners_.set(t, {kNone, kNone, kNone});
     }
 
     void rename(std::uint64_t corner, std::uint64_t to) {
-        std::uint64_t& v = corners_[corner / 3][corner % 3];
-        stars_.remove(corner, v);
-        v = to;
-        stars_.add(corner, v);
+        stars_.remove(corner, vertex_of(corner));
+        corners_.set(corner / 3, corner % 3, to);
+        stars_.add(corner, to);
     }
 
     /// Those that wait, without moves. Returns how often that worked.
@@ -221,14 +217,14 @@ class Mender {
         stars_.corners_of(gone, around_);
         stars_.remove_all(gone);
         for (const std::uint64_t corner : around_) {
-            corners_[corner / 3][corner % 3] = kept;
+            corners_.set(corner / 3, corner % 3, kept);
             stars_.add(corner, kept);
         }
     }
 
     /// The corner between the other two of a triangle that is a segment; kNone if two are equal.
     [[nodiscard]] std::uint64_t middle_of(std::uint64_t t) const {
-        const ElementCorners& c = corners_[t];
+        const ElementCorners c = corners_[t];
         std::array<double, 3> side{};  // opposite to each corner
         for (std::size_t i = 0; i < 3; ++i) {
             const Point& a = positions_[c[(i + 1) % 3]];
@@ -345,7 +341,7 @@ class Mender {
     }
 
     std::span<Point> positions_;
-    std::span<ElementCorners> corners_;
+    CornerFile& corners_;
     VertexStars stars_;
     Waiting waiting_;
     ScratchFile start_file_;
@@ -360,12 +356,10 @@ class Mender {
 }  // namespace
 
 MendedTriangles mend_triangles(ScratchMesh& mesh, const Double3& least_step,
-                               const std::filesystem::path& folder, Progress& progress) {
+                               const ScratchFolder& folder, Progress& progress) {
     constexpr std::uint64_t kPasses = 4;
     progress.begin("mend triangles", kPasses * mesh.layout().elements, "triangles");
-    MendedTriangles result = Mender(mesh, least_step, folder, progress).run();
-    result.scratch_bytes =
-        std::max(result.scratch_bytes, mesh.layout().vertices * sizeof(std::uint64_t));
+    const MendedTriangles result = Mender(mesh, least_step, folder, progress).run();
     mesh.compact(folder, progress);
     return result;
 }

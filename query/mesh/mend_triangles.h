@@ -10,12 +10,12 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 
 #include <isonest/int3.h>
 #include <isonest/progress.h>
 
 #include "query/mesh/scratch_mesh.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -29,7 +29,6 @@ struct MendedTriangles {
     std::uint64_t moved_vertices = 0;
     Double3 moved{};  ///< most by which a coordinate changed, world units
     /// Bytes of temporary files, at most.
-    std::uint64_t scratch_bytes = 0;
 };
 
 /// Mends `mesh`; triangles and vertices that are left keep their order. `least_step`: no vertex is
@@ -37,6 +36,6 @@ struct MendedTriangles {
 /// in `folder`. The result depends on the mesh and `least_step` alone. REQUIRES: triangles. Throws
 /// Error{io, cancelled}.
 MendedTriangles mend_triangles(ScratchMesh& mesh, const Double3& least_step,
-                               const std::filesystem::path& folder, Progress& progress);
+                               const ScratchFolder& folder, Progress& progress);
 
 }  // namespace isonest::detail

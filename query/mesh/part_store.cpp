@@ -73,8 +73,8 @@ constexpr std::uint64_t kKeptOverhead = 64;
 
 }  // namespace
 
-PartStore::PartStore(const std::filesystem::path& folder, const Double3& spacing,
-                     const Double3& origin, std::uint64_t memory, std::size_t attributes)
+PartStore::PartStore(const ScratchFolder& folder, const Double3& spacing, const Double3& origin,
+                     std::uint64_t memory, std::size_t attributes)
     : file_(folder),
       record_file_(folder),
       spacing_(spacing),
@@ -165,6 +165,14 @@ void PartStore::seal() {
     for (PartRecord& r : records_) {
         r.first_not_alone = not_alone;
         not_alone += r.not_alone;
+    }
+}
+
+void PartStore::release(const PartRecord& r) {
+    if (r.in_memory != 0) {
+        kept_[r.offset].reset();
+    } else {
+        file_.release(r.offset, Pieces(r, attributes_).end);
     }
 }
 

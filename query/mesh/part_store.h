@@ -3,7 +3,6 @@
 #pragma once
 
 #include <atomic>
-#include <filesystem>
 #include <limits>
 #include <memory>
 #include <mutex>
@@ -12,6 +11,7 @@
 
 #include "query/march/clip.h"
 #include "query/march/mesh_part.h"
+#include "store/files/pieced_file.h"
 #include "store/files/scratch_file.h"
 
 namespace isonest::detail {
@@ -46,7 +46,7 @@ class PartStore {
     /// World coordinates are origin + spacing * position, as float32. Parts of up to `memory` bytes
     /// in all stay in memory, the others go to a temporary file in `folder`. `attributes`: how
     /// many words each vertex has.
-    PartStore(const std::filesystem::path& folder, const Double3& spacing, const Double3& origin,
+    PartStore(const ScratchFolder& folder, const Double3& spacing, const Double3& origin,
               std::uint64_t memory, std::size_t attributes = 0);
 
     /// From now on vertices are looked for that may share their place with another one. REQUIRES:
@@ -72,6 +72,9 @@ class PartStore {
     /// Vertices, ascending, that may share their place with another one of any part. Others are
     /// alone. REQUIRES: watch() was called.
     [[nodiscard]] std::span<const std::uint32_t> not_alone(const PartRecord& r) const;
+    /// Gives back what a part takes, of which nothing but the record is looked at any more. Of
+    /// different parts from any thread.
+    void release(const PartRecord& r);
     [[nodiscard]] std::uint64_t zero_area_triangles() const { return zero_area_; }
     /// The smallest box that holds all vertices, world coordinates; lo > hi if there is none.
     [[nodiscard]] const std::array<float, 3>& lo() const { return lo_; }
@@ -84,7 +87,7 @@ class PartStore {
             r.in_memory != 0 ? kept_[r.offset].get() : data_.data() + r.offset;
         return {reinterpret_cast<const T*>(part + offset), count};
     }
-    ScratchFile file_;
+    PiecedFile file_;
     ScratchFile record_file_;
     Double3 spacing_;
     Double3 origin_;

@@ -19,8 +19,8 @@ constexpr std::size_t kBatch = std::size_t{1} << 13U;
 /// The vertices that elements name, in the order of their first naming.
 class UsedVertices {
   public:
-    UsedVertices(const ScratchMesh& mesh, std::span<const ElementCorners> elements,
-                 const std::filesystem::path& folder, Progress& progress)
+    UsedVertices(const ScratchMesh& mesh, const CornerView& elements, const ScratchFolder& folder,
+                 Progress& progress)
         : number_file_(folder), vertex_file_(folder) {
         number_file_.map(mesh.layout().vertices * sizeof(std::uint64_t));
         vertex_file_.map(mesh.layout().vertices * sizeof(std::uint64_t));
@@ -87,8 +87,8 @@ void emit_vertices(const ScratchMesh& mesh, const UsedVertices& used, MeshSink& 
 
 /// `number_of(vertex)`: under which number the sink has it.
 template <class NumberOf>
-void emit_batches(const ScratchMesh& mesh, std::span<const ElementCorners> elements,
-                  const NumberOf& number_of, MeshSink& sink, Progress& progress) {
+void emit_batches(const ScratchMesh& mesh, const CornerView& elements, const NumberOf& number_of,
+                  MeshSink& sink, Progress& progress) {
     Copies nearby;
     std::vector<ElementCorners> corners;
     std::vector<std::array<std::uint32_t, 3>> nearby_corners;
@@ -99,7 +99,7 @@ void emit_batches(const ScratchMesh& mesh, std::span<const ElementCorners> eleme
         corners.clear();
         nearby_corners.clear();
         place.clear();
-        for (const ElementCorners& e :
+        for (const ElementCorners e :
              elements.subspan(at, std::min(kBatch, elements.size() - at))) {
             ElementCorners numbered{};
             std::array<std::uint32_t, 3> near{};
@@ -123,33 +123,29 @@ void emit_batches(const ScratchMesh& mesh, std::span<const ElementCorners> eleme
 
 }  // namespace
 
-ScratchMesh::ScratchMesh(std::filesystem::path folder)
-    : position_file_(folder), row_file_(folder), corner_file_(folder) {}
+ScratchMesh::ScratchMesh(const ScratchFolder& folder, CornerFile::Bits bits)
+    : position_file_(folder), row_file_(folder), corners_(folder, bits) {}
 
 void ScratchMesh::begin(const MeshLayout& layout) {
     layout_ = layout;
-    position_file_.map(layout.vertices * sizeof(Point));
-    row_file_.map(layout.vertices * layout.row_bytes);
-    corner_file_.map(layout.elements * sizeof(ElementCorners));
+    corners_.begin(layout.vertices);
 }
 
 void ScratchMesh::add_vertices(const VertexBatch& batch) {
-    std::copy(batch.positions.begin(), batch.positions.end(),
-              position_file_.as<Point>().begin() + static_cast<std::ptrdiff_t>(batch.first));
-    if (!batch.attributes.empty()) {
-        std::memcpy(row_file_.as<std::byte>().data() + batch.first * layout_.row_bytes,
-                    batch.attributes.data(), batch.attributes.size());
+    position_file_.write_at(batch.first * sizeof(Point), std::as_bytes(batch.positions));
+    if (layout_.row_bytes > 0) {
+        row_file_.write_at(batch.first * layout_.row_bytes, batch.attributes);
     }
 }
 
 void ScratchMesh::add_elements(const ElementBatch& batch) {
-    std::copy(batch.corners.begin(), batch.corners.end(),
-              corner_file_.as<ElementCorners>().begin() + static_cast<std::ptrdiff_t>(batch.first));
+    corners_.write(batch.first, batch.corners);
 }
 
-std::uint64_t ScratchMesh::bytes() const {
-    return layout_.vertices * (sizeof(Point) + layout_.row_bytes) +
-           layout_.elements * sizeof(ElementCorners);
+void ScratchMesh::end() {
+    position_file_.map(layout_.vertices * sizeof(Point));
+    row_file_.map(layout_.vertices * layout_.row_bytes);
+    corners_.map(layout_.elements);
 }
 
 void ScratchMesh::add_copies(std::span<const MovedCopy> copies) {
@@ -170,19 +166,18 @@ void ScratchMesh::add_copies(std::span<const MovedCopy> copies) {
     }
 }
 
-void ScratchMesh::compact(const std::filesystem::path& folder, Progress& progress) {
+void ScratchMesh::compact(const ScratchFolder& folder, Progress& progress) {
     ScratchFile number_file(folder);
     number_file.map(layout_.vertices * sizeof(std::uint64_t));
     const auto number = number_file.as<std::uint64_t>();
-    const auto corners = changeable_corners();
     std::uint64_t elements = 0;
-    for (std::size_t i = 0; i < corners.size(); ++i) {
+    for (std::uint64_t i = 0; i < corners_.size(); ++i) {
         if (i % kBatch == 0) {
             progress.check();
         }
-        const ElementCorners e = corners[i];
+        const ElementCorners e = corners_[i];
         if (e[0] != kNoVertex) {
-            corners[elements++] = e;
+            corners_.set(elements++, e);
             number[e[0]] = number[e[1]] = number[e[2]] = 1;
         }
     }
@@ -201,13 +196,15 @@ void ScratchMesh::compact(const std::filesystem::path& folder, Progress& progres
     }
     layout_.elements = elements;
     layout_.vertices = vertices;
-    for (ElementCorners& e : changeable_corners()) {
-        e = {number[e[0]], number[e[1]], number[e[2]]};
+    corners_.shrink(elements);
+    for (std::uint64_t i = 0; i < elements; ++i) {
+        const ElementCorners e = corners_[i];
+        corners_.set(i, {number[e[0]], number[e[1]], number[e[2]]});
     }
 }
 
-EmittedMesh emit_elements(const ScratchMesh& mesh, std::span<const ElementCorners> elements,
-                          const std::filesystem::path& folder, MeshSink& sink, Progress& progress) {
+EmittedMesh emit_elements(const ScratchMesh& mesh, const CornerView& elements,
+                          const ScratchFolder& folder, MeshSink& sink, Progress& progress) {
     const UsedVertices used(mesh, elements, folder, progress);
     MeshLayout layout = mesh.layout();
     layout.vertices = used.count();
@@ -224,7 +221,7 @@ EmittedMesh emit_elements(const ScratchMesh& mesh, std::span<const ElementCorner
     EmittedMesh emitted{used.count(), elements.size(), 0};
     if (layout.corners == 3) {
         const auto at = mesh.positions();
-        for (const ElementCorners& e : elements) {
+        for (const ElementCorners e : elements) {
             emitted.zero_area_triangles += has_no_area(at[e[0]], at[e[1]], at[e[2]]) ? 1 : 0;
         }
     }

@@ -4,28 +4,28 @@
 
 #include <array>
 #include <cstdint>
-#include <filesystem>
-#include <limits>
 #include <span>
 
 #include <isonest/mesh_sink.h>
 #include <isonest/progress.h>
 
+#include "query/mesh/corner_file.h"
 #include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
-using ElementCorners = std::array<std::uint64_t, 3>;
-
-/// A sink that keeps the mesh in mapped temporary files, which are no heap. Thread-safety: that of
-/// a concurrent sink; once end() was called, that of constant data.
+/// A sink that keeps the mesh in temporary files, which grow as it comes, and are mapped by end():
+/// then it can be read. Thread-safety: that of a concurrent sink; once end() was called, that of
+/// constant data.
 class ScratchMesh : public MeshSink {
   public:
-    explicit ScratchMesh(std::filesystem::path folder);
+    explicit ScratchMesh(const ScratchFolder& folder,
+                         CornerFile::Bits bits = CornerFile::Bits::as_needed);
 
     void begin(const MeshLayout& layout) override;
     void add_vertices(const VertexBatch& batch) override;
     void add_elements(const ElementBatch& batch) override;
+    void end() override;
     [[nodiscard]] bool concurrent() const override { return true; }
 
     [[nodiscard]] const MeshLayout& layout() const { return layout_; }
@@ -40,22 +40,19 @@ class ScratchMesh : public MeshSink {
     [[nodiscard]] std::span<const std::byte> rows() const {
         return row_file_.as<const std::byte>().first(layout_.vertices * layout_.row_bytes);
     }
-    /// Of a line the third corner repeats the second.
-    [[nodiscard]] std::span<const ElementCorners> corners() const {
-        return {corner_file_.as<ElementCorners>().data(), layout_.elements};
+    [[nodiscard]] CornerView corners() const { return corners_.all(); }
+    /// REQUIRES: the mesh was made with Bits::all.
+    [[nodiscard]] std::span<const ElementCorners> corners_in_64_bits() const {
+        return corners_.in_64_bits();
     }
-    /// Bytes of its files.
-    [[nodiscard]] std::uint64_t bytes() const;
 
     /// As a corner: the element is to go.
-    static constexpr std::uint64_t kNoVertex = std::numeric_limits<std::uint64_t>::max();
+    static constexpr std::uint64_t kNoVertex = CornerFile::kNoVertex;
     /// For whoever changes the mesh; the box of its layout stays as it is.
     [[nodiscard]] std::span<std::array<float, 3>> changeable_positions() {
         return {position_file_.as<std::array<float, 3>>().data(), layout_.vertices};
     }
-    [[nodiscard]] std::span<ElementCorners> changeable_corners() {
-        return {corner_file_.as<ElementCorners>().data(), layout_.elements};
-    }
+    [[nodiscard]] CornerFile& changeable_corners() { return corners_; }
     /// A further vertex: a copy of one of the mesh, at another place.
     struct MovedCopy {
         std::array<float, 3> at{};
@@ -65,13 +62,13 @@ class ScratchMesh : public MeshSink {
     /// Spans of vertices from before are invalid. Throws Error{io}.
     void add_copies(std::span<const MovedCopy> copies);
     /// Takes elements out whose first corner is kNoVertex, and vertices that none of the others
-    /// names. The order stays. Spans from before are invalid. Throws Error{io, cancelled}.
-    void compact(const std::filesystem::path& folder, Progress& progress);
+    /// names. The order stays. Views from before are invalid. Throws Error{io, cancelled}.
+    void compact(const ScratchFolder& folder, Progress& progress);
 
   private:
     ScratchFile position_file_;
     ScratchFile row_file_;
-    ScratchFile corner_file_;
+    CornerFile corners_;
     MeshLayout layout_;
 };
 
@@ -86,8 +83,8 @@ struct EmittedMesh {
 /// as the sink asks for them, end(). Only vertices that they name, numbered in the order in which
 /// they are first named. What grows with the mesh lies in temporary files in `folder`. Throws
 /// Error{io, cancelled} and what the sink throws.
-EmittedMesh emit_elements(const ScratchMesh& mesh, std::span<const ElementCorners> elements,
-                          const std::filesystem::path& folder, MeshSink& sink, Progress& progress);
+EmittedMesh emit_elements(const ScratchMesh& mesh, const CornerView& elements,
+                          const ScratchFolder& folder, MeshSink& sink, Progress& progress);
 
 /// Hands all vertices, or all elements, of a mesh to a sink, with the numbers that they have, and
 /// nothing else. Throws Error{cancelled} and what the sink throws.

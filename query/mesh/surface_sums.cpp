@@ -99,23 +99,25 @@ SurfaceMeasures SurfaceSums::measures() const {
 
 SurfaceMeasures measures_of(const MeshLayout& layout,
                             std::span<const std::array<float, 3>> positions,
-                            std::span<const std::array<std::uint64_t, 3>> elements) {
+                            const CornerView& elements) {
     constexpr std::size_t kAtOnce = 1U << 12U;
     SurfaceSums sums(layout);
     std::vector<std::array<float, 3>> nearby;
     std::vector<std::array<std::uint32_t, 3>> places;
+    std::vector<ElementCorners> corners;
     for (std::size_t at = 0; at < elements.size(); at += kAtOnce) {
         const auto some = elements.subspan(at, std::min(kAtOnce, elements.size() - at));
         nearby.clear();
         places.clear();
-        for (const auto& t : some) {
+        corners.assign(some.begin(), some.end());
+        for (const auto& t : corners) {
             const auto first = static_cast<std::uint32_t>(nearby.size());
             places.push_back({first, first + 1, first + 2});
             for (const std::uint64_t v : t) {
                 nearby.push_back(positions[v]);
             }
         }
-        sums.add({at, some, places, {0, nearby, {}, 0}});
+        sums.add({at, corners, places, {0, nearby, {}, 0}});
     }
     return sums.measures();
 }

@@ -8,6 +8,8 @@
 #include <isonest/extract_report.h>
 #include <isonest/mesh_sink.h>
 
+#include "query/mesh/corner_file.h"
+
 namespace isonest::detail {
 
 /// The same for any order of the triangles, hence for any threads and batches. Without memory that
@@ -40,6 +42,6 @@ class SurfaceSums {
 /// Of elements whose corners are places in `positions`, which lie within the layout's box.
 SurfaceMeasures measures_of(const MeshLayout& layout,
                             std::span<const std::array<float, 3>> positions,
-                            std::span<const std::array<std::uint64_t, 3>> elements);
+                            const CornerView& elements);
 
 }  // namespace isonest::detail

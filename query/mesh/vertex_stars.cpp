@@ -3,7 +3,7 @@
 namespace isonest::detail {
 
 VertexStars::VertexStars(std::uint64_t vertices, std::uint64_t triangles,
-                         const std::filesystem::path& folder)
+                         const ScratchFolder& folder)
     : first_file_(folder), next_file_(folder) {
     first_file_.map(vertices * sizeof(std::uint64_t));
     next_file_.map(3 * triangles * sizeof(std::uint64_t));

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <filesystem>
 #include <vector>
 
 #include "query/mesh/scratch_mesh.h"
@@ -17,8 +16,7 @@ namespace isonest::detail {
 class VertexStars {
   public:
     /// Throws Error{io}.
-    VertexStars(std::uint64_t vertices, std::uint64_t triangles,
-                const std::filesystem::path& folder);
+    VertexStars(std::uint64_t vertices, std::uint64_t triangles, const ScratchFolder& folder);
 
     /// Before the first add().
     void mark(std::uint64_t v) { first_[v] = std::max(first_[v], kEnd); }
@@ -37,10 +35,6 @@ class VertexStars {
 
     /// All corners that name `v`; the last that was added first. REQUIRES: is_marked(v).
     void corners_of(std::uint64_t v, std::vector<std::uint64_t>& corners) const;
-
-    [[nodiscard]] std::uint64_t scratch_bytes() const {
-        return first_.size_bytes() + next_.size_bytes();
-    }
 
   private:
     static constexpr std::uint64_t kEnd = 1;    ///< 0: not marked

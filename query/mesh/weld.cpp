@@ -37,7 +37,7 @@ void Weld::unite(std::uint64_t a, std::uint64_t b) {
     elements_[std::max(a, b)].parent = std::min(a, b);
 }
 
-void Weld::unite_names(const std::filesystem::path& folder) {
+void Weld::unite_names(const ScratchFolder& folder) {
     std::uint64_t count = 0;
     for (const PartRecord& r : parts_.records()) {
         count += r.names;
@@ -61,7 +61,7 @@ void Weld::unite_names(const std::filesystem::path& folder) {
     }
 }
 
-void Weld::unite_cuts(const std::filesystem::path& folder) {
+void Weld::unite_cuts(const ScratchFolder& folder) {
     std::uint64_t count = 0;
     for (const PartRecord& r : parts_.records()) {
         count += r.cuts;
@@ -91,8 +91,7 @@ void Weld::unite_cuts(const std::filesystem::path& folder) {
     }
 }
 
-Weld::Weld(PartStore& parts, const std::filesystem::path& folder)
-    : parts_(parts), element_file_(folder) {
+Weld::Weld(PartStore& parts, const ScratchFolder& folder) : parts_(parts), element_file_(folder) {
     std::uint64_t shared = 0;
     for (PartRecord& r : parts_.records()) {
         r.first_shared = shared;

@@ -1,10 +1,10 @@
 // Gives every vertex of the mesh one number, across all parts.
 #pragma once
 
-#include <filesystem>
 #include <vector>
 
 #include "query/mesh/part_store.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -14,7 +14,7 @@ namespace isonest::detail {
 class Weld {
   public:
     /// REQUIRES: parts.seal() was called. Throws Error{io}.
-    Weld(PartStore& parts, const std::filesystem::path& folder);
+    Weld(PartStore& parts, const ScratchFolder& folder);
 
     [[nodiscard]] std::uint64_t vertices() const { return vertices_; }
     [[nodiscard]] std::uint64_t triangles() const { return triangles_; }
@@ -32,8 +32,8 @@ class Weld {
     };
     std::uint64_t root(std::uint64_t e);
     void unite(std::uint64_t a, std::uint64_t b);
-    void unite_names(const std::filesystem::path& folder);
-    void unite_cuts(const std::filesystem::path& folder);
+    void unite_names(const ScratchFolder& folder);
+    void unite_cuts(const ScratchFolder& folder);
 
     PartStore& parts_;
     ScratchFile element_file_;

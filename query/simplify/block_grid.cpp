@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <tuple>
 
 #include "store/base/box.h"
 
@@ -17,11 +18,11 @@ Int3 cell_at(const Int3& node, std::int64_t cell) {
 }  // namespace
 
 BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
-                     std::span<const ElementCorners> triangles, int thirds, std::uint32_t most,
-                     const std::filesystem::path& folder, Progress& progress)
+                     const CornerView& triangles, int thirds, std::uint32_t most,
+                     const ScratchFolder& folder, Progress& progress)
     : BlockGrid(lattice, mesh, thirds, folder) {
     std::uint64_t i = 0;
-    for (const ElementCorners& triangle : triangles) {
+    for (const ElementCorners triangle : triangles) {
         constexpr std::uint64_t kOften = 1U << 16U;
         if (i++ % kOften == 0) {
             progress.check();
@@ -32,8 +33,8 @@ BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh,
 }
 
 BlockGrid::BlockGrid(const WorldLattice& lattice, const ScratchMesh& mesh, int thirds,
-                     const std::filesystem::path& folder)
-    : lattice_(lattice), mesh_(mesh), file_(folder) {
+                     const ScratchFolder& folder)
+    : lattice_(lattice), mesh_(mesh), folder_(folder), file_(folder) {
     const std::int64_t longest = std::max({lattice.nodes.x, lattice.nodes.y, lattice.nodes.z});
     // Twice as large as the volume: shifted by two thirds it still holds all.
     const auto whole = 2 * static_cast<std::int64_t>(
@@ -87,7 +88,27 @@ std::uint64_t BlockGrid::count_in(const Int3& low, std::int64_t size) const {
     return count;
 }
 
-void BlockGrid::divide(const Int3& low, std::int64_t size, std::uint32_t most) {
+void BlockGrid::divide(std::uint32_t most) {
+    GrowingFile<Begin> begins(folder_);
+    divide({0, 0, 0}, size_, most, begins);
+    begins.seal();
+    const auto all = begins.all();
+    std::sort(all.begin(), all.end(), [](const Begin& a, const Begin& b) {
+        return std::tie(a.z, a.y, a.x) < std::tie(b.z, b.y, b.x);
+    });
+    ScratchFile rank_file(folder_);
+    rank_file.map(std::max(blocks_, 1U) * sizeof(std::uint32_t));
+    const auto rank = rank_file.as<std::uint32_t>();
+    for (std::uint32_t i = 0; i < blocks_; ++i) {
+        rank[all[i].number] = i;
+    }
+    for (std::uint32_t& block : file_.as<std::uint32_t>()) {
+        block = rank[block];
+    }
+}
+
+void BlockGrid::divide(const Int3& low, std::int64_t size, std::uint32_t most,
+                       GrowingFile<Begin>& begins) {
     const Int3 begin = max(low - first_, {0, 0, 0});
     const Int3 end = min(low - first_ + Int3{size, size, size}, cells_);
     if (min(begin, end - Int3{1, 1, 1}) != begin) {
@@ -97,12 +118,15 @@ void BlockGrid::divide(const Int3& low, std::int64_t size, std::uint32_t most) {
     if (count > most && size > 1) {
         const std::int64_t half = size / 2;
         for (std::int64_t octant = 0; octant < 8; ++octant) {
-            divide(low + Int3{2, 2, 2}.unlinear(octant) * half, half, most);
+            divide(low + Int3{2, 2, 2}.unlinear(octant) * half, half, most, begins);
         }
         return;
     }
     // Nothing of the mesh is here, but a triangle of a coarser one may be: the block before has it.
-    const std::uint32_t block = count > 0 ? blocks_++ : std::max(blocks_, 1U) - 1;
+    if (count > 0) {
+        begins.append({low.z, low.y, low.x, blocks_++});
+    }
+    const std::uint32_t block = std::max(blocks_, 1U) - 1;
     const auto cells = file_.as<std::uint32_t>();
     for (std::int64_t z = begin.z; z < end.z; ++z) {
         for (std::int64_t y = begin.y; y < end.y; ++y) {

@@ -4,7 +4,7 @@
 #include <tsl/robin_map.h>
 
 #include <cstdint>
-#include <filesystem>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -15,17 +15,16 @@
 
 namespace isonest::detail {
 
-/// How many triangles of the mesh have each vertex, in a temporary file. Thread-safety: constant
-/// once all are counted.
+/// How many triangles of the mesh have each vertex, in a temporary file; of very many it knows no
+/// number. Thread-safety: constant once all are counted.
 class Valences {
   public:
-    Valences(std::uint64_t vertices, const std::filesystem::path& folder) : file_(folder) {
-        file_.map(vertices * sizeof(std::uint32_t));
+    Valences(std::uint64_t vertices, const ScratchFolder& folder) : file_(folder) {
+        file_.map(vertices * sizeof(std::uint16_t));
     }
     /// Of `triangles`, which have `corners`.
     template <class T>
-    Valences(std::uint64_t vertices, std::span<const T> triangles,
-             const std::filesystem::path& folder)
+    Valences(std::uint64_t vertices, std::span<const T> triangles, const ScratchFolder& folder)
         : Valences(vertices, folder) {
         for (const T& t : triangles) {
             count(t.corners);
@@ -33,14 +32,18 @@ class Valences {
     }
     void count(const ElementCorners& triangle) {
         for (const std::uint64_t v : triangle) {
-            ++file_.as<std::uint32_t>()[v];
+            std::uint16_t& n = file_.as<std::uint16_t>()[v];
+            n = static_cast<std::uint16_t>(n + (n < kMany ? 1 : 0));
         }
     }
+    /// More than there can be for 65,535 and more.
     [[nodiscard]] std::uint32_t of(std::uint64_t vertex) const {
-        return file_.as<const std::uint32_t>()[vertex];
+        const std::uint16_t n = file_.as<const std::uint16_t>()[vertex];
+        return n < kMany ? n : std::numeric_limits<std::uint32_t>::max();
     }
 
   private:
+    static constexpr std::uint16_t kMany = std::numeric_limits<std::uint16_t>::max();
     ScratchFile file_;
 };
 

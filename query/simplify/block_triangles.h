@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <span>
 
 #include "query/mesh/scratch_mesh.h"
@@ -23,7 +22,7 @@ struct Sorted {
 template <class T>
 class SortedByBlocks {
   public:
-    explicit SortedByBlocks(const std::filesystem::path& folder)
+    explicit SortedByBlocks(const ScratchFolder& folder)
         : file_(folder), sorted_(folder), begin_(folder) {}
 
     void append(const T& item) { file_.append(item); }
@@ -32,12 +31,8 @@ class SortedByBlocks {
             append(item);
         }
     }
-    /// What was appended, to be given blocks; nothing may be appended any more.
-    [[nodiscard]] std::span<T> unsorted() {
-        file_.seal();
-        return file_.all();
-    }
-    /// Sorts what was appended; those of a block stay in their order.
+    /// Sorts what was appended; those of a block stay in their order. Nothing may be appended any
+    /// more.
     void sort(std::uint32_t blocks) {
         file_.seal();
         sorted_.map(file_.bytes());
@@ -53,6 +48,7 @@ class SortedByBlocks {
         for (const T& t : file_.all()) {
             to[begin[t.block + 1]++] = t;
         }
+        file_.clear();
     }
     [[nodiscard]] std::span<const T> of(std::uint32_t block) const {
         const auto begin = begin_.as<const std::uint64_t>();
@@ -62,7 +58,6 @@ class SortedByBlocks {
         return {sorted_.as<T>().data(), static_cast<std::size_t>(file_.size())};
     }
     [[nodiscard]] std::uint64_t count() const { return file_.size(); }
-    [[nodiscard]] std::uint64_t bytes() const { return 2 * file_.bytes(); }
 
   private:
     GrowingFile<T> file_;

@@ -1,12 +1,12 @@
 // Meshes near to a full surface, each within a larger distance than the one before.
 #pragma once
 
-#include <filesystem>
 #include <memory>
 #include <vector>
 
 #include "query/mesh/scratch_mesh.h"
 #include "query/simplify/simplify_mesh.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -24,7 +24,7 @@ struct LadderStep {
 /// `voxel`: world units. `moved`: what float32 takes of each distance. Throws what the simplifier
 /// throws.
 std::vector<LadderStep> distance_ladder(MeshSimplifier& simplifier, const ScratchMesh& mesh,
-                                        double voxel, double moved,
-                                        const std::filesystem::path& folder, Progress& progress);
+                                        double voxel, double moved, const ScratchFolder& folder,
+                                        Progress& progress);
 
 }  // namespace isonest::detail

@@ -2,11 +2,10 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <span>
 #include <vector>
 
-#include "store/files/scratch_file.h"
+#include "store/files/pieced_file.h"
 
 namespace isonest::detail {
 
@@ -14,7 +13,7 @@ namespace isonest::detail {
 template <class T>
 class GrowingFile {
   public:
-    explicit GrowingFile(const std::filesystem::path& folder) : file_(folder) {}
+    explicit GrowingFile(const ScratchFolder& folder) : file_(folder) {}
 
     /// Throws Error{io}.
     void append(const T& item) {
@@ -33,6 +32,13 @@ class GrowingFile {
     [[nodiscard]] std::span<T> all() const {
         return {file_.as<T>().data(), static_cast<std::size_t>(flushed_)};
     }
+    /// Nobody will look at these items any more, each of which is released once. REQUIRES: seal()
+    /// was called.
+    void release(std::uint64_t first, std::uint64_t count) {
+        file_.release(first * sizeof(T), count * sizeof(T));
+    }
+    /// Gives all the space back: nobody will look at anything any more, but for size().
+    void clear() { file_.clear(); }
     /// What was appended.
     [[nodiscard]] std::uint64_t size() const { return flushed_ + waiting_.size(); }
     [[nodiscard]] std::uint64_t bytes() const { return size() * sizeof(T); }
@@ -44,7 +50,7 @@ class GrowingFile {
         flushed_ += waiting_.size();
         waiting_.clear();
     }
-    ScratchFile file_;
+    PiecedFile file_;
     std::vector<T> waiting_;
     std::uint64_t flushed_ = 0;
 };

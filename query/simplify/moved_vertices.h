@@ -5,11 +5,11 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <span>
 
 #include "query/mesh/scratch_mesh.h"
 #include "query/simplify/growing_file.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -19,7 +19,7 @@ class MovedVertices {
     using Copies = GrowingFile<ScratchMesh::MovedCopy>;
 
     /// `mesh`: has the vertices of the full surface; it has to stay.
-    MovedVertices(ScratchMesh& mesh, const std::filesystem::path& folder)
+    MovedVertices(ScratchMesh& mesh, const ScratchFolder& folder)
         : mesh_(mesh), first_(mesh.layout().vertices), origins_(folder) {}
 
     /// The number that the next one gets.

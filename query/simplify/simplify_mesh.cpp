@@ -9,8 +9,10 @@
 #include <optional>
 #include <vector>
 
+#include "query/simplify/block_items.h"
 #include "query/simplify/block_patch.h"
 #include "query/simplify/block_triangles.h"
+#include "query/simplify/packed_triangle.h"
 #include "query/simplify/simplify_patch.h"
 #include "store/base/in_order.h"
 
@@ -22,26 +24,39 @@ constexpr std::uint32_t kMostFineInBlock = 1U << 15U;
 constexpr int kPassesWithin = 3;
 
 // Marks of triangles of the mesh.
-constexpr std::uint32_t kForever = 1;  ///< it has to stay
-constexpr std::uint32_t kTried = 2;    ///< Patch::tried
+constexpr std::uint16_t kForever = 1;  ///< it has to stay
+constexpr std::uint16_t kTried = 2;    ///< Patch::tried
 
 /// From here on, numbers of an outcome's own vertices.
 constexpr std::uint64_t kOwn = std::uint64_t{1} << 63U;
 
-/// A triangle of the mesh between two passes.
+/// A triangle of the mesh on its way into a block of the next pass.
 struct MeshTriangle {
     ElementCorners corners{};
     std::uint32_t block = 0;
-    std::uint32_t mark = 0;
+    std::uint16_t mark = 0;
     Displacement displacement;
 };
 
 /// A triangle of the full surface.
-struct FineTriangle {
-    std::uint64_t place = 0;
-    std::uint32_t block = 0;
-    std::uint32_t server = kNoServer;  ///< as in the patch of the block
+class FineTriangle {
+  public:
+    FineTriangle() = default;
+    /// `server`: as in the patch of the block.
+    FineTriangle(std::uint64_t place, std::uint32_t server)
+        : low_(static_cast<std::uint32_t>(place)),
+          high_(static_cast<std::uint32_t>(place >> kLow)),
+          server_(server) {}
+    [[nodiscard]] std::uint64_t place() const { return std::uint64_t{high_} << kLow | low_; }
+    [[nodiscard]] std::uint32_t server() const { return server_; }
+
+  private:
+    static constexpr unsigned kLow = 32;
+    std::uint32_t low_ = 0;
+    std::uint32_t high_ = 0;
+    std::uint32_t server_ = kNoServer;
 };
+static_assert(sizeof(FineTriangle) == 12);
 
 /// A full triangle that is near to triangles of several blocks: none of these can see alone that it
 /// stays so. So they stay as long as they lie in several blocks.
@@ -107,7 +122,7 @@ std::uint64_t simplify_heap() {
 /// A block of a run.
 struct MeshSimplifier::Block {
     BlockPatch numbered;
-    std::span<const FineTriangle> full;
+    std::vector<std::uint64_t> full;  ///< places of full triangles
 
     /// `next`: the blocks of the next pass.
     [[nodiscard]] Outcome outcome(const SimplifiedPatch& simplified, const BlockGrid& next,
@@ -127,11 +142,12 @@ Outcome MeshSimplifier::Block::outcome(const SimplifiedPatch& simplified, const 
     }
     for (std::size_t i = 0; i < simplified.triangles.size(); ++i) {
         const PatchTriangle& t = simplified.triangles[i];
-        outcome.mesh.push_back(
-            {{number[t[0]], number[t[1]], number[t[2]]},
-             next.block_of({positions[t[0]], positions[t[1]], positions[t[2]]}),
-             (simplified.kept[i] ? kForever : 0U) | (simplified.tried[i] ? kTried : 0U),
-             simplified.displacements[i]});
+        const auto mark = static_cast<std::uint16_t>((simplified.kept[i] ? kForever : 0) |
+                                                     (simplified.tried[i] ? kTried : 0));
+        outcome.mesh.push_back({{number[t[0]], number[t[1]], number[t[2]]},
+                                next.block_of({positions[t[0]], positions[t[1]], positions[t[2]]}),
+                                mark,
+                                simplified.displacements[i]});
     }
     for (std::size_t i = 0; i < full.size(); ++i) {
         const auto servers = simplified.servers_of(i);
@@ -141,9 +157,9 @@ Outcome MeshSimplifier::Block::outcome(const SimplifiedPatch& simplified, const 
         const std::uint32_t block = outcome.mesh[servers.front()].block;
         if (std::all_of(servers.begin(), servers.end(),
                         [&](std::uint32_t s) { return outcome.mesh[s].block == block; })) {
-            outcome.attached.push_back({full[i].place, servers.front(), servers.size() == 1});
+            outcome.attached.push_back({full[i], servers.front(), servers.size() == 1});
         } else if (servers.size() <= Split::kMost) {
-            Split split{full[i].place, servers.size(), {}};
+            Split split{full[i], servers.size(), {}};
             std::transform(servers.begin(), servers.end(), split.servers.begin(),
                            [&](std::uint32_t s) { return outcome.mesh[s].corners; });
             outcome.splits.push_back(split);
@@ -158,8 +174,13 @@ Outcome MeshSimplifier::Block::outcome(const SimplifiedPatch& simplified, const 
 }
 
 struct MeshSimplifier::Run {
-    explicit Run(const std::filesystem::path& folder)
-        : mesh(folder), full(folder), held(folder), splits(folder), in_block(folder) {}
+    explicit Run(const ScratchFolder& folder)
+        : mesh(folder),
+          whole(folder),
+          full(folder),
+          held(folder),
+          splits(folder),
+          in_block(folder) {}
     /// `blocks`: into which they will be sorted.
     void begin(std::uint32_t blocks) {
         in_block.map(std::uint64_t{blocks} * sizeof(std::uint32_t));
@@ -167,11 +188,18 @@ struct MeshSimplifier::Run {
     void add(const Outcome& outcome);
     /// `grid`: of the blocks of the next pass.
     void add(const Split& split, const BlockGrid& grid);
+    /// Nobody will look at a block any more. REQUIRES: !is_full.
+    void consume(std::uint32_t block) {
+        mesh.consume(block);
+        full.consume(block);
+    }
 
-    /// The mesh is the full surface, or a sample of it: it is in `full` alone.
+    /// The mesh is the full surface, or a sample of it: it is in `whole` alone.
     bool is_full = false;
-    SortedByBlocks<MeshTriangle> mesh;
-    SortedByBlocks<FineTriangle> full;
+    std::uint64_t triangles = 0;  ///< of the mesh
+    BlockItems<PackedTriangle> mesh;
+    BlockRuns whole;
+    BlockItems<FineTriangle> full;
     BlockTriangles held;  ///< triangles of the mesh that stay in the next pass
     GrowingFile<Split> splits;
     ScratchFile in_block;  ///< triangles of the mesh in each block until now
@@ -184,11 +212,12 @@ void MeshSimplifier::Run::add(const Outcome& outcome) {
     std::vector<std::uint32_t> place;
     for (const MeshTriangle& t : outcome.mesh) {
         place.push_back(count[t.block]++);
-        mesh.append(t);
+        mesh.append({t.corners, t.mark, t.displacement}, t.block);
     }
+    triangles += outcome.mesh.size();
     for (const Attached& t : outcome.attached) {
-        full.append(
-            {t.place, outcome.mesh[t.server].block, t.is_only ? place[t.server] : kSomeServers});
+        full.append({t.place, t.is_only ? place[t.server] : kSomeServers},
+                    outcome.mesh[t.server].block);
     }
 }
 
@@ -197,20 +226,20 @@ void MeshSimplifier::Run::add(const Split& split, const BlockGrid& grid) {
     const std::uint32_t block = grid.block_of(servers.front());
     if (std::all_of(servers.begin(), servers.end(),
                     [&](const ElementCorners& s) { return grid.block_of(s) == block; })) {
-        full.append({split.place, block, kSomeServers});
+        full.append({split.place, kSomeServers}, block);
         return;
     }
     splits.append(split);
     for (const ElementCorners& server : servers) {
         const std::uint32_t of = grid.block_of(server);
         held.append({server, of, 0});
-        full.append({split.place, of, kNoServer});
+        full.append({split.place, kNoServer}, of);
     }
 }
 
-MeshSimplifier::MeshSimplifier(ScratchMesh& mesh, std::span<const ElementCorners> triangles,
+MeshSimplifier::MeshSimplifier(ScratchMesh& mesh, const CornerView& triangles,
                                const WorldLattice& lattice, const PatchBox& box,
-                               std::filesystem::path folder, Progress& progress)
+                               ScratchFolder folder, Progress& progress)
     : mesh_(mesh),
       moved_(mesh, folder),
       triangles_(triangles),
@@ -224,37 +253,36 @@ MeshSimplifier::MeshSimplifier(ScratchMesh& mesh, std::span<const ElementCorners
     }
     full_ = std::make_shared<Run>(folder_);
     full_->is_full = true;
-    for (std::uint64_t i = 0; i < triangles.size(); ++i) {
-        full_->full.append({i, grids_.front()->block_of(triangles[i]), kSomeServers});
+    full_->triangles = triangles.size();
+    for (const ElementCorners t : triangles) {
+        full_->whole.add(grids_.front()->block_of(t));
     }
     finish(*full_);
 }
 
 MeshSimplifier::~MeshSimplifier() = default;
 
-void MeshSimplifier::finish(Run& run) {
+void MeshSimplifier::finish(Run& run) const {
     const std::uint32_t blocks = grids_[static_cast<std::size_t>(run.third)]->blocks();
+    run.mesh.seal();
+    run.full.seal();
+    run.splits.seal();
     run.mesh.sort(blocks);
+    run.whole.sort(blocks);
     run.full.sort(blocks);
     run.held.sort(blocks);
-    run.splits.seal();
-    // One run is made from another.
-    scratch_bytes_ = std::max(scratch_bytes_, 2 * (run.mesh.bytes() + run.full.bytes() +
-                                                   run.held.bytes() + run.splits.bytes()));
 }
 
 /// Of the mesh, and of the full surface where it is that.
 template <class Visit>
 void MeshSimplifier::each(const Run& run, const Visit& visit) const {
-    if (run.is_full && run.full.count() == triangles_.size()) {
-        std::for_each(triangles_.begin(), triangles_.end(), visit);
-    } else if (run.is_full) {
-        for (const FineTriangle& t : run.full.all()) {
-            visit(triangles_[t.place]);
+    for (const BlockRun& some : run.whole.all()) {
+        for (const ElementCorners t : triangles_.subspan(some.first, some.count)) {
+            visit(t);
         }
     }
-    for (const MeshTriangle& t : run.mesh.all()) {
-        visit(t.corners);
+    for (const PackedTriangle& t : run.mesh.all()) {
+        visit(t.corners());
     }
 }
 
@@ -262,7 +290,6 @@ void MeshSimplifier::each(const Run& run, const Visit& visit) const {
 MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valences,
                                            std::uint32_t block, bool afresh) const {
     Block b;
-    b.full = run.full.of(block);
     Patch& patch = b.numbered.patch;
     patch.box = box_;
     PatchNumbering numbering(mesh_, b.numbered);
@@ -271,24 +298,33 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
         held.push_back(from_smallest(t.corners));
     }
     std::sort(held.begin(), held.end());
-    for (const MeshTriangle& t : run.mesh.of(block)) {
-        patch.triangles.push_back(numbering.local(t.corners));
-        const bool is_held = std::binary_search(held.begin(), held.end(), from_smallest(t.corners));
+    run.mesh.each(block, [&](const PackedTriangle& t) {
+        const ElementCorners corners = t.corners();
+        patch.triangles.push_back(numbering.local(corners));
+        const bool is_held = std::binary_search(held.begin(), held.end(), from_smallest(corners));
         patch.stay.push_back((t.mark & kForever) != 0 ? Stay::forever
                              : is_held                ? Stay::now
                                                       : Stay::no);
         patch.tried.push_back(!afresh && (t.mark & kTried) != 0);
         patch.displacements.push_back(t.displacement);
-    }
-    for (const FineTriangle& t : b.full) {
-        patch.fine.push_back(numbering.local(triangles_[t.place]));
-        patch.servers.push_back(t.server);
+    });
+    run.full.each(block, [&](const FineTriangle& t) {
+        b.full.push_back(t.place());
+        patch.fine.push_back(numbering.local(triangles_[t.place()]));
+        patch.servers.push_back(t.server());
+    });
+    for (const BlockRun& some : run.whole.of(block)) {
+        for (std::uint64_t i = some.first; i < some.first + some.count; ++i) {
+            b.full.push_back(i);
+            patch.fine.push_back(numbering.local(triangles_[i]));
+        }
     }
     if (run.is_full) {
         patch.triangles = patch.fine;
         patch.stay.resize(patch.fine.size());
         patch.tried.resize(patch.fine.size());
         patch.displacements.resize(patch.fine.size());
+        patch.servers.resize(patch.fine.size());
         std::iota(patch.servers.begin(), patch.servers.end(), 0U);
     }
     for (const std::uint64_t v : b.numbered.vertex) {
@@ -298,9 +334,9 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
     return b;
 }
 
-std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from,
-                                                          const CollapseLimits& limits,
-                                                          bool afresh) {
+/// `is_last`: nobody will look at `from` any more.
+std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(Run& from, const CollapseLimits& limits,
+                                                          bool afresh, bool is_last) {
     const BlockGrid& grid = *grids_[static_cast<std::size_t>(from.third)];
     auto next = std::make_shared<Run>(folder_);
     next->third = (from.third + 1) % kBlockShifts;
@@ -311,7 +347,7 @@ std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from,
     GrowingFile<Split> splits(folder_);
     Valences valences(mesh_.layout().vertices, folder_);
     each(from, [&](const ElementCorners& t) { valences.count(t); });
-    progress_.begin("simplify", from.is_full ? triangles_.size() : from.mesh.count(), "triangles");
+    progress_.begin("simplify", from.triangles, "triangles");
     in_order(
         grid.blocks(), tbb::this_task_arena::max_concurrency() + 1,
         [&](std::int64_t i) {
@@ -324,7 +360,7 @@ std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from,
             progress_.advance(b.numbered.patch.triangles.size());
             return outcome;
         },
-        [&](std::int64_t /*i*/, Outcome& outcome) {
+        [&](std::int64_t i, Outcome& outcome) {
             outcome.number_from(moved_.next() + moved.size());
             next->add(outcome);
             std::for_each(outcome.moved.begin(), outcome.moved.end(),
@@ -332,6 +368,9 @@ std::shared_ptr<MeshSimplifier::Run> MeshSimplifier::pass(const Run& from,
             std::for_each(outcome.splits.begin(), outcome.splits.end(),
                           [&](const Split& split) { splits.append(split); });
             next->bound = std::max(next->bound, outcome.largest);
+            if (is_last) {
+                from.consume(static_cast<std::uint32_t>(i));
+            }
         });
     moved_.add(moved);
     splits.seal();
@@ -358,14 +397,14 @@ Simplified MeshSimplifier::sample(std::uint64_t most) const {
     const std::uint32_t blocks = grids_.front()->blocks();
     for (std::uint32_t block = 0; block < blocks; ++block) {
         if (block % stride == stride / 2) {
-            run->full.append(full_->full.of(block));
+            for (const BlockRun& some : full_->whole.of(block)) {
+                run->whole.add(some);
+                run->triangles += some.count;
+            }
         }
     }
-    run->full.sort(blocks);
-    run->mesh.sort(blocks);
-    run->held.sort(blocks);
-    run->splits.seal();
-    return {run, run->full.count(), 0, 0};
+    finish(*run);
+    return {run, run->triangles, 0, 0};
 }
 
 /// The part of a limit that is left for giving vertices places of their own.
@@ -383,8 +422,8 @@ double MeshSimplifier::give_own_places(const Run& run, double most) {
     seen_file.map(mesh_.layout().vertices);
     const auto seen = seen_file.as<std::uint8_t>();
     GrowingFile<std::uint64_t> vertices(folder_);
-    for (const MeshTriangle& t : run.mesh.all()) {
-        for (const std::uint64_t v : t.corners) {
+    for (const PackedTriangle& t : run.mesh.all()) {
+        for (const std::uint64_t v : t.corners()) {
             if (seen[v] == 0) {
                 seen[v] = 1;
                 vertices.append(v);
@@ -397,20 +436,22 @@ double MeshSimplifier::give_own_places(const Run& run, double most) {
 }
 
 Simplified MeshSimplifier::within(const Simplified& from, double limit) {
-    std::shared_ptr<const Run> run = from.run;
+    std::shared_ptr<Run> run = from.run;
     const double kept = reserve(limit);
     for (int i = 0; i < kPassesWithin; ++i) {
-        run = pass(*run, simplify_limits(limit - kept), i == 0);
+        const bool is_own = i > 0;
+        run = pass(*run, simplify_limits(limit - kept), i == 0, is_own);
     }
     const double moved = give_own_places(*run, kept);
-    return {run, run->mesh.count(), run->bound + moved, limit};
+    return {run, run->triangles, run->bound + moved, limit};
 }
 
-ScratchFile MeshSimplifier::corners(const Simplified& of) const {
-    ScratchFile file(folder_);
-    file.map(of.triangles * sizeof(ElementCorners));
-    auto to = file.as<ElementCorners>().begin();
-    each(*of.run, [&](const ElementCorners& t) { *to++ = t; });
+CornerFile MeshSimplifier::corners(const Simplified& of) const {
+    CornerFile file(folder_);
+    file.begin(mesh_.layout().vertices);
+    file.map(of.triangles);
+    std::uint64_t at = 0;
+    each(*of.run, [&](const ElementCorners& t) { file.set(at++, t); });
     return file;
 }
 

@@ -6,7 +6,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <memory>
 #include <span>
 #include <vector>
@@ -18,6 +17,7 @@
 #include "query/simplify/block_patch.h"
 #include "query/simplify/moved_vertices.h"
 #include "query/simplify/patch.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -37,9 +37,8 @@ class MeshSimplifier {
     /// `mesh` gets further vertices: copies of the surface's, at other places near to it, which
     /// triangles of results have for corners. `box`: to which the surface is cut.
     /// REQUIRES: mesh.layout().corners == 3. Throws Error{io, cancelled}, as all members do.
-    MeshSimplifier(ScratchMesh& mesh, std::span<const ElementCorners> triangles,
-                   const WorldLattice& lattice, const PatchBox& box, std::filesystem::path folder,
-                   Progress& progress);
+    MeshSimplifier(ScratchMesh& mesh, const CornerView& triangles, const WorldLattice& lattice,
+                   const PatchBox& box, ScratchFolder folder, Progress& progress);
     ~MeshSimplifier();
     MeshSimplifier(const MeshSimplifier&) = delete;
     MeshSimplifier& operator=(const MeshSimplifier&) = delete;
@@ -50,40 +49,36 @@ class MeshSimplifier {
     /// are not count as borders of the mesh. All of it if it is not much larger than that.
     [[nodiscard]] Simplified sample(std::uint64_t most) const;
     /// `limit`: world units, > 0 and at least that within which `from` is.
-    Simplified within(const Simplified& from, double limit);
-    /// An array of ElementCorners.
-    [[nodiscard]] ScratchFile corners(const Simplified& of) const;
-    /// Bytes of temporary files at a time, at most, while one result is made from another.
-    [[nodiscard]] std::uint64_t scratch_bytes() const { return scratch_bytes_; }
+    [[nodiscard]] Simplified within(const Simplified& from, double limit);
+    [[nodiscard]] CornerFile corners(const Simplified& of) const;
 
   private:
     friend struct Simplified;
     struct Run;
     struct Block;
-    std::shared_ptr<Run> pass(const Run& from, const CollapseLimits& limits, bool afresh);
+    std::shared_ptr<Run> pass(Run& from, const CollapseLimits& limits, bool afresh, bool is_last);
     [[nodiscard]] Block load(const Run& run, const Valences& valences, std::uint32_t block,
                              bool afresh) const;
     template <class Visit>
     void each(const Run& run, const Visit& visit) const;
-    void finish(Run& run);
+    void finish(Run& run) const;
     [[nodiscard]] double reserve(double limit) const;
     double give_own_places(const Run& run, double most);
 
     const ScratchMesh& mesh_;
     MovedVertices moved_;
-    std::span<const ElementCorners> triangles_;  ///< of the full surface
-    double unit_;                                ///< in the last place of the largest coordinate
+    CornerView triangles_;  ///< of the full surface
+    double unit_;           ///< in the last place of the largest coordinate
     PatchBox box_;
-    std::filesystem::path folder_;
+    ScratchFolder folder_;
     Progress& progress_;
     std::vector<std::unique_ptr<BlockGrid>> grids_;
     std::shared_ptr<Run> full_;
-    std::uint64_t scratch_bytes_ = 0;
 };
 
 /// A mesh near to the full one; its temporary files go with the last copy.
 struct Simplified {
-    std::shared_ptr<const MeshSimplifier::Run> run;
+    std::shared_ptr<MeshSimplifier::Run> run;
     std::uint64_t triangles = 0;
     double bound = 0;  ///< the largest distance that was met, at most the limit
     double limit = 0;  ///< within which it was simplified; 0: the full mesh

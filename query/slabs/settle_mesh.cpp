@@ -73,8 +73,8 @@ class RoomSink : public MeshSink {
 template <class Corners>
 void move_apart(std::span<std::array<float, 3>> positions, std::uint64_t triangles,
                 const Corners& corners, const PlacedVertices& vertices, const MeshLayout& layout,
-                const VolumeDescription& volume, const std::filesystem::path& folder,
-                ExtractReport& report, Progress& progress) {
+                const VolumeDescription& volume, const ScratchFolder& folder, ExtractReport& report,
+                Progress& progress) {
     TouchedTriangles touched(vertices.all(), positions.size(), folder);
     touched.gather_among(triangles, corners, progress);
     ApartRange range;
@@ -91,14 +91,13 @@ void move_apart(std::span<std::array<float, 3>> positions, std::uint64_t triangl
     }
     const ApartVertices apart =
         keep_apart(positions, touched.all(), vertices.all(), range, folder, progress);
-    report.scratch_bytes +=
-        apart.scratch_bytes + vertices.scratch_bytes() + touched.scratch_bytes();
+    report.scratch_bytes = folder.meter()->peak();
     report.apart = {apart.moved, apart.left};
     report.coordinate_rounding += most_in_lattice(apart.by, volume.spacing);
 }
 
 void mend(const MeshRoom& mesh, const MeshLayout& layout, const MakeRoom& make_room,
-          const VolumeDescription& volume, const std::filesystem::path& folder, bool with_quality,
+          const VolumeDescription& volume, const ScratchFolder& folder, bool with_quality,
           ExtractReport& report, Progress& progress) {
     ScratchMesh whole(folder);
     hand_over(mesh, layout, whole);
@@ -107,7 +106,6 @@ void mend(const MeshRoom& mesh, const MeshLayout& layout, const MakeRoom& make_r
         least_step[axis] = volume.spacing[axis] * kLeastNudge;
     }
     const MendedTriangles mended = mend_triangles(whole, least_step, folder, progress);
-    report.scratch_bytes = whole.bytes() + mended.scratch_bytes;
     report.mending.mended = mended.found - mended.left;
     report.coordinate_rounding += most_in_lattice(mended.moved, volume.spacing);
     if (const PlacedVertices vertices(whole, {}, folder); sort_by_place(vertices.all()) > 0) {
@@ -123,6 +121,7 @@ void mend(const MeshRoom& mesh, const MeshLayout& layout, const MakeRoom& make_r
     report.vertices = emitted.vertices;
     report.triangles = emitted.elements;
     report.mending.zero_area = emitted.zero_area_triangles;
+    report.scratch_bytes = folder.meter()->peak();
 }
 
 /// Of a mesh whose vertices have moved.
@@ -175,8 +174,7 @@ bool are_all_alone(const MeshRoom& mesh, std::span<const std::uint32_t> vertices
 void settle_mesh(const JoinedMesh& joined, const MeshLayout& layout, const MakeRoom& make_room,
                  const VolumeDescription& volume, const ExtractOptions& options,
                  ExtractReport& report, Progress& progress) {
-    const std::filesystem::path folder =
-        options.scratch.empty() ? std::filesystem::temp_directory_path() : options.scratch;
+    const ScratchFolder folder = ScratchFolder::metered(options.scratch);
     const MeshRoom& mesh = joined.room;
     if (joined.zero_area_triangles > 0) {
         return mend(mesh, layout, make_room, volume, folder, options.quality, report, progress);

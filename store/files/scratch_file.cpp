@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <string>
@@ -25,8 +26,21 @@ namespace {
 
 }  // namespace
 
-ScratchFile::ScratchFile(const std::filesystem::path& folder)
-    : folder_(folder.empty() ? std::filesystem::path(".") : folder) {
+void ScratchMeter::add(std::uint64_t bytes) {
+    const std::uint64_t now = now_ += bytes;
+    std::uint64_t peak = peak_;
+    while (now > peak && !peak_.compare_exchange_weak(peak, now)) {
+    }
+}
+
+ScratchFolder ScratchFolder::metered(const std::filesystem::path& path) {
+    return {path.empty() ? std::filesystem::temp_directory_path() : path,
+            std::make_shared<ScratchMeter>()};
+}
+
+ScratchFile::ScratchFile(const ScratchFolder& folder)
+    : folder_(folder.path().empty() ? std::filesystem::path(".") : folder.path()),
+      meter_(folder.meter()) {
     fd_ = ::open(folder_.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
     if (fd_ < 0) {
         std::string name = (folder_ / fmt::format("{}{}-XXXXXX", kPrefix, ::getpid())).string();
@@ -48,21 +62,25 @@ ScratchFile ScratchFile::named(const std::filesystem::path& file) {
     return {fd, folder, file};
 }
 
-ScratchFile::ScratchFile(ScratchFile&& other) noexcept
-    : fd_(std::exchange(other.fd_, -1)),
-      folder_(std::move(other.folder_)),
-      name_(std::exchange(other.name_, {})),
-      map_(std::exchange(other.map_, nullptr)),
-      mapped_(std::exchange(other.mapped_, 0)) {}
+void ScratchFile::take(ScratchFile& other) noexcept {
+    fd_ = std::exchange(other.fd_, -1);
+    folder_ = std::move(other.folder_);
+    meter_ = std::move(other.meter_);
+    end_ = other.end_.exchange(0);
+    counted_ = other.counted_.exchange(0);
+    name_ = std::exchange(other.name_, {});
+    map_ = std::exchange(other.map_, nullptr);
+    mapped_ = std::exchange(other.mapped_, 0);
+}
+
+ScratchFile::ScratchFile(ScratchFile&& other) noexcept {
+    take(other);
+}
 
 ScratchFile& ScratchFile::operator=(ScratchFile&& other) noexcept {
     if (this != &other) {
         close();
-        fd_ = std::exchange(other.fd_, -1);
-        folder_ = std::move(other.folder_);
-        name_ = std::exchange(other.name_, {});
-        map_ = std::exchange(other.map_, nullptr);
-        mapped_ = std::exchange(other.mapped_, 0);
+        take(other);
     }
     return *this;
 }
@@ -79,6 +97,28 @@ void ScratchFile::close() {
     if (fd_ >= 0) {
         ::close(fd_);
     }
+    uncount(counted_);
+}
+
+/// The file reaches as far as that.
+void ScratchFile::count_to(std::uint64_t end) {
+    std::uint64_t before = end_;
+    while (end > before) {
+        if (end_.compare_exchange_weak(before, end)) {
+            counted_ += end - before;
+            if (meter_) {
+                meter_->add(end - before);
+            }
+            return;
+        }
+    }
+}
+
+void ScratchFile::uncount(std::uint64_t bytes) const {
+    counted_ -= bytes;
+    if (meter_) {
+        meter_->remove(bytes);
+    }
 }
 
 void ScratchFile::lock() const {
@@ -94,6 +134,7 @@ void ScratchFile::unmap() {
 }
 
 void ScratchFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes) {
+    count_to(offset + bytes.size());
     while (!bytes.empty()) {
         const ssize_t n = ::pwrite(fd_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
         if (n < 0 && errno == EINTR) {
@@ -121,11 +162,7 @@ void ScratchFile::read_at(std::uint64_t offset, std::span<std::byte> bytes) cons
     }
 }
 
-std::span<std::byte> ScratchFile::map(std::uint64_t bytes) {
-    unmap();
-    if (bytes == 0) {
-        return {};
-    }
+void ScratchFile::reserve(std::uint64_t bytes) {
     struct stat status {};
     if (::fstat(fd_, &status) != 0) {
         fail(folder_, "cannot inspect", errno);
@@ -135,6 +172,15 @@ std::span<std::byte> ScratchFile::map(std::uint64_t bytes) {
     if (error != 0) {
         fail(folder_, fmt::format("cannot reserve {} bytes", bytes).c_str(), error);
     }
+    count_to(bytes);
+}
+
+std::span<std::byte> ScratchFile::map(std::uint64_t bytes) {
+    unmap();
+    if (bytes == 0) {
+        return {};
+    }
+    reserve(bytes);
     void* const p = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd_, 0);
     if (p == MAP_FAILED) {
         fail(folder_, "cannot map", errno);
@@ -144,10 +190,29 @@ std::span<std::byte> ScratchFile::map(std::uint64_t bytes) {
     return {map_, bytes};
 }
 
+void ScratchFile::map_at(std::byte* address, std::uint64_t bytes) {
+    reserve(bytes);
+    if (::mmap(address, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_FIXED, fd_, 0) ==
+        MAP_FAILED) {
+        fail(folder_, "cannot map", errno);
+    }
+}
+
+void ScratchFile::clear() {
+    unmap();
+    if (::ftruncate(fd_, 0) != 0) {
+        fail(folder_, "cannot shorten", errno);
+    }
+    end_ = 0;
+    uncount(counted_);
+}
+
 void ScratchFile::release(std::uint64_t offset, std::uint64_t bytes) const {
     // Without this feature the space is in use until the end, nothing worse.
-    ::fallocate(fd_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, static_cast<off_t>(offset),
-                static_cast<off_t>(bytes));
+    if (::fallocate(fd_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, static_cast<off_t>(offset),
+                    static_cast<off_t>(bytes)) == 0) {
+        uncount(bytes);
+    }
 }
 
 }  // namespace isonest::detail

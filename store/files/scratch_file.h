@@ -1,12 +1,47 @@
 // Temporary space on disk that grows with the work while memory does not.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <span>
+#include <utility>
 
 namespace isonest::detail {
+
+/// How much temporary space is in use. Thread-safe.
+class ScratchMeter {
+  public:
+    void add(std::uint64_t bytes);
+    void remove(std::uint64_t bytes) { now_ -= bytes; }
+    /// Bytes at a time, at most.
+    [[nodiscard]] std::uint64_t peak() const { return peak_; }
+
+  private:
+    std::atomic<std::uint64_t> now_ = 0;
+    std::atomic<std::uint64_t> peak_ = 0;
+};
+
+/// Where temporary files go, and what counts them, if anything does: `meter` is told of all files
+/// that are made with this folder or a copy of it.
+class ScratchFolder {
+  public:
+    ScratchFolder(std::filesystem::path path,  // NOLINT(google-explicit-constructor): mere folder
+                  std::shared_ptr<ScratchMeter> meter = nullptr)
+        : path_(std::move(path)), meter_(std::move(meter)) {}
+
+    /// With a meter of its own. `path`: empty = the system's folder for temporary files.
+    static ScratchFolder metered(const std::filesystem::path& path);
+
+    [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+    [[nodiscard]] const std::shared_ptr<ScratchMeter>& meter() const { return meter_; }
+
+  private:
+    std::filesystem::path path_;
+    std::shared_ptr<ScratchMeter> meter_;
+};
 
 /// A temporary file, unnamed unless asked for: then it has no name that could be left behind, and
 /// disappears when closed.
@@ -18,7 +53,7 @@ class ScratchFile {
     /// process id follows.
     static constexpr const char* kPrefix = ".isonest-scratch-";
     /// Creates the file in `folder`. Throws Error{io}.
-    explicit ScratchFile(const std::filesystem::path& folder);
+    explicit ScratchFile(const ScratchFolder& folder);
     /// Creates `file`, readable by its owner alone and removed at the end unless keep() was called.
     /// Throws Error{io}.
     static ScratchFile named(const std::filesystem::path& file);
@@ -40,8 +75,13 @@ class ScratchFile {
     /// Maps the first `bytes` for reading and writing, extending the file (with zeros) where
     /// needed. Earlier maps become invalid. Throws Error{io}.
     std::span<std::byte> map(std::uint64_t bytes);
-    /// Gives the space of a range back where the file system can; it reads as zeros then.
+    /// Maps the first `bytes` at `address`, in place of what is mapped there; the map is the
+    /// caller's. Throws Error{io}.
+    void map_at(std::byte* address, std::uint64_t bytes);
+    /// Gives the space of a range back, once, where the file system can; it reads as zeros then.
     void release(std::uint64_t offset, std::uint64_t bytes) const;
+    /// Empties the file. Earlier maps become invalid. Throws Error{io}.
+    void clear();
     /// The current map as an array of T.
     template <class T>
     [[nodiscard]] std::span<T> as() const {
@@ -53,9 +93,16 @@ class ScratchFile {
         : fd_(fd), folder_(std::move(folder)), name_(std::move(name)) {}
     void unmap();
     void close();
+    void reserve(std::uint64_t bytes);
+    void count_to(std::uint64_t end);
+    void uncount(std::uint64_t bytes) const;
+    void take(ScratchFile& other) noexcept;
     int fd_ = -1;
     std::filesystem::path folder_;
-    std::filesystem::path name_;  ///< to be removed at the end
+    std::shared_ptr<ScratchMeter> meter_;
+    std::atomic<std::uint64_t> end_ = 0;              ///< of what was written or mapped
+    mutable std::atomic<std::uint64_t> counted_ = 0;  ///< by the meter
+    std::filesystem::path name_;                      ///< to be removed at the end
     std::byte* map_ = nullptr;
     std::uint64_t mapped_ = 0;
 };

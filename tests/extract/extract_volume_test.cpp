@@ -6,7 +6,9 @@
 #include <fstream>
 #include <functional>
 #include <limits>
+#include <numbers>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include <isonest/error.h>
@@ -51,8 +53,19 @@ void march_in_parts(MeshCollector& mesh, VolumeSource& volume, double iso, std::
     parts.seal();
     AttributeChoice attributes;
     attributes.normal = true;
-    emit_mesh(parts, Weld(parts, folder.path()), layout_of(attributes, 3, {}), mesh,
-              silent_progress());
+    const Weld weld(parts, folder.path());
+    const MeshLayout layout = layout_of(attributes, 3, {});
+    emit_mesh(parts, weld, layout, mesh, silent_progress());
+    // The same, while the parts are given back.
+    ScratchMesh moved(folder.path());
+    move_mesh(parts, weld, layout, moved, silent_progress());
+    MeshCollector again;
+    again.begin(moved.layout());
+    emit_vertices(moved, again, silent_progress());
+    emit_elements(moved, again, silent_progress());
+    REQUIRE(again.vertices == mesh.vertices);
+    REQUIRE(again.triangles == mesh.triangles);
+    REQUIRE(again.normals == mesh.normals);
 }
 
 ExtractReport extract_volume(VolumeSource& volume, const SurfaceQuery& query, MeshCollector& mesh,
@@ -201,6 +214,30 @@ TEST_CASE("What is marched is simplified and sorted out as what a store gives") 
         MeshCollector few;
         CHECK(extract_volume(volume, query, few).triangles <= 200);
     }
+}
+
+TEST_CASE("A simplified surface takes little temporary space, and the report says how much") {
+    const double w = 2 * std::numbers::pi / 40;
+    FunctionVolume<float> volume({113, 120, 131}, [&](const Int3& p) {
+        const double x = w * static_cast<double>(p.x) + 0.3;
+        const double y = w * static_cast<double>(p.y) + 0.7;
+        const double z = w * static_cast<double>(p.z) + 0.1;
+        return static_cast<float>(std::sin(x) * std::cos(y) + std::sin(y) * std::cos(z) +
+                                  std::sin(z) * std::cos(x));
+    });
+    constexpr std::uint64_t kMemory = std::uint64_t{60} << 20U;  // the parts do not fit into it
+    const auto [effort, limit, most] = GENERATE(table<Effort, double, std::uint64_t>(
+        {{Effort::fast, 0.5, 30}, {Effort::fast, 0.01, 90}, {Effort::best, 0.5, 60}}));
+    SurfaceQuery query;
+    query.stop = DistanceBound{limit, true, effort};
+    MeshCollector mesh;
+    const ExtractReport report = extract_volume(volume, query, mesh, 2, kMemory);
+    const std::uint64_t full = report.distance->full_triangles;
+    CAPTURE(full, report.triangles, report.scratch_bytes);
+    CHECK(full > 200000);
+    // Corners and vertices of the full surface lie there in any case.
+    CHECK(report.scratch_bytes > 18 * full);
+    CHECK(report.scratch_bytes < most * full);
 }
 
 TEST_CASE("A volume that is turned is marched in its own axes") {

@@ -188,12 +188,13 @@ Mended mended(const Triangles& before, double least_step = 0x1p-20) {
     scratch.begin(layout);
     scratch.add_vertices({0, before.positions, std::as_bytes(std::span(rows)), sizeof(float)});
     scratch.add_elements({0, corners, {}, {}});
+    scratch.end();
     Mended m;
     m.result = mend_triangles(scratch, {least_step, least_step, least_step}, folder.path(),
                               silent_progress());
     CHECK(folder.names().empty());
     m.mesh.positions.assign(scratch.positions().begin(), scratch.positions().end());
-    for (const ElementCorners& t : scratch.corners()) {
+    for (const ElementCorners t : scratch.corners()) {
         m.mesh.corners.push_back({static_cast<std::uint32_t>(t[0]),
                                   static_cast<std::uint32_t>(t[1]),
                                   static_cast<std::uint32_t>(t[2])});

@@ -368,6 +368,7 @@ void fill(ScratchMesh& mesh, const Patch& patch) {
     ElementBatch batch;
     batch.corners = corners;
     mesh.add_elements(batch);
+    mesh.end();
 }
 
 }  // namespace
@@ -650,9 +651,9 @@ TEST_CASE("Whole meshes are mapped within a distance or to a number, the same fo
                 const Mapped m = limit > 0 ? mapper.within(whole, limit)
                                            : mapper.down_to(whole, kTriangles, 0.1, 1e9);
                 bound = m.bound;
-                const ScratchFile corners = mapper.corners(m);
-                const auto all = corners.as<ElementCorners>();
-                result.assign(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(m.triangles));
+                const CornerFile corners = mapper.corners(m);
+                REQUIRE(corners.size() == m.triangles);
+                result.assign(corners.all().begin(), corners.all().end());
             });
             if (threads > 1) {
                 REQUIRE(result == first);
@@ -675,7 +676,7 @@ TEST_CASE("Whole meshes are mapped within a distance or to a number, the same fo
     }
 }
 
-TEST_CASE("A surface that comes in parts is mapped as one that is there as a whole") {
+TEST_CASE("A surface that is given back while it is mapped leaves the same mesh, and is gone") {
     Patch patch = torus(300, 100, 60, 20, 0.3);
     for (auto& p : patch.positions) {
         p = {p[0] + 90, p[1] + 90, p[2] + 30};
@@ -686,35 +687,22 @@ TEST_CASE("A surface that comes in parts is mapped as one that is there as a who
     WorldLattice lattice;
     lattice.nodes = {181, 181, 61};
     constexpr double kLimit = 0.5;
-    const std::vector<ElementCorners> full(mesh.corners().begin(), mesh.corners().end());
-    MeshMapper mapper(mesh, lattice, {}, folder.path(), silent_progress());
-    const Mapped at_once = mapper.within(mapper.full(full), kLimit);
-    constexpr std::size_t kParts = 7;
-    for (std::size_t part = 0; part < kParts; ++part) {
-        const std::size_t begin = full.size() * part / kParts;
-        const std::size_t end = full.size() * (part + 1) / kParts;
-        const std::vector<ElementCorners> here(full.begin() + static_cast<long>(begin),
-                                               full.begin() + static_cast<long>(end));
-        std::set<std::uint64_t> elsewhere;
-        for (std::size_t i = 0; i < full.size(); ++i) {
-            if (i < begin || i >= end) {
-                elsewhere.insert(full[i].begin(), full[i].end());
+    std::vector<ElementCorners> full(mesh.corners().begin(), mesh.corners().end());
+    const MeshMapper mapper(mesh, lattice, {}, folder.path(), silent_progress());
+    const auto corners_within = [&](Mapped from) {
+        const CornerFile corners = mapper.corners(mapper.within(std::move(from), kLimit));
+        return std::vector<ElementCorners>(corners.all().begin(), corners.all().end());
+    };
+    const std::vector<ElementCorners> kept = corners_within(mapper.full(full));
+    REQUIRE(corners_within(mapper.full(full)) == kept);
+    std::vector<int> told(full.size());
+    const std::vector<ElementCorners> consumed =
+        corners_within(mapper.full(full, [&](std::uint64_t first, std::uint64_t count) {
+            for (std::uint64_t i = first; i < first + count; ++i) {
+                full[i] = {};
+                ++told[i];
             }
-        }
-        mapper.add(mapper.map(
-            here, [&](std::uint64_t v) { return elsewhere.contains(v); }, kLimit));
-    }
-    const Mapped parts = mapper.whole(kLimit);
-    REQUIRE(parts.triangles < full.size() / 2);
-    REQUIRE(parts.bound <= kLimit);
-    const Mapped joined = mapper.within(parts, kLimit);
-    REQUIRE(joined.triangles < at_once.triangles * 6 / 5);
-    const ScratchFile corners = mapper.corners(joined);
-    const auto all = corners.as<ElementCorners>().first(joined.triangles);
-    const std::vector<ElementCorners> result(all.begin(), all.end());
-    REQUIRE(shape_of(result) == shape_of(full));
-    const double most = joined.bound * (1 + 1e-9);
-    REQUIRE(most <= kLimit * (1 + 1e-9));
-    REQUIRE(sampled_distance(patch.positions, full, result, 3) <= most);
-    REQUIRE(sampled_distance(patch.positions, result, full, 4) <= most);
+        }));
+    REQUIRE(consumed == kept);
+    REQUIRE(std::all_of(told.begin(), told.end(), [](int times) { return times == 1; }));
 }

@@ -83,6 +83,7 @@ void fill(ScratchMesh& mesh, const Patch& patch) {
     ElementBatch batch;
     batch.corners = corners;
     mesh.add_elements(batch);
+    mesh.end();
 }
 
 }  // namespace
@@ -212,9 +213,9 @@ TEST_CASE("Whole meshes of many blocks stay within the limit, the same for any t
                                           silent_progress());
                 const Simplified s = simplifier.within(simplifier.full(), limit);
                 bound = s.bound;
-                const ScratchFile corners = simplifier.corners(s);
-                const auto all = corners.as<ElementCorners>();
-                result.assign(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(s.triangles));
+                const CornerFile corners = simplifier.corners(s);
+                REQUIRE(corners.size() == s.triangles);
+                result.assign(corners.all().begin(), corners.all().end());
             });
             const std::vector<std::array<float, 3>> positions(mesh.positions().begin(),
                                                               mesh.positions().end());

@@ -14,7 +14,6 @@
 #include <cstdio>
 #include <ctime>
 #include <exception>
-#include <filesystem>
 #include <span>
 #include <string>
 
@@ -93,21 +92,21 @@ void fill(ScratchMesh& mesh, const bench::Mesh& from) {
     }
     VertexBatch vertices;
     vertices.positions = positions;
-    mesh.vertices(vertices);
+    mesh.add_vertices(vertices);
     std::vector<ElementCorners> corners;
     for (const bench::Triangle& t : from.triangles) {
         corners.push_back({t[0], t[1], t[2]});
     }
     ElementBatch batch;
     batch.corners = corners;
-    mesh.elements(batch);
+    mesh.add_elements(batch);
     mesh.end();
 }
 
 int run(std::span<char*> arguments) {
     const Options options = options_of(arguments);
     bench::Mesh read = bench::read_ply(options.in);
-    const std::filesystem::path folder = std::filesystem::temp_directory_path();
+    const ScratchFolder folder = ScratchFolder::metered({});
     ScratchMesh mesh(folder);
     fill(mesh, read);
     WorldLattice lattice;
@@ -130,27 +129,25 @@ int run(std::span<char*> arguments) {
     double cpu = 0;
     double seconds = 0;
     Mapped mapped;
-    std::uint64_t scratch = 0;
     std::vector<bench::Triangle> left;
     Workers(options.threads).execute([&] {
         for (int round = 0; round < options.rounds; ++round) {
             const auto start = std::chrono::steady_clock::now();
             const std::clock_t cpu_start = std::clock();
             MeshMapper mapper(mesh, lattice, box, folder, silent_progress());
-            const Mapped full = mapper.full(mesh.corners());
             mapped = options.distance > 0
-                         ? mapper.within(full, options.distance)
-                         : mapper.down_to(full, options.triangles, options.voxel / 4, 1e9);
+                         ? mapper.within(mapper.full(mesh.corners()), options.distance)
+                         : mapper.down_to(mapper.full(mesh.corners()), options.triangles,
+                                          options.voxel / 4, 1e9);
             const double took =
                 static_cast<double>(std::clock() - cpu_start) / static_cast<double>(CLOCKS_PER_SEC);
             const double by_clock =
                 std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
             cpu = round == 0 ? took : std::min(cpu, took);
             seconds = round == 0 ? by_clock : std::min(seconds, by_clock);
-            scratch = mapper.scratch_bytes();
-            const ScratchFile corners = mapper.corners(mapped);
+            const CornerFile corners = mapper.corners(mapped);
             left.clear();
-            for (const ElementCorners& t : corners.as<ElementCorners>().first(mapped.triangles)) {
+            for (const ElementCorners t : corners.all()) {
                 left.push_back({static_cast<std::uint32_t>(t[0]), static_cast<std::uint32_t>(t[1]),
                                 static_cast<std::uint32_t>(t[2])});
             }
@@ -163,7 +160,7 @@ int run(std::span<char*> arguments) {
         "{\"triangles_before\": %zu, \"triangles\": %zu, \"bound\": %.6g, \"cpu\": %.4f, "
         "\"seconds\": %.4f, \"us_per_triangle\": %.3f, \"scratch_bytes\": %llu}\n",
         before, left.size(), mapped.bound, cpu, seconds, 1e6 * cpu / static_cast<double>(before),
-        static_cast<unsigned long long>(scratch));
+        static_cast<unsigned long long>(folder.meter()->peak()));
     return 0;
 }
 

@@ -28,7 +28,7 @@ constexpr int kMostTries = 3;  ///< between a distance that is too small and one
 
 /// Extracts the surface, makes its ladder and writes the file.
 void make_analysis(const StoreReader& store, const ExtractQuery& query,
-                   const std::filesystem::path& scratch, const ExtractOptions& options,
+                   const ScratchFolder& scratch, const ExtractOptions& options,
                    Progress& progress) {
     ExtractQuery full = query;
     full.stages.distance.reset();
@@ -37,6 +37,9 @@ void make_analysis(const StoreReader& store, const ExtractQuery& query,
     ExtractOptions rest = options;
     rest.quality = false;
     const ExtractReport r = run_extraction(store, full, mesh, rest, progress);
+    // The extraction's own files were there beside the mesh.
+    scratch.meter()->add(r.scratch_bytes);
+    scratch.meter()->remove(r.scratch_bytes);
     AnalysedSurface surface;
     surface.triangles = r.triangles;
     if (r.components) {
@@ -76,7 +79,7 @@ struct FromStep {
 class AnalysedExtraction {
   public:
     AnalysedExtraction(const StoreReader& store, const ExtractQuery& query,
-                       const AnalysisFile& analysis, const std::filesystem::path& scratch,
+                       const AnalysisFile& analysis, const ScratchFolder& scratch,
                        Progress& progress)
         : store_(store),
           query_(query),
@@ -180,19 +183,15 @@ class AnalysedExtraction {
         if (!from.simplified) {
             return component_sizes(vertices, from.mesh->corners(), scratch_);
         }
-        const ScratchFile corners = from.simplifier->corners(*from.simplified);
-        return component_sizes(
-            vertices, {corners.as<const ElementCorners>().data(), from.simplified->triangles},
-            scratch_);
+        return component_sizes(vertices, from.simplifier->corners(*from.simplified).all(),
+                               scratch_);
     }
     void emit(const FromStep& from, MeshSink& sink, ExtractReport& report) {
-        report.scratch_bytes += from.mesh->bytes();
-        std::span<const ElementCorners> elements = from.mesh->corners();
-        std::optional<ScratchFile> corners;
+        CornerView elements = from.mesh->corners();
+        std::optional<CornerFile> corners;
         if (from.simplified) {
             corners.emplace(from.simplifier->corners(*from.simplified));
-            elements = {corners->as<ElementCorners>().data(), from.simplified->triangles};
-            report.scratch_bytes += from.simplifier->scratch_bytes();
+            elements = corners->all();
         }
         report.distance->bound = from.bound + moved_;
         const EmittedMesh emitted = emit_elements(*from.mesh, elements, scratch_, sink, progress_);
@@ -204,7 +203,7 @@ class AnalysedExtraction {
     const StoreReader& store_;
     const ExtractQuery& query_;
     const AnalysisFile& analysis_;
-    const std::filesystem::path& scratch_;
+    const ScratchFolder& scratch_;
     Progress& progress_;
     double moved_;
 };
@@ -261,8 +260,7 @@ std::optional<ExtractReport> extract_analysed(const StoreReader& store, const Ex
         return std::nullopt;
     }
     const int threads = distance_stage_threads(store, options);
-    const std::filesystem::path scratch =
-        options.scratch.empty() ? std::filesystem::temp_directory_path() : options.scratch;
+    const ScratchFolder scratch = ScratchFolder::metered(options.scratch);
     FoundAnalysis found = find_analysis(store, asked);
     const AnalysisUse use = use_of(found.state);
     std::vector<std::filesystem::path> inputs{store.path(), found.path};
@@ -303,6 +301,7 @@ std::optional<ExtractReport> extract_analysed(const StoreReader& store, const Ex
             extraction.within(limit, sink, report);
         }
     });
+    report.scratch_bytes = scratch.meter()->peak();
     report.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     return report;

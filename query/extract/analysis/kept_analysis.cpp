@@ -126,7 +126,7 @@ void write_mesh(const OutputFile& file, const AnalysisOffsets& offsets, const Sc
     if (layout.row_bytes > 0) {
         file.write_at(offsets.rows, mesh.rows());
     }
-    file.write_at(offsets.corners, std::as_bytes(mesh.corners()));
+    file.write_at(offsets.corners, std::as_bytes(mesh.corners_in_64_bits()));
 }
 
 /// Calls f(first, values) for batches of an array without alignment.
@@ -201,7 +201,7 @@ void keep_analysis(const StoreReader& store, const ExtractQuery& query, Analysed
         surface.row_bytes = layout.row_bytes;
         steps.push_back({step.bound, layout.vertices, layout.elements,
                          analysis_checksum(std::as_bytes(step.mesh->positions()), step.mesh->rows(),
-                                           std::as_bytes(step.mesh->corners()))});
+                                           std::as_bytes(step.mesh->corners_in_64_bits()))});
     }
     std::vector<AnalysisOffsets> offsets;
     OutputFile file(path_of(store, query), true, [&](const std::filesystem::path& temporary) {
@@ -231,6 +231,7 @@ void load_step(const AnalysisFile& analysis, std::size_t step, MeshLayout layout
     each_batch<ElementCorners>(analysis.corners(step), [&](std::size_t first, const auto& corners) {
         mesh.add_elements({first, corners, {}, {}});
     });
+    mesh.end();
 }
 
 }  // namespace isonest::detail

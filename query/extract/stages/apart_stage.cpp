@@ -24,14 +24,13 @@ ApartRange apart_range(const ExtractQuery& query) {
 
 void count_apart(const ApartVertices& apart, ExtractQuery& query, ExtractReport& report) {
     report.apart = {apart.moved, apart.left};
-    report.scratch_bytes += apart.scratch_bytes;
     const double moved = most_in_lattice(apart.by, query.spacing);
     query.coordinate_rounding += moved;
     report.coordinate_rounding += moved;
 }
 
 void ApartStage::run(StageMesh& mesh, ExtractReport& report) {
-    const std::filesystem::path& folder = setting().scratch;
+    const ScratchFolder& folder = setting().scratch;
     const PlacedVertices placed(mesh.vertices(), setting().query.turn, folder);
     if (sort_by_place(placed.all()) == 0) {
         return;
@@ -44,10 +43,9 @@ void ApartStage::run(StageMesh& mesh, ExtractReport& report) {
         ApartRange range = apart_range(setting().query);
         range.lo = whole.layout().lo;
         range.hi = whole.layout().hi;
-        ApartVertices apart = keep_apart(whole.changeable_positions(), touched.all(), placed.all(),
-                                         range, folder, setting().progress);
-        apart.scratch_bytes += placed.scratch_bytes() + touched.scratch_bytes();
-        count_apart(apart, setting().query, report);
+        count_apart(keep_apart(whole.changeable_positions(), touched.all(), placed.all(), range,
+                               folder, setting().progress),
+                    setting().query, report);
     });
 }
 

@@ -22,26 +22,24 @@ double first_limit(const ExtractQuery& query, double limit) {
 /// Within `limit`, and with no more triangles than are asked for, if the query does.
 Simplified simplified(const StagedVolume& volume, const ExtractQuery& query,
                       MeshSimplifier& simplifier, const StageMesh& mesh,
-                      const std::filesystem::path& folder, double limit) {
+                      const ScratchFolder& folder, double limit) {
     const std::optional<std::uint64_t>& most = query.stages.distance->triangles;
     if (!most) {
         return simplifier.within(simplifier.full(), limit);
     }
     const Simplified result = within_budget(simplifier, *most, first_budget_limit(query), limit);
     if (result.triangles > *most && any_distance(volume, query)) {
-        const ScratchFile corners = simplifier.corners(result);
-        refuse_budget(
-            volume, *most, result.triangles,
-            component_sizes(mesh.vertices().layout().vertices,
-                            {corners.as<const ElementCorners>().data(), result.triangles}, folder));
+        refuse_budget(volume, *most, result.triangles,
+                      component_sizes(mesh.vertices().layout().vertices,
+                                      simplifier.corners(result).all(), folder));
     }
     return result;
 }
 
 /// What is left of the mesh; `result` is one of the simplifier's.
 void choose(const MeshSimplifier& simplifier, const Simplified& result, StageMesh& mesh) {
-    const auto corners = std::make_shared<ScratchFile>(simplifier.corners(result));
-    mesh.choose({corners->as<ElementCorners>().data(), result.triangles}, corners);
+    const auto corners = std::make_shared<CornerFile>(simplifier.corners(result));
+    mesh.choose(corners->all(), corners);
 }
 
 }  // namespace
@@ -65,7 +63,6 @@ void DistanceStage::run(StageMesh& mesh, ExtractReport& report) {
         const Simplified result = simplified(volume, query, simplifier, mesh, scratch, first);
         choose(simplifier, result, mesh);
         report.distance->bound = result.bound + most_moved(query);
-        report.scratch_bytes += simplifier.scratch_bytes();
         if (const auto& most = query.stages.distance->triangles) {
             report.within_budget = result.triangles <= *most;
             report.distance->asked = result.limit + (result.limit > 0 ? most_moved(query) : 0);
@@ -88,7 +85,6 @@ void DistanceStage::simplify_far_mesh(StageMesh& mesh, ExtractReport& report) co
         simplifier.full(), limit_of(volume, query) + most_moved(query) - report.distance->bound);
     choose(simplifier, result, mesh);
     report.distance->bound += result.bound;
-    report.scratch_bytes += near->bytes();
 }
 
 }  // namespace isonest::detail

@@ -77,7 +77,6 @@ void ErrorStage::run(StageMesh& mesh, ExtractReport& report) {
     mesh.choose(simplified->corners(), simplified);
     report.simplified_error = ErrorSimplificationReport{mesh.vertices().layout().elements};
     report.error_bound = std::max(report.error_bound, simplified->largest());
-    report.scratch_bytes += simplified->scratch_bytes();
 }
 
 }  // namespace isonest::detail

@@ -27,7 +27,6 @@ void LineStage::run(StageMesh& mesh, ExtractReport& report) {
     mesh.choose(lines->corners(), lines);
     report.distance->full_triangles = mesh.vertices().layout().elements;
     report.distance->bound = lines->bound() + most_moved(query);
-    report.scratch_bytes += lines->scratch_bytes();
 }
 
 }  // namespace isonest::detail

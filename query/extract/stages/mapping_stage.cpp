@@ -17,23 +17,24 @@ void MappingStage::run(StageMesh& mesh, ExtractReport& report) {
     report_full(mesh, report);
     MeshMapper mapper(mesh.vertices(), world_lattice(volume, query), world_box(query), scratch,
                       progress);
-    const Mapped full = mapper.full(mesh.elements());
-    const Mapped result = most ? mapper.down_to(full, *most, first_budget_limit(query), limit)
-                               : mapper.within(full, limit);
-    const auto corners = std::make_shared<ScratchFile>(mapper.corners(result));
-    const std::span<const ElementCorners> left{corners->as<ElementCorners>().data(),
-                                               result.triangles};
+    const auto consume = [&mesh](std::uint64_t first, std::uint64_t count) {
+        mesh.consume(first, count);
+    };
+    const Mapped result =
+        most ? mapper.down_to(mapper.full(mesh.elements()), *most, first_budget_limit(query), limit)
+             : mapper.within(mapper.full(mesh.elements(), consume), limit);
+    const auto corners = std::make_shared<CornerFile>(mapper.corners(result));
     if (most) {
         report.within_budget = result.triangles <= *most;
         report.distance->asked = result.limit + (result.limit > 0 ? most_moved(query) : 0);
         if (!*report.within_budget && any_distance(volume, query)) {
-            refuse_budget(volume, *most, result.triangles,
-                          component_sizes(mesh.vertices().layout().vertices, left, scratch));
+            refuse_budget(
+                volume, *most, result.triangles,
+                component_sizes(mesh.vertices().layout().vertices, corners->all(), scratch));
         }
     }
-    mesh.choose(left, corners);
+    mesh.choose(corners->all(), corners);
     report.distance->bound = result.bound + most_moved(query);
-    report.scratch_bytes += mapper.scratch_bytes();
 }
 
 }  // namespace isonest::detail

@@ -18,7 +18,6 @@ void MendStage::run(StageMesh& mesh, ExtractReport& report) {
         mended = mend_triangles(whole, least_step, setting().scratch, setting().progress);
     });
     report.mending.mended = mended.found - mended.left;
-    report.scratch_bytes += mended.scratch_bytes;
     double moved = 0;  // in distances between nodes
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const double by = mended.moved[axis] / std::fabs(query.spacing[axis]);

@@ -3,7 +3,6 @@
 // of them a query needs, and in which order.
 #pragma once
 
-#include <filesystem>
 #include <memory>
 #include <span>
 #include <utility>
@@ -13,6 +12,7 @@
 #include "query/mesh/part_store.h"
 #include "query/mesh/scratch_mesh.h"
 #include "store/base/workers.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -21,7 +21,7 @@ struct StageSetting {
     const StagedVolume& volume;
     ExtractQuery& query;  ///< what moves vertices adds to its coordinate_rounding
     const ExtractOptions& options;
-    const std::filesystem::path& scratch;  ///< the folder of temporary files
+    const ScratchFolder& scratch;  ///< the folder of temporary files
     Progress& progress;
 };
 
@@ -30,15 +30,28 @@ struct StageSetting {
 class StageMesh {
   public:
     explicit StageMesh(std::shared_ptr<ScratchMesh> mesh)
-        : vertices_(std::move(mesh)), elements_(vertices_->corners()) {}
+        : vertices_(std::move(mesh)),
+          elements_(vertices_->corners()),
+          file_(&vertices_->changeable_corners()) {}
 
     [[nodiscard]] const ScratchMesh& vertices() const { return *vertices_; }
-    [[nodiscard]] std::span<const ElementCorners> elements() const { return elements_; }
+    [[nodiscard]] const CornerView& elements() const { return elements_; }
 
-    /// Other elements of the same vertices; `owner` keeps their memory.
-    void choose(std::span<const ElementCorners> elements, std::shared_ptr<const void> owner) {
+    /// Other elements of the same vertices; `owner` keeps their memory, `file`, if given, has them.
+    /// Those that the mesh came with are gone.
+    void choose(const CornerView& elements, std::shared_ptr<const void> owner,
+                CornerFile* file = nullptr) {
+        vertices_->changeable_corners().clear();
         elements_ = elements;
         owner_ = std::move(owner);
+        file_ = file;
+    }
+    /// Nobody will look at these elements any more, each of which is consumed once, until others
+    /// are chosen.
+    void consume(std::uint64_t first, std::uint64_t count) {
+        if (file_ != nullptr) {
+            file_->release(first, count);
+        }
     }
     /// For a stage that adds vertices, which its elements then have.
     [[nodiscard]] ScratchMesh& growing() { return *vertices_; }
@@ -47,6 +60,7 @@ class StageMesh {
         elements_ = mesh->corners();
         owner_.reset();
         vertices_ = std::move(mesh);
+        file_ = &vertices_->changeable_corners();
     }
     /// f(ScratchMesh&) changes vertices and elements in place. REQUIRES: no choose() before.
     template <class F>
@@ -57,7 +71,8 @@ class StageMesh {
 
   private:
     std::shared_ptr<ScratchMesh> vertices_;
-    std::span<const ElementCorners> elements_;
+    CornerView elements_;
+    CornerFile* file_;  ///< that has the elements, if it is known
     std::shared_ptr<const void> owner_;
 };
 

@@ -151,7 +151,7 @@ struct ExtractReport {
     /// If it was asked for, and the mesh has triangles as elements.
     std::optional<TriangleQuality> quality = {};
 
-    std::uint64_t scratch_bytes = 0;  ///< of temporary files of what changes the whole mesh
+    std::uint64_t scratch_bytes = 0;  ///< of temporary files at a time, at most
     double seconds = 0;
 };
 

@@ -55,10 +55,9 @@ std::uint64_t simplify_by_value_heap() {
     return std::uint64_t{kMostInBlock} * kValuePatchBytesPerTriangle + ValueTree::kBytes;
 }
 
-SimplifiedByValue::SimplifiedByValue(const ScratchMesh& mesh,
-                                     std::span<const ElementCorners> triangles,
+SimplifiedByValue::SimplifiedByValue(const ScratchMesh& mesh, const CornerView& triangles,
                                      const WorldLattice& lattice, const PatchBox& box,
-                                     const ValueLimit& limit, const std::filesystem::path& folder,
+                                     const ValueLimit& limit, const ScratchFolder& folder,
                                      Progress& progress)
     : corners_(folder) {
     const auto grid_of = [&](int third) {
@@ -70,7 +69,7 @@ SimplifiedByValue::SimplifiedByValue(const ScratchMesh& mesh,
     std::vector<std::unique_ptr<Worker>> workers(static_cast<std::size_t>(threads));
     auto grid = grid_of(0);
     auto from = std::make_unique<BlockTriangles>(folder);
-    for (const ElementCorners& corners : triangles) {
+    for (const ElementCorners corners : triangles) {
         from->append({corners, grid->block_of(corners), 0});
     }
     from->sort(grid->blocks());
@@ -113,7 +112,6 @@ SimplifiedByValue::SimplifiedByValue(const ScratchMesh& mesh,
                 largest_ = std::max(largest_, outcome.largest);
             });
         next->sort(is_last ? 1 : after->blocks());
-        scratch_bytes_ = std::max(scratch_bytes_, from->bytes() + next->bytes());
         from = std::move(next);
         grid = std::move(after);
     }
@@ -121,7 +119,6 @@ SimplifiedByValue::SimplifiedByValue(const ScratchMesh& mesh,
     corners_.map(count_ * sizeof(ElementCorners));
     std::transform(from->all().begin(), from->all().end(), corners_.as<ElementCorners>().begin(),
                    [](const Sorted& t) { return t.corners; });
-    scratch_bytes_ += count_ * sizeof(ElementCorners);
 }
 
 }  // namespace isonest::detail

@@ -8,7 +8,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <functional>
 #include <memory>
 #include <span>
@@ -19,6 +18,7 @@
 #include "query/simplify/block_grid.h"
 #include "query/simplify/by_value/value_tree.h"
 #include "query/simplify/patch.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -41,23 +41,20 @@ class SimplifiedByValue {
     /// mesh.layout().corners == 3, the lattice has three dimensions; is called within an arena of
     /// as many threads as there is memory for. Throws Error{io, cancelled}, and what the numbers
     /// throw.
-    SimplifiedByValue(const ScratchMesh& mesh, std::span<const ElementCorners> triangles,
+    SimplifiedByValue(const ScratchMesh& mesh, const CornerView& triangles,
                       const WorldLattice& lattice, const PatchBox& box, const ValueLimit& limit,
-                      const std::filesystem::path& folder, Progress& progress);
+                      const ScratchFolder& folder, Progress& progress);
 
     [[nodiscard]] std::span<const ElementCorners> corners() const {
         return {corners_.as<ElementCorners>().data(), static_cast<std::size_t>(count_)};
     }
     /// |U - iso| was not larger on any triangle that was made; at most the error.
     [[nodiscard]] double largest() const { return largest_; }
-    /// Bytes of all temporary files, at most.
-    [[nodiscard]] std::uint64_t scratch_bytes() const { return scratch_bytes_; }
 
   private:
     ScratchFile corners_;
     std::uint64_t count_ = 0;
     double largest_ = 0;
-    std::uint64_t scratch_bytes_ = 0;
 };
 
 }  // namespace isonest::detail

@@ -13,8 +13,8 @@ constexpr std::uint64_t kCheckEvery = std::uint64_t{1} << 14U;
 /// The segments at each vertex, and which of them are in a chain.
 class Adjacency {
   public:
-    Adjacency(const ScratchMesh& mesh, std::span<const ElementCorners> segments,
-              const std::filesystem::path& folder, Progress& progress)
+    Adjacency(const ScratchMesh& mesh, const CornerView& segments, const ScratchFolder& folder,
+              Progress& progress)
         : corners_(segments), at_file_(folder), taken_file_(folder) {
         at_file_.map(mesh.layout().vertices * sizeof(Two));
         taken_file_.map(corners_.size());
@@ -46,12 +46,11 @@ class Adjacency {
     }
     [[nodiscard]] bool is_taken(std::uint64_t segment) const { return taken_[segment] != 0; }
     void take(std::uint64_t segment) { taken_[segment] = 1; }
-    [[nodiscard]] std::uint64_t bytes() const { return at_.size_bytes() + taken_.size_bytes(); }
 
   private:
     /// Numbers of segments from 1 on; 0 = none. The second kMany: there are more.
     using Two = std::array<std::uint64_t, 2>;
-    std::span<const ElementCorners> corners_;
+    CornerView corners_;
     ScratchFile at_file_;
     ScratchFile taken_file_;
     std::span<Two> at_;
@@ -71,8 +70,8 @@ std::uint32_t least_of(const Adjacency& adjacency, std::uint64_t from, std::uint
 
 }  // namespace
 
-LineChains::LineChains(const ScratchMesh& mesh, std::span<const ElementCorners> segments,
-                       const std::filesystem::path& folder, Progress& progress)
+LineChains::LineChains(const ScratchMesh& mesh, const CornerView& segments,
+                       const ScratchFolder& folder, Progress& progress)
     : chains_(folder), vertices_(folder) {
     Adjacency adjacency(mesh, segments, folder, progress);
     const auto corners = segments;
@@ -119,7 +118,6 @@ LineChains::LineChains(const ScratchMesh& mesh, std::span<const ElementCorners> 
     }
     chains_.seal();
     vertices_.seal();
-    scratch_bytes_ = adjacency.bytes() + chains_.bytes() + vertices_.bytes();
 }
 
 }  // namespace isonest::detail

@@ -2,13 +2,13 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <span>
 
 #include <isonest/progress.h>
 
 #include "query/mesh/scratch_mesh.h"
 #include "query/simplify/growing_file.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -35,19 +35,17 @@ class LineChains {
   public:
     /// `segments`: of vertices of `mesh`. REQUIRES: mesh.layout().corners == 2. Throws Error{io,
     /// cancelled}.
-    LineChains(const ScratchMesh& mesh, std::span<const ElementCorners> segments,
-               const std::filesystem::path& folder, Progress& progress);
+    LineChains(const ScratchMesh& mesh, const CornerView& segments, const ScratchFolder& folder,
+               Progress& progress);
 
     [[nodiscard]] std::span<const Chain> chains() const { return chains_.all(); }
     /// Of all chains, one after the other: numbers in the mesh.
     [[nodiscard]] std::span<const std::uint64_t> vertices() const { return vertices_.all(); }
     /// Bytes of its temporary files, at most.
-    [[nodiscard]] std::uint64_t scratch_bytes() const { return scratch_bytes_; }
 
   private:
     GrowingFile<Chain> chains_;
     GrowingFile<std::uint64_t> vertices_;
-    std::uint64_t scratch_bytes_ = 0;
 };
 
 }  // namespace isonest::detail

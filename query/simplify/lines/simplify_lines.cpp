@@ -52,7 +52,7 @@ struct Worker {
 class Simplifier {
   public:
     Simplifier(const ScratchMesh& mesh, const LineChains& lines, int flat_axis, double limit,
-               const std::filesystem::path& folder)
+               const ScratchFolder& folder)
         : positions_(mesh.positions()),
           chains_(lines.chains()),
           vertices_(lines.vertices()),
@@ -155,10 +155,6 @@ class Simplifier {
                 from = to;
             }
         }
-    }
-
-    [[nodiscard]] std::uint64_t scratch_bytes() const {
-        return kept_.size_bytes() + runs_.bytes() + long_chains_.bytes();
     }
 
   private:
@@ -294,9 +290,8 @@ std::uint64_t simplify_lines_heap() {
     return (kRun + 1) * (kRun + 64) / 8 + 512 * kRun;
 }
 
-SimplifiedLines::SimplifiedLines(const ScratchMesh& mesh, std::span<const ElementCorners> segments,
-                                 int flat_axis, double limit, const std::filesystem::path& folder,
-                                 Progress& progress)
+SimplifiedLines::SimplifiedLines(const ScratchMesh& mesh, const CornerView& segments, int flat_axis,
+                                 double limit, const ScratchFolder& folder, Progress& progress)
     : corners_(folder) {
     progress.begin("simplify", segments.size(), "line segments");
     const LineChains lines(mesh, segments, folder, progress);
@@ -309,7 +304,6 @@ SimplifiedLines::SimplifiedLines(const ScratchMesh& mesh, std::span<const Elemen
         bound_ = std::max(bound_, distance);
     });
     corners_.seal();
-    scratch_bytes_ = lines.scratch_bytes() + simplifier.scratch_bytes() + corners_.bytes();
 }
 
 }  // namespace isonest::detail

@@ -20,13 +20,13 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <span>
 
 #include <isonest/progress.h>
 
 #include "query/mesh/scratch_mesh.h"
 #include "query/simplify/growing_file.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 
@@ -43,21 +43,18 @@ class SimplifiedLines {
     /// mesh.layout().corners == 2, all vertices have the same coordinate along the flat axis, and
     /// is called within an arena of as many threads as there is memory for. Throws
     /// Error{io, cancelled}.
-    SimplifiedLines(const ScratchMesh& mesh, std::span<const ElementCorners> segments,
-                    int flat_axis, double limit, const std::filesystem::path& folder,
-                    Progress& progress);
+    SimplifiedLines(const ScratchMesh& mesh, const CornerView& segments, int flat_axis,
+                    double limit, const ScratchFolder& folder, Progress& progress);
 
     /// The third corner repeats the second.
     [[nodiscard]] std::span<const ElementCorners> corners() const { return corners_.all(); }
     /// The largest distance of all parts from their segments, at most the limit.
     [[nodiscard]] double bound() const { return bound_; }
     /// Bytes of all temporary files, at most.
-    [[nodiscard]] std::uint64_t scratch_bytes() const { return scratch_bytes_; }
 
   private:
     GrowingFile<ElementCorners> corners_;
     double bound_ = 0;
-    std::uint64_t scratch_bytes_ = 0;
 };
 
 }  // namespace isonest::detail

@@ -5,26 +5,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "query/simplify/block_items.h"
 #include "query/simplify/block_patch.h"
-#include "query/simplify/block_triangles.h"
+#include "query/simplify/packed_triangle.h"
 #include "store/base/in_order.h"
 
 namespace isonest::detail {
-
-/// A triangle between two passes.
-struct MappedTriangle {
-    ElementCorners corners{};
-    std::uint32_t block = 0;
-    std::uint32_t tried = 0;  ///< MappedPatch::tried
-    Displacement displacement;
-};
-
-/// A triangle of the full surface, which stays where it is.
-struct FullTriangle {
-    std::uint64_t place = 0;
-    std::uint32_t block = 0;
-};
-
 namespace {
 
 /// Triangles in a block.
@@ -33,31 +19,45 @@ constexpr int kPasses = 3;
 /// Edges of which the quadrics estimate that they are further off, in limits, are not tried.
 constexpr double kFurthest = 1.5;
 
-/// Gives the patch all but what is known of its triangles. `is_shared(vertex, triangles here)`.
-template <class Corners, class IsShared>
-void number(const ScratchMesh& mesh, const PatchBox& box, std::size_t count,
-            const Corners& corners_of, const IsShared& is_shared, MappedBlock& block) {
-    BlockPatch numbered;
-    PatchNumbering numbering(mesh, numbered);
-    MappedPatch& patch = block.patch;
-    patch.triangles.reserve(count);
-    for (std::size_t i = 0; i < count; ++i) {
-        patch.triangles.push_back(numbering.local(corners_of(i)));
+/// Makes the patch of a block, triangle by triangle.
+class PatchMaker {
+  public:
+    PatchMaker(const ScratchMesh& mesh, const PatchBox& box, std::uint64_t triangles)
+        : numbering_(mesh, numbered_) {
+        block_.patch.box = box;
+        block_.patch.triangles.reserve(triangles);
+        block_.patch.displacements.reserve(triangles);
+        block_.patch.tried.reserve(triangles);
     }
-    patch.box = box;
-    patch.positions = std::move(numbered.patch.positions);
-    block.vertex = std::move(numbered.vertex);
-    std::vector<std::uint32_t> here(block.vertex.size());
-    for (const PatchTriangle& t : patch.triangles) {
-        for (const std::uint32_t v : t) {
-            ++here[v];
+    void add(const ElementCorners& corners, const Displacement& displacement, bool tried) {
+        block_.patch.triangles.push_back(numbering_.local(corners));
+        block_.patch.displacements.push_back(displacement);
+        block_.patch.tried.push_back(tried);
+    }
+    /// All of it, once. `is_shared(vertex, triangles here)`.
+    template <class IsShared>
+    MappedBlock finish(const IsShared& is_shared) {
+        MappedPatch& patch = block_.patch;
+        patch.positions = std::move(numbered_.patch.positions);
+        block_.vertex = std::move(numbered_.vertex);
+        std::vector<std::uint32_t> here(block_.vertex.size());
+        for (const PatchTriangle& t : patch.triangles) {
+            for (const std::uint32_t v : t) {
+                ++here[v];
+            }
         }
+        patch.shared.reserve(here.size());
+        for (std::size_t v = 0; v < here.size(); ++v) {
+            patch.shared.push_back(is_shared(block_.vertex[v], here[v]));
+        }
+        return std::move(block_);
     }
-    patch.shared.reserve(here.size());
-    for (std::size_t v = 0; v < here.size(); ++v) {
-        patch.shared.push_back(is_shared(block.vertex[v], here[v]));
-    }
-}
+
+  private:
+    BlockPatch numbered_;
+    PatchNumbering numbering_;
+    MappedBlock block_;
+};
 
 }  // namespace
 
@@ -65,18 +65,15 @@ std::uint64_t map_heap() {
     return std::uint64_t{kMostInBlock} * 2 * kMapBytesPerTriangle;
 }
 
-std::uint64_t mapped_at_a_time() {
-    return kMostInBlock;
-}
-
 struct MeshMapper::Run {
-    explicit Run(const std::filesystem::path& folder) : full(folder), mesh(folder) {}
+    explicit Run(const ScratchFolder& folder) : full(folder), mesh(folder) {}
 
-    std::span<const ElementCorners> triangles;  ///< the full surface; else none
-    SortedByBlocks<FullTriangle> full;
-    SortedByBlocks<MappedTriangle> mesh;
-    std::uint32_t blocks = 0;
-    int third = 0;  ///< the shift of the blocks that they are sorted into
+    CornerView triangles;  ///< the full surface; else none
+    Consumed consumed;     ///< of these
+    BlockRuns full;        ///< of these
+    BlockItems<PackedTriangle> mesh;
+    std::uint32_t blocks = 0;  ///< 0: nothing was sorted until now
+    int third = 0;             ///< the shift of the blocks that they are sorted into
     double bound = 0;
 
     [[nodiscard]] std::uint64_t count() const {
@@ -84,57 +81,37 @@ struct MeshMapper::Run {
     }
     template <class Visit>
     void each(const Visit& visit) const {
-        for (const ElementCorners& t : triangles) {
+        for (const ElementCorners t : triangles) {
             visit(t);
         }
-        for (const MappedTriangle& t : mesh.all()) {
-            visit(t.corners);
+        for (const PackedTriangle& t : mesh.all()) {
+            visit(t.corners());
+        }
+    }
+    /// Nobody will look at a block any more.
+    void consume(std::uint32_t block) {
+        if (triangles.empty()) {
+            mesh.consume(block);
+        } else if (consumed) {
+            for (const BlockRun& run : full.of(block)) {
+                consumed(run.first, run.count);
+            }
         }
     }
 };
 
 MeshMapper::MeshMapper(const ScratchMesh& mesh, const WorldLattice& lattice, const PatchBox& box,
-                       std::filesystem::path folder, Progress& progress)
+                       ScratchFolder folder, Progress& progress)
     : mesh_(mesh), lattice_(lattice), box_(box), folder_(std::move(folder)), progress_(progress) {}
 
 MeshMapper::~MeshMapper() = default;
 
-Mapped MeshMapper::full(std::span<const ElementCorners> triangles) {
+Mapped MeshMapper::full(const CornerView& triangles, Consumed consumed) const {
     auto run = std::make_shared<Run>(folder_);
     run->triangles = triangles;
-    for (std::uint64_t i = 0; i < triangles.size(); ++i) {
-        run->full.append({i, 0});
-    }
-    sort(*run);
+    run->consumed = std::move(consumed);
+    run->mesh.seal();
     return {run, run->count(), 0, 0};
-}
-
-MappedBlock MeshMapper::map(std::span<const ElementCorners> triangles,
-                            const std::function<bool(std::uint64_t)>& is_shared,
-                            double limit) const {
-    MappedBlock block;
-    number(
-        mesh_, box_, triangles.size(), [&](std::size_t i) { return triangles[i]; },
-        [&](std::uint64_t v, std::uint32_t /*here*/) { return is_shared(v); }, block);
-    block.patch.displacements.resize(triangles.size());
-    block.patch.tried.resize(triangles.size());
-    block.gone_at = map_patch(block.patch, limits_of(limit, kFurthest));
-    return block;
-}
-
-void MeshMapper::add(const MappedBlock& block) {
-    if (!added_) {
-        added_ = std::make_shared<Run>(folder_);
-    }
-    append(*added_, block);
-}
-
-Mapped MeshMapper::whole(double limit) {
-    const std::shared_ptr<Run> run = added_ ? added_ : std::make_shared<Run>(folder_);
-    added_.reset();
-    run->third = 1;  // the parts were cut along the first grid's borders, or nearly so
-    sort(*run);
-    return {run, run->count(), run->bound, limit};
 }
 
 void MeshMapper::append(Run& run, const MappedBlock& block) {
@@ -142,66 +119,57 @@ void MeshMapper::append(Run& run, const MappedBlock& block) {
         const PatchTriangle& t = block.patch.triangles[i];
         const Displacement& d = block.patch.displacements[i];
         run.mesh.append({{block.vertex[t[0]], block.vertex[t[1]], block.vertex[t[2]]},
-                         0,
-                         block.patch.tried[i] ? 1U : 0U,
+                         static_cast<std::uint16_t>(block.patch.tried[i] ? 1 : 0),
                          d});
         run.bound = std::max(run.bound, d.bound());
     }
 }
 
 /// Into blocks of their own.
-void MeshMapper::sort(Run& run) {
+void MeshMapper::sort(Run& run) const {
     BlockGrid grid(lattice_, mesh_, run.third, folder_);
-    const auto full = run.full.unsorted();
-    const auto mesh = run.mesh.unsorted();
-    for (const ElementCorners& t : run.triangles) {
-        grid.count(t);
-    }
-    for (const MappedTriangle& t : mesh) {
-        grid.count(t.corners);
-    }
+    run.each([&](const ElementCorners& t) { grid.count(t); });
     progress_.check();
     grid.divide(kMostInBlock);
-    for (FullTriangle& t : full) {
-        t.block = grid.block_of(run.triangles[t.place]);
+    for (const ElementCorners t : run.triangles) {
+        run.full.add(grid.block_of(t));
     }
-    for (MappedTriangle& t : mesh) {
-        t.block = grid.block_of(t.corners);
+    for (const PackedTriangle& t : run.mesh.all()) {
+        run.mesh.add_block(grid.block_of(t.corners()));
     }
     progress_.check();
-    run.blocks = grid.blocks();
+    run.blocks = std::max(grid.blocks(), 1U);
     run.full.sort(run.blocks);
     run.mesh.sort(run.blocks);
-    // One run is made from another.
-    scratch_bytes_ = std::max(scratch_bytes_, 2 * (run.full.bytes() + run.mesh.bytes()));
 }
 
 MappedBlock MeshMapper::load(const Run& run, const Valences& valences, std::uint32_t block,
                              bool afresh) const {
-    MappedBlock b;
-    const auto full = run.full.of(block);
-    const auto mesh = run.mesh.of(block);
-    const auto is_shared = [&](std::uint64_t v, std::uint32_t here) {
-        return here != valences.of(v);
-    };
-    number(
-        mesh_, box_, full.size() + mesh.size(),
-        [&](std::size_t i) {
-            return i < full.size() ? run.triangles[full[i].place] : mesh[i - full.size()].corners;
-        },
-        is_shared, b);
-    b.patch.displacements.resize(full.size());
-    b.patch.tried.resize(full.size());
-    for (const MappedTriangle& t : mesh) {
-        b.patch.displacements.push_back(t.displacement);
-        b.patch.tried.push_back(!afresh && t.tried != 0);
+    std::uint64_t count = run.mesh.count_in(block);
+    for (const BlockRun& full : run.full.of(block)) {
+        count += full.count;
     }
-    return b;
+    PatchMaker maker(mesh_, box_, count);
+    for (const BlockRun& full : run.full.of(block)) {
+        for (const ElementCorners t : run.triangles.subspan(full.first, full.count)) {
+            maker.add(t, {}, false);
+        }
+    }
+    run.mesh.each(block, [&](const PackedTriangle& t) {
+        maker.add(t.corners(), t.displacement, !afresh && t.mark != 0);
+    });
+    return maker.finish(
+        [&](std::uint64_t v, std::uint32_t here) { return here != valences.of(v); });
 }
 
-/// `afresh`: what was tried was so within another limit.
-std::shared_ptr<MeshMapper::Run> MeshMapper::pass(const Run& from, const CollapseLimits& limits,
-                                                  bool afresh, GoneTriangles* gone) {
+/// `afresh`: what was tried was so within another limit. `is_last`: nobody will look at `from` any
+/// more.
+std::shared_ptr<MeshMapper::Run> MeshMapper::pass(Run& from, const CollapseLimits& limits,
+                                                  bool afresh, bool is_last,
+                                                  GoneTriangles* gone) const {
+    if (from.blocks == 0) {
+        sort(from);
+    }
     auto next = std::make_shared<Run>(folder_);
     next->third = (from.third + 1) % kBlockShifts;
     Valences valences(mesh_.layout().vertices, folder_);
@@ -217,36 +185,43 @@ std::shared_ptr<MeshMapper::Run> MeshMapper::pass(const Run& from, const Collaps
             progress_.advance(count);
             return block;
         },
-        [&](std::int64_t /*i*/, const MappedBlock& block) {
+        [&](std::int64_t i, const MappedBlock& block) {
             append(*next, block);
             if (gone != nullptr) {
                 add_gone(*gone, block.gone_at);
             }
+            if (is_last) {
+                from.consume(static_cast<std::uint32_t>(i));
+            }
         });
-    sort(*next);
+    next->mesh.seal();
     return next;
 }
 
-Mapped MeshMapper::within(const Mapped& from, double limit) {
-    std::shared_ptr<const Run> run = from.run;
+Mapped MeshMapper::within(Mapped from, double limit) const {
+    bool afresh = from.limit != limit;
     for (int i = 0; i < kPasses; ++i) {
-        run = pass(*run, limits_of(limit, kFurthest), i == 0 && from.limit != limit);
+        // Others may have the first one, too.
+        const bool is_last = i > 0 || from.run->consumed;
+        from.run = pass(*from.run, limits_of(limit, kFurthest), afresh, is_last);
+        afresh = false;
     }
-    return {run, run->count(), run->bound, limit};
+    return {from.run, from.run->count(), from.run->bound, limit};
 }
 
-Mapped MeshMapper::down_to(const Mapped& from, std::uint64_t triangles, double first, double most) {
+Mapped MeshMapper::down_to(const Mapped& from, std::uint64_t triangles, double first,
+                           double most) const {
     Mapped mapped = from;
     constexpr double kFactor = 2;
     for (double limit = std::min(first, most); mapped.triangles > triangles;
          limit = std::min(limit * kFactor, most)) {
         GoneTriangles gone;
         const CollapseLimits limits = limits_of(limit, kFurthest);
-        std::shared_ptr<const Run> run = pass(*mapped.run, limits, true, &gone);
+        std::shared_ptr<Run> run = pass(*mapped.run, limits, true, false, &gone);
         const bool is_enough = run->count() <= triangles;
         if (is_enough) {
             // Again, up to the estimate at which there are just few enough.
-            run = pass(*mapped.run, up_to(limits, gone, mapped.triangles, triangles), true);
+            run = pass(*mapped.run, up_to(limits, gone, mapped.triangles, triangles), true, false);
         }
         const bool is_last = limit >= most && run->count() >= mapped.triangles;
         mapped = {run, run->count(), run->bound, limit};
@@ -257,11 +232,12 @@ Mapped MeshMapper::down_to(const Mapped& from, std::uint64_t triangles, double f
     return mapped;
 }
 
-ScratchFile MeshMapper::corners(const Mapped& of) const {
-    ScratchFile file(folder_);
-    file.map(of.triangles * sizeof(ElementCorners));
-    auto to = file.as<ElementCorners>().begin();
-    of.run->each([&](const ElementCorners& t) { *to++ = t; });
+CornerFile MeshMapper::corners(const Mapped& of) const {
+    CornerFile file(folder_);
+    file.begin(mesh_.layout().vertices);
+    file.map(of.triangles);
+    std::uint64_t at = 0;
+    of.run->each([&](const ElementCorners& t) { file.set(at++, t); });
     return file;
 }
 
