@@ -35,7 +35,7 @@ class LabelPlanes {
   private:
     struct Held {
         Int3 chunk;
-        DecodedChunk data;       ///< null if all nodes have `all`
+        DecodedChunk data;  ///< null if all nodes have `all`
         std::int64_t all = 0;
     };
     void hold(const Int3& first, const Int3& last);

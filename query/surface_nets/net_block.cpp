@@ -91,9 +91,9 @@ void NetBlock::read_layer(std::int64_t z) {
     }
     planes_.read({nodes.x, nodes.y, z}, plane_nodes_, plane(z));
     const Int3 cells = setting_.cells();
-    const unsigned held =
-        (first_.x == 0 ? 1U : 0U) | (end_.x == cells.x ? 2U : 0U) | (first_.y == 0 ? 4U : 0U) |
-        (end_.y == cells.y ? 8U : 0U) | (z == 0 || z + 1 == cells.z ? 48U : 0U);
+    const unsigned held = (first_.x == 0 ? 1U : 0U) | (end_.x == cells.x ? 2U : 0U) |
+                          (first_.y == 0 ? 4U : 0U) | (end_.y == cells.y ? 8U : 0U) |
+                          (z == 0 || z + 1 == cells.z ? 48U : 0U);
     layer(z)->begin(plane(z - 1), plane(z), plane_nodes_, held);
 }
 
@@ -165,8 +165,8 @@ void NetBlock::emit_row(std::int64_t z, std::int64_t y) {
         const CellLabels label{a[local], a[local + 1], b[local], b[local + 1],
                                c[local], c[local + 1], d[local], d[local + 1]};
         NetPiece& piece = piece_at(x, y);
-        // The cells around this one's lowest corner, number x + 2 y + 4 z; this one is the last, and
-        // the first touches none of its edges from there.
+        // The cells around this one's lowest corner, number x + 2 y + 4 z; this one is the last,
+        // and the first touches none of its edges from there.
         std::array<Corner, 8> corner{};
         for (std::size_t n = 0; n < corner.size(); ++n) {
             const auto at = static_cast<std::int64_t>(n);
@@ -216,7 +216,8 @@ std::array<float, 3> NetBlock::place_of(const Corner& corner) const {
         const double at = static_cast<double>(corner.cell[static_cast<int>(axis)]) - 0.5 +
                           static_cast<double>(moved[axis]);
         // Of two zeros the positive one, as in all meshes.
-        place[axis] = static_cast<float>(setting_.origin[axis] + setting_.spacing[axis] * at) + 0.0F;
+        place[axis] =
+            static_cast<float>(setting_.origin[axis] + setting_.spacing[axis] * at) + 0.0F;
     }
     return place;
 }
@@ -227,8 +228,8 @@ void NetBlock::emit_vertex(const Corner& corner, const CellLabels& label, NetPie
     const Int3 inside = min(corner.cell, setting_.nodes - corner.cell);
     const bool at_border = std::min({inside.x, inside.y, inside.z}) == 0;
     for (std::size_t i = 0; i < label.size(); ++i) {
-        const bool is_known = std::find(found.begin(), found.begin() + count, label[i]) !=
-                              found.begin() + count;
+        const bool is_known =
+            std::find(found.begin(), found.begin() + count, label[i]) != found.begin() + count;
         if (!is_known && is_wanted(label[i]) && is_of(label, i, at_border)) {
             found.at(count++) = label[i];
         }
@@ -238,8 +239,8 @@ void NetBlock::emit_vertex(const Corner& corner, const CellLabels& label, NetPie
     }
     double squares = 0;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-        const double moved = setting_.spacing[axis] *
-                             static_cast<double>(corner.layer->moved(corner.vertex)[axis]);
+        const double moved =
+            setting_.spacing[axis] * static_cast<double>(corner.layer->moved(corner.vertex)[axis]);
         squares += moved * moved;
     }
     const std::uint32_t number = piece.add_vertex(
@@ -276,10 +277,9 @@ void NetBlock::emit_quads(const std::array<Corner, 8>& corner, const CellLabels&
             place.at(i) = place_of(c);
             const Int3 before = own - piece_of(c.cell);
             const auto bits = static_cast<unsigned>(before.x + 2 * before.y + 4 * before.z);
-            quad.corner.at(i) =
-                bits == 0 ? c.layer->number(c.vertex)
-                          : kForeign | bits << kBeforeBit |
-                                code_of(c.cell - first_cell(own - before));
+            quad.corner.at(i) = bits == 0 ? c.layer->number(c.vertex)
+                                          : kForeign | bits << kBeforeBit |
+                                                code_of(c.cell - first_cell(own - before));
         }
         quad.diagonal = flatter_diagonal(place);
         std::uint32_t no_area = 0;

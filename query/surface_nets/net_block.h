@@ -78,14 +78,14 @@ class NetBlock {
 
     const NetSetting& setting_;
     LabelPlanes planes_;
-    Int3 lo_{};     ///< of the block
+    Int3 lo_{};  ///< of the block
     Int3 hi_{};
     Int3 first_{};  ///< cell of what is looked at around it
     Int3 end_{};
     Int3 plane_nodes_{};
-    std::vector<NetLayer> layers_;                     ///< of the last cells along z, in turn
-    std::vector<std::vector<std::int64_t>> labels_;    ///< of the last planes of nodes, in turn
-    std::vector<NetPiece> pieces_;                     ///< that the layer which is emitted passes
+    std::vector<NetLayer> layers_;                   ///< of the last cells along z, in turn
+    std::vector<std::vector<std::int64_t>> labels_;  ///< of the last planes of nodes, in turn
+    std::vector<NetPiece> pieces_;                   ///< that the layer which is emitted passes
     struct Wanted {
         std::int64_t label = kOutsideLabel;
         bool is = false;

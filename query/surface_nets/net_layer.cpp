@@ -20,9 +20,8 @@ void NetLayer::begin(std::span<const std::int64_t> below, std::span<const std::i
         const auto same_at = [&](std::int64_t x) {
             return a[x] == b[x] && a[x] == c[x] && a[x] == d[x];
         };
-        const unsigned held_y = (y == 0 && (held & 4U) != 0) || (y + 1 == height && (held & 8U) != 0)
-                                    ? 2U
-                                    : 0U;
+        const unsigned held_y =
+            (y == 0 && (held & 4U) != 0) || (y + 1 == height && (held & 8U) != 0) ? 2U : 0U;
         const unsigned held_yz = held_y | ((held & 48U) != 0 ? 4U : 0U);
         bool same = same_at(0);
         for (std::int64_t x = 0; x < width; ++x) {
@@ -33,8 +32,8 @@ void NetLayer::begin(std::span<const std::int64_t> below, std::span<const std::i
                 continue;
             }
             x_.push_back(static_cast<std::uint16_t>(x));
-            neighbours_.push_back(neighbours_of(
-                {a[x], a[x + 1], b[x], b[x + 1], c[x], c[x + 1], d[x], d[x + 1]}));
+            neighbours_.push_back(
+                neighbours_of({a[x], a[x + 1], b[x], b[x + 1], c[x], c[x + 1], d[x], d[x + 1]}));
             const bool held_x =
                 (x == 0 && (held & 1U) != 0) || (x + 1 == width && (held & 2U) != 0);
             held_.push_back(static_cast<std::uint8_t>(held_yz | (held_x ? 1U : 0U)));

@@ -82,7 +82,8 @@ class TriangleBatches {
     void flush() {
         for (std::size_t at = 0; at < corners_.size(); at += MeshSink::kMostRows) {
             const std::size_t count = std::min(MeshSink::kMostRows, corners_.size() - at);
-            sink_.add_elements({first_ + at, std::span(corners_).subspan(at, count),
+            sink_.add_elements({first_ + at,
+                                std::span(corners_).subspan(at, count),
                                 std::span(nearby_corners_).subspan(at, count),
                                 {0, nearby_, {}, 0}});
         }

@@ -20,8 +20,8 @@ struct NetMesh {
 
 /// Hands the mesh of a label to a sink: begin(), all batches as often as the sink asks for them,
 /// end(). `layout`: of prepare(), without attributes. Vertices and triangles come in the order of
-/// pieces, and in each of its cells. REQUIRES: the store is sealed. Throws what the sink throws, and
-/// Error{cancelled}. Thread-safety: any number of calls at once.
+/// pieces, and in each of its cells. REQUIRES: the store is sealed. Throws what the sink throws,
+/// and Error{cancelled}. Thread-safety: any number of calls at once.
 NetMesh emit_net_mesh(const NetStore& store, std::int64_t label, MeshLayout layout, MeshSink& sink,
                       const Progress& progress);
 

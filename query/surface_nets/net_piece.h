@@ -49,7 +49,7 @@ struct LabelPart {
     std::array<float, 3> hi{};
     /// The furthest that one of its vertices is from the centre of its cell, world units.
     float moved = 0;
-    std::uint32_t no_area = 0;  ///< triangles
+    std::uint32_t no_area = 0;            ///< triangles
     std::vector<std::uint16_t> vertices;  ///< ascending
     /// In order; kReversed where the label is that of the edge's second node.
     std::vector<std::uint32_t> quads;

@@ -83,7 +83,8 @@ void NetStore::append(const NetPiece& piece) {
         r.part_at += at;
     }
     file_.write_at(at, bytes);
-    record_file_.write_at(first_record * sizeof(LabelPartRecord), std::as_bytes(std::span(records)));
+    record_file_.write_at(first_record * sizeof(LabelPartRecord),
+                          std::as_bytes(std::span(records)));
 }
 
 void NetStore::seal() {

@@ -53,9 +53,7 @@ class NetStore {
     [[nodiscard]] std::span<const std::uint16_t> part_vertices(const LabelPartRecord& r) const;
     [[nodiscard]] std::span<const std::uint32_t> part_quads(const LabelPartRecord& r) const;
     /// Of the files.
-    [[nodiscard]] std::uint64_t bytes() const {
-        return end_ + records_ * sizeof(LabelPartRecord);
-    }
+    [[nodiscard]] std::uint64_t bytes() const { return end_ + records_ * sizeof(LabelPartRecord); }
 
   private:
     template <class T>

@@ -89,13 +89,17 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
     if (labels.one) {
         result.json["label"] = *labels.one;
     }
+    if (r.smooth) {
+        add_smooth_json(*r.smooth, result.json);
+    }
     result.text =
         fmt::format("{}: {} {}, {} vertices, in {}\n{}; {}\n", a.mesh, r.triangles,
                     r.dimension == 2 && !a.is_graph ? "line segments" : "triangles", r.vertices,
                     human_seconds(r.seconds),
-                    r.distance || r.within_budget ? distance_text(arguments.distance, r)
-                    : origin.volume != nullptr    ? "the surface at full resolution"
-                                                  : guarantee_text(a, r) + simplified_text(r),
+                    r.smooth                        ? smooth_text(*r.smooth)
+                    : r.distance || r.within_budget ? distance_text(arguments.distance, r)
+                    : origin.volume != nullptr      ? "the surface at full resolution"
+                                                    : guarantee_text(a, r) + simplified_text(r),
                     origin.volume != nullptr ? "straight from " + origin.volume->describe().name
                                              : read_text(r.traversal));
     result.text += analysis_text(r) + version_text(a.mesh);

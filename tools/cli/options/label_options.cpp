@@ -51,6 +51,16 @@ std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::strin
     return ranges;
 }
 
+/// The passes of --smooth; "true" is what a flag without a value says.
+LabelSmoothing parse_smoothing(const std::string& text) {
+    LabelSmoothing smoothing;
+    if (text != "true") {
+        smoothing.passes =
+            static_cast<int>(parse_integer("--smooth", text, 0, LabelSmoothing::kMostPasses));
+    }
+    return smoothing;
+}
+
 /// Those that are wanted. Throws Error{not_found} for a single one that is not there.
 std::vector<Label> chosen_of(const std::vector<Label>& all,
                              const std::vector<std::pair<std::int64_t, std::int64_t>>& ranges,
@@ -114,6 +124,9 @@ Json json_of(const Label& label, const ExtractReport& r, const std::string& mesh
     if (r.distance) {
         json["distance_bound"] = r.distance->bound;
     }
+    if (r.smooth) {
+        add_smooth_json(*r.smooth, json);
+    }
     return json;
 }
 
@@ -138,6 +151,13 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
         one->excludes(c->get_option(other));
         several->excludes(c->get_option(other));
     }
+    // A flag's value comes behind "=" alone, so that it never takes the name of a store.
+    c->add_flag("--smooth")
+        ->description(
+            "surfaces of labels that are smooth, and shared by those that\n"
+            "touch: all nodes stay on their sides. --smooth=N: vertices are\n"
+            "moved N times, 0 ... 64 [16]")
+        ->each([&a](const std::string& text) { a.smooth = parse_smoothing(text); });
     add_parsed(
         c, "--format",
         [&a](const std::string& text) {
@@ -153,6 +173,19 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
         "meshes [ply]",
         "NAME")
         ->needs(several);
+}
+
+std::string smooth_text(const SmoothReport& r) {
+    return r.passes == 0 ? fmt::format("the faces of the voxels, within {:.2g}", r.bound)
+                         : fmt::format(
+                               "smoothed in {} passes, no point further than {:.6g} from "
+                               "the faces of the voxels",
+                               r.passes, r.bound);
+}
+
+void add_smooth_json(const SmoothReport& r, Json& json) {
+    json["smooth_passes"] = r.passes;
+    json["smooth_bound"] = r.bound;
 }
 
 Result extract_label_meshes(const Store& store, const LabelArguments& labels,
@@ -188,11 +221,15 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     Json list = Json::array();
     std::uint64_t triangles = 0;
     double bound = 0;
+    std::optional<SmoothReport> smooth;
     for (std::size_t i = 0; i < chosen.size(); ++i) {
         list.push_back(json_of(chosen[i], reports[i], mesh_name(chosen[i].id, labels.format)));
         triangles += reports[i].triangles;
         if (const auto& distance = reports[i].distance) {
             bound = std::max(bound, distance->bound);
+        }
+        if (const auto& own = reports[i].smooth) {
+            smooth = SmoothReport{own->passes, std::max(smooth ? smooth->bound : 0, own->bound)};
         }
     }
     result.json = {{"folder", a.mesh}, {"labels", list}};
@@ -202,6 +239,9 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                     labels.format, chosen.size(), triangles, (folder / "labels.json").string());
     if (bound > 0) {
         result.text += fmt::format("each within {:.6g} of the label's surface\n", bound);
+    }
+    if (smooth) {
+        result.text += smooth_text(*smooth) + "; all nodes are on their sides\n";
     }
     return result;
 }
