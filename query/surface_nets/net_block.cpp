@@ -13,8 +13,8 @@ constexpr int kCycle = 4;
 constexpr float kForth = 0.6F;
 constexpr float kBack = -static_cast<float>(kCycle - 1) * kForth;
 
-/// Layers and planes that are needed at a time: what is emitted, the one before it, and those of
-/// which each is one pass behind the next.
+/// Layers that are needed at a time: what is emitted, the one before it, and those of which each is
+/// one pass behind the next. Of planes, one more is looked at.
 std::size_t ring_of(const NetSetting& setting) {
     return static_cast<std::size_t>(setting.passes) + 2;
 }
@@ -45,7 +45,8 @@ std::uint64_t NetBlock::heap(const NetSetting& setting, const ArrayInfo& array, 
     const Int3 pieces = ceil_div(min({edge, edge, 1}, setting.cells()), kPieceCells);
     const auto columns = static_cast<std::uint64_t>(pieces.x * pieces.y);
     // Lists of cells grow to twice of what is in them; a piece is copied on its way to the file.
-    return ring_of(setting) * area * (NetLayer::kBytesPerCell + 4 + sizeof(std::int64_t)) +
+    return ring_of(setting) * area * (NetLayer::kBytesPerCell + 5) +
+           (ring_of(setting) + 1) * area * sizeof(std::int64_t) + 2 * area +
            (columns + 1) * NetPiece::kMostBytes +
            LabelPlanes::held_bytes(array, std::max(cells.x, cells.y) + 1);
 }
@@ -76,7 +77,7 @@ void NetBlock::begin(const Int3& lo, const Int3& hi) {
     planes_.begin();
     const std::size_t ring = ring_of(setting_);
     layers_.resize(ring);
-    labels_.resize(ring);
+    labels_.resize(ring + 1);
     for (auto& labels : labels_) {
         labels.resize(static_cast<std::size_t>(plane_nodes_.product()));
     }
@@ -88,13 +89,17 @@ void NetBlock::read_layer(std::int64_t z) {
     const Int3 nodes = first_ - Int3{1, 1, 1};  // the low corner of the first cell
     if (z == first_.z) {
         planes_.read({nodes.x, nodes.y, z - 1}, plane_nodes_, plane(z - 1));
+        planes_.read({nodes.x, nodes.y, z}, plane_nodes_, plane(z));
+        slim_[1].assign(static_cast<std::size_t>(plane_nodes_.product()), 0);
     }
-    planes_.read({nodes.x, nodes.y, z}, plane_nodes_, plane(z));
+    planes_.read({nodes.x, nodes.y, z + 1}, plane_nodes_, plane(z + 1));
+    std::swap(slim_[0], slim_[1]);
+    find_slim(plane(z - 1), plane(z), plane(z + 1), plane_nodes_, slim_[1]);
     const Int3 cells = setting_.cells();
     const unsigned held = (first_.x == 0 ? 1U : 0U) | (end_.x == cells.x ? 2U : 0U) |
                           (first_.y == 0 ? 4U : 0U) | (end_.y == cells.y ? 8U : 0U) |
                           (z == 0 || z + 1 == cells.z ? 48U : 0U);
-    layer(z)->begin(plane(z - 1), plane(z), plane_nodes_, held);
+    layer(z)->begin({plane(z - 1), slim_[0]}, {plane(z), slim_[1]}, plane_nodes_, held);
 }
 
 /// Each pass is made in the layer behind the one of the pass before, which is then just ahead.

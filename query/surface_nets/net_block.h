@@ -85,7 +85,9 @@ class NetBlock {
     Int3 plane_nodes_{};
     std::vector<NetLayer> layers_;                   ///< of the last cells along z, in turn
     std::vector<std::vector<std::int64_t>> labels_;  ///< of the last planes of nodes, in turn
-    std::vector<NetPiece> pieces_;                   ///< that the layer which is emitted passes
+    /// Slim nodes of the planes below and above the newest layer.
+    std::array<std::vector<std::uint8_t>, 2> slim_;
+    std::vector<NetPiece> pieces_;  ///< that the layer which is emitted passes
     struct Wanted {
         std::int64_t label = kOutsideLabel;
         bool is = false;

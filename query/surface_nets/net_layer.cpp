@@ -1,21 +1,63 @@
 #include "query/surface_nets/net_layer.h"
 
 #include <algorithm>
+#include <bit>
 
 namespace isonest::detail {
+namespace {
 
-void NetLayer::begin(std::span<const std::int64_t> below, std::span<const std::int64_t> above,
-                     const Int3& nodes, unsigned held) {
+/// Of a cell whose lowest corner is node `at`: bit 2 axis + side if a node on that side is slim
+/// along the axis.
+std::uint8_t slim_sides(std::span<const std::uint8_t> below, std::span<const std::uint8_t> above,
+                        std::size_t at, std::size_t row) {
+    // Corners by number x + 2 y + 4 z.
+    const std::array<unsigned, 8> slim{below[at],           below[at + 1],      below[at + row],
+                                       below[at + row + 1], above[at],          above[at + 1],
+                                       above[at + row],     above[at + row + 1]};
+    unsigned sides = 0;
+    for (std::size_t corner = 0; corner < slim.size(); ++corner) {
+        for (unsigned axis = 0; axis < 3; ++axis) {
+            const auto side = static_cast<unsigned>(corner >> axis & 1U);
+            sides |= (slim.at(corner) >> axis & 1U) << (2 * axis + side);
+        }
+    }
+    return static_cast<std::uint8_t>(sides);
+}
+
+}  // namespace
+
+void find_slim(std::span<const std::int64_t> before, std::span<const std::int64_t> plane,
+               std::span<const std::int64_t> after, const Int3& nodes,
+               std::vector<std::uint8_t>& slim) {
+    slim.assign(plane.size(), 0);
+    for (std::int64_t y = 1; y + 1 < nodes.y; ++y) {
+        for (std::int64_t x = 1; x + 1 < nodes.x; ++x) {
+            const auto i = static_cast<std::size_t>(y * nodes.x + x);
+            const auto row = static_cast<std::size_t>(nodes.x);
+            const std::int64_t label = plane[i];
+            const unsigned axes = (plane[i - 1] != label && plane[i + 1] != label ? 1U : 0U) |
+                                  (plane[i - row] != label && plane[i + row] != label ? 2U : 0U) |
+                                  (before[i] != label && after[i] != label ? 4U : 0U);
+            if (std::popcount(axes) > 1) {
+                slim[i] = static_cast<std::uint8_t>(axes);
+            }
+        }
+    }
+}
+
+void NetLayer::begin(const NetPlane& below, const NetPlane& above, const Int3& nodes,
+                     unsigned held) {
     rows_.assign(1, 0);
     x_.clear();
     neighbours_.clear();
     held_.clear();
+    slim_.clear();
     const std::int64_t width = nodes.x - 1;
     const std::int64_t height = nodes.y - 1;
     for (std::int64_t y = 0; y < height; ++y) {
-        const std::int64_t* const a = below.data() + y * nodes.x;
+        const std::int64_t* const a = below.label.data() + y * nodes.x;
         const std::int64_t* const b = a + nodes.x;
-        const std::int64_t* const c = above.data() + y * nodes.x;
+        const std::int64_t* const c = above.label.data() + y * nodes.x;
         const std::int64_t* const d = c + nodes.x;
         const auto same_at = [&](std::int64_t x) {
             return a[x] == b[x] && a[x] == c[x] && a[x] == d[x];
@@ -37,6 +79,9 @@ void NetLayer::begin(std::span<const std::int64_t> below, std::span<const std::i
             const bool held_x =
                 (x == 0 && (held & 1U) != 0) || (x + 1 == width && (held & 2U) != 0);
             held_.push_back(static_cast<std::uint8_t>(held_yz | (held_x ? 1U : 0U)));
+            const auto at = static_cast<std::size_t>(y * nodes.x + x);
+            slim_.push_back(
+                slim_sides(below.slim, above.slim, at, static_cast<std::size_t>(nodes.x)));
         }
         rows_.push_back(static_cast<std::uint32_t>(x_.size()));
     }
@@ -93,9 +138,12 @@ void NetLayer::move(const NetLayer* below, const NetLayer* above, float weight) 
                 const float share = 1.0F / static_cast<float>(count);
                 for (std::size_t axis = 0; axis < 3; ++axis) {
                     const float to = p[axis] + weight * (sum[axis] * share - p[axis]);
-                    p[axis] = (held_[i] >> axis & 1U) != 0
-                                  ? 0.0F
-                                  : std::clamp(to, -kMostMoved, kMostMoved);
+                    const unsigned slim = slim_[i] >> (2 * axis);
+                    p[axis] =
+                        (held_[i] >> axis & 1U) != 0
+                            ? 0.0F
+                            : std::clamp(to, (slim & 1U) != 0 ? -kMostMovedToSlim : -kMostMoved,
+                                         (slim & 2U) != 0 ? kMostMovedToSlim : kMostMoved);
                 }
             }
             before_[i] = p;

@@ -55,7 +55,28 @@ class Net:
             face = [corners.reshape(2, 2, 2, *self.cells)[tuple(self.corner(axis, u, v, i, j))]
                     for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
             self.sides.append(sum((face[n] != face[n - 1]).astype(int) for n in range(4)))
+        self.least, self.most = self.limits()
         self.moved = self.smoothed(passes)
+
+    def limits(self):
+        """Between what each vertex may be moved, z, y, x."""
+        different = []  # of each node, whether both neighbours along the axis have other labels
+        for axis in range(3):
+            other = np.zeros(self.nodes.shape, bool)
+            here = self.nodes[sliced(axis, slice(1, -1))]
+            other[sliced(axis, slice(1, -1))] = ((here != self.nodes[sliced(axis, slice(0, -2))]) &
+                                                 (here != self.nodes[sliced(axis, slice(2, None))]))
+            different.append(other)
+        slim = np.array(different) & (sum(d.astype(int) for d in different) > 1) & (self.nodes != OUTSIDE)
+        least, most = np.full((3, *self.cells), -MOST_MOVED), np.full((3, *self.cells), MOST_MOVED)
+        for corner in np.ndindex(2, 2, 2):
+            at = tuple(slice(i, i + n) for i, n in zip(corner, self.cells))
+            for axis in range(3):
+                if corner[axis] == 0:
+                    least[axis][slim[axis][at]] = np.float32(-0.25)
+                else:
+                    most[axis][slim[axis][at]] = np.float32(0.25)
+        return least, most
 
     @staticmethod
     def corner(axis, u, v, i, j):
@@ -82,7 +103,7 @@ class Net:
                     count += linked
             share = np.float32(1) / np.maximum(count, 1).astype(np.float32)
             to = moved + weight * (total * share - moved)
-            to = np.where(count > 0, np.clip(to, -MOST_MOVED, MOST_MOVED), moved)
+            to = np.where(count > 0, np.clip(to, self.least, self.most), moved)
             for axis in range(3):
                 for end in (0, -1):
                     to[(axis, *sliced(axis, end))] = 0
@@ -322,6 +343,20 @@ class SmoothLabels(unittest.TestCase):
         area = np.linalg.norm(normal, axis=1)
         flat = np.abs(normal).max(1) > np.cos(np.radians(2)) * area
         self.assertGreater(area[flat].sum() / area.sum(), 0.7)
+
+    def test_a_rod_of_one_node_keeps_half_of_its_width_and_a_slanted_sheet_is_smooth(self):
+        rod = np.zeros((9, 9, 30), "u1")
+        rod[4, 4, 4:26] = 1
+        points, _ = self.meshes(self.store(rod), "--smooth", labels="1")[0][1]
+        middle = points[np.abs(points[:, 0] - 15) < 5]
+        np.testing.assert_allclose(np.abs(middle[:, 1:] - 4), 0.25)
+        z, _, x = np.mgrid[:40, :12, :60]
+        points, faces = self.meshes(self.store((z == 10 + x // 4).astype("u1")), "--smooth", labels="1")[0][1]
+        t = points.astype(float)[faces]
+        t = t[np.abs(t[:, :, 0].mean(1) - 30) < 12]
+        normal = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+        cosine = np.abs(normal @ [-1, 0, 4]) / np.sqrt(17) / np.linalg.norm(normal, axis=1)
+        self.assertLess(np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean(), 5)
 
     def test_labels_of_other_types_missing_values_and_turned_volumes(self):
         data = cells((20, 17, 22), 14, 6)

@@ -61,6 +61,18 @@ LabelSmoothing parse_smoothing(const std::string& text) {
     return smoothing;
 }
 
+/// "; the nearest ones are 3 and 7". `place`: where the one that is not there would be.
+std::string nearest_text(const std::vector<Label>& all, std::ptrdiff_t place) {
+    const auto at = static_cast<std::size_t>(place);
+    if (all.empty()) {
+        return "; there are none at all";
+    }
+    return at == 0 ? fmt::format("; the smallest is {}", all.front().id)
+           : at == all.size()
+               ? fmt::format("; the largest is {}", all.back().id)
+               : fmt::format("; the nearest ones are {} and {}", all[at - 1].id, all[at].id);
+}
+
 /// Those that are wanted. Throws Error{not_found} for a single one that is not there.
 std::vector<Label> chosen_of(const std::vector<Label>& all,
                              const std::vector<std::pair<std::int64_t, std::int64_t>>& ranges,
@@ -74,10 +86,11 @@ std::vector<Label> chosen_of(const std::vector<Label>& all,
         const auto begin = from(first);
         const auto end = last == kMostLabel ? all.end() : from(last + 1);
         if (begin == end) {
-            throw Error(ErrorKind::not_found, {store},
-                        first == last
-                            ? fmt::format("there is no label {}", first)
-                            : fmt::format("there are no labels from {} to {}", first, last));
+            throw Error(
+                ErrorKind::not_found, {store},
+                (first == last ? fmt::format("there is no label {}", first)
+                               : fmt::format("there are no labels from {} to {}", first, last)) +
+                    nearest_text(all, begin - all.begin()));
         }
         chosen.insert(chosen.end(), begin, end);
     }
@@ -121,6 +134,10 @@ Json json_of(const Label& label, const ExtractReport& r, const std::string& mesh
                  {"mesh", mesh},
                  {"vertices", r.vertices},
                  {"triangles", r.triangles}};
+    if (r.measures) {
+        json["area"] = r.measures->area;
+        json["volume"] = r.measures->volume ? Json(*r.measures->volume) : Json();
+    }
     if (r.distance) {
         json["distance_bound"] = r.distance->bound;
     }
@@ -232,7 +249,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
             smooth = SmoothReport{own->passes, std::max(smooth ? smooth->bound : 0, own->bound)};
         }
     }
-    result.json = {{"folder", a.mesh}, {"labels", list}};
+    result.json = {{"folder", a.mesh}, {"unit", unit_json(store.unit())}, {"labels", list}};
     write_text(folder / "labels.json", result.json.dump(2) + "\n");
     result.text =
         fmt::format("{}: {} meshes of {} labels, {} triangles; the list is {}\n", a.mesh,
