@@ -7,7 +7,9 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
+#include <iterator>
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <vector>
@@ -16,6 +18,7 @@
 
 #include "query/extract/combinations.h"
 #include "query/extract/query_checks.h"
+#include "query/labels/find_label.h"
 #include "query/mesh/coordinate_rounding.h"
 #include "query/mesh/measuring_sink.h"
 #include "query/mesh/rotated_sink.h"
@@ -25,7 +28,7 @@
 #include "store/base/memory_budget.h"
 #include "store/base/rotation.h"
 #include "store/base/workers.h"
-#include "store/container/extent.h"
+#include "store/container/codec.h"
 
 namespace isonest::detail {
 namespace {
@@ -152,23 +155,16 @@ ExtractReport emit_label(const SmoothSetting& s, const NetStore& net, std::int64
     return report;
 }
 
-/// The smallest box that holds all nodes with the label, as far as the chunk table tells; nothing
-/// if there can be none.
-std::optional<Label> label_in_chunks(const StoreReader& store, std::int64_t id) {
-    const ArrayInfo& array = store.layout().array(0, Field::values);
-    const double value = value_of_label(store.layout().header(), id);
-    std::optional<Label> found;
-    for (std::int64_t i = 0; i < array.grid.product(); ++i) {
-        const Int3 chunk = array.grid.unlinear(i);
-        const ChunkRow row = store.row(array, chunk);
-        if (row.min <= value && value <= row.max) {
-            const Int3 low = array.first_node(chunk);
-            const Int3 high = min(low + array.chunk, array.nodes) - Int3{1, 1, 1};
-            found = found ? Label{id, 0, min(found->low, low), max(found->high, high)}
-                          : Label{id, 0, low, high};
-        }
-    }
-    return found;
+/// For how many threads there is memory to look for a label, a chunk each. Throws Error{limit} if
+/// for none.
+int threads_to_look(const StoreReader& store, const ExtractOptions& options) {
+    const std::size_t chunk = store.layout().array(0, Field::values).chunk_bytes();
+    const std::uint64_t each = chunk + decode_heap(chunk);
+    require_memory(store.path().string(), options.memory, kLibraryHeap + each,
+                   "smoothing its labels");
+    return static_cast<int>(
+        std::min((options.memory - kLibraryHeap) / each,
+                 static_cast<std::uint64_t>(Workers::count_of(options.threads))));
 }
 
 /// All meshes of labels, which are ascending. `place`: of each in the caller's list.
@@ -218,7 +214,7 @@ void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
                 for (std::size_t i = range.begin(); i < range.end(); ++i) {
                     progress.check();
                     const std::unique_ptr<MeshSink> to = sink(place[i]);
-                    const std::filesystem::path input = store.path();
+                    const std::filesystem::path& input = store.path();
                     to->prepare(s.layout, std::span(&input, 1));
                     ExtractReport report = emit_label(s, net, labels[i].id, *to, begun, progress);
                     report.seconds =
@@ -242,15 +238,12 @@ void smooth_labels(const StoreReader& store, std::span<const Label> labels, cons
         return;
     }
     std::vector<std::size_t> place(labels.size());
-    for (std::size_t i = 0; i < place.size(); ++i) {
-        place[i] = i;
-    }
+    std::iota(place.begin(), place.end(), std::size_t{0});
     std::sort(place.begin(), place.end(),
               [&](std::size_t a, std::size_t b) { return labels[a].id < labels[b].id; });
     std::vector<Label> sorted;
-    for (const std::size_t i : place) {
-        sorted.push_back(labels[i]);
-    }
+    std::transform(place.begin(), place.end(), std::back_inserter(sorted),
+                   [&](std::size_t i) { return labels[i]; });
     smooth_sorted(
         store, sorted, place, query, [&](std::size_t i) { return sink(labels[i]); }, done, options,
         progress);
@@ -260,9 +253,13 @@ ExtractReport smooth_label(const StoreReader& store, const LabelQuery& query, Me
                            const ExtractOptions& options, Progress& progress) {
     require_smoothable(store, query);
     require_label(store, query.label.id);
-    std::optional<Label> label = label_in_chunks(store, query.label.id);
+    std::optional<Label> label;
     if (const auto& within = query.label.within) {
         label = Label{query.label.id, 0, within->first, within->second};
+    } else {
+        label = find_label(store, query.label.id,
+                           value_of_label(store.layout().header(), query.label.id),
+                           threads_to_look(store, options), progress);
     }
     ExtractReport report;
     const std::size_t place = 0;

@@ -33,7 +33,7 @@ ROOMS = {
               "slabs": {"view", "march", "mesh", "apart"},
               "distance": {"view", "march", "simplify", "traverse"},
               "extract": {"view", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs",
-                          "surface_nets"}},
+                          "labels", "surface_nets"}},
 }
 # Rooms within a room, each with those that it may include beside itself; every folder there is one of them.
 SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes"}, "wrapping": set(),

@@ -173,6 +173,9 @@ std::vector<ProgressStage> stages_of(const ExtractCommand& a) {
         }
         return stages;
     }
+    if (a.labels.smooth) {
+        stages.push_back({"find labels", "finding the label", 0.2});
+    }
     stages.push_back(
         {"extract", a.extract.is_graph ? "making the graph" : "following the surface", 0.6});
     if (a.components) {
