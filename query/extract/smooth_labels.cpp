@@ -148,10 +148,14 @@ ExtractReport emit_label(const SmoothSetting& s, const NetStore& net, std::int64
     const Double3& d = header.spacing;
     // What was moved was itself rounded to float32.
     constexpr double kRoundedUp = 1 + 1e-6;
-    report.smooth = SmoothReport{
-        s.query.smooth->passes,
-        mesh.triangles > 0 ? kRoundedUp * mesh.moved + s.rounding * std::hypot(d[0], d[1], d[2])
-                           : 0};
+    report.smooth.emplace();
+    report.smooth->passes = s.query.smooth->passes;
+    if (mesh.triangles > 0) {
+        report.smooth->bound = kRoundedUp * mesh.moved + s.rounding * std::hypot(d[0], d[1], d[2]);
+    }
+    for (const SharedArea& shared : net.shared(label)) {
+        report.smooth->neighbours.push_back({shared.other, shared.area});
+    }
     return report;
 }
 

@@ -5,6 +5,7 @@
 
 #include "query/mesh/zero_area.h"
 #include "query/surface_nets/quad_diagonal.h"
+#include "store/base/vector3.h"
 
 namespace isonest::detail {
 namespace {
@@ -30,6 +31,21 @@ Int3 piece_of(const Int3& cell) {
 
 Int3 first_cell(const Int3& piece) {
     return {piece.x * kPieceCells.x, piece.y * kPieceCells.y, piece.z * kPieceCells.z};
+}
+
+bool has_mesh(std::int64_t label) {
+    return label != kOutsideLabel && label != kMissingLabel;
+}
+
+double area_of(const std::array<float, 3>& a, const std::array<float, 3>& b,
+               const std::array<float, 3>& c) {
+    Double3 u{};
+    Double3 v{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        u[axis] = static_cast<double>(b[axis]) - static_cast<double>(a[axis]);
+        v[axis] = static_cast<double>(c[axis]) - static_cast<double>(a[axis]);
+    }
+    return length(cross(u, v)) / 2;
 }
 
 }  // namespace
@@ -288,15 +304,23 @@ void NetBlock::emit_quads(const std::array<Corner, 8>& corner, const CellLabels&
         }
         quad.diagonal = flatter_diagonal(place);
         std::uint32_t no_area = 0;
+        double area = 0;
         for (const auto& t : triangles_of(quad)) {
+            area += area_of(place.at(t[0]), place.at(t[1]), place.at(t[2]));
             no_area += has_no_area(place.at(t[0]), place.at(t[1]), place.at(t[2])) ? 1 : 0;
         }
         const std::uint32_t number = piece.add_quad(quad);
         if (has_one) {
             piece.add_quad_to_label(one, number, false, no_area);
+            if (has_mesh(other)) {
+                piece.add_shared({one, other, area});
+            }
         }
         if (has_other) {
             piece.add_quad_to_label(other, number, true, no_area);
+            if (has_mesh(one)) {
+                piece.add_shared({other, one, area});
+            }
         }
     }
 }

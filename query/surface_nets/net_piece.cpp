@@ -11,6 +11,7 @@ void NetPiece::begin(std::int64_t number) {
     positions_.clear();
     codes_.clear();
     quads_.clear();
+    shared_.clear();
     if (labels_.size() > kKept) {
         labels_ = {};
         place_ = {};

@@ -42,6 +42,13 @@ inline std::uint16_t code_of(const Int3& cell) {
     return static_cast<std::uint16_t>(kPieceCells.linear(cell));
 }
 
+/// What the mesh of a label shares with that of another one.
+struct SharedArea {
+    std::int64_t label = 0;
+    std::int64_t other = 0;
+    double area = 0;  ///< square world units
+};
+
 /// What is known of the part that a label has of a piece.
 struct LabelPart {
     std::int64_t label = 0;
@@ -73,6 +80,10 @@ class NetPiece {
     void add_quad_to_label(std::int64_t label, std::uint32_t quad, bool reversed,
                            std::uint32_t no_area);
 
+    /// That two labels, of which the first has a mesh, share an area.
+    void add_shared(const SharedArea& shared) { shared_.push_back(shared); }
+
+    [[nodiscard]] std::span<const SharedArea> shared() const { return shared_; }
     [[nodiscard]] std::span<const std::array<float, 3>> positions() const { return positions_; }
     [[nodiscard]] std::span<const std::uint16_t> codes() const { return codes_; }
     [[nodiscard]] std::span<const NetQuad> quads() const { return quads_; }
@@ -81,7 +92,8 @@ class NetPiece {
     /// Bytes of heap, at most: vectors grow to twice of what is in them, and a label has a node of
     /// the piece.
     static constexpr std::uint64_t kMostBytes =
-        kMostPieceCells * (2 * (12 + 2 + 3 * sizeof(NetQuad)) + 2 * (8 * 2 + 6 * 4)) +
+        kMostPieceCells *
+            (2 * (12 + 2 + 3 * sizeof(NetQuad) + 6 * sizeof(SharedArea)) + 2 * (8 * 2 + 6 * 4)) +
         (kMostPieceCells + 2000) * (sizeof(LabelPart) + 64);
 
   private:
@@ -90,6 +102,7 @@ class NetPiece {
     std::vector<std::array<float, 3>> positions_;
     std::vector<std::uint16_t> codes_;
     std::vector<NetQuad> quads_;
+    std::vector<SharedArea> shared_;
     std::vector<LabelPart> labels_;  ///< the first used_ of them
     std::size_t used_ = 0;
     std::unordered_map<std::int64_t, std::size_t> place_;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <tuple>
 #include <vector>
 
 namespace isonest::detail {
@@ -32,6 +33,25 @@ void put(std::span<std::byte> bytes, std::uint64_t at, const List& list) {
     if (!list.empty()) {
         std::memcpy(bytes.data() + at, list.data(), list.size() * sizeof(list[0]));
     }
+}
+
+/// One record for each pair of labels, with the sum of what they share.
+std::vector<SharedRecord> summed(const NetPiece& piece) {
+    std::vector<SharedArea> all(piece.shared().begin(), piece.shared().end());
+    // Equal pairs stay in their order, in which they are always summed.
+    std::stable_sort(all.begin(), all.end(), [](const SharedArea& a, const SharedArea& b) {
+        return a.label != b.label ? a.label < b.label : a.other < b.other;
+    });
+    std::vector<SharedRecord> sums;
+    for (const SharedArea& shared : all) {
+        if (sums.empty() || sums.back().shared.label != shared.label ||
+            sums.back().shared.other != shared.other) {
+            sums.push_back({shared, piece.number()});
+        } else {
+            sums.back().shared.area += shared.area;
+        }
+    }
+    return sums;
 }
 
 }  // namespace
@@ -71,12 +91,16 @@ void NetStore::append(const NetPiece& piece) {
     }
     std::uint64_t at = 0;
     std::uint64_t first_record = 0;
+    const std::vector<SharedRecord> sums = summed(piece);
+    std::uint64_t first_area = 0;
     {
         const std::lock_guard lock(mutex_);
         at = end_;
         end_ += end;
         first_record = records_;
         records_ += records.size();
+        first_area = areas_;
+        areas_ += sums.size();
     }
     for (LabelPartRecord& r : records) {
         r.piece_at = at;
@@ -85,6 +109,7 @@ void NetStore::append(const NetPiece& piece) {
     file_.write_at(at, bytes);
     record_file_.write_at(first_record * sizeof(LabelPartRecord),
                           std::as_bytes(std::span(records)));
+    shared_file_.write_at(first_area * sizeof(SharedRecord), std::as_bytes(std::span(sums)));
 }
 
 void NetStore::seal() {
@@ -94,11 +119,34 @@ void NetStore::seal() {
     std::sort(all_.begin(), all_.end(), [](const LabelPartRecord& a, const LabelPartRecord& b) {
         return a.label != b.label ? a.label < b.label : a.piece < b.piece;
     });
+    shared_file_.map(areas_ * sizeof(SharedRecord));
+    all_shared_ = shared_file_.as<SharedRecord>().first(static_cast<std::size_t>(areas_));
+    std::sort(all_shared_.begin(), all_shared_.end(),
+              [](const SharedRecord& a, const SharedRecord& b) {
+                  const SharedArea& s = a.shared;
+                  const SharedArea& t = b.shared;
+                  return std::tie(s.label, s.other, a.piece) < std::tie(t.label, t.other, b.piece);
+              });
     for (std::size_t i = 1; i < all_.size(); ++i) {
         all_[i].first_vertex = all_[i].label == all_[i - 1].label
                                    ? all_[i - 1].first_vertex + all_[i - 1].vertices
                                    : 0;
     }
+}
+
+std::vector<SharedArea> NetStore::shared(std::int64_t label) const {
+    auto at = std::lower_bound(
+        all_shared_.begin(), all_shared_.end(), label,
+        [](const SharedRecord& r, std::int64_t id) { return r.shared.label < id; });
+    std::vector<SharedArea> sums;
+    for (; at != all_shared_.end() && at->shared.label == label; ++at) {
+        if (sums.empty() || sums.back().other != at->shared.other) {
+            sums.push_back(at->shared);
+        } else {
+            sums.back().area += at->shared.area;
+        }
+    }
+    return sums;
 }
 
 std::span<const LabelPartRecord> NetStore::parts(std::int64_t label) const {

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <mutex>
 #include <span>
+#include <vector>
 
 #include "query/surface_nets/net_piece.h"
 #include "store/files/scratch_file.h"
@@ -30,12 +31,18 @@ struct LabelPartRecord {
     std::uint32_t piece_quads = 0;
 };
 
+/// What a label shares with another one in a piece.
+struct SharedRecord {
+    SharedArea shared;
+    std::int64_t piece = 0;
+};
+
 /// Thread-safety: append() from any thread; seal() from one, after it; the rest from any.
 class NetStore {
   public:
     /// `pieces`: along each axis.
     NetStore(const std::filesystem::path& scratch, const Int3& pieces)
-        : pieces_(pieces), file_(scratch), record_file_(scratch) {}
+        : pieces_(pieces), file_(scratch), record_file_(scratch), shared_file_(scratch) {}
     [[nodiscard]] const Int3& pieces() const { return pieces_; }
 
     /// Throws Error{io}.
@@ -45,6 +52,8 @@ class NetStore {
 
     /// Of a label, in the order of the pieces; empty if it has no surface.
     [[nodiscard]] std::span<const LabelPartRecord> parts(std::int64_t label) const;
+    /// What it shares with each label that it touches, by their ids.
+    [[nodiscard]] std::vector<SharedArea> shared(std::int64_t label) const;
     // Of the piece that a part is of.
     [[nodiscard]] std::span<const std::array<float, 3>> positions(const LabelPartRecord& r) const;
     [[nodiscard]] std::span<const std::uint16_t> codes(const LabelPartRecord& r) const;
@@ -53,7 +62,9 @@ class NetStore {
     [[nodiscard]] std::span<const std::uint16_t> part_vertices(const LabelPartRecord& r) const;
     [[nodiscard]] std::span<const std::uint32_t> part_quads(const LabelPartRecord& r) const;
     /// Of the files.
-    [[nodiscard]] std::uint64_t bytes() const { return end_ + records_ * sizeof(LabelPartRecord); }
+    [[nodiscard]] std::uint64_t bytes() const {
+        return end_ + records_ * sizeof(LabelPartRecord) + areas_ * sizeof(SharedRecord);
+    }
 
   private:
     template <class T>
@@ -63,11 +74,14 @@ class NetStore {
     Int3 pieces_;
     ScratchFile file_;
     ScratchFile record_file_;
+    ScratchFile shared_file_;
     std::mutex mutex_;
     std::uint64_t end_ = 0;
     std::uint64_t records_ = 0;
+    std::uint64_t areas_ = 0;
     std::span<const std::byte> data_;
     std::span<LabelPartRecord> all_;
+    std::span<SharedRecord> all_shared_;
 };
 
 }  // namespace isonest::detail

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <vector>
 
 #include <isonest/field.h>
 #include <isonest/world.h>
@@ -79,6 +80,12 @@ struct DistanceReport {
     std::optional<SurfaceMeasures> full = {};
 };
 
+/// A label that another one touches.
+struct NeighbourLabel {
+    std::int64_t id = 0;
+    double area = 0;  ///< of the triangles that the meshes of the two share, square world units
+};
+
 /// Of a label's mesh that was smoothed.
 struct SmoothReport {
     int passes = 0;  ///< as in the query
@@ -86,6 +93,7 @@ struct SmoothReport {
     /// and no point of the staircase further from the mesh, in world units; less than half a cell's
     /// diagonal. Coordinates rounded to float32 count in.
     double bound = 0;
+    std::vector<NeighbourLabel> neighbours = {};  ///< by their ids
 };
 
 /// Of a mesh that was simplified within an error.

@@ -220,6 +220,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"
          "isonest extract scan.isonest --iso 120.5 --close --components largest -o print.3mf\n"
          "isonest extract cells.isonest --labels all --distance 0.5voxel -o meshes\n"
+         "isonest extract cells.isonest --labels all --smooth -o meshes\n"
          "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply\n"
          "isonest extract scan.isonest --iso 120 --error 1 --focus 30,40,20 --falloff 0.1 -o "
          "near.ply\n"

@@ -203,6 +203,10 @@ std::string smooth_text(const SmoothReport& r) {
 void add_smooth_json(const SmoothReport& r, Json& json) {
     json["smooth_passes"] = r.passes;
     json["smooth_bound"] = r.bound;
+    json["neighbours"] = Json::array();
+    for (const NeighbourLabel& neighbour : r.neighbours) {
+        json["neighbours"].push_back({{"id", neighbour.id}, {"area", neighbour.area}});
+    }
 }
 
 Result extract_label_meshes(const Store& store, const LabelArguments& labels,
@@ -246,7 +250,8 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
             bound = std::max(bound, distance->bound);
         }
         if (const auto& own = reports[i].smooth) {
-            smooth = SmoothReport{own->passes, std::max(smooth ? smooth->bound : 0, own->bound)};
+            smooth =
+                SmoothReport{own->passes, std::max(smooth ? smooth->bound : 0, own->bound), {}};
         }
     }
     result.json = {{"folder", a.mesh}, {"unit", unit_json(store.unit())}, {"labels", list}};

@@ -1,7 +1,7 @@
 """The compiled part of isonest. Coordinates are those of the world: x, y, z."""
 import os
 import pathlib
-from typing import Any, Callable, List, Optional, Sequence, Set, Tuple, Union
+from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Tuple, Union
 
 import numpy as np
 
@@ -136,6 +136,8 @@ class Report:
     def smooth_passes(self) -> Optional[int]: ...
     @property
     def smooth_bound(self) -> float: ...
+    @property
+    def neighbours(self) -> Dict[int, float]: ...
     @property
     def nested_triangles(self) -> int: ...
     @property

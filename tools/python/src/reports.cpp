@@ -3,6 +3,8 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 
@@ -129,6 +131,19 @@ void add_extract_report(py::module_& module) {
             "smooth_bound", [](const R& r) { return r.smooth ? r.smooth->bound : 0.0; },
             "proven: no point of a smooth label's mesh is further from the faces of its voxels, in "
             "world units")
+        .def_property_readonly(
+            "neighbours",
+            [](const R& r) {
+                std::map<std::int64_t, double> areas;
+                if (r.smooth) {
+                    for (const NeighbourLabel& n : r.smooth->neighbours) {
+                        areas.emplace(n.id, n.area);
+                    }
+                }
+                return areas;
+            },
+            "of a smooth label: the labels that it touches, and the area that their meshes share, "
+            "in square world units")
         .def_property_readonly("nested_triangles",
                                [](const R& r) {
                                    return r.simplified_error ? r.simplified_error->nested_triangles
