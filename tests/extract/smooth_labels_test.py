@@ -188,6 +188,11 @@ def cyclic(points, faces):
     return keys
 
 
+def area_of(points, faces):
+    t = points.astype(float)[faces]
+    return np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1) / 2
+
+
 def reversed_key(key):
     return key[:12] + key[24:] + key[12:24]
 
@@ -274,7 +279,7 @@ class SmoothLabels(unittest.TestCase):
         for name, data in volumes():
             with self.subTest(volume=name):
                 store = self.store(data.astype("u2"), "--spacing", "0.7,1.1,0.3", "--origin", "-3,1000,0.1")
-                closed, _ = self.meshes(store, "--smooth", "--close")
+                closed, listed = self.meshes(store, "--smooth", "--close")
                 opened, _ = self.meshes(store, "--smooth", folder="o")
                 times = {}
                 for label, mesh in closed.items():
@@ -285,6 +290,18 @@ class SmoothLabels(unittest.TestCase):
                 caps = len(times) - len(shared)
                 z, y, x = data.shape
                 self.assertEqual(caps, 4 * (x * y + y * z + z * x))
+                # And the list says with whom, and how much.
+                owner = {key: labels[0] for key, labels in times.items()}
+                areas = {entry["id"]: {} for entry in listed}
+                for label, mesh in closed.items():
+                    for key, area in zip(cyclic(*mesh), area_of(*mesh)):
+                        if (other := owner.get(reversed_key(key))) is not None:
+                            areas[label][other] = areas[label].get(other, 0) + area
+                for entry in listed:
+                    self.assertEqual([n["id"] for n in entry["neighbours"]], sorted(areas[entry["id"]]))
+                    for neighbour in entry["neighbours"]:
+                        expected = areas[entry["id"]][neighbour["id"]]
+                        self.assertAlmostEqual(neighbour["area"] / expected, 1, 9)
                 # Open at the border: the same without the caps.
                 for label, mesh in opened.items():
                     self.assertEqual(sorted(cyclic(*mesh)),

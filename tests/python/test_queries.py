@@ -281,6 +281,9 @@ def test_smooth_labels_share_their_triangles(tmp_path):
         one = store.label_surface(label, smooth=16, close=True)
         np.testing.assert_array_equal(mesh.vertices, one.vertices)
         np.testing.assert_array_equal(mesh.faces, one.faces)
+        assert set(mesh.report.neighbours) == set(found) - {label}
+        for other, shared in mesh.report.neighbours.items():
+            assert shared == pytest.approx(found[other].report.neighbours[label], rel=1e-12)
         assert mesh.report.smooth_passes == 16 and 0 < mesh.report.smooth_bound < np.linalg.norm((1, 2, 0.5)) / 2
         assert mesh.report.volume == pytest.approx(abs(signed_volume(mesh.vertices, mesh.faces)), rel=1e-5)
         others = np.concatenate([np.sort(m.vertices[m.faces].reshape(-1, 9).view("V12").reshape(-1, 3), 1)
