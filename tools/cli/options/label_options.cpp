@@ -7,12 +7,14 @@
 #include <filesystem>
 #include <iterator>
 #include <span>
+#include <utility>
 
 #include <isonest/error.h>
 #include <isonest/labels.h>
 #include <isonest/mesh_file.h>
 
 #include "store/files/output_file.h"
+#include "tools/cli/options/label_list.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
@@ -203,10 +205,6 @@ std::string smooth_text(const SmoothReport& r) {
 void add_smooth_json(const SmoothReport& r, Json& json) {
     json["smooth_passes"] = r.passes;
     json["smooth_bound"] = r.bound;
-    json["neighbours"] = Json::array();
-    for (const NeighbourLabel& neighbour : r.neighbours) {
-        json["neighbours"].push_back({{"id", neighbour.id}, {"area", neighbour.area}});
-    }
 }
 
 Result extract_label_meshes(const Store& store, const LabelArguments& labels,
@@ -228,13 +226,19 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     ExtractOptions options = a.options;
     options.scratch = folder;
     std::vector<ExtractReport> reports(chosen.size());
+    LabelNeighbours neighbours(folder, chosen.size());
     extract_labels(
         store, chosen, query,
         [&](const Label& label) {
             return open_mesh_file(folder / mesh_name(label.id, labels.format), {.replace = true});
         },
-        [&](std::size_t i, const ExtractReport& report) { reports[i] = report; }, options,
-        progress);
+        [&](std::size_t i, const ExtractReport& report) {
+            reports[i] = report;
+            if (reports[i].smooth) {
+                neighbours.take(i, *reports[i].smooth);
+            }
+        },
+        options, progress);
     if (labels.format == kNeuroglancer) {
         write_neuroglancer(folder, chosen);
     }
@@ -254,8 +258,9 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                 SmoothReport{own->passes, std::max(smooth ? smooth->bound : 0, own->bound), {}};
         }
     }
-    result.json = {{"folder", a.mesh}, {"unit", unit_json(store.unit())}, {"labels", list}};
-    write_text(folder / "labels.json", result.json.dump(2) + "\n");
+    result.json = {{"folder", a.mesh}, {"unit", unit_json(store.unit())}};
+    write_label_list(folder / "labels.json", result.json, list, smooth ? &neighbours : nullptr);
+    result.json["labels"] = std::move(list);
     result.text =
         fmt::format("{}: {} meshes of {} labels, {} triangles; the list is {}\n", a.mesh,
                     labels.format, chosen.size(), triangles, (folder / "labels.json").string());
