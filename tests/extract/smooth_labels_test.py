@@ -386,6 +386,18 @@ class SmoothLabels(unittest.TestCase):
                 np.testing.assert_array_equal(found[label][1], faces)
         found, _ = self.meshes(self.store(data.astype("u8"), "--labels"), "--smooth")
         np.testing.assert_array_equal(found[3][0], expected[3][0])
+        # A volume whose axes are not along the world's.
+        axes = np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, 1]])
+        origin = np.array([5, -7, 3])
+        (self.here / "turned.nrrd").write_bytes(
+            (f"NRRD0004\ntype: uint8\ndimension: 3\nspace dimension: 3\nsizes: {' '.join(map(str, data.shape[::-1]))}\n"
+             f"space directions: {' '.join('({},{},{})'.format(*axis) for axis in axes)}\n"
+             f"space origin: ({','.join(map(str, origin))})\nencoding: raw\n\n").encode() + data.astype("u1").tobytes())
+        run("preprocess", self.here / "turned.nrrd", "-o", self.here / "turned.isonest")
+        found, _ = self.meshes(self.here / "turned.isonest", "--smooth")
+        for label, (points, faces) in expected.items():
+            np.testing.assert_allclose(found[label][0], points @ axes + origin, atol=1e-5)
+            np.testing.assert_array_equal(found[label][1], faces)
         # Nodes without a value are a label that gets no mesh.
         missing = np.where(data == 2, np.nan, data)
         found, _ = self.meshes(self.store(missing.astype("f4")), "--smooth")
