@@ -96,9 +96,9 @@ void require_smoothable(const StoreReader& store, const LabelQuery& query) {
     constexpr double kMost = 0.5 - static_cast<double>(kMostMoved);
     if (!(rounding < kMost)) {
         throw Error(ErrorKind::limit, {name},
-                    fmt::format("32-bit floats round its coordinates by up to {:.2g} of a node's "
+                    fmt::format("32-bit floats round its coordinates by up to {:.6g} of a node's "
                                 "distance; smooth labels keep all nodes on their sides with less "
-                                "than {:.2g} alone. Its place is too far from 0",
+                                "than {:.6g} alone. Its place is too far from 0",
                                 rounding, kMost),
                     {{RemedyKind::place_in_world, "origin"}});
     }

@@ -125,7 +125,10 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
     }
     if (r.closing) {
         add_close_json(*r.closing, result.json);
-        result.text += r.triangles > 0 ? close_text(*r.closing, a.box.has_value()) : "";
+        if (r.triangles > 0) {
+            result.text +=
+                r.smooth ? smooth_close_text() : close_text(*r.closing, a.box.has_value());
+        }
     }
     if (r.triangles == 0 && (!r.components || r.components->dropped == 0)) {
         result.text +=

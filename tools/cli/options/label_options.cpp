@@ -202,6 +202,11 @@ std::string smooth_text(const SmoothReport& r) {
                                r.passes, r.bound);
 }
 
+std::string smooth_close_text() {
+    return "closed where the voxels at the volume's border end; edges have two triangles, or four "
+           "where the label touches itself\n";
+}
+
 void add_smooth_json(const SmoothReport& r, Json& json) {
     json["smooth_passes"] = r.passes;
     json["smooth_bound"] = r.bound;

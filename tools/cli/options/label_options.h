@@ -28,6 +28,8 @@ void add_label_options(CLI::App* command, LabelArguments& a,
 
 /// "no point further than 0.8 from the voxels' faces".
 std::string smooth_text(const SmoothReport& r);
+/// Of one that is closed: "closed where the voxels at the volume's border end".
+std::string smooth_close_text();
 /// Adds what a report has of it.
 void add_smooth_json(const SmoothReport& r, Json& json);
 
