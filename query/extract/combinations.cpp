@@ -14,6 +14,12 @@ constexpr const char* kNoErrorOfLabels =
 constexpr const char* kOnlyDistanceOfLabels =
     "the surface of a label goes with neither focus, camera, backfaces, exact vertices nor an "
     "analysis";
+constexpr const char* kSmoothWhole =
+    "smooth labels share their surfaces whole: they go with neither a distance, a number of "
+    "triangles, a choice of components nor a box";
+constexpr const char* kSmoothHasNoCells =
+    "smooth labels are surface nets, whose vertices lie in the cells of the lattice: they have no "
+    "other cells, and carry no normals or values";
 constexpr const char* kNoPlaceOfHexahedra =
     "hexahedral cells know neither focus nor camera; tetrahedra do";
 constexpr const char* kNoStopOfHexahedra =
@@ -91,6 +97,16 @@ constexpr std::array kRefused{
     Combination{Wish::label, Wish::culling, kOnlyDistanceOfLabels},
     Combination{Wish::label, Wish::exact_vertices, kOnlyDistanceOfLabels},
     Combination{Wish::label, Wish::analysis, kOnlyDistanceOfLabels},
+    Combination{Wish::smooth_label, Wish::distance, kSmoothWhole},
+    Combination{Wish::smooth_label, Wish::components, kSmoothWhole},
+    Combination{Wish::smooth_label, Wish::box, kSmoothWhole},
+    Combination{Wish::smooth_label, Wish::hexahedra, kSmoothHasNoCells},
+    Combination{Wish::smooth_label, Wish::tetrahedra, kSmoothHasNoCells},
+    Combination{Wish::smooth_label, Wish::normals, kSmoothHasNoCells},
+    Combination{Wish::smooth_label, Wish::vertex_fields, kSmoothHasNoCells},
+    Combination{Wish::smooth_label, Wish::closing_above,
+                "a smooth label is closed as a solid: what is outside of the volume is not of the "
+                "label"},
     Combination{Wish::closing, Wish::culling,
                 "a surface is open where its backfaces are left out: it cannot be closed and "
                 "culled"},
@@ -197,6 +213,7 @@ Wishes place_wishes(const Query& query) {
 Wishes stage_wishes(const SurfaceStages& stages) {
     Wishes wishes;
     set(wishes, Wish::closing, stages.close.has_value());
+    set(wishes, Wish::closing_above, stages.close == Outside::above);
     set(wishes, Wish::components, stages.components.has_value());
     set(wishes, Wish::least_volume, stages.components && stages.components->least_volume > 0);
     return wishes;
@@ -246,6 +263,8 @@ const char* name_of(Wish wish) {
             return "isolines";
         case Wish::label:
             return "a label";
+        case Wish::smooth_label:
+            return "smooth labels";
         case Wish::slice:
             return "a slice";
         case Wish::graph:
@@ -264,6 +283,8 @@ const char* name_of(Wish wish) {
             return "leaving out backfaces";
         case Wish::box:
             return "a box";
+        case Wish::normals:
+            return "normals at the vertices";
         case Wish::vertex_fields:
             return "errors or other values at the vertices";
         case Wish::error:
@@ -286,6 +307,8 @@ const char* name_of(Wish wish) {
             return "simplification within an error";
         case Wish::closing:
             return "closing";
+        case Wish::closing_above:
+            return "closing with the outside above";
         case Wish::open:
             return "no closing";
         case Wish::components:
@@ -327,7 +350,12 @@ Wishes wishes_of(const VolumeDescription& volume, const SurfaceQuery& query) {
 Wishes wishes_of(const StoreReader& store, const LabelQuery& query) {
     Wishes wishes = stage_wishes(query.stages);
     set(wishes, Wish::label);
+    set(wishes, Wish::smooth_label, query.smooth.has_value());
     set(wishes, Wish::isolines, is_flat(store));
+    set(wishes, Wish::box, query.box.has_value());
+    set(wishes, Wish::tetrahedra, query.cells == Cells::tetrahedra);
+    set(wishes, Wish::normals, query.attributes.normals);
+    set(wishes, Wish::vertex_fields, query.attributes.error || query.attributes.values != nullptr);
     if (query.stop) {
         std::visit(StopWishes{wishes}, *query.stop);
     }

@@ -22,6 +22,7 @@ enum class Wish : std::uint8_t {
     // What is extracted.
     isolines,
     label,
+    smooth_label,
     slice,
     graph,
     // Its cells and vertices, and which elements are visited.
@@ -32,6 +33,7 @@ enum class Wish : std::uint8_t {
     place,
     culling,
     box,
+    normals,
     vertex_fields,
     // When it stops.
     error,
@@ -45,6 +47,7 @@ enum class Wish : std::uint8_t {
     simplified_error,
     // Stages, and what is kept.
     closing,
+    closing_above,
     open,
     components,
     least_volume,

@@ -4,6 +4,7 @@
 #include "query/extract/error_budget.h"
 #include "query/extract/own_axes.h"
 #include "query/extract/run_extraction.h"
+#include "query/extract/smooth_labels.h"
 #include "query/extract/volume_interval.h"
 #include "query/mesh/rotated_sink.h"
 
@@ -58,6 +59,9 @@ ExtractReport extract(const Store& store, const SurfaceQuery& query, MeshSink& s
 }
 ExtractReport extract(const Store& store, const LabelQuery& query, MeshSink& sink,
                       const ExtractOptions& options, Progress& progress) {
+    if (query.smooth) {
+        return detail::smooth_label(store.reader(), query, sink, options, progress);
+    }
     return run(store, query, sink, options, progress);
 }
 ExtractReport extract(const Store& store, const SliceQuery& query, MeshSink& sink,

@@ -4,6 +4,7 @@
 
 #include <isonest/extract.h>
 
+#include "query/extract/smooth_labels.h"
 #include "store/base/workers.h"
 
 namespace isonest {
@@ -28,6 +29,10 @@ void extract_labels(const Store& store, std::span<const Label> labels, const Lab
                     const std::function<std::unique_ptr<MeshSink>(const Label&)>& sink,
                     const std::function<void(std::size_t number, const ExtractReport&)>& done,
                     const ExtractOptions& options, Progress& progress) {
+    if (query.smooth) {
+        detail::smooth_labels(store.reader(), labels, query, sink, done, options, progress);
+        return;
+    }
     if (labels.empty()) {
         return;
     }

@@ -7,7 +7,6 @@
 #include <limits>
 
 #include <isonest/error.h>
-#include <isonest/value_type.h>
 
 #include "query/extract/analysis/kept_analysis.h"
 #include "query/extract/combinations.h"
@@ -15,7 +14,6 @@
 #include "query/extract/stages/error_stage.h"
 #include "query/mesh/coordinate_rounding.h"
 #include "query/slabs/slab_plan.h"
-#include "query/view/label_view.h"
 #include "store/container/extent.h"
 
 namespace isonest::detail {
@@ -209,12 +207,7 @@ void choose_stages(const SurfaceStages& stages, ExtractQuery& asked) {
 /// Sets the isovalue between the label and the others, and the part of the volume where it is.
 void choose_label(const StoreReader& store, const LabelChoice& label, ExtractQuery& asked) {
     const StoreHeader& header = store.layout().header();
-    if (!is_label(header, label.id)) {
-        throw Error(
-            ErrorKind::invalid_argument, {store.path().string()},
-            fmt::format("label {}: the store's values are {}", label.id,
-                        header.labels ? "labels from 0 to 2^62 - 1" : name_of(header.type)));
-    }
+    require_label(store, label.id);
     constexpr double kHalf = 0.5;
     asked.traversal.iso = kHalf;
     asked.label = label;

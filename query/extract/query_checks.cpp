@@ -9,8 +9,10 @@
 #include <limits>
 
 #include <isonest/error.h>
+#include <isonest/value_type.h>
 
 #include "query/extract/stages/contour_lines.h"
+#include "query/view/label_view.h"
 
 namespace isonest::detail {
 namespace {
@@ -129,6 +131,16 @@ Stop stop_of(const StoreReader& store, const SimplifiedErrorBound& asked) {
 }
 
 }  // namespace
+
+void require_label(const StoreReader& store, std::int64_t label) {
+    const StoreHeader& header = store.layout().header();
+    if (!is_label(header, label)) {
+        throw Error(
+            ErrorKind::invalid_argument, {store.path().string()},
+            fmt::format("label {}: the store's values are {}", label,
+                        header.labels ? "labels from 0 to 2^62 - 1" : name_of(header.type)));
+    }
+}
 
 void require_distance(const SurfaceStop& stop) {
     if (const auto* const distance = std::get_if<DistanceBound>(&stop)) {

@@ -33,6 +33,9 @@ Stop stop_of(const StoreReader& store, const SurfaceStop& test);
 Stop stop_of_cells(const StoreReader& store, const isonest::StopTest& test, bool finest_needs_none);
 Stop stop_of_cells(const StoreReader& store, const SurfaceStop& test, bool finest_needs_none);
 
+/// Throws Error{invalid_argument} if the store's values cannot be this label.
+void require_label(const StoreReader& store, std::int64_t label);
+
 /// Throws Error{invalid_argument} for a distance or a number of triangles that makes no sense.
 void require_distance(const SurfaceStop& stop);
 

@@ -2,7 +2,6 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <mutex>
 #include <optional>
@@ -11,7 +10,7 @@
 #include <isonest/error.h>
 #include <isonest/labels.h>
 
-#include "store/base/label_bits.h"
+#include "query/labels/label_of_value.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
 #include "store/container/reader.h"
@@ -30,24 +29,6 @@ void include(Label& label, const Label& other) {
     label.low = label.nodes == 0 ? other.low : min(label.low, other.low);
     label.high = label.nodes == 0 ? other.high : max(label.high, other.high);
     label.nodes += other.nodes;
-}
-
-/// The label that a value is; none of a missing one, or one that is no whole number.
-template <class T>
-std::optional<std::int64_t> label_of(T value, bool bits) {
-    if (bits) {
-        return static_cast<std::int64_t>(label_of_value(static_cast<double>(value)));
-    }
-    constexpr double kMost = 9007199254740992.0;  // 2^53
-    if constexpr (std::is_integral_v<T>) {
-        return static_cast<std::int64_t>(value);
-    } else {
-        const auto v = static_cast<double>(value);
-        if (!(std::fabs(v) <= kMost) || v != std::floor(v)) {
-            return std::nullopt;
-        }
-        return static_cast<std::int64_t>(v);
-    }
 }
 
 void refuse_more(std::uint64_t labels, std::uint64_t most, const std::string& name) {
@@ -81,11 +62,8 @@ void add_chunk(const std::vector<std::byte>& raw, const ArrayInfo& array, const 
                 include(label, run);
                 label.id = *id;
                 refuse_more(table.size(), most, name);
-            } else if (std::isfinite(static_cast<double>(row[x]))) {
-                throw Error(ErrorKind::unsupported, {name},
-                            fmt::format("the value {} is no label: labels are whole numbers up to "
-                                        "2^53",
-                                        static_cast<double>(row[x])));
+            } else {
+                require_missing(static_cast<double>(row[x]), name);
             }
             x = end;
         }

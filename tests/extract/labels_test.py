@@ -125,8 +125,11 @@ class Labels(unittest.TestCase):
             run("extract", store, "--labels", text, "-o", self.here / "m")
             listed = json.loads((self.here / "m" / "labels.json").read_text())["labels"]
             self.assertEqual([entry["id"] for entry in listed], list(wanted))
-        self.assertIn("no label 4", run("extract", store, "--labels", "4", "-o", self.here / "m", code=3).stderr)
         self.assertIn("smaller", run("extract", store, "--labels", "9-4", "-o", self.here / "m", code=2).stderr)
+        few = self.store(np.array([[[2, 3], [5, 5]], [[5, 89], [3, 3]]], "u1"), "few")
+        for text, words in (("4", "no label 4; the nearest ones are 3 and 5"), ("1", "no label 1; the smallest is 2"),
+                            ("90-99", "no labels from 90 to 99; the largest is 89")):
+            self.assertIn(words, run("extract", few, "--labels", text, "-o", self.here / "m", code=3).stderr)
 
     def test_neuroglancers_folder(self):
         data = cells((12, 12, 12), 4, np.array([2, 3, 5, 8], "u1"))

@@ -29,9 +29,11 @@ ROOMS = {
               "apart": {"mesh"}, "simplify": {"view", "mesh", "traverse"},
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "finite_elements": {"view", "traverse"},
-              "statistics": set(), "labels": set(), "slabs": {"view", "march", "mesh", "apart"},
+              "statistics": set(), "labels": set(), "surface_nets": {"labels", "mesh"},
+              "slabs": {"view", "march", "mesh", "apart"},
               "distance": {"view", "march", "simplify", "traverse"},
-              "extract": {"view", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs"}},
+              "extract": {"view", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs",
+                          "labels", "surface_nets"}},
 }
 # Rooms within a room, each with those that it may include beside itself; every folder there is one of them.
 SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes"}, "wrapping": set(),

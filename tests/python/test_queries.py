@@ -268,6 +268,36 @@ def test_several_labels_are_those_one_by_one(tmp_path):
         store.label_surfaces([3, 4])
 
 
+def test_smooth_labels_share_their_triangles(tmp_path):
+    data = np.ones((10, 11, 12), "u2")
+    data[:, 4:, :] = 2
+    data[4:7, 2:8, 3:9] = 7
+    isonest.preprocess(data, tmp_path / "s", spacing=(1, 2, 0.5))
+    store = isonest.open(tmp_path / "s")
+    found = store.label_surfaces(smooth=True, close=True)
+    volumes = [signed_volume(mesh.vertices, mesh.faces) for mesh in found.values()]
+    assert np.sum(np.abs(volumes)) == pytest.approx(10 * 11 * 12)  # no gap, no overlap
+    for label, mesh in found.items():
+        one = store.label_surface(label, smooth=16, close=True)
+        np.testing.assert_array_equal(mesh.vertices, one.vertices)
+        np.testing.assert_array_equal(mesh.faces, one.faces)
+        assert set(mesh.report.neighbours) == set(found) - {label}
+        for other, shared in mesh.report.neighbours.items():
+            assert shared == pytest.approx(found[other].report.neighbours[label], rel=1e-12)
+        assert mesh.report.smooth_passes == 16 and 0 < mesh.report.smooth_bound < np.linalg.norm((1, 2, 0.5)) / 2
+        assert mesh.report.volume == pytest.approx(abs(signed_volume(mesh.vertices, mesh.faces)), rel=1e-5)
+        others = np.concatenate([np.sort(m.vertices[m.faces].reshape(-1, 9).view("V12").reshape(-1, 3), 1)
+                                 for other, m in found.items() if other != label])
+        mine = np.sort(mesh.vertices[mesh.faces].reshape(-1, 9).view("V12").reshape(-1, 3), 1)
+        assert len(set(map(bytes, mine)) & set(map(bytes, others))) > 100
+    assert store.label_surface(7, smooth=False).report.smooth_passes is None
+    assert store.label_surface(7, smooth=0).report.smooth_passes == 0
+    with pytest.raises(isonest.Error, match="smooth 65"):
+        store.label_surface(7, smooth=65)
+    with pytest.raises(isonest.Error, match="smooth labels"):
+        store.label_surfaces(smooth=True, normals=True)
+
+
 @pytest.mark.parametrize("more", [{}, {"error": 0.1, "cells": "hex"}, {"distance": "0.5voxel"},
                                   {"close": True, "coordinates": "world", "gradient_direction": "ascent"}])
 def test_several_isovalues_give_the_mesh_of_each(store_path, noise, more):

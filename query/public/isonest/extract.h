@@ -82,6 +82,20 @@ struct LabelChoice {
     std::optional<std::pair<Int3, Int3>> within = {};
 };
 
+/// In place of surfaces half way between nodes: surface nets, which adjacent labels share, with
+/// vertices moved again and again towards their neighbours' mean, but never out of their cells.
+/// What is proven of them: every node of the volume lies inside the mesh of its label and of no
+/// other; SmoothReport::bound; where two labels touch, both meshes have the same vertices and the
+/// same triangles, seen from both sides. All labels of the store shape the meshes, also those that
+/// are not asked for. A label that touches itself along an edge of its voxels has an edge of four
+/// triangles there, else a mesh's edges have two. At the volume's border, half a node's distance
+/// beyond the last nodes, the meshes are open, or closed with SurfaceStages::close.
+struct LabelSmoothing {
+    static constexpr int kMostPasses = 64;
+    /// How often vertices are moved, 0 ... kMostPasses; 0: the faces of the voxels.
+    int passes = 16;
+};
+
 /// Of a volume: the surface around the nodes that have this label. It lies half way between them
 /// and the others.
 struct LabelQuery {
@@ -91,6 +105,7 @@ struct LabelQuery {
     std::optional<Cells> cells = {};  ///< nothing: as of a NestedGrid
     MeshAttributes attributes = {};
     SurfaceStages stages = {};
+    std::optional<LabelSmoothing> smooth = {};  ///< goes with close = below alone
 };
 
 /// The part of a plane inside the volume, triangles that face against its normal and have the
@@ -177,9 +192,11 @@ void extract_isovalues(const Store& store, std::span<const double> isovalues,
                        const ExtractOptions& options = {}, Progress& progress = silent_progress());
 
 /// The surfaces of labels (as of find_labels()), a mesh each, that extract() makes with query.label
-/// set to them; several at a time, which share the memory and the threads. `sink` and `done` are
-/// called from many threads, with a label and with its number in `labels`. Throws as extract(): the
-/// meshes that are finished stay.
+/// set to them; several at a time, which share the memory and the threads. Smooth ones come out of
+/// one traversal for all labels, and their reports count what it read and the seconds from its
+/// beginning. `sink` and `done` are called from many threads, with a label and with its number in
+/// `labels`. Throws as extract(), and for smooth ones Error{unsupported} for values that are no
+/// labels: the meshes that are finished stay.
 void extract_labels(const Store& store, std::span<const Label> labels, const LabelQuery& query,
                     const std::function<std::unique_ptr<MeshSink>(const Label&)>& sink,
                     const std::function<void(std::size_t number, const ExtractReport&)>& done,

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <vector>
 
 #include <isonest/field.h>
 #include <isonest/world.h>
@@ -79,6 +80,22 @@ struct DistanceReport {
     std::optional<SurfaceMeasures> full = {};
 };
 
+/// A label that another one touches.
+struct NeighbourLabel {
+    std::int64_t id = 0;
+    double area = 0;  ///< of the triangles that the meshes of the two share, square world units
+};
+
+/// Of a label's mesh that was smoothed.
+struct SmoothReport {
+    int passes = 0;  ///< as in the query
+    /// Proven: no point of the mesh is further from the label's staircase, the faces of its voxels,
+    /// and no point of the staircase further from the mesh, in world units; less than half a cell's
+    /// diagonal. Coordinates rounded to float32 count in.
+    double bound = 0;
+    std::vector<NeighbourLabel> neighbours = {};  ///< by their ids
+};
+
 /// Of a mesh that was simplified within an error.
 struct ErrorSimplificationReport {
     std::uint64_t nested_triangles = 0;  ///< of the nested grid, with all components
@@ -142,6 +159,7 @@ struct ExtractReport {
     std::optional<ComponentReport> components = {};
     std::optional<DistanceReport> distance = {};
     std::optional<ErrorSimplificationReport> simplified_error = {};
+    std::optional<SmoothReport> smooth = {};
     std::optional<AnalysisReport> analysis = {};
     /// If the mesh has triangles as elements.
     std::optional<SurfaceMeasures> measures = {};

@@ -53,9 +53,10 @@ ExtractReport run_query(const Store& store, const ExtractCommand& arguments, con
         return extract(store, graph_query(arguments, values), *sink, options_of(a), progress);
     }
     const SurfaceQuery query = arguments.surface_query(values);
-    return arguments.labels.one ? extract(store, label_query(query, {*arguments.labels.one}), *sink,
-                                          options_of(a), progress)
-                                : extract(store, query, *sink, options_of(a), progress);
+    return arguments.labels.one
+               ? extract(store, arguments.label_query(query, {*arguments.labels.one}), *sink,
+                         options_of(a), progress)
+               : extract(store, query, *sink, options_of(a), progress);
 }
 
 /// A mesh for each isovalue, or one with all of them.
@@ -137,8 +138,14 @@ Result run(const ExtractCommand& given, bool has_iso, Progress& progress) {
     const Store* const values = others ? &*others : nullptr;
     const LabelArguments& labels = arguments.labels;
     if (labels.several) {
-        return extract_label_meshes(store, labels, a,
-                                    label_query(arguments.surface_query(values), {}), progress);
+        return extract_label_meshes(
+            store, labels, a, arguments.label_query(arguments.surface_query(values), {}), progress);
+    }
+    if (labels.smooth && !labels.one) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            "--smooth goes with --label or --labels: surfaces of labels are smoothed, those "
+            "of isovalues are smooth where the data are; isonest smooth smooths the data");
     }
     if (!has_iso && !a.is_graph && !labels.one) {
         throw Error(ErrorKind::invalid_argument,
@@ -160,7 +167,14 @@ Result run(const ExtractCommand& given, bool has_iso, Progress& progress) {
 std::vector<ProgressStage> stages_of(const ExtractCommand& a) {
     std::vector<ProgressStage> stages;
     if (a.labels.several) {
-        return {{"find labels", "finding the labels", 0.2}, {"extract", "extracting", 1}};
+        stages = {{"find labels", "finding the labels", 0.2}, {"extract", "extracting", 1}};
+        if (a.labels.smooth) {
+            stages.push_back({"write mesh", "writing the meshes", 0.5});
+        }
+        return stages;
+    }
+    if (a.labels.smooth) {
+        stages.push_back({"find labels", "finding the label", 0.2});
     }
     stages.push_back(
         {"extract", a.extract.is_graph ? "making the graph" : "following the surface", 0.6});
@@ -206,6 +220,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract scan.isonest --iso 120 --triangles 100000 -o web.glb\n"
          "isonest extract scan.isonest --iso 120.5 --close --components largest -o print.3mf\n"
          "isonest extract cells.isonest --labels all --distance 0.5voxel -o meshes\n"
+         "isonest extract cells.isonest --labels all --smooth -o meshes\n"
          "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply\n"
          "isonest extract scan.isonest --iso 120 --error 1 --focus 30,40,20 --falloff 0.1 -o "
          "near.ply\n"

@@ -41,6 +41,12 @@ struct ExtractCommand {
         query.attributes = {extract.normals, others, extract.vertex_error};
         return query;
     }
+    /// The surface of a label, made as `like` says. Throws as isonest::label_query().
+    [[nodiscard]] LabelQuery label_query(const SurfaceQuery& like, const LabelChoice& label) const {
+        LabelQuery query = isonest::label_query(like, label);
+        query.smooth = labels.smooth;
+        return query;
+    }
     /// Throws Error{invalid_argument} for options that do not go together.
     [[nodiscard]] SurfaceQuery surface_query(const Store* others) const;
 };

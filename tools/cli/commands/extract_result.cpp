@@ -89,13 +89,21 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
     if (labels.one) {
         result.json["label"] = *labels.one;
     }
+    if (r.smooth) {
+        add_smooth_json(*r.smooth, result.json);
+        result.json["neighbours"] = Json::array();
+        for (const NeighbourLabel& neighbour : r.smooth->neighbours) {
+            result.json["neighbours"].push_back({{"id", neighbour.id}, {"area", neighbour.area}});
+        }
+    }
     result.text =
         fmt::format("{}: {} {}, {} vertices, in {}\n{}; {}\n", a.mesh, r.triangles,
                     r.dimension == 2 && !a.is_graph ? "line segments" : "triangles", r.vertices,
                     human_seconds(r.seconds),
-                    r.distance || r.within_budget ? distance_text(arguments.distance, r)
-                    : origin.volume != nullptr    ? "the surface at full resolution"
-                                                  : guarantee_text(a, r) + simplified_text(r),
+                    r.smooth                        ? smooth_text(*r.smooth)
+                    : r.distance || r.within_budget ? distance_text(arguments.distance, r)
+                    : origin.volume != nullptr      ? "the surface at full resolution"
+                                                    : guarantee_text(a, r) + simplified_text(r),
                     origin.volume != nullptr ? "straight from " + origin.volume->describe().name
                                              : read_text(r.traversal));
     result.text += analysis_text(r) + version_text(a.mesh);
@@ -117,7 +125,10 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
     }
     if (r.closing) {
         add_close_json(*r.closing, result.json);
-        result.text += r.triangles > 0 ? close_text(*r.closing, a.box.has_value()) : "";
+        if (r.triangles > 0) {
+            result.text +=
+                r.smooth ? smooth_close_text() : close_text(*r.closing, a.box.has_value());
+        }
     }
     if (r.triangles == 0 && (!r.components || r.components->dropped == 0)) {
         result.text +=

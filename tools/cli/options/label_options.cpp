@@ -7,12 +7,14 @@
 #include <filesystem>
 #include <iterator>
 #include <span>
+#include <utility>
 
 #include <isonest/error.h>
 #include <isonest/labels.h>
 #include <isonest/mesh_file.h>
 
 #include "store/files/output_file.h"
+#include "tools/cli/options/label_list.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
@@ -51,6 +53,28 @@ std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::strin
     return ranges;
 }
 
+/// The passes of --smooth; "true" is what a flag without a value says.
+LabelSmoothing parse_smoothing(const std::string& text) {
+    LabelSmoothing smoothing;
+    if (text != "true") {
+        smoothing.passes =
+            static_cast<int>(parse_integer("--smooth", text, 0, LabelSmoothing::kMostPasses));
+    }
+    return smoothing;
+}
+
+/// "; the nearest ones are 3 and 7". `place`: where the one that is not there would be.
+std::string nearest_text(const std::vector<Label>& all, std::ptrdiff_t place) {
+    const auto at = static_cast<std::size_t>(place);
+    if (all.empty()) {
+        return "; there are none at all";
+    }
+    return at == 0 ? fmt::format("; the smallest is {}", all.front().id)
+           : at == all.size()
+               ? fmt::format("; the largest is {}", all.back().id)
+               : fmt::format("; the nearest ones are {} and {}", all[at - 1].id, all[at].id);
+}
+
 /// Those that are wanted. Throws Error{not_found} for a single one that is not there.
 std::vector<Label> chosen_of(const std::vector<Label>& all,
                              const std::vector<std::pair<std::int64_t, std::int64_t>>& ranges,
@@ -64,10 +88,11 @@ std::vector<Label> chosen_of(const std::vector<Label>& all,
         const auto begin = from(first);
         const auto end = last == kMostLabel ? all.end() : from(last + 1);
         if (begin == end) {
-            throw Error(ErrorKind::not_found, {store},
-                        first == last
-                            ? fmt::format("there is no label {}", first)
-                            : fmt::format("there are no labels from {} to {}", first, last));
+            throw Error(
+                ErrorKind::not_found, {store},
+                (first == last ? fmt::format("there is no label {}", first)
+                               : fmt::format("there are no labels from {} to {}", first, last)) +
+                    nearest_text(all, begin - all.begin()));
         }
         chosen.insert(chosen.end(), begin, end);
     }
@@ -111,8 +136,15 @@ Json json_of(const Label& label, const ExtractReport& r, const std::string& mesh
                  {"mesh", mesh},
                  {"vertices", r.vertices},
                  {"triangles", r.triangles}};
+    if (r.measures) {
+        json["area"] = r.measures->area;
+        json["volume"] = r.measures->volume ? Json(*r.measures->volume) : Json();
+    }
     if (r.distance) {
         json["distance_bound"] = r.distance->bound;
+    }
+    if (r.smooth) {
+        add_smooth_json(*r.smooth, json);
     }
     return json;
 }
@@ -138,6 +170,13 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
         one->excludes(c->get_option(other));
         several->excludes(c->get_option(other));
     }
+    // A flag's value comes behind "=" alone, so that it never takes the name of a store.
+    c->add_flag("--smooth")
+        ->description(
+            "surfaces of labels that are smooth, and shared by those that\n"
+            "touch: all nodes stay on their sides. --smooth=N: vertices are\n"
+            "moved N times, 0 ... 64 [16]")
+        ->each([&a](const std::string& text) { a.smooth = parse_smoothing(text); });
     add_parsed(
         c, "--format",
         [&a](const std::string& text) {
@@ -153,6 +192,24 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
         "meshes [ply]",
         "NAME")
         ->needs(several);
+}
+
+std::string smooth_text(const SmoothReport& r) {
+    return r.passes == 0 ? fmt::format("the faces of the voxels, within {:.2g}", r.bound)
+                         : fmt::format(
+                               "smoothed in {} passes, no point further than {:.6g} from "
+                               "the faces of the voxels",
+                               r.passes, r.bound);
+}
+
+std::string smooth_close_text() {
+    return "closed where the voxels at the volume's border end; edges have two triangles, or four "
+           "where the label touches itself\n";
+}
+
+void add_smooth_json(const SmoothReport& r, Json& json) {
+    json["smooth_passes"] = r.passes;
+    json["smooth_bound"] = r.bound;
 }
 
 Result extract_label_meshes(const Store& store, const LabelArguments& labels,
@@ -174,13 +231,19 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     ExtractOptions options = a.options;
     options.scratch = folder;
     std::vector<ExtractReport> reports(chosen.size());
+    LabelNeighbours neighbours(folder, chosen.size());
     extract_labels(
         store, chosen, query,
         [&](const Label& label) {
             return open_mesh_file(folder / mesh_name(label.id, labels.format), {.replace = true});
         },
-        [&](std::size_t i, const ExtractReport& report) { reports[i] = report; }, options,
-        progress);
+        [&](std::size_t i, const ExtractReport& report) {
+            reports[i] = report;
+            if (reports[i].smooth) {
+                neighbours.take(i, *reports[i].smooth);
+            }
+        },
+        options, progress);
     if (labels.format == kNeuroglancer) {
         write_neuroglancer(folder, chosen);
     }
@@ -188,20 +251,29 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     Json list = Json::array();
     std::uint64_t triangles = 0;
     double bound = 0;
+    std::optional<SmoothReport> smooth;
     for (std::size_t i = 0; i < chosen.size(); ++i) {
         list.push_back(json_of(chosen[i], reports[i], mesh_name(chosen[i].id, labels.format)));
         triangles += reports[i].triangles;
         if (const auto& distance = reports[i].distance) {
             bound = std::max(bound, distance->bound);
         }
+        if (const auto& own = reports[i].smooth) {
+            smooth =
+                SmoothReport{own->passes, std::max(smooth ? smooth->bound : 0, own->bound), {}};
+        }
     }
-    result.json = {{"folder", a.mesh}, {"labels", list}};
-    write_text(folder / "labels.json", result.json.dump(2) + "\n");
+    result.json = {{"folder", a.mesh}, {"unit", unit_json(store.unit())}};
+    write_label_list(folder / "labels.json", result.json, list, smooth ? &neighbours : nullptr);
+    result.json["labels"] = std::move(list);
     result.text =
         fmt::format("{}: {} meshes of {} labels, {} triangles; the list is {}\n", a.mesh,
                     labels.format, chosen.size(), triangles, (folder / "labels.json").string());
     if (bound > 0) {
         result.text += fmt::format("each within {:.6g} of the label's surface\n", bound);
+    }
+    if (smooth) {
+        result.text += smooth_text(*smooth) + "; all nodes are on their sides\n";
     }
     return result;
 }

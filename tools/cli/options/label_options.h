@@ -19,11 +19,19 @@ struct LabelArguments {
     /// Ranges, both ends included; empty: all but 0.
     std::optional<std::vector<std::pair<std::int64_t, std::int64_t>>> several;
     std::string format = "ply";
+    std::optional<LabelSmoothing> smooth = {};
 };
 
-/// --label, --labels, --format. The first two exclude all of `others`.
+/// --label, --labels, --smooth, --format. The first two exclude all of `others`.
 void add_label_options(CLI::App* command, LabelArguments& a,
                        const std::vector<std::string>& others);
+
+/// "no point further than 0.8 from the voxels' faces".
+std::string smooth_text(const SmoothReport& r);
+/// Of one that is closed: "closed where the voxels at the volume's border end".
+std::string smooth_close_text();
+/// Adds what a report has of it.
+void add_smooth_json(const SmoothReport& r, Json& json);
 
 /// Writes a mesh for each of the labels, and the file labels.json, into the folder a.mesh.
 /// REQUIRES: labels.several.

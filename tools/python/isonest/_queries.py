@@ -17,6 +17,8 @@ PlaneCells = Literal["tet", "quad", "tetrahedra", "quadrilaterals"]
 Vertices = Literal["linear", "exact"]
 Close = Union[None, bool, Literal["below", "above"]]
 """True is "below"."""
+Smooth = Union[None, bool, int]
+"""True is as often as is usual."""
 Components = Union[None, int, Literal["largest", "all"]]
 By = Literal["distance", "error"]
 Effort = Literal["fast", "best"]
@@ -187,6 +189,12 @@ def set_close(query: Any, close: Close) -> None:
     """By what a surface is closed."""
     if close is not None and close is not False:
         query.set_close("below" if close is True else close)
+
+
+def set_smooth(query: Any, smooth: Smooth) -> None:
+    """How often the vertices of labels' surfaces are moved."""
+    if smooth is not None and smooth is not False:
+        query.set_smooth(None if smooth is True else int(smooth))
 
 
 def set_attributes(query: Any, *, normals: bool, vertex_values: Any, vertex_error: Optional[str],

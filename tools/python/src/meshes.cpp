@@ -92,9 +92,8 @@ ExtractReport extract_asked(const Store& store, const Asked<Query>& asked, MeshS
 }
 ExtractReport extract_asked(const Store& store, const AskedSurface& asked, MeshSink& mesh,
                             const ExtractOptions& options, Progress& progress) {
-    return asked.label
-               ? extract(store, label_query(asked.query, *asked.label), mesh, options, progress)
-               : extract(store, asked.query, mesh, options, progress);
+    return asked.label ? extract(store, asked.label_query(*asked.label), mesh, options, progress)
+                       : extract(store, asked.query, mesh, options, progress);
 }
 
 template <class A>
@@ -219,7 +218,7 @@ py::list extract_label_meshes(const OpenStore& handle,
                         [] { return std::make_shared<Collector>(); });
         reports.resize(labels.size());
         extract_labels(
-            *store, labels, label_query(asked.query, LabelChoice{}),
+            *store, labels, asked.label_query(LabelChoice{}),
             [&](const Label& label) {
                 const auto number = place_of(labels, label.id) - labels.begin();
                 return std::make_unique<SharedSink>(meshes[static_cast<std::size_t>(number)]);

@@ -190,6 +190,12 @@ void add_surface(py::module_& module) {
         .def(
             "set_label", [](A& a, std::int64_t id) { a.label = LabelChoice{id}; }, "id"_a)
         .def(
+            "set_smooth",
+            [](A& a, std::optional<int> passes) {
+                a.smooth = passes ? LabelSmoothing{*passes} : LabelSmoothing{};
+            },
+            "passes"_a)
+        .def(
             "set_vertices",
             [](A& a, const std::string& place) { a.query.grid.vertices = vertices_of(place); },
             "place"_a)

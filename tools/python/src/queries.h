@@ -28,6 +28,14 @@ struct Asked {
 /// With a label in place of an isovalue.
 struct AskedSurface : Asked<SurfaceQuery> {
     std::optional<LabelChoice> label;
+    std::optional<LabelSmoothing> smooth;  ///< of a label's surface
+
+    /// As isonest::label_query().
+    [[nodiscard]] LabelQuery label_query(const LabelChoice& choice) const {
+        LabelQuery asked = isonest::label_query(query, choice);
+        asked.smooth = smooth;
+        return asked;
+    }
 };
 using AskedSlice = Asked<SliceQuery>;
 using AskedContours = Asked<ContourQuery>;

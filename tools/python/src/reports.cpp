@@ -3,6 +3,8 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 
@@ -121,6 +123,27 @@ void add_extract_report(py::module_& module) {
                                          : std::nullopt;
             },
             "between which volumes that at full resolution lies, if it was asked for, or None")
+        .def_property_readonly(
+            "smooth_passes",
+            [](const R& r) { return r.smooth ? std::optional(r.smooth->passes) : std::nullopt; },
+            "how often the vertices of a smooth label were moved, or None")
+        .def_property_readonly(
+            "smooth_bound", [](const R& r) { return r.smooth ? r.smooth->bound : 0.0; },
+            "proven: no point of a smooth label's mesh is further from the faces of its voxels, in "
+            "world units")
+        .def_property_readonly(
+            "neighbours",
+            [](const R& r) {
+                std::map<std::int64_t, double> areas;
+                if (r.smooth) {
+                    for (const NeighbourLabel& n : r.smooth->neighbours) {
+                        areas.emplace(n.id, n.area);
+                    }
+                }
+                return areas;
+            },
+            "of a smooth label: the labels that it touches, and the area that their meshes share, "
+            "in square world units")
         .def_property_readonly("nested_triangles",
                                [](const R& r) {
                                    return r.simplified_error ? r.simplified_error->nested_triangles

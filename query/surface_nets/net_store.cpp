@@ -1,0 +1,180 @@
+#include "query/surface_nets/net_store.h"
+
+#include <algorithm>
+#include <cstring>
+#include <tuple>
+#include <vector>
+
+namespace isonest::detail {
+namespace {
+
+std::uint64_t padded(std::uint64_t bytes) {
+    return (bytes + 7) / 8 * 8;
+}
+
+/// Where the lists of a piece begin, in bytes from its start; then come the labels' parts.
+struct PieceLists {
+    std::uint64_t codes;
+    std::uint64_t quads;
+    std::uint64_t end;
+    PieceLists(std::uint64_t vertices, std::uint64_t quad_count)
+        : codes(padded(vertices * sizeof(std::array<float, 3>))),
+          quads(codes + padded(vertices * sizeof(std::uint16_t))),
+          end(quads + padded(quad_count * sizeof(NetQuad))) {}
+};
+
+/// The same of a part.
+std::uint64_t quads_of_part(std::uint64_t vertices) {
+    return padded(vertices * sizeof(std::uint16_t));
+}
+
+template <class List>
+void put(std::span<std::byte> bytes, std::uint64_t at, const List& list) {
+    if (!list.empty()) {
+        std::memcpy(bytes.data() + at, list.data(), list.size() * sizeof(list[0]));
+    }
+}
+
+/// One record for each pair of labels, with the sum of what they share.
+std::vector<SharedRecord> summed(const NetPiece& piece) {
+    std::vector<SharedArea> all(piece.shared().begin(), piece.shared().end());
+    // Equal pairs stay in their order, in which they are always summed.
+    std::stable_sort(all.begin(), all.end(), [](const SharedArea& a, const SharedArea& b) {
+        return a.label != b.label ? a.label < b.label : a.other < b.other;
+    });
+    std::vector<SharedRecord> sums;
+    for (const SharedArea& shared : all) {
+        if (sums.empty() || sums.back().shared.label != shared.label ||
+            sums.back().shared.other != shared.other) {
+            sums.push_back({shared, piece.number()});
+        } else {
+            sums.back().shared.area += shared.area;
+        }
+    }
+    return sums;
+}
+
+}  // namespace
+
+void NetStore::append(const NetPiece& piece) {
+    if (piece.empty()) {
+        return;
+    }
+    const PieceLists lists(piece.positions().size(), piece.quads().size());
+    std::vector<LabelPartRecord> records;
+    records.reserve(piece.labels().size());
+    std::uint64_t end = lists.end;
+    for (const LabelPart& part : piece.labels()) {
+        LabelPartRecord r;
+        r.label = part.label;
+        r.piece = piece.number();
+        r.part_at = end;
+        r.piece_vertices = static_cast<std::uint32_t>(piece.positions().size());
+        r.piece_quads = static_cast<std::uint32_t>(piece.quads().size());
+        r.vertices = static_cast<std::uint32_t>(part.vertices.size());
+        r.quads = static_cast<std::uint32_t>(part.quads.size());
+        r.no_area = part.no_area;
+        r.lo = part.lo;
+        r.hi = part.hi;
+        r.moved = part.moved;
+        end += quads_of_part(r.vertices) + padded(r.quads * sizeof(std::uint32_t));
+        records.push_back(r);
+    }
+    std::vector<std::byte> bytes(end);
+    put(bytes, 0, piece.positions());
+    put(bytes, lists.codes, piece.codes());
+    put(bytes, lists.quads, piece.quads());
+    for (std::size_t i = 0; i < records.size(); ++i) {
+        const LabelPart& part = piece.labels()[i];
+        put(bytes, records[i].part_at, part.vertices);
+        put(bytes, records[i].part_at + quads_of_part(records[i].vertices), part.quads);
+    }
+    std::uint64_t at = 0;
+    std::uint64_t first_record = 0;
+    const std::vector<SharedRecord> sums = summed(piece);
+    std::uint64_t first_area = 0;
+    {
+        const std::lock_guard lock(mutex_);
+        at = end_;
+        end_ += end;
+        first_record = records_;
+        records_ += records.size();
+        first_area = areas_;
+        areas_ += sums.size();
+    }
+    for (LabelPartRecord& r : records) {
+        r.piece_at = at;
+        r.part_at += at;
+    }
+    file_.write_at(at, bytes);
+    record_file_.write_at(first_record * sizeof(LabelPartRecord),
+                          std::as_bytes(std::span(records)));
+    shared_file_.write_at(first_area * sizeof(SharedRecord), std::as_bytes(std::span(sums)));
+}
+
+void NetStore::seal() {
+    data_ = file_.map(end_);
+    record_file_.map(records_ * sizeof(LabelPartRecord));
+    all_ = record_file_.as<LabelPartRecord>().first(static_cast<std::size_t>(records_));
+    std::sort(all_.begin(), all_.end(), [](const LabelPartRecord& a, const LabelPartRecord& b) {
+        return a.label != b.label ? a.label < b.label : a.piece < b.piece;
+    });
+    shared_file_.map(areas_ * sizeof(SharedRecord));
+    all_shared_ = shared_file_.as<SharedRecord>().first(static_cast<std::size_t>(areas_));
+    std::sort(all_shared_.begin(), all_shared_.end(),
+              [](const SharedRecord& a, const SharedRecord& b) {
+                  const SharedArea& s = a.shared;
+                  const SharedArea& t = b.shared;
+                  return std::tie(s.label, s.other, a.piece) < std::tie(t.label, t.other, b.piece);
+              });
+    for (std::size_t i = 1; i < all_.size(); ++i) {
+        all_[i].first_vertex = all_[i].label == all_[i - 1].label
+                                   ? all_[i - 1].first_vertex + all_[i - 1].vertices
+                                   : 0;
+    }
+}
+
+std::vector<SharedArea> NetStore::shared(std::int64_t label) const {
+    auto at = std::lower_bound(
+        all_shared_.begin(), all_shared_.end(), label,
+        [](const SharedRecord& r, std::int64_t id) { return r.shared.label < id; });
+    std::vector<SharedArea> sums;
+    for (; at != all_shared_.end() && at->shared.label == label; ++at) {
+        if (sums.empty() || sums.back().other != at->shared.other) {
+            sums.push_back(at->shared);
+        } else {
+            sums.back().area += at->shared.area;
+        }
+    }
+    return sums;
+}
+
+std::span<const LabelPartRecord> NetStore::parts(std::int64_t label) const {
+    const auto begin =
+        std::lower_bound(all_.begin(), all_.end(), label,
+                         [](const LabelPartRecord& r, std::int64_t id) { return r.label < id; });
+    const auto end =
+        std::upper_bound(begin, all_.end(), label,
+                         [](std::int64_t id, const LabelPartRecord& r) { return id < r.label; });
+    return {begin, end};
+}
+
+std::span<const std::array<float, 3>> NetStore::positions(const LabelPartRecord& r) const {
+    return slice<std::array<float, 3>>(r.piece_at, r.piece_vertices);
+}
+std::span<const std::uint16_t> NetStore::codes(const LabelPartRecord& r) const {
+    const PieceLists lists(r.piece_vertices, r.piece_quads);
+    return slice<std::uint16_t>(r.piece_at + lists.codes, r.piece_vertices);
+}
+std::span<const NetQuad> NetStore::quads(const LabelPartRecord& r) const {
+    const PieceLists lists(r.piece_vertices, r.piece_quads);
+    return slice<NetQuad>(r.piece_at + lists.quads, r.piece_quads);
+}
+std::span<const std::uint16_t> NetStore::part_vertices(const LabelPartRecord& r) const {
+    return slice<std::uint16_t>(r.part_at, r.vertices);
+}
+std::span<const std::uint32_t> NetStore::part_quads(const LabelPartRecord& r) const {
+    return slice<std::uint32_t>(r.part_at + quads_of_part(r.vertices), r.quads);
+}
+
+}  // namespace isonest::detail

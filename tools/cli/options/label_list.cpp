@@ -1,0 +1,95 @@
+#include "tools/cli/options/label_list.h"
+
+#include <fmt/format.h>
+
+#include <span>
+#include <string>
+
+#include "store/files/output_file.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+/// Text that is written piece by piece.
+class TextOutput {
+  public:
+    explicit TextOutput(const std::filesystem::path& path) : file_(path, true) {}
+    void add(const std::string& text) {
+        constexpr std::size_t kWaiting = std::size_t{1} << 16U;
+        waiting_ += text;
+        if (waiting_.size() >= kWaiting) {
+            flush();
+        }
+    }
+    void publish() {
+        flush();
+        file_.publish_as_named();
+    }
+
+  private:
+    void flush() {
+        file_.write_at(end_, std::as_bytes(std::span(waiting_)));
+        end_ += waiting_.size();
+        waiting_.clear();
+    }
+    OutputFile file_;
+    std::string waiting_;
+    std::uint64_t end_ = 0;
+};
+
+/// An object as lines that begin with `indent`, without its closing brace.
+std::string opened(const Json& object, const std::string& indent) {
+    std::string text;
+    for (const char c : object.dump(2)) {
+        text += c;
+        text += c == '\n' ? indent : "";
+    }
+    text.resize(text.rfind('\n'));
+    return text;
+}
+
+}  // namespace
+
+void LabelNeighbours::take(std::size_t label, SmoothReport& report) {
+    const auto bytes = std::as_bytes(std::span(report.neighbours));
+    std::uint64_t at = 0;
+    {
+        const std::lock_guard lock(mutex_);
+        at = end_;
+        end_ += bytes.size();
+    }
+    file_.write_at(at, bytes);
+    place_[label] = {at, report.neighbours.size()};
+    report.neighbours = {};
+}
+
+std::vector<NeighbourLabel> LabelNeighbours::of(std::size_t label) const {
+    const auto [at, count] = place_[label];
+    std::vector<NeighbourLabel> neighbours(count);
+    file_.read_at(at, std::as_writable_bytes(std::span(neighbours)));
+    return neighbours;
+}
+
+void write_label_list(const std::filesystem::path& path, const Json& head, const Json& labels,
+                      const LabelNeighbours* neighbours) {
+    TextOutput out(path);
+    out.add(opened(head, "") + ",\n  \"labels\": [");
+    for (std::size_t i = 0; i < labels.size(); ++i) {
+        out.add((i > 0 ? ",\n    " : "\n    ") + opened(labels[i], "    "));
+        if (neighbours != nullptr) {
+            out.add(",\n      \"neighbours\": [");
+            const char* before = "";
+            for (const NeighbourLabel& neighbour : neighbours->of(i)) {
+                out.add(fmt::format("{}{{\"id\": {}, \"area\": {}}}", before, neighbour.id,
+                                    Json(neighbour.area).dump()));
+                before = ", ";
+            }
+            out.add("]");
+        }
+        out.add("\n    }");
+    }
+    out.add(labels.empty() ? "]\n}\n" : "\n  ]\n}\n");
+    out.publish();
+}
+
+}  // namespace isonest::detail::cli
