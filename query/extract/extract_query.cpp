@@ -217,6 +217,7 @@ void choose_label(const StoreReader& store, const LabelChoice& label, ExtractQue
         return;
     }
     const auto& [low, high] = *asked.label->within;
+    asked.asked_box = asked.traversal.box;
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
         ClipBox& box = asked.traversal.box;

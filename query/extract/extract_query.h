@@ -44,6 +44,8 @@ struct ExtractQuery {
     std::optional<double> nested_distance;
     /// In place of the store's values those of a LabelView.
     std::optional<LabelChoice> label;
+    /// The traversal's box before it was narrowed to where the label is, if it was.
+    std::optional<ClipBox> asked_box;
     std::vector<double> contours;  ///< values of contour lines
     double graph_scale = 1;        ///< of a graph
     /// Of the mesh: world coordinates are origin + spacing * position.

@@ -60,7 +60,7 @@ WorldLattice world_lattice(const StagedVolume& volume, const ExtractQuery& query
 }
 
 PatchBox world_box(const ExtractQuery& query) {
-    const ClipBox& box = query.traversal.box;
+    const ClipBox& box = query.asked_box ? *query.asked_box : query.traversal.box;
     PatchBox world;
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const auto at = [&](double x) {
