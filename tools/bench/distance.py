@@ -37,7 +37,7 @@ import needs
 
 # Name: file, options of preprocess, isovalues: one that shows a real surface, then two others.
 VOLUMES = {
-    "heptane": ("heptane_302_u8.nii.gz", "--dims 302,302,302 --type uint8 --offset 352", (80.5, 20, 180)),
+    "heptane": ("heptane_302_u8.nii.gz", "", (80.5, 20, 180)),
     "stent": ("stent_128x128x256_f32_gzip.nrrd", "", (0.15, 0.1, 0.4)),
     "tooth": ("tooth.nhdr", "", (600.5, 780, 1000)),
     "aneurism": ("aneurism_256_u8.raw.gz", "--dims 256,256,256 --type uint8", (60.5, 30, 120)),
