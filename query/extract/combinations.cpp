@@ -112,10 +112,11 @@ constexpr std::array kRefused{
                 "culled"},
     Combination{Wish::closing, Wish::exact_vertices,
                 "caps are cut out of linear functions: a closed surface has linear vertices, or, "
-                "at full resolution and within a distance, exact ones in any case"},
+                "at full resolution, exact ones in any case"},
     Combination{Wish::distance, Wish::place, kDistanceEverywhere},
     Combination{Wish::distance, Wish::exact_vertices,
-                "within a distance all vertices lie on the surface at full resolution in any case"},
+                "within a distance the mesh is near to the surface at full resolution in any "
+                "case, whose vertices are exact"},
     Combination{Wish::nested_distance, Wish::place, kDistanceEverywhere},
     Combination{Wish::nested_distance, Wish::closing,
                 "caps are cut out of linear functions, not of a nested grid within a distance; "

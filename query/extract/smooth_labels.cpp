@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <iterator>
 #include <limits>
+#include <memory>
 #include <numeric>
 #include <optional>
 #include <string>
@@ -29,30 +30,12 @@
 #include "store/base/rotation.h"
 #include "store/base/workers.h"
 #include "store/container/codec.h"
+#include "store/files/scratch_file.h"
 
 namespace isonest::detail {
 namespace {
 
 using SmoothClock = std::chrono::steady_clock;
-
-/// Hands on to a sink that somebody else has.
-class BorrowedSink : public MeshSink {
-  public:
-    explicit BorrowedSink(MeshSink& sink) : sink_(sink) {}
-    void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override {
-        sink_.prepare(layout, inputs);
-    }
-    void begin(const MeshLayout& layout) override { sink_.begin(layout); }
-    void add_vertices(const VertexBatch& batch) override { sink_.add_vertices(batch); }
-    void add_elements(const ElementBatch& batch) override { sink_.add_elements(batch); }
-    [[nodiscard]] bool again() override { return sink_.again(); }
-    void end() override { sink_.end(); }
-    [[nodiscard]] bool concurrent() const override { return sink_.concurrent(); }
-    [[nodiscard]] bool holds_float64() const override { return sink_.holds_float64(); }
-
-  private:
-    MeshSink& sink_;
-};
 
 /// Most by which a coordinate of the meshes is rounded, in distances of neighbouring nodes: they
 /// reach half such a distance beyond the nodes, and are turned if the volume is.
@@ -113,7 +96,8 @@ struct SmoothSetting {
     double rounding = 0;  ///< as of rounding_of()
 };
 
-ExtractReport begun_report(const SmoothSetting& s, const NetCounts& counts, const NetStore& net) {
+ExtractReport begun_report(const SmoothSetting& s, const NetCounts& counts,
+                           const ScratchMeter& scratch) {
     ExtractReport report;
     report.value_range = std::max(s.store.max_value() - s.store.min_value(), 0.0);
     report.coordinate_rounding = s.rounding;
@@ -123,7 +107,7 @@ ExtractReport begun_report(const SmoothSetting& s, const NetCounts& counts, cons
     report.traversal.chunks_total = s.store.layout().rows();
     report.traversal.bytes_read = counts.bytes_read;
     report.traversal.peak_cache_bytes = counts.peak_cache_bytes;
-    report.scratch_bytes = net.bytes();
+    report.scratch_bytes = scratch.peak();
     if (s.query.stages.close) {
         report.closing = ClosingReport{*s.query.stages.close};
     }
@@ -174,7 +158,7 @@ int threads_to_look(const StoreReader& store, const ExtractOptions& options) {
 /// All meshes of labels, which are ascending. `place`: of each in the caller's list.
 void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
                    std::span<const std::size_t> place, const LabelQuery& query,
-                   const std::function<std::unique_ptr<MeshSink>(std::size_t)>& sink,
+                   const std::function<std::shared_ptr<MeshSink>(std::size_t)>& sink,
                    const std::function<void(std::size_t, const ExtractReport&)>& done,
                    const ExtractOptions& options, Progress& progress) {
     const auto start = SmoothClock::now();
@@ -200,13 +184,12 @@ void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
     const std::uint64_t memory = options.memory - std::min(options.memory, lists);
     const NetPlan plan = net_plan(setting, store.layout().array(0, Field::values), lo, hi, memory,
                                   options.threads, store.path().string());
-    const std::filesystem::path scratch =
-        options.scratch.empty() ? std::filesystem::temp_directory_path() : options.scratch;
+    const ScratchFolder scratch = ScratchFolder::metered(options.scratch);
     NetStore net(scratch, ceil_div(setting.cells(), kPieceCells));
     const NetCounts counts = make_net(store, setting, plan, labels, net, progress);
     SmoothSetting s{store, query, options, {}, rounding_of(header)};
     s.layout.unit = header.unit;
-    const ExtractReport begun = begun_report(s, counts, net);
+    const ExtractReport begun = begun_report(s, counts, *scratch.meter());
     const auto threads = static_cast<int>(
         std::clamp<std::uint64_t>((memory - kLibraryHeap) / kNetMeshHeap, 1,
                                   static_cast<std::uint64_t>(Workers::count_of(options.threads))));
@@ -217,7 +200,7 @@ void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
             [&](const tbb::blocked_range<std::size_t>& range) {
                 for (std::size_t i = range.begin(); i < range.end(); ++i) {
                     progress.check();
-                    const std::unique_ptr<MeshSink> to = sink(place[i]);
+                    const std::shared_ptr<MeshSink> to = sink(place[i]);
                     const std::filesystem::path& input = store.path();
                     to->prepare(s.layout, std::span(&input, 1));
                     ExtractReport report = emit_label(s, net, labels[i].id, *to, begun, progress);
@@ -271,7 +254,8 @@ ExtractReport smooth_label(const StoreReader& store, const LabelQuery& query, Me
     const Label none{query.label.id, 0, {}, {}};
     smooth_sorted(
         store, std::span(label ? &*label : &none, 1), std::span(&place, 1), query,
-        [&](std::size_t) { return std::make_unique<BorrowedSink>(sink); },
+        // The caller's, which stays.
+        [&](std::size_t) { return std::shared_ptr<MeshSink>(std::shared_ptr<void>(), &sink); },
         [&](std::size_t, const ExtractReport& r) { report = r; }, options, progress);
     return report;
 }

@@ -195,4 +195,16 @@ inline void CornerFile::map(std::uint64_t elements) {
     file_.map(elements * row_bytes());
 }
 
+/// Of elements that `each` visits, so many, whose corners are below `vertices`. Throws Error{io}.
+template <class Each>
+CornerFile corner_file(const ScratchFolder& folder, std::uint64_t vertices, std::uint64_t elements,
+                       const Each& each) {
+    CornerFile file(folder);
+    file.begin(vertices);
+    file.map(elements);
+    std::uint64_t at = 0;
+    each([&](const ElementCorners& corners) { file.set(at++, corners); });
+    return file;
+}
+
 }  // namespace isonest::detail

@@ -5,15 +5,12 @@
 #include <cstring>
 
 #include "query/mesh/zero_area.h"
+#include "store/base/aligned.h"
 
 namespace isonest::detail {
 namespace {
 
 using Point = std::array<float, 3>;
-
-std::uint64_t aligned(std::uint64_t bytes) {
-    return (bytes + 7) / 8 * 8;
-}
 
 /// Where the pieces of a part begin, in bytes from its start: names, cuts, shared, vertices,
 /// triangles, those that may not be alone, end.

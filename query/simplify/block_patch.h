@@ -91,17 +91,22 @@ class PatchNumbering {
     tsl::robin_map<std::uint64_t, std::uint32_t, Hash> place_;
 };
 
-/// Sets `shared` of a patch that has all its triangles.
-inline void find_shared(const Valences& valences, BlockPatch& block) {
-    std::vector<std::uint32_t> here(block.vertex.size());
-    for (const PatchTriangle& t : block.patch.triangles) {
+/// Of each vertex of a patch, whose number in the mesh is `vertex`, whether triangles that are not
+/// in the patch have it, too. None that no triangle here has.
+inline std::vector<bool> shared_vertices(const Valences& valences,
+                                         std::span<const std::uint64_t> vertex,
+                                         std::span<const PatchTriangle> triangles) {
+    std::vector<std::uint32_t> here(vertex.size());
+    for (const PatchTriangle& t : triangles) {
         for (const std::uint32_t v : t) {
             ++here[v];
         }
     }
+    std::vector<bool> shared(here.size());
     for (std::size_t v = 0; v < here.size(); ++v) {
-        block.patch.shared.push_back(here[v] > 0 && here[v] != valences.of(block.vertex[v]));
+        shared[v] = here[v] > 0 && here[v] != valences.of(vertex[v]);
     }
+    return shared;
 }
 
 }  // namespace isonest::detail

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "query/simplify/proof/point_triangle.h"
+
 namespace isonest::detail {
 namespace {
 
@@ -16,15 +18,6 @@ Point neighbour(const Point& p, std::size_t direction) {
     const std::size_t axis = direction / 2 % 3;
     q[axis] = std::nextafterf(p[axis], direction % 2 == 0 ? kFar : -kFar);
     return q;
-}
-
-double distance(const Point& p, const Point& q) {
-    double square = 0;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-        const double d = static_cast<double>(p[axis]) - static_cast<double>(q[axis]);
-        square += d * d;
-    }
-    return std::sqrt(square);
 }
 
 }  // namespace
@@ -57,7 +50,7 @@ double MovedVertices::give_own_places(std::span<std::uint64_t> vertices, double 
                 continue;
             }
             const Point to = neighbour(place, round + same - 1);
-            const double by = distance(place, to);
+            const double by = length(minus(point_at(place), point_at(to)));
             if (moved + by <= most) {
                 at[v] = to;
                 furthest = std::max(furthest, by);

@@ -55,9 +55,6 @@ inline CollapseLimits limits_of(double distance, double furthest) {
 
 inline constexpr std::uint32_t kNoVertex = std::numeric_limits<std::uint32_t>::max();
 
-inline Double3 point_at(const std::array<float, 3>& p) {
-    return {static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])};
-}
 inline Triangle triangle_at(std::span<const std::array<float, 3>> positions,
                             const PatchTriangle& t) {
     return {point_at(positions[t[0]]), point_at(positions[t[1]]), point_at(positions[t[2]])};

@@ -9,6 +9,7 @@
 #include <optional>
 #include <vector>
 
+#include "query/mesh/coordinate_rounding.h"
 #include "query/simplify/block_items.h"
 #include "query/simplify/block_patch.h"
 #include "query/simplify/block_triangles.h"
@@ -100,15 +101,12 @@ struct Outcome {
 
 /// The distance of two float32 that follow each other, where the volume's coordinates are largest.
 double unit_of(const WorldLattice& lattice) {
-    float largest = 0;
+    double most = 0;
     for (int axis = 0; axis < 3; ++axis) {
-        const auto a = static_cast<std::size_t>(axis);
-        const double first = lattice.origin[a];
-        const double last =
-            first + lattice.spacing[a] * static_cast<double>(lattice.nodes[axis] - 1);
-        largest =
-            std::max(largest, static_cast<float>(std::max(std::fabs(first), std::fabs(last))));
+        most = std::max(most,
+                        largest_coordinate(lattice.nodes, lattice.spacing, lattice.origin, axis));
     }
+    const auto largest = static_cast<float>(most);
     return static_cast<double>(std::nextafterf(largest, std::numeric_limits<float>::infinity()) -
                                largest);
 }
@@ -330,7 +328,7 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
     for (const std::uint64_t v : b.numbered.vertex) {
         patch.near.push_back(numbering.number_of(moved_.origin_of(v)));
     }
-    find_shared(valences, b.numbered);
+    patch.shared = shared_vertices(valences, b.numbered.vertex, patch.triangles);
     return b;
 }
 
@@ -447,12 +445,8 @@ Simplified MeshSimplifier::within(const Simplified& from, double limit) {
 }
 
 CornerFile MeshSimplifier::corners(const Simplified& of) const {
-    CornerFile file(folder_);
-    file.begin(mesh_.layout().vertices);
-    file.map(of.triangles);
-    std::uint64_t at = 0;
-    each(*of.run, [&](const ElementCorners& t) { file.set(at++, t); });
-    return file;
+    return corner_file(folder_, mesh_.layout().vertices, of.triangles,
+                       [&](const auto& visit) { each(*of.run, visit); });
 }
 
 }  // namespace isonest::detail

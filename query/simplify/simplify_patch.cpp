@@ -142,7 +142,7 @@ class PatchSimplifier {
     }
 
     bool stays_near() {
-        if (!collapse_->has_no_new_fold(kMostMeasuredFold) || !collapse_->turns_little()) {
+        if (!may_be_measured(*collapse_)) {
             return false;
         }
         const Star& star = collapse_->star();
@@ -184,8 +184,8 @@ class PatchSimplifier {
         measured_off_.clear();
         is_placed_ = std::all_of(placed_->after().begin(), placed_->after().end(),
                                  [&](const PlacedCollapse::Placed& placed) {
-                                     const std::optional<double> off = off_of(
-                                         after_[measured_off_.size()], placed.corners, edge.to);
+                                     const std::optional<double> off =
+                                         off_of(after_[measured_off_.size()], placed.corners);
                                      measured_off_.push_back(off.value_or(0));
                                      return off.has_value();
                                  });
@@ -203,7 +203,7 @@ class PatchSimplifier {
             }
         }
         return std::all_of(measured_.begin(), measured_.end(), [&](std::size_t j) {
-            const std::optional<double> off = off_of(after_[j - 1], collapse_->after(j), kNoVertex);
+            const std::optional<double> off = off_of(after_[j - 1], collapse_->after(j));
             if (off) {
                 mapping_.set_measured(j, *off);
             }
@@ -215,9 +215,8 @@ class PatchSimplifier {
         return patch_.near.empty() ? v : patch_.near[v];
     }
 
-    /// From above. `moved`: a vertex that is elsewhere then.
-    std::optional<double> off_from_above(const Triangle& at, const PatchTriangle& t,
-                                         std::uint32_t moved) {
+    /// From above. `at`: where the triangle's corners will be.
+    std::optional<double> off_from_above(const Triangle& at, const PatchTriangle& t) {
         if (!above_) {
             above_.emplace(patch_.positions, patch_.fine, limit_);
         }
@@ -228,7 +227,7 @@ class PatchSimplifier {
             if (near == kNoVertex) {
                 continue;
             }
-            if (t[i] != moved && patch_.positions[near] == positions_[t[i]]) {
+            if (patch_.point(near) == at[i]) {
                 first = i;
                 break;
             }
@@ -240,12 +239,11 @@ class PatchSimplifier {
     }
 
     /// A bound on the distance of a new triangle from the full surface; nothing: above the limit.
-    std::optional<double> off_of(const Server& server, const PatchTriangle& t,
-                                 std::uint32_t moved) {
+    std::optional<double> off_of(const Server& server, const PatchTriangle& t) {
         if (const std::optional<double> off = servers_.served_back(server)) {
             return off;
         }
-        if (const std::optional<double> off = off_from_above(server.shape.corners(), t, moved)) {
+        if (const std::optional<double> off = off_from_above(server.shape.corners(), t)) {
             return off;
         }
         if (!to_fine_) {

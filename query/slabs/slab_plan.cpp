@@ -8,6 +8,7 @@
 
 #include <isonest/error.h>
 
+#include "query/mesh/coordinate_rounding.h"
 #include "query/slabs/march_slab.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
@@ -58,14 +59,12 @@ void require_marchable(const VolumeDescription& volume, double iso) {
                     {{RemedyKind::make_store}});
     }
     for (int axis = 0; axis < 3; ++axis) {
-        const auto a = static_cast<std::size_t>(axis);
-        const double last = volume.origin[a] + volume.spacing[a] * static_cast<double>(n[axis] - 1);
-        const double most = std::max(std::fabs(volume.origin[a]), std::fabs(last));
+        const double most = largest_coordinate(n, volume.spacing, volume.origin, axis);
         if (!(most <= static_cast<double>(std::numeric_limits<float>::max()))) {
             throw Error(ErrorKind::limit, {volume.name},
                         fmt::format("the volume reaches {} = {:.6g}, and a mesh's 32-bit floats "
                                     "end before",
-                                    "xyz"[a], most),
+                                    "xyz"[axis], most),
                         {{RemedyKind::place_in_world, "spacing,origin"}});
         }
     }

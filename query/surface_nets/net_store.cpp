@@ -5,12 +5,10 @@
 #include <tuple>
 #include <vector>
 
+#include "store/base/aligned.h"
+
 namespace isonest::detail {
 namespace {
-
-std::uint64_t padded(std::uint64_t bytes) {
-    return (bytes + 7) / 8 * 8;
-}
 
 /// Where the lists of a piece begin, in bytes from its start; then come the labels' parts.
 struct PieceLists {
@@ -18,14 +16,14 @@ struct PieceLists {
     std::uint64_t quads;
     std::uint64_t end;
     PieceLists(std::uint64_t vertices, std::uint64_t quad_count)
-        : codes(padded(vertices * sizeof(std::array<float, 3>))),
-          quads(codes + padded(vertices * sizeof(std::uint16_t))),
-          end(quads + padded(quad_count * sizeof(NetQuad))) {}
+        : codes(aligned(vertices * sizeof(std::array<float, 3>))),
+          quads(codes + aligned(vertices * sizeof(std::uint16_t))),
+          end(quads + aligned(quad_count * sizeof(NetQuad))) {}
 };
 
 /// The same of a part.
 std::uint64_t quads_of_part(std::uint64_t vertices) {
-    return padded(vertices * sizeof(std::uint16_t));
+    return aligned(vertices * sizeof(std::uint16_t));
 }
 
 template <class List>
@@ -77,7 +75,7 @@ void NetStore::append(const NetPiece& piece) {
         r.lo = part.lo;
         r.hi = part.hi;
         r.moved = part.moved;
-        end += quads_of_part(r.vertices) + padded(r.quads * sizeof(std::uint32_t));
+        end += quads_of_part(r.vertices) + aligned(r.quads * sizeof(std::uint32_t));
         records.push_back(r);
     }
     std::vector<std::byte> bytes(end);

@@ -4,7 +4,6 @@
 
 #include <array>
 #include <cstdint>
-#include <filesystem>
 #include <mutex>
 #include <span>
 #include <vector>
@@ -41,7 +40,7 @@ struct SharedRecord {
 class NetStore {
   public:
     /// `pieces`: along each axis.
-    NetStore(const std::filesystem::path& scratch, const Int3& pieces)
+    NetStore(const ScratchFolder& scratch, const Int3& pieces)
         : pieces_(pieces), file_(scratch), record_file_(scratch), shared_file_(scratch) {}
     [[nodiscard]] const Int3& pieces() const { return pieces_; }
 
@@ -61,10 +60,6 @@ class NetStore {
     // Of the part, as in a LabelPart.
     [[nodiscard]] std::span<const std::uint16_t> part_vertices(const LabelPartRecord& r) const;
     [[nodiscard]] std::span<const std::uint32_t> part_quads(const LabelPartRecord& r) const;
-    /// Of the files.
-    [[nodiscard]] std::uint64_t bytes() const {
-        return end_ + records_ * sizeof(LabelPartRecord) + areas_ * sizeof(SharedRecord);
-    }
 
   private:
     template <class T>

@@ -63,29 +63,24 @@ class Ours:
         return time.perf_counter() - start, of_children() - before
 
 
-class Theirs:
-    """The peer's mesh of one surface, by target error."""
+class Theirs(distance.Peer):
+    """The same by target errors for a quantile."""
 
     def __init__(self, bench, store, iso, voxel, least):
-        import peers
-        self.peers, self.bench, self.store, self.iso, self.voxel, self.least = peers, bench, store, iso, voxel, least
-        v, t, _ = peers.store_edges(store, iso)
-        self.v, self.t = v, peers.drop_small_components(v, t, least)
-        self.full, self.mesh = bench.folder / "edges.ply", bench.folder / "simple.ply"
-        peers.write_ply(self.full, self.v, self.t)
+        super().__init__(bench, store, iso, voxel, least)
+        self.store, self.iso, self.least = store, iso, least
         self.known = {}
 
     def look(self, error):
         """The 99 % quantile and the triangles at a target error."""
         if error not in self.known:
-            simple = self.peers.simplify(self.v, self.t, error)
-            if len(simple) == 0:
+            triangles, _ = self.simplified(error, lock_border=False)
+            if triangles == 0:
                 self.known[error] = (math.inf, 0)
             else:
-                self.peers.write_ply(self.mesh, self.v, simple)
                 found = self.bench.run(self.bench.args.isonest.with_name("isonest_mesh_distance"), self.full,
                                        self.mesh, "--epsilon", "1e30")
-                self.known[error] = (quantile(json.loads(found)), len(simple))
+                self.known[error] = (quantile(json.loads(found)), triangles)
         return self.known[error]
 
     def largest_error(self, limit):

@@ -39,7 +39,7 @@ BlockPatch patch_of(const ScratchMesh& mesh, const Valences& valences,
     }
     b.patch.stay.assign(triangles.size(), Stay::no);
     b.patch.box = box;
-    find_shared(valences, b);
+    b.patch.shared = shared_vertices(valences, b.vertex, b.patch.triangles);
     return b;
 }
 

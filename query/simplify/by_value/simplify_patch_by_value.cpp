@@ -54,7 +54,7 @@ class Simplifier {
         return true;
     }
     bool fits(std::uint32_t from, std::uint32_t to) {
-        if (!may_be_measured(collapse_, from, to)) {
+        if (!collapse_.look(from, to) || !may_be_measured(collapse_)) {
             return false;
         }
         met_ = 0;

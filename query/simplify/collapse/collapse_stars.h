@@ -20,11 +20,10 @@ namespace isonest::detail {
 /// above 150 degrees.
 inline constexpr float kMostMeasuredFold = -0.5F;
 
-/// Looks at a collapse. Whether it leaves the topology, makes no new fold and turns no triangle
-/// far, so that it is worth measuring what its triangles are near to.
-inline bool may_be_measured(StarCollapse& collapse, std::uint32_t from, std::uint32_t to) {
-    return collapse.look(from, to) && collapse.has_no_new_fold(kMostMeasuredFold) &&
-           collapse.turns_little();
+/// Whether a collapse makes no new fold and turns no triangle far, so that it is worth measuring
+/// what its triangles are near to. REQUIRES: collapse.look() was true.
+inline bool may_be_measured(StarCollapse& collapse) {
+    return collapse.has_no_new_fold(kMostMeasuredFold) && collapse.turns_little();
 }
 
 /// Whether none of the corners is locked.

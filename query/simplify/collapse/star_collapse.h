@@ -88,10 +88,7 @@ class StarCollapse {
     void take_moved();
 
   private:
-    [[nodiscard]] Double3 point(std::uint32_t v) const {
-        const auto& p = positions_[v];
-        return {static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])};
-    }
+    [[nodiscard]] Double3 point(std::uint32_t v) const { return point_at(positions_[v]); }
     [[nodiscard]] bool stays_in_faces(std::uint32_t from, std::uint32_t to);
     void turn_ring();
 

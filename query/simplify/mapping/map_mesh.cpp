@@ -34,22 +34,12 @@ class PatchMaker {
         block_.patch.displacements.push_back(displacement);
         block_.patch.tried.push_back(tried);
     }
-    /// All of it, once. `is_shared(vertex, triangles here)`.
-    template <class IsShared>
-    MappedBlock finish(const IsShared& is_shared) {
+    /// All of it, once.
+    MappedBlock finish(const Valences& valences) {
         MappedPatch& patch = block_.patch;
         patch.positions = std::move(numbered_.patch.positions);
         block_.vertex = std::move(numbered_.vertex);
-        std::vector<std::uint32_t> here(block_.vertex.size());
-        for (const PatchTriangle& t : patch.triangles) {
-            for (const std::uint32_t v : t) {
-                ++here[v];
-            }
-        }
-        patch.shared.reserve(here.size());
-        for (std::size_t v = 0; v < here.size(); ++v) {
-            patch.shared.push_back(is_shared(block_.vertex[v], here[v]));
-        }
+        patch.shared = shared_vertices(valences, block_.vertex, patch.triangles);
         return std::move(block_);
     }
 
@@ -158,8 +148,7 @@ MappedBlock MeshMapper::load(const Run& run, const Valences& valences, std::uint
     run.mesh.each(block, [&](const PackedTriangle& t) {
         maker.add(t.corners(), t.displacement, !afresh && t.mark != 0);
     });
-    return maker.finish(
-        [&](std::uint64_t v, std::uint32_t here) { return here != valences.of(v); });
+    return maker.finish(valences);
 }
 
 /// `afresh`: what was tried was so within another limit. `is_last`: nobody will look at `from` any
@@ -233,12 +222,8 @@ Mapped MeshMapper::down_to(const Mapped& from, std::uint64_t triangles, double f
 }
 
 CornerFile MeshMapper::corners(const Mapped& of) const {
-    CornerFile file(folder_);
-    file.begin(mesh_.layout().vertices);
-    file.map(of.triangles);
-    std::uint64_t at = 0;
-    of.run->each([&](const ElementCorners& t) { file.set(at++, t); });
-    return file;
+    return corner_file(folder_, mesh_.layout().vertices, of.triangles,
+                       [&](const auto& visit) { of.run->each(visit); });
 }
 
 }  // namespace isonest::detail

@@ -16,6 +16,9 @@ namespace isonest::detail {
 
 using Triangle = std::array<Double3, 3>;
 
+inline Double3 point_at(const std::array<float, 3>& p) {
+    return {static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])};
+}
 inline Double3 minus(const Double3& a, const Double3& b) {
     return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
 }

@@ -220,9 +220,7 @@ void ProjectedCover::visit(std::uint32_t triangle) {
 /// over the triangle makes the degree the same everywhere.
 bool ProjectedCover::begin(const Triangle& triangle, std::uint32_t near) {
     stack_.clear();
-    const auto& p = positions_[near];
-    if (Double3{static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])} ==
-        triangle[0]) {
+    if (point_at(positions_[near]) == triangle[0]) {
         const std::uint32_t first = start(near);
         if (first != kNone) {
             visit(first);

@@ -56,10 +56,7 @@ class TriangleTree {
     };
     static constexpr std::uint32_t kLeaf = 4;
 
-    [[nodiscard]] Double3 point(std::uint32_t v) const {
-        const auto& p = positions_[v];
-        return {static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])};
-    }
+    [[nodiscard]] Double3 point(std::uint32_t v) const { return point_at(positions_[v]); }
     void build(std::uint32_t first, std::uint32_t count,
                const std::vector<std::array<float, 3>>& middles);
     static double square_to_box(const Double3& p, const Node& node) {
