@@ -45,6 +45,7 @@ struct MeshLayout {
     std::array<float, 3> lo{};
     std::array<float, 3> hi{};
     std::optional<LengthUnit> unit = {};  ///< of the coordinates; nothing: it is not known
+    bool has_sides = false;               ///< every element comes with the labels beside it
 
     /// Null if there is none of that name.
     [[nodiscard]] const VertexAttribute* find(std::string_view name) const;
@@ -74,6 +75,9 @@ struct ElementBatch {
     /// `nearby`, whose vertices have no numbers of their own (its `first` means nothing).
     std::span<const std::array<std::uint32_t, 3>> nearby_corners = {};
     VertexBatch nearby = {};
+    /// If the layout says so, the labels behind and in front of each triangle, which faces from the
+    /// first to the second.
+    std::span<const std::array<std::int64_t, 2>> sides = {};
 };
 
 /// Receives a mesh: prepare(), then (the work) begin(), all batches, end(). Every vertex and
