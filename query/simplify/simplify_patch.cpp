@@ -43,7 +43,7 @@ class PatchSimplifier {
         collapse_stars(
             *queue_, *collapse_, waiting_vertices(patch_.triangles, patch_.tried, locked_), locked_,
             [this](const EdgeQueue::Edge& edge) { return may_go(edge) ? 0 : kNever; },
-            [this] { take(); });
+            [this] { return take(); });
         return result();
     }
 
@@ -125,12 +125,13 @@ class PatchSimplifier {
         return stays_near() || stays_near_at_best_place(edge);
     }
 
-    void take() {
+    std::uint32_t take() {
+        const std::uint32_t fewer = collapse_->fewer();
         servers_.take();
         if (!is_placed_) {
             mapping_.take(*collapse_);
             collapse_->take();
-            return;
+            return fewer;
         }
         positions_[collapse_->vertex(0)] = placed_->place();
         for (std::size_t i = 0; i < after_.size(); ++i) {
@@ -139,6 +140,7 @@ class PatchSimplifier {
             displacements_[after_[i].triangle] = measured;
         }
         collapse_->take_moved();
+        return fewer;
     }
 
     bool stays_near() {

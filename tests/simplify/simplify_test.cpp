@@ -325,7 +325,11 @@ TEST_CASE("Collapses leave locked vertices and what hangs together through them"
         [&](const EdgeQueue::Edge& edge) {
             return collapse.look(edge.from, edge.to) && collapse.has_no_new_fold(-1) ? 0 : kNever;
         },
-        [&] { collapse.take(); });
+        [&] {
+            const std::uint32_t fewer = collapse.fewer();
+            collapse.take();
+            return fewer;
+        });
     std::vector<PatchTriangle> left;
     for (std::uint32_t t = 0; t < grid.triangles.size(); ++t) {
         if (!mesh.is_gone(t)) {

@@ -27,7 +27,9 @@ class Simplifier {
             [this](const EdgeQueue::Edge& edge) { return fits(edge.from, edge.to) ? 0 : kNever; },
             [&] {
                 largest = std::max(largest, met_);
+                const std::uint32_t fewer = collapse_.fewer();
                 collapse_.take();
+                return fewer;
             });
         ValuePatch result;
         result.largest = largest;

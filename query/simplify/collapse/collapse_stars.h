@@ -82,7 +82,8 @@ inline std::vector<bool> waiting_vertices(std::span<const PatchTriangle> triangl
 
 /// Collapses edges from the vertices that wait, in the queue's order, until none is left. due(edge)
 /// looks at one with `star`, and says the square error at which it comes: kNever, now if that is
-/// hardly more than the edge's own, else later, when it is asked again. take() makes the collapse.
+/// hardly more than the edge's own, else later, when it is asked again. take() makes the collapse,
+/// and says how many triangles went.
 template <class Due, class Take>
 GoneTriangles collapse_stars(EdgeQueue& queue, const StarCollapse& star,
                              const std::vector<bool>& waits, const std::vector<bool>& locked,
@@ -109,8 +110,7 @@ GoneTriangles collapse_stars(EdgeQueue& queue, const StarCollapse& star,
         if (largest >= gone.size()) {
             gone.resize(largest + 1);
         }
-        gone[largest] += star.ring().is_closed ? 2 : 1;
-        take();
+        gone[largest] += take();
         queue.collapsed(edge->from, star.ring(), locked);
     }
     return gone;

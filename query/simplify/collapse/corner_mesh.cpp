@@ -102,7 +102,7 @@ void CornerMesh::ring_of(std::uint32_t v, Ring& ring) const {
 }
 
 bool CornerMesh::keeps_topology(const Ring& ring, std::size_t place,
-                                const std::vector<bool>& locked) {
+                                const std::vector<bool>& locked, std::uint32_t free) {
     const std::size_t count = ring.vertices.size();
     if (count < 3 || (!ring.is_closed && place != 0 && place + 1 != count)) {
         return false;
@@ -134,7 +134,7 @@ bool CornerMesh::keeps_topology(const Ring& ring, std::size_t place,
         for (std::size_t i = 0; i < count; ++i) {
             if (i != place && i != after && i != before) {
                 others = true;
-                if (locked[ring.vertices[i]]) {
+                if (locked[ring.vertices[i]] && ring.vertices[i] != free) {
                     return false;
                 }
             }

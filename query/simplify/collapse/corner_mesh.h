@@ -57,10 +57,10 @@ class CornerMesh {
     void ring_of(std::uint32_t v, Ring& ring) const;
 
     /// Whether the surface stays the same but for its shape if the middle of the ring becomes the
-    /// vertex at `place` in it, and no edge or triangle arises whose vertices are all locked.
-    /// REQUIRES: the middle is not locked.
+    /// vertex at `place` in it, and no edge or triangle arises whose vertices are all locked, but
+    /// for an edge to `free`. REQUIRES: the middle is not locked.
     [[nodiscard]] bool keeps_topology(const Ring& ring, std::size_t place,
-                                      const std::vector<bool>& locked);
+                                      const std::vector<bool>& locked, std::uint32_t free = kNone);
     /// The middle becomes the vertex at `place`. REQUIRES: keeps_topology().
     void collapse(const Ring& ring, std::size_t place);
 

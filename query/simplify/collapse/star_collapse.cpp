@@ -80,14 +80,14 @@ bool StarCollapse::stays_in_faces(std::uint32_t from, std::uint32_t to) {
     return other != 0 || faces == 0;
 }
 
-bool StarCollapse::look(std::uint32_t from, std::uint32_t to) {
+bool StarCollapse::look(std::uint32_t from, std::uint32_t to, std::uint32_t beyond) {
     mesh_.ring_of(from, ring_);
     const auto at = std::find(ring_.vertices.begin(), ring_.vertices.end(), to);
     if (at == ring_.vertices.end() || ring_.vertices.size() > Star::kMostCorners) {
         return false;
     }
     place_ = static_cast<std::size_t>(at - ring_.vertices.begin());
-    if (!stays_in_faces(from, to) || !mesh_.keeps_topology(ring_, place_, locked_)) {
+    if (!stays_in_faces(from, to) || !mesh_.keeps_topology(ring_, place_, locked_, beyond)) {
         return false;
     }
     turn_ring();
@@ -99,11 +99,19 @@ void StarCollapse::turn_ring() {
     const std::size_t n = ring_.vertices.size();
     star_.corners = n;
     star_.missing = ring_.is_closed ? Star::kNone : place_ == 0 ? n - 1 : 0;
+    star_.is_straight = false;
     const Double3 from = point(ring_.middle);
     for (std::size_t i = 0; i < n; ++i) {
         const std::size_t k = place_ + i < n ? place_ + i : place_ + i - n;
         star_.ring[i] = minus(point(ring_.vertices[k]), from);
         half_[i] = k < ring_.halves.size() ? ring_.halves[k] : kNone;
+    }
+}
+
+void StarCollapse::slide(const Double3& by) {
+    star_.is_straight = true;
+    for (std::size_t i = 0; i < star_.corners; ++i) {
+        star_.ring[i] = minus(star_.ring[i], by);
     }
 }
 

@@ -26,6 +26,8 @@ struct Star {
     /// At a border in a plane across one axis alone, in which both ends of the missing triangle's
     /// outer edge and the middle lie: that axis; else kNone.
     std::size_t axis = kNone;
+    /// Whether a border goes through the middle in a straight line, but for rounding.
+    bool is_straight = false;
 };
 
 /// Not thread-safe.
@@ -40,7 +42,14 @@ class StarCollapse {
     /// Whether there is such an edge, around which the surface stays the same but for its shape if
     /// `from` becomes `to`, and what lies in a face of the box stays there: borders and caps.
     /// REQUIRES: `from` is not locked.
-    [[nodiscard]] bool look(std::uint32_t from, std::uint32_t to);
+    [[nodiscard]] bool look(std::uint32_t from, std::uint32_t to) {
+        return look(from, to, CornerMesh::kNone);
+    }
+    /// The same at a border that goes from `from` to `to` and, on the other side, to `beyond`,
+    /// where the edge from `to` to `beyond` is known to be one that nobody has.
+    [[nodiscard]] bool look(std::uint32_t from, std::uint32_t to, std::uint32_t beyond);
+    /// ring() is that of `from` from now on, and no collapse was looked at.
+    void see(std::uint32_t from) { mesh_.ring_of(from, ring_); }
     /// The faces of the box that a vertex lies in, as bits.
     [[nodiscard]] unsigned faces_of(std::uint32_t v) const;
     using Normal = std::array<float, 3>;
@@ -54,6 +63,10 @@ class StarCollapse {
     // After look() was true:
 
     [[nodiscard]] const Star& star() const { return star_; }
+    /// The middle was moved by this, onto the straight line between its neighbours at a border.
+    void slide(const Double3& by);
+    /// How many triangles fewer there are after the collapse.
+    [[nodiscard]] std::uint32_t fewer() const { return ring_.is_closed ? 2 : 1; }
     /// The vertices around `from`; after look() was false, too, where there is such an edge.
     [[nodiscard]] const CornerMesh::Ring& ring() const { return ring_; }
     /// Place in the patch of old triangle i; none of the missing one. New triangle j has that of

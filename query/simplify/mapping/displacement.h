@@ -40,4 +40,13 @@ inline float float_below(double x) {
     return -float_above(-x);
 }
 
+/// That of a triangle whose points are then moved by a part of `by`, each by another.
+inline Displacement moved_up_to(Displacement d, const Double3& by) {
+    for (std::size_t a = 0; a < 3; ++a) {
+        d.lo[a] = float_below(static_cast<double>(d.lo[a]) + std::min(by[a], 0.0));
+        d.hi[a] = float_above(static_cast<double>(d.hi[a]) + std::max(by[a], 0.0));
+    }
+    return d;
+}
+
 }  // namespace isonest::detail

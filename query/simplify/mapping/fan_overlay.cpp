@@ -36,8 +36,14 @@ void FanOverlay::look_down() {
         const Double3 n = cross(p[i], p[i + 1 < count_ ? i + 1 : 0]);
         up_ = {up_[0] + n[0], up_[1] + n[1], up_[2] + n[2]};
     }
-    const bool is_border = star_->missing != Star::kNone;
-    if (is_border) {
+    const bool is_straight = star_->is_straight;
+    const bool is_border = star_->missing != Star::kNone && !is_straight;
+    Double3 along{};
+    if (is_straight) {
+        along = minus(p[star_->missing + 1 < count_ ? star_->missing + 1 : 0], p[star_->missing]);
+        const double rest = dot(up_, along) / dot(along, along);
+        up_ = {up_[0] - rest * along[0], up_[1] - rest * along[1], up_[2] - rest * along[2]};
+    } else if (is_border) {
         up_[star_->axis] = 0;
     }
     const double size = length(up_);
@@ -54,9 +60,10 @@ void FanOverlay::look_down() {
         // Corners in the border's plane are seen at 0 exactly.
         right[flat] = 1;
     } else {
-        Double3 axis{};
-        axis[flat] = 1;
-        right = cross(axis, up_);
+        if (!is_straight) {
+            along[flat] = 1;
+        }
+        right = cross(along, up_);
         const double width = length(right);
         right = {right[0] / width, right[1] / width, right[2] / width};
     }
@@ -71,6 +78,14 @@ void FanOverlay::look_down() {
     }
     widest_ = std::sqrt(widest_);
     rounding_ = kSumRounding * (widest_ + highest_);
+    if (is_straight) {
+        // The line that is meant goes through the middle.
+        for (const std::size_t i : {star_->missing, star_->missing + 1}) {
+            Seen& s = seen_[i < count_ ? i : 0];
+            rounding_ = std::max(rounding_, 2 * std::fabs(s.u));
+            s.u = 0;
+        }
+    }
 }
 
 /// And the ring goes once around the middle.
@@ -101,7 +116,7 @@ bool FanOverlay::are_front_sides_up() const {
 }
 
 bool FanOverlay::look_at(const Star& star) {
-    if (star.missing != Star::kNone && star.axis == Star::kNone) {
+    if (star.missing != Star::kNone && star.axis == Star::kNone && !star.is_straight) {
         return false;
     }
     star_ = &star;

@@ -34,16 +34,35 @@ class PatchMaker {
         block_.patch.displacements.push_back(displacement);
         block_.patch.tried.push_back(tried);
     }
-    /// All of it, once.
-    MappedBlock finish(const Valences& valences) {
+    /// All of it, once. `next_copies`: of the mesh's vertices, or none.
+    MappedBlock finish(const Valences& valences, std::span<const std::uint64_t> next_copies) {
         MappedPatch& patch = block_.patch;
         patch.positions = std::move(numbered_.patch.positions);
         block_.vertex = std::move(numbered_.vertex);
         patch.shared = shared_vertices(valences, block_.vertex, patch.triangles);
+        if (!next_copies.empty()) {
+            link_copies(next_copies);
+        }
         return std::move(block_);
     }
 
   private:
+    /// Rings of those copies that are in the patch, which are shared where not all are.
+    void link_copies(std::span<const std::uint64_t> next_copies) {
+        MappedPatch& patch = block_.patch;
+        patch.next_copy.resize(block_.vertex.size());
+        for (std::uint32_t v = 0; v < block_.vertex.size(); ++v) {
+            std::uint64_t copy = next_copies[block_.vertex[v]];
+            std::uint32_t next = numbering_.number_of(copy);
+            while (next == kNoVertex) {
+                patch.shared[v] = true;
+                copy = next_copies[copy];
+                next = numbering_.number_of(copy);
+            }
+            patch.next_copy[v] = next;
+        }
+    }
+
     BlockPatch numbered_;
     PatchNumbering numbering_;
     MappedBlock block_;
@@ -148,7 +167,11 @@ MappedBlock MeshMapper::load(const Run& run, const Valences& valences, std::uint
     run.mesh.each(block, [&](const PackedTriangle& t) {
         maker.add(t.corners(), t.displacement, !afresh && t.mark != 0);
     });
-    return maker.finish(valences);
+    MappedBlock made = maker.finish(valences, next_copies_);
+    if (keeps_nodes_) {
+        made.patch.kept_nodes = lattice_;
+    }
+    return made;
 }
 
 /// `afresh`: what was tried was so within another limit. `is_last`: nobody will look at `from` any

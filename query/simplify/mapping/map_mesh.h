@@ -45,6 +45,12 @@ class MeshMapper {
     /// do.
     MeshMapper(const ScratchMesh& mesh, const WorldLattice& lattice, const PatchBox& box,
                ScratchFolder folder, Progress& progress);
+    /// Before the first result. Of a mesh of sheets: `next_copies` of each of its vertices
+    /// (SheetMesh), which have to stay. `keeps_nodes`: no sheet passes over a node of the lattice.
+    void take_sheets(std::span<const std::uint64_t> next_copies, bool keeps_nodes) {
+        next_copies_ = next_copies;
+        keeps_nodes_ = keeps_nodes;
+    }
     ~MeshMapper();
     MeshMapper(const MeshMapper&) = delete;
     MeshMapper& operator=(const MeshMapper&) = delete;
@@ -75,6 +81,8 @@ class MeshMapper {
     void sort(Run& run) const;
 
     const ScratchMesh& mesh_;
+    std::span<const std::uint64_t> next_copies_;
+    bool keeps_nodes_ = false;
     WorldLattice lattice_;
     PatchBox box_;
     ScratchFolder folder_;

@@ -1,8 +1,12 @@
 #include "query/simplify/mapping/map_patch.h"
 
 #include <algorithm>
+#include <optional>
 
 #include "query/simplify/mapping/star_mapping.h"
+#include "query/simplify/sheets/line_collapse.h"
+#include "query/simplify/sheets/nodes_passed.h"
+#include "query/simplify/sheets/sheet_lines.h"
 
 namespace isonest::detail {
 namespace {
@@ -22,37 +26,72 @@ class PatchMapper {
           limit_(limits.distance),
           locked_(patch.shared),
           mesh_(patch.positions.size(), patch.triangles, locked_),
+          lines_(patch.next_copy, locked_),
           queue_(patch.positions, mesh_, limits.square_estimate),
-          collapse_(patch.positions, patch.box, patch.shared, locked_, mesh_),
-          mapping_(patch.displacements) {}
+          collapse_(patch.positions, patch.box, patch.shared, lines_.known(), mesh_),
+          mapping_(patch.displacements),
+          line_(patch.positions, lines_, locked_, mesh_, collapse_, mapping_) {
+        if (patch.kept_nodes) {
+            nodes_.emplace(*patch.kept_nodes);
+            line_.keep(*nodes_);
+        }
+    }
 
     GoneTriangles run() {
         GoneTriangles gone = collapse_stars(
-            queue_, collapse_, waiting_vertices(patch_.triangles, patch_.tried, locked_), locked_,
-            [this](const EdgeQueue::Edge& edge) { return due(edge); },
-            [this] {
-                mapping_.take(collapse_);
-                collapse_.take();
-            });
+            queue_, collapse_, waiting(), lines_.silent(),
+            [this](const EdgeQueue::Edge& edge) { return due(edge); }, [this] { return take(); });
         write_back();
         return gone;
     }
 
   private:
-    float due(const EdgeQueue::Edge& edge) {
-        if (!collapse_.look(edge.from, edge.to) || !collapse_.has_no_new_needle() ||
-            !collapse_.has_no_new_fold(kFold) || !mapping_.look(collapse_)) {
-            return kNever;
+    /// The first of a vertex's copies waits if one of them does.
+    [[nodiscard]] std::vector<bool> waiting() const {
+        std::vector<bool> waits = waiting_vertices(patch_.triangles, patch_.tried, locked_);
+        for (std::uint32_t v = 0; v < waits.size(); ++v) {
+            if (waits[v] && lines_.first(v) != v) {
+                waits[lines_.first(v)] = true;
+                waits[v] = false;
+            }
         }
+        return waits;
+    }
+
+    float due(const EdgeQueue::Edge& edge) {
+        is_line_ = lines_.is_line(edge.from);
         double largest = 0;
-        for (std::size_t j = 1; j + 1 < collapse_.star().corners; ++j) {
-            largest = std::max(largest, mapping_.map(j));
-            if (!(largest <= limit_)) {
+        if (is_line_) {
+            largest = line_.look(edge.from, edge.to, limit_, kFold);
+            if (largest == LineCollapse::kRefused) {
+                collapse_.see(edge.from);
                 return kNever;
+            }
+        } else if (!collapse_.look(edge.from, edge.to) || !collapse_.has_no_new_needle() ||
+                   !collapse_.has_no_new_fold(kFold) || !mapping_.look(collapse_) ||
+                   (nodes_ && nodes_->any(collapse_.star(),
+                                          point_at(patch_.positions[edge.from]), {}))) {
+            return kNever;
+        } else {
+            for (std::size_t j = 1; j + 1 < collapse_.star().corners; ++j) {
+                largest = std::max(largest, mapping_.map(j));
+                if (!(largest <= limit_)) {
+                    return kNever;
+                }
             }
         }
         const double bound = kBoundWeight * largest;
         return static_cast<float>(bound * bound);
+    }
+
+    std::uint32_t take() {
+        if (is_line_) {
+            return line_.take(queue_);
+        }
+        const std::uint32_t fewer = collapse_.fewer();
+        mapping_.take(collapse_);
+        collapse_.take();
+        return fewer;
     }
 
     void write_back() {
@@ -75,9 +114,13 @@ class PatchMapper {
     double limit_;
     std::vector<bool> locked_;
     CornerMesh mesh_;
+    SheetLines lines_;
     EdgeQueue queue_;
     StarCollapse collapse_;
     StarMapping mapping_;
+    LineCollapse line_;
+    std::optional<NodesPassed> nodes_;
+    bool is_line_ = false;  ///< of the edge that was looked at
 };
 
 }  // namespace

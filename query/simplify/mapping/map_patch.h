@@ -8,8 +8,10 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
+#include "query/simplify/block_grid.h"
 #include "query/simplify/collapse/collapse_stars.h"
 #include "query/simplify/mapping/displacement.h"
 #include "query/simplify/patch.h"
@@ -23,6 +25,11 @@ struct MappedPatch {
     /// Vertices that triangles outside of the patch have, too: they and the edges between them
     /// stay.
     std::vector<bool> shared;
+    /// Of each vertex the next one that stands for the same in another sheet, in rings (SheetLines,
+    /// query/simplify/sheets); empty: no sheets meet.
+    std::vector<std::uint32_t> next_copy;
+    /// The nodes that the surface must not pass over; none if nothing is said.
+    std::optional<WorldLattice> kept_nodes;
     std::vector<PatchTriangle> triangles;
     std::vector<Displacement> displacements;  ///< of each triangle
     /// Of each triangle: whether the edges of its corners have all been tried within this limit.
@@ -34,7 +41,8 @@ inline constexpr std::size_t kMapBytesPerTriangle = 400;
 
 /// Takes triangles out of `patch`; those that stay keep their order, and vertices that no triangle
 /// has any more stay in `positions`. Displacements that are larger than the limit before stay as
-/// they are. The topology stays. No edge becomes folded more than before by more than 72 degrees.
+/// they are. The topology stays; where sheets meet, a vertex goes in all of them. No edge becomes
+/// folded more than before by more than 72 degrees.
 /// Thread-safe.
 GoneTriangles map_patch(MappedPatch& patch, const CollapseLimits& limits);
 

@@ -20,13 +20,24 @@ class StarMapping {
     /// Whether old and new triangles project one to one onto the same polygon. `collapse` was
     /// looked at, and has to stay.
     [[nodiscard]] bool look(const StarCollapse& collapse) {
-        const Star& star = collapse.star();
-        if (!overlay_.look_at(star) || !overlay_.crosses()) {
+        if (!project(collapse)) {
             return false;
         }
-        corners_ = star.corners;
         for (std::size_t i = 0; i < corners_; ++i) {
-            before_[i] = i == star.missing ? nullptr : &displacements_[collapse.triangle(i)];
+            before_[i] = i == missing_ ? nullptr : &displacements_[collapse.triangle(i)];
+        }
+        return true;
+    }
+    /// The same where the middle was moved by this before.
+    [[nodiscard]] bool look(const StarCollapse& collapse, const Double3& slid) {
+        if (!project(collapse)) {
+            return false;
+        }
+        for (std::size_t i = 0; i < corners_; ++i) {
+            if (i != missing_) {
+                slid_[i] = moved_up_to(displacements_[collapse.triangle(i)], slid);
+                before_[i] = &slid_[i];
+            }
         }
         return true;
     }
@@ -48,9 +59,18 @@ class StarMapping {
     }
 
   private:
+    [[nodiscard]] bool project(const StarCollapse& collapse) {
+        const Star& star = collapse.star();
+        corners_ = star.corners;
+        missing_ = star.missing;
+        return overlay_.look_at(star) && overlay_.crosses();
+    }
+
     std::vector<Displacement>& displacements_;
     FanOverlay overlay_;
     std::array<const Displacement*, Star::kMostCorners> before_{};
+    std::array<Displacement, Star::kMostCorners> slid_{};
+    std::size_t missing_ = Star::kNone;
     std::size_t corners_ = 0;  ///< of the star that was looked at
     std::array<Displacement, Star::kMostCorners> after_{};
 };

@@ -1,0 +1,193 @@
+#include "query/simplify/sheets/sheet_output.h"
+
+#include <algorithm>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "query/mesh/zero_area.h"
+#include "query/simplify/proof/point_triangle.h"
+
+namespace isonest::detail {
+namespace {
+
+using OutputPoint = std::array<float, 3>;
+constexpr std::uint64_t kOutputBatch = std::uint64_t{1} << 13U;
+/// Lists of vertices that are longer lie in a file.
+constexpr std::uint64_t kMostInHeap = std::uint64_t{1} << 18U;
+
+/// A triangle as it is handed over.
+struct OutputTriangle {
+    ElementCorners copies{};
+    SheetMesh::Sides sides{};
+};
+
+double area_at(const OutputPoint& a, const OutputPoint& b, const OutputPoint& c) {
+    const Double3 from = point_at(a);
+    return length(cross(minus(point_at(b), from), minus(point_at(c), from))) / 2;
+}
+
+/// A list of so many things, in the heap or in a file.
+template <class T>
+class OutputList {
+  public:
+    OutputList(std::uint64_t count, const ScratchFolder& folder) {
+        if (count <= kMostInHeap) {
+            in_heap_.resize(static_cast<std::size_t>(count));
+            all_ = in_heap_;
+        } else {
+            file_.emplace(folder);
+            file_->map(count * sizeof(T));
+            all_ = file_->template as<T>();
+        }
+    }
+    [[nodiscard]] std::span<T> all() const { return all_; }
+
+  private:
+    std::vector<T> in_heap_;
+    std::optional<ScratchFile> file_;
+    std::span<T> all_;
+};
+
+}  // namespace
+
+SheetOutput::SheetOutput(const SheetMesh& sheets, const CornerView& triangles,
+                         std::span<const std::int64_t> labels, const ScratchFolder& folder,
+                         Progress& progress)
+    : sheets_(sheets),
+      triangles_(triangles),
+      labels_(labels),
+      folder_(folder),
+      of_labels_(folder) {
+    for (std::uint64_t i = 0; i < triangles_.size(); ++i) {
+        if (i % kOutputBatch == 0) {
+            progress.check();
+        }
+        const SheetMesh::Sides& sides = sheets_.sides(triangles_[i][0]);
+        for (const bool in_front : {false, true}) {
+            const auto at = std::lower_bound(labels_.begin(), labels_.end(), sides[in_front]);
+            if (at != labels_.end() && *at == sides[in_front]) {
+                of_labels_.append(
+                    {i, static_cast<std::uint32_t>(at - labels_.begin()), in_front});
+            }
+        }
+    }
+    of_labels_.sort(static_cast<std::uint32_t>(labels_.size()));
+}
+
+/// `at(i)`: triangle number i of `count`.
+template <class At>
+SheetCounts SheetOutput::emit(std::uint64_t count, const At& at, bool with_areas,
+                              MeshLayout layout, MeshSink& sink, const Progress& progress) const {
+    const OutputList<Vertex> list(3 * count, folder_);
+    SheetCounts counts;
+    counts.triangles = count;
+    const auto positions = sheets_.vertices().positions();
+    for (std::uint64_t i = 0; i < count; ++i) {
+        const OutputTriangle t = at(i);
+        for (std::size_t k = 0; k < 3; ++k) {
+            list.all()[3 * i + k] = {sheets_.original(t.copies[k]), t.copies[k]};
+        }
+        const auto& [a, b, c] = t.copies;
+        counts.no_area += has_no_area(positions[a], positions[b], positions[c]) ? 1 : 0;
+        if (with_areas) {
+            counts.areas[t.sides[1]] += area_at(positions[a], positions[b], positions[c]);
+        }
+    }
+    std::sort(list.all().begin(), list.all().end(), [](const Vertex& a, const Vertex& b) {
+        return a.original != b.original ? a.original < b.original : a.copy < b.copy;
+    });
+    const auto end =
+        std::unique(list.all().begin(), list.all().end(),
+                    [](const Vertex& a, const Vertex& b) { return a.original == b.original; });
+    const std::span<const Vertex> vertices = list.all().first(
+        static_cast<std::size_t>(std::distance(list.all().begin(), end)));
+    counts.vertices = vertices.size();
+    const auto number_of = [&](std::uint64_t copy) {
+        const auto found = std::lower_bound(
+            vertices.begin(), vertices.end(), sheets_.original(copy),
+            [](const Vertex& v, std::uint64_t original) { return v.original < original; });
+        return static_cast<std::uint64_t>(found - vertices.begin());
+    };
+
+    layout.vertices = counts.vertices;
+    layout.elements = count;
+    layout.lo.fill(std::numeric_limits<float>::max());
+    layout.hi.fill(std::numeric_limits<float>::lowest());
+    for (const Vertex& v : vertices) {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            layout.lo[axis] = std::min(layout.lo[axis], positions[v.copy][axis]);
+            layout.hi[axis] = std::max(layout.hi[axis], positions[v.copy][axis]);
+        }
+    }
+    sink.begin(layout);
+    std::vector<OutputPoint> nearby;
+    std::vector<ElementCorners> corners;
+    std::vector<std::array<std::uint32_t, 3>> nearby_corners;
+    std::vector<SheetMesh::Sides> sides;
+    do {
+        for (std::uint64_t first = 0; first < vertices.size(); first += nearby.size()) {
+            progress.check();
+            nearby.clear();
+            for (const Vertex& v : vertices.subspan(
+                     first, std::min<std::uint64_t>(kOutputBatch, vertices.size() - first))) {
+                nearby.push_back(positions[v.copy]);
+            }
+            sink.add_vertices({first, nearby, {}, 0});
+        }
+        for (std::uint64_t first = 0; first < count; first += corners.size()) {
+            progress.check();
+            nearby.clear();
+            corners.clear();
+            nearby_corners.clear();
+            sides.clear();
+            for (std::uint64_t i = first; i < std::min(first + kOutputBatch, count); ++i) {
+                const OutputTriangle t = at(i);
+                const auto place = static_cast<std::uint32_t>(nearby.size());
+                ElementCorners numbers{};
+                for (std::size_t k = 0; k < 3; ++k) {
+                    numbers[k] = number_of(t.copies[k]);
+                    nearby.push_back(positions[t.copies[k]]);
+                }
+                corners.push_back(numbers);
+                nearby_corners.push_back({place, place + 1, place + 2});
+                sides.push_back(t.sides);
+            }
+            ElementBatch batch{first, corners, nearby_corners, {0, nearby, {}, 0}};
+            if (layout.has_sides) {
+                batch.sides = sides;
+            }
+            sink.add_elements(batch);
+        }
+    } while (sink.again());
+    sink.end();
+    return counts;
+}
+
+SheetCounts SheetOutput::emit_all(MeshLayout layout, MeshSink& sink,
+                                  const Progress& progress) const {
+    layout.has_sides = true;
+    const auto at = [&](std::uint64_t i) {
+        const ElementCorners copies = triangles_[i];
+        return OutputTriangle{copies, sheets_.sides(copies[0])};
+    };
+    return emit(triangles_.size(), at, false, std::move(layout), sink, progress);
+}
+
+SheetCounts SheetOutput::emit_label(std::size_t number, MeshLayout layout, MeshSink& sink,
+                                    const Progress& progress) const {
+    const auto of_label = of_labels_.of(static_cast<std::uint32_t>(number));
+    const auto at = [&](std::uint64_t i) {
+        const LabelTriangle& t = of_label[i];
+        OutputTriangle out{triangles_[t.triangle], {}};
+        out.sides = sheets_.sides(out.copies[0]);
+        if (t.is_reversed) {
+            std::swap(out.copies[1], out.copies[2]);
+            std::swap(out.sides[0], out.sides[1]);
+        }
+        return out;
+    };
+    return emit(of_label.size(), at, true, std::move(layout), sink, progress);
+}
+
+}  // namespace isonest::detail
