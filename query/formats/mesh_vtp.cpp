@@ -77,6 +77,10 @@ class VtpFile : public SectionedFile {
                 sections.elements.push_back(common_section(data.add(a, nt), a));
             }
         }
+        if (layout.has_sides) {
+            sections.elements.push_back(sides_section(
+                data.add("Int64", "BoundaryLabels", 2, nt * 2 * sizeof(std::int64_t))));
+        }
         data.xml += "</CellData>\n<Points>\n";
         sections.vertices.push_back(
             position_section(data.add("Float32", "points", 3, nv * 3 * sizeof(float))));
@@ -102,6 +106,7 @@ class VtpFile : public SectionedFile {
 
   protected:
     [[nodiscard]] bool holds_lines() const override { return true; }
+    [[nodiscard]] bool holds_sides() const override { return true; }
 };
 
 }  // namespace
