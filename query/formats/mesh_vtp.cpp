@@ -71,7 +71,8 @@ class VtpFile : public SectionedFile {
         for (const VertexAttribute& a : layout.attributes) {
             sections.vertices.push_back(attribute_section(data.add(a, nv), a));
         }
-        data.xml += "</PointData>\n<CellData>\n";
+        data.xml += fmt::format("</PointData>\n<CellData{}>\n",
+                                layout.has_sides ? " Scalars=\"BoundaryLabels\"" : "");
         for (const VertexAttribute& a : layout.attributes) {
             if (a.same_in_element) {
                 sections.elements.push_back(common_section(data.add(a, nt), a));
