@@ -107,6 +107,12 @@ constexpr std::array kRefused{
     Combination{Wish::smooth_label, Wish::closing_above,
                 "a smooth label is closed as a solid: what is outside of the volume is not of the "
                 "label"},
+    Combination{Wish::interfaces, Wish::stepped_label,
+                "interfaces are those of smooth labels, which share triangles; labels half way "
+                "between nodes do not. Ask for smooth ones, with no passes if the faces of the "
+                "voxels are to stay"},
+    Combination{Wish::interfaces, Wish::distance,
+                "interfaces are written whole, as the surface net has them"},
     Combination{Wish::closing, Wish::culling,
                 "a surface is open where its backfaces are left out: it cannot be closed and "
                 "culled"},
@@ -266,6 +272,10 @@ const char* name_of(Wish wish) {
             return "a label";
         case Wish::smooth_label:
             return "smooth labels";
+        case Wish::stepped_label:
+            return "a label that is not smooth";
+        case Wish::interfaces:
+            return "interfaces";
         case Wish::slice:
             return "a slice";
         case Wish::graph:
@@ -352,6 +362,7 @@ Wishes wishes_of(const StoreReader& store, const LabelQuery& query) {
     Wishes wishes = stage_wishes(query.stages);
     set(wishes, Wish::label);
     set(wishes, Wish::smooth_label, query.smooth.has_value());
+    set(wishes, Wish::stepped_label, !query.smooth);
     set(wishes, Wish::isolines, is_flat(store));
     set(wishes, Wish::box, query.box.has_value());
     set(wishes, Wish::tetrahedra, query.cells == Cells::tetrahedra);

@@ -23,6 +23,8 @@ enum class Wish : std::uint8_t {
     isolines,
     label,
     smooth_label,
+    stepped_label,
+    interfaces,
     slice,
     graph,
     // Its cells and vertices, and which elements are visited.

@@ -62,4 +62,11 @@ void extract_labels(const Store& store, std::span<const Label> labels, const Lab
     });
 }
 
+ExtractReport extract_interfaces(const Store& store, std::span<const Label> labels,
+                                 const LabelQuery& query, MeshSink& sink,
+                                 const std::function<void(const LabelInterface&)>& each,
+                                 const ExtractOptions& options, Progress& progress) {
+    return detail::label_interfaces(store.reader(), labels, query, sink, each, options, progress);
+}
+
 }  // namespace isonest

@@ -24,6 +24,7 @@
 #include "query/mesh/measuring_sink.h"
 #include "query/mesh/rotated_sink.h"
 #include "query/surface_nets/make_net.h"
+#include "query/surface_nets/net_interfaces.h"
 #include "query/surface_nets/net_mesh.h"
 #include "query/view/label_view.h"
 #include "store/base/memory_budget.h"
@@ -67,9 +68,15 @@ double rounding_of(const StoreHeader& header) {
     return own + std::sqrt(3.0) * step / 2 / least;
 }
 
-void require_smoothable(const StoreReader& store, const LabelQuery& query) {
+/// `interfaces`: whether those are asked for, and not meshes of labels.
+void require_smoothable(const StoreReader& store, const LabelQuery& query,
+                        bool interfaces = false) {
     const std::string name = store.path().string();
-    require_combination(wishes_of(store, query), name);
+    Wishes wishes = wishes_of(store, query);
+    if (interfaces) {
+        wishes.set(static_cast<std::size_t>(Wish::interfaces));
+    }
+    require_combination(wishes, name);
     if (query.smooth->passes < 0 || query.smooth->passes > LabelSmoothing::kMostPasses) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("smooth {}: give a number of passes from 0 to {}",
@@ -114,17 +121,16 @@ ExtractReport begun_report(const SmoothSetting& s, const NetCounts& counts,
     return report;
 }
 
-/// A label's mesh, to its sink.
-ExtractReport emit_label(const SmoothSetting& s, const NetStore& net, std::int64_t label,
-                         MeshSink& sink, ExtractReport report, const Progress& progress) {
+/// A mesh on its way to its sink: `emit` hands it over.
+ExtractReport emit_measured(const SmoothSetting& s, MeshSink& sink, ExtractReport report,
+                            const std::function<NetMesh(MeshSink&)>& emit) {
     const StoreHeader& header = s.store.layout().header();
     MeasuringSink measuring(sink, s.options.quality);
     std::optional<RotatedSink> turning;
     if (header.direction != kAlongWorld) {
         turning.emplace(measuring, header.origin, header.direction);
     }
-    const NetMesh mesh = emit_net_mesh(
-        net, label, s.layout, turning ? static_cast<MeshSink&>(*turning) : measuring, progress);
+    const NetMesh mesh = emit(turning ? static_cast<MeshSink&>(*turning) : measuring);
     report.vertices = mesh.vertices;
     report.triangles = mesh.triangles;
     report.mending.zero_area = mesh.no_area;
@@ -137,6 +143,15 @@ ExtractReport emit_label(const SmoothSetting& s, const NetStore& net, std::int64
     if (mesh.triangles > 0) {
         report.smooth->bound = kRoundedUp * mesh.moved + s.rounding * std::hypot(d[0], d[1], d[2]);
     }
+    return report;
+}
+
+/// A label's mesh, to its sink.
+ExtractReport emit_label(const SmoothSetting& s, const NetStore& net, std::int64_t label,
+                         MeshSink& sink, const ExtractReport& begun, const Progress& progress) {
+    ExtractReport report = emit_measured(s, sink, begun, [&](MeshSink& to) {
+        return emit_net_mesh(net, label, s.layout, to, progress);
+    });
     for (const SharedArea& shared : net.shared(label)) {
         report.smooth->neighbours.push_back({shared.other, shared.area});
     }
@@ -155,6 +170,63 @@ int threads_to_look(const StoreReader& store, const ExtractOptions& options) {
                  static_cast<std::uint64_t>(Workers::count_of(options.threads))));
 }
 
+/// The net of labels, which are ascending, and what is the same for all meshes out of it.
+class MadeNet {
+  public:
+    /// `sides`: as of a NetSetting.
+    MadeNet(const StoreReader& store, std::span<const Label> labels, const LabelQuery& query,
+            const ExtractOptions& options, bool sides, Progress& progress)
+        : setting{store, query, options, {}, rounding_of(store.layout().header())},
+          scratch_(ScratchFolder::metered(options.scratch)) {
+        const StoreHeader& header = store.layout().header();
+        Int3 lo = header.nodes;
+        Int3 hi{};
+        for (const Label& label : labels) {
+            wanted.push_back(label.id);
+            const auto [from, to] = cells_of_label(label);
+            lo = min(lo, from);
+            hi = max(hi, to);
+        }
+        if (labels.empty()) {
+            lo = {0, 0, 0};
+            hi = {1, 1, 1};
+        }
+        const NetSetting net_setting{header.nodes,
+                                     header.spacing,
+                                     header.origin,
+                                     query.smooth->passes,
+                                     query.stages.close.has_value(),
+                                     wanted,
+                                     sides};
+        // The list above, and the caller's copy.
+        const std::uint64_t lists =
+            labels.size() * (sizeof(std::int64_t) + sizeof(Label) + sizeof(std::size_t));
+        const std::uint64_t memory = options.memory - std::min(options.memory, lists);
+        const NetPlan plan = net_plan(net_setting, store.layout().array(0, Field::values), lo, hi,
+                                      memory, options.threads, store.path().string());
+        net.emplace(scratch_, ceil_div(net_setting.cells(), kPieceCells), sides);
+        const NetCounts counts = make_net(store, net_setting, plan, labels, *net, progress);
+        setting.layout.unit = header.unit;
+        begun = begun_report(setting, counts, *scratch_.meter());
+        threads = static_cast<int>(std::clamp<std::uint64_t>(
+            (memory - kLibraryHeap) / kNetMeshHeap, 1,
+            static_cast<std::uint64_t>(Workers::count_of(options.threads))));
+    }
+
+    SmoothSetting setting;
+    std::vector<std::int64_t> wanted;  ///< the labels
+    std::optional<NetStore> net;
+    ExtractReport begun;
+    int threads = 1;  ///< for as many meshes at a time there is memory
+
+  private:
+    ScratchFolder scratch_;
+};
+
+double seconds_since(SmoothClock::time_point start) {
+    return std::chrono::duration<double>(SmoothClock::now() - start).count();
+}
+
 /// All meshes of labels, which are ascending. `place`: of each in the caller's list.
 void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
                    std::span<const std::size_t> place, const LabelQuery& query,
@@ -162,39 +234,9 @@ void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
                    const std::function<void(std::size_t, const ExtractReport&)>& done,
                    const ExtractOptions& options, Progress& progress) {
     const auto start = SmoothClock::now();
-    const StoreHeader& header = store.layout().header();
-    std::vector<std::int64_t> wanted;
-    Int3 lo = header.nodes;
-    Int3 hi{};
-    for (const Label& label : labels) {
-        wanted.push_back(label.id);
-        const auto [from, to] = cells_of_label(label);
-        lo = min(lo, from);
-        hi = max(hi, to);
-    }
-    const NetSetting setting{header.nodes,
-                             header.spacing,
-                             header.origin,
-                             query.smooth->passes,
-                             query.stages.close.has_value(),
-                             wanted};
-    // The list above, and the caller's copy.
-    const std::uint64_t lists =
-        labels.size() * (sizeof(std::int64_t) + sizeof(Label) + sizeof(std::size_t));
-    const std::uint64_t memory = options.memory - std::min(options.memory, lists);
-    const NetPlan plan = net_plan(setting, store.layout().array(0, Field::values), lo, hi, memory,
-                                  options.threads, store.path().string());
-    const ScratchFolder scratch = ScratchFolder::metered(options.scratch);
-    NetStore net(scratch, ceil_div(setting.cells(), kPieceCells));
-    const NetCounts counts = make_net(store, setting, plan, labels, net, progress);
-    SmoothSetting s{store, query, options, {}, rounding_of(header)};
-    s.layout.unit = header.unit;
-    const ExtractReport begun = begun_report(s, counts, *scratch.meter());
-    const auto threads = static_cast<int>(
-        std::clamp<std::uint64_t>((memory - kLibraryHeap) / kNetMeshHeap, 1,
-                                  static_cast<std::uint64_t>(Workers::count_of(options.threads))));
+    const MadeNet made(store, labels, query, options, false, progress);
     progress.begin("write mesh", labels.size(), "labels");
-    Workers(threads).execute([&] {
+    Workers(made.threads).execute([&] {
         tbb::parallel_for(
             tbb::blocked_range<std::size_t>(0, labels.size(), 1),
             [&](const tbb::blocked_range<std::size_t>& range) {
@@ -202,16 +244,41 @@ void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
                     progress.check();
                     const std::shared_ptr<MeshSink> to = sink(place[i]);
                     const std::filesystem::path& input = store.path();
-                    to->prepare(s.layout, std::span(&input, 1));
-                    ExtractReport report = emit_label(s, net, labels[i].id, *to, begun, progress);
-                    report.seconds =
-                        std::chrono::duration<double>(SmoothClock::now() - start).count();
+                    to->prepare(made.setting.layout, std::span(&input, 1));
+                    ExtractReport report = emit_label(made.setting, *made.net, labels[i].id, *to,
+                                                      made.begun, progress);
+                    report.seconds = seconds_since(start);
                     done(place[i], report);
                     progress.advance(1);
                 }
             },
             tbb::simple_partitioner{});
     });
+}
+
+/// A number that no label of the store has.
+std::int64_t outside_of(const StoreReader& store) {
+    const double least = store.min_value();
+    if (store.layout().header().labels || !(least < 0)) {
+        return -1;
+    }
+    return static_cast<std::int64_t>(std::floor(least)) - 1;
+}
+
+/// Where the labels stand in their list, by their ids.
+std::vector<std::size_t> places_by_id(std::span<const Label> labels) {
+    std::vector<std::size_t> place(labels.size());
+    std::iota(place.begin(), place.end(), std::size_t{0});
+    std::sort(place.begin(), place.end(),
+              [&](std::size_t a, std::size_t b) { return labels[a].id < labels[b].id; });
+    return place;
+}
+
+std::vector<Label> in_places(std::span<const Label> labels, std::span<const std::size_t> place) {
+    std::vector<Label> sorted;
+    std::transform(place.begin(), place.end(), std::back_inserter(sorted),
+                   [&](std::size_t i) { return labels[i]; });
+    return sorted;
 }
 
 }  // namespace
@@ -224,16 +291,47 @@ void smooth_labels(const StoreReader& store, std::span<const Label> labels, cons
     if (labels.empty()) {
         return;
     }
-    std::vector<std::size_t> place(labels.size());
-    std::iota(place.begin(), place.end(), std::size_t{0});
-    std::sort(place.begin(), place.end(),
-              [&](std::size_t a, std::size_t b) { return labels[a].id < labels[b].id; });
-    std::vector<Label> sorted;
-    std::transform(place.begin(), place.end(), std::back_inserter(sorted),
-                   [&](std::size_t i) { return labels[i]; });
+    const std::vector<std::size_t> place = places_by_id(labels);
     smooth_sorted(
-        store, sorted, place, query, [&](std::size_t i) { return sink(labels[i]); }, done, options,
-        progress);
+        store, in_places(labels, place), place, query,
+        [&](std::size_t i) { return sink(labels[i]); }, done, options, progress);
+}
+
+ExtractReport label_interfaces(const StoreReader& store, std::span<const Label> labels,
+                               const LabelQuery& query, MeshSink& sink,
+                               const std::function<void(const LabelInterface&)>& each,
+                               const ExtractOptions& options, Progress& progress) {
+    const auto start = SmoothClock::now();
+    require_smoothable(store, query, true);
+    MeshLayout layout;
+    layout.has_sides = true;
+    layout.unit = store.layout().header().unit;
+    const std::filesystem::path& input = store.path();
+    sink.prepare(layout, std::span(&input, 1));
+    const std::vector<Label> sorted = in_places(labels, places_by_id(labels));
+    const MadeNet made(store, sorted, query, options, true, progress);
+    progress.begin("write mesh", 1, "meshes");
+    InterfaceReport interfaces;
+    interfaces.outside = outside_of(store);
+    ExtractReport report;
+    Workers(made.threads).execute([&] {
+        report = emit_measured(made.setting, sink, made.begun, [&](MeshSink& to) {
+            return emit_net_interfaces(*made.net, interfaces.outside, made.setting.layout, to,
+                                       progress);
+        });
+    });
+    each_interface(*made.net, made.wanted, [&](const SharedArea& shared) {
+        ++interfaces.interfaces;
+        if (each) {
+            each({shared.label, has_mesh(shared.other) ? shared.other : interfaces.outside,
+                  shared.area});
+        }
+    });
+    report.measures->volume.reset();  // more than one solid has triangles of it
+    report.interfaces = interfaces;
+    progress.advance(1);
+    report.seconds = seconds_since(start);
+    return report;
 }
 
 ExtractReport smooth_label(const StoreReader& store, const LabelQuery& query, MeshSink& sink,

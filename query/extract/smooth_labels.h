@@ -21,4 +21,10 @@ void smooth_labels(const StoreReader& store, std::span<const Label> labels, cons
 ExtractReport smooth_label(const StoreReader& store, const LabelQuery& query, MeshSink& sink,
                            const ExtractOptions& options, Progress& progress);
 
+/// As extract_interfaces().
+ExtractReport label_interfaces(const StoreReader& store, std::span<const Label> labels,
+                               const LabelQuery& query, MeshSink& sink,
+                               const std::function<void(const LabelInterface&)>& each,
+                               const ExtractOptions& options, Progress& progress);
+
 }  // namespace isonest::detail

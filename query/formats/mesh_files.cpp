@@ -50,6 +50,11 @@ void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem
         throw Error(ErrorKind::invalid_argument, {path_.string()},
                     "lines are written as .vtp or .obj");
     }
+    if (layout.has_sides && !holds_sides()) {
+        throw Error(ErrorKind::invalid_argument, {path_.string()},
+                    "interfaces, triangles with the labels on both sides, are written as .vtp, "
+                    ".vtkhdf or .ply");
+    }
 }
 
 OutputFile& MeshFile::create(

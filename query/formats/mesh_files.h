@@ -23,6 +23,8 @@ class MeshFile : public MeshSink {
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
     /// Whether the format has lines.
     [[nodiscard]] virtual bool holds_lines() const { return false; }
+    /// Whether it has the labels beside each triangle.
+    [[nodiscard]] virtual bool holds_sides() const { return false; }
     /// `prepare`: as of OutputFile.
     OutputFile& create(
         const std::function<void(const std::filesystem::path& temporary)>& prepare = {});

@@ -71,6 +71,28 @@ ElementSection common_section(std::uint64_t offset, const VertexAttribute& attri
             }};
 }
 
+ElementSection sides_section(std::uint64_t offset) {
+    return {offset, 2 * sizeof(std::int64_t), [](const ElementBatch& batch, std::byte* out) {
+                for (const auto& sides : batch.sides) {
+                    out = put(sides, out);
+                }
+            }};
+}
+
+ElementSection sided_indices32_section(std::uint64_t offset) {
+    return {offset, 1 + 5 * sizeof(std::uint32_t), [](const ElementBatch& batch, std::byte* out) {
+                for (std::size_t i = 0; i < batch.corners.size(); ++i) {
+                    *out++ = std::byte{3};
+                    for (const std::uint64_t corner : batch.corners[i]) {
+                        out = put(static_cast<std::uint32_t>(corner), out);
+                    }
+                    for (const std::int64_t label : batch.sides[i]) {
+                        out = put(static_cast<std::int32_t>(label), out);
+                    }
+                }
+            }};
+}
+
 ElementSection indices32_section(std::uint64_t offset, std::optional<std::byte> prefix) {
     return {offset, (prefix ? 1 : 0) + 3 * sizeof(std::uint32_t),
             [prefix](const ElementBatch& batch, std::byte* out) {

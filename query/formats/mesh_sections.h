@@ -37,8 +37,12 @@ ElementSection connectivity_section(std::uint64_t offset, std::size_t corners);
 ElementSection ends_section(std::uint64_t offset, std::size_t corners);
 /// An attribute that the vertices of each element have in common.
 ElementSection common_section(std::uint64_t offset, const VertexAttribute& attribute);
+/// The labels behind and in front of each element, int64.
+ElementSection sides_section(std::uint64_t offset);
 /// The numbers of three corners, uint32, behind the byte `prefix` if there is one.
 ElementSection indices32_section(std::uint64_t offset, std::optional<std::byte> prefix = {});
+/// The same, behind a byte with the number of corners, and before the labels of both sides, int32.
+ElementSection sided_indices32_section(std::uint64_t offset);
 
 /// A file of sections; the format's begin() creates it, writes what is around them, and names them.
 class SectionedFile : public MeshFile {

@@ -12,6 +12,7 @@ class VtkhdfFile : public SectionedFile {
         PolyDataShape shape;
         shape.points = layout.vertices;
         shape.triangles = layout.elements;
+        shape.labels_of_triangles = layout.has_sides;
         shape.unit = layout.unit ? symbol_of(*layout.unit) : "";
         for (const VertexAttribute& a : layout.attributes) {
             shape.attributes.push_back({a.name, a.components, a.is_double, a.same_in_element});
@@ -31,12 +32,18 @@ class VtkhdfFile : public SectionedFile {
                     common_section(offsets.attributes_of_triangles[i], layout.attributes[i]));
             }
         }
+        if (layout.has_sides) {
+            sections.elements.push_back(sides_section(offsets.labels_of_triangles));
+        }
         if (shape.triangles > 0) {
             const std::uint64_t zero = 0;
             out.write_at(offsets.ends - sizeof(zero), std::as_bytes(std::span(&zero, 1)));
         }
         use(std::move(sections));
     }
+
+  protected:
+    [[nodiscard]] bool holds_sides() const override { return true; }
 };
 
 }  // namespace

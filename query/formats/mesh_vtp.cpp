@@ -71,11 +71,16 @@ class VtpFile : public SectionedFile {
         for (const VertexAttribute& a : layout.attributes) {
             sections.vertices.push_back(attribute_section(data.add(a, nv), a));
         }
-        data.xml += "</PointData>\n<CellData>\n";
+        data.xml += fmt::format("</PointData>\n<CellData{}>\n",
+                                layout.has_sides ? " Scalars=\"BoundaryLabels\"" : "");
         for (const VertexAttribute& a : layout.attributes) {
             if (a.same_in_element) {
                 sections.elements.push_back(common_section(data.add(a, nt), a));
             }
+        }
+        if (layout.has_sides) {
+            sections.elements.push_back(sides_section(
+                data.add("Int64", "BoundaryLabels", 2, nt * 2 * sizeof(std::int64_t))));
         }
         data.xml += "</CellData>\n<Points>\n";
         sections.vertices.push_back(
@@ -102,6 +107,7 @@ class VtpFile : public SectionedFile {
 
   protected:
     [[nodiscard]] bool holds_lines() const override { return true; }
+    [[nodiscard]] bool holds_sides() const override { return true; }
 };
 
 }  // namespace

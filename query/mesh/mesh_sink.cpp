@@ -51,6 +51,7 @@ void MeshCollector::begin(const MeshLayout& layout) {
     normals.assign(count(layout.find("normal") != nullptr, layout.vertices), {});
     values.assign(count(layout.find("value") != nullptr, layout.vertices), 0);
     errors.assign(count(layout.find("error") != nullptr, layout.vertices), 0);
+    sides.assign(count(layout.has_sides, layout.elements), {});
 }
 
 void MeshCollector::add_vertices(const VertexBatch& batch) {
@@ -80,6 +81,10 @@ void MeshCollector::add_vertices(const VertexBatch& batch) {
 
 void MeshCollector::add_elements(const ElementBatch& batch) {
     auto i = static_cast<std::size_t>(batch.first);
+    if (layout_.has_sides) {
+        std::copy(batch.sides.begin(), batch.sides.end(),
+                  sides.begin() + static_cast<std::ptrdiff_t>(i));
+    }
     for (const auto& [a, b, c] : batch.corners) {
         if (layout_.corners == 3) {
             triangles[i++] = {static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b),

@@ -33,10 +33,6 @@ Int3 first_cell(const Int3& piece) {
     return {piece.x * kPieceCells.x, piece.y * kPieceCells.y, piece.z * kPieceCells.z};
 }
 
-bool has_mesh(std::int64_t label) {
-    return label != kOutsideLabel && label != kMissingLabel;
-}
-
 double area_of(const std::array<float, 3>& a, const std::array<float, 3>& b,
                const std::array<float, 3>& c) {
     Double3 u{};
@@ -63,7 +59,7 @@ std::uint64_t NetBlock::heap(const NetSetting& setting, const ArrayInfo& array, 
     // Lists of cells grow to twice of what is in them; a piece is copied on its way to the file.
     return ring_of(setting) * area * (NetLayer::kBytesPerCell + 5) +
            (ring_of(setting) + 1) * area * sizeof(std::int64_t) + 2 * area +
-           (columns + 1) * NetPiece::kMostBytes +
+           (columns + 1) * (NetPiece::kMostBytes + (setting.sides ? NetPiece::kMostSideBytes : 0)) +
            LabelPlanes::held_bytes(array, std::max(cells.x, cells.y) + 1);
 }
 
@@ -309,18 +305,22 @@ void NetBlock::emit_quads(const std::array<Corner, 8>& corner, const CellLabels&
             area += area_of(place.at(t[0]), place.at(t[1]), place.at(t[2]));
             no_area += has_no_area(place.at(t[0]), place.at(t[1]), place.at(t[2])) ? 1 : 0;
         }
-        const std::uint32_t number = piece.add_quad(quad);
+        const std::uint32_t number = piece.add_quad(quad, no_area);
+        if (setting_.sides) {
+            piece.add_sides({one, other});
+        }
+        const auto share = [&](std::int64_t of, std::int64_t beside) {
+            if (has_mesh(beside) || setting_.sides) {
+                piece.add_shared({of, has_mesh(beside) ? beside : kOutsideLabel, area});
+            }
+        };
         if (has_one) {
             piece.add_quad_to_label(one, number, false, no_area);
-            if (has_mesh(other)) {
-                piece.add_shared({one, other, area});
-            }
+            share(one, other);
         }
         if (has_other) {
             piece.add_quad_to_label(other, number, true, no_area);
-            if (has_mesh(one)) {
-                piece.add_shared({other, one, area});
-            }
+            share(other, one);
         }
     }
 }

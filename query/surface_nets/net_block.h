@@ -26,6 +26,8 @@ struct NetSetting {
     int passes = 0;       ///< how often vertices are moved
     bool closed = false;  ///< labels are closed at the volume's border, else open there
     std::span<const std::int64_t> wanted = {};  ///< labels that get a mesh, ascending
+    /// Quads keep the labels on both sides, and what labels share counts what is no label.
+    bool sides = false;
 
     [[nodiscard]] Int3 cells() const { return nodes + Int3{1, 1, 1}; }
     /// Cells around a block that its vertices depend on, and those that its quads need.

@@ -15,6 +15,11 @@ namespace isonest::detail {
 inline constexpr std::int64_t kOutsideLabel = std::numeric_limits<std::int64_t>::min();
 inline constexpr std::int64_t kMissingLabel = kOutsideLabel + 1;
 
+/// Whether it is the label of nodes.
+inline bool has_mesh(std::int64_t label) {
+    return label != kOutsideLabel && label != kMissingLabel;
+}
+
 /// Of the corners of a cell: number x + 2 y + 4 z.
 using CellLabels = std::array<std::int64_t, 8>;
 

@@ -11,6 +11,8 @@ void NetPiece::begin(std::int64_t number) {
     positions_.clear();
     codes_.clear();
     quads_.clear();
+    sides_.clear();
+    no_area_ = 0;
     shared_.clear();
     if (labels_.size() > kKept) {
         labels_ = {};
@@ -61,8 +63,9 @@ void NetPiece::add_to_label(std::int64_t label, std::uint32_t vertex, float move
     part.vertices.push_back(static_cast<std::uint16_t>(vertex));
 }
 
-std::uint32_t NetPiece::add_quad(const NetQuad& quad) {
+std::uint32_t NetPiece::add_quad(const NetQuad& quad, std::uint32_t no_area) {
     quads_.push_back(quad);
+    no_area_ += no_area;
     return static_cast<std::uint32_t>(quads_.size() - 1);
 }
 

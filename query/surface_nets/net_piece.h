@@ -31,6 +31,9 @@ struct NetQuad {
     std::uint32_t diagonal = 0;  ///< 0: between the corners 0 and 2; 1: between 1 and 3
 };
 
+/// The labels of the two nodes of the edge that a quad is around, as in a CellLabels.
+using NetSides = std::array<std::int64_t, 2>;
+
 /// Its triangles, as places of corners.
 inline std::array<std::array<std::uint8_t, 3>, 2> triangles_of(const NetQuad& quad) {
     using Places = std::array<std::array<std::uint8_t, 3>, 2>;
@@ -45,8 +48,8 @@ inline std::uint16_t code_of(const Int3& cell) {
 /// What the mesh of a label shares with that of another one.
 struct SharedArea {
     std::int64_t label = 0;
-    std::int64_t other = 0;
-    double area = 0;  ///< square world units
+    std::int64_t other = 0;  ///< kOutsideLabel: with all that is no label
+    double area = 0;         ///< square world units
 };
 
 /// What is known of the part that a label has of a piece.
@@ -75,8 +78,11 @@ class NetPiece {
     std::uint32_t add_vertex(std::uint16_t code, const std::array<float, 3>& position);
     /// That the vertex is one of this label's. REQUIRES: once for each vertex and label.
     void add_to_label(std::int64_t label, std::uint32_t vertex, float moved);
-    std::uint32_t add_quad(const NetQuad& quad);
-    /// The same of a quad. `no_area`: how many of its triangles have none.
+    /// `no_area`: how many of its triangles have none.
+    std::uint32_t add_quad(const NetQuad& quad, std::uint32_t no_area);
+    /// Of the quad that came last. REQUIRES: of all quads, or of none.
+    void add_sides(const NetSides& sides) { sides_.push_back(sides); }
+    /// That the quad is one of this label's.
     void add_quad_to_label(std::int64_t label, std::uint32_t quad, bool reversed,
                            std::uint32_t no_area);
 
@@ -87,6 +93,8 @@ class NetPiece {
     [[nodiscard]] std::span<const std::array<float, 3>> positions() const { return positions_; }
     [[nodiscard]] std::span<const std::uint16_t> codes() const { return codes_; }
     [[nodiscard]] std::span<const NetQuad> quads() const { return quads_; }
+    [[nodiscard]] std::span<const NetSides> sides() const { return sides_; }
+    [[nodiscard]] std::uint32_t no_area() const { return no_area_; }
     [[nodiscard]] std::span<const LabelPart> labels() const { return {labels_.data(), used_}; }
 
     /// Bytes of heap, at most: vectors grow to twice of what is in them, and a label has a node of
@@ -95,6 +103,9 @@ class NetPiece {
         kMostPieceCells *
             (2 * (12 + 2 + 3 * sizeof(NetQuad) + 6 * sizeof(SharedArea)) + 2 * (8 * 2 + 6 * 4)) +
         (kMostPieceCells + 2000) * (sizeof(LabelPart) + 64);
+    /// On top of that, if the quads have sides.
+    static constexpr std::uint64_t kMostSideBytes =
+        kMostPieceCells * std::uint64_t{2 * 3 * sizeof(NetSides)};
 
   private:
     LabelPart& part_of(std::int64_t label);
@@ -102,6 +113,8 @@ class NetPiece {
     std::vector<std::array<float, 3>> positions_;
     std::vector<std::uint16_t> codes_;
     std::vector<NetQuad> quads_;
+    std::vector<NetSides> sides_;
+    std::uint32_t no_area_ = 0;
     std::vector<SharedArea> shared_;
     std::vector<LabelPart> labels_;  ///< the first used_ of them
     std::size_t used_ = 0;

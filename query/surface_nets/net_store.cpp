@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cstring>
+#include <limits>
 #include <tuple>
 #include <vector>
 
+#include "query/surface_nets/net_cell.h"
 #include "store/base/aligned.h"
 
 namespace isonest::detail {
@@ -14,11 +16,13 @@ namespace {
 struct PieceLists {
     std::uint64_t codes;
     std::uint64_t quads;
+    std::uint64_t sides;
     std::uint64_t end;
-    PieceLists(std::uint64_t vertices, std::uint64_t quad_count)
+    PieceLists(std::uint64_t vertices, std::uint64_t quad_count, bool has_sides)
         : codes(aligned(vertices * sizeof(std::array<float, 3>))),
           quads(codes + aligned(vertices * sizeof(std::uint16_t))),
-          end(quads + aligned(quad_count * sizeof(NetQuad))) {}
+          sides(quads + aligned(quad_count * sizeof(NetQuad))),
+          end(sides + (has_sides ? quad_count * sizeof(NetSides) : 0)) {}
 };
 
 /// The same of a part.
@@ -52,13 +56,41 @@ std::vector<SharedRecord> summed(const NetPiece& piece) {
     return sums;
 }
 
+/// Without its place.
+NetPieceRecord record_of(const NetPiece& piece) {
+    NetPieceRecord r;
+    r.piece = piece.number();
+    r.vertices = static_cast<std::uint32_t>(piece.positions().size());
+    r.quads = static_cast<std::uint32_t>(piece.quads().size());
+    r.no_area = piece.no_area();
+    constexpr float kMost = std::numeric_limits<float>::max();
+    r.lo = {kMost, kMost, kMost};
+    r.hi = {-kMost, -kMost, -kMost};
+    for (const LabelPart& part : piece.labels()) {
+        r.moved = std::max(r.moved, part.moved);
+        for (std::size_t axis = 0; axis < 3 && !part.vertices.empty(); ++axis) {
+            r.lo[axis] = std::min(r.lo[axis], part.lo[axis]);
+            r.hi[axis] = std::max(r.hi[axis], part.hi[axis]);
+        }
+    }
+    for (const NetSides& sides : piece.sides()) {
+        for (const std::int64_t label : sides) {
+            if (has_mesh(label)) {
+                r.least = std::min(r.least, label);
+                r.most = std::max(r.most, label);
+            }
+        }
+    }
+    return r;
+}
+
 }  // namespace
 
 void NetStore::append(const NetPiece& piece) {
     if (piece.empty()) {
         return;
     }
-    const PieceLists lists(piece.positions().size(), piece.quads().size());
+    const PieceLists lists(piece.positions().size(), piece.quads().size(), has_sides_);
     std::vector<LabelPartRecord> records;
     records.reserve(piece.labels().size());
     std::uint64_t end = lists.end;
@@ -82,29 +114,33 @@ void NetStore::append(const NetPiece& piece) {
     put(bytes, 0, piece.positions());
     put(bytes, lists.codes, piece.codes());
     put(bytes, lists.quads, piece.quads());
+    put(bytes, lists.sides, piece.sides());
     for (std::size_t i = 0; i < records.size(); ++i) {
         const LabelPart& part = piece.labels()[i];
         put(bytes, records[i].part_at, part.vertices);
         put(bytes, records[i].part_at + quads_of_part(records[i].vertices), part.quads);
     }
-    std::uint64_t at = 0;
+    NetPieceRecord whole = record_of(piece);
+    std::uint64_t which = 0;
     std::uint64_t first_record = 0;
     const std::vector<SharedRecord> sums = summed(piece);
     std::uint64_t first_area = 0;
     {
         const std::lock_guard lock(mutex_);
-        at = end_;
+        whole.at = end_;
         end_ += end;
+        which = piece_count_++;
         first_record = records_;
         records_ += records.size();
         first_area = areas_;
         areas_ += sums.size();
     }
     for (LabelPartRecord& r : records) {
-        r.piece_at = at;
-        r.part_at += at;
+        r.piece_at = whole.at;
+        r.part_at += whole.at;
     }
-    file_.write_at(at, bytes);
+    file_.write_at(whole.at, bytes);
+    piece_file_.write_at(which * sizeof(whole), std::as_bytes(std::span(&whole, 1)));
     record_file_.write_at(first_record * sizeof(LabelPartRecord),
                           std::as_bytes(std::span(records)));
     shared_file_.write_at(first_area * sizeof(SharedRecord), std::as_bytes(std::span(sums)));
@@ -112,6 +148,15 @@ void NetStore::append(const NetPiece& piece) {
 
 void NetStore::seal() {
     data_ = file_.map(end_);
+    piece_file_.map(piece_count_ * sizeof(NetPieceRecord));
+    all_pieces_ = piece_file_.as<NetPieceRecord>().first(static_cast<std::size_t>(piece_count_));
+    std::sort(all_pieces_.begin(), all_pieces_.end(),
+              [](const NetPieceRecord& a, const NetPieceRecord& b) { return a.piece < b.piece; });
+    for (std::size_t i = 1; i < all_pieces_.size(); ++i) {
+        const NetPieceRecord& before = all_pieces_[i - 1];
+        all_pieces_[i].first_vertex = before.first_vertex + before.vertices;
+        all_pieces_[i].first_quad = before.first_quad + before.quads;
+    }
     record_file_.map(records_ * sizeof(LabelPartRecord));
     all_ = record_file_.as<LabelPartRecord>().first(static_cast<std::size_t>(records_));
     std::sort(all_.begin(), all_.end(), [](const LabelPartRecord& a, const LabelPartRecord& b) {
@@ -138,6 +183,9 @@ std::vector<SharedArea> NetStore::shared(std::int64_t label) const {
         [](const SharedRecord& r, std::int64_t id) { return r.shared.label < id; });
     std::vector<SharedArea> sums;
     for (; at != all_shared_.end() && at->shared.label == label; ++at) {
+        if (!has_mesh(at->shared.other)) {
+            continue;
+        }
         if (sums.empty() || sums.back().other != at->shared.other) {
             sums.push_back(at->shared);
         } else {
@@ -157,15 +205,30 @@ std::span<const LabelPartRecord> NetStore::parts(std::int64_t label) const {
     return {begin, end};
 }
 
+std::span<const std::array<float, 3>> NetStore::positions(const NetPieceRecord& r) const {
+    return slice<std::array<float, 3>>(r.at, r.vertices);
+}
+std::span<const std::uint16_t> NetStore::codes(const NetPieceRecord& r) const {
+    const PieceLists lists(r.vertices, r.quads, has_sides_);
+    return slice<std::uint16_t>(r.at + lists.codes, r.vertices);
+}
+std::span<const NetQuad> NetStore::quads(const NetPieceRecord& r) const {
+    const PieceLists lists(r.vertices, r.quads, has_sides_);
+    return slice<NetQuad>(r.at + lists.quads, r.quads);
+}
+std::span<const NetSides> NetStore::sides(const NetPieceRecord& r) const {
+    const PieceLists lists(r.vertices, r.quads, has_sides_);
+    return slice<NetSides>(r.at + lists.sides, r.quads);
+}
 std::span<const std::array<float, 3>> NetStore::positions(const LabelPartRecord& r) const {
     return slice<std::array<float, 3>>(r.piece_at, r.piece_vertices);
 }
 std::span<const std::uint16_t> NetStore::codes(const LabelPartRecord& r) const {
-    const PieceLists lists(r.piece_vertices, r.piece_quads);
+    const PieceLists lists(r.piece_vertices, r.piece_quads, has_sides_);
     return slice<std::uint16_t>(r.piece_at + lists.codes, r.piece_vertices);
 }
 std::span<const NetQuad> NetStore::quads(const LabelPartRecord& r) const {
-    const PieceLists lists(r.piece_vertices, r.piece_quads);
+    const PieceLists lists(r.piece_vertices, r.piece_quads, has_sides_);
     return slice<NetQuad>(r.piece_at + lists.quads, r.piece_quads);
 }
 std::span<const std::uint16_t> NetStore::part_vertices(const LabelPartRecord& r) const {

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <mutex>
 #include <span>
 #include <vector>
@@ -30,6 +31,23 @@ struct LabelPartRecord {
     std::uint32_t piece_quads = 0;
 };
 
+/// Where a piece lies, and what is known of all labels in it.
+struct NetPieceRecord {
+    std::int64_t piece = 0;
+    std::uint64_t at = 0;            ///< bytes in the file
+    std::uint64_t first_vertex = 0;  ///< set by seal(): vertices of pieces before
+    std::uint64_t first_quad = 0;
+    std::uint32_t vertices = 0;
+    std::uint32_t quads = 0;
+    std::uint32_t no_area = 0;  ///< triangles
+    float moved = 0;            ///< as of a LabelPart
+    std::array<float, 3> lo{};
+    std::array<float, 3> hi{};
+    /// The smallest and the largest label beside its quads, if they have sides.
+    std::int64_t least = std::numeric_limits<std::int64_t>::max();
+    std::int64_t most = std::numeric_limits<std::int64_t>::min();
+};
+
 /// What a label shares with another one in a piece.
 struct SharedRecord {
     SharedArea shared;
@@ -39,9 +57,14 @@ struct SharedRecord {
 /// Thread-safety: append() from any thread; seal() from one, after it; the rest from any.
 class NetStore {
   public:
-    /// `pieces`: along each axis.
-    NetStore(const ScratchFolder& scratch, const Int3& pieces)
-        : pieces_(pieces), file_(scratch), record_file_(scratch), shared_file_(scratch) {}
+    /// `pieces`: along each axis. `sides`: whether those that are appended have sides.
+    NetStore(const ScratchFolder& scratch, const Int3& pieces, bool sides = false)
+        : pieces_(pieces),
+          has_sides_(sides),
+          file_(scratch),
+          piece_file_(scratch),
+          record_file_(scratch),
+          shared_file_(scratch) {}
     [[nodiscard]] const Int3& pieces() const { return pieces_; }
 
     /// Throws Error{io}.
@@ -49,10 +72,20 @@ class NetStore {
     /// Ends the appending. Throws Error{io}.
     void seal();
 
+    /// All that are not empty, in their order.
+    [[nodiscard]] std::span<const NetPieceRecord> all_pieces() const { return all_pieces_; }
+    [[nodiscard]] std::span<const std::array<float, 3>> positions(const NetPieceRecord& r) const;
+    [[nodiscard]] std::span<const std::uint16_t> codes(const NetPieceRecord& r) const;
+    [[nodiscard]] std::span<const NetQuad> quads(const NetPieceRecord& r) const;
+    /// One for each quad. REQUIRES: they have sides.
+    [[nodiscard]] std::span<const NetSides> sides(const NetPieceRecord& r) const;
+
     /// Of a label, in the order of the pieces; empty if it has no surface.
     [[nodiscard]] std::span<const LabelPartRecord> parts(std::int64_t label) const;
     /// What it shares with each label that it touches, by their ids.
     [[nodiscard]] std::vector<SharedArea> shared(std::int64_t label) const;
+    /// What labels share, sorted by them, by the others, and by pieces.
+    [[nodiscard]] std::span<const SharedRecord> all_shared() const { return all_shared_; }
     // Of the piece that a part is of.
     [[nodiscard]] std::span<const std::array<float, 3>> positions(const LabelPartRecord& r) const;
     [[nodiscard]] std::span<const std::uint16_t> codes(const LabelPartRecord& r) const;
@@ -67,14 +100,18 @@ class NetStore {
         return {reinterpret_cast<const T*>(data_.data() + at), count};
     }
     Int3 pieces_;
+    bool has_sides_;
     ScratchFile file_;
+    ScratchFile piece_file_;
     ScratchFile record_file_;
     ScratchFile shared_file_;
     std::mutex mutex_;
     std::uint64_t end_ = 0;
+    std::uint64_t piece_count_ = 0;
     std::uint64_t records_ = 0;
     std::uint64_t areas_ = 0;
     std::span<const std::byte> data_;
+    std::span<NetPieceRecord> all_pieces_;
     std::span<LabelPartRecord> all_;
     std::span<SharedRecord> all_shared_;
 };

@@ -59,6 +59,10 @@ PolyDataOffsets create_polydata(const std::filesystem::path& path, const PolyDat
         offsets.attributes_of_triangles.push_back(
             a.of_triangles ? add_attribute(frame, of_cells.get(), a, shape.triangles) : 0);
     }
+    if (shape.labels_of_triangles) {
+        offsets.labels_of_triangles =
+            frame.array(of_cells.get(), "BoundaryLabels", H5T_STD_I64LE, {shape.triangles, 2});
+    }
     of_points.reset();
     of_cells.reset();
     root.reset();

@@ -19,6 +19,7 @@ struct PolyDataShape {
     std::uint64_t points = 0;
     std::uint64_t triangles = 0;
     std::vector<Attribute> attributes;  ///< per point
+    bool labels_of_triangles = false;   ///< there is an array "BoundaryLabels"
     std::string unit = {};              ///< of length; empty: not known
 };
 
@@ -28,8 +29,9 @@ struct PolyDataOffsets {
     std::vector<std::uint64_t> attributes;  ///< float32 or float64 x components
     /// Likewise of each triangle; 0 unless the attribute is of triangles, too.
     std::vector<std::uint64_t> attributes_of_triangles;
-    std::uint64_t connectivity = 0;  ///< int64 x 3 for each triangle
-    std::uint64_t ends = 0;          ///< int64: three times the triangles so far
+    std::uint64_t labels_of_triangles = 0;  ///< int64 x 2; 0 if there is none
+    std::uint64_t connectivity = 0;         ///< int64 x 3 for each triangle
+    std::uint64_t ends = 0;                 ///< int64: three times the triangles so far
 };
 
 /// Creates the file with all arrays allocated, little endian and contiguous. The Offsets

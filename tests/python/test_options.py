@@ -17,7 +17,7 @@ from isonest import Store, _sources
 
 COMMANDS = {
     "preprocess": [isonest.preprocess],
-    "extract": [Store.isosurface, Store.label_surface, Store.label_surfaces, Store.graph, isonest.Mesh.save,
+    "extract": [Store.isosurface, Store.label_surface, Store.label_surfaces, Store.interfaces, Store.graph, isonest.Mesh.save,
                 _sources.of_volume],
     "slice": [Store.slice, Store.contours, isonest.Mesh.save],
     "study": [Store.study],
@@ -39,7 +39,7 @@ RENAMED = {  # the command, the option: the argument
 PICTURES = "pictures and plots are drawn by other packages"
 LEFT_OUT = {  # the command, the option: why there is no such argument
     ("*", "help"): "help() says it", ("*", "json"): "what is found is returned", ("*", "quiet"): "nothing is printed",
-    ("extract", "graph"): "a method", ("extract", "format"): "the end of the name that Mesh.save is given",
+    ("extract", "graph"): "a method", ("extract", "interfaces"): "a method", ("extract", "format"): "the end of the name that Mesh.save is given",
     ("slice", "size"): PICTURES, ("slice", "colors"): PICTURES, ("slice", "plain"): PICTURES,
     ("slice", "range"): PICTURES, ("slice", "grid"): PICTURES, ("study", "out"): PICTURES,
     ("smooth", "colors"): PICTURES, ("smooth", "size"): PICTURES, ("info", "output"): PICTURES,

@@ -1,4 +1,7 @@
 """What is asked of a surface: pieces, stops, places, kept analyses, contour lines, graphs, labels."""
+import os
+import subprocess
+
 import numpy as np
 import pytest
 
@@ -296,6 +299,45 @@ def test_smooth_labels_share_their_triangles(tmp_path):
         store.label_surface(7, smooth=65)
     with pytest.raises(isonest.Error, match="smooth labels"):
         store.label_surfaces(smooth=True, normals=True)
+
+
+def test_interfaces_are_what_the_labels_meshes_are_cut_from(tmp_path):
+    data = np.ones((10, 11, 12), "u2")
+    data[:, 4:, :] = 2
+    data[4:7, 2:8, 3:9] = 7
+    isonest.preprocess(data, tmp_path / "s", spacing=(1, 2, 0.5))
+    store = isonest.open(tmp_path / "s")
+    for coordinates in ("array", "world"):
+        mesh = store.interfaces(close=True, coordinates=coordinates)
+        assert mesh.labels.shape == mesh.faces.shape[:1] + (2,) and mesh.labels.dtype == np.int64
+        assert mesh.report.outside == -1 and mesh.report.volume is None and mesh.report.smooth_passes == 16
+        found = store.label_surfaces(smooth=True, close=True, coordinates=coordinates)
+        assert set(map(tuple, mesh.labels.tolist())) == {(1, 2), (1, 7), (2, 7), (1, -1), (2, -1)} == set(mesh.areas)
+        for label, one in found.items():
+            cut = np.concatenate([mesh.faces[mesh.labels[:, 0] == label],
+                                  mesh.faces[mesh.labels[:, 1] == label][:, [0, 2, 1]]])
+            assert sorted(mesh.vertices[cut].reshape(-1, 9).tolist()) == \
+                sorted(one.vertices[one.faces].reshape(-1, 9).tolist())
+    for pair, size in mesh.areas.items():
+        assert size == pytest.approx(area(mesh.vertices, mesh.faces[(mesh.labels == pair).all(1)]), rel=1e-5)
+    assert mesh.report.area == pytest.approx(sum(mesh.areas.values()), rel=1e-12)
+    for end in ("vtp", "ply", "vtkhdf"):
+        mesh.save(tmp_path / f"m.{end}")
+    if program := os.environ.get("ISONEST_PROGRAM"):
+        for end in ("vtp", "ply"):
+            subprocess.run([program, "extract", tmp_path / "s", "--labels", "all", "--smooth", "--interfaces", "--close",
+                            "-o", tmp_path / f"p.{end}"], check=True, capture_output=True)
+            assert (tmp_path / f"m.{end}").read_bytes() == (tmp_path / f"p.{end}").read_bytes()
+    with pytest.raises(isonest.Error, match=".vtp, .vtkhdf or .ply"):
+        mesh.save(tmp_path / "m.stl")
+    seven = store.interfaces([7])
+    assert set(map(tuple, np.unique(seven.labels, axis=0).tolist())) == {(1, 7), (2, 7)}
+    assert len(store.interfaces([]).faces) == 0 and mesh.in_array().labels is mesh.labels
+    assert store.label_surface(7, smooth=True).labels is None
+    with pytest.raises(isonest.Error, match="smooth"):
+        store.interfaces(smooth=False)
+    with pytest.raises(isonest.NotFoundError, match="no label 4"):
+        store.interfaces([2, 4])
 
 
 @pytest.mark.parametrize("more", [{}, {"error": 0.1, "cells": "hex"}, {"distance": "0.5voxel"},

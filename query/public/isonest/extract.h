@@ -191,6 +191,23 @@ void extract_isovalues(const Store& store, std::span<const double> isovalues,
                        const std::function<void(std::size_t number, const ExtractReport&)>& done,
                        const ExtractOptions& options = {}, Progress& progress = silent_progress());
 
+/// The interfaces of labels (as of find_labels()) as one mesh, in which each vertex and each
+/// triangle is once, with the labels on both sides of it (MeshLayout::has_sides). It is the
+/// triangles that extract_labels() gives these labels, whose meshes are cut from it: those with a
+/// label behind them, and, turned round, those with it in front. There are interfaces with all
+/// labels that touch one of `labels`, which face from the smaller label to the larger one; and with
+/// what has no label (InterfaceReport::outside), which the triangles face, at missing nodes and
+/// with SurfaceStages::close at the volume's border. `query`: with `smooth`; its label is not used.
+/// The report's area is that of each interface once, without a volume, and its smooth bound that of
+/// all labels. `each`, if not empty, is called with every interface, from one thread, behind the
+/// mesh's end(). Throws as extract_labels(), Error{invalid_argument} without `smooth`, and what
+/// `each` throws.
+ExtractReport extract_interfaces(const Store& store, std::span<const Label> labels,
+                                 const LabelQuery& query, MeshSink& sink,
+                                 const std::function<void(const LabelInterface&)>& each = {},
+                                 const ExtractOptions& options = {},
+                                 Progress& progress = silent_progress());
+
 /// The surfaces of labels (as of find_labels()), a mesh each, that extract() makes with query.label
 /// set to them; several at a time, which share the memory and the threads. Smooth ones come out of
 /// one traversal for all labels, and their reports count what it read and the seconds from its

@@ -96,6 +96,21 @@ struct SmoothReport {
     std::vector<NeighbourLabel> neighbours = {};  ///< by their ids
 };
 
+/// The surface between two labels.
+struct LabelInterface {
+    std::int64_t behind = 0;    ///< the smaller label
+    std::int64_t in_front = 0;  ///< the larger one, or InterfaceReport::outside
+    double area = 0;            ///< square world units
+};
+
+/// Of the mesh of all interfaces between labels.
+struct InterfaceReport {
+    std::uint64_t interfaces = 0;  ///< how many pairs share an area
+    /// What the mesh calls that which has no label: nodes without a value, and what is beyond the
+    /// volume. -1, or if a label of the store is negative the smallest one less 1.
+    std::int64_t outside = -1;
+};
+
 /// Of a mesh that was simplified within an error.
 struct ErrorSimplificationReport {
     std::uint64_t nested_triangles = 0;  ///< of the nested grid, with all components
@@ -160,6 +175,7 @@ struct ExtractReport {
     std::optional<DistanceReport> distance = {};
     std::optional<ErrorSimplificationReport> simplified_error = {};
     std::optional<SmoothReport> smooth = {};
+    std::optional<InterfaceReport> interfaces = {};
     std::optional<AnalysisReport> analysis = {};
     /// If the mesh has triangles as elements.
     std::optional<SurfaceMeasures> measures = {};

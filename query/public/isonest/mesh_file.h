@@ -25,6 +25,10 @@ struct MeshFileOptions {
 ///   .3mf     3MF; triangles alone
 ///   .ngmesh  Neuroglancer's single-resolution mesh; triangles alone
 ///
+/// Elements with the labels on both sides (MeshLayout::has_sides) are written as .vtp and .vtkhdf,
+/// which have them as the cells' array BoundaryLabels of two int64, and as .ply, as the faces'
+/// properties label_behind and label_in_front, int32.
+///
 /// Coordinates are float32. MeshLayout::unit is written where the format has a place for it; glTF
 /// is in metres and ngmesh in nanometres, 3MF in one of six units, to which a mesh is scaled. Where
 /// it is not known, the numbers stay and 3MF takes them for millimetres. The file appears under its
@@ -32,8 +36,8 @@ struct MeshFileOptions {
 /// same folder, which the sink's destructor removes. One sink may be used for one extraction after
 /// the other; each replaces the file only if the options allow it. Throws Error{invalid_argument}
 /// for another end of the name. The sink's prepare() throws Error{invalid_argument} if the file may
-/// not be written or the format has no lines, and Error{not_found} without the folder; begin()
-/// throws Error{limit} beyond what the format can number; all throw Error{io}.
+/// not be written or the format has no lines or no labels, and Error{not_found} without the folder;
+/// begin() throws Error{limit} beyond what the format can number, labels too; all throw Error{io}.
 std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
                                          const MeshFileOptions& options = {});
 

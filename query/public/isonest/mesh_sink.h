@@ -46,6 +46,8 @@ struct MeshLayout {
     std::array<float, 3> hi{};
     std::optional<LengthUnit> unit = {};  ///< of the coordinates; nothing: it is not known
     bool has_sides = false;               ///< every element comes with the labels beside it
+    /// The smallest and the largest number that elements have beside them.
+    std::array<std::int64_t, 2> sides_range{};
 
     /// Null if there is none of that name.
     [[nodiscard]] const VertexAttribute* find(std::string_view name) const;
@@ -126,6 +128,8 @@ class MeshCollector : public MeshSink {
     std::vector<std::array<float, 3>> normals;
     std::vector<double> values;
     std::vector<float> errors;
+    /// For each triangle the labels behind and in front of it, or empty if the mesh has none.
+    std::vector<std::array<std::int64_t, 2>> sides;
 
     /// Throws Error{limit} beyond 2^32 - 1 vertices, and std::bad_alloc.
     void begin(const MeshLayout& layout) override;

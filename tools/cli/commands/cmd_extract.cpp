@@ -137,6 +137,10 @@ Result run(const ExtractCommand& given, bool has_iso, Progress& progress) {
     }
     const Store* const values = others ? &*others : nullptr;
     const LabelArguments& labels = arguments.labels;
+    if (labels.interfaces) {
+        return extract_label_interfaces(
+            store, labels, a, arguments.label_query(arguments.surface_query(values), {}), progress);
+    }
     if (labels.several) {
         return extract_label_meshes(
             store, labels, a, arguments.label_query(arguments.surface_query(values), {}), progress);
@@ -221,6 +225,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract scan.isonest --iso 120.5 --close --components largest -o print.3mf\n"
          "isonest extract cells.isonest --labels all --distance 0.5voxel -o meshes\n"
          "isonest extract cells.isonest --labels all --smooth -o meshes\n"
+         "isonest extract cells.isonest --labels all --smooth --interfaces -o interfaces.vtp\n"
          "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply\n"
          "isonest extract scan.isonest --iso 120 --error 1 --focus 30,40,20 --falloff 0.1 -o "
          "near.ply\n"

@@ -6,6 +6,7 @@
 #include <array>
 #include <filesystem>
 #include <iterator>
+#include <memory>
 #include <span>
 #include <utility>
 
@@ -14,6 +15,7 @@
 #include <isonest/mesh_file.h>
 
 #include "store/files/output_file.h"
+#include "tools/cli/options/close_option.h"
 #include "tools/cli/options/label_list.h"
 #include "tools/cli/options/units.h"
 
@@ -177,6 +179,12 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
             "touch: all nodes stay on their sides. --smooth=N: vertices are\n"
             "moved N times, 0 ... 64 [16]")
         ->each([&a](const std::string& text) { a.smooth = parse_smoothing(text); });
+    CLI::Option* const interfaces =
+        c->add_flag("--interfaces", a.interfaces,
+                    "of --labels with --smooth: MESH is one mesh of all that lies\n"
+                    "between labels, each triangle once, with the labels on both\n"
+                    "sides of it (.vtp .vtkhdf .ply)");
+    interfaces->needs(several);
     add_parsed(
         c, "--format",
         [&a](const std::string& text) {
@@ -191,7 +199,8 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
         "of these meshes; neuroglancer: a folder of precomputed\n"
         "meshes [ply]",
         "NAME")
-        ->needs(several);
+        ->needs(several)
+        ->excludes(interfaces);
 }
 
 std::string smooth_text(const SmoothReport& r) {
@@ -274,6 +283,66 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     }
     if (smooth) {
         result.text += smooth_text(*smooth) + "; all nodes are on their sides\n";
+    }
+    return result;
+}
+
+Result extract_label_interfaces(const Store& store, const LabelArguments& labels,
+                                const ExtractArguments& a, const LabelQuery& query,
+                                Progress& progress) {
+    if (!labels.smooth) {
+        throw Error(ErrorKind::invalid_argument, {a.store},
+                    "--interfaces goes with --smooth: labels that are not smooth share no "
+                    "triangles. --smooth=0 keeps the faces of the voxels");
+    }
+    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, {.replace = true});
+    // What the format does not hold is refused before the labels are looked for.
+    MeshLayout layout;
+    layout.has_sides = true;
+    const fs::path input = a.store;
+    sink->prepare(layout, std::span(&input, 1));
+    const std::vector<Label> chosen =
+        chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
+                  *labels.several, a.store);
+    // A report holds so many; of more it has the number.
+    constexpr std::uint64_t kMostListed = 10000;
+    std::vector<LabelInterface> interfaces;
+    const ExtractReport r = extract_interfaces(
+        store, chosen, query, *sink,
+        [&](const LabelInterface& one) {
+            if (interfaces.size() <= kMostListed) {
+                interfaces.push_back(one);
+            }
+        },
+        options_of(a), progress);
+    Result result;
+    result.warning = extract_warning(a, r);
+    result.json = extract_json(a, r);
+    result.json.erase("volume");
+    result.json["unit"] = unit_json(store.unit());
+    add_smooth_json(*r.smooth, result.json);
+    result.json["outside"] = r.interfaces->outside;
+    result.json["interface_count"] = r.interfaces->interfaces;
+    result.json["interfaces"] = nullptr;
+    if (r.interfaces->interfaces <= kMostListed) {
+        result.json["interfaces"] = Json::array();
+        for (const LabelInterface& one : interfaces) {
+            result.json["interfaces"].push_back(
+                {{"labels", {one.behind, one.in_front}}, {"area", one.area}});
+        }
+    }
+    const std::string unit = unit_suffix(store.unit());
+    result.text = fmt::format(
+        "{}: {} triangles, {} vertices, of {} interfaces of {} labels, in {}\n{}; all nodes are on "
+        "their sides\narea {:.6g}{}; each triangle faces from the smaller of its two labels to the "
+        "larger one, or to {}, which is what has no label\n",
+        a.mesh, r.triangles, r.vertices, r.interfaces->interfaces, chosen.size(),
+        human_seconds(r.seconds), smooth_text(*r.smooth), r.measures->area,
+        unit.empty() ? "" : unit + "2", r.interfaces->outside);
+    result.text += version_text(a.mesh);
+    if (r.closing) {
+        add_close_json(*r.closing, result.json);
+        result.text += "closed where the voxels at the volume's border end\n";
     }
     return result;
 }

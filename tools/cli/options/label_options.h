@@ -20,9 +20,10 @@ struct LabelArguments {
     std::optional<std::vector<std::pair<std::int64_t, std::int64_t>>> several;
     std::string format = "ply";
     std::optional<LabelSmoothing> smooth = {};
+    bool interfaces = false;  ///< one mesh of what is between labels, in place of meshes
 };
 
-/// --label, --labels, --smooth, --format. The first two exclude all of `others`.
+/// --label, --labels, --smooth, --interfaces, --format. The first two exclude all of `others`.
 void add_label_options(CLI::App* command, LabelArguments& a,
                        const std::vector<std::string>& others);
 
@@ -37,5 +38,10 @@ void add_smooth_json(const SmoothReport& r, Json& json);
 /// REQUIRES: labels.several.
 Result extract_label_meshes(const Store& store, const LabelArguments& labels,
                             const ExtractArguments& a, const LabelQuery& query, Progress& progress);
+
+/// Writes the interfaces of the labels as the mesh a.mesh. REQUIRES: as above.
+Result extract_label_interfaces(const Store& store, const LabelArguments& labels,
+                                const ExtractArguments& a, const LabelQuery& query,
+                                Progress& progress);
 
 }  // namespace isonest::detail::cli

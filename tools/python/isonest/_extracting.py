@@ -186,6 +186,28 @@ class Extracting:
         return {label: Mesh(parts, coordinates=coordinates, frame=self._frame, flip=False, level=float(label))
                 for label, parts in meshes}
 
+    def interfaces(self, labels: "Optional[Sequence[int]]" = None, *, smooth: Smooth = True, close: Close = None,
+                   coordinates: Coordinates = "array", quality: bool = False, memory: Bytes = "1G", threads: int = 0,
+                   scratch: _Path = "", progress: Progress = None) -> Mesh:
+        """All that lies between labels as one mesh, each vertex and face once: what the meshes of
+        :meth:`label_surfaces` with ``smooth`` and ``close`` share, and are cut from.
+
+        labels: interfaces with at least one of them beside; None: with any label but 0.
+        smooth: True, or how often vertices are moved, 0 to 64; 0 leaves the faces of the voxels.
+        close: True adds what lies between labels and the outside of the volume.
+
+        The labels on both sides of each face are the mesh's ``labels``. The other arguments are those of
+        :meth:`isosurface`.
+        """
+        place = self._place(coordinates)
+        query = self._label_query(place, None, None, None, None, False, None, None, None, 0, 0.0, close, smooth)
+        options = _queries.options(memory, threads, scratch, quality)
+        ids = None if labels is None else [int(label) for label in labels]
+        with reporting(progress) as report:
+            parts, sides, areas = _core.extract_interfaces(self._core, ids, query, options, report)
+        return Mesh(parts, coordinates=coordinates, frame=self._frame, flip=False, level=None, labels=sides,
+                    areas=areas)
+
     def slice(self, normal: Point, offset: float, *, error: float = 0.0, error_relative: Optional[float] = None,
               guarantee: Guarantee = "deviation", stop: Optional[str] = None, threshold: Optional[float] = None,
               threshold_relative: Optional[float] = None, focus: Union[None, Point, Box] = None, falloff: float = 0.0,

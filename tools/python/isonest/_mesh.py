@@ -21,13 +21,16 @@ class Mesh:
     ``vertices, faces, normals, values = mesh`` works too.
     """
 
-    def __init__(self, parts: tuple, *, coordinates: str, frame: Frame, flip: bool, level: Optional[float]) -> None:
+    def __init__(self, parts: tuple, *, coordinates: str, frame: Frame, flip: bool, level: Optional[float],
+                 labels: Optional[np.ndarray] = None, areas: "Optional[dict[tuple[int, int], float]]" = None) -> None:
         self._positions, elements, self._normals, self._values, self._errors, self._layout, self.report = parts
         self._elements = elements.view(np.int32) if len(self._positions) < 2**31 else elements
         self._coordinates = coordinates
         self._frame = frame
         self._flip = flip
         self._level = level
+        self._labels = labels
+        self._areas = areas
         self._vertices: Optional[np.ndarray] = None
 
     @property
@@ -69,6 +72,18 @@ class Mesh:
         """(n,), float32: the indicator that was asked for. None if none was."""
         return self._errors
 
+    @property
+    def labels(self) -> Optional[np.ndarray]:
+        """(m, 2), int64: of interfaces the labels on both sides of each face, the smaller one first; what has no label
+        is ``report.outside``, and comes second. In world coordinates the face faces from the first to the second.
+        None of other meshes."""
+        return self._labels
+
+    @property
+    def areas(self) -> "Optional[dict[tuple[int, int], float]]":
+        """Of interfaces the area of each, in square world units, by its two labels. None of other meshes."""
+        return self._areas
+
     def __iter__(self) -> Iterator[Optional[np.ndarray]]:
         return iter((self.vertices, self.faces, self.normals, self.values))
 
@@ -80,7 +95,8 @@ class Mesh:
     def _other(self, coordinates: str) -> "Mesh":
         parts = (self._positions, self._elements, self._normals, self._values, self._errors, self._layout,
                  self.report)
-        return Mesh(parts, coordinates=coordinates, frame=self._frame, flip=self._flip, level=self._level)
+        return Mesh(parts, coordinates=coordinates, frame=self._frame, flip=self._flip, level=self._level,
+                    labels=self._labels, areas=self._areas)
 
     def in_world(self) -> "Mesh":
         """The same mesh, the same memory, in world coordinates (x, y, z)."""
@@ -92,13 +108,13 @@ class Mesh:
 
     def save(self, path: "os.PathLike[str] | str", *, progress: Progress = None) -> None:
         """Writes the mesh in the format that the name's end chooses: .ply, .stl, .obj, .vtp, .vtkhdf, .glb, .3mf or
-        .ngmesh; lines as .vtp or .obj. The file is in world coordinates, and byte for byte the one that the program
+        .ngmesh; lines as .vtp or .obj, interfaces as .vtp, .vtkhdf or .ply. The file is in world coordinates, and byte for byte the one that the program
         ``isonest extract`` writes. It appears whole or not at all, and replaces a file of its name, unless the mesh
         was made from that.
         """
         with reporting(progress) as report:
             _core.save_mesh(os.fspath(path), self._layout, self._positions, self._elements.view(np.uint32), self._flip,
-                            self._normals, self._values, self._errors, report)
+                            self._normals, self._values, self._errors, self._labels, report)
 
     def _attributes(self) -> dict[str, np.ndarray]:
         named = {"normal": self._normals, "value": self._values, "error": self._errors}
@@ -141,6 +157,10 @@ class Mesh:
                 data.GetPointData().SetNormals(attribute)
             else:
                 data.GetPointData().AddArray(attribute)
+        if self._labels is not None:
+            sides = shared(self._labels)
+            sides.SetName("BoundaryLabels")
+            data.GetCellData().AddArray(sides)
         if self._values is not None:
             data.GetPointData().SetActiveScalars("value")
         return data
@@ -150,7 +170,8 @@ class Mesh:
         import meshio
 
         kind = "line" if self._elements.shape[1] == 2 else "triangle"
-        return meshio.Mesh(self._positions, [(kind, self.faces)], point_data=self._attributes())
+        cells = {} if self._labels is None else {"BoundaryLabels": [self._labels]}
+        return meshio.Mesh(self._positions, [(kind, self.faces)], point_data=self._attributes(), cell_data=cells)
 
     def to_trimesh(self) -> Any:
         """A ``trimesh.Trimesh`` in world coordinates, with the vertices and faces as they are."""

@@ -117,7 +117,11 @@ void send_elements(const ArrayMesh& mesh, std::size_t corners, Rows& rows, MeshS
                 rows.add(static_cast<std::size_t>(vertex));
             }
         }
-        sink.add_elements({at, numbers, nearby, rows.batch(0)});
+        ElementBatch batch{at, numbers, nearby, rows.batch(0)};
+        if (mesh.sides != nullptr) {
+            batch.sides = {mesh.sides + at, numbers.size()};
+        }
+        sink.add_elements(batch);
         progress.advance(numbers.size());
     }
 }

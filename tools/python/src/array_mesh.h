@@ -1,6 +1,7 @@
 // A mesh that lies in arrays, handed to a sink.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -27,6 +28,7 @@ struct ArrayMesh {
     const float* normals = nullptr;
     const double* values = nullptr;
     const float* errors = nullptr;
+    const std::array<std::int64_t, 2>* sides = nullptr;  ///< of each element
 };
 
 /// Hands the sink what the extraction would have handed it: a file has the same bytes. Values that

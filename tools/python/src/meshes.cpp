@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <iterator>
+#include <map>
 #include <memory>
 #include <optional>
 #include <set>
@@ -233,6 +234,29 @@ py::list extract_label_meshes(const OpenStore& handle,
     return result;
 }
 
+/// (mesh as of extract_mesh(), labels on both sides of its triangles, areas of pairs of labels).
+py::tuple extract_interface_mesh(const OpenStore& handle,
+                                 const std::optional<std::vector<std::int64_t>>& ids,
+                                 const AskedSurface& asked, const ExtractOptions& options,
+                                 const py::object& progress) {
+    const std::shared_ptr<const Store> store = handle.get();
+    Collector mesh;
+    ExtractReport report;
+    std::map<std::pair<std::int64_t, std::int64_t>, double> areas;
+    run_watched(progress, [&](Progress& p) {
+        const std::vector<Label> labels =
+            chosen_labels(*store, find_labels(*store, {options.memory, options.threads}, p), ids);
+        report = extract_interfaces(
+            *store, labels, asked.label_query(LabelChoice{}), mesh,
+            [&](const LabelInterface& i) {
+                areas.emplace(std::pair(i.behind, i.in_front), i.area);
+            },
+            options, p);
+    });
+    py::array sides = as_array(std::move(mesh.sides));
+    return py::make_tuple(as_tuple(mesh, std::move(report)), std::move(sides), std::move(areas));
+}
+
 /// A mesh for each isovalue, as of extract_mesh().
 py::list extract_isovalue_meshes(const OpenStore& handle, const std::vector<double>& isovalues,
                                  const AskedSurface& asked, const ExtractOptions& options,
@@ -259,6 +283,7 @@ py::list extract_isovalue_meshes(const OpenStore& handle, const std::vector<doub
 using Floats = py::array_t<float, py::array::c_style>;
 using Doubles = py::array_t<double, py::array::c_style>;
 using CornerNumbers = py::array_t<std::uint32_t, py::array::c_style>;
+using LabelNumbers = py::array_t<std::int64_t, py::array::c_style>;
 
 /// Null if the layout has no attribute of this name. Throws py::value_error unless there is a row
 /// of it for every vertex.
@@ -279,7 +304,7 @@ const T* attribute_of(const MeshOrigin& origin, const char* name, std::size_t ve
 void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, const Floats& positions,
                const CornerNumbers& elements, bool flip, const std::optional<Floats>& normals,
                const std::optional<Doubles>& values, const std::optional<Floats>& errors,
-               const py::object& progress) {
+               const std::optional<LabelNumbers>& labels, const py::object& progress) {
     ArrayMesh mesh;
     mesh.vertices = static_cast<std::size_t>(positions.size()) / 3;
     mesh.positions = positions.data();
@@ -290,6 +315,12 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
     mesh.normals = attribute_of(origin, "normal", mesh.vertices, normals);
     mesh.values = attribute_of(origin, "value", mesh.vertices, values);
     mesh.errors = attribute_of(origin, "error", mesh.vertices, errors);
+    if (origin.layout.has_sides) {
+        if (!labels || static_cast<std::size_t>(labels->size()) != 2 * mesh.elements) {
+            throw py::value_error("the arrays of a mesh do not fit together");
+        }
+        mesh.sides = reinterpret_cast<const std::array<std::int64_t, 2>*>(labels->data());
+    }
     run_watched(progress, [&](Progress& p) {
         const std::unique_ptr<MeshSink> sink = open_mesh_file(path, {.replace = true});
         write_mesh(mesh, origin, path, *sink, p);
@@ -316,8 +347,10 @@ void add_meshes(py::module_& module) {
                "options"_a, "progress"_a);
     module.def("extract_labels", &extract_label_meshes, "store"_a, "labels"_a, "query"_a,
                "options"_a, "progress"_a);
+    module.def("extract_interfaces", &extract_interface_mesh, "store"_a, "labels"_a, "query"_a,
+               "options"_a, "progress"_a);
     module.def("save_mesh", &save_mesh, "path"_a, "layout"_a, "positions"_a, "elements"_a, "flip"_a,
-               "normals"_a, "values"_a, "errors"_a, "progress"_a);
+               "normals"_a, "values"_a, "errors"_a, "labels"_a, "progress"_a);
 }
 
 }  // namespace isonest::python

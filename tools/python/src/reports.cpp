@@ -144,6 +144,12 @@ void add_extract_report(py::module_& module) {
             },
             "of a smooth label: the labels that it touches, and the area that their meshes share, "
             "in square world units")
+        .def_property_readonly(
+            "outside",
+            [](const R& r) {
+                return r.interfaces ? std::optional(r.interfaces->outside) : std::nullopt;
+            },
+            "of interfaces: the number in place of a label for what has none, or None")
         .def_property_readonly("nested_triangles",
                                [](const R& r) {
                                    return r.simplified_error ? r.simplified_error->nested_triangles
