@@ -15,8 +15,8 @@ constexpr const char* kOnlyDistanceOfLabels =
     "the surface of a label goes with neither focus, camera, backfaces, exact vertices nor an "
     "analysis";
 constexpr const char* kSmoothWhole =
-    "smooth labels share their surfaces whole: they go with neither a distance, a number of "
-    "triangles, a choice of components nor a box";
+    "smooth labels share their surfaces whole: they go with neither a choice of components nor a "
+    "box";
 constexpr const char* kSmoothHasNoCells =
     "smooth labels are surface nets, whose vertices lie in the cells of the lattice: they have no "
     "other cells, and carry no normals or values";
@@ -97,7 +97,6 @@ constexpr std::array kRefused{
     Combination{Wish::label, Wish::culling, kOnlyDistanceOfLabels},
     Combination{Wish::label, Wish::exact_vertices, kOnlyDistanceOfLabels},
     Combination{Wish::label, Wish::analysis, kOnlyDistanceOfLabels},
-    Combination{Wish::smooth_label, Wish::distance, kSmoothWhole},
     Combination{Wish::smooth_label, Wish::components, kSmoothWhole},
     Combination{Wish::smooth_label, Wish::box, kSmoothWhole},
     Combination{Wish::smooth_label, Wish::hexahedra, kSmoothHasNoCells},
@@ -111,8 +110,6 @@ constexpr std::array kRefused{
                 "interfaces are those of smooth labels, which share triangles; labels half way "
                 "between nodes do not. Ask for smooth ones, with no passes if the faces of the "
                 "voxels are to stay"},
-    Combination{Wish::interfaces, Wish::distance,
-                "interfaces are written whole, as the surface net has them"},
     Combination{Wish::closing, Wish::culling,
                 "a surface is open where its backfaces are left out: it cannot be closed and "
                 "culled"},
@@ -371,7 +368,11 @@ Wishes wishes_of(const StoreReader& store, const LabelQuery& query) {
     if (query.stop) {
         std::visit(StopWishes{wishes}, *query.stop);
     }
-    set_cells(wishes, query.cells);
+    if (query.smooth) {
+        set(wishes, Wish::hexahedra, query.cells == Cells::hexahedra);
+    } else {
+        set_cells(wishes, query.cells);
+    }
     return wishes;
 }
 

@@ -155,16 +155,6 @@ void choose_attributes(const StoreReader& store, const MeshAttributes& chosen, b
     }
 }
 
-double world_distance(const StoreHeader& header, const DistanceBound& asked) {
-    double voxel = kInfinity;
-    for (int axis = 0; axis < 3; ++axis) {
-        if (header.nodes[axis] > 1) {
-            voxel = std::min(voxel, header.spacing[static_cast<std::size_t>(axis)]);
-        }
-    }
-    return asked.voxels && std::isfinite(voxel) ? asked.value * voxel : asked.value;
-}
-
 void require_sense(const ComponentChoice& choice) {
     if (!(choice.least_volume >= 0) || !std::isfinite(choice.least_volume)) {
         throw Error(ErrorKind::invalid_argument,
@@ -249,6 +239,16 @@ ExtractQuery finished(const StoreReader& store, ExtractQuery asked) {
 }
 
 }  // namespace
+
+double world_distance(const StoreHeader& header, const DistanceBound& asked) {
+    double voxel = kInfinity;
+    for (int axis = 0; axis < 3; ++axis) {
+        if (header.nodes[axis] > 1) {
+            voxel = std::min(voxel, header.spacing[static_cast<std::size_t>(axis)]);
+        }
+    }
+    return asked.voxels && std::isfinite(voxel) ? asked.value * voxel : asked.value;
+}
 
 ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, bool float64) {
     const Wishes wishes = wishes_of(store, query);

@@ -76,6 +76,9 @@ struct ExtractQuery {
     }
 };
 
+/// In world units; voxels are the least distances between neighbouring nodes.
+double world_distance(const StoreHeader& header, const DistanceBound& asked);
+
 /// Refuses what makes no sense for this store. `float64`: whether the mesh holds it. Throws
 /// Error{invalid_argument, not_found, limit} as extract() does. REQUIRES: the stop of a surface is
 /// no ErrorBudget.

@@ -18,6 +18,7 @@
 #include <isonest/error.h>
 
 #include "query/extract/combinations.h"
+#include "query/extract/label_sheets.h"
 #include "query/extract/query_checks.h"
 #include "query/labels/find_label.h"
 #include "query/mesh/coordinate_rounding.h"
@@ -141,21 +142,16 @@ ExtractReport emit_measured(const SmoothSetting& s, MeshSink& sink, ExtractRepor
     report.smooth.emplace();
     report.smooth->passes = s.query.smooth->passes;
     if (mesh.triangles > 0) {
-        report.smooth->bound = kRoundedUp * mesh.moved + s.rounding * std::hypot(d[0], d[1], d[2]);
+        report.smooth->bound = kRoundedUp * mesh.moved + s.rounding * std::hypot(d[0], d[1], d[2]) +
+                               (report.distance ? report.distance->bound : 0);
     }
     return report;
 }
 
-/// A label's mesh, to its sink.
-ExtractReport emit_label(const SmoothSetting& s, const NetStore& net, std::int64_t label,
-                         MeshSink& sink, const ExtractReport& begun, const Progress& progress) {
-    ExtractReport report = emit_measured(s, sink, begun, [&](MeshSink& to) {
-        return emit_net_mesh(net, label, s.layout, to, progress);
-    });
-    for (const SharedArea& shared : net.shared(label)) {
-        report.smooth->neighbours.push_back({shared.other, shared.area});
-    }
-    return report;
+bool simplifies(const LabelQuery& query) {
+    const DistanceBound* const bound =
+        query.stop ? std::get_if<DistanceBound>(&*query.stop) : nullptr;
+    return query.stop && (bound == nullptr || bound->value != 0);
 }
 
 /// For how many threads there is memory to look for a label, a chunk each. Throws Error{limit} if
@@ -170,15 +166,26 @@ int threads_to_look(const StoreReader& store, const ExtractOptions& options) {
                  static_cast<std::uint64_t>(Workers::count_of(options.threads))));
 }
 
+/// A number that no label of the store has.
+std::int64_t outside_of(const StoreReader& store) {
+    const double least = store.min_value();
+    if (store.layout().header().labels || !(least < 0)) {
+        return -1;
+    }
+    return static_cast<std::int64_t>(std::floor(least)) - 1;
+}
+
 /// The net of labels, which are ascending, and what is the same for all meshes out of it.
 class MadeNet {
   public:
-    /// `sides`: as of a NetSetting.
+    /// `interfaces`: whether those are asked for, and not meshes of labels alone.
     MadeNet(const StoreReader& store, std::span<const Label> labels, const LabelQuery& query,
-            const ExtractOptions& options, bool sides, Progress& progress)
+            const ExtractOptions& options, bool interfaces, Progress& progress)
         : setting{store, query, options, {}, rounding_of(store.layout().header())},
+          outside(outside_of(store)),
           scratch_(ScratchFolder::metered(options.scratch)) {
         const StoreHeader& header = store.layout().header();
+        const bool sides = interfaces || simplifies(query);
         Int3 lo = header.nodes;
         Int3 hi{};
         for (const Label& label : labels) {
@@ -208,14 +215,83 @@ class MadeNet {
         const NetCounts counts = make_net(store, net_setting, plan, labels, *net, progress);
         setting.layout.unit = header.unit;
         begun = begun_report(setting, counts, *scratch_.meter());
+        if (simplifies(query)) {
+            const Double3& d = header.spacing;
+            sheets.emplace(*net,
+                           SheetSetting{header, query, options, wanted, outside,
+                                        setting.rounding * std::hypot(d[0], d[1], d[2]),
+                                        store.path().string()},
+                           scratch_, progress);
+            begun.distance = sheets->distance();
+            begun.within_budget = sheets->within_budget();
+            begun.scratch_bytes = scratch_.meter()->peak();
+        }
         threads = static_cast<int>(std::clamp<std::uint64_t>(
             (memory - kLibraryHeap) / kNetMeshHeap, 1,
             static_cast<std::uint64_t>(Workers::count_of(options.threads))));
     }
 
+    /// The mesh of wanted[number], to its sink.
+    ExtractReport emit_label(std::size_t number, MeshSink& sink, const Progress& progress) const {
+        const std::int64_t label = wanted[number];
+        ExtractReport report = emit_measured(setting, sink, begun, [&](MeshSink& to) {
+            return sheets ? sheets->emit_label(number, setting.layout, to, progress)
+                          : emit_net_mesh(*net, label, setting.layout, to, progress);
+        });
+        if (!sheets) {
+            for (const SharedArea& shared : net->shared(label)) {
+                report.smooth->neighbours.push_back({shared.other, shared.area});
+            }
+            return report;
+        }
+        for (const auto& [other, area] : sheets->areas(number)) {
+            if (other != outside) {
+                report.smooth->neighbours.push_back({other, area});
+            }
+        }
+        CallbackSink nowhere({}, {});
+        MeasuringSink full(nowhere, false);
+        report.distance->full_triangles =
+            emit_net_mesh(*net, label, setting.layout, full, progress).triangles;
+        ExtractReport measured;
+        full.report(measured);
+        report.distance->full = measured.measures;
+        return report;
+    }
+    /// All interfaces, to a sink.
+    ExtractReport emit_interfaces(MeshSink& sink, const Progress& progress) const {
+        return emit_measured(setting, sink, begun, [&](MeshSink& to) {
+            return sheets ? sheets->emit_all(setting.layout, to, progress)
+                          : emit_net_interfaces(*net, outside, setting.layout, to, progress);
+        });
+    }
+    /// Calls `each` with every interface that is left.
+    void each_interface_of(const std::function<void(const SharedArea&)>& each) const {
+        if (!sheets) {
+            each_interface(*net, wanted, each);
+            return;
+        }
+        for (std::size_t i = 0; i < wanted.size(); ++i) {
+            for (const auto& [other, area] : sheets->areas(i)) {
+                const bool came = other != outside && other < wanted[i] &&
+                                  std::binary_search(wanted.begin(), wanted.end(), other);
+                if (!came) {
+                    const bool is_second = other != outside && other < wanted[i];
+                    each({is_second ? other : wanted[i],
+                          is_second           ? wanted[i]
+                          : other == outside ? kOutsideLabel
+                                             : other,
+                          area});
+                }
+            }
+        }
+    }
+
     SmoothSetting setting;
     std::vector<std::int64_t> wanted;  ///< the labels
+    std::int64_t outside;              ///< what meshes call what is no label
     std::optional<NetStore> net;
+    std::optional<LabelSheets> sheets;  ///< if they are simplified
     ExtractReport begun;
     int threads = 1;  ///< for as many meshes at a time there is memory
 
@@ -245,8 +321,7 @@ void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
                     const std::shared_ptr<MeshSink> to = sink(place[i]);
                     const std::filesystem::path& input = store.path();
                     to->prepare(made.setting.layout, std::span(&input, 1));
-                    ExtractReport report = emit_label(made.setting, *made.net, labels[i].id, *to,
-                                                      made.begun, progress);
+                    ExtractReport report = made.emit_label(i, *to, progress);
                     report.seconds = seconds_since(start);
                     done(place[i], report);
                     progress.advance(1);
@@ -254,15 +329,6 @@ void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
             },
             tbb::simple_partitioner{});
     });
-}
-
-/// A number that no label of the store has.
-std::int64_t outside_of(const StoreReader& store) {
-    const double least = store.min_value();
-    if (store.layout().header().labels || !(least < 0)) {
-        return -1;
-    }
-    return static_cast<std::int64_t>(std::floor(least)) - 1;
 }
 
 /// Where the labels stand in their list, by their ids.
@@ -312,15 +378,10 @@ ExtractReport label_interfaces(const StoreReader& store, std::span<const Label> 
     const MadeNet made(store, sorted, query, options, true, progress);
     progress.begin("write mesh", 1, "meshes");
     InterfaceReport interfaces;
-    interfaces.outside = outside_of(store);
+    interfaces.outside = made.outside;
     ExtractReport report;
-    Workers(made.threads).execute([&] {
-        report = emit_measured(made.setting, sink, made.begun, [&](MeshSink& to) {
-            return emit_net_interfaces(*made.net, interfaces.outside, made.setting.layout, to,
-                                       progress);
-        });
-    });
-    each_interface(*made.net, made.wanted, [&](const SharedArea& shared) {
+    Workers(made.threads).execute([&] { report = made.emit_interfaces(sink, progress); });
+    made.each_interface_of([&](const SharedArea& shared) {
         ++interfaces.interfaces;
         if (each) {
             each({shared.label, has_mesh(shared.other) ? shared.other : interfaces.outside,

@@ -94,6 +94,9 @@ struct LabelSmoothing {
     static constexpr int kMostPasses = 64;
     /// How often vertices are moved, 0 ... kMostPasses; 0: the faces of the voxels.
     int passes = 16;
+    /// Where they are simplified within a distance: no node changes sides, whatever the distance;
+    /// else none that is further from the surfaces than it.
+    bool keep_nodes = false;
 };
 
 /// Of a volume: the surface around the nodes that have this label. It lies half way between them

@@ -36,6 +36,10 @@ class SheetMesh : public MeshSink {
     /// Has the copies as vertices, and no elements.
     [[nodiscard]] const ScratchMesh& vertices() const { return mesh_; }
     [[nodiscard]] CornerView triangles() const { return corners_.all(); }
+    /// Of the layout that came.
+    [[nodiscard]] const Sides& sides_range() const { return layout_.sides_range; }
+    /// Nobody will look at these triangles any more, each of which is released once.
+    void release(std::uint64_t first, std::uint64_t count) { corners_.release(first, count); }
     /// The labels behind and in front of all triangles with this vertex.
     [[nodiscard]] const Sides& sides(std::uint64_t vertex) const {
         return copy_file_.as<const Copy>()[vertex].sides;

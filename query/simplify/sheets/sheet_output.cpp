@@ -77,8 +77,8 @@ SheetOutput::SheetOutput(const SheetMesh& sheets, const CornerView& triangles,
 
 /// `at(i)`: triangle number i of `count`.
 template <class At>
-SheetCounts SheetOutput::emit(std::uint64_t count, const At& at, bool with_areas,
-                              MeshLayout layout, MeshSink& sink, const Progress& progress) const {
+SheetCounts SheetOutput::emit(std::uint64_t count, const At& at, MeshLayout layout, MeshSink& sink,
+                              const Progress& progress) const {
     const OutputList<Vertex> list(3 * count, folder_);
     SheetCounts counts;
     counts.triangles = count;
@@ -90,9 +90,6 @@ SheetCounts SheetOutput::emit(std::uint64_t count, const At& at, bool with_areas
         }
         const auto& [a, b, c] = t.copies;
         counts.no_area += has_no_area(positions[a], positions[b], positions[c]) ? 1 : 0;
-        if (with_areas) {
-            counts.areas[t.sides[1]] += area_at(positions[a], positions[b], positions[c]);
-        }
     }
     std::sort(list.all().begin(), list.all().end(), [](const Vertex& a, const Vertex& b) {
         return a.original != b.original ? a.original < b.original : a.copy < b.copy;
@@ -171,7 +168,7 @@ SheetCounts SheetOutput::emit_all(MeshLayout layout, MeshSink& sink,
         const ElementCorners copies = triangles_[i];
         return OutputTriangle{copies, sheets_.sides(copies[0])};
     };
-    return emit(triangles_.size(), at, false, std::move(layout), sink, progress);
+    return emit(triangles_.size(), at, std::move(layout), sink, progress);
 }
 
 SheetCounts SheetOutput::emit_label(std::size_t number, MeshLayout layout, MeshSink& sink,
@@ -187,7 +184,18 @@ SheetCounts SheetOutput::emit_label(std::size_t number, MeshLayout layout, MeshS
         }
         return out;
     };
-    return emit(of_label.size(), at, true, std::move(layout), sink, progress);
+    return emit(of_label.size(), at, std::move(layout), sink, progress);
+}
+
+std::map<std::int64_t, double> SheetOutput::areas(std::size_t number) const {
+    std::map<std::int64_t, double> areas;
+    const auto positions = sheets_.vertices().positions();
+    for (const LabelTriangle& t : of_labels_.of(static_cast<std::uint32_t>(number))) {
+        const ElementCorners copies = triangles_[t.triangle];
+        areas[sheets_.sides(copies[0])[t.is_reversed ? 0 : 1]] +=
+            area_at(positions[copies[0]], positions[copies[1]], positions[copies[2]]);
+    }
+    return areas;
 }
 
 }  // namespace isonest::detail

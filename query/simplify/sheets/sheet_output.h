@@ -21,8 +21,6 @@ struct SheetCounts {
     std::uint64_t vertices = 0;
     std::uint64_t triangles = 0;
     std::uint64_t no_area = 0;  ///< of the triangles
-    /// Of a label's mesh: what lies on the other side, and the area of it, square world units.
-    std::map<std::int64_t, double> areas;
 };
 
 /// Vertices are those of the mesh that came to the SheetMesh, each once, in the order of their
@@ -43,6 +41,10 @@ class SheetOutput {
     SheetCounts emit_label(std::size_t number, MeshLayout layout, MeshSink& sink,
                            const Progress& progress) const;
 
+    /// What lies on the other side of labels[number], and the area that it shares with that, square
+    /// world units. Memory grows with the number of what lies there.
+    [[nodiscard]] std::map<std::int64_t, double> areas(std::size_t number) const;
+
     /// Bytes of heap that a call needs, at most.
     static constexpr std::uint64_t kHeap = std::uint64_t{12} << 20U;
 
@@ -58,8 +60,8 @@ class SheetOutput {
         std::uint64_t copy = 0;
     };
     template <class At>
-    SheetCounts emit(std::uint64_t count, const At& at, bool with_areas, MeshLayout layout,
-                     MeshSink& sink, const Progress& progress) const;
+    SheetCounts emit(std::uint64_t count, const At& at, MeshLayout layout, MeshSink& sink,
+                     const Progress& progress) const;
 
     const SheetMesh& sheets_;
     CornerView triangles_;

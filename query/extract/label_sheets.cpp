@@ -1,0 +1,142 @@
+#include "query/extract/label_sheets.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include <isonest/error.h>
+
+#include "query/extract/extract_query.h"
+#include "query/simplify/mapping/map_mesh.h"
+#include "query/surface_nets/net_interfaces.h"
+#include "store/base/memory_budget.h"
+#include "store/base/workers.h"
+#include "store/container/extent.h"
+
+namespace isonest::detail {
+namespace {
+
+/// What is asked for, in world units.
+struct AskedSheets {
+    double within = 0;
+    std::optional<std::uint64_t> triangles;
+    bool at_any_distance = false;
+};
+
+AskedSheets asked_of(const SheetSetting& s) {
+    if (const auto* const bound = std::get_if<DistanceBound>(&*s.query.stop)) {
+        return {world_distance(s.header, *bound), std::nullopt, false};
+    }
+    const auto& budget = std::get<TriangleBudget>(*s.query.stop);
+    const double most = diagonal_of(s.header);
+    const double within = budget.within ? world_distance(s.header, *budget.within) : most;
+    return {within, budget.most, within >= most};
+}
+
+int threads_of(const SheetSetting& s) {
+    const std::uint64_t lists = s.wanted.size() * 2 * (sizeof(std::int64_t) + sizeof(Label));
+    const std::uint64_t memory = s.options.memory - std::min(s.options.memory, lists);
+    require_memory(s.name, memory, kLibraryHeap + map_heap(), "simplifying its labels");
+    return static_cast<int>(
+        std::min((memory - kLibraryHeap) / map_heap(),
+                 static_cast<std::uint64_t>(Workers::count_of(s.options.threads))));
+}
+
+/// Where vertices at the volume's border lie, half a node's distance outside.
+PatchBox border_of(const StoreHeader& header) {
+    PatchBox box;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        const auto at = [&](std::int64_t cell) {
+            const double node = static_cast<double>(cell) - 0.5;
+            return static_cast<float>(header.origin[a] + header.spacing[a] * node) + 0.0F;
+        };
+        box.lo[a] = at(0);
+        box.hi[a] = at(header.nodes[axis]);
+    }
+    return box;
+}
+
+double most_moved_of(std::span<const LabelPartRecord> parts) {
+    double moved = 0;
+    for (const LabelPartRecord& part : parts) {
+        moved = std::max(moved, static_cast<double>(part.moved));
+    }
+    return moved;
+}
+
+NetMesh net_mesh_of(const SheetCounts& counts, double moved) {
+    return {counts.vertices, counts.triangles, counts.no_area, moved};
+}
+
+}  // namespace
+
+LabelSheets::LabelSheets(const NetStore& net, const SheetSetting& setting,
+                         const ScratchFolder& folder, Progress& progress)
+    : net_(net), wanted_(setting.wanted), sheets_(folder) {
+    MeshLayout layout;
+    layout.has_sides = true;
+    distance_.full_triangles =
+        emit_net_interfaces(net, setting.outside, layout, sheets_, progress).triangles;
+    sides_range_ = sheets_.sides_range();
+    const int threads = threads_of(setting);
+    Workers(threads).execute([&] { simplify(setting, folder, progress); });
+    output_.emplace(sheets_, corners_->all(), wanted_, folder, progress);
+}
+
+void LabelSheets::simplify(const SheetSetting& setting, const ScratchFolder& folder,
+                           Progress& progress) {
+    const AskedSheets asked = asked_of(setting);
+    if (!(asked.within > setting.rounding)) {
+        throw Error(ErrorKind::limit, {setting.name},
+                    fmt::format("32-bit floats round coordinates so far from 0 by up to {:.3g}, "
+                                "more than the distance {:.3g} allows",
+                                setting.rounding, asked.within));
+    }
+    const double limit = asked.within - setting.rounding;
+    const WorldLattice lattice{setting.header.origin, setting.header.spacing,
+                               setting.header.nodes};
+    MeshMapper mapper(sheets_.vertices(), lattice, border_of(setting.header), folder, progress);
+    mapper.take_sheets(sheets_.next_copies(), setting.query.smooth->keep_nodes);
+    const auto consume = [this](std::uint64_t first, std::uint64_t count) {
+        sheets_.release(first, count);
+    };
+    constexpr double kFirstLimit = 0.25;  // of the least distance between nodes
+    const Double3& d = setting.header.spacing;
+    const Mapped result =
+        asked.triangles
+            ? mapper.down_to(mapper.full(sheets_.triangles()), *asked.triangles,
+                             kFirstLimit * std::min({d[0], d[1], d[2]}), limit)
+            : mapper.within(mapper.full(sheets_.triangles(), consume), limit);
+    distance_.asked = asked.within;
+    distance_.bound = result.bound + (result.bound > 0 ? setting.rounding : 0);
+    if (asked.triangles) {
+        within_budget_ = result.triangles <= *asked.triangles;
+        distance_.asked = result.limit + (result.limit > 0 ? setting.rounding : 0);
+        if (!*within_budget_ && asked.at_any_distance) {
+            throw Error(ErrorKind::limit, {setting.name},
+                        fmt::format("{} triangles are the fewest that were found for the "
+                                    "interfaces of its labels, at any distance: parts, holes and "
+                                    "the ends of lines where labels meet stay",
+                                    result.triangles));
+        }
+    }
+    corners_.emplace(mapper.corners(result));
+}
+
+NetMesh LabelSheets::emit_all(MeshLayout layout, MeshSink& sink, const Progress& progress) const {
+    double moved = 0;
+    for (const NetPieceRecord& piece : net_.all_pieces()) {
+        moved = std::max(moved, static_cast<double>(piece.moved));
+    }
+    layout.sides_range = sides_range_;
+    return net_mesh_of(output_->emit_all(std::move(layout), sink, progress), moved);
+}
+
+NetMesh LabelSheets::emit_label(std::size_t number, MeshLayout layout, MeshSink& sink,
+                                const Progress& progress) const {
+    return net_mesh_of(output_->emit_label(number, std::move(layout), sink, progress),
+                       most_moved_of(net_.parts(wanted_[number])));
+}
+
+}  // namespace isonest::detail
