@@ -94,8 +94,7 @@ void LabelSheets::simplify(const SheetSetting& setting, const ScratchFolder& fol
                                 setting.rounding, asked.within));
     }
     const double limit = asked.within - setting.rounding;
-    const WorldLattice lattice{setting.header.origin, setting.header.spacing,
-                               setting.header.nodes};
+    const WorldLattice lattice{setting.header.origin, setting.header.spacing, setting.header.nodes};
     MeshMapper mapper(sheets_.vertices(), lattice, border_of(setting.header), folder, progress);
     mapper.take_sheets(sheets_.next_copies(), setting.query.smooth->keep_nodes);
     const auto consume = [this](std::uint64_t first, std::uint64_t count) {
@@ -103,11 +102,10 @@ void LabelSheets::simplify(const SheetSetting& setting, const ScratchFolder& fol
     };
     constexpr double kFirstLimit = 0.25;  // of the least distance between nodes
     const Double3& d = setting.header.spacing;
-    const Mapped result =
-        asked.triangles
-            ? mapper.down_to(mapper.full(sheets_.triangles()), *asked.triangles,
-                             kFirstLimit * std::min({d[0], d[1], d[2]}), limit)
-            : mapper.within(mapper.full(sheets_.triangles(), consume), limit);
+    const Mapped result = asked.triangles
+                              ? mapper.down_to(mapper.full(sheets_.triangles()), *asked.triangles,
+                                               kFirstLimit * std::min({d[0], d[1], d[2]}), limit)
+                              : mapper.within(mapper.full(sheets_.triangles(), consume), limit);
     distance_.asked = asked.within;
     distance_.bound = result.bound + (result.bound > 0 ? setting.rounding : 0);
     if (asked.triangles) {

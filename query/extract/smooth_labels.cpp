@@ -144,6 +144,9 @@ ExtractReport emit_measured(const SmoothSetting& s, MeshSink& sink, ExtractRepor
     if (mesh.triangles > 0) {
         report.smooth->bound = kRoundedUp * mesh.moved + s.rounding * std::hypot(d[0], d[1], d[2]) +
                                (report.distance ? report.distance->bound : 0);
+        if (report.distance && !s.query.smooth->keep_nodes) {
+            report.smooth->nodes_beyond = report.distance->bound;
+        }
     }
     return report;
 }
@@ -278,7 +281,7 @@ class MadeNet {
                 if (!came) {
                     const bool is_second = other != outside && other < wanted[i];
                     each({is_second ? other : wanted[i],
-                          is_second           ? wanted[i]
+                          is_second          ? wanted[i]
                           : other == outside ? kOutsideLabel
                                              : other,
                           area});

@@ -91,8 +91,13 @@ struct SmoothReport {
     int passes = 0;  ///< as in the query
     /// Proven: no point of the mesh is further from the label's staircase, the faces of its voxels,
     /// and no point of the staircase further from the mesh, in world units; less than half a cell's
-    /// diagonal. Coordinates rounded to float32 count in.
+    /// diagonal, and where it was simplified the distance's bound more. Coordinates rounded to
+    /// float32 count in.
     double bound = 0;
+    /// Proven: all nodes further than this from the surfaces between labels, world units, are
+    /// inside the meshes of their own labels alone; 0: all nodes. Above 0 for a mesh that was
+    /// simplified without LabelSmoothing::keep_nodes: the distance's bound.
+    double nodes_beyond = 0;
     std::vector<NeighbourLabel> neighbours = {};  ///< by their ids
 };
 

@@ -69,8 +69,8 @@ class PatchMapper {
             }
         } else if (!collapse_.look(edge.from, edge.to) || !collapse_.has_no_new_needle() ||
                    !collapse_.has_no_new_fold(kFold) || !mapping_.look(collapse_) ||
-                   (nodes_ && nodes_->any(collapse_.star(),
-                                          point_at(patch_.positions[edge.from]), {}))) {
+                   (nodes_ &&
+                    nodes_->any(collapse_.star(), point_at(patch_.positions[edge.from]), {}))) {
             return kNever;
         } else {
             for (std::size_t j = 1; j + 1 < collapse_.star().corners; ++j) {

@@ -29,8 +29,7 @@ bool NodesPassed::has_node(const Tetrahedron& t) const {
     double size = 1;
     for (int axis = 0; axis < 3; ++axis) {
         const auto a = static_cast<std::size_t>(axis);
-        const auto [least, most] =
-            std::minmax({t[0][a], t[1][a], t[2][a], t[3][a]});
+        const auto [least, most] = std::minmax({t[0][a], t[1][a], t[2][a], t[3][a]});
         size = std::max(size, most - least);
         const auto last = static_cast<double>(lattice_.nodes[axis] - 1);
         lo[axis] = static_cast<std::int64_t>(std::ceil(std::clamp(least - kNear, 0.0, last + 1)));
@@ -56,8 +55,8 @@ bool NodesPassed::has_node(const Tetrahedron& t) const {
 
 bool NodesPassed::any(const Star& star, const Double3& middle, const Double3& slid) const {
     const auto at = [&](const Double3& from_middle) {
-        return in_lattice({middle[0] + from_middle[0], middle[1] + from_middle[1],
-                           middle[2] + from_middle[2]});
+        return in_lattice(
+            {middle[0] + from_middle[0], middle[1] + from_middle[1], middle[2] + from_middle[2]});
     };
     const Double3 now = at({0, 0, 0});
     const Double3 before = at({-slid[0], -slid[1], -slid[2]});

@@ -54,11 +54,7 @@ class OutputList {
 SheetOutput::SheetOutput(const SheetMesh& sheets, const CornerView& triangles,
                          std::span<const std::int64_t> labels, const ScratchFolder& folder,
                          Progress& progress)
-    : sheets_(sheets),
-      triangles_(triangles),
-      labels_(labels),
-      folder_(folder),
-      of_labels_(folder) {
+    : sheets_(sheets), triangles_(triangles), labels_(labels), folder_(folder), of_labels_(folder) {
     for (std::uint64_t i = 0; i < triangles_.size(); ++i) {
         if (i % kOutputBatch == 0) {
             progress.check();
@@ -67,8 +63,7 @@ SheetOutput::SheetOutput(const SheetMesh& sheets, const CornerView& triangles,
         for (const bool in_front : {false, true}) {
             const auto at = std::lower_bound(labels_.begin(), labels_.end(), sides[in_front]);
             if (at != labels_.end() && *at == sides[in_front]) {
-                of_labels_.append(
-                    {i, static_cast<std::uint32_t>(at - labels_.begin()), in_front});
+                of_labels_.append({i, static_cast<std::uint32_t>(at - labels_.begin()), in_front});
             }
         }
     }
@@ -97,8 +92,8 @@ SheetCounts SheetOutput::emit(std::uint64_t count, const At& at, MeshLayout layo
     const auto end =
         std::unique(list.all().begin(), list.all().end(),
                     [](const Vertex& a, const Vertex& b) { return a.original == b.original; });
-    const std::span<const Vertex> vertices = list.all().first(
-        static_cast<std::size_t>(std::distance(list.all().begin(), end)));
+    const std::span<const Vertex> vertices =
+        list.all().first(static_cast<std::size_t>(std::distance(list.all().begin(), end)));
     counts.vertices = vertices.size();
     const auto number_of = [&](std::uint64_t copy) {
         const auto found = std::lower_bound(

@@ -137,6 +137,11 @@ Result run(const ExtractCommand& given, bool has_iso, Progress& progress) {
     }
     const Store* const values = others ? &*others : nullptr;
     const LabelArguments& labels = arguments.labels;
+    if (labels.keep_nodes && (!labels.smooth || !arguments.distance.stop())) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--keep-nodes goes with --smooth and with --distance or --triangles: labels "
+                    "that are not simplified keep all nodes on their sides");
+    }
     if (labels.interfaces) {
         return extract_label_interfaces(
             store, labels, a, arguments.label_query(arguments.surface_query(values), {}), progress);

@@ -45,6 +45,9 @@ struct ExtractCommand {
     [[nodiscard]] LabelQuery label_query(const SurfaceQuery& like, const LabelChoice& label) const {
         LabelQuery query = isonest::label_query(like, label);
         query.smooth = labels.smooth;
+        if (query.smooth) {
+            query.smooth->keep_nodes = labels.keep_nodes;
+        }
         return query;
     }
     /// Throws Error{invalid_argument} for options that do not go together.

@@ -100,7 +100,7 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
         fmt::format("{}: {} {}, {} vertices, in {}\n{}; {}\n", a.mesh, r.triangles,
                     r.dimension == 2 && !a.is_graph ? "line segments" : "triangles", r.vertices,
                     human_seconds(r.seconds),
-                    r.smooth                        ? smooth_text(*r.smooth)
+                    r.smooth ? sheets_text(r, unit_suffix(origin.unit)) + smooth_text(*r.smooth)
                     : r.distance || r.within_budget ? distance_text(arguments.distance, r)
                     : origin.volume != nullptr      ? "the surface at full resolution"
                                                     : guarantee_text(a, r) + simplified_text(r),

@@ -16,6 +16,7 @@
 
 #include "store/files/output_file.h"
 #include "tools/cli/options/close_option.h"
+#include "tools/cli/options/distance_options.h"
 #include "tools/cli/options/label_list.h"
 #include "tools/cli/options/units.h"
 
@@ -144,6 +145,11 @@ Json json_of(const Label& label, const ExtractReport& r, const std::string& mesh
     }
     if (r.distance) {
         json["distance_bound"] = r.distance->bound;
+        if (r.distance->full) {
+            json["full_area"] = r.distance->full->area;
+            json["full_volume"] =
+                r.distance->full->volume ? Json(*r.distance->full->volume) : Json();
+        }
     }
     if (r.smooth) {
         add_smooth_json(*r.smooth, json);
@@ -179,6 +185,9 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
             "touch: all nodes stay on their sides. --smooth=N: vertices are\n"
             "moved N times, 0 ... 64 [16]")
         ->each([&a](const std::string& text) { a.smooth = parse_smoothing(text); });
+    c->add_flag("--keep-nodes", a.keep_nodes,
+                "of smooth labels within --distance or --triangles: no node\n"
+                "changes sides, also near to the surface; more triangles");
     CLI::Option* const interfaces =
         c->add_flag("--interfaces", a.interfaces,
                     "of --labels with --smooth: MESH is one mesh of all that lies\n"
@@ -204,11 +213,24 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
 }
 
 std::string smooth_text(const SmoothReport& r) {
-    return r.passes == 0 ? fmt::format("the faces of the voxels, within {:.2g}", r.bound)
-                         : fmt::format(
-                               "smoothed in {} passes, no point further than {:.6g} from "
-                               "the faces of the voxels",
-                               r.passes, r.bound);
+    const std::string near =
+        r.passes == 0 ? fmt::format("the faces of the voxels, within {:.2g}", r.bound)
+                      : fmt::format(
+                            "smoothed in {} passes, no point further than {:.6g} from the faces of "
+                            "the voxels",
+                            r.passes, r.bound);
+    return near + (r.nodes_beyond > 0
+                       ? fmt::format("; all nodes further than {:.6g} from it are on their sides",
+                                     r.nodes_beyond)
+                       : "; all nodes are on their sides");
+}
+
+std::string sheets_text(const ExtractReport& r, const std::string& unit) {
+    return r.distance
+               ? fmt::format("within {:.6g}{} of {} triangles at full resolution{}; ",
+                             r.distance->bound, unit, r.distance->full_triangles,
+                             r.within_budget == false ? ", more triangles than asked for" : "")
+               : "";
 }
 
 std::string smooth_close_text() {
@@ -219,6 +241,7 @@ std::string smooth_close_text() {
 void add_smooth_json(const SmoothReport& r, Json& json) {
     json["smooth_passes"] = r.passes;
     json["smooth_bound"] = r.bound;
+    json["nodes_beyond"] = r.nodes_beyond;
 }
 
 Result extract_label_meshes(const Store& store, const LabelArguments& labels,
@@ -268,8 +291,10 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
             bound = std::max(bound, distance->bound);
         }
         if (const auto& own = reports[i].smooth) {
-            smooth =
-                SmoothReport{own->passes, std::max(smooth ? smooth->bound : 0, own->bound), {}};
+            smooth = SmoothReport{own->passes,
+                                  std::max(smooth ? smooth->bound : 0, own->bound),
+                                  std::max(smooth ? smooth->nodes_beyond : 0, own->nodes_beyond),
+                                  {}};
         }
     }
     result.json = {{"folder", a.mesh}, {"unit", unit_json(store.unit())}};
@@ -281,8 +306,11 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     if (bound > 0) {
         result.text += fmt::format("each within {:.6g} of the label's surface\n", bound);
     }
+    if (!reports.empty() && reports.front().within_budget == false) {
+        result.text += "more triangles than asked for: within the distance there are no fewer\n";
+    }
     if (smooth) {
-        result.text += smooth_text(*smooth) + "; all nodes are on their sides\n";
+        result.text += smooth_text(*smooth) + "\n";
     }
     return result;
 }
@@ -321,6 +349,7 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
     result.json.erase("volume");
     result.json["unit"] = unit_json(store.unit());
     add_smooth_json(*r.smooth, result.json);
+    add_distance_json(result.json, r);
     result.json["outside"] = r.interfaces->outside;
     result.json["interface_count"] = r.interfaces->interfaces;
     result.json["interfaces"] = nullptr;
@@ -333,11 +362,11 @@ Result extract_label_interfaces(const Store& store, const LabelArguments& labels
     }
     const std::string unit = unit_suffix(store.unit());
     result.text = fmt::format(
-        "{}: {} triangles, {} vertices, of {} interfaces of {} labels, in {}\n{}; all nodes are on "
-        "their sides\narea {:.6g}{}; each triangle faces from the smaller of its two labels to the "
-        "larger one, or to {}, which is what has no label\n",
+        "{}: {} triangles, {} vertices, of {} interfaces of {} labels, in {}\n{}{}\narea "
+        "{:.6g}{}; each triangle faces from the smaller of its two labels to the larger one, or to "
+        "{}, which is what has no label\n",
         a.mesh, r.triangles, r.vertices, r.interfaces->interfaces, chosen.size(),
-        human_seconds(r.seconds), smooth_text(*r.smooth), r.measures->area,
+        human_seconds(r.seconds), sheets_text(r, unit), smooth_text(*r.smooth), r.measures->area,
         unit.empty() ? "" : unit + "2", r.interfaces->outside);
     result.text += version_text(a.mesh);
     if (r.closing) {

@@ -20,15 +20,18 @@ struct LabelArguments {
     std::optional<std::vector<std::pair<std::int64_t, std::int64_t>>> several;
     std::string format = "ply";
     std::optional<LabelSmoothing> smooth = {};
+    bool keep_nodes = false;  ///< where smooth ones are simplified
     bool interfaces = false;  ///< one mesh of what is between labels, in place of meshes
 };
 
-/// --label, --labels, --smooth, --interfaces, --format. The first two exclude all of `others`.
+/// --label, --labels, --smooth, --keep-nodes, --interfaces, --format. The first two exclude all of `others`.
 void add_label_options(CLI::App* command, LabelArguments& a,
                        const std::vector<std::string>& others);
 
 /// "no point further than 0.8 from the voxels' faces".
 std::string smooth_text(const SmoothReport& r);
+/// "within 0.5 of 1000 triangles at full resolution; ", of one that was simplified; or empty.
+std::string sheets_text(const ExtractReport& r, const std::string& unit);
 /// Of one that is closed: "closed where the voxels at the volume's border end".
 std::string smooth_close_text();
 /// Adds what a report has of it.

@@ -147,7 +147,8 @@ class Extracting:
                       effort: Optional[Effort] = None, box: Optional[Box] = None, normals: bool = False,
                       vertex_values: "Optional[Extracting]" = None, cells: Optional[Cells] = None,
                       components: Components = None, min_component: int = 0, min_volume: float = 0.0,
-                      close: Close = None, smooth: Smooth = None, coordinates: Coordinates = "array",
+                      close: Close = None, smooth: Smooth = None, keep_nodes: bool = False,
+                      coordinates: Coordinates = "array",
                       quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
                       progress: Progress = None) -> Mesh:
         """The surface around the nodes with this label, half way to the others, whatever their labels are.
@@ -156,11 +157,14 @@ class Extracting:
         where the label reaches the border of the volume.
 
         smooth: True, or how often vertices are moved, 0 to 64: a surface net in place of the staircase, which labels
-            that touch share, and which keeps every node of the volume on its side.
+            that touch share, and which keeps every node of the volume on its side. With a distance or a number of
+            triangles (of all labels that are asked for together, each shared one once) it is simplified by one effort
+            alone, and nodes further than that distance stay on their sides.
+        keep_nodes: all nodes do, also within the distance.
         """
         place = self._place(coordinates)
         query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
-                                  min_component, min_volume, close, smooth)
+                                  min_component, min_volume, close, smooth, keep_nodes)
         query.set_label(int(label))
         options = _queries.options(memory, threads, scratch, quality)
         return self._extract(query, options, progress, place, level=float(label))
@@ -169,7 +173,8 @@ class Extracting:
                        triangles: Optional[int] = None, effort: Optional[Effort] = None, box: Optional[Box] = None,
                        normals: bool = False, vertex_values: "Optional[Extracting]" = None, cells: Optional[Cells] = None,
                        components: Components = None, min_component: int = 0, min_volume: float = 0.0,
-                       close: Close = None, smooth: Smooth = None, coordinates: Coordinates = "array",
+                       close: Close = None, smooth: Smooth = None, keep_nodes: bool = False,
+                       coordinates: Coordinates = "array",
                        quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
                        progress: Progress = None) -> "dict[int, Mesh]":
         """The surfaces of these labels, several at a time; without labels those of all but 0.
@@ -178,7 +183,7 @@ class Extracting:
         """
         place = self._place(coordinates)
         query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
-                                  min_component, min_volume, close, smooth)
+                                  min_component, min_volume, close, smooth, keep_nodes)
         options = _queries.options(memory, threads, scratch, quality)
         ids = None if labels is None else [int(label) for label in labels]
         with reporting(progress) as report:
@@ -186,21 +191,25 @@ class Extracting:
         return {label: Mesh(parts, coordinates=coordinates, frame=self._frame, flip=False, level=float(label))
                 for label, parts in meshes}
 
-    def interfaces(self, labels: "Optional[Sequence[int]]" = None, *, smooth: Smooth = True, close: Close = None,
+    def interfaces(self, labels: "Optional[Sequence[int]]" = None, *, distance: Distance = None,
+                   triangles: Optional[int] = None, smooth: Smooth = True, keep_nodes: bool = False, close: Close = None,
                    coordinates: Coordinates = "array", quality: bool = False, memory: Bytes = "1G", threads: int = 0,
                    scratch: _Path = "", progress: Progress = None) -> Mesh:
         """All that lies between labels as one mesh, each vertex and face once: what the meshes of
         :meth:`label_surfaces` with ``smooth`` and ``close`` share, and are cut from.
 
         labels: interfaces with at least one of them beside; None: with any label but 0.
+        distance, triangles: the mesh is simplified; lines where three labels meet, too.
         smooth: True, or how often vertices are moved, 0 to 64; 0 leaves the faces of the voxels.
+        keep_nodes: as for :meth:`label_surface`.
         close: True adds what lies between labels and the outside of the volume.
 
         The labels on both sides of each face are the mesh's ``labels``. The other arguments are those of
         :meth:`isosurface`.
         """
         place = self._place(coordinates)
-        query = self._label_query(place, None, None, None, None, False, None, None, None, 0, 0.0, close, smooth)
+        query = self._label_query(place, distance, triangles, None, None, False, None, None, None, 0, 0.0, close, smooth,
+                                  keep_nodes)
         options = _queries.options(memory, threads, scratch, quality)
         ids = None if labels is None else [int(label) for label in labels]
         with reporting(progress) as report:
@@ -281,7 +290,7 @@ class Extracting:
 
     def _label_query(self, place: Place, distance: Distance, triangles: Optional[int], effort: Optional[str],
                      box: Optional[Box], normals: bool, vertex_values: Any, cells: Optional[str], components: Components,
-                     min_component: int, min_volume: float, close: Close, smooth: Smooth) -> Any:
+                     min_component: int, min_volume: float, close: Close, smooth: Smooth, keep_nodes: bool) -> Any:
         query = _core.SurfaceQuery()
         SurfaceStop(in_own_unit(distance, self._core), triangles, effort=effort).apply(
             query, Stop(0.0, None, "deviation"))
@@ -289,7 +298,7 @@ class Extracting:
         _queries.set_attributes(query, normals=normals, vertex_values=vertex_values, vertex_error=None, cells=cells)
         _queries.set_components(query, components, min_component, min_volume)
         _queries.set_close(query, close)
-        _queries.set_smooth(query, smooth)
+        _queries.set_smooth(query, smooth, keep_nodes)
         return query
 
     def _extract(self, query: Any, options: Any, progress: Progress, place: Place, *, level: Optional[float] = None,

@@ -191,10 +191,12 @@ def set_close(query: Any, close: Close) -> None:
         query.set_close("below" if close is True else close)
 
 
-def set_smooth(query: Any, smooth: Smooth) -> None:
-    """How often the vertices of labels' surfaces are moved."""
+def set_smooth(query: Any, smooth: Smooth, keep_nodes: bool) -> None:
+    """How often the vertices of labels' surfaces are moved, and whether simplification keeps nodes on their sides."""
     if smooth is not None and smooth is not False:
-        query.set_smooth(None if smooth is True else int(smooth))
+        query.set_smooth(None if smooth is True else int(smooth), bool(keep_nodes))
+    elif keep_nodes:
+        raise ValueError("keep_nodes goes with smooth: other surfaces of labels know no nodes")
 
 
 def set_attributes(query: Any, *, normals: bool, vertex_values: Any, vertex_error: Optional[str],

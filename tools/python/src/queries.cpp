@@ -191,10 +191,11 @@ void add_surface(py::module_& module) {
             "set_label", [](A& a, std::int64_t id) { a.label = LabelChoice{id}; }, "id"_a)
         .def(
             "set_smooth",
-            [](A& a, std::optional<int> passes) {
+            [](A& a, std::optional<int> passes, bool keep_nodes) {
                 a.smooth = passes ? LabelSmoothing{*passes} : LabelSmoothing{};
+                a.smooth->keep_nodes = keep_nodes;
             },
-            "passes"_a)
+            "passes"_a, "keep_nodes"_a)
         .def(
             "set_vertices",
             [](A& a, const std::string& place) { a.query.grid.vertices = vertices_of(place); },

@@ -132,6 +132,10 @@ void add_extract_report(py::module_& module) {
             "proven: no point of a smooth label's mesh is further from the faces of its voxels, in "
             "world units")
         .def_property_readonly(
+            "nodes_beyond", [](const R& r) { return r.smooth ? r.smooth->nodes_beyond : 0.0; },
+            "proven: all nodes further than this from the surfaces between smooth labels are inside "
+            "the meshes of their own labels alone, in world units; 0: all nodes")
+        .def_property_readonly(
             "neighbours",
             [](const R& r) {
                 std::map<std::int64_t, double> areas;
