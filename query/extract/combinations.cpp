@@ -16,7 +16,7 @@ constexpr const char* kOnlyDistanceOfLabels =
     "analysis";
 constexpr const char* kSmoothWhole =
     "smooth labels share their surfaces whole: they go with neither a distance, a number of "
-    "triangles, a choice of components nor a box";
+    "triangles nor a box";
 constexpr const char* kSmoothHasNoCells =
     "smooth labels are surface nets, whose vertices lie in the cells of the lattice: they have no "
     "other cells, and carry no normals or values";
@@ -98,7 +98,6 @@ constexpr std::array kRefused{
     Combination{Wish::label, Wish::exact_vertices, kOnlyDistanceOfLabels},
     Combination{Wish::label, Wish::analysis, kOnlyDistanceOfLabels},
     Combination{Wish::smooth_label, Wish::distance, kSmoothWhole},
-    Combination{Wish::smooth_label, Wish::components, kSmoothWhole},
     Combination{Wish::smooth_label, Wish::box, kSmoothWhole},
     Combination{Wish::smooth_label, Wish::hexahedra, kSmoothHasNoCells},
     Combination{Wish::smooth_label, Wish::tetrahedra, kSmoothHasNoCells},

@@ -165,14 +165,6 @@ double world_distance(const StoreHeader& header, const DistanceBound& asked) {
     return asked.voxels && std::isfinite(voxel) ? asked.value * voxel : asked.value;
 }
 
-void require_sense(const ComponentChoice& choice) {
-    if (!(choice.least_volume >= 0) || !std::isfinite(choice.least_volume)) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("least volume {}: must be a finite number, 0 or more",
-                                choice.least_volume));
-    }
-}
-
 /// The distances of a surface's stop: of its simplification and of the traversal.
 struct DistanceOfStop {
     const StoreHeader& header;
@@ -199,7 +191,7 @@ struct DistanceOfStop {
 void choose_stages(const SurfaceStages& stages, ExtractQuery& asked) {
     asked.traversal.box.close = stages.close;
     if (stages.components) {
-        require_sense(*stages.components);
+        require_components(*stages.components);
         asked.stages.components = stages.components;
     }
 }

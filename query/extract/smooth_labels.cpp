@@ -20,9 +20,12 @@
 #include "query/extract/combinations.h"
 #include "query/extract/query_checks.h"
 #include "query/labels/find_label.h"
+#include "query/labels/label_progress.h"
+#include "query/mesh/components.h"
 #include "query/mesh/coordinate_rounding.h"
 #include "query/mesh/measuring_sink.h"
 #include "query/mesh/rotated_sink.h"
+#include "query/mesh/scratch_mesh.h"
 #include "query/surface_nets/make_net.h"
 #include "query/surface_nets/net_mesh.h"
 #include "query/view/label_view.h"
@@ -70,6 +73,9 @@ double rounding_of(const StoreHeader& header) {
 void require_smoothable(const StoreReader& store, const LabelQuery& query) {
     const std::string name = store.path().string();
     require_combination(wishes_of(store, query), name);
+    if (query.stages.components) {
+        require_components(*query.stages.components);
+    }
     if (query.smooth->passes < 0 || query.smooth->passes > LabelSmoothing::kMostPasses) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("smooth {}: give a number of passes from 0 to {}",
@@ -96,8 +102,7 @@ struct SmoothSetting {
     double rounding = 0;  ///< as of rounding_of()
 };
 
-ExtractReport begun_report(const SmoothSetting& s, const NetCounts& counts,
-                           const ScratchMeter& scratch) {
+ExtractReport begun_report(const SmoothSetting& s, const NetCounts& counts) {
     ExtractReport report;
     report.value_range = std::max(s.store.max_value() - s.store.min_value(), 0.0);
     report.coordinate_rounding = s.rounding;
@@ -107,24 +112,48 @@ ExtractReport begun_report(const SmoothSetting& s, const NetCounts& counts,
     report.traversal.chunks_total = s.store.layout().rows();
     report.traversal.bytes_read = counts.bytes_read;
     report.traversal.peak_cache_bytes = counts.peak_cache_bytes;
-    report.scratch_bytes = scratch.peak();
     if (s.query.stages.close) {
         report.closing = ClosingReport{*s.query.stages.close};
     }
     return report;
 }
 
+/// A label's mesh without the components that are not kept, to a sink. The others have the vertices
+/// and triangles that they have with all; if all are kept, it is the same mesh.
+NetMesh emit_kept(const SmoothSetting& s, const NetStore& net, std::int64_t label,
+                  const ScratchFolder& scratch, MeshSink& sink, ExtractReport& report,
+                  const Progress& progress) {
+    LabelProgress silent(progress);
+    ScratchMesh whole(scratch);
+    NetMesh mesh = emit_net_mesh(net, label, s.layout, whole, progress);
+    KeptComponents kept(whole, *s.query.stages.components, scratch, silent);
+    report.components = ComponentReport{kept.components(), kept.dropped(), kept.dropped_elements(),
+                                        kept.largest_dropped()};
+    if (kept.dropped() == 0) {
+        return emit_net_mesh(net, label, s.layout, sink, progress);
+    }
+    const EmittedMesh emitted = emit_elements(whole, kept.corners(), scratch, sink, silent);
+    mesh.vertices = emitted.vertices;
+    mesh.triangles = emitted.elements;
+    mesh.no_area = emitted.zero_area_triangles;
+    return mesh;
+}
+
 /// A label's mesh, to its sink.
 ExtractReport emit_label(const SmoothSetting& s, const NetStore& net, std::int64_t label,
-                         MeshSink& sink, ExtractReport report, const Progress& progress) {
+                         const ScratchFolder& scratch, MeshSink& sink, ExtractReport report,
+                         const Progress& progress) {
     const StoreHeader& header = s.store.layout().header();
     MeasuringSink measuring(sink, s.options.quality);
     std::optional<RotatedSink> turning;
     if (header.direction != kAlongWorld) {
         turning.emplace(measuring, header.origin, header.direction);
     }
-    const NetMesh mesh = emit_net_mesh(
-        net, label, s.layout, turning ? static_cast<MeshSink&>(*turning) : measuring, progress);
+    MeshSink& to = turning ? static_cast<MeshSink&>(*turning) : measuring;
+    const NetMesh mesh = s.query.stages.components
+                             ? emit_kept(s, net, label, scratch, to, report, progress)
+                             : emit_net_mesh(net, label, s.layout, to, progress);
+    report.scratch_bytes = scratch.meter()->peak();
     report.vertices = mesh.vertices;
     report.triangles = mesh.triangles;
     report.mending.zero_area = mesh.no_area;
@@ -189,7 +218,7 @@ void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
     const NetCounts counts = make_net(store, setting, plan, labels, net, progress);
     SmoothSetting s{store, query, options, {}, rounding_of(header)};
     s.layout.unit = header.unit;
-    const ExtractReport begun = begun_report(s, counts, *scratch.meter());
+    const ExtractReport begun = begun_report(s, counts);
     const auto threads = static_cast<int>(
         std::clamp<std::uint64_t>((memory - kLibraryHeap) / kNetMeshHeap, 1,
                                   static_cast<std::uint64_t>(Workers::count_of(options.threads))));
@@ -203,7 +232,8 @@ void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
                     const std::shared_ptr<MeshSink> to = sink(place[i]);
                     const std::filesystem::path& input = store.path();
                     to->prepare(s.layout, std::span(&input, 1));
-                    ExtractReport report = emit_label(s, net, labels[i].id, *to, begun, progress);
+                    ExtractReport report =
+                        emit_label(s, net, labels[i].id, scratch, *to, begun, progress);
                     report.seconds =
                         std::chrono::duration<double>(SmoothClock::now() - start).count();
                     done(place[i], report);

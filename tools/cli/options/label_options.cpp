@@ -14,6 +14,7 @@
 #include <isonest/mesh_file.h>
 
 #include "store/files/output_file.h"
+#include "tools/cli/options/component_options.h"
 #include "tools/cli/options/label_list.h"
 #include "tools/cli/options/units.h"
 
@@ -128,6 +129,13 @@ void write_neuroglancer(const fs::path& folder, const std::vector<Label>& labels
     }
 }
 
+/// Of both together.
+ComponentReport added(const ComponentReport& a, const ComponentReport& b) {
+    return {a.components + b.components, a.dropped + b.dropped,
+            a.dropped_triangles + b.dropped_triangles,
+            std::max(a.largest_dropped, b.largest_dropped)};
+}
+
 Json json_of(const Label& label, const ExtractReport& r, const std::string& mesh) {
     Json json = {{"id", label.id},
                  {"nodes", label.nodes},
@@ -145,6 +153,9 @@ Json json_of(const Label& label, const ExtractReport& r, const std::string& mesh
     }
     if (r.smooth) {
         add_smooth_json(*r.smooth, json);
+    }
+    if (r.components) {
+        add_component_json(*r.components, json);
     }
     return json;
 }
@@ -252,6 +263,8 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     std::uint64_t triangles = 0;
     double bound = 0;
     std::optional<SmoothReport> smooth;
+    std::optional<ComponentReport> components;
+    std::uint64_t scratch = 0;
     for (std::size_t i = 0; i < chosen.size(); ++i) {
         list.push_back(json_of(chosen[i], reports[i], mesh_name(chosen[i].id, labels.format)));
         triangles += reports[i].triangles;
@@ -259,13 +272,20 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
             bound = std::max(bound, distance->bound);
         }
         if (const auto& own = reports[i].smooth) {
+            scratch = std::max(scratch, reports[i].scratch_bytes);
             smooth =
                 SmoothReport{own->passes, std::max(smooth ? smooth->bound : 0, own->bound), {}};
+        }
+        if (const auto& own = reports[i].components) {
+            components = added(components.value_or(ComponentReport{}), *own);
         }
     }
     result.json = {{"folder", a.mesh}, {"unit", unit_json(store.unit())}};
     write_label_list(folder / "labels.json", result.json, list, smooth ? &neighbours : nullptr);
     result.json["labels"] = std::move(list);
+    if (smooth) {
+        result.json["scratch_bytes"] = scratch;  // of the run, not of its result
+    }
     result.text =
         fmt::format("{}: {} meshes of {} labels, {} triangles; the list is {}\n", a.mesh,
                     labels.format, chosen.size(), triangles, (folder / "labels.json").string());
@@ -273,7 +293,17 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
         result.text += fmt::format("each within {:.6g} of the label's surface\n", bound);
     }
     if (smooth) {
-        result.text += smooth_text(*smooth) + "; all nodes are on their sides\n";
+        result.text += smooth_text(*smooth) +
+                       (components && components->dropped > 0
+                            ? "; all nodes are on their sides but those of dropped components\n"
+                            : "; all nodes are on their sides\n");
+    }
+    if (components) {
+        result.text += fmt::format(
+            "in all labels {} components, {} of them dropped, with {} triangles, the largest of "
+            "{}\n",
+            components->components, components->dropped, components->dropped_triangles,
+            components->largest_dropped);
     }
     return result;
 }
