@@ -522,13 +522,14 @@ test("a switch shows the smooth surface of the label, and the URL has it", async
   assert.equal((await header(page)).triangles, shown.triangles);
   assert.match(await page.$eval("#side", (element) => element.textContent), /the box does not cut it/);
   await page.uncheck("#box-on");
-  await page.waitForFunction(() => /(^|[#&])smooth=1(&|$)/.test(location.hash));
+  await page.waitForFunction(() => /[#&]smooth=1(&|$)/.test(location.hash) && !location.hash.includes("box="));
   const again = await openPage(browser, page.url());
   await idle(again.page);
   assert.deepEqual((await header(again.page)).smooth_bound, shown.smooth_bound);
   await again.page.uncheck("#smooth");
   await idle(again.page);
   assert.equal((await header(again.page)).triangles, steps.triangles);
+  await again.page.waitForFunction(() => !location.hash.includes("smooth"));
   await again.page.goBack();
   await idle(again.page);
   assert.equal((await header(again.page)).triangles, shown.triangles);
