@@ -15,8 +15,7 @@ constexpr const char* kOnlyDistanceOfLabels =
     "the surface of a label goes with neither focus, camera, backfaces, exact vertices nor an "
     "analysis";
 constexpr const char* kSmoothWhole =
-    "smooth labels share their surfaces whole: they go with neither a choice of components nor a "
-    "box";
+    "smooth labels share their surfaces whole: they do not go with a box";
 constexpr const char* kSmoothHasNoCells =
     "smooth labels are surface nets, whose vertices lie in the cells of the lattice: they have no "
     "other cells, and carry no normals or values";
@@ -97,7 +96,10 @@ constexpr std::array kRefused{
     Combination{Wish::label, Wish::culling, kOnlyDistanceOfLabels},
     Combination{Wish::label, Wish::exact_vertices, kOnlyDistanceOfLabels},
     Combination{Wish::label, Wish::analysis, kOnlyDistanceOfLabels},
-    Combination{Wish::smooth_label, Wish::components, kSmoothWhole},
+    Combination{Wish::simplified_label, Wish::components,
+                "components of smooth labels are chosen label by label, and what is simplified is "
+                "shared by "
+                "all of them; ask for one of the two"},
     Combination{Wish::smooth_label, Wish::box, kSmoothWhole},
     Combination{Wish::smooth_label, Wish::hexahedra, kSmoothHasNoCells},
     Combination{Wish::smooth_label, Wish::tetrahedra, kSmoothHasNoCells},
@@ -106,6 +108,9 @@ constexpr std::array kRefused{
     Combination{Wish::smooth_label, Wish::closing_above,
                 "a smooth label is closed as a solid: what is outside of the volume is not of the "
                 "label"},
+    Combination{Wish::interfaces, Wish::components,
+                "components are chosen of labels' meshes, not of interfaces, which several labels "
+                "share"},
     Combination{Wish::interfaces, Wish::stepped_label,
                 "interfaces are those of smooth labels, which share triangles; labels half way "
                 "between nodes do not. Ask for smooth ones, with no passes if the faces of the "
@@ -269,6 +274,8 @@ const char* name_of(Wish wish) {
             return "a label";
         case Wish::smooth_label:
             return "smooth labels";
+        case Wish::simplified_label:
+            return "smooth labels within a distance or of a number of triangles";
         case Wish::stepped_label:
             return "a label that is not smooth";
         case Wish::interfaces:
@@ -369,6 +376,7 @@ Wishes wishes_of(const StoreReader& store, const LabelQuery& query) {
         std::visit(StopWishes{wishes}, *query.stop);
     }
     if (query.smooth) {
+        set(wishes, Wish::simplified_label, has(wishes, Wish::distance));
         set(wishes, Wish::hexahedra, query.cells == Cells::hexahedra);
     } else {
         set_cells(wishes, query.cells);

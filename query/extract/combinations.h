@@ -23,6 +23,7 @@ enum class Wish : std::uint8_t {
     isolines,
     label,
     smooth_label,
+    simplified_label,
     stepped_label,
     interfaces,
     slice,

@@ -4,21 +4,12 @@
 
 #include <isonest/extract.h>
 
-#include "query/extract/smooth_labels.h"
+#include "query/extract/labels/smooth_labels.h"
+#include "query/labels/label_progress.h"
 #include "store/base/workers.h"
 
 namespace isonest {
 namespace {
-
-/// What one label's surface says of its progress goes to nobody; that the user stops comes through.
-class LabelProgress : public Progress {
-  public:
-    explicit LabelProgress(const Progress& whole) : whole_(whole) {}
-    [[nodiscard]] bool cancelled() const override { return whole_.cancelled(); }
-
-  private:
-    const Progress& whole_;
-};
 
 /// With less memory for each, fewer labels are worked on at the same time.
 constexpr std::uint64_t kMemoryEach = 256U << 20U;
@@ -44,7 +35,7 @@ void extract_labels(const Store& store, std::span<const Label> labels, const Lab
     each.memory = options.memory / static_cast<std::uint64_t>(together);
     each.threads = std::max(threads / together, 1);
     progress.begin("extract", labels.size(), "labels");
-    LabelProgress silent(progress);
+    detail::LabelProgress silent(progress);
     detail::Workers(together).execute([&] {
         tbb::parallel_for(
             tbb::blocked_range<std::size_t>(0, labels.size(), 1),

@@ -155,14 +155,6 @@ void choose_attributes(const StoreReader& store, const MeshAttributes& chosen, b
     }
 }
 
-void require_sense(const ComponentChoice& choice) {
-    if (!(choice.least_volume >= 0) || !std::isfinite(choice.least_volume)) {
-        throw Error(ErrorKind::invalid_argument,
-                    fmt::format("least volume {}: must be a finite number, 0 or more",
-                                choice.least_volume));
-    }
-}
-
 /// The distances of a surface's stop: of its simplification and of the traversal.
 struct DistanceOfStop {
     const StoreHeader& header;
@@ -189,7 +181,7 @@ struct DistanceOfStop {
 void choose_stages(const SurfaceStages& stages, ExtractQuery& asked) {
     asked.traversal.box.close = stages.close;
     if (stages.components) {
-        require_sense(*stages.components);
+        require_components(*stages.components);
         asked.stages.components = stages.components;
     }
 }

@@ -258,6 +258,14 @@ Stop stop_of_cells(const StoreReader& store, const SurfaceStop& test, bool fines
     return any_cell_stop_of(store, test, finest_needs_none);
 }
 
+void require_components(const ComponentChoice& choice) {
+    if (!(choice.least_volume >= 0) || !std::isfinite(choice.least_volume)) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("least volume {}: must be a finite number, 0 or more",
+                                choice.least_volume));
+    }
+}
+
 void require_float32(const StoreReader& store, const ExtractQuery& query) {
     const Int3 nodes = store.layout().header().nodes;
     for (int axis = 0; axis < 3; ++axis) {

@@ -39,6 +39,9 @@ void require_label(const StoreReader& store, std::int64_t label);
 /// Throws Error{invalid_argument} for a distance or a number of triangles that makes no sense.
 void require_distance(const SurfaceStop& stop);
 
+/// Throws Error{invalid_argument} for a least volume that makes no sense.
+void require_components(const ComponentChoice& choice);
+
 /// Throws Error{limit} where the mesh would need numbers beyond float32: coordinates, heights,
 /// values that the mesh holds as float32.
 void require_float32(const StoreReader& store, const ExtractQuery& query);

@@ -134,18 +134,20 @@ class Labels(unittest.TestCase):
     def test_neuroglancers_folder(self):
         data = cells((12, 12, 12), 4, np.array([2, 3, 5, 8], "u1"))
         store = self.store(data)
-        run("extract", store, "--labels", "all", "--format", "neuroglancer", "-o", self.here / "m")
-        self.assertEqual(json.loads((self.here / "m" / "info").read_text()), {"@type": "neuroglancer_legacy_mesh"})
-        run("extract", store, "--labels", "all", "-o", self.here / "p", "--format", "stl")
-        for label in np.unique(data[data > 0]):
-            fragments = json.loads((self.here / "m" / f"{label}:0").read_text())["fragments"]
-            raw = b"".join((self.here / "m" / name).read_bytes() for name in fragments)
-            count = int.from_bytes(raw[:4], "little")
-            points = np.frombuffer(raw, "<f4", 3 * count, 4).reshape(-1, 3)
-            triangles = np.frombuffer(raw, "<u4", offset=4 + 12 * count).reshape(-1, 3)
-            stl = np.frombuffer((self.here / "p" / f"{label}.stl").read_bytes()[84:],
-                                np.dtype([("n", "<f4", 3), ("p", "<f4", (3, 3)), ("a", "<u2")]))
-            np.testing.assert_array_equal(points[triangles], stl["p"])
+        for options in ((), ("--smooth",), ("--smooth=3", "--close", "--components", "largest")):
+            run("extract", store, "--labels", "all", "--format", "neuroglancer", "-o", self.here / "m", *options)
+            self.assertEqual(json.loads((self.here / "m" / "info").read_text()), {"@type": "neuroglancer_legacy_mesh"})
+            run("extract", store, "--labels", "all", "-o", self.here / "p", "--format", "stl", *options)
+            for label in np.unique(data[data > 0]):
+                fragments = json.loads((self.here / "m" / f"{label}:0").read_text())["fragments"]
+                raw = b"".join((self.here / "m" / name).read_bytes() for name in fragments)
+                count = int.from_bytes(raw[:4], "little")
+                points = np.frombuffer(raw, "<f4", 3 * count, 4).reshape(-1, 3)
+                triangles = np.frombuffer(raw, "<u4", offset=4 + 12 * count).reshape(-1, 3)
+                stl = np.frombuffer((self.here / "p" / f"{label}.stl").read_bytes()[84:],
+                                    np.dtype([("n", "<f4", 3), ("p", "<f4", (3, 3)), ("a", "<u2")]))
+                self.assertGreater(len(triangles), 10)
+                np.testing.assert_array_equal(points[triangles], stl["p"])
 
     def test_what_makes_no_sense_is_refused(self):
         store = self.store(cells((9, 9, 9), 4, np.array([2, 3, 5, 8], "u1")))

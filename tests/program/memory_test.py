@@ -195,7 +195,8 @@ def check_inputs(folder):
 def check_labels(folder):
     """Labels, each in a part of the volume."""
     labels = made_store(folder, "labels", "sphere", "--size", 65, "--type", "uint8")
-    for options in ([], ["--distance", "1voxel"], ["--smooth"], ["--smooth=3", "--close"]):
+    for options in ([], ["--distance", "1voxel"], ["--smooth"], ["--smooth=3", "--close"],
+                    ["--smooth=3", "--min-volume", "9", "--components", "3"]):
         # To look for labels takes less than to extract them.
         command = ["extract", labels, "--labels", "1-40", "-o", folder / "meshes", *options]
         least = "1"

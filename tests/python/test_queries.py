@@ -340,6 +340,28 @@ def test_interfaces_are_what_the_labels_meshes_are_cut_from(tmp_path):
         store.interfaces([2, 4])
 
 
+def test_parts_of_smooth_labels_are_dropped(tmp_path):
+    from scipy.ndimage import label as filled
+    data = np.zeros((20, 22, 24), "u1")
+    data[2:9, 2:9, 2:9], data[12:15, 12:15, 12:20], data[17, 3, 5], data[3, 18, 20] = 5, 5, 5, 8
+    isonest.preprocess(data, tmp_path / "s")
+    store = isonest.open(tmp_path / "s")
+    whole = store.label_surface(5, smooth=True)
+    assert whole.report.components == 0  # not looked for
+    found = store.label_surfaces(smooth=True, components=2)
+    assert found[5].report.components == filled(data == 5, np.ones((3, 3, 3)))[1] == 3
+    assert found[5].report.dropped_components == 1 and found[5].report.largest_dropped == 12
+    assert len(found[5].faces) == len(whole.faces) - 12 and len(found[8].faces) == 12
+    corners = {face.tobytes() for face in whole.vertices[whole.faces]}
+    assert {face.tobytes() for face in found[5].vertices[found[5].faces]} < corners
+    all_parts = store.label_surface(5, smooth=True, components="all")
+    np.testing.assert_array_equal(all_parts.vertices, whole.vertices)
+    assert len(store.label_surface(5, smooth=True, min_component=10 ** 6).faces) == 0
+    assert store.label_surface(5, smooth=0, min_volume=73).report.volume == 7 ** 3
+    with pytest.raises(isonest.Error, match="least volume"):
+        store.label_surface(5, smooth=True, min_volume=float("nan"))
+
+
 @pytest.mark.parametrize("more", [{}, {"error": 0.1, "cells": "hex"}, {"distance": "0.5voxel"},
                                   {"close": True, "coordinates": "world", "gradient_direction": "ascent"}])
 def test_several_isovalues_give_the_mesh_of_each(store_path, noise, more):

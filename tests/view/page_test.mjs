@@ -490,6 +490,55 @@ test("of labels the one that is typed is shown, and nothing that needs values", 
   await its.end();
 });
 
+test("a switch shows the smooth surface of the label, and the URL has it", async () => {
+  const volume = join(folder.path, "smooth.npy");
+  const labels = join(folder.path, "smooth.isonest");
+  await writeFile(volume, labelVolume());
+  await run(program, "preprocess", volume, "--labels", "--unit", "um", "-o", labels);
+  const its = await startServer(program, labels, "--port", "0");
+  const { page, faults, close } = await openPage(browser, `${its.url}#iso=7`);
+  await idle(page);
+  const plain = await canvas(page);
+  const steps = await header(page);
+  assert.equal(steps.smooth_bound, null);
+  await page.check("#smooth");
+  await idle(page);
+  const shown = await header(page);
+  const mesh = join(folder.path, "smooth.ply");
+  const command = await commandOf(page, mesh);
+  assert.ok(command.includes("--smooth=16"), command.join(" "));
+  const report = JSON.parse(await run(program, ...command, "--json"));
+  assert.equal(shown.triangles, report.triangles);
+  assert.equal(shown.smooth_bound, report.smooth_bound + shown.position_rounding);
+  const told = await page.$eval("#surface-bound", (element) => element.textContent);
+  assert.ok(Number(/^Smooth, within ([0-9.e-]+) µm of the faces of the voxels$/.exec(told)[1]) >= shown.smooth_bound, told);
+  assert.ok(differing(plain, await canvas(page)) > 0.001, "the smooth surface looks as the other one");
+  assert.ok(!(await page.isVisible("#target")));
+  // The box does not cut it, and is told so.
+  await open(page, "clipping");
+  await page.check("#box-on");
+  await setRange(page, "box-3", 10);
+  await idle(page);
+  assert.equal((await header(page)).triangles, shown.triangles);
+  assert.match(await page.$eval("#side", (element) => element.textContent), /the box does not cut it/);
+  await page.uncheck("#box-on");
+  await page.waitForFunction(() => /[#&]smooth=1(&|$)/.test(location.hash) && !location.hash.includes("box="));
+  const again = await openPage(browser, page.url());
+  await idle(again.page);
+  assert.deepEqual((await header(again.page)).smooth_bound, shown.smooth_bound);
+  await again.page.uncheck("#smooth");
+  await idle(again.page);
+  assert.equal((await header(again.page)).triangles, steps.triangles);
+  await again.page.waitForFunction(() => !location.hash.includes("smooth"));
+  await again.page.goBack();
+  await idle(again.page);
+  assert.equal((await header(again.page)).triangles, shown.triangles);
+  assert.deepEqual([faults, again.faults], [[], []]);
+  await again.close();
+  await close();
+  await its.end();
+});
+
 test("data in a plane are shown as they are, with their bound and no surface", async () => {
   const volume = join(folder.path, "plane.raw");
   const plane = join(folder.path, "plane.isonest");

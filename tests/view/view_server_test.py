@@ -598,6 +598,56 @@ class Kinds(unittest.TestCase):
             self.assertGreater(server.mesh("/api/surface", label=2 ** 60 + 1)["triangles"], 100)
             self.assertEqual(server.json("/api/value", at="5,5,5")[1]["node_value"], 2 ** 60 + 1)
 
+    def test_a_smooth_label_is_the_one_that_extract_makes(self):
+        z, y, x = numpy.mgrid[:30, :32, :34]
+        labels = 1 + (x > 14).astype("u2") + 2 * ((x - 17) ** 2 + (y - 16) ** 2 + (z - 15) ** 2 < 110)
+        labels[2, 2, 2] = 3
+        numpy.save(HERE / "smooth.npy", labels.astype("u2"))
+        isonest("preprocess", "smooth.npy", "--labels", "--spacing", "0.5,1,2", "--origin", "7,-3,0", "--unit", "mm", "-o",
+                "smooth.isonest", "-q")
+        with view("smooth.isonest") as server:
+            for asked in ({"smooth": 16}, {"smooth": 0}, {"smooth": 5, "components": "largest"}):
+                mesh = server.mesh("/api/surface", label=3, **asked)
+                said = server.json("/api/command", label=3, **asked)[1]["command"]
+                self.assertIn(f" --smooth={asked['smooth']} ", said)
+                report = json.loads(isonest(*said.split()[1:], "--json").stdout)
+                vertices, faces = read_ply(HERE / "surface.ply")
+                points = numpy.stack([vertices[k] for k in "xyz"], axis=1).astype(float)
+                self.assertEqual((mesh["vertices"], mesh["triangles"]), (len(points), len(faces)))
+                self.assertLessEqual(numpy.linalg.norm(points - mesh["points"], axis=1).max(),
+                                     mesh["position_rounding"] * 1.0001 + 1e-6)
+                self.assertTrue((numpy.sort(faces, axis=1) == numpy.sort(mesh["faces"].astype(int), axis=1)).all())
+                self.assertEqual((mesh["stop"], mesh["full_resolution"]), ("smooth", True))
+                self.assertIsNone(mesh["error_bound"])
+                self.assertIsNone(mesh["distance_bound"])
+                self.assertAlmostEqual(mesh["smooth_bound"], report["smooth_bound"] + mesh["position_rounding"], 12)
+                # Its normals: of unit length, out of the label, and nearly those of the triangles around.
+                self.assertLess(numpy.abs(numpy.linalg.norm(mesh["normals"], axis=1) - 1).max(), 0.02)
+                t = mesh["points"][mesh["faces"]]
+                area = numpy.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+                mean = numpy.zeros_like(mesh["points"])
+                for k in range(3):
+                    numpy.add.at(mean, mesh["faces"][:, k], area)
+                mean /= numpy.linalg.norm(mean, axis=1)[:, None]
+                self.assertLess(numpy.abs(mean - mesh["normals"]).max(), 0.01)
+                centre = numpy.array([7 + 0.5 * 11, -3 + 16, 2 * 15])
+                big = numpy.linalg.norm((mesh["points"] - centre) / (0.5, 1, 2), axis=1) < 12
+                self.assertGreater(((mesh["points"] - centre) * mesh["normals"]).sum(1)[big].min(), 0)
+                # As a file it has no normals, as extract makes it.
+                content = server.ask("/api/export", label=3, format="ply", **asked)[2]
+                self.assertEqual(content, (HERE / "surface.ply").read_bytes())
+            self.assertEqual(server.mesh("/api/surface", label=77, smooth=16)["triangles"], 0)
+            full = server.mesh("/api/surface", label=3, error=0)
+            self.assertIsNone(full["smooth_bound"])
+            for status, asked in ((400, {"smooth": 65}), (400, {"smooth": "x"}), (400, {"smooth": 16, "box": "8,0,0,9,9,9"}),
+                                  (400, {"smooth": 16, "distance": 1}), (400, {"smooth": 16, "error": 1}),
+                                  (400, {"smooth": 16, "triangles": 100}), (413, {"smooth": 16, "limit": 100})):
+                found, said = server.json("/api/surface", label=3, **asked)
+                self.assertEqual(found, status, said)
+                self.assertIn("triangles" if status == 413 else "smooth" if "error" not in asked and "triangles" not in asked
+                              else "labels", said["error"]["message"])
+            self.assertEqual(server.json("/api/surface", iso=1, smooth=16)[0], 400)
+
 
 if __name__ == "__main__":
     try:

@@ -10,6 +10,7 @@
 #include <memory>
 #include <system_error>
 #include <utility>
+#include <vector>
 
 #include <isonest/error.h>
 #include <isonest/mesh_file.h>
@@ -25,21 +26,27 @@ Json header_of(const MeshRequest& request, const ExtractReport& r, const MeshMes
     const bool distance = r.distance.has_value();
     Json header = {{"stop", distance         ? "distance"
                             : request.camera ? "camera"
+                            : r.smooth       ? "smooth"
                                              : "error"},
                    {"tolerance", distance ? r.distance->asked : r.tolerance},
                    {"error_bound", nullptr},
                    {"distance_bound", nullptr},
+                   {"smooth_bound", nullptr},
                    {"full_resolution", false},
                    {"seconds", r.seconds},
                    {"chunks_read", r.traversal.chunks_read},
                    {"bytes_read", r.traversal.bytes_read}};
+    if (r.smooth) {
+        header["smooth_bound"] = r.smooth->bound + mesh.position_rounding();
+        header["full_resolution"] = !distance;
+    }
     if (distance) {
         if (const auto* const asked = std::get_if<DistanceBound>(&request.stop)) {
             header["tolerance"] = asked->value;
         }
         header["distance_bound"] = r.distance->bound + mesh.position_rounding();
         header["full_resolution"] = r.distance->asked == 0;
-    } else {
+    } else if (!r.smooth) {
         header["error_bound"] = r.error_bound;
         header["full_resolution"] = r.error_bound == (request.is_slice() ? r.value_rounding : 0);
     }
@@ -47,6 +54,9 @@ Json header_of(const MeshRequest& request, const ExtractReport& r, const MeshMes
 }
 
 HttpAnswer as_answer(MeshMessage& mesh, const MeshRequest& request, const ExtractReport& report) {
+    if (report.smooth) {
+        mesh.make_normals();
+    }
     return {200, "application/octet-stream", mesh.finish(header_of(request, report, mesh)), {}};
 }
 
@@ -88,15 +98,14 @@ ExtractReport MeshAnswers::extract_to(MeshSink& sink, const MeshRequest& request
                        options, progress);
     }
     const auto* const distance = std::get_if<DistanceBound>(&request.stop);
-    SurfaceQuery query = surface_query(
-        request, distance != nullptr ? SurfaceStop(DistanceBound{distance->value - rounding, false,
-                                                                 distance->effort})
-                                     : SurfaceStop(std::get<ErrorBound>(request.stop)));
-    query.attributes.normals = true;
-    if (const auto* const label = std::get_if<LabelChoice>(&request.what)) {
-        return extract(store_, label_query(query, *label), sink, options, progress);
+    const SurfaceStop stop =
+        distance != nullptr
+            ? SurfaceStop(DistanceBound{distance->value - rounding, false, distance->effort})
+            : SurfaceStop(std::get<ErrorBound>(request.stop));
+    if (std::holds_alternative<LabelChoice>(request.what)) {
+        return extract(store_, label_query(request, stop), sink, options, progress);
     }
-    return extract(store_, query, sink, options, progress);
+    return extract(store_, surface_query(request, stop), sink, options, progress);
 }
 
 /// What rounding positions may take of the distance asked for: nothing if that is smaller.
@@ -161,7 +170,9 @@ HttpAnswer MeshAnswers::within_stop(const MeshRequest& request, Progress& progre
         throw Error(ErrorKind::limit, {store_.path().string()},
                     fmt::format("the mesh has {} triangles; this memory is enough for {}",
                                 e.triangles, budget_.most_triangles),
-                    {{RemedyKind::larger_error}, {RemedyKind::smaller_box}});
+                    request.smooth ? std::vector<Remedy>{{RemedyKind::more_memory}}
+                                   : std::vector<Remedy>{{RemedyKind::larger_error},
+                                                         {RemedyKind::smaller_box}});
     }
 }
 

@@ -12,6 +12,8 @@
 
 #include <isonest/error.h>
 
+#include "store/base/vector3.h"
+
 namespace isonest::detail::view {
 namespace {
 
@@ -25,6 +27,12 @@ constexpr std::uint64_t kLeastEncoded = 256;
 
 std::uint16_t rounded(double steps) {
     return static_cast<std::uint16_t>(std::lround(std::clamp(steps, 0.0, kSteps)));
+}
+
+/// A component of a unit normal.
+std::int8_t rounded_normal(double component) {
+    constexpr double kUnit = 127;
+    return static_cast<std::int8_t>(std::lround(kUnit * std::clamp(component, -1.0, 1.0)));
 }
 
 void append_number(std::string& out, std::uint32_t number) {
@@ -120,11 +128,9 @@ void MeshMessage::add_vertices(const VertexBatch& batch) {
                             : std::uint16_t{0};
         }
         if (normal != nullptr) {
-            constexpr double kUnit = 127;
             for (int axis = 0; axis < 3; ++axis) {
                 normals_[batch.first + i][static_cast<std::size_t>(axis)] =
-                    static_cast<std::int8_t>(
-                        std::lround(kUnit * std::clamp(batch.number(i, *normal, axis), -1.0, 1.0)));
+                    rounded_normal(batch.number(i, *normal, axis));
             }
         }
         if (value != nullptr) {
@@ -174,6 +180,33 @@ void MeshMessage::round_values(Json& header) {
     values_ = {};
 }
 
+void MeshMessage::make_normals() {
+    std::vector<std::array<float, 3>> sum(positions_.size());
+    const auto side = [&](std::uint32_t from, std::uint32_t to) {
+        Double3 d{};
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            d[axis] = step_[axis] * (int{positions_[to][axis]} - int{positions_[from][axis]});
+        }
+        return d;
+    };
+    for (std::size_t i = 0; i < indices_.size(); i += 3) {
+        const Double3 normal =
+            cross(side(indices_[i], indices_[i + 1]), side(indices_[i], indices_[i + 2]));
+        for (std::size_t k = 0; k < 3; ++k) {
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                sum[indices_[i + k]][axis] += static_cast<float>(normal[axis]);
+            }
+        }
+    }
+    normals_.assign(positions_.size(), {});
+    for (std::size_t v = 0; v < sum.size(); ++v) {
+        const double length = std::hypot(sum[v][0], sum[v][1], sum[v][2]);
+        for (std::size_t axis = 0; axis < 3 && length > 0; ++axis) {
+            normals_[v][axis] = rounded_normal(static_cast<double>(sum[v][axis]) / length);
+        }
+    }
+}
+
 std::string MeshMessage::finish(Json header) {
     header["vertices"] = positions_.size();
     header["triangles"] = triangles();
@@ -184,7 +217,7 @@ std::string MeshMessage::finish(Json header) {
     const std::size_t vertices = positions_.size();
     Sections sections;
     sections.add_vertices("positions", positions_);
-    if (layout_.find("normal") != nullptr) {
+    if (layout_.find("normal") != nullptr || !normals_.empty()) {
         sections.add_vertices("normals", normals_);
     }
     sections.add_indices(indices_, vertices);

@@ -28,7 +28,7 @@ class MeshMessage : public MeshSink {
     explicit MeshMessage(std::uint64_t most) : most_(most) {}
 
     /// Bytes of heap for a triangle, at most, while a message is made: a mesh has at most three
-    /// vertices for a triangle, and about half of one.
+    /// vertices for a triangle, and about half of one; one without normals of its own about half.
     static constexpr std::uint64_t kTriangleHeap = 64;
 
     /// Throws Error{invalid_argument} for lines.
@@ -44,6 +44,9 @@ class MeshMessage : public MeshSink {
     [[nodiscard]] double position_rounding() const;
     /// The same of a mesh that fills a box of these lengths.
     static double rounding_of(const std::array<double, 3>& extent);
+    /// Gives each vertex the mean of the normals of its triangles, weighed by their areas. After
+    /// end(), of a mesh that came without.
+    void make_normals();
     /// The whole message: `header` and what is known here. The mesh is gone then.
     [[nodiscard]] std::string finish(nlohmann::ordered_json header);
 

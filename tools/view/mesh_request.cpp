@@ -116,6 +116,13 @@ MeshRequest parse_mesh_request(RequestTarget& target, bool is_slice, bool are_la
         }
         request.largest_component = *components == "largest";
     }
+    if (const auto passes =
+            is_slice ? std::nullopt : target.integer("smooth", 0, LabelSmoothing::kMostPasses)) {
+        if (!std::holds_alternative<LabelChoice>(request.what)) {
+            fail("smooth goes with a label");
+        }
+        request.smooth = LabelSmoothing{static_cast<int>(*passes)};
+    }
     if (request.camera && !std::holds_alternative<ErrorBound>(request.stop)) {
         fail("camera goes with an error, or alone");
     }
@@ -133,6 +140,14 @@ SurfaceQuery surface_query(const MeshRequest& request, const SurfaceStop& stop) 
     if (request.largest_component) {
         query.stages.components = ComponentChoice{1, 0, 0};
     }
+    query.attributes.normals = !request.smooth;
+    return query;
+}
+
+LabelQuery label_query(const MeshRequest& request, const SurfaceStop& stop) {
+    LabelQuery query =
+        isonest::label_query(surface_query(request, stop), std::get<LabelChoice>(request.what));
+    query.smooth = request.smooth;
     return query;
 }
 
@@ -188,7 +203,9 @@ std::string command_line(const MeshRequest& request, const Store& store,
     if (request.largest_component) {
         line += " --components largest";
     }
-    if (!request.is_slice()) {
+    if (request.smooth) {
+        line += fmt::format(" --smooth={}", request.smooth->passes);
+    } else if (!request.is_slice()) {
         line += " --normals";  // as the meshes of the page have
     }
     return line + " -o " + quoted(output);

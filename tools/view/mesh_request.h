@@ -24,6 +24,7 @@ struct MeshRequest {
     std::optional<std::uint64_t> limit = {};  ///< of triangles; beyond, AtMostTriangles
     std::optional<WorldBox> box = {};
     bool largest_component = false;
+    std::optional<LabelSmoothing> smooth = {};  ///< of a label
 
     [[nodiscard]] bool is_slice() const { return std::holds_alternative<WorldPlane>(what); }
 };
@@ -32,9 +33,11 @@ struct MeshRequest {
 /// Error{invalid_argument}, naming the parameter.
 MeshRequest parse_mesh_request(RequestTarget& target, bool is_slice, bool are_labels);
 
-/// The queries that give the mesh (of a label: as label_query() takes one), at `stop` in place of
-/// AtMostTriangles. REQUIRES: it is one.
+/// The queries that give the mesh, at `stop` in place of AtMostTriangles. REQUIRES: it is one. Of
+/// surfaces with normals, but those of smooth labels. Throws Error{invalid_argument} for what
+/// labels do not have.
 SurfaceQuery surface_query(const MeshRequest& request, const SurfaceStop& stop);
+LabelQuery label_query(const MeshRequest& request, const SurfaceStop& stop);
 SliceQuery slice_query(const MeshRequest& request, const StopTest& stop);
 /// Of a store with one node along z: the data in their plane, with values, whatever plane is asked
 /// for.

@@ -89,7 +89,9 @@ struct LabelChoice {
 /// same triangles, seen from both sides. All labels of the store shape the meshes, also those that
 /// are not asked for. A label that touches itself along an edge of its voxels has an edge of four
 /// triangles there, else a mesh's edges have two. At the volume's border, half a node's distance
-/// beyond the last nodes, the meshes are open, or closed with SurfaceStages::close.
+/// beyond the last nodes, the meshes are open, or closed with SurfaceStages::close. Components that
+/// are dropped change nothing of the others: nodes of theirs lie inside no mesh, or, of a cavity,
+/// inside the mesh around it as well.
 struct LabelSmoothing {
     static constexpr int kMostPasses = 64;
     /// How often vertices are moved, 0 ... kMostPasses; 0: the faces of the voxels.

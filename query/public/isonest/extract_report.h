@@ -80,10 +80,11 @@ struct DistanceReport {
     std::optional<SurfaceMeasures> full = {};
 };
 
-/// A label that another one touches.
+/// A label that another one touches, whichever components are dropped.
 struct NeighbourLabel {
     std::int64_t id = 0;
-    double area = 0;  ///< of the triangles that the meshes of the two share, square world units
+    /// Of the triangles that the whole meshes of the two share, square world units.
+    double area = 0;
 };
 
 /// Of a label's mesh that was smoothed.
@@ -92,7 +93,7 @@ struct SmoothReport {
     /// Proven: no point of the mesh is further from the label's staircase, the faces of its voxels,
     /// and no point of the staircase further from the mesh, in world units; less than half a cell's
     /// diagonal, and where it was simplified the distance's bound more. Coordinates rounded to
-    /// float32 count in.
+    /// float32 count in. The staircase is without those parts whose components were dropped.
     double bound = 0;
     /// Proven: all nodes further than this from the surfaces between labels, world units, are
     /// inside the meshes of their own labels alone; 0: all nodes. Above 0 for a mesh that was

@@ -91,6 +91,7 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
     }
     if (r.smooth) {
         add_smooth_json(*r.smooth, result.json);
+        result.json["scratch_bytes"] = r.scratch_bytes;
         result.json["neighbours"] = Json::array();
         for (const NeighbourLabel& neighbour : r.smooth->neighbours) {
             result.json["neighbours"].push_back({{"id", neighbour.id}, {"area", neighbour.area}});

@@ -16,6 +16,7 @@
 
 #include "store/files/output_file.h"
 #include "tools/cli/options/close_option.h"
+#include "tools/cli/options/component_options.h"
 #include "tools/cli/options/distance_options.h"
 #include "tools/cli/options/label_list.h"
 #include "tools/cli/options/units.h"
@@ -131,6 +132,13 @@ void write_neuroglancer(const fs::path& folder, const std::vector<Label>& labels
     }
 }
 
+/// Of both together.
+ComponentReport added(const ComponentReport& a, const ComponentReport& b) {
+    return {a.components + b.components, a.dropped + b.dropped,
+            a.dropped_triangles + b.dropped_triangles,
+            std::max(a.largest_dropped, b.largest_dropped)};
+}
+
 Json json_of(const Label& label, const ExtractReport& r, const std::string& mesh) {
     Json json = {{"id", label.id},
                  {"nodes", label.nodes},
@@ -153,6 +161,9 @@ Json json_of(const Label& label, const ExtractReport& r, const std::string& mesh
     }
     if (r.smooth) {
         add_smooth_json(*r.smooth, json);
+    }
+    if (r.components) {
+        add_component_json(*r.components, json);
     }
     return json;
 }
@@ -284,6 +295,8 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     std::uint64_t triangles = 0;
     double bound = 0;
     std::optional<SmoothReport> smooth;
+    std::optional<ComponentReport> components;
+    std::uint64_t scratch = 0;
     for (std::size_t i = 0; i < chosen.size(); ++i) {
         list.push_back(json_of(chosen[i], reports[i], mesh_name(chosen[i].id, labels.format)));
         triangles += reports[i].triangles;
@@ -291,15 +304,22 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
             bound = std::max(bound, distance->bound);
         }
         if (const auto& own = reports[i].smooth) {
+            scratch = std::max(scratch, reports[i].scratch_bytes);
             smooth = SmoothReport{own->passes,
                                   std::max(smooth ? smooth->bound : 0, own->bound),
                                   std::max(smooth ? smooth->nodes_beyond : 0, own->nodes_beyond),
                                   {}};
         }
+        if (const auto& own = reports[i].components) {
+            components = added(components.value_or(ComponentReport{}), *own);
+        }
     }
     result.json = {{"folder", a.mesh}, {"unit", unit_json(store.unit())}};
     write_label_list(folder / "labels.json", result.json, list, smooth ? &neighbours : nullptr);
     result.json["labels"] = std::move(list);
+    if (smooth) {
+        result.json["scratch_bytes"] = scratch;  // of the run, not of its result
+    }
     result.text =
         fmt::format("{}: {} meshes of {} labels, {} triangles; the list is {}\n", a.mesh,
                     labels.format, chosen.size(), triangles, (folder / "labels.json").string());
@@ -310,7 +330,16 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
         result.text += "more triangles than asked for: within the distance there are no fewer\n";
     }
     if (smooth) {
-        result.text += smooth_text(*smooth) + "\n";
+        result.text +=
+            smooth_text(*smooth) +
+            (components && components->dropped > 0 ? " but those of dropped components\n" : "\n");
+    }
+    if (components) {
+        result.text += fmt::format(
+            "in all labels {} components, {} of them dropped, with {} triangles, the largest of "
+            "{}\n",
+            components->components, components->dropped, components->dropped_triangles,
+            components->largest_dropped);
     }
     return result;
 }

@@ -4,7 +4,7 @@ import { kSliceNames, type ViewState, type ViewStore } from "./state";
 
 const kTargets = ["screen", "full", "error", "distance", "triangles"] as const;
 const kNumbers = ["iso", "pixels", "error", "distance", "triangles", "moving", "most", "turn", "tilt"] as const;
-const kFlags = ["surface", "largest", "facets", "outline"] as const;
+const kFlags = ["surface", "largest", "smooth", "facets", "outline"] as const;
 const kThemes = ["auto", "light", "dark"] as const;
 const kProjections = ["perspective", "orthographic"] as const;
 const kRest = 300; // milliseconds without a change, until the URL follows

@@ -77,10 +77,11 @@ export interface Section {
 export interface MeshHeader {
   readonly vertices: number;
   readonly triangles: number;
-  readonly stop: "error" | "distance" | "camera";
+  readonly stop: "error" | "distance" | "camera" | "smooth";
   readonly tolerance: number;
   readonly error_bound: number | null;
   readonly distance_bound: number | null;
+  readonly smooth_bound: number | null;
   readonly full_resolution: boolean;
   readonly position_rounding: number;
   readonly value_rounding?: number;

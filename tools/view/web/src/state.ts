@@ -27,6 +27,8 @@ export interface ViewState {
   /** No mesh that is asked for has more triangles, but within a distance. */
   readonly most: number;
   readonly largest: boolean;
+  /** Of a label the smooth surface, in place of the one half way between nodes. */
+  readonly smooth: boolean;
   readonly facets: boolean;
   /** Null: everything. */
   readonly box: Box | null;
@@ -106,6 +108,7 @@ export function defaults(store: StoreInfo, isovalue: number, aspect: number): Vi
     moving: 100_000,
     most: Math.min(3_000_000, store.most_triangles),
     largest: false,
+    smooth: false,
     facets: false,
     box: null,
     slices: {

@@ -8,8 +8,10 @@ import type { Stage } from "./stage";
 import type { Key, ViewState, ViewStore } from "./state";
 
 /** A change of these shows another surface, and of those the same one otherwise. */
-const kMoves: readonly Key[] = ["surface", "iso", "box", "largest", "moving", "most"];
+const kMoves: readonly Key[] = ["surface", "iso", "box", "largest", "smooth", "moving", "most"];
 const kLooks: readonly Key[] = ["target", "pixels", "error", "distance", "triangles"];
+/** How often vertices of a smooth label are moved: as isonest extract does it. */
+const kPasses = 16;
 const kFirstSteps = 10; // times the triangles while moving
 /** Simplified meshes come from the whole surface at full resolution: of larger volumes that takes too long at rest. */
 const kMostSimplified = 2 ** 28; // nodes
@@ -73,9 +75,9 @@ export class Surface {
   asSeen(): Parameters | null {
     const { header } = this.drawn;
     if (!header) return null;
-    const { camera, iso, label, box, components, effort } = this.asked;
+    const { camera, iso, label, box, components, smooth, effort } = this.asked;
     const same: Record<string, string | number> = {};
-    for (const [name, value] of Object.entries({ iso, label, box, components })) if (value !== undefined) same[name] = value;
+    for (const [name, value] of Object.entries({ iso, label, box, components, smooth })) if (value !== undefined) same[name] = value;
     if (header.stop === "distance") return { ...same, distance: header.tolerance, ...(effort === undefined ? {} : { effort }) };
     if (header.stop === "camera" && camera !== undefined) return { ...same, camera };
     return { ...same, error: header.tolerance };
@@ -88,11 +90,18 @@ export class Surface {
 
   private basis(): Parameters {
     const { iso, box, largest } = this.views.state;
+    const smooth = this.isSmooth();
     return {
       ...(this.store.labels ? { label: Math.round(iso) } : { iso }),
-      ...(box ? { box: box.join(",") } : {}),
+      ...(box && !smooth ? { box: box.join(",") } : {}),
+      ...(smooth ? { smooth: kPasses } : {}),
       ...(largest ? { components: "largest" } : {}),
     };
+  }
+
+  /** A smooth surface is wanted: it is whole, and not refined. */
+  private isSmooth(): boolean {
+    return this.store.labels && this.views.state.smooth;
   }
 
   private camera(pixels: number): string {
@@ -113,7 +122,7 @@ export class Surface {
     const state: ViewState = this.views.state;
     const { most: limit, pixels } = state;
     const basis = this.basis();
-    if (this.store.labels && state.target !== "distance") return [];
+    if (this.store.labels && (state.target !== "distance" || this.isSmooth())) return [];
     const first: Step = {
       parameters: { ...basis, triangles: Math.min(kFirstSteps * state.moving, limit) },
       aim: "with more triangles",
@@ -121,7 +130,7 @@ export class Surface {
     switch (state.target) {
       case "screen": {
         const distance = this.unseenDistance();
-        const within = distance === null ? { camera: this.camera(pixels) } : { distance, effort: "fast" };
+        const within: Parameters = distance === null ? { camera: this.camera(pixels) } : { distance, effort: "fast" };
         return [
           { parameters: { ...basis, camera: this.camera(4 * pixels), limit }, aim: `to ${4 * pixels} pixels` },
           { parameters: { ...basis, ...within, limit }, aim: "to what the screen can show" },
@@ -140,6 +149,7 @@ export class Surface {
 
   private enough(shown: MeshHeader): boolean {
     const { target, error, moving } = this.views.state;
+    if (shown.stop === "smooth") return true;
     const unseen = target === "screen" ? this.unseenDistance() : null;
     if (target === "screen" && shown.stop === "distance") {
       return unseen !== null && shown.tolerance <= unseen && shown.tolerance > unseen / 4;

@@ -37,6 +37,7 @@ export function unitOf(store: StoreInfo): string {
 
 /** What is proven of a surface; `unit`: of lengths. */
 export function surfaceBound(header: MeshHeader, unit: string): string {
+  if (header.smooth_bound !== null) return `smooth, within ${shortBound(header.smooth_bound)} ${unit} of the faces of the voxels`;
   if (header.full_resolution) return "full resolution";
   if (header.distance_bound !== null) {
     return `within ${shortBound(header.distance_bound)} ${unit} of the surface at full resolution`;
@@ -57,6 +58,6 @@ export function sliceBound(header: MeshHeader): string {
 
 /** By how much vertices were moved for the way here, or nothing to say. */
 export function rounding(header: MeshHeader, unit: string): string {
-  if (!(header.position_rounding > 0) || header.distance_bound !== null) return "";
+  if (!(header.position_rounding > 0) || (header.distance_bound ?? header.smooth_bound) !== null) return "";
   return `Vertices are rounded by up to ${shortBound(header.position_rounding)} ${unit}.`;
 }

@@ -42,15 +42,17 @@ export class SurfacePanel {
     const moving = numberField("Triangles while moving", (value) => views.set({ moving: Math.round(value) }), { id: "moving", min: 100, max: 10_000_000 });
     const most = numberField("Triangles at most", (value) => views.set({ most: Math.round(value) }), { id: "most", min: 100, max: store.most_triangles });
     const largest = checkbox("Only the largest piece", (on) => views.set({ largest: on }), { id: "largest" });
+    const smooth = checkbox("Smooth, without the steps of voxels", (on) => views.set({ smooth: on }), { id: "smooth" });
     const facets = checkbox("Show the triangles", (on) => views.set({ facets: on }), { id: "facets" });
     this.state = h("div", { class: "state", role: "group", "aria-label": "The surface now" }, this.bound, this.count, this.progress, this.detail);
     this.choices = section(
       "surface", "Surface", true,
-      shown.row, target.row, pixels.row, error.row, distance.row, triangles.row, moving.row, most.row, largest.row, facets.row,
+      shown.row, smooth.row, target.row, pixels.row, error.row, distance.row, triangles.row, moving.row, most.row, largest.row, facets.row,
     );
     views.subscribe((state) => {
       shown.set(state.surface);
       largest.set(state.largest);
+      smooth.set(state.smooth);
       facets.set(state.facets);
       target.input.value = state.target;
       pixels.set(state.pixels);
@@ -60,7 +62,9 @@ export class SurfacePanel {
       moving.set(state.moving);
       most.set(state.most);
       moving.row.hidden = most.row.hidden = store.labels;
-      for (const [name, { row }] of Object.entries({ screen: pixels, error, distance, triangles })) row.hidden = state.target !== name;
+      smooth.row.hidden = !store.labels;
+      target.row.hidden = store.labels && state.smooth;
+      for (const [name, { row }] of Object.entries({ screen: pixels, error, distance, triangles })) row.hidden = state.target !== name || target.row.hidden;
     });
   }
 
@@ -72,7 +76,8 @@ export class SurfacePanel {
     this.progress.textContent = this.underWay();
     this.progress.classList.toggle("active", this.surface.refiner.busy && header !== null);
     const limited = header && this.limited() ? `It would take more than ${whole(this.views.state.most)} triangles to be as fine as wanted. ` : "";
-    this.detail.textContent = header ? `${limited}${rounding(header, this.unit)}` : "";
+    const uncut = header?.stop === "smooth" && this.views.state.box ? "A smooth surface is whole: the box does not cut it. " : "";
+    this.detail.textContent = header ? `${limited}${uncut}${rounding(header, this.unit)}` : "";
   }
 
   /** The bound in a sentence's words, without a stop; empty if there is no surface. */

@@ -1,4 +1,4 @@
-#include "query/extract/label_sheets.h"
+#include "query/extract/labels/label_sheets.h"
 
 #include <fmt/format.h>
 
