@@ -17,18 +17,24 @@ def windings(points, faces, shape):
             y, z = first[:, 0] + dy, first[:, 1] + dz
             near = (y <= last[:, 0]) & (z <= last[:, 1]) & (y >= 0) & (z >= 0) & (y < shape[1]) & (z < shape[0])
             t, line = at[near], np.stack([y, z], 1)[near]
-            sides = []
+            sides, signs = [], []
             for i in range(3):
                 p, q = t[:, i, 1:] - line, t[:, (i + 1) % 3, 1:] - line
                 cross = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
                 # A line through an edge counts as beside it, on the side that the edge itself says.
                 forward = (p[:, 0] < q[:, 0]) | ((p[:, 0] == q[:, 0]) & (p[:, 1] < q[:, 1]))
-                sides.append(np.where(cross == 0, np.where(forward, 1.0, -1.0), cross))
-            sides = np.stack(sides, 1)
-            inside = (sides > 0).all(1) | (sides < 0).all(1)
-            sides, t, line = sides[inside], t[inside], line[inside]
+                sides.append(cross)
+                signs.append(np.where(cross == 0, np.where(forward, 1, -1), np.sign(cross)).astype(int))
+            sides, signs = np.stack(sides, 1), np.stack(signs, 1)
+            inside = (np.abs(signs.sum(1)) == 3) & (sides != 0).any(1)
+            sides, signs, t, line = sides[inside], signs[inside], t[inside], line[inside]
             # The side of an edge weighs the corner that is not on it.
             weight = sides / sides.sum(1)[:, None]
             x = weight[:, 1] * t[:, 0, 0] + weight[:, 2] * t[:, 1, 0] + weight[:, 0] * t[:, 2, 0]
-            np.add.at(crossings, (line[:, 1], line[:, 0], np.floor(x).astype(int) + 1), np.sign(sides[:, 0]).astype(int))
+            # Where that is next to a node, on which side of the triangle's plane it lies.
+            normal = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+            node = np.round(x)
+            beyond = np.einsum("ij,ij->i", normal, np.column_stack([node, line]) - t[:, 0]) * normal[:, 0] < 0
+            x = np.where(np.abs(x - node) < 1e-3, np.where(beyond, node + 0.5, node - 0.5), x)
+            np.add.at(crossings, (line[:, 1], line[:, 0], np.floor(x).astype(int) + 1), signs[:, 0])
     return crossings[:, :, ::-1].cumsum(2)[:, :, ::-1][:, :, 1:-1]

@@ -13,8 +13,8 @@ namespace isonest::detail {
 /// What lies between the triangles around a vertex and those that take their place is put together
 /// of the tetrahedra that the old triangles span with the corner which the vertex becomes: their
 /// borders add up to the new triangles less the old ones. So the winding number around a node in
-/// none of them stays what it is. Nodes next to a tetrahedron, within what double rounds, count as
-/// in it. Thread-safety: constant data.
+/// none of them stays what it is. Nodes within a thousandth of their distance from a tetrahedron
+/// count as in it. Thread-safety: constant data.
 class NodesPassed {
   public:
     explicit NodesPassed(const WorldLattice& lattice) : lattice_(lattice) {}
