@@ -13,7 +13,7 @@
 namespace isonest::detail {
 namespace {
 
-/// Batches are handed over when they have so many triangles; a piece has at most six times as many.
+/// Batches are handed over when they have so many triangles or vertices.
 constexpr std::size_t kInterfaceBatch = 16384;
 constexpr std::size_t kMostPieceTriangles = std::size_t{kMostPieceCells} * 3 * 2;
 static_assert(kInterfaceBatch + kMostPieceTriangles <= MeshSink::kMostRows);
@@ -27,7 +27,11 @@ bool is_reversed(const NetSides& sides) {
 class InterfaceBatches {
   public:
     InterfaceBatches(const NetStore& store, std::int64_t outside, MeshSink& sink)
-        : store_(store), outside_(outside), sink_(sink) {}
+        : store_(store), outside_(outside), sink_(sink) {
+        corners_.reserve(kInterfaceBatch + kMostPieceTriangles);
+        nearby_corners_.reserve(kInterfaceBatch + kMostPieceTriangles);
+        sides_.reserve(kInterfaceBatch + kMostPieceTriangles);
+    }
 
     void add(const NetPieceRecord& piece) {
         if (corners_.empty()) {
@@ -63,7 +67,7 @@ class InterfaceBatches {
                 sides_.push_back(labels);
             }
         }
-        if (corners_.size() >= kInterfaceBatch) {
+        if (corners_.size() >= kInterfaceBatch || nearby_.size() >= kInterfaceBatch) {
             flush();
         }
     }

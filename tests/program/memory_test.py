@@ -195,10 +195,13 @@ def check_inputs(folder):
 def check_labels(folder):
     """Labels, each in a part of the volume."""
     labels = made_store(folder, "labels", "sphere", "--size", 65, "--type", "uint8")
-    for options in ([], ["--distance", "1voxel"], ["--smooth"], ["--smooth=3", "--close"],
-                    ["--smooth=3", "--min-volume", "9", "--components", "3"]):
+    for options, to in (([], "meshes"), (["--distance", "1voxel"], "meshes"), (["--smooth"], "meshes"),
+                        (["--smooth=3", "--close"], "meshes"), (["--smooth=3", "--distance", "1voxel"], "meshes"),
+                        (["--smooth=3", "--min-volume", "9", "--components", "3"], "meshes"),
+                        (["--smooth", "--close", "--interfaces"], "i.vtp"),
+                        (["--smooth", "--interfaces", "--distance", "0.5voxel", "--keep-nodes"], "i.vtp")):
         # To look for labels takes less than to extract them.
-        command = ["extract", labels, "--labels", "1-40", "-o", folder / "meshes", *options]
+        command = ["extract", labels, "--labels", "1-40", "-o", folder / to, *options]
         least = "1"
         for _ in range(3):
             least = must_stay_within(command, least) or least
