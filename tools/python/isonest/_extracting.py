@@ -143,14 +143,15 @@ class Extracting:
         levels = [float(level) for level in iso]  # type: ignore[union-attr]
         return self._extract_levels(levels, query, options, progress, place, flip=flip)
 
-    def label_surface(self, label: int, *, distance: Distance = None, triangles: Optional[int] = None,
+    def label_surface(self, label: "int | str", *, distance: Distance = None, triangles: Optional[int] = None,
                       effort: Optional[Effort] = None, box: Optional[Box] = None, normals: bool = False,
                       vertex_values: "Optional[Extracting]" = None, cells: Optional[Cells] = None,
                       components: Components = None, min_component: int = 0, min_volume: float = 0.0,
                       close: Close = None, smooth: Smooth = None, coordinates: Coordinates = "array",
                       quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
                       progress: Progress = None) -> Mesh:
-        """The surface around the nodes with this label, half way to the others, whatever their labels are.
+        """The surface around the nodes with this label, half way to the others, whatever their labels are. A label is
+        given by its number, or by its name where the store has it.
 
         The arguments are those of :meth:`isosurface`; inside the surface is "above", so ``close=True`` closes it
         where the label reaches the border of the volume.
@@ -161,11 +162,11 @@ class Extracting:
         place = self._place(coordinates)
         query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
                                   min_component, min_volume, close, smooth)
-        query.set_label(int(label))
+        query.set_label(self._label_id(label))
         options = _queries.options(memory, threads, scratch, quality)
         return self._extract(query, options, progress, place, level=float(label))
 
-    def label_surfaces(self, labels: "Optional[Sequence[int]]" = None, *, distance: Distance = None,
+    def label_surfaces(self, labels: "Optional[Sequence[int | str]]" = None, *, distance: Distance = None,
                        triangles: Optional[int] = None, effort: Optional[Effort] = None, box: Optional[Box] = None,
                        normals: bool = False, vertex_values: "Optional[Extracting]" = None, cells: Optional[Cells] = None,
                        components: Components = None, min_component: int = 0, min_volume: float = 0.0,
@@ -180,7 +181,7 @@ class Extracting:
         query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
                                   min_component, min_volume, close, smooth)
         options = _queries.options(memory, threads, scratch, quality)
-        ids = None if labels is None else [int(label) for label in labels]
+        ids = None if labels is None else [self._label_id(label) for label in labels]
         with reporting(progress) as report:
             meshes = _core.extract_labels(self._core, ids, query, options, report)
         return {label: Mesh(parts, coordinates=coordinates, frame=self._frame, flip=False, level=float(label))
@@ -256,6 +257,9 @@ class Extracting:
         place = Place(self._frame, coordinates)
         place.require()
         return place
+
+    def _label_id(self, label: "int | str") -> int:
+        return self._core.label_named(label) if isinstance(label, str) else int(label)
 
     def _label_query(self, place: Place, distance: Distance, triangles: Optional[int], effort: Optional[str],
                      box: Optional[Box], normals: bool, vertex_values: Any, cells: Optional[str], components: Components,
