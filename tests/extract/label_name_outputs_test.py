@@ -126,7 +126,7 @@ class LabelNameOutputs(unittest.TestCase):
                 self.assertIn(words, error["message"])
             error = self.extract(option, "liver", store=self.plain, code=3)["error"]
             self.assertIn("the store has no names of labels", error["message"])
-        error = self.extract("--labels", "nowhere", code=3)["error"]
+        error = self.extract("--labels", "nowhere", name="nowhere", code=3)["error"]
         self.assertIn("there is no label 9", error["message"])
 
     def test_gltf_has_the_name_and_the_colour(self):

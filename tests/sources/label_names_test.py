@@ -325,9 +325,9 @@ class LabelNames(unittest.TestCase):
             self.assertEqual((error["file"], error["inside"]), (str(table), f"line {line}"), text[:80])
             self.assertIn(words, error["message"])
         self.assertFalse(self.out.exists())
-        for text in ("", "# nothing\n"):
-            self.assertIn("no label in this table", run("preprocess", volume, "-o", self.out, "--labels", "--label-names",
-                                                         self.write(text), code=4)["error"]["message"])
+        for text, code, words in (("", 2, "empty"), ("# nothing\n", 4, "no label in this table")):
+            self.assertIn(words, run("preprocess", volume, "-o", self.out, "--labels", "--label-names", self.write(text),
+                                     code=code)["error"]["message"])
         run("preprocess", volume, "-o", self.out, "--labels", "--label-names", self.here / "none", code=3)
         table = self.write("1 a\n")
         run("preprocess", volume, "-o", self.out, "--label-names", table, code=2)  # needs --labels
