@@ -140,7 +140,7 @@ void label_table(Bytes bytes) {
             {{3, "a", LabelColor{1, 2, 3}}});
         PreprocessOptions options = test::with_chunk(8);
         options.threads = 1;
-        test::make_store(*named, folder() / "named", options);
+        preprocess(*named, folder() / "named", options, silent_progress());
         return folder() / "named";
     }();
     if (bytes.empty()) {

@@ -162,9 +162,10 @@ class Extracting:
         place = self._place(coordinates)
         query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
                                   min_component, min_volume, close, smooth)
-        query.set_label(self._label_id(label))
+        number = self._label_id(label)
+        query.set_label(number)
         options = _queries.options(memory, threads, scratch, quality)
-        return self._extract(query, options, progress, place, level=float(label))
+        return self._extract(query, options, progress, place, level=float(number))
 
     def label_surfaces(self, labels: "Optional[Sequence[int | str]]" = None, *, distance: Distance = None,
                        triangles: Optional[int] = None, effort: Optional[Effort] = None, box: Optional[Box] = None,
