@@ -168,8 +168,8 @@ void label_table(Bytes bytes) {
     try {
         const Store store(path);
         for (const LabelName& label : store.label_names()) {
-            store.label_name(label.id + 1);
-            store.labels_named(label.name);
+            static_cast<void>(store.label_name(label.id + 1));
+            static_cast<void>(store.labels_named(label.name));
         }
     } catch (const Error&) {
         // Refused.

@@ -107,7 +107,7 @@ class Parser {
         if (kind == "list" && !fields_.segment_keys().empty()) {
             fields_.unsupported(
                 fmt::format("its segments overlap, in {} layers: a volume has one label at each "
-                            "node. 3D Slicer exports segments to a labelmap, which has",
+                            "node, as the labelmap has to which 3D Slicer exports segments",
                             size));
         }
         if (kind != "domain" && kind != "space" && kind != "time" && kind != "none" &&
