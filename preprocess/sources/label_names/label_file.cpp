@@ -20,7 +20,7 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint64_t kMostTableBytes = std::uint64_t{1} << 24U;
+constexpr std::uint64_t kMostTableBytes = std::uint64_t{1} << 25U;
 
 class LabelFile {
   public:

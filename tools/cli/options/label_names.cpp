@@ -57,16 +57,18 @@ std::int64_t label_named(const Store& store, const std::string& name) {
                                 name));
     }
     const std::vector<std::string> names(there.begin(), there.end());
-    std::vector<std::string> nearest = nearest_names(name, names, 3);
-    const bool any = !nearest.empty();
-    if (!any) {
-        nearest.assign(names.begin(), names.begin() + static_cast<std::ptrdiff_t>(
-                                                          std::min(names.size(), kMostListed)));
+    const std::vector<std::string> nearest = nearest_names(name, names, 3);
+    const std::vector<std::string>& listed = nearest.empty() ? names : nearest;
+    constexpr std::size_t kMostText = 300;
+    std::string list = listed.front();
+    std::size_t count = 1;
+    while (count < listed.size() && list.size() + listed[count].size() < kMostText) {
+        list += ", " + listed[count++];
     }
     throw Error(ErrorKind::not_found, {path},
                 fmt::format("there is no label '{}'; {} {}{}", name,
-                            any ? "the nearest names are" : "there are", fmt::join(nearest, ", "),
-                            !any && names.size() > nearest.size() ? ", ..." : ""));
+                            nearest.empty() ? "there are" : "the nearest names are", list,
+                            count < listed.size() ? ", ..." : ""));
 }
 
 MeshFileOptions label_file_options(const Store& store, std::int64_t id) {
