@@ -144,7 +144,8 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
     }
     std::unique_ptr<VolumeSource> source = format.open(input, options);
     if (!options.label_names.empty()) {
-        source = with_label_names(std::move(source), read_label_file(options.label_names),
+        source = with_label_names(std::move(source),
+                                  read_label_file(options.label_names, options.max_heap),
                                   options.label_names);
     }
     if (options.labels) {

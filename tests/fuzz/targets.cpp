@@ -178,7 +178,7 @@ void label_table(Bytes bytes) {
 
 void label_file(Bytes bytes) {
     try {
-        read_label_file(written("t.txt", bytes));
+        read_label_file(written("t.txt", bytes), kMemory);
     } catch (const Error&) {
         // Refused.
     }

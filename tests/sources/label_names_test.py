@@ -341,7 +341,12 @@ class LabelNames(unittest.TestCase):
         table = self.write("".join(f"{i} {name} {r} {g} {b} 255\n" for i, (name, (r, g, b)) in wide.items()))
         names, notes = self.preprocess(volume, "--label-names", table)
         self.assertEqual((names, notes), (wide, []))
-        for options in (("--threads", 1), ("--threads", 3, "--memory", "100M")):
+        self.out.unlink()
+        error = run("preprocess", volume, "-o", self.out, "--labels", "--label-names", table, "--memory", "40M", code=7)["error"]
+        self.assertIn("table of labels", error["message"])
+        self.assertEqual([r["kind"] for r in error["remedies"]], ["more_memory"])
+        self.preprocess(volume, "--label-names", table)
+        for options in (("--threads", 1), ("--threads", 3, "--memory", "200M")):
             before = self.out.read_bytes()
             self.preprocess(volume, "--label-names", table, *options)
             self.assertEqual(self.out.read_bytes(), before)

@@ -20,31 +20,30 @@
 namespace isonest::detail {
 namespace {
 
-constexpr std::uint64_t kMostTableBytes = std::uint64_t{1} << 25U;
+/// Of a label beside its name: in the map, and in the list that is returned.
+constexpr std::uint64_t kLabelHeap = 2 * sizeof(LabelName) + 64;
 
 class LabelFile {
   public:
-    explicit LabelFile(const std::filesystem::path& path) : path_(path) {}
+    LabelFile(const std::filesystem::path& path, std::uint64_t max_heap)
+        : path_(path), left_(max_heap) {}
 
     std::vector<LabelName> read() {
         const std::uint64_t size = regular_file_size(path_);
-        if (size > kMostTableBytes) {
-            throw Error(
-                ErrorKind::limit, {path_.string()},
-                fmt::format("a table of labels of {} bytes: {} at most", size, kMostTableBytes));
-        }
+        take_heap(size);
         std::string text = first_bytes(path_, static_cast<std::size_t>(size));
         constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
         if (text.starts_with(kByteOrderMark)) {
             text.erase(0, kByteOrderMark.size());
         }
-        std::istringstream lines(std::move(text));
-        for (std::string one; std::getline(lines, one);) {
+        for (std::size_t at = 0; at < text.size();) {
+            const std::size_t end = std::min(text.find('\n', at), text.size());
             ++number_;
-            one = trimmed(std::move(one));
+            const std::string one = trimmed(text.substr(at, end - at));
             if (!one.empty() && one[0] != '#') {
                 add(one);
             }
+            at = end + 1;
         }
         std::vector<LabelName> all;
         for (auto& [id, label] : labels_) {
@@ -57,6 +56,14 @@ class LabelFile {
     }
 
   private:
+    void take_heap(std::uint64_t bytes) {
+        if (bytes > left_) {
+            throw Error(ErrorKind::limit, {path_.string()},
+                        "this table of labels takes more memory than a source may hold",
+                        {{RemedyKind::more_memory}});
+        }
+        left_ -= bytes;
+    }
     [[noreturn]] void fail(const std::string& what) const {
         throw Error(ErrorKind::corrupt, {path_.string(), fmt::format("line {}", number_)}, what);
     }
@@ -122,6 +129,7 @@ class LabelFile {
             fail(fmt::format("more than {} labels, which is what a store holds the names of",
                              LabelName::kMostOfStore));
         }
+        take_heap(kLabelHeap + label.name.size());
         const std::int64_t id = label.id;
         if (!labels_.emplace(id, std::move(label)).second) {
             fail(fmt::format("label {} comes a second time", id));
@@ -129,14 +137,15 @@ class LabelFile {
     }
 
     const std::filesystem::path& path_;
+    std::uint64_t left_;      ///< of the heap
     std::size_t number_ = 0;  ///< of the line
     std::map<std::int64_t, LabelName> labels_;
 };
 
 }  // namespace
 
-std::vector<LabelName> read_label_file(const std::filesystem::path& path) {
-    return LabelFile(path).read();
+std::vector<LabelName> read_label_file(const std::filesystem::path& path, std::uint64_t max_heap) {
+    return LabelFile(path, max_heap).read();
 }
 
 }  // namespace isonest::detail
