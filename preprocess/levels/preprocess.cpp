@@ -28,6 +28,7 @@
 #include "preprocess/levels/run_journal.h"
 #include "preprocess/sources/wrapping/plane_window.h"
 #include "store/base/in_order.h"
+#include "store/base/label_text.h"
 #include "store/base/rotation.h"
 #include "store/base/workers.h"
 #include "store/container/chunk_cache.h"
@@ -200,6 +201,15 @@ std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool r
            (h.unit ? fmt::format("unit {}\n", symbol_of(*h.unit)) : "");
 }
 
+/// Those that the store gets. Throws Error{invalid_argument}.
+std::vector<LabelName> label_names_of(const VolumeSource& source) {
+    std::vector<LabelName> names = source.label_names();
+    if (const std::string why = why_no_label_names(names); !why.empty()) {
+        throw Error(ErrorKind::invalid_argument, {source.describe().name}, why);
+    }
+    return names;
+}
+
 /// Takes over what an interrupted run has done, if there is one. Then that run's files are gone,
 /// and `worth_keeping` says so.
 Checkpoint take_over(const std::filesystem::path& store, const std::string& identity,
@@ -225,7 +235,9 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
     const auto start = std::chrono::steady_clock::now();
     check_output(store, options.force, source.files());
     Workers workers(options.threads);
-    const StoreHeader header = header_of(source.describe(), options);
+    StoreHeader header = header_of(source.describe(), options);
+    const std::vector<LabelName> label_names = label_names_of(source);
+    header.label_names = !label_names.empty();
     const PassBudget budget = share_memory(StoreLayout(header), source, options, workers.count());
     StoreWriter writer(store, header, options.force);
     const StoreLayout& layout = writer.layout();
@@ -248,6 +260,9 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
             run_levels<typename decltype(tag)::type>(outputs, window, done, budget, progress);
         });
         write_cube_ranges(outputs);
+        if (!label_names.empty()) {
+            writer.write_label_names(label_names);
+        }
         progress.check();
     };
     const auto describe = [&] {
@@ -256,6 +271,7 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
         report.input_bytes =
             static_cast<std::uint64_t>(header.nodes.product()) * size_of(header.type);
         report.chunks = layout.rows();
+        report.label_names = label_names.size();
         report.min_value = std::numeric_limits<double>::infinity();
         report.max_value = -report.min_value;
         const ArrayInfo& values = layout.array(0, Field::values);

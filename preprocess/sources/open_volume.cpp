@@ -8,11 +8,13 @@
 
 #include "preprocess/sources/bytes/gzip_stream.h"
 #include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/label_names/label_file.h"
 #include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/wrapping/cropped_source.h"
 #include "preprocess/sources/wrapping/described_source.h"
 #include "preprocess/sources/wrapping/missing_source.h"
+#include "preprocess/sources/wrapping/named_labels_source.h"
 
 namespace isonest {
 using namespace detail;
@@ -136,7 +138,16 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
                                 paths.size()));
     }
     refuse_options(input, format, options);
+    if (!options.label_names.empty() && !options.labels) {
+        throw Error(ErrorKind::invalid_argument, {options.label_names.string()},
+                    "a table of labels is for volumes that are opened as labels");
+    }
     std::unique_ptr<VolumeSource> source = format.open(input, options);
+    if (!options.label_names.empty()) {
+        source = with_label_names(std::move(source),
+                                  read_label_file(options.label_names, options.max_heap),
+                                  options.label_names);
+    }
     if (options.labels) {
         take_for_labels(*source);
     }

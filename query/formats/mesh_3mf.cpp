@@ -38,7 +38,8 @@ constexpr std::string_view kBehindUnit =
     "<resources>\n";
 /// Of the type "model", which is the default and means a solid, though whether the mesh is closed
 /// is not known: slicers repair an open "model", and leave out other types or refuse the file.
-constexpr std::string_view kVerticesStart = "<object id=\"1\">\n<mesh>\n<vertices>\n";
+constexpr std::string_view kObject = "<object id=\"1\"";
+constexpr std::string_view kVerticesStart = ">\n<mesh>\n<vertices>\n";
 constexpr std::string_view kTriangles = "</vertices>\n<triangles>\n";
 constexpr std::string_view kBuild =
     "</triangles>\n</mesh>\n</object>\n</resources>\n"
@@ -76,6 +77,44 @@ ThreeMfUnit unit_in_3mf(std::optional<LengthUnit> unit) {
     return *std::find_if(kUnits.begin(), kUnits.end(), [&](const ThreeMfUnit& u) {
         return u.unit == unit.value_or(LengthUnit::millimetre);
     });
+}
+
+/// Text between quotes.
+std::string in_xml(std::string_view text) {
+    std::string out;
+    for (const char c : text) {
+        switch (c) {
+            case '&':
+                out += "&amp;";
+                break;
+            case '<':
+                out += "&lt;";
+                break;
+            case '>':
+                out += "&gt;";
+                break;
+            case '"':
+                out += "&quot;";
+                break;
+            default:
+                out += c;
+        }
+    }
+    return out;
+}
+
+/// The beginning of the object, and before it the material that gives it its colour, if it has one.
+std::string object_of(const std::string& title, const std::optional<LabelColor>& color) {
+    const std::string name = title.empty() ? "" : fmt::format(" name=\"{}\"", in_xml(title));
+    std::string material;
+    if (color) {
+        material = fmt::format(
+            "<basematerials id=\"2\">\n<base name=\"{}\" "
+            "displaycolor=\"#{:02X}{:02X}{:02X}\"/>\n</basematerials>\n",
+            title.empty() ? "surface" : in_xml(title), (*color)[0], (*color)[1], (*color)[2]);
+    }
+    return fmt::format("{}{}{}{}{}", material, kObject, name,
+                       color ? " pid=\"2\" pindex=\"0\"" : "", kVerticesStart);
 }
 
 /// The vertices or triangles of a piece: pieces begin at multiples of it, so that the bytes do not
@@ -174,7 +213,7 @@ class ThreeMfFile : public MeshFile {
         zip.begin_entry("3D/3dmodel.model");
         zip.add(fmt::format("{}{}{}", kBeforeUnit, unit_in_3mf(layout.unit).name, kBehindUnit));
         if (has_triangles_) {
-            zip.add(kVerticesStart);
+            zip.add(object_of(title(), color()));
         }
     }
 

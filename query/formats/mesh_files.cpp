@@ -8,6 +8,8 @@
 
 #include <isonest/error.h>
 
+#include "store/base/label_text.h"
+
 namespace isonest {
 namespace {
 
@@ -29,6 +31,10 @@ constexpr std::array<Format, 8> kFormats{{{".ply", detail::ply_file},
 
 std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
                                          const MeshFileOptions& options) {
+    if (!detail::is_printable_utf8(options.title)) {
+        throw Error(ErrorKind::invalid_argument, {path.string()},
+                    "the title of the mesh is no text in UTF-8, or has control characters");
+    }
     std::string end = path.extension().string();
     std::transform(end.begin(), end.end(), end.begin(),
                    [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
@@ -45,7 +51,7 @@ std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
 namespace detail {
 
 void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) {
-    check_output(path_, replace_, {inputs.begin(), inputs.end()});
+    check_output(path_, options_.replace, {inputs.begin(), inputs.end()});
     if (layout.corners == 2 && !holds_lines()) {
         throw Error(ErrorKind::invalid_argument, {path_.string()},
                     "lines are written as .vtp or .obj");
@@ -60,7 +66,7 @@ void MeshFile::prepare(const MeshLayout& layout, std::span<const std::filesystem
 OutputFile& MeshFile::create(
     const std::function<void(const std::filesystem::path& temporary)>& prepare) {
     file_.reset();
-    return file_.emplace(path_, replace_, prepare);
+    return file_.emplace(path_, options_.replace, prepare);
 }
 
 void MeshFile::end() {

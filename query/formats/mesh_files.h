@@ -15,12 +15,15 @@ namespace isonest::detail {
 class MeshFile : public MeshSink {
   public:
     MeshFile(std::filesystem::path path, const MeshFileOptions& options)
-        : path_(std::move(path)), replace_(options.replace) {}
+        : path_(std::move(path)), options_(options) {}
     void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override;
     void end() override;
 
   protected:
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+    /// Empty: none.
+    [[nodiscard]] const std::string& title() const { return options_.title; }
+    [[nodiscard]] const std::optional<LabelColor>& color() const { return options_.color; }
     /// Whether the format has lines.
     [[nodiscard]] virtual bool holds_lines() const { return false; }
     /// Whether it has the labels beside each triangle.
@@ -35,7 +38,7 @@ class MeshFile : public MeshSink {
 
   private:
     std::filesystem::path path_;
-    bool replace_;
+    MeshFileOptions options_;
     std::optional<OutputFile> file_;
 };
 

@@ -1,6 +1,8 @@
 // glTF 2.0 binary (GLB). The format: Khronos Group, "glTF 2.0 Specification" (2021).
 #include <fmt/format.h>
 
+#include <cmath>
+
 #include "query/formats/mesh_sections.h"
 
 namespace isonest::detail {
@@ -49,11 +51,33 @@ std::string scale_of(std::optional<LengthUnit> unit) {
                              converted_length(1, *unit, LengthUnit::metre));
 }
 
+/// Between quotes. REQUIRES: no control characters.
+std::string in_json(std::string_view text) {
+    std::string out;
+    for (const char c : text) {
+        out += c == '"' || c == '\\' ? std::string{'\\', c} : std::string{c};
+    }
+    return out;
+}
+
+/// Of a number from 0 to 255 that screens show: glTF's colours are linear. Source: IEC 61966-2-1.
+double linear_of(std::uint8_t shown) {
+    constexpr double kMost = 255;
+    const double part = shown / kMost;
+    return part <= 0.04045 ? part / 12.92 : std::pow((part + 0.055) / 1.055, 2.4);
+}
+
 /// A surface has no inside: it is seen from both sides. Viewers draw what says nothing of itself as
 /// metal.
-constexpr const char* kMaterial =
-    R"({"name":"surface","doubleSided":true,"pbrMetallicRoughness":{"baseColorFactor":)"
-    R"([0.62,0.68,0.76,1],"metallicFactor":0,"roughnessFactor":0.7}})";
+std::string material_of(const std::string& title, const std::optional<LabelColor>& color) {
+    return fmt::format(
+        R"({{"name":"{}","doubleSided":true,"pbrMetallicRoughness":{{"baseColorFactor":)"
+        R"([{},1],"metallicFactor":0,"roughnessFactor":0.7}}}})",
+        title.empty() ? "surface" : in_json(title),
+        color ? fmt::format("{:.6f},{:.6f},{:.6f}", linear_of((*color)[0]), linear_of((*color)[1]),
+                            linear_of((*color)[2]))
+              : std::string("0.62,0.68,0.76"));
+}
 
 class GlbFile : public SectionedFile {
   public:
@@ -68,12 +92,13 @@ class GlbFile : public SectionedFile {
             R"({"asset":{"version":"2.0","generator":"isonest"},"scene":0,"scenes":[{)";
         if (layout.elements > 0) {
             json += fmt::format(
-                "\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0{}}}],\"meshes\":[{{\"primitives\":[{{"
+                "\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0{}{}}}],\"meshes\":[{{\"primitives\":[{{"
                 "\"attributes\":{{{}}},\"indices\":{},\"material\":0,\"mode\":4}}]}}],"
                 "\"materials\":[{}],\"buffers\":[{{"
                 "\"byteLength\":{}}}],\"bufferViews\":[{}],\"accessors\":[{}]}}",
-                scale_of(layout.unit), names, arrays.count - 1, kMaterial, arrays.end, arrays.views,
-                arrays.accessors);
+                title().empty() ? "" : fmt::format(R"(,"name":"{}")", in_json(title())),
+                scale_of(layout.unit), names, arrays.count - 1, material_of(title(), color()),
+                arrays.end, arrays.views, arrays.accessors);
         } else {
             // glTF has no empty mesh. VTK refuses a scene without nodes and a file without binary
             // data.

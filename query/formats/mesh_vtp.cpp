@@ -31,19 +31,34 @@ struct Appended {
     }
 };
 
-/// The field data "unit", as text, unless it is not known.
-std::string unit_field(std::optional<LengthUnit> unit) {
-    if (!unit) {
+/// A text of the field data, byte by byte; nothing if it is empty.
+std::string text_field(const char* name, std::string_view text) {
+    if (text.empty()) {
         return "";
     }
-    std::string letters;
-    for (const char c : symbol_of(*unit)) {
-        letters += fmt::format("{} ", static_cast<int>(c));
+    std::string bytes;
+    for (const char c : text) {
+        bytes += fmt::format("{} ", static_cast<int>(static_cast<unsigned char>(c)));
     }
     return fmt::format(
-        "<FieldData>\n<DataArray type=\"String\" Name=\"unit\" NumberOfTuples=\"1\" "
-        "format=\"ascii\">{}0</DataArray>\n</FieldData>\n",
-        letters);
+        "<DataArray type=\"String\" Name=\"{}\" NumberOfTuples=\"1\" "
+        "format=\"ascii\">{}0</DataArray>\n",
+        name, bytes);
+}
+
+/// Unit, name and colour, as far as they are known.
+std::string field_data(std::optional<LengthUnit> unit, std::string_view title,
+                       const std::optional<LabelColor>& color) {
+    std::string fields = text_field("unit", unit ? symbol_of(*unit) : std::string_view{}) +
+                         text_field("Name", title);
+    if (color) {
+        constexpr double kMost = 255;
+        fields += fmt::format(
+            "<DataArray type=\"Float32\" Name=\"Color\" NumberOfComponents=\"3\" "
+            "NumberOfTuples=\"1\" format=\"ascii\">{:.9g} {:.9g} {:.9g}</DataArray>\n",
+            (*color)[0] / kMost, (*color)[1] / kMost, (*color)[2] / kMost);
+    }
+    return fields.empty() ? "" : "<FieldData>\n" + fields + "</FieldData>\n";
 }
 
 class VtpFile : public SectionedFile {
@@ -62,7 +77,7 @@ class VtpFile : public SectionedFile {
             "byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<PolyData>\n{}"
             "<Piece NumberOfPoints=\"{}\" NumberOfVerts=\"0\" NumberOfLines=\"{}\" "
             "NumberOfStrips=\"0\" NumberOfPolys=\"{}\">\n",
-            unit_field(layout.unit), nv, lines ? nt : 0, lines ? 0 : nt);
+            field_data(layout.unit, title(), color()), nv, lines ? nt : 0, lines ? 0 : nt);
         data.xml += fmt::format("<PointData{}{}>\n",
                                 layout.find("normal") != nullptr ? " Normals=\"normal\"" : "",
                                 layout.find("value") != nullptr   ? " Scalars=\"value\""

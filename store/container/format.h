@@ -20,7 +20,7 @@
 namespace isonest::detail {
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 7;
+inline constexpr std::uint32_t kFormatMinor = 8;
 /// Of the format in which a store is written.
 struct FormatVersion {
     std::uint64_t major = kFormatMajor;
@@ -49,7 +49,8 @@ struct StoreHeader {
     Directions direction = kAlongWorld;   ///< since version 2.5
     bool labels = false;                  ///< since version 2.6
     std::optional<LengthUnit> unit = {};  ///< of length; since version 2.7
-    int chunk = 64;  ///< nodes per axis of a chunk of values: a power of two in 8..256
+    bool label_names = false;  ///< there is a table of names of labels; since version 2.8
+    int chunk = 64;            ///< nodes per axis of a chunk of values: a power of two in 8..256
     int compression = 1;
     bool exact = false;         ///< indicators as binary32 instead of 16-bit codes
     bool cube_ranges = true;    ///< since version 2.2
@@ -63,7 +64,8 @@ struct StoreHeader {
 /// The minor version that a store of this header has: the oldest that knows all that is in it.
 inline std::uint32_t minor_version_of(const StoreHeader& header) {
     const bool cells = std::any_of(header.fields.begin(), header.fields.end(), is_of_cells);
-    return header.unit                       ? 7
+    return header.label_names                ? 8
+           : header.unit                     ? 7
            : header.labels                   ? 6
            : header.direction != kAlongWorld ? 5
            : cells                           ? 4

@@ -5,6 +5,7 @@
 #include <isonest/error.h>
 
 #include "store/container/format.h"
+#include "store/container/label_table.h"
 
 namespace isonest::detail {
 namespace {
@@ -76,6 +77,21 @@ TypeHandle chunk_row_type() {
     H5Tinsert(type.get(), "checksum", offsetof(ChunkRow, checksum), H5T_STD_U64LE);
     H5Tinsert(type.get(), "min", offsetof(ChunkRow, min), H5T_IEEE_F64LE);
     H5Tinsert(type.get(), "max", offsetof(ChunkRow, max), H5T_IEEE_F64LE);
+    return type;
+}
+
+TypeHandle label_row_type(std::size_t name_bytes) {
+    TypeHandle type(H5Tcreate(H5T_COMPOUND, LabelRow::kName + name_bytes));
+    constexpr std::array<hsize_t, 1> kComponents{std::tuple_size_v<LabelColor>};
+    const TypeHandle color(H5Tarray_create2(H5T_STD_U8LE, 1, kComponents.data()));
+    const TypeHandle text(H5Tcopy(H5T_C_S1));
+    H5Tset_size(text.get(), name_bytes);
+    H5Tset_strpad(text.get(), H5T_STR_NULLPAD);
+    H5Tset_cset(text.get(), H5T_CSET_UTF8);
+    H5Tinsert(type.get(), "id", LabelRow::kId, H5T_STD_I64LE);
+    H5Tinsert(type.get(), "flags", LabelRow::kFlags, H5T_STD_U8LE);
+    H5Tinsert(type.get(), "color", LabelRow::kColor, color.get());
+    H5Tinsert(type.get(), "name", LabelRow::kName, text.get());
     return type;
 }
 

@@ -22,6 +22,9 @@ TypeHandle indicator_code_type();
 /// The compound of ChunkRow.
 TypeHandle chunk_row_type();
 
+/// The compound of a row of the names of labels, with so many bytes for the name.
+TypeHandle label_row_type(std::size_t name_bytes);
+
 /// Nodes in HDF5's order, z y x, and behind them the components; an array has rank_of() of them.
 std::array<hsize_t, 4> dims_of(const Int3& n, int components);
 int rank_of(const ArrayInfo& array);

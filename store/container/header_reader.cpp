@@ -11,6 +11,7 @@
 #include "store/base/rotation.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_writer.h"
+#include "store/container/label_table.h"
 
 namespace isonest::detail {
 namespace {
@@ -121,6 +122,8 @@ class Reader {
         if (out_.version >= FormatVersion{2, 7}) {
             read_unit();
         }
+        header.label_names = out_.version >= FormatVersion{2, 8} &&
+                             H5Lexists(root_, LabelTable::kPath, H5P_DEFAULT) > 0;
         header.type = *value_type_from_name(*type);
         if (header.labels && header.type != ValueType::f64) {
             damaged("damaged: labels of 64 bits are float64");

@@ -39,6 +39,9 @@ StoreReader::StoreReader(const std::filesystem::path& path) : path_(path), file_
     map_table(file.get());
     compare_range(root.has_missing);
     ranges_ = CubeRangeTable(file.get(), layout_, file_.bytes(), path_.string());
+    if (root.header.label_names) {
+        label_names_ = LabelTable(file.get(), file_.bytes(), path_.string());
+    }
 }
 
 /// A newer minor version may have rows behind those of the arrays that are known.

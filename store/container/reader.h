@@ -6,6 +6,7 @@
 
 #include "store/container/chunk_source.h"
 #include "store/container/cube_range_table.h"
+#include "store/container/label_table.h"
 #include "store/files/mapped_file.h"
 
 namespace isonest::detail {
@@ -27,6 +28,8 @@ class StoreReader : public ChunkSource {
     [[nodiscard]] double min_value() const { return range_[0]; }
     [[nodiscard]] double max_value() const { return range_[1]; }
     [[nodiscard]] bool has_missing() const { return has_missing_; }
+    /// Names and colours of labels.
+    [[nodiscard]] const LabelTable& label_names() const { return label_names_; }
     /// XXH64 of the chunk table, which holds the checksums of all chunks: tells stores of other
     /// values apart.
     [[nodiscard]] std::uint64_t identity() const;
@@ -53,6 +56,7 @@ class StoreReader : public ChunkSource {
     bool has_missing_ = false;
     std::span<const std::byte> table_;  ///< the chunk table
     CubeRangeTable ranges_;
+    LabelTable label_names_;
 };
 
 }  // namespace isonest::detail

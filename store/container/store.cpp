@@ -1,7 +1,7 @@
 #include <isonest/store.h>
 
+#include "store/base/world_units.h"
 #include "store/container/reader.h"
-#include "store/container/world_units.h"
 
 namespace isonest {
 
@@ -49,6 +49,28 @@ double Store::max_value() const {
 }
 bool Store::has_missing() const {
     return reader_->has_missing();
+}
+std::vector<LabelName> Store::label_names() const {
+    const detail::LabelTable& table = reader_->label_names();
+    std::vector<LabelName> names;
+    names.reserve(table.size());
+    for (std::size_t i = 0; i < table.size(); ++i) {
+        names.push_back(table.at(i));
+    }
+    return names;
+}
+std::optional<LabelName> Store::label_name(std::int64_t id) const {
+    return reader_->label_names().find(id);
+}
+std::vector<std::int64_t> Store::labels_named(std::string_view name) const {
+    const detail::LabelTable& table = reader_->label_names();
+    std::vector<std::int64_t> ids;
+    for (std::size_t i = 0; !name.empty() && i < table.size(); ++i) {
+        if (const LabelName label = table.at(i); label.name == name) {
+            ids.push_back(label.id);
+        }
+    }
+    return ids;
 }
 
 }  // namespace isonest

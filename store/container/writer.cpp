@@ -22,8 +22,10 @@
 #include <isonest/field.h>
 #include <isonest/value_type.h>
 
+#include "store/base/label_text.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_writer.h"
+#include "store/container/label_table.h"
 #include "store/files/early_write_back.h"
 #include "store/files/output_file.h"
 #include "store/files/scratch_file.h"
@@ -44,6 +46,7 @@ struct StoreWriter::Impl {
     EarlyWriteBack early;
     std::uint64_t written = 0;
     int ranged = kFirstRangeLevel;  ///< the next level whose ranges are to be written
+    bool named = false;             ///< the names of labels were written
     mutable std::mutex hdf5;
 
     Impl(const std::filesystem::path& target, const StoreHeader& header, bool force)
@@ -362,6 +365,39 @@ void StoreWriter::write_cube_ranges(int level, std::span<const CubeRange> ranges
     impl_->ranged = level + 1;
 }
 
+/// A few rows at a time, so that they are not in memory twice.
+void StoreWriter::write_label_names(std::span<const LabelName> names) {
+    if (const std::string why = why_no_label_names(names); !why.empty() || names.empty()) {
+        throw Error(ErrorKind::invalid_argument, {impl_->path.string()},
+                    names.empty() ? "no names of labels" : why);
+    }
+    const QuietHdf5 quiet;
+    const std::lock_guard lock(impl_->hdf5);
+    const std::size_t name_bytes = name_bytes_of(names);
+    const TypeHandle type = label_row_type(name_bytes);
+    const std::array<hsize_t, 1> all{names.size()};
+    const DatasetHandle table = impl_->create_whole(LabelTable::kPath, type.get(), all);
+    const SpaceHandle space(H5Screate_simple(1, all.data(), nullptr));
+    Checksum sum;
+    constexpr std::size_t kAtOnce = 1024;
+    for (std::size_t i = 0; i < names.size(); i += kAtOnce) {
+        const std::vector<std::byte> rows =
+            label_rows(names.subspan(i, std::min(kAtOnce, names.size() - i)), name_bytes);
+        sum.add(rows);
+        const std::array<hsize_t, 1> at{i};
+        const std::array<hsize_t, 1> count{std::min(kAtOnce, names.size() - i)};
+        const SpaceHandle memory(H5Screate_simple(1, count.data(), nullptr));
+        if (H5Sselect_hyperslab(space.get(), H5S_SELECT_SET, at.data(), nullptr, count.data(),
+                                nullptr) < 0 ||
+            H5Dwrite(table.get(), type.get(), memory.get(), space.get(), H5P_DEFAULT, rows.data()) <
+                0) {
+            impl_->fail(std::string("write ") + LabelTable::kPath);
+        }
+    }
+    write_attribute(table.get(), "xxh64", sum.value());
+    impl_->named = true;
+}
+
 const std::filesystem::path& StoreWriter::temporary() const {
     return impl_->unfinished.name();
 }
@@ -381,6 +417,10 @@ void StoreWriter::finish() {
     if (impl_->layout.has_cube_ranges(impl_->ranged)) {
         throw Error(ErrorKind::io, {impl_->path.string()},
                     "ranges of cubes were never written; this is a bug");
+    }
+    if (impl_->layout.header().label_names != impl_->named) {
+        throw Error(ErrorKind::io, {impl_->path.string()},
+                    "names of labels were not written as the header says; this is a bug");
     }
     impl_->write_table();
     bool closed = true;

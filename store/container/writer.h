@@ -3,6 +3,9 @@
 
 #include <filesystem>
 #include <memory>
+#include <span>
+
+#include <isonest/label_name.h>
 
 #include "store/container/chunk_source.h"
 
@@ -26,6 +29,10 @@ class StoreWriter : public ChunkSource {
     /// The ranges of a level's cubes, [z][y][x]. REQUIRES: once for each level that has them, in
     /// ascending order, after all chunks. Throws Error{io}.
     void write_cube_ranges(int level, std::span<const CubeRange> ranges);
+    /// Names and colours of labels. REQUIRES: once if the header says that there are some, after
+    /// all chunks; by rising ids. Throws Error{io}, and Error{invalid_argument} for what cannot be
+    /// one.
+    void write_label_names(std::span<const LabelName> names);
     [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override;
     void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
     [[nodiscard]] std::uint64_t bytes_written() const;

@@ -218,6 +218,31 @@ image = {"axes": [{"name": a, "type": "space"} for a in "zyx"], "datasets": [{"p
     {"type": "scale", "scale": [2, 1, 1]}, {"type": "translation", "translation": [3, 0, 0]}]}]}
 seed("zarr", "ome", zarr_folder(2, {"zarr_format": 3, "node_type": "group",
                                     "attributes": {"ome": {"version": "0.5", "multiscales": [image]}}}, b""))
+image_label = {"colors": [{"label-value": 1, "rgba": [255, 0, 10, 128]}, {"label-value": 4, "rgba": [0, 255, 255]}],
+               "properties": [{"label-value": 1, "class": "cell", "name": "a"}, {"label-value": 2, "class": "b"}]}
+seed("zarr", "ome_labels", zarr_folder(2, {"zarr_format": 3, "node_type": "group", "attributes": {"ome": {
+    "version": "0.5", "multiscales": [image], "image-label": image_label}}}, b""))
+seed("nrrd", "segments", b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 3 2 4\nencoding: raw\nSegment0_Name:=a\\nb\n"
+     b"Segment0_Color:=0.5 0.25 1\nSegment0_LabelValue:=2\nSegment0_Layer:=0\nSegment1_Name:=c\n\n" + bytes(range(24)))
+caret = (b'<?xml version="1.0" encoding="UTF-8"?><CaretExtension><VolumeInformation Index="0"><LabelTable><Label Key="1" '
+         b'Red="0.5" Green="0" Blue="1" Alpha="1"><![CDATA[a]]></Label><Label Key="2">b&amp;</Label></LabelTable>'
+         b'</VolumeInformation></CaretExtension>')
+
+
+def with_extension(path):
+    nifti = nibabel.Nifti1Image(grid.T, np.eye(4))
+    nifti.header.extensions.append(nibabel.nifti1.Nifti1Extension(30, caret))
+    nibabel.save(nifti, path)
+
+
+seed("volume", "nifti_labels", saved("v.nii", with_extension))
+seed("volume", "nifti_labels_gzip", saved("v.nii.gz", with_extension))
+seed("label_file", "freesurfer", b"#No. Label Name: R G B A\n0 Unknown 0 0 0 0\n3 Left-Cortex 205 62 78 0\n")
+seed("label_file", "itk_snap", b'\xef\xbb\xbf 1 255 0 0 1 1 1 "left lung"\r\n 2 0 255 0 0.5 1 1 ""\n')
+seed("label_file", "plain", "5 fünf\n-3 minus 1 2 3".encode())
+row = struct.Struct("<qB3B4s")
+seed("label_table", "two", bytes([3]) + row.pack(-5, 1, 255, 0, 10, b"ab") + row.pack(7, 0, 0, 0, 0, "äc".encode()))
+seed("label_table", "unordered", bytes([3]) + row.pack(7, 1, 255, 0, 10, b"ab") + row.pack(-5, 1, 0, 0, 0, b""))
 seed("store_header", "nodes", bytes([0]) + struct.pack("<QQQ", 9, 10, 1 << 20))
 seed("store_header", "chunk", bytes([4]) + struct.pack("<I", 256))
 seed("store_header", "fields", bytes([6]) + b"linf_plus,l1_bar")

@@ -10,7 +10,10 @@
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 
+#include "preprocess/sources/label_names/label_file.h"
+#include "preprocess/sources/wrapping/named_labels_source.h"
 #include "query/check/check.h"
+#include "store/container/hdf5_types.h"
 #include "tests/support/test_support.h"
 #include "tools/drawing/input/ply_reader.h"
 
@@ -129,6 +132,58 @@ void chunk_table(Bytes bytes) {
     use_store(path);
 }
 
+void label_table(Bytes bytes) {
+    static const fs::path whole = [] {
+        const auto named = with_label_names(
+            std::make_unique<test::FunctionVolume<std::int16_t>>(
+                Int3{9, 9, 9}, [](const Int3& p) { return static_cast<std::int16_t>(p.x); }),
+            {{3, "a", LabelColor{1, 2, 3}}});
+        PreprocessOptions options = test::with_chunk(8);
+        options.threads = 1;
+        preprocess(*named, folder() / "named", options, silent_progress());
+        return folder() / "named";
+    }();
+    if (bytes.empty()) {
+        return;
+    }
+    const std::size_t name_bytes = 1 + bytes[0] % LabelName::kMostBytes;
+    const TypeHandle type = label_row_type(name_bytes);
+    const std::size_t row = H5Tget_size(type.get());
+    const hsize_t count = (bytes.size() - 1) / row;
+    if (count == 0) {
+        return;
+    }
+    const fs::path path = folder() / "names";
+    fs::copy_file(whole, path, fs::copy_options::overwrite_existing);
+    {
+        const FileHandle file(H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT));
+        H5Ldelete(file.get(), "label_names", H5P_DEFAULT);
+        const SpaceHandle space(H5Screate_simple(1, &count, nullptr));
+        const DatasetHandle table(H5Dcreate2(file.get(), "label_names", type.get(), space.get(),
+                                             H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT));
+        const Bytes rows = bytes.subspan(1, count * row);
+        H5Dwrite(table.get(), type.get(), H5S_ALL, H5S_ALL, H5P_DEFAULT, rows.data());
+        write_attribute(table.get(), "xxh64", checksum_of(std::as_bytes(rows)));
+    }
+    try {
+        const Store store(path);
+        for (const LabelName& label : store.label_names()) {
+            static_cast<void>(store.label_name(label.id + 1));
+            static_cast<void>(store.labels_named(label.name));
+        }
+    } catch (const Error&) {
+        // Refused.
+    }
+}
+
+void label_file(Bytes bytes) {
+    try {
+        read_label_file(written("t.txt", bytes), kMemory);
+    } catch (const Error&) {
+        // Refused.
+    }
+}
+
 void chunk_decode(Bytes bytes) {
     if (bytes.size() < 3) {
         return;
@@ -172,6 +227,9 @@ void use_volume(const fs::path& path, const SourceOptions& options) {
             sum += static_cast<std::uint64_t>(b);
         }
         keep(static_cast<double>(sum));
+        for (const LabelName& label : source->label_names()) {
+            keep(static_cast<double>(label.id));
+        }
     } catch (const Error&) {
         // Refused.
     }
@@ -181,12 +239,14 @@ void use_volume(const fs::path& path, const SourceOptions& options) {
 
 void nrrd(Bytes bytes) {
     SourceOptions options;
+    options.labels = true;
     options.max_heap = kMemory;
     use_volume(written("v.nrrd", bytes), options);
 }
 
 void volume(Bytes bytes) {
     SourceOptions options;
+    options.labels = true;
     options.max_heap = kMemory;
     use_volume(written("v", bytes), options);
 }
@@ -225,6 +285,7 @@ void zarr(Bytes bytes) {
         }
     }
     SourceOptions options;
+    options.labels = true;
     options.max_heap = kMemory;
     use_volume(root, options);
 }
@@ -263,6 +324,8 @@ const std::vector<Target>& targets() {
     static const std::vector<Target> all{{"open_store", open_store},
                                          {"store_header", store_header},
                                          {"chunk_table", chunk_table},
+                                         {"label_table", label_table},
+                                         {"label_file", label_file},
                                          {"chunk_decode", chunk_decode},
                                          {"nrrd", nrrd},
                                          {"raw", raw},

@@ -17,6 +17,10 @@ using Bytes = std::span<const std::uint8_t>;
 void open_store(Bytes bytes);    ///< a file as a store: open, check, extract
 void store_header(Bytes bytes);  ///< the attributes of a whole store are overwritten, through HDF5
 void chunk_table(Bytes bytes);   ///< the chunk table of a whole store, with a right checksum
+/// The names of labels of a whole store, with a right checksum: the bytes of a name, less 1, and
+/// rows.
+void label_table(Bytes bytes);
+void label_file(Bytes bytes);    ///< a table of labels beside a volume
 void chunk_decode(Bytes bytes);  ///< a stored chunk
 void nrrd(Bytes bytes);          ///< an NRRD file
 void raw(Bytes bytes);           ///< a raw file, perhaps gzipped

@@ -36,7 +36,7 @@ ROOMS = {
                           "labels", "surface_nets"}},
 }
 # Rooms within a room, each with those that it may include beside itself; every folder there is one of them.
-SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes"}, "wrapping": set(),
+SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes"}, "wrapping": set(), "label_names": {"bytes"},
           "placement": {"bytes", "numbers", "wrapping"}}
 FORMATS = ("dicom", "hdf5", "meta_image", "mrc", "netcdf", "nifti", "nrrd", "numpy", "openvdb", "raw",
            "tiff", "vtk", "zarr")

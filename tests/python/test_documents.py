@@ -67,7 +67,7 @@ def test_the_snippets_run(names, capsys):
     assert pathlib.Path("gyroid.vtu").stat().st_size > 10_000 and pathlib.Path("gyroid.glb").stat().st_size > 10_000
     assert names["polydata"].GetNumberOfPolys() == len(names["surface"].faces)
     capsys.readouterr()
-    for section, count in (("What the program does, from Python", 1), ("What goes in", 1),
+    for section, count in (("What the program does, from Python", 2), ("What goes in", 1),
                            ("Errors, progress, Ctrl-C", 2)):
         assert len(snippets(section)) == count
         for code in snippets(section):
@@ -77,6 +77,7 @@ def test_the_snippets_run(names, capsys):
     np.testing.assert_array_equal(isonest.open("second.isonest").values(), -volume[8:40, :, -64:][::2, ::2, ::2])
     np.testing.assert_array_equal(isonest.open("masked.isonest").values(), np.where(volume > 1.4, np.nan, volume))
     out = capsys.readouterr().out
+    assert "1 liver (221, 130, 101) 196\n2 spleen (157, 108, 162) 196\n" in out
     assert re.search(r"give memory=\d+ or more", out) and "levels 0-2 1474560 of 1474560 B" in out
 
 

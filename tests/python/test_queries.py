@@ -381,3 +381,33 @@ def test_several_isovalues_give_the_mesh_of_each(store_path, noise, more):
             store.isosurface([0.3, 0.3])
         with pytest.raises(ValueError, match="no isovalues"):
             store.isosurface([])
+
+
+def test_labels_have_the_names_and_colours_of_the_table(tmp_path):
+    data = np.zeros((12, 11, 10), "u1")
+    data[2:9, 2:9, 2:5], data[2:9, 2:9, 5:9] = 7, 2
+    np.save(tmp_path / "v.npy", data)
+    (tmp_path / "t.txt").write_text("7 Übergang 255 0 10 255\n2 twice\n9 twice 1 2 3\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="label_names= is for files"):
+        isonest.preprocess(data, tmp_path / "n.isonest", label_names=tmp_path / "t.txt")
+    isonest.preprocess(tmp_path / "v.npy", tmp_path / "n.isonest", labels=True, label_names=tmp_path / "t.txt")
+    store = isonest.open(tmp_path / "n.isonest")
+    assert [(label.id, label.name, label.color) for label in store.labels()] == [
+        (0, None, None), (2, "twice", None), (7, "Übergang", (255, 0, 10))]
+    by_name, by_number = store.label_surface("Übergang"), store.label_surface(7)
+    assert np.array_equal(by_name.vertices, by_number.vertices) and np.array_equal(by_name.faces, by_number.faces)
+    assert list(store.label_surfaces(["Übergang", 2])) == [2, 7]
+    with pytest.raises(isonest.NotFoundError, match="there is no label 'none'"):
+        store.label_surface("none")
+    with pytest.raises(isonest.InvalidArgumentError, match="2 labels are called 'twice'"):
+        store.label_surface("twice")
+    # Names and colours are in what is saved, as in what the program writes.
+    program = os.environ.get("ISONEST_PROGRAM")
+    for end in ("glb", "3mf", "vtp"):
+        for number, mesh in enumerate((by_name, store.label_surfaces([7])[7])):
+            mesh.save(tmp_path / f"{number}.{end}")
+            assert end != "glb" or b'"name":"\xc3\x9cbergang"' in (tmp_path / f"{number}.{end}").read_bytes()
+            if program:
+                subprocess.run([program, "extract", tmp_path / "n.isonest", "--label", "7", "-q", "-o", tmp_path / f"p.{end}"],
+                               check=True)
+                assert (tmp_path / f"{number}.{end}").read_bytes() == (tmp_path / f"p.{end}").read_bytes()

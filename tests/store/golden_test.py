@@ -4,7 +4,8 @@
 usage: golden_test.py ISONEST PLUGIN_FOLDER [--record]
 
 tests/store/golden/expected.json says what is expected of each store. Of a good one: its volume, its version, the
-SHA-256 of its surface in full and within an error, and if it has one, the unit of length; of a bad one: the command that refuses it, the kind of the
+SHA-256 of its surface in full and within an error, and if it has them, the unit of length and the names of labels; of a
+bad one: the command that refuses it, the kind of the
 error, words of its message and the first remedy. --record adds the good ones that are not in it. See
 CONTRIBUTING.md, "Golden stores".
 """
@@ -69,6 +70,7 @@ class Golden(unittest.TestCase):
                 unknown = expected.get("unknown_fields", [])
                 self.assertEqual(info["unknown_fields"], unknown)
                 self.assertEqual(info["unit"], expected.get("unit"))  # not known before 2.7
+                self.assertEqual(info["label_names"], expected.get("label_names", []))  # none before 2.8
                 for field in unknown:
                     self.assertIn(field, info["warning"])
 
@@ -127,6 +129,8 @@ def record():
             EXPECTED[name] = {"format": info["format"], "volume": volume, "meshes": meshes(name, volume, folder)}
             if info["unit"]:
                 EXPECTED[name]["unit"] = info["unit"]
+            if info["label_names"]:
+                EXPECTED[name]["label_names"] = info["label_names"]
     lines = [f"  {json.dumps(name)}: {json.dumps(EXPECTED[name])}" for name in sorted(EXPECTED)]
     (HERE / "expected.json").write_text("{\n" + ",\n".join(lines) + "\n}\n")
 

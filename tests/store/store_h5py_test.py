@@ -216,6 +216,73 @@ with tempfile.TemporaryDirectory() as folder:
         assert run("info", with_unit)["unit"] == symbol
     print("h5py: the unit of length is the one that was said")
 
+    # Names and colours of labels, with a checksum of their own; without them a store is of the version before.
+    np.save(f"{folder}/labels.npy", np.arange(360, dtype="u1").reshape(6, 6, 10) % 4)
+    pathlib.Path(f"{folder}/labels.txt").write_text('7 Übergang 255 0 10 255\n-2 b\n3 1 2 3 1 1 1 ""\n')
+    named = f"{folder}/named.isonest"
+    run("preprocess", f"{folder}/labels.npy", "-o", named, "--labels", "--label-names", f"{folder}/labels.txt")
+    with h5py.File(named) as f:
+        assert list(f.attrs["version"]) == [2, 8] and f.attrs["xxh64"] == digest_of(f)
+        table = f["label_names"]
+        rows = table[...]
+        assert table.chunks is None and rows.dtype.itemsize == 12 + 9 and rows.dtype.names == ("id", "flags", "color", "name")
+        assert [rows.dtype.fields[name][1] for name in rows.dtype.names] == [0, 8, 9, 12]
+        assert rows.dtype["id"] == "<i8" and rows.dtype["flags"] == "u1" and rows.dtype["color"].shape == (3,)
+        assert h5py.check_string_dtype(rows.dtype["name"]).encoding == "utf-8"
+        assert [(r["id"], r["flags"], tuple(r["color"]), r["name"].decode()) for r in rows] == [
+            (-2, 0, (0, 0, 0), "b"), (3, 1, (1, 2, 3), ""), (7, 1, (255, 0, 10), "Übergang")]
+        assert table.attrs["xxh64"] == xxhash.XXH64(rows.tobytes(), rows.nbytes, 0)
+
+    def forged_names(change):
+        """What info and check say of a copy with other names."""
+        copy = f"{folder}/forged.isonest"
+        shutil.copyfile(named, copy)
+        with h5py.File(copy, "r+") as f:
+            change(f)
+        done = [served.run([isonest, command, copy, "--json"], capture_output=True, text=True)
+                for command in ("info", "check")]
+        assert done[0].returncode == done[1].returncode, done
+        return done[0].returncode, json.loads(done[0].stdout)
+
+    def rows_changed(change, seal=True):
+        def forge(f):
+            rows = f["label_names"][...]
+            rows = change(rows)
+            del f["label_names"]
+            f.create_dataset("label_names", data=rows)
+            sum_of = xxhash.XXH64(rows.tobytes(), rows.nbytes, 0)
+            f["label_names"].attrs["xxh64"] = np.uint64(sum_of if seal else sum_of ^ 1)
+        return forge
+
+    def with_name(name):
+        def change(rows):
+            rows["name"][1] = name
+            return rows
+        return change
+
+    def with_bits(rows):
+        rows["flags"] |= 0xFE
+        return rows
+
+    assert forged_names(rows_changed(lambda rows: rows))[1]["label_names"][1] == {"id": 3, "color": [1, 2, 3]}
+    assert forged_names(rows_changed(with_bits))[1]["label_names"][0] == {"id": -2, "name": "b"}  # other bits are left alone
+    wide = np.dtype({"names": ["id", "flags", "color", "name"], "formats": ["<i8", "u1", ("u1", 3), "S256"],
+                     "offsets": [0, 8, 9, 12], "itemsize": 268})
+    for change in (rows_changed(lambda rows: rows, False), rows_changed(lambda rows: rows[::-1]),
+                   rows_changed(lambda rows: rows[[0, 0, 1]]), rows_changed(with_name(b"a\xff")),
+                   rows_changed(with_name(b"a\0b")), rows_changed(with_name(b"a\nb")), rows_changed(lambda rows: rows[:0]),
+                   rows_changed(lambda rows: rows.astype(wide)), rows_changed(lambda rows: rows["id"].astype("u4")),
+                   rows_changed(lambda rows: np.repeat(rows, 30000)), lambda f: f["label_names"].attrs.pop("xxh64")):
+        code, report = forged_names(change)
+        assert code == 4 and report["error"]["inside"] == "names of labels", report
+
+    def older_version(f):
+        f.attrs.modify("version", np.array([2, 7], "<u4"))
+        f.attrs["xxh64"] = np.uint64(digest_of(f))
+
+    assert forged_names(older_version)[1]["label_names"] == []
+    print("h5py: names of labels are those of the table, and damaged ones are found")
+
     # A store of 2.1 has no ranges; it gives the same meshes.
     older = f"{folder}/older.isonest"
     shutil.copyfile(store, older)

@@ -539,6 +539,38 @@ test("a switch shows the smooth surface of the label, and the URL has it", async
   await its.end();
 });
 
+test("a label that has a name is named, and drawn in its colour", async () => {
+  const volume = join(folder.path, "named.npy");
+  const table = join(folder.path, "named.txt");
+  const named = join(folder.path, "named.isonest");
+  await writeFile(volume, labelVolume());
+  await writeFile(table, "7 Übergang 255 0 0 255\n");
+  await run(program, "preprocess", volume, "--labels", "--label-names", table, "-o", named);
+  const its = await startServer(program, named, "--port", "0");
+  const { page, faults, close } = await openPage(browser, `${its.url}#iso=7`);
+  const says = (words) => page.waitForFunction((text) => document.querySelector("#iso-help").textContent.includes(text), words);
+  /** The part of the picture that is red, whatever light falls on it. */
+  const red = async () => {
+    await idle(page);
+    const { data, width, height, channels } = await canvas(page);
+    let count = 0;
+    for (let i = 0; i < width * height * channels; i += channels) if (data[i] > 60 && data[i + 1] < data[i] / 4 && data[i + 2] < data[i] / 4) ++count;
+    return count / (width * height);
+  };
+  await says("The surface of Übergang is shown.");
+  assert.ok((await red()) > 0.01, `${await red()}`);
+  await page.evaluate(() => document.activeElement.blur());
+  await page.keyboard.press("v");
+  await page.waitForFunction(() => /label (1|7 \(Übergang\))$/.test(document.querySelector("#readout").textContent));
+  await page.fill("#iso-number", "1");
+  await page.keyboard.press("Enter");
+  await says("The surface of this label is shown.");
+  assert.equal((await red()), 0);
+  assert.deepEqual(faults, []);
+  await close();
+  await its.end();
+});
+
 test("data in a plane are shown as they are, with their bound and no surface", async () => {
   const volume = join(folder.path, "plane.raw");
   const plane = join(folder.path, "plane.isonest");

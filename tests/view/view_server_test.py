@@ -596,7 +596,27 @@ class Kinds(unittest.TestCase):
         with view("b.isonest") as server:
             self.assertTrue(server.json("/api/store")[1]["labels"])
             self.assertGreater(server.mesh("/api/surface", label=2 ** 60 + 1)["triangles"], 100)
-            self.assertEqual(server.json("/api/value", at="5,5,5")[1]["node_value"], 2 ** 60 + 1)
+            said = server.json("/api/value", at="5,5,5")[1]
+            self.assertEqual((said["node_value"], said["name"]), (2 ** 60 + 1, None))
+            self.assertEqual(server.json("/api/label", id=2 ** 60 + 1)[1],
+                             {"id": 2 ** 60 + 1, "name": None, "color": None})
+
+    def test_labels_with_names_are_named_and_coloured(self):
+        labels = numpy.ones((12, 12, 12), "u1")
+        labels[3:8, 3:8, 3:8] = 7
+        numpy.save(HERE / "named.npy", labels)
+        (HERE / "named.txt").write_text("7 Übergang 255 0 128 255\n9 nowhere\n")
+        isonest("preprocess", "named.npy", "--labels", "--label-names", "named.txt", "-o", "named.isonest", "-q")
+        isonest("extract", "named.isonest", "--label", "7", "--normals", "-o", "named.glb", "-q")
+        with view("named.isonest") as server:
+            self.assertTrue(server.json("/api/store")[1]["labels"])
+            for label, name, color in ((7, "Übergang", [255, 0, 128]), (9, "nowhere", None), (1, None, None)):
+                self.assertEqual(server.json("/api/label", id=label)[1], {"id": label, "name": name, "color": color})
+            said = server.json("/api/value", at="5,5,5")[1]
+            self.assertEqual((said["value"], said["node_value"], said["name"]), (None, 7, "Übergang"))
+            for query in ({}, {"id": "x"}, {"id": 7, "more": 1}):
+                self.assertEqual(server.json("/api/label", **query)[0], 400)
+            self.assertEqual(server.ask("/api/export", format="glb", label=7, error=0)[2], (HERE / "named.glb").read_bytes())
 
     def test_a_smooth_label_is_the_one_that_extract_makes(self):
         z, y, x = numpy.mgrid[:30, :32, :34]

@@ -193,7 +193,11 @@ HttpAnswer MeshAnswers::file(const MeshRequest& request, const std::string& endi
     const std::string name = (request.is_slice() ? "slice." : "surface.") + ending;
     const std::filesystem::path folder = new_folder(scratch);
     SentFile file(folder, folder / name);
-    const std::unique_ptr<MeshSink> sink = open_mesh_file(file.path());
+    const auto* const choice = std::get_if<LabelChoice>(&request.what);
+    const LabelName label =
+        choice != nullptr ? store_.label_name(choice->id).value_or(LabelName{}) : LabelName{};
+    const std::unique_ptr<MeshSink> sink =
+        open_mesh_file(file.path(), {.title = label.name, .color = label.color});
     extract_to(*sink, request, 0, progress);
     return {200, "application/octet-stream", std::move(file), name};
 }

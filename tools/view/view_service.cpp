@@ -14,8 +14,8 @@
 #include <isonest/error.h>
 #include <isonest/version.h>
 
+#include "query/labels/label_of_value.h"
 #include "query/statistics/histogram.h"
-#include "store/base/label_bits.h"
 #include "store/container/reader.h"
 #include "tools/cli/terminal/histogram_text.h"
 #include "tools/cli/terminal/remedies.h"
@@ -81,6 +81,14 @@ HttpAnswer guarded(const Work& work) {
         return plain_error(500, "internal",
                            fmt::format("internal error, please report it: {}", e.what()));
     }
+}
+
+/// What is known of a label.
+Json label_json(const Store& store, std::int64_t id) {
+    const LabelName label = store.label_name(id).value_or(LabelName{});
+    return {{"id", id},
+            {"name", label.name.empty() ? Json() : Json(label.name)},
+            {"color", label.color ? Json(*label.color) : Json()}};
 }
 
 Json number(double value) {
@@ -157,7 +165,7 @@ ViewService::ViewService(const Store& store, const MemoryShares& shares, int thr
       small_lane_(kMostWaiting) {}
 
 bool ViewService::are_labels() const {
-    return store_.reader().layout().header().labels;
+    return store_.reader().layout().header().labels || store_.reader().label_names().size() > 0;
 }
 
 std::shared_ptr<Waiting> ViewService::handle(const HttpRequest& request, Reply reply) {
@@ -227,6 +235,15 @@ std::shared_ptr<Waiting> ViewService::answer(const HttpRequest& request, Request
     }
     if (path == "/api/command") {
         return at_once(command(target));
+    }
+    if (path == "/api/label") {
+        const auto id = target.integer("id", std::numeric_limits<std::int64_t>::min(),
+                                       std::numeric_limits<std::int64_t>::max());
+        target.require_all_taken();
+        if (!id) {
+            throw Error(ErrorKind::invalid_argument, "id is missing: a label");
+        }
+        return at_once(json_answer(label_json(store_, *id)));
     }
     if (path == "/api/surface" || path == "/api/slice") {
         return start_mesh(target, stream, reply);
@@ -322,9 +339,13 @@ std::shared_ptr<Waiting> ViewService::start_value(RequestTarget& target, const s
                          {"value", value(found.value)},
                          {"node_value", value(found.node_value)}};
             if (are_labels()) {
+                const auto id =
+                    found.node_value
+                        ? label_of(*found.node_value, store_.reader().layout().header().labels)
+                        : std::nullopt;
                 json["value"] = nullptr;
-                json["node_value"] =
-                    found.node_value ? Json(label_of_value(*found.node_value)) : Json();
+                json["node_value"] = id ? Json(*id) : Json();
+                json["name"] = id ? label_json(store_, *id)["name"] : Json();
             }
             return json_answer(json);
         },

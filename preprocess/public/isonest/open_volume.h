@@ -48,8 +48,14 @@ struct SourceOptions {
                                           ///< stay as they are
     std::optional<double> missing;        ///< this value stands for missing data
     /// Integers of 64 bits are labels, the names of things: kept as they are, not as the float64
-    /// that is nearest (from 0 to 2^62 - 1). Of smaller integers it changes nothing.
+    /// that is nearest (from 0 to 2^62 - 1). Of smaller integers it changes no number. Names and
+    /// colours that the input has for its labels are read (VolumeSource::label_names()); what of
+    /// them makes no sense is left out, with a note.
     bool labels = false;
+    /// A table of names and colours of labels, in place of what the input says of them: lines of
+    /// 'ID NAME RED GREEN BLUE OPACITY' as FreeSurfer and 3D Slicer have them, of ITK-SNAP's label
+    /// descriptions, or of 'ID NAME'. Needs `labels`.
+    std::filesystem::path label_names = {};
     std::uint64_t max_heap = 256u << 20;  ///< a source may not hold more than this many bytes
 };
 

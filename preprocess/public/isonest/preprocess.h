@@ -35,6 +35,7 @@ struct PreprocessReport {
     double min_value = 0;
     double max_value = 0;
     bool has_missing = false;          ///< non-finite values were found and treated as missing data
+    std::uint64_t label_names = 0;     ///< labels whose name or colour the store has
     std::uint64_t resumed_chunks = 0;  ///< taken over from an interrupted run
     bool input_on_disk = false;  ///< the input was first copied to temporary space (little memory)
     double seconds = 0;

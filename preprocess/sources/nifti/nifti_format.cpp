@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <limits>
 #include <map>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -12,7 +14,10 @@
 #include "preprocess/sources/bytes/gzip_stream.h"
 #include "preprocess/sources/bytes/header_number.h"
 #include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/nifti/nifti_labels.h"
 #include "preprocess/sources/placement/placed_array.h"
+#include "preprocess/sources/wrapping/named_labels_source.h"
+#include "preprocess/sources/wrapping/noted_source.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
 
 namespace isonest::detail {
@@ -229,10 +234,23 @@ void set_place(const NiftiHeader& h, PlacedArray& array) {
     }
 }
 
+/// Those in the header's extensions.
+FoundLabels labels_of(const NiftiHeader& h, const std::filesystem::path& header, bool first,
+                      const PlacedArray& array, std::span<const AxisIndex> index) {
+    constexpr std::size_t kTime = 4;  // the fourth axis from the end of the list
+    const ChosenAxes chosen = choose_axes(array.axes, index, array.name);
+    const std::int64_t volume = chosen.at.size() < kTime ? 0 : chosen.at[chosen.at.size() - kTime];
+    const std::uint64_t begin = first ? kBytes1 : kBytes2;
+    const std::uint64_t end =
+        h.single ? static_cast<std::uint64_t>(h.offset) : std::numeric_limits<std::uint64_t>::max();
+    return labels_of_nifti({header, begin, end, h.big}, volume);
+}
+
 std::unique_ptr<VolumeSource> open_nifti(const VolumeInput& input, const SourceOptions& options) {
     const std::filesystem::path header = header_file(input.path());
     const std::string name = header.string();
-    const NiftiHeader h = parse(header == input.path() ? input.unpacked : head_of(header), name);
+    const std::string head = header == input.path() ? input.unpacked : head_of(header);
+    const NiftiHeader h = parse(head, name);
     PlacedArray array;
     array.name = name;
     array.file = h.single ? header : image_file(header);
@@ -259,10 +277,16 @@ std::unique_ptr<VolumeSource> open_nifti(const VolumeInput& input, const SourceO
         set_place(h, array);
     }
     auto source = open_placed(array, options.index);
-    if (h.slope == 0 || !std::isfinite(h.slope)) {
-        return source;
+    if (h.slope != 0 && std::isfinite(h.slope)) {
+        source = scaled(std::move(source), {.slope = h.slope, .intercept = h.intercept});
     }
-    return scaled(std::move(source), {.slope = h.slope, .intercept = h.intercept});
+    if (options.labels) {
+        bool big = false;
+        const FoundLabels labels =
+            labels_of(h, header, version_of(head, big) == 1, array, options.index);
+        source = with_label_names(with_notes(std::move(source), labels.notes()), labels.names());
+    }
+    return source;
 }
 
 }  // namespace

@@ -51,6 +51,18 @@ std::string_view trim(std::string_view s) {
     return from == std::string_view::npos ? std::string_view{} : s.substr(from, to - from + 1);
 }
 
+/// The value of a key: \n and \\ stand for the end of a line and a backslash.
+std::string unescaped(std::string_view text) {
+    std::string out;
+    for (std::size_t i = 0; i < text.size(); ++i) {
+        const bool escaped =
+            text[i] == '\\' && i + 1 < text.size() && (text[i + 1] == 'n' || text[i + 1] == '\\');
+        i += escaped ? 1 : 0;
+        out += escaped && text[i] == 'n' ? '\n' : text[i];
+    }
+    return out;
+}
+
 std::vector<std::string> split_words(std::string_view text) {
     std::istringstream in{std::string(text)};
     return {std::istream_iterator<std::string>(in), {}};
@@ -99,7 +111,11 @@ void NrrdFields::add(std::string_view line, std::size_t number) {
     const std::string field =
         colon == std::string_view::npos ? std::string{} : field_of(trim(line.substr(0, colon)));
     if (field.empty()) {
-        if (line.find(":=") == std::string_view::npos) {
+        const std::size_t sign = line.find(":=");
+        if (line.starts_with("Segment") && sign != std::string_view::npos) {
+            segment_keys_.emplace(line.substr(0, sign), unescaped(line.substr(sign + 2)));
+        }
+        if (sign == std::string_view::npos) {
             constexpr std::size_t kShown = 40;
             const std::string_view shown = line.substr(0, kShown);
             const bool text = std::all_of(shown.begin(), shown.end(),

@@ -32,6 +32,12 @@ class NrrdFields {
     /// if they do not have equally many.
     [[nodiscard]] std::vector<std::vector<double>> vectors(const char* field) const;
 
+    /// Lines of key:=value whose keys begin with "Segment", which 3D Slicer writes; the first one
+    /// of a key counts.
+    [[nodiscard]] const std::map<std::string, std::string, std::less<>>& segment_keys() const {
+        return segment_keys_;
+    }
+
     /// Texts between quotes, in their own case; none if there is no such field.
     [[nodiscard]] std::vector<std::string> quoted(const char* field) const;
 
@@ -44,6 +50,7 @@ class NrrdFields {
 
     std::string name_;
     std::map<std::string, std::string, std::less<>> fields_;
+    std::map<std::string, std::string, std::less<>> segment_keys_;
     std::uint64_t bytes_ = 0;
 };
 

@@ -12,6 +12,7 @@
 #include "preprocess/sources/numbers/raw_source.h"
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
+#include "preprocess/sources/wrapping/named_labels_source.h"
 #include "preprocess/sources/wrapping/noted_source.h"
 
 namespace isonest::detail {
@@ -54,8 +55,12 @@ std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOp
     } else {
         header.layout.start = header.header_bytes;
     }
-    return mirrored(with_notes(open_raw(data, data.string(), header.layout), header.notes),
-                    header.backward);
+    std::unique_ptr<VolumeSource> source = open_raw(data, data.string(), header.layout);
+    if (options.labels) {
+        source = with_label_names(with_notes(std::move(source), header.labels.notes()),
+                                  header.labels.names());
+    }
+    return mirrored(with_notes(std::move(source), header.notes), header.backward);
 }
 
 }  // namespace

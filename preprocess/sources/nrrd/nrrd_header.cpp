@@ -12,6 +12,7 @@
 
 #include "preprocess/sources/bytes/lower_case.h"
 #include "preprocess/sources/nrrd/nrrd_fields.h"
+#include "preprocess/sources/nrrd/nrrd_segments.h"
 #include "preprocess/sources/placement/axis_units.h"
 
 namespace isonest::detail {
@@ -27,6 +28,7 @@ class Parser {
         read_type(header);
         read_axes(header);
         read_encoding(header);
+        header.labels = labels_of_segments(fields_.segment_keys());
         return header;
     }
 
@@ -102,6 +104,12 @@ class Parser {
 
     /// Along an axis of a volume, samples of one thing follow each other.
     void require_scalars(std::size_t axis, std::int64_t size, const std::string& kind) const {
+        if (kind == "list" && !fields_.segment_keys().empty()) {
+            fields_.unsupported(
+                fmt::format("its segments overlap, in {} layers: a volume has one label at each "
+                            "node, as the labelmap has to which 3D Slicer exports segments",
+                            size));
+        }
         if (kind != "domain" && kind != "space" && kind != "time" && kind != "none" &&
             kind != "???" && !kind.empty()) {
             fields_.unsupported(

@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "preprocess/sources/label_names/found_labels.h"
 #include "preprocess/sources/numbers/raw_layout.h"
 
 namespace isonest::detail {
@@ -22,6 +23,7 @@ struct NrrdHeader {
     /// more from where spacings would put them.
     bool oblique = false;
     std::vector<std::string> notes = {};  ///< of its units
+    FoundLabels labels = {};              ///< what 3D Slicer says of its segments
     /// Of an oblique volume: the world's step along each axis; zero where the header says none.
     std::array<Double3, 3> steps{};
 };

@@ -25,6 +25,9 @@ class WrappedSource : public VolumeSource {
     [[nodiscard]] bool sequential() const override { return inner_->sequential(); }
     [[nodiscard]] std::uint64_t heap() const override { return inner_->heap(); }
     [[nodiscard]] std::vector<std::string> notes() const override { return inner_->notes(); }
+    [[nodiscard]] std::vector<LabelName> label_names() const override {
+        return inner_->label_names();
+    }
 
   protected:
     explicit WrappedSource(std::unique_ptr<VolumeSource> inner) : inner_(std::move(inner)) {}

@@ -19,6 +19,7 @@
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
+#include "preprocess/sources/wrapping/named_labels_source.h"
 #include "preprocess/sources/wrapping/noted_source.h"
 #include "preprocess/sources/wrapping/scaled_source.h"
 #include "preprocess/sources/zarr/zarr_chunks.h"
@@ -221,6 +222,7 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
     notes.insert(notes.end(), unit.notes.begin(), unit.notes.end());
     const Placement place = place_of(image, chosen, unit, name);
     const std::optional<StoredNumber> stored = image.array.stored;
+    const FoundLabels labels = std::move(image.labels);
     std::unique_ptr<VolumeSource> source =
         with_notes(zarr_chunks(std::move(image), chosen, place, unit.unit, options.max_heap, name),
                    std::move(notes));
@@ -228,7 +230,10 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
     if (stored) {
         source = converted(std::move(source), *stored);
     }
-    return scaled(std::move(source), scaling);
+    source = scaled(std::move(source), scaling);
+    return options.labels
+               ? with_label_names(with_notes(std::move(source), labels.notes()), labels.names())
+               : std::move(source);
 }
 
 bool is_zarr(const VolumeInput& input) {

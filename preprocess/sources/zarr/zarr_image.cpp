@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <utility>
 
@@ -12,6 +13,7 @@
 
 #include "preprocess/sources/bytes/json_file.h"
 #include "preprocess/sources/bytes/natural_order.h"
+#include "preprocess/sources/zarr/zarr_labels.h"
 
 namespace isonest::detail {
 namespace {
@@ -36,6 +38,7 @@ const json& multiscales(const json& attributes) {
 struct OmePlace {
     json image;
     json dataset;
+    std::shared_ptr<const json> labels;  ///< "image-label"; null where there is none
 };
 
 /// Multiplies and adds what OME's transformations say, in their order.
@@ -97,6 +100,7 @@ ZarrImage image_of(const fs::path& folder, const std::optional<OmePlace>& ome) {
     if (ome) {
         transform(member(ome->dataset, "coordinateTransformations"), image, folder.string());
         transform(member(ome->image, "coordinateTransformations"), image, folder.string());
+        image.labels = labels_of_ome(*ome->labels);
     }
     return image;
 }
@@ -117,10 +121,13 @@ std::string inner_path(const json& path, const fs::path& folder) {
 std::vector<std::pair<std::string, OmePlace>> levels_of(const fs::path& folder) {
     std::vector<std::pair<std::string, OmePlace>> levels;
     const json attributes = zarr_group_attributes(folder);
+    const json& inside = member(member(attributes, "ome"), "image-label");
+    const auto labels =
+        std::make_shared<const json>(inside.is_null() ? member(attributes, "image-label") : inside);
     for (const json& image : multiscales(attributes)) {
         for (const json& dataset : member(image, "datasets")) {
             levels.emplace_back(inner_path(member(dataset, "path"), folder),
-                                OmePlace{image, dataset});
+                                OmePlace{image, dataset, labels});
         }
     }
     return levels;

@@ -7,6 +7,7 @@
 
 #include <isonest/int3.h>
 
+#include "preprocess/sources/label_names/found_labels.h"
 #include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/zarr/zarr_array.h"
 
@@ -19,6 +20,7 @@ struct ZarrImage {
     std::vector<double> translation;  ///< per axis: where position 0 lies
     std::vector<std::string> units;   ///< per axis: what the two are in; empty if nothing says
     bool ome = false;                 ///< OME's description places it
+    FoundLabels labels = {};          ///< what OME says of its labels
     std::vector<std::filesystem::path> files;  ///< the descriptions that were read
 };
 

@@ -3,7 +3,10 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
+#include <string>
 
+#include <isonest/label_name.h>
 #include <isonest/mesh_sink.h>
 
 namespace isonest {
@@ -12,6 +15,10 @@ struct MeshFileOptions {
     /// Replace a regular file of that name, unless the mesh is made from it. Folders, links and
     /// devices are never replaced.
     bool replace = false;
+    /// What the mesh is called, in UTF-8 without control characters; empty: nothing.
+    std::string title = {};
+    /// In which colour it is drawn.
+    std::optional<LabelColor> color = {};
 };
 
 /// A sink that writes `path`, in the format that the name's end (in any case) chooses:
@@ -29,15 +36,18 @@ struct MeshFileOptions {
 /// which have them as the cells' array BoundaryLabels of two int64, and as .ply, as the faces'
 /// properties label_behind and label_in_front, int32.
 ///
-/// Coordinates are float32. MeshLayout::unit is written where the format has a place for it; glTF
-/// is in metres and ngmesh in nanometres, 3MF in one of six units, to which a mesh is scaled. Where
-/// it is not known, the numbers stay and 3MF takes them for millimetres. The file appears under its
-/// name when the extraction ends, whole or not at all; until then it has a temporary name in the
-/// same folder, which the sink's destructor removes. One sink may be used for one extraction after
-/// the other; each replaces the file only if the options allow it. Throws Error{invalid_argument}
-/// for another end of the name. The sink's prepare() throws Error{invalid_argument} if the file may
-/// not be written or the format has no lines or no labels, and Error{not_found} without the folder;
-/// begin() throws Error{limit} beyond what the format can number, labels too; all throw Error{io}.
+/// Title and colour are written as the node's name and the material's colour of .glb, the object's
+/// name and display colour of .3mf, and the field data "Name" and "Color" (from 0 to 1) of .vtp;
+/// the other formats have none. Coordinates are float32. MeshLayout::unit is written where the
+/// format has a place for it; glTF is in metres and ngmesh in nanometres, 3MF in one of six units,
+/// to which a mesh is scaled. Where it is not known, the numbers stay and 3MF takes them for
+/// millimetres. The file appears under its name when the extraction ends, whole or not at all;
+/// until then it has a temporary name in the same folder, which the sink's destructor removes. One
+/// sink may be used for one extraction after the other; each replaces the file only if the options
+/// allow it. Throws Error{invalid_argument} for another end of the name, and for a title that is no
+/// such text. The sink's prepare() throws Error{invalid_argument} if the file may not be written or
+/// the format has no lines or no labels, and Error{not_found} without the folder; begin() throws
+/// Error{limit} beyond what the format can number, labels too; all throw Error{io}.
 std::unique_ptr<MeshSink> open_mesh_file(const std::filesystem::path& path,
                                          const MeshFileOptions& options = {});
 

@@ -1,13 +1,16 @@
 // A finished store, open for reading.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <string_view>
 #include <vector>
 
 #include <isonest/field.h>
 #include <isonest/int3.h>
+#include <isonest/label_name.h>
 #include <isonest/length_unit.h>
 #include <isonest/value_type.h>
 
@@ -54,6 +57,13 @@ class Store {
     [[nodiscard]] double max_value() const;
     /// Whether values are missing (NaN or infinite).
     [[nodiscard]] bool has_missing() const;
+    /// Names and colours of labels, by rising ids, as the input had them when the store was made
+    /// for labels; also of labels that no node has. Empty where nothing is known.
+    [[nodiscard]] std::vector<LabelName> label_names() const;
+    /// Of one label; none where nothing is known of it.
+    [[nodiscard]] std::optional<LabelName> label_name(std::int64_t id) const;
+    /// The ids of all labels of this name, rising.
+    [[nodiscard]] std::vector<std::int64_t> labels_named(std::string_view name) const;
 
     /// For the library's own parts.
     [[nodiscard]] const detail::StoreReader& reader() const { return *reader_; }

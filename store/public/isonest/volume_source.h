@@ -11,6 +11,7 @@
 #include <vector>
 
 #include <isonest/int3.h>
+#include <isonest/label_name.h>
 #include <isonest/length_unit.h>
 #include <isonest/value_type.h>
 
@@ -79,6 +80,10 @@ class VolumeSource {
     /// What was done to the numbers of the file, or could not be, that its user should know: a
     /// sentence each, without an end.
     [[nodiscard]] virtual std::vector<std::string> notes() const { return {}; }
+
+    /// What labels are called and how they are drawn, by rising ids, where the input says so and
+    /// was opened for labels. preprocess() refuses what a store cannot hold (label_name.h).
+    [[nodiscard]] virtual std::vector<LabelName> label_names() const { return {}; }
 
     /// The whole volume as read() would give it, where it lies in memory or in a map of a file,
     /// aligned for its type; empty where it does not.

@@ -19,7 +19,10 @@ HERE = pathlib.Path(__file__).resolve().parent
 ISONEST = sys.argv[1]
 # Name, nodes along x, y, z, type: the numbers are in NAME.raw, x fastest.
 VOLUMES = {"": ("volume.raw", (9, 8, 7), "int16"), "-flat": ("flat.raw", (9, 8, 1), "float32"),
-           "-tiny": ("tiny.raw", (3, 3, 3), "uint8"), "-turned": ("turned.nhdr", None, None)}
+           "-tiny": ("tiny.raw", (3, 3, 3), "uint8"), "-turned": ("turned.nhdr", None, None),
+           "-named": ("tiny.raw", (3, 3, 3), "uint8")}
+# Of the labels of "-named": as FORMAT.md, section 3, has them.
+NAMES = "0 background\n13 Übergang 255 0 10 255\n26 end 1 2 3\n900 nowhere\n"
 # The same numbers as volume.raw, on axes that are not along the world's.
 TURNED = """NRRD0004
 type: int16
@@ -61,15 +64,24 @@ def make_good(version):
         store = HERE / f"{version}{suffix}.store"
         if suffix == "-tiny" and "--good-only" in sys.argv or store.exists():
             continue
+        if suffix == "-named" and "--label-names" not in help_text:  # from 2.8 on
+            continue
         command = [ISONEST, "preprocess", HERE / volume, "--chunk", "8", "-o", store]
         if nodes:
             command += ["--dims", ",".join(map(str, nodes)), "--type", kind, "--spacing", "1,2,0.5"]
         if "--unit" in help_text:  # from 2.7 on
             command += ["--unit", "um"]
+        if suffix == "-named":
+            (HERE / "names.txt").write_text(NAMES)
+            command += ["--labels", "--label-names", HERE / "names.txt"]
         wanted = "linf_bar,linf_plus,deviation_bar,normal_turn_plus"
         if suffix == "-tiny" or subprocess.run([*command, "--indicators", wanted]).returncode != 0:
             subprocess.run(command, check=True)  # 1.0 has no other indicators
-        print("made", store.name)
+        # A store is written in the oldest version that has all that it holds: nothing new need be kept of it.
+        same = [old.name for old in HERE.glob("*.store") if old != store and old.read_bytes() == store.read_bytes()]
+        if same:
+            store.unlink()
+        print(store.name, f"is the same as {same[0]}" if same else "made")
 
 
 def seal(f):
@@ -174,6 +186,29 @@ def unit_alone(f):
     del f.attrs["unit_xxh64"]
 
 
+def set_names(f, rows):
+    """With their checksum."""
+    del f["label_names"]
+    f.create_dataset("label_names", data=rows)
+    f["label_names"].attrs["xxh64"] = checksum(rows.tobytes())
+
+
+def names_damaged(f):
+    rows = f["label_names"][...]
+    rows["id"][1] += 1
+    f["label_names"][...] = rows
+
+
+def names_unordered(f):
+    set_names(f, f["label_names"][...][::-1])
+
+
+def names_no_text(f):
+    rows = f["label_names"][...]
+    rows["name"][0] = b"\xff"
+    set_names(f, rows)
+
+
 def table_too_short(f):
     replace_table(f, f["chunks"][...][:-1])
 
@@ -204,8 +239,19 @@ BAD = {"newer-minor": newer_minor, "newer-minor-misplaced": newer_minor_misplace
        "table-damaged": table_damaged, "incomplete": incomplete, "no-store": no_store}
 
 
+BAD_NAMES = {"names-damaged": names_damaged, "names-unordered": names_unordered, "names-no-text": names_no_text}
+
+
 def make_bad(current):
+    for name, change in BAD_NAMES.items():
+        store = HERE / f"{current}-{name}.store"
+        if not store.exists():
+            shutil.copyfile(HERE / f"{current}-named.store", store)
+            with h5py.File(store, "r+", libver=("earliest", "v110")) as f:
+                change(f)
     good = HERE / f"{current}-tiny.store"
+    if not good.exists():
+        return  # the bad ones of an older version are the same
     for name, change in BAD.items():
         store = HERE / f"{current}-{name}.store"
         if store.exists():

@@ -16,6 +16,7 @@
 #include "tools/cli/options/close_option.h"
 #include "tools/cli/options/component_options.h"
 #include "tools/cli/options/fields.h"
+#include "tools/cli/options/label_names.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
 
@@ -48,7 +49,9 @@ GraphQuery graph_query(const ExtractCommand& arguments, const Store* values) {
 ExtractReport run_query(const Store& store, const ExtractCommand& arguments, const Store* values,
                         Progress& progress) {
     const ExtractArguments& a = arguments.extract;
-    const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, {.replace = true});
+    const std::unique_ptr<MeshSink> sink = open_mesh_file(
+        a.mesh, arguments.labels.one ? label_file_options(store, *arguments.labels.one)
+                                     : MeshFileOptions{.replace = true});
     if (a.is_graph) {
         return extract(store, graph_query(arguments, values), *sink, options_of(a), progress);
     }
@@ -130,6 +133,7 @@ Result run(const ExtractCommand& given, bool has_iso, Progress& progress) {
         return extract_volume_file(std::move(arguments), has_iso, progress);
     }
     const Store& store = *opened;
+    resolve_label_names(arguments.labels, store);
     arguments.distance.resolve(store.unit(), a.store);
     std::optional<Store> others;
     if (!arguments.values.empty()) {
@@ -231,6 +235,7 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract cells.isonest --labels all --distance 0.5voxel -o meshes\n"
          "isonest extract cells.isonest --labels all --smooth -o meshes\n"
          "isonest extract cells.isonest --labels all --smooth --interfaces -o interfaces.vtp\n"
+         "isonest extract organs.isonest --label liver --smooth -o liver.glb\n"
          "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply\n"
          "isonest extract scan.isonest --iso 120 --error 1 --focus 30,40,20 --falloff 0.1 -o "
          "near.ply\n"

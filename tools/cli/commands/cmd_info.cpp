@@ -58,6 +58,37 @@ void add_histogram(const StoreReader& store, const InfoArguments& a, Result& res
     result.text += fmt::format("{}: the same as a plot\n", a.plot);
 }
 
+void add_label_names(const LabelTable& names, Result& result) {
+    constexpr std::size_t kMostShown = 20;
+    Json all = Json::array();
+    for (std::size_t i = 0; i < names.size(); ++i) {
+        const LabelName label = names.at(i);
+        Json json = {{"id", label.id}};
+        if (!label.name.empty()) {
+            json["name"] = label.name;
+        }
+        if (label.color) {
+            json["color"] = *label.color;
+        }
+        all.push_back(std::move(json));
+        if (i == 0) {
+            result.text +=
+                fmt::format("\n{:>10} {:<8} name of {} labels\n", "label", "colour", names.size());
+        }
+        if (i < kMostShown) {
+            const LabelColor c = label.color.value_or(LabelColor{});
+            result.text +=
+                fmt::format("{:>10} {:<8} {}\n", label.id,
+                            label.color ? fmt::format("#{:02x}{:02x}{:02x}", c[0], c[1], c[2]) : "",
+                            label.name);
+        }
+    }
+    if (names.size() > kMostShown) {
+        result.text += fmt::format("{:>10} and {} more\n", "...", names.size() - kMostShown);
+    }
+    result.json["label_names"] = std::move(all);
+}
+
 void add_analyses(const StoreReader& store, Result& result) {
     result.json["analyses"] = Json::array();
     for (const FoundAnalysis& found : all_analyses(store, AnalysisDepth::attributes)) {
@@ -163,6 +194,7 @@ Result run(const InfoArguments& a, Progress& progress) {
                         r.alias ? "shared" : human_bytes(static_cast<double>(r.stored_bytes)),
                         r.alias ? "" : fmt::format("{:.2f}", ratio(r)), human_range(r.min, r.max));
     }
+    add_label_names(store.label_names(), result);
     add_analyses(store, result);
     if (a.histogram) {
         add_histogram(store, a, result, progress);

@@ -49,6 +49,7 @@ Result run(PreprocessArguments& a, Progress& progress) {
                    {"input_bytes", r.input_bytes},
                    {"store_bytes", r.store_bytes},
                    {"chunks", r.chunks},
+                   {"label_names", r.label_names},
                    {"resumed_chunks", r.resumed_chunks},
                    {"input_on_disk", r.input_on_disk},
                    {"notes", source->notes()},
@@ -64,6 +65,9 @@ Result run(PreprocessArguments& a, Progress& progress) {
             static_cast<double>(std::max<std::uint64_t>(r.input_bytes, 1)),
         human_bytes(static_cast<double>(r.input_bytes)), human_seconds(r.seconds),
         human_bytes(rate));
+    if (r.label_names > 0) {
+        result.text += fmt::format("names or colours of {} labels\n", r.label_names);
+    }
     for (const std::string& note : source->notes()) {
         result.text += fmt::format("note: {}\n", note);
     }
@@ -91,11 +95,18 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
          "read once, and the volume may be larger than memory.",
          "isonest preprocess scan.h5 -o scan.isonest\n"
          "isonest preprocess scan.h5 --dataset /entry/data -o scan.isonest --memory 8G\n"
+         "isonest preprocess organs.seg.nrrd --labels -o organs.isonest\n"
          "isonest preprocess head.raw.gz --dims 256,256,113 --type uint16 --endian big "
          "--spacing 1,1,2 -o head.isonest"});
     c->add_option("INPUT", a->input, "the volume: a file, a folder, or slices")->required();
     c->add_option("-o,--output", a->store, "the store to write")->required()->type_name("STORE");
     add_source_options(c, a->source);
+    add_parsed(
+        c, "--label-names", [a](const std::string& text) { a->source.label_names = text; },
+        "a table of names and colours of labels, in place of the input's:\n"
+        "of FreeSurfer, 3D Slicer, ITK-SNAP, or lines of ID NAME",
+        "FILE")
+        ->needs(c->get_option("--labels"));
     PreprocessOptions& p = a->preprocess;
     add_memory(c, p.memory);
     add_threads(c, p.threads);

@@ -3,6 +3,7 @@
 #include "tools/cli/commands/extract_command.h"
 #include "tools/cli/options/close_option.h"
 #include "tools/cli/options/component_options.h"
+#include "tools/cli/options/label_names.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
@@ -16,9 +17,10 @@ std::string empty_surface(const Store& store, const ExtractCommand& arguments,
     const std::string range = human_range(store.min_value(), store.max_value());
     if (arguments.labels.one) {
         return fmt::format(
-            "There is no node with the label {}{}, or no other one: the values are "
+            "There is no node with the label {}{}{}, or no other one: the values are "
             "{}.\n",
-            *arguments.labels.one, a.box ? " in the box" : "", range);
+            *arguments.labels.one, label_name_text(store, *arguments.labels.one),
+            a.box ? " in the box" : "", range);
     }
     if (!(store.min_value() <= store.max_value())) {
         return "The surface is empty: all values are missing.\n";
@@ -88,6 +90,9 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
     }
     if (labels.one) {
         result.json["label"] = *labels.one;
+        if (origin.store != nullptr) {
+            add_label_name(*origin.store, *labels.one, result.json);
+        }
     }
     if (r.smooth) {
         add_smooth_json(*r.smooth, result.json);

@@ -19,6 +19,7 @@
 #include "tools/cli/options/component_options.h"
 #include "tools/cli/options/distance_options.h"
 #include "tools/cli/options/label_list.h"
+#include "tools/cli/options/label_names.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
@@ -30,8 +31,9 @@ constexpr std::int64_t kMostLabel = (std::int64_t{1} << 62U) - 1;
 constexpr const char* kNeuroglancer = "neuroglancer";
 constexpr std::array kFormats{"ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf", kNeuroglancer};
 
-/// "all", "3,7,12-20".
-std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::string& text) {
+/// "all", "3,7,12-20", "liver,spleen": what is no number goes to `names`.
+std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::string& text,
+                                                                std::vector<std::string>& names) {
     std::vector<std::pair<std::int64_t, std::int64_t>> ranges;
     if (text == "all") {
         return ranges;
@@ -39,6 +41,11 @@ std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::strin
     for (std::size_t at = 0; at <= text.size();) {
         const std::size_t end = std::min(text.find(',', at), text.size());
         const std::string item = text.substr(at, end - at);
+        if (!is_label_range(item)) {
+            names.push_back(item);
+            at = end + 1;
+            continue;
+        }
         // A dash in front is a sign.
         const std::size_t dash = item.find('-', 1);
         const std::int64_t first =
@@ -139,14 +146,16 @@ ComponentReport added(const ComponentReport& a, const ComponentReport& b) {
             std::max(a.largest_dropped, b.largest_dropped)};
 }
 
-Json json_of(const Label& label, const ExtractReport& r, const std::string& mesh) {
-    Json json = {{"id", label.id},
-                 {"nodes", label.nodes},
+Json json_of(const Store& store, const Label& label, const ExtractReport& r,
+             const std::string& mesh) {
+    Json json = {{"id", label.id}};
+    add_label_name(store, label.id, json);
+    json.update({{"nodes", label.nodes},
                  {"low", {label.low.x, label.low.y, label.low.z}},
                  {"high", {label.high.x, label.high.y, label.high.z}},
                  {"mesh", mesh},
                  {"vertices", r.vertices},
-                 {"triangles", r.triangles}};
+                 {"triangles", r.triangles}});
     if (r.measures) {
         json["area"] = r.measures->area;
         json["volume"] = r.measures->volume ? Json(*r.measures->volume) : Json();
@@ -174,13 +183,17 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
     CLI::Option* const one = add_parsed(
         c, "--label",
         [&a](const std::string& text) {
-            a.one = parse_integer("--label", text, -kMostLabel, kMostLabel);
+            const bool number = is_label_range(text);
+            a.one = number ? parse_integer("--label", text, -kMostLabel, kMostLabel) : 0;
+            a.one_name = number ? std::nullopt : std::optional(text);
         },
         "in place of an isovalue: the surface around the nodes with\n"
-        "this label, half way to the others",
+        "this label, half way to the others; its number, or its name\n"
+        "where the store has it",
         "ID");
     CLI::Option* const several = add_parsed(
-        c, "--labels", [&a](const std::string& text) { a.several = parse_labels(text); },
+        c, "--labels",
+        [&a](const std::string& text) { a.several = parse_labels(text, a.several_names); },
         "a mesh for each of these labels (all: but 0), and a list of\n"
         "them, labels.json; MESH is then their folder",
         "all|LIST");
@@ -221,6 +234,18 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
         "NAME")
         ->needs(several)
         ->excludes(interfaces);
+}
+
+void resolve_label_names(LabelArguments& a, const Store& store) {
+    if (a.one_name) {
+        a.one = label_named(store, *a.one_name);
+        a.one_name.reset();
+    }
+    for (const std::string& name : a.several_names) {
+        const std::int64_t id = label_named(store, name);
+        a.several->emplace_back(id, id);
+    }
+    a.several_names.clear();
 }
 
 std::string smooth_text(const SmoothReport& r) {
@@ -278,7 +303,8 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     extract_labels(
         store, chosen, query,
         [&](const Label& label) {
-            return open_mesh_file(folder / mesh_name(label.id, labels.format), {.replace = true});
+            return open_mesh_file(folder / mesh_name(label.id, labels.format),
+                                  label_file_options(store, label.id));
         },
         [&](std::size_t i, const ExtractReport& report) {
             reports[i] = report;
@@ -298,7 +324,8 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     std::optional<ComponentReport> components;
     std::uint64_t scratch = 0;
     for (std::size_t i = 0; i < chosen.size(); ++i) {
-        list.push_back(json_of(chosen[i], reports[i], mesh_name(chosen[i].id, labels.format)));
+        list.push_back(
+            json_of(store, chosen[i], reports[i], mesh_name(chosen[i].id, labels.format)));
         triangles += reports[i].triangles;
         if (const auto& distance = reports[i].distance) {
             bound = std::max(bound, distance->bound);

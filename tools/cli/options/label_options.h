@@ -18,6 +18,10 @@ struct LabelArguments {
     std::optional<std::int64_t> one;
     /// Ranges, both ends included; empty: all but 0.
     std::optional<std::vector<std::pair<std::int64_t, std::int64_t>>> several;
+    /// Names in place of numbers, until resolve_label_names(); `one` and `several` are there then,
+    /// too.
+    std::optional<std::string> one_name = {};
+    std::vector<std::string> several_names = {};
     std::string format = "ply";
     std::optional<LabelSmoothing> smooth = {};
     bool keep_nodes = false;  ///< where smooth ones are simplified
@@ -27,6 +31,9 @@ struct LabelArguments {
 /// --label, --labels, --smooth, --keep-nodes, --interfaces, --format. The first two exclude all of `others`.
 void add_label_options(CLI::App* command, LabelArguments& a,
                        const std::vector<std::string>& others);
+
+/// Puts the labels of this store in place of their names. Throws as label_named().
+void resolve_label_names(LabelArguments& a, const Store& store);
 
 /// "no point further than 0.8 from the voxels' faces".
 std::string smooth_text(const SmoothReport& r);

@@ -263,8 +263,9 @@ void add_source_options(CLI::App* command, SourceOptions& o, bool with_labels) {
         ->group(group);
     if (with_labels) {
         command->add_flag("--labels", o.labels,
-                          "integers of 64 bits are labels (0 to 2^62 - 1), kept as they are for\n"
-                          "extract --label; else float64, and refused beyond 2^53");
+                          "the values are labels: integers of 64 bits (0 to 2^62 - 1) are kept as\n"
+                          "they are for extract --label, else float64, and refused beyond 2^53;\n"
+                          "names and colours that the input has for its labels are kept");
     }
     add_parsed(
         command, "--missing",

@@ -10,7 +10,7 @@
 #include <isonest/error.h>
 
 #include "store/base/label_bits.h"
-#include "store/container/world_units.h"
+#include "store/base/world_units.h"
 
 namespace isonest::detail::cli {
 namespace {

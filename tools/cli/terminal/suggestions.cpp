@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <utility>
 
 namespace isonest::detail::cli {
 namespace {
@@ -26,23 +27,35 @@ std::size_t edits(const std::string& a, const std::string& b) {
 
 }  // namespace
 
-std::optional<std::string> nearest_name(const std::string& word,
-                                        const std::vector<std::string>& names) {
+std::vector<std::string> nearest_names(const std::string& word,
+                                       const std::vector<std::string>& names, std::size_t most) {
     constexpr std::size_t kLongest = 64;
-    std::optional<std::string> nearest;
-    std::size_t least = word.size() / 3 + 1;
+    if (word.size() > kLongest) {
+        return {};
+    }
+    const std::size_t least = word.size() / 3 + 1;
+    std::vector<std::pair<std::size_t, std::string>> near;
     for (const std::string& name : names) {
-        if (word.size() > kLongest) {
-            break;
-        }
         // The beginning of a longer name may be meant, too.
         const std::size_t count = name.starts_with(word) && word.size() > 3 ? 1 : edits(word, name);
         if (count < least) {
-            least = count;
-            nearest = name;
+            near.emplace_back(count, name);
         }
     }
+    std::stable_sort(near.begin(), near.end(),
+                     [](const auto& a, const auto& b) { return a.first < b.first; });
+    near.resize(std::min(near.size(), most));
+    std::vector<std::string> nearest;
+    for (auto& [count, name] : near) {
+        nearest.push_back(std::move(name));
+    }
     return nearest;
+}
+
+std::optional<std::string> nearest_name(const std::string& word,
+                                        const std::vector<std::string>& names) {
+    const std::vector<std::string> nearest = nearest_names(word, names, 1);
+    return nearest.empty() ? std::nullopt : std::optional(nearest.front());
 }
 
 }  // namespace isonest::detail::cli

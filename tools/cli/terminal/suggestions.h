@@ -1,6 +1,7 @@
 // What somebody may have meant who mistyped a name.
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,5 +13,9 @@ namespace isonest::detail::cli {
 /// computer detection and correction of spelling errors", CACM 7 (1964).
 std::optional<std::string> nearest_name(const std::string& word,
                                         const std::vector<std::string>& names);
+
+/// Up to `most` of them that differ as little, the nearest first.
+std::vector<std::string> nearest_names(const std::string& word,
+                                       const std::vector<std::string>& names, std::size_t most);
 
 }  // namespace isonest::detail::cli

@@ -35,7 +35,8 @@ __all__ = ["preprocess", "open", "view", "isosurface", "smooth", "Store", "View"
 
 def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optional[Sequence[float]] = None,
                origin: Optional[Sequence[float]] = None, unit: Optional[str] = None, missing: Optional[float] = None,
-               dataset: str = "", series: str = "", labels: bool = False, index: Any = None,
+               dataset: str = "", series: str = "", labels: bool = False,
+               label_names: "os.PathLike[str] | str | None" = None, index: Any = None,
                crop: Optional[Sequence[slice]] = None, every: Union[int, Sequence[int]] = 1,
                shape: Optional[Sequence[int]] = None, dtype: Any = None, offset: Optional[int] = None,
                indicators: Union[None, str, Sequence[str]] = None, exact: bool = False, chunk: int = 64,
@@ -53,10 +54,11 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         array's axes. Without them 1 and 0, or what the file says.
     unit: of length, of both: "mm", "um", "nm", ...; without it what the file says, or not known.
     missing: this value stands for missing data.
-    dataset: of a file of several, series: of DICOM. labels: integers of 64 bits are
-        labels, kept as they are (0 to 2**62 - 1). index: of files with time steps or channels what is taken of each
-        axis, ``(5, None, None, None)`` or by name, ``{"time": 5}``. crop: ``np.s_[10:20, :, 5:]``; every: of what is
-        left, each so-many-th node, one number or (z, y, x).
+    dataset: of a file of several, series: of DICOM. labels: the values are labels; integers of 64 bits are
+        kept as they are (0 to 2**62 - 1), and so are names and colours that the file has for its labels; label_names:
+        a table of them, as FreeSurfer, 3D Slicer and ITK-SNAP have it, in place of the file's. index: of files with
+        time steps or channels what is taken of each axis, ``(5, None, None, None)`` or by name, ``{"time": 5}``.
+        crop: ``np.s_[10:20, :, 5:]``; every: of what is left, each so-many-th node, one number or (z, y, x).
     shape, dtype, offset: of raw numbers; ">u2" is a dtype of big-endian numbers.
     indicators: names of the error indicators, in a list or with commas; "nodes" are all of nodes, "all" those of
         hexahedral cells too; exact: not rounded up to 16 bits.
@@ -76,8 +78,9 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     if indicators is not None:
         options.indicators = indicators.split(",") if isinstance(indicators, str) else list(indicators)
     source = _sources.of_volume(volume, identified=resume, memory=options.memory, spacing=spacing, origin=origin,
-                                unit=unit, missing=missing, dataset=dataset, series=series, labels=labels, index=index, crop=crop,
-                                every=every, shape=shape, dtype=dtype, offset=offset)
+                                unit=unit, missing=missing, dataset=dataset, series=series, labels=labels,
+                                label_names=label_names, index=index, crop=crop, every=every, shape=shape, dtype=dtype,
+                                offset=offset)
     with reporting(progress) as report:
         return _core.preprocess(source, os.fspath(store), options, report)
 

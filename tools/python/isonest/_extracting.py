@@ -143,7 +143,7 @@ class Extracting:
         levels = [float(level) for level in iso]  # type: ignore[union-attr]
         return self._extract_levels(levels, query, options, progress, place, flip=flip)
 
-    def label_surface(self, label: int, *, distance: Distance = None, triangles: Optional[int] = None,
+    def label_surface(self, label: "int | str", *, distance: Distance = None, triangles: Optional[int] = None,
                       effort: Optional[Effort] = None, box: Optional[Box] = None, normals: bool = False,
                       vertex_values: "Optional[Extracting]" = None, cells: Optional[Cells] = None,
                       components: Components = None, min_component: int = 0, min_volume: float = 0.0,
@@ -151,7 +151,8 @@ class Extracting:
                       coordinates: Coordinates = "array",
                       quality: bool = False, memory: Bytes = "1G", threads: int = 0, scratch: _Path = "",
                       progress: Progress = None) -> Mesh:
-        """The surface around the nodes with this label, half way to the others, whatever their labels are.
+        """The surface around the nodes with this label, half way to the others, whatever their labels are. A label is
+        given by its number, or by its name where the store has it.
 
         The arguments are those of :meth:`isosurface`; inside the surface is "above", so ``close=True`` closes it
         where the label reaches the border of the volume.
@@ -165,11 +166,12 @@ class Extracting:
         place = self._place(coordinates)
         query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
                                   min_component, min_volume, close, smooth, keep_nodes)
-        query.set_label(int(label))
+        number = self._label_id(label)
+        query.set_label(number)
         options = _queries.options(memory, threads, scratch, quality)
-        return self._extract(query, options, progress, place, level=float(label))
+        return self._extract(query, options, progress, place, level=float(number))
 
-    def label_surfaces(self, labels: "Optional[Sequence[int]]" = None, *, distance: Distance = None,
+    def label_surfaces(self, labels: "Optional[Sequence[int | str]]" = None, *, distance: Distance = None,
                        triangles: Optional[int] = None, effort: Optional[Effort] = None, box: Optional[Box] = None,
                        normals: bool = False, vertex_values: "Optional[Extracting]" = None, cells: Optional[Cells] = None,
                        components: Components = None, min_component: int = 0, min_volume: float = 0.0,
@@ -185,13 +187,13 @@ class Extracting:
         query = self._label_query(place, distance, triangles, effort, box, normals, vertex_values, cells, components,
                                   min_component, min_volume, close, smooth, keep_nodes)
         options = _queries.options(memory, threads, scratch, quality)
-        ids = None if labels is None else [int(label) for label in labels]
+        ids = None if labels is None else [self._label_id(label) for label in labels]
         with reporting(progress) as report:
             meshes = _core.extract_labels(self._core, ids, query, options, report)
         return {label: Mesh(parts, coordinates=coordinates, frame=self._frame, flip=False, level=float(label))
                 for label, parts in meshes}
 
-    def interfaces(self, labels: "Optional[Sequence[int]]" = None, *, distance: Distance = None,
+    def interfaces(self, labels: "Optional[Sequence[int | str]]" = None, *, distance: Distance = None,
                    triangles: Optional[int] = None, smooth: Smooth = True, keep_nodes: bool = False, close: Close = None,
                    coordinates: Coordinates = "array", quality: bool = False, memory: Bytes = "1G", threads: int = 0,
                    scratch: _Path = "", progress: Progress = None) -> Mesh:
@@ -211,7 +213,7 @@ class Extracting:
         query = self._label_query(place, distance, triangles, None, None, False, None, None, None, 0, 0.0, close, smooth,
                                   keep_nodes)
         options = _queries.options(memory, threads, scratch, quality)
-        ids = None if labels is None else [int(label) for label in labels]
+        ids = None if labels is None else [self._label_id(label) for label in labels]
         with reporting(progress) as report:
             parts, sides, areas = _core.extract_interfaces(self._core, ids, query, options, report)
         return Mesh(parts, coordinates=coordinates, frame=self._frame, flip=False, level=None, labels=sides,
@@ -287,6 +289,9 @@ class Extracting:
         place = Place(self._frame, coordinates)
         place.require()
         return place
+
+    def _label_id(self, label: "int | str") -> int:
+        return self._core.label_named(label) if isinstance(label, str) else int(label)
 
     def _label_query(self, place: Place, distance: Distance, triangles: Optional[int], effort: Optional[str],
                      box: Optional[Box], normals: bool, vertex_values: Any, cells: Optional[str], components: Components,

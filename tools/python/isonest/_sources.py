@@ -133,15 +133,17 @@ def of_array(volume: Any, spacing: Optional[Sequence[float]], origin: Optional[S
 
 def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[Sequence[float]] = None,
               origin: Optional[Sequence[float]] = None, unit: Optional[str] = None,
-              missing: Optional[float] = None, dataset: str = "", series: str = "", labels: bool = False, index: Any = None, crop: Optional[Sequence[slice]] = None,
+              missing: Optional[float] = None, dataset: str = "", series: str = "", labels: bool = False,
+              label_names: Any = None, index: Any = None, crop: Optional[Sequence[slice]] = None,
               every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
               offset: Optional[int] = None) -> Any:
     """A source of an array or of files. ``memory``: of the work that reads it."""
     if is_files(volume):
         return of_files(volume, spacing=spacing, origin=origin, unit=unit, missing=missing, dataset=dataset,
-                        series=series, labels=labels, index=index, shape=shape, dtype=dtype, offset=offset, crop=crop, every=every,
-                        max_heap=memory // 4)
-    of_files_alone = {"dataset": dataset or None, "series": series or None, "labels": labels or None, "index": index,
+                        series=series, labels=labels, label_names=label_names, index=index, shape=shape, dtype=dtype,
+                        offset=offset, crop=crop, every=every, max_heap=memory // 4)
+    of_files_alone = {"dataset": dataset or None, "series": series or None, "labels": labels or None,
+                      "label_names": label_names, "index": index,
                       "shape": shape, "dtype": dtype, "offset": offset, "crop": crop,
                       "every": None if every == 1 else every}
     given = [name for name, value in of_files_alone.items() if value is not None]
@@ -158,12 +160,13 @@ def is_files(volume: Any) -> bool:
 
 
 def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
-             unit: Optional[str], missing: Optional[float], dataset: str, series: str, labels: bool, index: Any,
-             shape: Optional[Sequence[int]], dtype: Any, offset: Optional[int], crop: Optional[Sequence[slice]],
-             every: Union[int, Sequence[int]], max_heap: int) -> Any:
+             unit: Optional[str], missing: Optional[float], dataset: str, series: str, labels: bool,
+             label_names: Any, index: Any, shape: Optional[Sequence[int]], dtype: Any, offset: Optional[int],
+             crop: Optional[Sequence[slice]], every: Union[int, Sequence[int]], max_heap: int) -> Any:
     """A source of one file, a folder, or several files."""
     options = _core.SourceOptions()
     options.dataset, options.series, options.labels = dataset, series, labels
+    options.label_names = os.fspath(label_names or "")
     options.offset, options.missing, options.max_heap = offset, missing, max_heap
     ndim = next((len(numbers) for numbers in (shape, spacing, origin) if numbers is not None), 3)
     if ndim not in (2, 3):

@@ -42,6 +42,10 @@ class Label(NamedTuple):
     """Smallest indices (z, y, x)."""
     high: "tuple[int, int, int]"
     """Largest indices (z, y, x)."""
+    name: Optional[str] = None
+    """What it is called, if the store says so."""
+    color: "Optional[tuple[int, int, int]]" = None
+    """Red, green, blue from 0 to 255, if the store says so."""
 
 
 class Study(NamedTuple):
@@ -215,14 +219,17 @@ class Store(Extracting):
                          h.level)
 
     def labels(self, *, memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> "list[Label]":
-        """The labels of a segmentation, by their ids: what values there are, and where.
+        """The labels of a segmentation, by their ids: what values there are, and where; with the names and colours
+        that the store has.
 
         Raises isonest.UnsupportedError for values that are no whole numbers up to 2**53, unless the store was made with
         ``labels=True``.
         """
         with reporting(progress) as report:
             rows = self._core.labels(to_bytes(memory), int(threads), report)
-        return [Label(row[0], row[1], (row[4], row[3], row[2]), (row[7], row[6], row[5])) for row in rows]
+        said = {label: about for label, *about in self._core.label_names()}
+        return [Label(row[0], row[1], (row[4], row[3], row[2]), (row[7], row[6], row[5]), *said.get(row[0], ()))
+                for row in rows]
 
     def check(self, *, quick: bool = False, deep: bool = False, source: Any = None, memory: Bytes = "512M",
               threads: int = 0, progress: Progress = None, **reading: Any) -> CheckReport:

@@ -16,6 +16,7 @@ namespace isonest::python {
 struct MeshOrigin {
     MeshLayout layout;
     std::vector<std::filesystem::path> inputs;  ///< the files that it was made from
+    LabelName label = {};                       ///< that it is of: its name and colour
 };
 
 /// The arrays, which belong to somebody else; an attribute that the layout has not is null.

@@ -47,6 +47,10 @@ class Collector : public MeshCollector {
         origin_.layout = layout;
     }
     [[nodiscard]] const MeshOrigin& origin() const { return origin_; }
+    /// It is the surface of this label.
+    void set_label(const Store& store, std::int64_t id) {
+        origin_.label = store.label_name(id).value_or(LabelName{id});
+    }
 
   private:
     MeshOrigin origin_;
@@ -105,6 +109,11 @@ py::tuple extract_mesh(const OpenStore& handle, const A& asked, const ExtractOpt
     ExtractReport report;
     run_watched(progress,
                 [&](Progress& p) { report = extract_asked(*store, asked, mesh, options, p); });
+    if constexpr (std::is_same_v<A, AskedSurface>) {
+        if (asked.label) {
+            mesh.set_label(*store, asked.label->id);
+        }
+    }
     return as_tuple(mesh, std::move(report));
 }
 
@@ -229,6 +238,7 @@ py::list extract_label_meshes(const OpenStore& handle,
     });
     py::list result;
     for (std::size_t i = 0; i < labels.size(); ++i) {
+        meshes[i]->set_label(*store, labels[i].id);
         result.append(py::make_tuple(labels[i].id, as_tuple(*meshes[i], std::move(reports[i]))));
     }
     return result;
@@ -322,7 +332,8 @@ void save_mesh(const std::filesystem::path& path, const MeshOrigin& origin, cons
         mesh.sides = reinterpret_cast<const std::array<std::int64_t, 2>*>(labels->data());
     }
     run_watched(progress, [&](Progress& p) {
-        const std::unique_ptr<MeshSink> sink = open_mesh_file(path, {.replace = true});
+        const std::unique_ptr<MeshSink> sink = open_mesh_file(
+            path, {.replace = true, .title = origin.label.name, .color = origin.label.color});
         write_mesh(mesh, origin, path, *sink, p);
     });
 }

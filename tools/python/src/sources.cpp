@@ -20,7 +20,7 @@
 #include <isonest/preprocess.h>
 
 #include "preprocess/sources/wrapping/missing_source.h"
-#include "store/container/world_units.h"
+#include "store/base/world_units.h"
 #include "tools/python/src/arrays.h"
 #include "tools/python/src/fields.h"
 #include "tools/python/src/progress.h"
@@ -162,6 +162,7 @@ void add_source_options(py::module_& module) {
         .def_readwrite("dataset", &O::dataset)
         .def_readwrite("series", &O::series)
         .def_readwrite("labels", &O::labels)
+        .def_readwrite("label_names", &O::label_names)
         .def_readwrite("offset", &O::offset)
         .def_readwrite("big_endian", &O::big_endian)
         .def_readwrite("spacing", &O::spacing)

@@ -133,6 +133,32 @@ std::vector<std::array<std::int64_t, 8>> labels(const OpenStore& handle, std::ui
     return rows;
 }
 
+/// Rows of id, name and colour; None for what is not known.
+py::list label_names(const OpenStore& handle) {
+    py::list rows;
+    for (const LabelName& label : handle.get()->label_names()) {
+        rows.append(py::make_tuple(
+            label.id, label.name.empty() ? py::object(py::none()) : py::object(py::str(label.name)),
+            label.color ? py::object(py::make_tuple((*label.color)[0], (*label.color)[1],
+                                                    (*label.color)[2]))
+                        : py::object(py::none())));
+    }
+    return rows;
+}
+
+/// The only label of this name. Throws Error{not_found, invalid_argument}.
+std::int64_t label_named(const OpenStore& handle, const std::string& name) {
+    const std::shared_ptr<const Store> store = handle.get();
+    const std::vector<std::int64_t> ids = store->labels_named(name);
+    if (ids.size() != 1) {
+        throw Error(ids.empty() ? ErrorKind::not_found : ErrorKind::invalid_argument,
+                    {store->path().string()},
+                    ids.empty() ? "there is no label '" + name + "'"
+                                : std::to_string(ids.size()) + " labels are called '" + name + "'");
+    }
+    return ids.front();
+}
+
 template <class T>
 py::array copied(const std::vector<T>& numbers) {
     return as_array(std::vector<T>(numbers));
@@ -214,7 +240,9 @@ void add_stores(py::module_& module) {
             "level"_a)
         .def("values", &values, "level"_a, "lo"_a, "hi"_a, "memory"_a, "threads"_a, "progress"_a)
         .def("histogram", &histogram, "level"_a, "memory"_a, "threads"_a, "progress"_a)
-        .def("labels", &labels, "memory"_a, "threads"_a, "progress"_a);
+        .def("labels", &labels, "memory"_a, "threads"_a, "progress"_a)
+        .def("label_names", &label_names)
+        .def("label_named", &label_named, "name"_a);
     add_histogram(module);
 }
 

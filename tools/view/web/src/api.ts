@@ -1,7 +1,7 @@
 // Asks the server. One of the newest request of a stream is under way; older ones are aborted.
 import type { Mesh } from "./decode";
 import type { MeshDecoder } from "./mesh_decoder";
-import type { ErrorBody, HistogramInfo, StatusInfo, StoreInfo, ValueInfo } from "./protocol";
+import type { ErrorBody, HistogramInfo, LabelInfo, StatusInfo, StoreInfo, ValueInfo } from "./protocol";
 
 export type Parameters = Readonly<Record<string, string | number>>;
 
@@ -53,6 +53,9 @@ export class Api {
   }
   command(parameters: Parameters): Promise<{ readonly command: string }> {
     return this.json("command", parameters, "command");
+  }
+  label(id: number): Promise<LabelInfo> {
+    return this.json("label", { id }, "label");
   }
   value(at: readonly number[]): Promise<ValueInfo> {
     return this.json("value", { at: at.join(",") }, "value");

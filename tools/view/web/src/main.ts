@@ -17,6 +17,7 @@ import { Pointer } from "./pointer";
 import { Probe } from "./probe";
 import type { HistogramInfo, StoreInfo } from "./protocol";
 import { bindSheet } from "./panels/sheet";
+import { ShownLabel } from "./shown_label";
 import { Slice } from "./slices";
 import { SlicePanel } from "./panels/slice_panel";
 import { Stage } from "./stage";
@@ -72,6 +73,7 @@ function run(store: StoreInfo, histogram: Promise<HistogramInfo | null>, info: H
   for (const name of kSliceNames) slices.set(name, new Slice(name, api, views, store, stage, changed, failed));
   const moves = new CameraMoves(views, store, stage);
   const histogramPanel = new HistogramPanel(views, store);
+  if (store.labels) new ShownLabel(api, views, stage, surface, (name) => histogramPanel.showLabel(name), failed);
   const surfacePanel = new SurfacePanel(views, store, surface);
   const slicePanel = new SlicePanel(views, store, slices);
   const clipping = new ClippingPanel(views, store, stage);

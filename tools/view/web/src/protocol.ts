@@ -58,12 +58,21 @@ export interface StatusInfo {
   readonly store: string;
 }
 
+export interface LabelInfo {
+  readonly id: number;
+  readonly name: string | null;
+  /** Red, green, blue, 0 to 255. */
+  readonly color: Vector | null;
+}
+
 export interface ValueInfo {
   readonly world: Vector;
   readonly node: Vector;
   readonly inside: boolean;
   readonly value: number | null;
   readonly node_value: number | null;
+  /** Of labels: what that one is called. */
+  readonly name?: string | null;
 }
 
 export interface Section {

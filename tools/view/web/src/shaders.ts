@@ -62,15 +62,21 @@ function material(fragmentShader: string, uniforms: RawShaderMaterial["uniforms"
   return new RawShaderMaterial({ glslVersion: GLSL3, vertexShader: kVertex, fragmentShader, uniforms, side: DoubleSide });
 }
 
-export function surfaceMaterial(): RawShaderMaterial {
-  const front = [110 / 255, 156 / 255, 204 / 255] as const; // where the values are smaller
+const kFront = [110 / 255, 156 / 255, 204 / 255] as const; // where the values are smaller
+
+/** Of the side where the values are smaller; null: the usual one. */
+export function setSurfaceColor(surface: RawShaderMaterial, color: readonly [number, number, number] | null): void {
+  const front = color ?? kFront;
   const warm = [0.85, 0.72, 0.6] as const;
   const back = warm.map((part, i) => 0.75 * part + 0.25 * (front[i] ?? 0)) as [number, number, number];
-  return material(kSurface, {
-    facets: { value: false },
-    front: { value: new Vector3(...front) },
-    back: { value: new Vector3(...back) },
-  });
+  surface.uniforms.front = { value: new Vector3(...front) };
+  surface.uniforms.back = { value: new Vector3(...back) };
+}
+
+export function surfaceMaterial(): RawShaderMaterial {
+  const made = material(kSurface, { facets: { value: false }, front: { value: new Vector3() }, back: { value: new Vector3() } });
+  setSurfaceColor(made, null);
+  return made;
 }
 
 export function sliceMaterial(): RawShaderMaterial {

@@ -41,7 +41,7 @@ export class HistogramPanel {
     if (store.labels) {
       // Labels are names: neither their order nor what lies between them says anything.
       for (const element of this.element.querySelectorAll<HTMLElement>(".plot, .marks, #iso")) element.hidden = true;
-      this.note.textContent = "The surface of this label is shown. The cursor tells the label that it is on.";
+      this.showLabel("");
     }
     this.range.addEventListener("input", () => views.set({ iso: this.range.valueAsNumber }));
     this.number.addEventListener("change", () => {
@@ -71,6 +71,11 @@ export class HistogramPanel {
     const by = Math.sign(part) * Math.max(Math.abs(part) * (this.largest - this.least), least);
     const iso = Math.min(Math.max(this.views.state.iso + by, this.least), this.largest);
     this.views.set({ iso });
+  }
+
+  /** What the label is called; empty if it has no name. */
+  showLabel(name: string): void {
+    this.note.textContent = `${name === "" ? "The surface of this label is shown." : `The surface of ${name} is shown.`} The cursor tells the label that it is on.`;
   }
 
   fail(message: string): void {

@@ -1,4 +1,4 @@
-#include "store/container/world_units.h"
+#include "store/base/world_units.h"
 
 #include <fmt/format.h>
 

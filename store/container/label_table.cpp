@@ -1,0 +1,124 @@
+#include "store/container/label_table.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+
+#include <isonest/error.h>
+
+#include "store/base/label_text.h"
+#include "store/container/codec.h"
+#include "store/container/hdf5_types.h"
+#include "store/hdf5/handles.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::byte kHasColor{1};
+
+}  // namespace
+
+LabelTable::LabelTable(std::int64_t file, std::span<const std::byte> bytes,
+                       const std::string& name) {
+    const QuietHdf5 quiet;
+    const auto damaged = [&](const std::string& problem) {
+        throw Error(ErrorKind::corrupt, {name, "names of labels"}, "damaged: " + problem,
+                    {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
+    };
+    if (H5Lexists(file, kPath, H5P_DEFAULT) <= 0) {
+        return;
+    }
+    const DatasetHandle table(H5Dopen2(file, kPath, H5P_DEFAULT));
+    if (!table.valid()) {
+        damaged("the dataset cannot be opened");
+    }
+    const SpaceHandle space(H5Dget_space(table.get()));
+    const TypeHandle type(H5Dget_type(table.get()));
+    const hssize_t rows = H5Sget_simple_extent_npoints(space.get());
+    const std::size_t row_bytes = H5Tget_size(type.get());
+    const auto sum = read_integers(table.get(), "xxh64", 1);
+    if (rows < 1 || rows > static_cast<hssize_t>(LabelName::kMostOfStore) ||
+        row_bytes <= LabelRow::kName || row_bytes > LabelRow::kName + LabelName::kMostBytes ||
+        !sum) {
+        damaged("it has another form than the format's");
+    }
+    row_bytes_ = row_bytes;
+    rows_ = contiguous(table.get(), static_cast<std::uint64_t>(rows) * row_bytes, bytes);
+    if (rows_.empty() || checksum_of(rows_) != (*sum)[0]) {
+        rows_ = {};
+        damaged("its bytes are not those that were written");
+    }
+    std::int64_t before = 0;
+    for (std::size_t i = 0; i < size(); ++i) {
+        const LabelName label = at(i);
+        const std::string why = why_no_label_names({&label, 1});
+        if (!why.empty() || (i > 0 && label.id <= before) ||
+            label.name.find('\0') != std::string::npos) {
+            damaged(why.empty() ? "its rows are not by rising ids" : why);
+        }
+        before = label.id;
+    }
+}
+
+std::size_t LabelTable::size() const {
+    return rows_.size() / row_bytes_;
+}
+
+std::int64_t LabelTable::id_at(std::size_t i) const {
+    std::int64_t id = 0;
+    std::memcpy(&id, rows_.data() + i * row_bytes_, sizeof(id));
+    return id;
+}
+
+LabelName LabelTable::at(std::size_t i) const {
+    const std::byte* const row = rows_.data() + i * row_bytes_;
+    LabelName label;
+    label.id = id_at(i);
+    if ((row[LabelRow::kFlags] & kHasColor) != std::byte{0}) {
+        std::memcpy(label.color.emplace().data(), row + LabelRow::kColor,
+                    std::tuple_size_v<LabelColor>);
+    }
+    label.name.assign(reinterpret_cast<const char*>(row) + LabelRow::kName,
+                      row_bytes_ - LabelRow::kName);
+    label.name.resize(label.name.find_last_not_of('\0') + 1);
+    return label;
+}
+
+std::optional<LabelName> LabelTable::find(std::int64_t id) const {
+    std::size_t first = 0;
+    for (std::size_t count = size(); count > 0;) {
+        const std::size_t half = count / 2;
+        if (id_at(first + half) < id) {
+            first += half + 1;
+            count -= half + 1;
+        } else {
+            count = half;
+        }
+    }
+    return first < size() && id_at(first) == id ? std::optional(at(first)) : std::nullopt;
+}
+
+std::size_t name_bytes_of(std::span<const LabelName> names) {
+    std::size_t bytes = 1;
+    for (const LabelName& label : names) {
+        bytes = std::max(bytes, label.name.size());
+    }
+    return bytes;
+}
+
+std::vector<std::byte> label_rows(std::span<const LabelName> names, std::size_t name_bytes) {
+    std::vector<std::byte> rows(names.size() * (LabelRow::kName + name_bytes));
+    std::byte* row = rows.data();
+    for (const LabelName& label : names) {
+        std::memcpy(row, &label.id, sizeof(label.id));
+        if (label.color) {
+            row[LabelRow::kFlags] = kHasColor;
+            std::memcpy(row + LabelRow::kColor, label.color->data(), label.color->size());
+        }
+        std::memcpy(row + LabelRow::kName, label.name.data(), label.name.size());
+        row += LabelRow::kName + name_bytes;
+    }
+    return rows;
+}
+
+}  // namespace isonest::detail
