@@ -456,12 +456,13 @@ function faintTexts() {
   return faint;
 }
 
-/** 20^3 int64 numbers, as NumPy writes them: a cube of 7 in 1. */
-function labelVolume() {
-  const header = "{'descr': '<i8', 'fortran_order': False, 'shape': (20, 20, 20)}".padEnd(117) + "\n";
-  const numbers = new BigInt64Array(20 ** 3).fill(1n);
+/** 20^3 int64 or uint16 numbers, as NumPy writes them: a cube of 7 in 1. */
+function labelVolume(kind = "<i8") {
+  const header = `{'descr': '${kind}', 'fortran_order': False, 'shape': (20, 20, 20)}`.padEnd(117) + "\n";
+  const [numbers, one, seven] = kind === "<i8" ? [new BigInt64Array(20 ** 3), 1n, 7n] : [new Uint16Array(20 ** 3), 1, 7];
+  numbers.fill(one);
   for (let i = 0; i < 20 ** 3; ++i) {
-    if ([i % 20, Math.floor(i / 20) % 20, Math.floor(i / 400)].every((part) => part >= 6 && part < 14)) numbers[i] = 7n;
+    if ([i % 20, Math.floor(i / 20) % 20, Math.floor(i / 400)].every((part) => part >= 6 && part < 14)) numbers[i] = seven;
   }
   return Buffer.concat([Buffer.from("\x93NUMPY\x01\x00v\x00", "latin1"), Buffer.from(header), Buffer.from(numbers.buffer)]);
 }
@@ -490,13 +491,13 @@ test("of labels the one that is typed is shown, and nothing that needs values", 
   await its.end();
 });
 
-test("a switch shows the smooth surface of the label, and the URL has it", async () => {
+for (const kind of ["<i8", "<u2"]) test(`a switch shows the smooth surface of a label, ${kind}, and the URL has it`, async () => {
   const volume = join(folder.path, "smooth.npy");
   const labels = join(folder.path, "smooth.isonest");
-  await writeFile(volume, labelVolume());
-  await run(program, "preprocess", volume, "--labels", "--unit", "um", "-o", labels);
+  await writeFile(volume, labelVolume(kind));
+  await run(program, "preprocess", volume, "--labels", "--unit", "um", "-o", labels, "--force");
   const its = await startServer(program, labels, "--port", "0");
-  const { page, faults, close } = await openPage(browser, `${its.url}#iso=7`);
+  const { page, faults, close } = await openPage(browser, `${its.url}#iso=7&target=full`);
   await idle(page);
   const plain = await canvas(page);
   const steps = await header(page);

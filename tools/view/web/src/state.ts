@@ -27,7 +27,7 @@ export interface ViewState {
   /** No mesh that is asked for has more triangles, but within a distance. */
   readonly most: number;
   readonly largest: boolean;
-  /** Of a label the smooth surface, in place of the one half way between nodes. */
+  /** The smooth surface of the label `iso`, in place of the isosurface, or of the one half way between nodes. */
   readonly smooth: boolean;
   readonly facets: boolean;
   /** Null: everything. */
@@ -78,6 +78,11 @@ export class ViewStore {
 
 function same(a: unknown, b: unknown): boolean {
   return a === b || JSON.stringify(a) === JSON.stringify(b);
+}
+
+/** Whole numbers in space may name things, whether or not the store says so. */
+export function mayBeLabels(store: StoreInfo): boolean {
+  return store.dimension === 3 && (store.labels || store.integer);
 }
 
 /** From where the whole box is seen, looking against `toward`; the picture is `aspect` times as wide as high. */

@@ -5,7 +5,7 @@ import type { MeshHeader, StoreInfo } from "./protocol";
 import { Refiner, type Step } from "./refiner";
 import { surfaceMaterial } from "./shaders";
 import type { Stage } from "./stage";
-import type { Key, ViewState, ViewStore } from "./state";
+import { mayBeLabels, type Key, type ViewState, type ViewStore } from "./state";
 
 /** A change of these shows another surface, and of those the same one otherwise. */
 const kMoves: readonly Key[] = ["surface", "iso", "box", "largest", "smooth", "moving", "most"];
@@ -41,7 +41,7 @@ export class Surface {
       coarse: () => {
         if (!views.state.surface) return null;
         // Labels have no errors among which one could be chosen for a number of triangles.
-        return { ...this.basis(), ...(store.labels ? { error: 0 } : { triangles: views.state.moving }) };
+        return { ...this.basis(), ...(store.labels || this.isSmooth() ? { error: 0 } : { triangles: views.state.moving }) };
       },
       steps: () => this.steps(),
       enough: (shown) => this.enough(shown),
@@ -92,16 +92,16 @@ export class Surface {
     const { iso, box, largest } = this.views.state;
     const smooth = this.isSmooth();
     return {
-      ...(this.store.labels ? { label: Math.round(iso) } : { iso }),
+      ...(this.store.labels || smooth ? { label: Math.round(iso) } : { iso }),
       ...(box && !smooth ? { box: box.join(",") } : {}),
       ...(smooth ? { smooth: kPasses } : {}),
       ...(largest ? { components: "largest" } : {}),
     };
   }
 
-  /** A smooth surface is wanted: it is whole, and not refined. */
+  /** A label's smooth surface is wanted: it is whole, and not refined. */
   private isSmooth(): boolean {
-    return this.store.labels && this.views.state.smooth;
+    return mayBeLabels(this.store) && this.views.state.smooth;
   }
 
   private camera(pixels: number): string {
@@ -122,7 +122,7 @@ export class Surface {
     const state: ViewState = this.views.state;
     const { most: limit, pixels } = state;
     const basis = this.basis();
-    if (this.store.labels && (state.target !== "distance" || this.isSmooth())) return [];
+    if (this.isSmooth() || (this.store.labels && state.target !== "distance")) return [];
     const first: Step = {
       parameters: { ...basis, triangles: Math.min(kFirstSteps * state.moving, limit) },
       aim: "with more triangles",

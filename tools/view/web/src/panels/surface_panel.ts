@@ -2,7 +2,7 @@
 import { checkbox, h, numberField, section, select } from "../dom";
 import type { StoreInfo } from "../protocol";
 import type { Surface } from "../surface";
-import type { Target, ViewStore } from "../state";
+import { mayBeLabels, type Target, type ViewStore } from "../state";
 import { bytes, rounding, short, surfaceBound, unitOf, whole } from "../words";
 
 const kTargets: readonly (readonly [Target, string])[] = [
@@ -42,7 +42,7 @@ export class SurfacePanel {
     const moving = numberField("Triangles while moving", (value) => views.set({ moving: Math.round(value) }), { id: "moving", min: 100, max: 10_000_000 });
     const most = numberField("Triangles at most", (value) => views.set({ most: Math.round(value) }), { id: "most", min: 100, max: store.most_triangles });
     const largest = checkbox("Only the largest piece", (on) => views.set({ largest: on }), { id: "largest" });
-    const smooth = checkbox("Smooth, without the steps of voxels", (on) => views.set({ smooth: on }), { id: "smooth" });
+    const smooth = checkbox("Smooth surface of the label", (on) => views.set({ smooth: on }), { id: "smooth" });
     const facets = checkbox("Show the triangles", (on) => views.set({ facets: on }), { id: "facets" });
     this.state = h("div", { class: "state", role: "group", "aria-label": "The surface now" }, this.bound, this.count, this.progress, this.detail);
     this.choices = section(
@@ -61,9 +61,10 @@ export class SurfacePanel {
       triangles.set(state.triangles);
       moving.set(state.moving);
       most.set(state.most);
-      moving.row.hidden = most.row.hidden = store.labels;
-      smooth.row.hidden = !store.labels;
-      target.row.hidden = store.labels && state.smooth;
+      const isSmooth = mayBeLabels(store) && state.smooth;
+      smooth.row.hidden = !mayBeLabels(store);
+      target.row.hidden = isSmooth;
+      moving.row.hidden = most.row.hidden = store.labels || isSmooth;
       for (const [name, { row }] of Object.entries({ screen: pixels, error, distance, triangles })) row.hidden = state.target !== name || target.row.hidden;
     });
   }
