@@ -98,8 +98,7 @@ constexpr std::array kRefused{
     Combination{Wish::label, Wish::analysis, kOnlyDistanceOfLabels},
     Combination{Wish::simplified_label, Wish::components,
                 "components of smooth labels are chosen label by label, and what is simplified is "
-                "shared by "
-                "all of them; ask for one of the two"},
+                "shared by all of them; ask for one of the two"},
     Combination{Wish::smooth_label, Wish::box, kSmoothWhole},
     Combination{Wish::smooth_label, Wish::hexahedra, kSmoothHasNoCells},
     Combination{Wish::smooth_label, Wish::tetrahedra, kSmoothHasNoCells},

@@ -83,7 +83,7 @@ def volumes():
     box[4:15, 5:16, 6:17] = 2
     yield "a box", box
     yield "cells", cells((31, 28, 34), 9, 6)
-    yield "many cells", cells((40, 60, 55), 60, 40)
+    yield "many cells", cells((34, 44, 40), 40, 14)
 
 
 class SimplifiedLabels(unittest.TestCase):
@@ -143,23 +143,22 @@ class SimplifiedLabels(unittest.TestCase):
 
     def require_near(self, nodes, triangles, most):
         """That each node is as near as that to a triangle, of which points are sampled."""
-        steps = 24
+        steps = 10
         weights = np.array([(i, j, steps - i - j) for i in range(steps + 1) for j in range(steps + 1 - i)]) / steps
         for node in nodes:
             near = triangles[(np.abs(triangles - node).max((1, 2)) < most + 3)].astype(float)
             samples = np.einsum("sk,tkx->tsx", weights, near)
-            self.assertLessEqual(np.linalg.norm(samples - node, axis=2).min(initial=np.inf), most + 0.1)
+            self.assertLessEqual(np.linalg.norm(samples - node, axis=2).min(initial=np.inf), most + 0.15)
 
     def test_each_interface_is_within_the_distance_and_nodes_are_on_their_sides(self):
         changed = 0
         for name, labels in volumes():
-            for spacing in ((1, 1, 1), (0.5, 1, 1.5)):
-                for distance in (0.3, 1.1):
-                    with self.subTest(name, spacing=spacing, distance=distance):
-                        fewest, wrong = self.check(labels, spacing, distance, False)
-                        more, _ = self.check(labels, spacing, distance, True)
-                        self.assertLessEqual(fewest, 1.05 * more + 20)
-                        changed += wrong
+            for spacing, distance in (((1, 1, 1), 0.3), ((0.5, 1, 1.5), 1.1)):
+                with self.subTest(name, spacing=spacing, distance=distance):
+                    fewest, wrong = self.check(labels, spacing, distance, False)
+                    more, _ = self.check(labels, spacing, distance, True)
+                    self.assertLessEqual(fewest, 1.05 * more + 20)
+                    changed += wrong
         self.assertGreater(changed, 0)  # so that keeping nodes does something
 
     def test_labels_are_cut_from_their_interfaces_and_are_the_same_for_any_threads_and_memory(self):

@@ -385,8 +385,7 @@ class SmoothLabels(LabelMeshes):
             self.assertIn("smooth", run("extract", store, "--labels", "all", f"--smooth={smooth}", "-o", self.here / "m",
                                         code=2).stderr)
         self.assertIn("--label", run("extract", store, "--iso", 1, "--smooth", "-o", self.here / "a.ply", code=2).stderr)
-        for options in (("--distance", 1), ("--triangles", 9), ("--box", "0,0,0,3,3,3"),
-                        ("--cells", "tet"), ("--cells", "hex"), ("--normals",), ("--close=above",),
+        for options in (("--box", "0,0,0,3,3,3"), ("--cells", "tet"), ("--cells", "hex"), ("--normals",), ("--close=above",),
                         ("--vertex-values", store)):
             self.assertIn("smooth", run("extract", store, "--label", 3, "--smooth", "-o", self.here / "a.ply", *options,
                                         code=2).stderr)
