@@ -140,13 +140,10 @@ TEST_CASE("the order in which labels are given changes no interface, and none of
     CHECK_FALSE(is_told);
 }
 
-TEST_CASE("interfaces of labels that are not smooth are refused, and those within a distance") {
+TEST_CASE("interfaces of labels that are not smooth are refused") {
     const Lumps lumps;
     MeshCollector mesh;
     LabelQuery query = lumps.query;
-    query.stop = DistanceBound{1};
-    CHECK_THROWS_AS(extract_interfaces(*lumps.store, lumps.labels, query, mesh), Error);
-    query = lumps.query;
     query.smooth.reset();
     CHECK_THROWS_WITH(extract_interfaces(*lumps.store, lumps.labels, query, mesh),
                       Catch::Contains("smooth"));

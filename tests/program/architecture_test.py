@@ -45,6 +45,7 @@ INNER_ROOMS = {
     "query/extract": {
         "stages": {"extract_query.h"},
         "analysis": {"extract_query.h", "run_extraction.h", "stages"},
+        "labels": {"combinations.h", "extract_query.h", "query_checks.h"},
     },
 }
 # Of these, the rooms that show one header, and to nobody but the files beside the rooms (the entrance).

@@ -121,6 +121,9 @@ MeshRequest parse_mesh_request(RequestTarget& target, bool is_slice, bool are_la
         if (!std::holds_alternative<LabelChoice>(request.what)) {
             fail("smooth goes with a label");
         }
+        if (std::holds_alternative<DistanceBound>(request.stop)) {
+            fail("smooth goes without a distance");
+        }
         request.smooth = LabelSmoothing{static_cast<int>(*passes)};
     }
     if (request.camera && !std::holds_alternative<ErrorBound>(request.stop)) {
