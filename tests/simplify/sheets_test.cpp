@@ -206,7 +206,8 @@ SimplifiedSheets simplified(const Interfaces& full, const LabelCube& cube, doubl
     }
     Workers(threads).execute([&] {
         MeshMapper mapper(sheets.vertices(), lattice, {}, folder.path(), silent_progress());
-        mapper.take_sheets(sheets.next_copies(), keeps_nodes);
+        mapper.take_sheets(sheets.next_copies(),
+                           keeps_nodes ? std::optional(KeptNodes::kLeastMargin) : std::nullopt);
         const Mapped mapped = mapper.within(mapper.full(sheets.triangles()), limit);
         result.bound = mapped.bound;
         const CornerFile corners = mapper.corners(mapped);

@@ -99,6 +99,10 @@ class LabelFile {
     }
 
     void add(const std::string& line) {
+        constexpr std::size_t kLongest = 4096;
+        if (line.size() > kLongest) {
+            fail_form();
+        }
         const std::size_t quote = line.find('"');
         std::istringstream in(line.substr(0, quote));
         std::vector<std::string> words;

@@ -51,18 +51,29 @@ class CaretReader {
     }
     /// What is wrong; empty if nothing is.
     std::string read(const std::string& xml) {
+        // What expat keeps grows with the number of tags and attributes, and with their depth.
+        if (std::count(xml.begin(), xml.end(), '<') > kMostTags ||
+            std::count(xml.begin(), xml.end(), '=') > kMostAttributes) {
+            return "it has more than the names of labels";
+        }
         XML_SetUserData(parser_.get(), this);
         XML_SetElementHandler(parser_.get(), &CaretReader::on_start, &CaretReader::on_end);
         XML_SetCharacterDataHandler(parser_.get(), &CaretReader::on_text);
         XML_SetStartDoctypeDeclHandler(parser_.get(), &CaretReader::on_doctype);
         const bool read =
             XML_Parse(parser_.get(), xml.data(), static_cast<int>(xml.size()), 1) == XML_STATUS_OK;
-        return read       ? ""
-               : doctype_ ? "it declares entities"
-                          : XML_ErrorString(XML_GetErrorCode(parser_.get()));
+        return read                  ? ""
+               : doctype_            ? "it declares entities"
+               : depth_ > kMostDepth ? "it is nested too deeply"
+                                     : XML_ErrorString(XML_GetErrorCode(parser_.get()));
     }
 
   private:
+    static constexpr int kMostDepth = 32;
+    /// A label has two tags and six attributes; beside them there is little.
+    static constexpr std::ptrdiff_t kMostTags = 4 * std::ptrdiff_t{LabelName::kMostOfStore};
+    static constexpr std::ptrdiff_t kMostAttributes = 8 * std::ptrdiff_t{LabelName::kMostOfStore};
+
     struct FreeCaretParser {
         void operator()(XML_Parser parser) const { XML_ParserFree(parser); }
     };
@@ -83,6 +94,10 @@ class CaretReader {
     static void on_start(void* self, const XML_Char* name, const XML_Char** given) {
         auto& reader = *static_cast<CaretReader*>(self);
         const std::string_view tag = name;
+        if (++reader.depth_ > kMostDepth) {
+            XML_StopParser(reader.parser_.get(), XML_FALSE);
+            return;
+        }
         if (tag == "VolumeInformation") {
             reader.current_ = 0;
             read_number(attribute(given, "Index"), reader.current_);
@@ -102,6 +117,7 @@ class CaretReader {
     static void on_end(void* self, const XML_Char* name) {
         auto& reader = *static_cast<CaretReader*>(self);
         const std::string_view tag = name;
+        --reader.depth_;
         if (tag == "LabelTable") {
             reader.in_table_ = false;
         } else if (tag == "Label" && reader.in_label_) {
@@ -143,6 +159,7 @@ class CaretReader {
     bool in_table_ = false;     ///< of the volume
     bool in_label_ = false;
     bool doctype_ = false;
+    int depth_ = 0;
     std::int64_t id_ = 0;
     std::string text_;
     std::optional<LabelColor> color_;

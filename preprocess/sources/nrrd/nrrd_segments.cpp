@@ -53,15 +53,14 @@ FoundLabels labels_of_segments(const std::map<std::string, std::string, std::les
             continue;  // "Segmentation_..."
         }
         const std::string_view what = rest.substr(end + 1);
-        Segment& segment = segments[number];
         if (what == "Name") {
-            segment.name = text;
+            segments[number].name = text;
         } else if (what == "Color") {
-            segment.color = text;
+            segments[number].color = text;
         } else if (what == "LabelValue") {
-            segment.value = trimmed(text);
+            segments[number].value = trimmed(text);
         } else if (what == "Layer") {
-            segment.layer = trimmed(text);
+            segments[number].layer = trimmed(text);
         }
     }
     FoundLabels labels;

@@ -36,7 +36,7 @@ const json& multiscales(const json& attributes) {
 
 /// Where an array is, from OME's point of view.
 struct OmePlace {
-    json image;
+    std::shared_ptr<const json> image;
     json dataset;
     std::shared_ptr<const json> labels;  ///< "image-label"; null where there is none
 };
@@ -73,7 +73,7 @@ ZarrImage image_of(const fs::path& folder, const std::optional<OmePlace>& ome) {
     image.array = read_zarr_array(folder);
     image.files.push_back(image.array.description);
     const std::size_t count = image.array.shape.size();
-    const json& axes = ome ? member(ome->image, "axes") : json();
+    const json& axes = ome ? member(*ome->image, "axes") : json();
     const bool described = axes.is_array() && axes.size() == count;
     image.units.assign(count, "");
     for (std::size_t i = 0; i < count; ++i) {
@@ -99,7 +99,7 @@ ZarrImage image_of(const fs::path& folder, const std::optional<OmePlace>& ome) {
     image.ome = ome.has_value();
     if (ome) {
         transform(member(ome->dataset, "coordinateTransformations"), image, folder.string());
-        transform(member(ome->image, "coordinateTransformations"), image, folder.string());
+        transform(member(*ome->image, "coordinateTransformations"), image, folder.string());
         image.labels = labels_of_ome(*ome->labels);
     }
     return image;
@@ -125,9 +125,11 @@ std::vector<std::pair<std::string, OmePlace>> levels_of(const fs::path& folder) 
     const auto labels =
         std::make_shared<const json>(inside.is_null() ? member(attributes, "image-label") : inside);
     for (const json& image : multiscales(attributes)) {
+        // One copy for all of its levels.
+        const auto shared = std::make_shared<const json>(image);
         for (const json& dataset : member(image, "datasets")) {
             levels.emplace_back(inner_path(member(dataset, "path"), folder),
-                                OmePlace{image, dataset, labels});
+                                OmePlace{shared, dataset, labels});
         }
     }
     return levels;

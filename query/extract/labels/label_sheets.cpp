@@ -57,6 +57,16 @@ PatchBox border_of(const StoreHeader& header) {
     return box;
 }
 
+/// For nodes that are kept: meshes that are turned are rounded once more.
+std::optional<double> margin_of(const SheetSetting& s) {
+    if (!s.query.smooth->keep_nodes) {
+        return std::nullopt;
+    }
+    const Double3& d = s.header.spacing;
+    const bool is_turned = s.header.direction != kAlongWorld;
+    return KeptNodes::kLeastMargin + (is_turned ? s.rounding / std::min({d[0], d[1], d[2]}) : 0);
+}
+
 double most_moved_of(std::span<const LabelPartRecord> parts) {
     double moved = 0;
     for (const LabelPartRecord& part : parts) {
@@ -96,7 +106,7 @@ void LabelSheets::simplify(const SheetSetting& setting, const ScratchFolder& fol
     const double limit = asked.within - setting.rounding;
     const WorldLattice lattice{setting.header.origin, setting.header.spacing, setting.header.nodes};
     MeshMapper mapper(sheets_.vertices(), lattice, border_of(setting.header), folder, progress);
-    mapper.take_sheets(sheets_.next_copies(), setting.query.smooth->keep_nodes);
+    mapper.take_sheets(sheets_.next_copies(), margin_of(setting));
     const auto consume = [this](std::uint64_t first, std::uint64_t count) {
         sheets_.release(first, count);
     };

@@ -39,6 +39,9 @@ void require_smoothable(const StoreReader& store, const LabelQuery& query,
         wishes.set(static_cast<std::size_t>(Wish::interfaces));
     }
     require_combination(wishes, name);
+    if (query.stop) {
+        std::visit([](const auto& stop) { require_distance(stop); }, *query.stop);
+    }
     if (query.stages.components) {
         require_components(*query.stages.components);
     }

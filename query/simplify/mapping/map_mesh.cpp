@@ -168,8 +168,8 @@ MappedBlock MeshMapper::load(const Run& run, const Valences& valences, std::uint
         maker.add(t.corners(), t.displacement, !afresh && t.mark != 0);
     });
     MappedBlock made = maker.finish(valences, next_copies_);
-    if (keeps_nodes_) {
-        made.patch.kept_nodes = lattice_;
+    if (margin_) {
+        made.patch.kept_nodes = KeptNodes{lattice_, *margin_};
     }
     return made;
 }

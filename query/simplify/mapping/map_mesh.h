@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -46,10 +47,11 @@ class MeshMapper {
     MeshMapper(const ScratchMesh& mesh, const WorldLattice& lattice, const PatchBox& box,
                ScratchFolder folder, Progress& progress);
     /// Before the first result. Of a mesh of sheets: `next_copies` of each of its vertices
-    /// (SheetMesh), which have to stay. `keeps_nodes`: no sheet passes over a node of the lattice.
-    void take_sheets(std::span<const std::uint64_t> next_copies, bool keeps_nodes) {
+    /// (SheetMesh), which have to stay. `margin`: no sheet passes over a node of the lattice, or
+    /// comes so near to one, in distances between nodes; nothing: they may.
+    void take_sheets(std::span<const std::uint64_t> next_copies, std::optional<double> margin) {
         next_copies_ = next_copies;
-        keeps_nodes_ = keeps_nodes;
+        margin_ = margin;
     }
     ~MeshMapper();
     MeshMapper(const MeshMapper&) = delete;
@@ -82,7 +84,7 @@ class MeshMapper {
 
     const ScratchMesh& mesh_;
     std::span<const std::uint64_t> next_copies_;
-    bool keeps_nodes_ = false;
+    std::optional<double> margin_;
     WorldLattice lattice_;
     PatchBox box_;
     ScratchFolder folder_;

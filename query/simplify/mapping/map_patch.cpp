@@ -63,8 +63,9 @@ class PatchMapper {
         double largest = 0;
         if (is_line_) {
             largest = line_.look(edge.from, edge.to, limit_, kFold);
+            // What comes next is looked for around the first copy.
+            collapse_.see(edge.from);
             if (largest == LineCollapse::kRefused) {
-                collapse_.see(edge.from);
                 return kNever;
             }
         } else if (!collapse_.look(edge.from, edge.to) || !collapse_.has_no_new_needle() ||

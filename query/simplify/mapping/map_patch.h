@@ -11,10 +11,10 @@
 #include <optional>
 #include <vector>
 
-#include "query/simplify/block_grid.h"
 #include "query/simplify/collapse/collapse_stars.h"
 #include "query/simplify/mapping/displacement.h"
 #include "query/simplify/patch.h"
+#include "query/simplify/sheets/nodes_passed.h"
 
 namespace isonest::detail {
 
@@ -29,7 +29,7 @@ struct MappedPatch {
     /// query/simplify/sheets); empty: no sheets meet.
     std::vector<std::uint32_t> next_copy;
     /// The nodes that the surface must not pass over; none if nothing is said.
-    std::optional<WorldLattice> kept_nodes;
+    std::optional<KeptNodes> kept_nodes;
     std::vector<PatchTriangle> triangles;
     std::vector<Displacement> displacements;  ///< of each triangle
     /// Of each triangle: whether the edges of its corners have all been tried within this limit.

@@ -6,13 +6,32 @@
 namespace isonest::detail {
 namespace {
 
-/// Distances between nodes: a node that is nearer to a tetrahedron counts as in it, so that
-/// programs which round find it on its side, too.
-constexpr double kNear = 1e-3;
-
 double volume_of(const Double3& a, const Double3& b, const Double3& c, const Double3& d) {
     return dot(minus(b, a), cross(minus(c, a), minus(d, a)));
 }
+
+/// Numbers k = 0, 1, ... at which all of several linear functions are at least 0, but for rounding.
+class Interval {
+  public:
+    explicit Interval(std::int64_t last) : upper_(static_cast<double>(last)) {}
+    /// The function that is `at_0` at 0 and `at_1` at 1.
+    void cut(double at_0, double at_1) {
+        const double slope = at_1 - at_0;
+        if (slope > 0) {
+            lower_ = std::max(lower_, -at_0 / slope - kRounding);
+        } else if (slope < 0) {
+            upper_ = std::min(upper_, -at_0 / slope + kRounding);
+        } else if (at_0 < 0) {
+            upper_ = -1;
+        }
+    }
+    [[nodiscard]] bool has_number() const { return std::ceil(lower_) <= std::floor(upper_); }
+
+  private:
+    static constexpr double kRounding = 1e-6;
+    double lower_ = 0;
+    double upper_;
+};
 
 }  // namespace
 
@@ -31,8 +50,8 @@ bool NodesPassed::has_node(const Tetrahedron& t) const {
         const auto a = static_cast<std::size_t>(axis);
         const auto [least, most] = std::minmax({t[0][a], t[1][a], t[2][a], t[3][a]});
         const auto last = static_cast<double>(lattice_.nodes[axis] - 1);
-        lo[axis] = static_cast<std::int64_t>(std::ceil(std::clamp(least - kNear, 0.0, last + 1)));
-        hi[axis] = static_cast<std::int64_t>(std::floor(std::clamp(most + kNear, -1.0, last)));
+        lo[axis] = static_cast<std::int64_t>(std::ceil(std::clamp(least - margin_, 0.0, last + 1)));
+        hi[axis] = static_cast<std::int64_t>(std::floor(std::clamp(most + margin_, -1.0, last)));
     }
     if (lo.x > hi.x || lo.y > hi.y || lo.z > hi.z) {
         return false;
@@ -41,25 +60,28 @@ bool NodesPassed::has_node(const Tetrahedron& t) const {
     std::array<double, 4> near{};
     for (std::size_t i = 0; i < 4; ++i) {
         const Double3& a = t[(i + 1) % 4];
-        near[i] = kNear * length(cross(minus(t[(i + 2) % 4], a), minus(t[(i + 3) % 4], a)));
+        near[i] = margin_ * length(cross(minus(t[(i + 2) % 4], a), minus(t[(i + 3) % 4], a)));
     }
+    const auto volumes = [&t](const Double3& p) {
+        return std::array<double, 4>{volume_of(p, t[1], t[2], t[3]), volume_of(t[0], p, t[2], t[3]),
+                                     volume_of(t[0], t[1], p, t[3]),
+                                     volume_of(t[0], t[1], t[2], p)};
+    };
     for (std::int64_t z = lo.z; z <= hi.z; ++z) {
         for (std::int64_t y = lo.y; y <= hi.y; ++y) {
-            for (std::int64_t x = lo.x; x <= hi.x; ++x) {
-                const Double3 p{static_cast<double>(x), static_cast<double>(y),
-                                static_cast<double>(z)};
-                const std::array<double, 4> at{
-                    volume_of(p, t[1], t[2], t[3]), volume_of(t[0], p, t[2], t[3]),
-                    volume_of(t[0], t[1], p, t[3]), volume_of(t[0], t[1], t[2], p)};
-                bool may_be_in = true;
-                bool may_be_turned = true;
-                for (std::size_t i = 0; i < 4; ++i) {
-                    may_be_in = may_be_in && at[i] >= -near[i];
-                    may_be_turned = may_be_turned && at[i] <= near[i];
-                }
-                if (may_be_in || may_be_turned) {
-                    return true;
-                }
+            // Along x the volumes are linear.
+            Double3 p{static_cast<double>(lo.x), static_cast<double>(y), static_cast<double>(z)};
+            const auto at_0 = volumes(p);
+            p[0] += 1;
+            const auto at_1 = volumes(p);
+            Interval in(hi.x - lo.x);
+            Interval turned(hi.x - lo.x);
+            for (std::size_t i = 0; i < 4; ++i) {
+                in.cut(at_0[i] + near[i], at_1[i] + near[i]);
+                turned.cut(near[i] - at_0[i], near[i] - at_1[i]);
+            }
+            if (in.has_number() || turned.has_number()) {
+                return true;
             }
         }
     }

@@ -10,14 +10,24 @@
 
 namespace isonest::detail {
 
+/// Nodes that a surface must not pass over.
+struct KeptNodes {
+    /// So that programs which round find a node on its side, too.
+    static constexpr double kLeastMargin = 1e-3;
+
+    WorldLattice lattice;
+    /// How near a surface may come, in distances between nodes, beside what rounding moves it.
+    double margin = kLeastMargin;
+};
+
 /// What lies between the triangles around a vertex and those that take their place is put together
 /// of the tetrahedra that the old triangles span with the corner which the vertex becomes: their
 /// borders add up to the new triangles less the old ones. So the winding number around a node in
-/// none of them stays what it is. Nodes within a thousandth of their distance from a tetrahedron
-/// count as in it. Thread-safety: constant data.
+/// none of them stays what it is. Nodes nearer to a tetrahedron than the margin count as in it.
+/// Thread-safety: constant data.
 class NodesPassed {
   public:
-    explicit NodesPassed(const WorldLattice& lattice) : lattice_(lattice) {}
+    explicit NodesPassed(const KeptNodes& nodes) : lattice_(nodes.lattice), margin_(nodes.margin) {}
 
     /// Whether a node may be passed by the collapse of `star`, whose middle lies at `middle`, world
     /// coordinates, and was `slid` there by that vector before.
@@ -29,6 +39,7 @@ class NodesPassed {
     [[nodiscard]] bool has_node(const Tetrahedron& t) const;
 
     WorldLattice lattice_;
+    double margin_;
 };
 
 }  // namespace isonest::detail

@@ -40,7 +40,7 @@ class TextOutput {
 /// An object as lines that begin with `indent`, without its closing brace.
 std::string opened(const Json& object, const std::string& indent) {
     std::string text;
-    for (const char c : object.dump(2)) {
+    for (const char c : object.dump(2, ' ', false, Json::error_handler_t::replace)) {
         text += c;
         text += c == '\n' ? indent : "";
     }

@@ -37,7 +37,11 @@ std::vector<std::string> nearest_names(const std::string& word,
     std::vector<std::pair<std::size_t, std::string>> near;
     for (const std::string& name : names) {
         // The beginning of a longer name may be meant, too.
-        const std::size_t count = name.starts_with(word) && word.size() > 3 ? 1 : edits(word, name);
+        const bool begins = name.starts_with(word) && word.size() > 3;
+        if (!begins && name.size() >= word.size() + least) {
+            continue;  // at least so many letters are missing
+        }
+        const std::size_t count = begins ? 1 : edits(word, name);
         if (count < least) {
             near.emplace_back(count, name);
         }
