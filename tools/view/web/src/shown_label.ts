@@ -30,7 +30,13 @@ export class ShownLabel {
       this.stage.invalidate();
       this.changed(this.name);
     } catch (error) {
-      if (!(error instanceof ServerError && error.superseded)) this.failed(error as Error);
+      if (error instanceof ServerError && error.superseded) return;
+      // It is not known what this one is called.
+      this.name = "";
+      setSurfaceColor(this.surface.drawn.material, null);
+      this.stage.invalidate();
+      this.changed(this.name);
+      this.failed(error as Error);
     }
   }
 }
