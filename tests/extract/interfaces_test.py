@@ -15,6 +15,7 @@ import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
+from label_volumes import cells, corner_nodes, cyclic, single_nodes  # noqa: E402
 from ply import read_points  # noqa: E402
 
 import h5py
@@ -89,15 +90,6 @@ def read_ply(path):
 READERS = {"vtp": read_vtp, "vtkhdf": read_vtkhdf, "ply": read_ply}
 
 
-def keys(points, faces):
-    """The triangles as bytes, each from its least corner on."""
-    found = []
-    for triangle in np.ascontiguousarray(points).view("V12")[:, 0][faces].tolist():
-        k = min(range(3), key=lambda i: triangle[i])
-        found.append(triangle[k] + triangle[(k + 1) % 3] + triangle[(k + 2) % 3])
-    return found
-
-
 def beside(nodes, cells):
     """The labels at the ends of the edges between nodes that quads go round, and the edges' axes.
 
@@ -115,30 +107,17 @@ def beside(nodes, cells):
     return np.stack([nodes[tuple(first.T)], nodes[tuple(second.T)]], 1), axis
 
 
-def cells(shape, count, most):
-    """Every node has the label of the nearest of some random points."""
-    points = RANDOM.random((count, 3)) * shape
-    nodes = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1).reshape(-1, 1, 3)
-    return RANDOM.integers(0, most, count)[((nodes - points) ** 2).sum(-1).argmin(1)].reshape(shape)
-
-
 def volumes():
     """Of labels, with their names."""
     yield "two labels in noise", RANDOM.integers(0, 2, (11, 9, 13))
     yield "many labels in noise", RANDOM.integers(0, 40, (9, 12, 10))
     yield "two by two", RANDOM.integers(0, 3, (2, 2, 19))
     yield "two nodes thick", RANDOM.integers(0, 3, (14, 15, 2))
-    diagonal = np.zeros((9, 9, 9), int)
-    for i in range(1, 8):
-        diagonal[i, i, i] = 1 + i % 2
-        diagonal[i, 8 - i, 4] = 3
-    yield "nodes that touch by corners", diagonal
-    single = np.zeros((7, 7, 7), int)
-    single[3, 3, 3], single[0, 0, 0], single[6, 3, 0] = 1, 2, 3
-    yield "single nodes", single
+    yield "nodes that touch by corners", corner_nodes()
+    yield "single nodes", single_nodes()
     yield "one label alone", np.full((4, 5, 6), 3)
     # Several pieces, and blocks, along each axis.
-    yield "several pieces", cells((40, 70, 75), 60, 12)
+    yield "several pieces", cells(RANDOM, (40, 70, 75), 60, 12)
 
 
 class Interfaces(unittest.TestCase):
@@ -170,12 +149,12 @@ class Interfaces(unittest.TestCase):
         points, faces, sides = mesh
         self.assertEqual(len(np.unique(faces)), len(points))  # no vertex is left over
         self.assertEqual(len(np.unique(np.ascontiguousarray(points).view("V12"))), len(points))
-        own = np.array(keys(points, faces), object)
-        turned = np.array(keys(points, faces[:, ::-1]), object)
+        own = np.array(cyclic(points, faces), object)
+        turned = np.array(cyclic(points, faces[:, ::-1]), object)
         self.assertEqual(len(set(own.tolist()) | set(turned.tolist())), 2 * len(faces))  # each triangle is there once
         for label, (their_points, their_faces) in meshes.items():
             cut = own[sides[:, 0] == label].tolist() + turned[sides[:, 1] == label].tolist()
-            self.assertEqual(sorted(cut), sorted(keys(their_points, their_faces)), label)
+            self.assertEqual(sorted(cut), sorted(cyclic(their_points, their_faces)), label)
         beside_wanted = np.isin(sides, list(meshes if wanted is None else wanted)).any(1)
         self.assertTrue(beside_wanted.all())
 
@@ -229,19 +208,19 @@ class Interfaces(unittest.TestCase):
         self.assertAlmostEqual(done["area"], area.sum(), delta=1e-9 * (1 + area.sum()))
 
     def test_some_labels_have_the_interfaces_that_they_have_among_all(self):
-        data = cells((40, 70, 75), 60, 12)
+        data = cells(RANDOM, (40, 70, 75), 60, 12)
         store = self.store(data.astype("u2"))
         (points, faces, sides), _ = self.interfaces(store, "--close")
-        every = dict(zip(keys(points, faces), map(tuple, sides.tolist())))
+        every = dict(zip(cyclic(points, faces), map(tuple, sides.tolist())))
         for labels, wanted in (("3", [3]), ("2,7-9", [2, 7, 8, 9]), ("all", list(range(1, 12)))):
             mesh, done = self.interfaces(store, "--close", labels=labels)
-            self.assertEqual(dict(zip(keys(*mesh[:2]), map(tuple, mesh[2].tolist()))),
+            self.assertEqual(dict(zip(cyclic(*mesh[:2]), map(tuple, mesh[2].tolist()))),
                              {key: pair for key, pair in every.items() if set(pair) & set(wanted)})
             self.check_cut(mesh, self.meshes(store, "--close", labels=labels))
             self.check_report(mesh, done)
 
     def test_missing_nodes_are_outside_and_a_negative_label_moves_its_number(self):
-        data = cells((20, 17, 22), 14, 6)
+        data = cells(RANDOM, (20, 17, 22), 14, 6)
         missing = (data == 2) | (RANDOM.random(data.shape) < 0.05)
         store = self.store(np.where(missing, np.nan, data).astype("f4"), "--origin", "64,64,64")
         for close in ((), ("--close",)):
@@ -260,7 +239,7 @@ class Interfaces(unittest.TestCase):
         self.assertIn(-4, one[2])
 
     def test_a_turned_volume_has_turned_interfaces(self):
-        data = cells((20, 17, 22), 14, 6)
+        data = cells(RANDOM, (20, 17, 22), 14, 6)
         (points, faces, sides), straight = self.interfaces(self.store(data.astype("u1"), "--origin", "5,-7,3"), "--close")
         axes = np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, 1]])
         origin = np.array([5, -7, 3])
@@ -277,7 +256,7 @@ class Interfaces(unittest.TestCase):
         self.check_cut(found, self.meshes(self.here / "turned.isonest", "--close"))
 
     def test_all_formats_have_the_same_mesh(self):
-        data = cells((40, 45, 50), 40, 12)
+        data = cells(RANDOM, (40, 45, 50), 40, 12)
         store = self.store(data.astype("u2"))
         first, _ = self.interfaces(store, "--close")
         self.assertGreater(len(first[1]), 20000)
@@ -296,7 +275,7 @@ class Interfaces(unittest.TestCase):
             self.assertEqual((len(empty[0]), len(empty[1]), len(empty[2]), done["interface_count"]), (0, 0, 0, 0))
 
     def test_labels_beyond_32_bits_are_whole_or_refused(self):
-        data = cells((9, 10, 11), 6, 4).astype("u8")
+        data = cells(RANDOM, (9, 10, 11), 6, 4).astype("u8")
         data[data == 3] = 2 ** 61 + 7
         store = self.store(data, "--labels")
         for end in ("vtp", "vtkhdf"):
@@ -314,7 +293,7 @@ class Interfaces(unittest.TestCase):
             run("extract", edge, "--labels", "all", "--smooth", "--interfaces", "-o", self.here / "i.ply", code=code)
 
     def test_bytes_depend_on_neither_threads_memory_nor_chunks(self):
-        data = cells((70, 45, 90), 80, 30).astype("u2")
+        data = cells(RANDOM, (70, 45, 90), 80, 30).astype("u2")
         data[20:40, 20:30, 30:60] = RANDOM.integers(0, 5, (20, 10, 30))
         stores = [self.store(data, name=f"s{chunk}", chunk=chunk) for chunk in (8, 16, 64)]
         first = {}
@@ -327,7 +306,7 @@ class Interfaces(unittest.TestCase):
                     self.assertEqual(first.setdefault((end, smooth), path.read_bytes()), path.read_bytes(), options)
 
     def test_what_makes_no_sense_is_refused_with_a_way_out(self):
-        data = cells((9, 9, 9), 4, 9)
+        data = cells(RANDOM, (9, 9, 9), 4, 9)
         data[0, 0, :2] = 3, 4
         store = self.store(data.astype("u1"))
 

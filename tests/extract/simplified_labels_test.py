@@ -16,6 +16,7 @@ import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
+from label_volumes import cells, cyclic, single_nodes  # noqa: E402
 from windings import windings  # noqa: E402
 
 import numpy as np
@@ -58,32 +59,18 @@ def cut(faces, sides, label):
     return np.concatenate([faces[sides[:, 0] == label], faces[sides[:, 1] == label][:, [0, 2, 1]]])
 
 
-def key(points, faces):
-    """The triangles by their places, each from its least corner on, sorted."""
-    corners = np.ascontiguousarray(points).view("V12")[:, 0][faces].tolist()
-    return sorted(min(t[k:] + t[:k] for k in range(3)) for t in corners)
-
-
-def cells(shape, count, most):
-    points = RANDOM.random((count, 3)) * shape
-    nodes = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1).reshape(-1, 1, 3)
-    return RANDOM.integers(0, most, count)[((nodes - points) ** 2).sum(-1).argmin(1)].reshape(shape)
-
-
 def volumes():
     yield "noise", RANDOM.integers(0, 3, (11, 9, 13))
     yield "two by two", RANDOM.integers(0, 3, (2, 2, 19))
     sheets = np.zeros((12, 33, 34), int)
     sheets[5], sheets[:, 17], sheets[2, :, 13] = 1, 2, 3
     yield "thin sheets", sheets
-    single = np.zeros((7, 7, 7), int)
-    single[3, 3, 3], single[0, 0, 0], single[6, 3, 0] = 1, 2, 3
-    yield "single nodes", single
+    yield "single nodes", single_nodes()
     box = np.ones((20, 21, 22), int)
     box[4:15, 5:16, 6:17] = 2
     yield "a box", box
-    yield "cells", cells((31, 28, 34), 9, 6)
-    yield "many cells", cells((34, 44, 40), 40, 14)
+    yield "cells", cells(RANDOM, (31, 28, 34), 9, 6)
+    yield "many cells", cells(RANDOM, (34, 44, 40), 40, 14)
 
 
 class SimplifiedLabels(unittest.TestCase):
@@ -162,7 +149,7 @@ class SimplifiedLabels(unittest.TestCase):
         self.assertGreater(changed, 0)  # so that keeping nodes does something
 
     def test_labels_are_cut_from_their_interfaces_and_are_the_same_for_any_threads_and_memory(self):
-        store = self.store(cells((40, 90, 75), 60, 30) + 1, (1, 1, 2))
+        store = self.store(cells(RANDOM, (40, 90, 75), 60, 30) + 1, (1, 1, 2))
         points, faces, sides, _ = self.interfaces(store, "--distance", "0.5voxel")
         kept = None
         for threads, memory in ((1, "1G"), (2, "80M"), (7, "500M")):
@@ -175,14 +162,15 @@ class SimplifiedLabels(unittest.TestCase):
         listed = json.loads((out / "labels.json").read_text())["labels"]
         for one in listed:
             own_points, own_faces, _ = read(out / one["mesh"])
-            self.assertEqual(key(own_points, own_faces), key(points, cut(faces, sides, one["id"])))
+            self.assertEqual(sorted(cyclic(own_points, own_faces)),
+                             sorted(cyclic(points, cut(faces, sides, one["id"]))))
             self.assertGreater(one["full_volume"], 0)
             for other in one["neighbours"]:
                 back = [n["area"] for m in listed if m["id"] == other["id"] for n in m["neighbours"] if n["id"] == one["id"]]
                 self.assertAlmostEqual(back[0], other["area"], delta=1e-9 * other["area"])
 
     def test_a_number_of_triangles_is_met_by_all_interfaces_together(self):
-        store = self.store(cells((40, 50, 45), 20, 20) + 1, (1, 1, 1))
+        store = self.store(cells(RANDOM, (40, 50, 45), 20, 20) + 1, (1, 1, 1))
         full = self.interfaces(store)[3]["triangles"]
         for asked in (full // 4, full // 12):
             report = self.interfaces(store, "--triangles", asked)[3]
@@ -194,7 +182,7 @@ class SimplifiedLabels(unittest.TestCase):
         self.assertFalse((self.folder / "no.vtp").exists())
 
     def test_what_does_not_go_together_is_told(self):
-        store = self.store(cells((9, 9, 9), 4, 4) + 1, (1, 1, 1))
+        store = self.store(cells(RANDOM, (9, 9, 9), 4, 4) + 1, (1, 1, 1))
         for options, says, code in ((["--smooth", "--keep-nodes"], "--distance", 2),
                                     (["--keep-nodes", "--distance", "1"], "--smooth", 2),
                                     (["--smooth", "--distance", "1", "--components", "1"], "components", 2),

@@ -15,6 +15,7 @@ import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
+from label_volumes import cells, corner_nodes, cyclic, single_nodes  # noqa: E402
 from ply import read_points  # noqa: E402
 from windings import windings  # noqa: E402
 
@@ -147,16 +148,6 @@ def sorted_rows(rows):
     return rows[np.lexsort(rows.T[::-1])]
 
 
-def cyclic(points, faces):
-    """The triangles as bytes, each from its least corner on."""
-    corners = np.ascontiguousarray(points).view("V12")[:, 0][faces]
-    keys = []
-    for triangle in corners.tolist():
-        k = min(range(3), key=lambda i: triangle[i])
-        keys.append(triangle[k] + triangle[(k + 1) % 3] + triangle[(k + 2) % 3])
-    return keys
-
-
 def area_of(points, faces):
     t = points.astype(float)[faces]
     return np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1) / 2
@@ -164,13 +155,6 @@ def area_of(points, faces):
 
 def reversed_key(key):
     return key[:12] + key[24:] + key[12:24]
-
-
-def cells(shape, count, most):
-    """Every node has the label of the nearest of some random points."""
-    points = RANDOM.random((count, 3)) * shape
-    nodes = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1).reshape(-1, 1, 3)
-    return RANDOM.integers(0, most, count)[((nodes - points) ** 2).sum(-1).argmin(1)].reshape(shape)
 
 
 def volumes():
@@ -183,18 +167,12 @@ def volumes():
     sheets = np.zeros((12, 13, 14), int)
     sheets[5], sheets[:, 7], sheets[2, :, 3] = 1, 2, 3
     yield "thin sheets", sheets
-    diagonal = np.zeros((9, 9, 9), int)
-    for i in range(1, 8):
-        diagonal[i, i, i] = 1 + i % 2
-        diagonal[i, 8 - i, 4] = 3
-    yield "nodes that touch by corners", diagonal
-    single = np.zeros((7, 7, 7), int)
-    single[3, 3, 3], single[0, 0, 0], single[6, 3, 0] = 1, 2, 3
-    yield "single nodes", single
-    yield "cells up to the border", cells((21, 18, 24), 9, 5)
+    yield "nodes that touch by corners", corner_nodes()
+    yield "single nodes", single_nodes()
+    yield "cells up to the border", cells(RANDOM, (21, 18, 24), 9, 5)
     yield "one label alone", np.full((4, 5, 6), 3)
     # Several pieces, and blocks, along each axis.
-    yield "several pieces", cells((40, 70, 75), 60, 12)
+    yield "several pieces", cells(RANDOM, (40, 70, 75), 60, 12)
 
 
 class LabelMeshes(unittest.TestCase):
@@ -282,7 +260,7 @@ class SmoothLabels(LabelMeshes):
                     self.assertEqual(len(np.unique(mesh[1])), len(mesh[0]))  # no vertex is left over
 
     def test_a_mesh_is_closed_and_has_the_volume_that_it_says(self):
-        data = cells((20, 22, 24), 12, 6).astype("u1")
+        data = cells(RANDOM, (20, 22, 24), 12, 6).astype("u1")
         _, listed = self.meshes(self.store(data), "--smooth=0", "--close")
         done = json.loads(run("extract", self.here / "s.isonest", "--label", listed[0]["id"], "--smooth=0", "--close", "-o",
                               self.here / "a.ply", "--json").stdout)
@@ -294,7 +272,7 @@ class SmoothLabels(LabelMeshes):
         self.assertEqual((done["smooth_passes"], done["closed"]), (0, "below"))
 
     def test_bytes_depend_on_neither_threads_memory_chunks_nor_the_list(self):
-        data = cells((70, 45, 90), 80, 30).astype("u2")
+        data = cells(RANDOM, (70, 45, 90), 80, 30).astype("u2")
         data[20:40, 20:30, 30:60] = RANDOM.integers(0, 5, (20, 10, 30))
         stores = [self.store(data, name=f"s{chunk}", chunk=chunk) for chunk in (8, 16, 64)]
         first = {}
@@ -350,7 +328,7 @@ class SmoothLabels(LabelMeshes):
         self.assertLess(np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean(), 5)
 
     def test_labels_of_other_types_missing_values_and_turned_volumes(self):
-        data = cells((20, 17, 22), 14, 6)
+        data = cells(RANDOM, (20, 17, 22), 14, 6)
         expected, _ = self.meshes(self.store(data.astype("u1")), "--smooth")
         for kind in ("i2", "u4", "f4", "f8", "i4"):
             found, _ = self.meshes(self.store(data.astype(kind)), "--smooth")
@@ -380,7 +358,7 @@ class SmoothLabels(LabelMeshes):
             np.testing.assert_array_equal(faces, expected[label][1])
 
     def test_what_makes_no_sense_is_refused(self):
-        store = self.store(cells((9, 9, 9), 4, 9).astype("u1"))
+        store = self.store(cells(RANDOM, (9, 9, 9), 4, 9).astype("u1"))
         for smooth in ("-1", "65", "x", "1.5"):
             self.assertIn("smooth", run("extract", store, "--labels", "all", f"--smooth={smooth}", "-o", self.here / "m",
                                         code=2).stderr)
@@ -394,7 +372,7 @@ class SmoothLabels(LabelMeshes):
         amounts = self.store(RANDOM.normal(size=(9, 9, 9)), name="amounts")
         for options in (("--labels", "all", "-o", self.here / "n"), ("--label", 0, "-o", self.here / "n.ply")):
             self.assertIn("no label", run("extract", amounts, *options, "--smooth", code=5).stderr)
-        far = self.store(cells((9, 9, 9), 4, 9).astype("u1"), "--origin", "1e6,0,0", name="far")
+        far = self.store(cells(RANDOM, (9, 9, 9), 4, 9).astype("u1"), "--origin", "1e6,0,0", name="far")
         self.assertIn("too far", run("extract", far, "--label", 3, "--smooth", "-o", self.here / "a.ply", code=7).stderr)
         self.assertIn("memory", run("extract", store, "--label", 3, "--smooth=64", "--memory", "11M", "-o",
                                     self.here / "a.ply", code=7).stderr)
