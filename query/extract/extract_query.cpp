@@ -242,6 +242,16 @@ double world_distance(const StoreHeader& header, const DistanceBound& asked) {
     return asked.voxels && std::isfinite(voxel) ? asked.value * voxel : asked.value;
 }
 
+double distance_left(const std::string& name, double distance, double moved) {
+    if (!(distance > moved)) {
+        throw Error(ErrorKind::limit, {name},
+                    fmt::format("32-bit floats round coordinates so far from 0 by up to {:.3g}, "
+                                "more than the distance {:.3g} allows",
+                                moved, distance));
+    }
+    return distance - moved;
+}
+
 ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, bool float64) {
     const Wishes wishes = wishes_of(store, query);
     require_combination(wishes, store.path().string());

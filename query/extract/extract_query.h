@@ -79,6 +79,10 @@ struct ExtractQuery {
 /// In world units; voxels are the least distances between neighbouring nodes.
 double world_distance(const StoreHeader& header, const DistanceBound& asked);
 
+/// What is left of a distance, world units, where float32 moves vertices by up to `moved`. `name`:
+/// of the store. Throws Error{limit} if that is nothing.
+double distance_left(const std::string& name, double distance, double moved);
+
 /// Refuses what makes no sense for this store. `float64`: whether the mesh holds it. Throws
 /// Error{invalid_argument, not_found, limit} as extract() does. REQUIRES: the stop of a surface is
 /// no ErrorBudget.

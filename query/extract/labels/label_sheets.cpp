@@ -97,13 +97,7 @@ LabelSheets::LabelSheets(const NetStore& net, const SheetSetting& setting,
 void LabelSheets::simplify(const SheetSetting& setting, const ScratchFolder& folder,
                            Progress& progress) {
     const AskedSheets asked = asked_of(setting);
-    if (!(asked.within > setting.rounding)) {
-        throw Error(ErrorKind::limit, {setting.name},
-                    fmt::format("32-bit floats round coordinates so far from 0 by up to {:.3g}, "
-                                "more than the distance {:.3g} allows",
-                                setting.rounding, asked.within));
-    }
-    const double limit = asked.within - setting.rounding;
+    const double limit = distance_left(setting.name, asked.within, setting.rounding);
     const WorldLattice lattice{setting.header.origin, setting.header.spacing, setting.header.nodes};
     MeshMapper mapper(sheets_.vertices(), lattice, border_of(setting.header), folder, progress);
     mapper.take_sheets(sheets_.next_copies(), margin_of(setting));

@@ -21,23 +21,8 @@ double most_moved(const ExtractQuery& query) {
     return std::sqrt(3.0) * query.coordinate_rounding * longest;
 }
 
-namespace {
-
-/// What is left of a distance.
-double left_of(const StagedVolume& volume, double distance, double moved) {
-    if (!(distance > moved)) {
-        throw Error(ErrorKind::limit, {volume.name},
-                    fmt::format("32-bit floats round coordinates so far from 0 by up to {:.3g}, "
-                                "more than the distance {:.3g} allows",
-                                moved, distance));
-    }
-    return distance - moved;
-}
-
-}  // namespace
-
 double limit_of(const StagedVolume& volume, const ExtractQuery& query) {
-    return left_of(volume, query.stages.distance->within, most_moved(query));
+    return distance_left(volume.name, query.stages.distance->within, most_moved(query));
 }
 
 double nested_limit_of(const StagedVolume& volume, const ExtractQuery& query) {
@@ -47,7 +32,7 @@ double nested_limit_of(const StagedVolume& volume, const ExtractQuery& query) {
         9 * query.coordinate_rounding +
         (query.moves_apart ? kMostApart * step_apart(query.coordinate_rounding, query.least_apart)
                            : 0);
-    return left_of(volume, *query.nested_distance, most_moved(moved));
+    return distance_left(volume.name, *query.nested_distance, most_moved(moved));
 }
 
 double first_budget_limit(const ExtractQuery& query) {
