@@ -144,7 +144,7 @@ class LabelParts(nets.LabelMeshes):
                             self.assertEqual(entry["triangles"], len(kept))
 
     def test_bytes_depend_on_neither_threads_nor_memory_and_are_the_same_where_nothing_is_dropped(self):
-        data = nets.cells((40, 45, 60), 80, 30).astype("u2")
+        data = nets.cells(nets.RANDOM, (40, 45, 60), 80, 30).astype("u2")
         data[20:30, 20:30, 30:50] = nets.RANDOM.integers(0, 5, (10, 10, 20))
         stores = [self.store(data, name=f"s{chunk}", chunk=chunk) for chunk in (8, 16)]
         first = {}
