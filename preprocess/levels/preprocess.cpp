@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <oneapi/tbb/task_group.h>
 
 #include <algorithm>
@@ -30,7 +29,6 @@
 #include "store/base/in_order.h"
 #include "store/base/workers.h"
 #include "store/container/format.h"
-#include "store/container/header_writer.h"
 #include "store/container/writer.h"
 #include "store/files/output_file.h"
 
@@ -133,33 +131,6 @@ void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& d
             outputs.write(chunk);
         }
     }
-}
-
-/// What must be the same for a run to go on with what another one has done.
-std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool resume) {
-    constexpr std::size_t kLongest = 32768;
-    std::string input = source.identity();
-    if (input.size() > kLongest || (input.empty() && resume)) {
-        throw Error(ErrorKind::invalid_argument, {source.describe().name},
-                    input.empty() ? "its identity() is empty, so that nobody knows what an "
-                                    "interrupted run has read"
-                                  : fmt::format("its identity() is longer than {} bytes", kLongest),
-                    {{RemedyKind::no_resume}});
-    }
-    if (!input.empty() && input.back() != '\n') {
-        input += '\n';
-    }
-    return fmt::format(
-               "format {}.{}\n{}nodes {} {} {}\ntype {}\nspacing {} {} {}\norigin {} {} {}\nchunk "
-               "{}\n"
-               "compression {}\nexact {}\nindicators {}\n",
-               kFormatMajor, minor_version_of(h), input, h.nodes.x, h.nodes.y, h.nodes.z,
-               name_of(h.type), h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1],
-               h.origin[2], h.chunk, h.compression, h.exact, list_names(h.fields)) +
-           (h.direction == kAlongWorld
-                ? ""
-                : fmt::format("direction {}\n", fmt::join(vtk_direction(h.direction), " "))) +
-           (h.unit ? fmt::format("unit {}\n", symbol_of(*h.unit)) : "");
 }
 
 /// Takes over what an interrupted run has done, if there is one. Then that run's files are gone,

@@ -1,5 +1,8 @@
 #include "preprocess/levels/run_ends.h"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <cstdint>
 #include <limits>
@@ -13,6 +16,7 @@
 #include "store/base/rotation.h"
 #include "store/container/cube_range.h"
 #include "store/container/extent.h"
+#include "store/container/header_writer.h"
 
 namespace isonest::detail {
 namespace {
@@ -48,6 +52,32 @@ std::vector<LabelName> label_names_of(const VolumeSource& source) {
         throw Error(ErrorKind::invalid_argument, {source.describe().name}, why);
     }
     return names;
+}
+
+std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool resume) {
+    constexpr std::size_t kLongest = 32768;
+    std::string input = source.identity();
+    if (input.size() > kLongest || (input.empty() && resume)) {
+        throw Error(ErrorKind::invalid_argument, {source.describe().name},
+                    input.empty() ? "its identity() is empty, so that nobody knows what an "
+                                    "interrupted run has read"
+                                  : fmt::format("its identity() is longer than {} bytes", kLongest),
+                    {{RemedyKind::no_resume}});
+    }
+    if (!input.empty() && input.back() != '\n') {
+        input += '\n';
+    }
+    return fmt::format(
+               "format {}.{}\n{}nodes {} {} {}\ntype {}\nspacing {} {} {}\norigin {} {} {}\nchunk "
+               "{}\n"
+               "compression {}\nexact {}\nindicators {}\n",
+               kFormatMajor, minor_version_of(h), input, h.nodes.x, h.nodes.y, h.nodes.z,
+               name_of(h.type), h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1],
+               h.origin[2], h.chunk, h.compression, h.exact, list_names(h.fields)) +
+           (h.direction == kAlongWorld
+                ? ""
+                : fmt::format("direction {}\n", fmt::join(vtk_direction(h.direction), " "))) +
+           (h.unit ? fmt::format("unit {}\n", symbol_of(*h.unit)) : "");
 }
 
 void write_cube_ranges(CentreStore& centres, StoreWriter& writer) {

@@ -1,6 +1,7 @@
 // What a preprocessing run does before its passes and after them, however those are run.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include <isonest/label_name.h>
@@ -19,6 +20,10 @@ StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& 
 
 /// The names that the store gets. Throws Error{invalid_argument}.
 std::vector<LabelName> label_names_of(const VolumeSource& source);
+
+/// What must be the same for a run to go on with what another one has done, as lines of text.
+/// Throws Error{invalid_argument}; if `resume`, also for a source that cannot tell.
+std::string identity_of(const StoreHeader& header, const VolumeSource& source, bool resume);
 
 /// All levels of them, from those of the finest in `centres`.
 void write_cube_ranges(CentreStore& centres, StoreWriter& writer);

@@ -18,6 +18,12 @@ namespace isonest::detail {
 class OwnChunkFile {
   public:
     explicit OwnChunkFile(const ScratchFolder& folder) : bytes_(folder), rows_(folder) {}
+    /// With a name for the bytes, which keep() leaves there.
+    OwnChunkFile(const ScratchFolder& folder, const std::filesystem::path& name)
+        : bytes_(ScratchFile::named(name)), rows_(folder) {}
+    void keep() { bytes_.keep(); }
+    /// How many bytes there are.
+    [[nodiscard]] std::uint64_t end() const { return end_; }
     /// Appends one whose row is whole but for the offset. Throws Error{io}.
     void add(const EncodedChunk& chunk);
     /// All rows, mapped; after that none may be added. Throws Error{io}.

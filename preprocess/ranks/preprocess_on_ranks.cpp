@@ -1,13 +1,15 @@
 #include "preprocess/ranks/preprocess_on_ranks.h"
 
+#include <fmt/format.h>
+
 #include <array>
 #include <chrono>
-#include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <optional>
+#include <random>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <isonest/error.h>
@@ -16,6 +18,7 @@
 #include "preprocess/levels/pass_budget.h"
 #include "preprocess/levels/run_ends.h"
 #include "preprocess/ranks/agreement.h"
+#include "preprocess/ranks/block_journal.h"
 #include "preprocess/ranks/own_chunk_file.h"
 #include "preprocess/ranks/partial_levels.h"
 #include "preprocess/ranks/pencils.h"
@@ -33,13 +36,7 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-void require_possible(const Communicator& ranks, const VolumeSource& source,
-                      const PreprocessOptions& options) {
-    if (options.resume) {
-        throw Error(ErrorKind::unsupported, {source.describe().name},
-                    "going on with an interrupted run is for a run of one process",
-                    {{RemedyKind::no_resume}});
-    }
+void require_possible(const Communicator& ranks, const VolumeSource& source) {
     if (ranks.size() > 1 && source.sequential()) {
         throw Error(ErrorKind::unsupported, {source.describe().name},
                     "it can only be read from its beginning to its end, as one compressed stream, "
@@ -47,36 +44,72 @@ void require_possible(const Communicator& ranks, const VolumeSource& source,
     }
 }
 
-/// Of all ranks, at rank 0. Collective.
-std::vector<PreprocessRank> gather_reports(Communicator& ranks, const PreprocessRank& mine) {
-    struct Numbers {
-        std::array<std::uint64_t, 4> counts;
-        std::array<double, 3> seconds;
-    };
-    const Numbers numbers{{mine.input_bytes, mine.store_bytes, mine.messages_sent, mine.bytes_sent},
-                          {mine.computing, mine.messages, mine.writing}};
-    std::string text(sizeof(numbers), '\0');
-    std::memcpy(text.data(), &numbers, sizeof(numbers));
-    std::vector<PreprocessRank> all;
-    for (const std::string& one : ranks.gather(text + mine.host)) {
-        Numbers n{};
-        std::memcpy(&n, one.data(), sizeof(n));
-        all.push_back({one.substr(sizeof(n)), n.counts[0], n.counts[1], n.counts[2], n.counts[3],
-                       n.seconds[0], n.seconds[1], n.seconds[2]});
+/// A name that no file has: ".STORE.ranks-RANK-", something random, ".blocks".
+std::filesystem::path journal_name(const std::filesystem::path& scratch,
+                                   const std::filesystem::path& store, int rank) {
+    std::random_device device;
+    return rank_files_prefix(scratch, store) +=
+           fmt::format("{}-{:08x}{:08x}.blocks", rank, device(), device());
+}
+
+/// From the first pass to the finished store.
+RanksReport run_to_the_end(RankWork& work, VolumeSource& source, const std::filesystem::path& store,
+                           const std::filesystem::path& unfinished,
+                           std::span<const LabelName> label_names, StoreWriter* writer,
+                           std::chrono::steady_clock::time_point start) {
+    Communicator& ranks = work.ranks;
+    run_rank_passes(work, source);
+
+    RanksReport report;
+    report.input_bytes = work.bytes_read;
+    report.passes = work.seconds_of_passes;
+    gather_rows(ranks, work.layout, work.pencils, work.chunks.rows(), writer);
+    if (writer != nullptr) {
+        const auto planning = std::chrono::steady_clock::now();
+        plan_all_chunks(*writer);
+        report.alone += seconds_since(planning);
     }
-    return all;
+    spread_offsets(ranks, work.layout, work.pencils, work.chunks.rows(), writer);
+    const auto writing = std::chrono::steady_clock::now();
+    report.store_bytes = work.chunks.write_into(unfinished);
+    report.writing = seconds_since(writing);
+    gather_cube_ranges(ranks, work.layout, work.pencils, work.centres);
+    std::array<std::uint64_t, 2> sums{work.input_on_disk ? 1U : 0U, work.resumed_chunks};
+    ranks.sum(sums);  // and by now all chunks are on the disk
+    report.whole.input_on_disk = sums[0] > 0;
+    report.whole.resumed_chunks = sums[1];
+    if (writer != nullptr) {
+        const auto ending = std::chrono::steady_clock::now();
+        write_cube_ranges(work.centres, *writer);
+        if (!label_names.empty()) {
+            writer->write_label_names(label_names);
+        }
+        work.progress.check();
+        describe_store(*writer, report.whole);
+        report.whole.label_names = label_names.size();
+        writer->finish();
+        report.alone += seconds_since(ending);
+        report.whole.store_bytes = std::filesystem::file_size(store);
+    }
+    // Nobody says that it is done before it is.
+    ranks.meet();
+    if (work.earlier != nullptr) {
+        work.earlier->remove();
+    }
+    report.whole.seconds = seconds_since(start);
+    return report;
 }
 
 }  // namespace
 
-PreprocessReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
-                                     const std::filesystem::path& store,
-                                     const PreprocessOptions& options,
-                                     const std::filesystem::path& scratch, Progress& progress) {
+RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
+                                const std::filesystem::path& store,
+                                const PreprocessOptions& options,
+                                const std::filesystem::path& scratch, Progress& progress) {
     const auto start = std::chrono::steady_clock::now();
     const bool is_first = ranks.rank() == 0;
     require_same_work(ranks, source, options);
-    require_possible(ranks, source, options);
+    require_possible(ranks, source);
     if (is_first) {
         check_output(store, options.force, source.files());
     }
@@ -97,59 +130,52 @@ PreprocessReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
         store.parent_path() /
         ranks.broadcast(is_first ? writer->temporary().filename().string() : "");
 
-    const ScratchFolder folder(scratch.empty() ? store.parent_path() : scratch);
+    const std::filesystem::path beside = store.parent_path().empty() ? "." : store.parent_path();
+    const ScratchFolder folder(scratch.empty() ? beside : scratch);
     const Pencils pencils(layout, ranks.size());
     CentreStore centres = CentreStore::partial(layout.lattice(), header.fields, folder);
     PartialLevels levels(layout, folder);
-    OwnChunkFile chunks(folder);
-    RankWork work{ranks,         layout,  pencils, budget, workers,
-                  folder.path(), centres, levels,  chunks, progress};
-    run_rank_passes(work, source);
-
-    PreprocessReport report;
-    report.nodes = header.nodes;
-    PreprocessRank mine;
-    gather_rows(ranks, layout, pencils, chunks.rows(), table);
-    if (is_first) {
-        const auto planning = std::chrono::steady_clock::now();
-        plan_all_chunks(*writer);
-        report.serial_seconds += seconds_since(planning);
+    std::optional<EarlierBlocks> earlier;
+    std::optional<BlockJournal> journal;
+    std::optional<OwnChunkFile> chunks;
+    if (options.resume) {
+        const std::string identity = identity_of(header, source, true);
+        earlier.emplace(folder.path(), store, identity, layout);
+        // Nobody takes the files of this run for old ones.
+        ranks.meet();
+        const std::filesystem::path name = journal_name(folder.path(), store, ranks.rank());
+        chunks.emplace(folder, chunks_name(name));
+        journal.emplace(name, identity, layout, centres);
+    } else {
+        chunks.emplace(folder);
     }
-    spread_offsets(ranks, layout, pencils, chunks.rows(), table);
-    const auto writing = std::chrono::steady_clock::now();
-    mine.store_bytes = chunks.write_into(unfinished);
-    mine.writing = seconds_since(writing);
-    gather_cube_ranges(ranks, layout, pencils, centres);
-    std::array<std::uint64_t, 1> on_disk{work.input_on_disk ? 1U : 0U};
-    ranks.sum(on_disk);
-
-    mine.host = ranks.host();
-    mine.input_bytes = work.bytes_read;
-    mine.messages_sent = ranks.traffic().messages_sent;
-    mine.bytes_sent = ranks.traffic().bytes_sent;
-    mine.computing = work.seconds_of_passes;
-    mine.messages = ranks.traffic().seconds;
-    report.ranks = gather_reports(ranks, mine);
-    // All chunks are on the disk.
-    ranks.meet();
-    if (is_first) {
-        const auto ending = std::chrono::steady_clock::now();
-        write_cube_ranges(centres, *writer);
-        if (!label_names.empty()) {
-            writer->write_label_names(label_names);
+    RankWork work{ranks,         layout,  pencils, budget,  workers,
+                  folder.path(), centres, levels,  *chunks, progress};
+    work.earlier = earlier ? &*earlier : nullptr;
+    work.journal = journal ? &*journal : nullptr;
+    const auto keep = [&] {
+        if (journal) {
+            journal->keep();
+            chunks->keep();
         }
-        progress.check();
-        describe_store(*writer, report);
-        report.label_names = label_names.size();
-        report.input_on_disk = on_disk[0] > 0;
-        writer->finish();
-        report.serial_seconds += seconds_since(ending);
-        report.store_bytes = std::filesystem::file_size(store);
+    };
+    try {
+        return run_to_the_end(work, source, store, unfinished, label_names, table, start);
+    } catch (const Error& error) {
+        keep();
+        if (!journal) {
+            throw;
+        }
+        std::vector<Remedy> remedies = error.remedies();
+        remedies.push_back({RemedyKind::resume});
+        throw Error(error.kind(), error.place(),
+                    (error.kind() == ErrorKind::cancelled ? "interrupted" : error.problem()) +
+                        "; what is done is kept",
+                    std::move(remedies));
+    } catch (...) {
+        keep();
+        throw;
     }
-    // Nobody says that it is done before it is.
-    ranks.meet();
-    report.seconds = seconds_since(start);
-    return report;
 }
 
 }  // namespace isonest::detail

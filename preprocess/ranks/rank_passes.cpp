@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <functional>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <vector>
@@ -76,10 +77,14 @@ void run_own_blocks(RankWork& work, int pass, std::int64_t count, const BlockAt&
             finish_chunks(work, pass, block, chunks);
             return chunks;
         },
-        [&](std::int64_t /*block*/, std::vector<EncodedChunk>& chunks) {
+        [&](std::int64_t i, std::vector<EncodedChunk>& chunks) {
+            const std::uint64_t offset = work.chunks.end();
             for (EncodedChunk& chunk : chunks) {
                 work.chunks.add(chunk);
                 chunk.bytes = {};
+            }
+            if (work.journal != nullptr && pass == kBasePass) {
+                work.journal->add(block_at(i), chunks, offset);
             }
             work.progress.advance(progress_per_block);
         });
@@ -94,27 +99,49 @@ VolumePart part_of(const StoreLayout& layout, const PencilBox& box) {
             base_planes(layout, box.z_begin).first, base_planes(layout, box.z_end - 1).second};
 }
 
+/// The blocks of a row that an interrupted run has made.
+std::vector<bool> blocks_made(RankWork& work, const Int3& grid, const Int3& first) {
+    std::vector<bool> made(static_cast<std::size_t>(grid.product()));
+    for (std::int64_t i = 0; i < grid.product() && work.earlier != nullptr; ++i) {
+        const Int3 block = grid.unlinear(i) + first;
+        made[static_cast<std::size_t>(i)] = work.earlier->has_whole(block);
+        if (made[static_cast<std::size_t>(i)]) {
+            work.resumed_chunks += chunks_of(work.layout, kBasePass, block).size();
+        }
+    }
+    return made;
+}
+
 template <class T>
 void run_box(RankWork& work, VolumeSource& source, const PassContext& context, const PencilBox& box,
              std::uint64_t progress_per_block) {
     const StoreLayout& layout = work.layout;
-    PlaneWindow window(source, part_of(layout, box), 2 * layout.header().chunk + 8,
-                       work.budget.rest, work.scratch, work.progress);
+    std::optional<PlaneWindow> window;
     const Int3 grid{work.pencils.grid(kBasePass).x, box.y_end - box.y_begin, 1};
     for (std::int64_t z = box.z_begin; z < box.z_end; ++z) {
-        const auto [begin, end] = base_planes(layout, z);
-        window.load(begin, end);
+        const Int3 first{0, box.y_begin, z};
+        const std::vector<bool> made = blocks_made(work, grid, first);
         tbb::task_group reading;
-        if (z + 1 < box.z_end) {
-            reading.run([&] { window.prefetch(base_planes(layout, z + 1).second); });
+        if (std::find(made.begin(), made.end(), false) != made.end()) {
+            if (!window) {
+                window.emplace(source, part_of(layout, box), 2 * layout.header().chunk + 8,
+                               work.budget.rest, work.scratch, work.progress);
+            }
+            const auto [begin, end] = base_planes(layout, z);
+            window->load(begin, end);
+            if (z + 1 < box.z_end) {
+                reading.run([&] { window->prefetch(base_planes(layout, z + 1).second); });
+            }
         }
         try {
             run_own_blocks(
                 work, kBasePass, grid.product(),
-                [&](std::int64_t i) {
-                    return grid.unlinear(i) + Int3{0, box.y_begin, z};
+                [&](std::int64_t i) { return grid.unlinear(i) + first; },
+                [&](const Int3& block) {
+                    return made[static_cast<std::size_t>(grid.linear(block - first))]
+                               ? work.earlier->load(block, work.centres)
+                               : base_block<T>(context, *window, block);
                 },
-                [&](const Int3& block) { return base_block<T>(context, window, block); },
                 progress_per_block);
         } catch (...) {
             try {
@@ -126,8 +153,10 @@ void run_box(RankWork& work, VolumeSource& source, const PassContext& context, c
         }
         reading.wait();
     }
-    work.bytes_read += window.bytes_read();
-    work.input_on_disk = work.input_on_disk || window.on_disk();
+    if (window) {
+        work.bytes_read += window->bytes_read();
+        work.input_on_disk = work.input_on_disk || window->on_disk();
+    }
 }
 
 /// Space for the centres, and the ranges of cubes, that the rank's pencils make in a pass.

@@ -9,6 +9,7 @@
 
 #include "preprocess/levels/centre_store.h"
 #include "preprocess/levels/pass_budget.h"
+#include "preprocess/ranks/block_journal.h"
 #include "preprocess/ranks/own_chunk_file.h"
 #include "preprocess/ranks/partial_levels.h"
 #include "preprocess/ranks/pencils.h"
@@ -30,8 +31,11 @@ struct RankWork {
     PartialLevels& levels;
     OwnChunkFile& chunks;
     Progress& progress;
-    std::uint64_t bytes_read = 0;  ///< of the input
-    bool input_on_disk = false;    ///< some of it was first copied to `scratch`
+    const EarlierBlocks* earlier = nullptr;  ///< those of an interrupted run, if any
+    BlockJournal* journal = nullptr;  ///< if this run is to be resumed when it is interrupted
+    std::uint64_t bytes_read = 0;     ///< of the input
+    bool input_on_disk = false;       ///< some of it was first copied to `scratch`
+    std::uint64_t resumed_chunks = 0;
     double seconds_of_passes = 0;
 };
 

@@ -3,7 +3,6 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <string>
 #include <vector>
 
 #include <isonest/field.h>
@@ -27,18 +26,6 @@ struct PreprocessOptions {
     std::vector<Field> fields = default_indicators();
 };
 
-/// What one of several ranks has done.
-struct PreprocessRank {
-    std::string host;               ///< the machine's name
-    std::uint64_t input_bytes = 0;  ///< read, those that other ranks read too included
-    std::uint64_t store_bytes = 0;  ///< of the chunks that it wrote
-    std::uint64_t messages_sent = 0;
-    std::uint64_t bytes_sent = 0;
-    double computing = 0;  ///< seconds; reading the input is part of them
-    double messages = 0;   ///< seconds in which it sent messages and waited for some
-    double writing = 0;    ///< seconds
-};
-
 struct PreprocessReport {
     Int3 nodes;
     int levels = 0;
@@ -52,8 +39,6 @@ struct PreprocessReport {
     std::uint64_t resumed_chunks = 0;  ///< taken over from an interrupted run
     bool input_on_disk = false;  ///< the input was first copied to temporary space (little memory)
     double seconds = 0;
-    std::vector<PreprocessRank> ranks = {};  ///< of a run on several; else empty
-    double serial_seconds = 0;               ///< of these, what rank 0 alone did for all
 };
 
 /// Reads `source` once and writes `store`, which appears under its name only when it is whole; a
