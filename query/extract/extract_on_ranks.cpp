@@ -2,13 +2,14 @@
 
 #include <fmt/format.h>
 
+#include <array>
 #include <cstring>
 #include <deque>
-#include <iterator>
 #include <memory>
 #include <optional>
 #include <string>
 #include <type_traits>
+#include <vector>
 
 #include <isonest/error.h>
 
@@ -62,25 +63,11 @@ static_assert(std::is_trivially_copyable_v<TraversalJob>);
 
 TraversalJob job_of(const StoreReader& store, const ExtractQuery& q) {
     const TraversalQuery& t = q.traversal;
-    TraversalJob job{StoreMark(store),
-                     q.product,
-                     t.plane,
-                     t.tolerance,
-                     t.stop,
-                     t.bound,
-                     t.culling,
-                     t.vertices,
-                     t.cells,
-                     t.attributes,
-                     t.box,
-                     q.values != nullptr,
-                     q.label.has_value(),
-                     0,
-                     {},
-                     q.spacing,
-                     q.origin,
-                     q.coordinate_rounding,
-                     q.least_apart};
+    TraversalJob job{
+        StoreMark(store),    q.product,  t.plane, t.tolerance,  t.stop,   t.bound,
+        t.culling,           t.vertices, t.cells, t.attributes, t.box,    q.values != nullptr,
+        q.label.has_value(), 0,          {},      q.spacing,    q.origin, q.coordinate_rounding,
+        q.least_apart};
     if (q.label) {
         job.label = q.label->id;
         job.label_within = {q.label->within->first, q.label->within->second};
@@ -139,8 +126,7 @@ void help_until_done(RankTeam& team, const Store& store, const Store* values,
         TraversalJob job = job_of(store.reader(), {});
         std::memcpy(&job, text.data(), sizeof(job));
         std::vector<double> isovalues((text.size() - sizeof(job)) / sizeof(double));
-        std::memcpy(isovalues.data(), text.data() + sizeof(job),
-                    isovalues.size() * sizeof(double));
+        std::memcpy(isovalues.data(), text.data() + sizeof(job), isovalues.size() * sizeof(double));
         if (job.store != StoreMark(store.reader())) {
             throw Error(ErrorKind::invalid_argument, {store.path().string()},
                         fmt::format("on {} another store has this name than on rank 0; all ranks "
@@ -151,17 +137,6 @@ void help_until_done(RankTeam& team, const Store& store, const Store* values,
         asked.traversal.iso = isovalues.front();
         help(team, store.reader(), asked, isovalues, options, progress);
     }
-}
-
-std::vector<RankWork> work_of_all(RankTeam& team) {
-    team.work.messages_sent = team.ranks.traffic().messages_sent;
-    team.work.bytes_sent = team.ranks.traffic().bytes_sent;
-    std::vector<RankWork> all;
-    for (const std::string& text :
-         team.ranks.gather({reinterpret_cast<const char*>(&team.work), sizeof(RankWork)})) {
-        std::memcpy(&all.emplace_back(), text.data(), sizeof(RankWork));
-    }
-    return all;
 }
 
 }  // namespace
@@ -181,9 +156,9 @@ void begin_shared_traversal(RankTeam& team, const StoreReader& store, const Extr
     team.ranks.broadcast(std::move(text));
 }
 
-std::vector<RankWork> extract_on_ranks(Communicator& ranks, const Store& store, const Store* values,
-                                       const std::function<void(const ExtractOptions&)>& work,
-                                       const ExtractOptions& options, Progress& progress) {
+RankWork extract_on_ranks(Communicator& ranks, const Store& store, const Store* values,
+                          const std::function<void(const ExtractOptions&)>& work,
+                          const ExtractOptions& options, Progress& progress) {
     RankTeam team{ranks};
     if (ranks.rank() == 0) {
         ExtractOptions own = options;
@@ -193,7 +168,7 @@ std::vector<RankWork> extract_on_ranks(Communicator& ranks, const Store& store, 
     } else {
         help_until_done(team, store, values, options, progress);
     }
-    return work_of_all(team);
+    return team.work;
 }
 
 }  // namespace isonest::detail

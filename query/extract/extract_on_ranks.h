@@ -1,6 +1,7 @@
 // Extractions whose traversals several ranks share.
 //
-//     rank 0       extract() as ever ── a traversal begins ──▶ its own share ─▶ parts of all ─▶ weld, stages, sink
+//     rank 0       extract() as ever ── a traversal begins ──▶ its own share ─▶ parts of all ─▶
+//     weld, stages, sink
 //                                          │ job                                   ▲ parts
 //     other ranks  wait for a job ◀────────┘──▶ their shares ────────────────────────┘
 //
@@ -10,7 +11,6 @@
 
 #include <functional>
 #include <span>
-#include <vector>
 
 #include <isonest/extract.h>
 
@@ -21,13 +21,13 @@ namespace isonest::detail {
 
 /// Calls `work` on rank 0 with `options` whose team are all ranks: what it extracts from `store`,
 /// each time it calls an extraction, the ranks share. `values`: the store of vertex values, or
-/// null. Memory and threads of `options` are those of each rank. Returns on rank 0 what each rank
-/// did, on others nothing. Meshes and files are those of one process, byte for byte.
-/// Collective. Throws what `work` throws, Error{invalid_argument} if a rank sees another store,
-/// Error{io, limit, corrupt} of any rank, and on the other ranks Error{cancelled} then.
-std::vector<RankWork> extract_on_ranks(Communicator& ranks, const Store& store, const Store* values,
-                                       const std::function<void(const ExtractOptions&)>& work,
-                                       const ExtractOptions& options, Progress& progress);
+/// null. Memory and threads of `options` are those of each rank. Returns what this rank did. Meshes
+/// and files are those of one process, byte for byte. Collective. Throws what `work` throws,
+/// Error{invalid_argument} if a rank sees another store, Error{io, limit, corrupt} of any rank, and
+/// on the other ranks Error{cancelled} then.
+RankWork extract_on_ranks(Communicator& ranks, const Store& store, const Store* values,
+                          const std::function<void(const ExtractOptions&)>& work,
+                          const ExtractOptions& options, Progress& progress);
 
 /// Whether ranks share the traversal: surfaces of values or of a label, slices and contours of
 /// volumes. Not: data in a plane, and surfaces whose elements stop at a distance (every rank would

@@ -7,8 +7,8 @@
 #include <iterator>
 #include <vector>
 
-#include "query/distance/traverse_within_distance.h"
 #include "query/apart/parts_apart.h"
+#include "query/distance/traverse_within_distance.h"
 #include "query/extract/stages/apart_stage.h"
 #include "query/extract/stages/distance_limits.h"
 #include "query/ranks/cube_shares.h"
@@ -160,8 +160,8 @@ TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query
 }
 
 void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
-                std::span<const FoundParts> found, const ScratchFolder& scratch,
-                Progress& progress, RankTeam* team) {
+                std::span<const FoundParts> found, const ScratchFolder& scratch, Progress& progress,
+                RankTeam* team) {
     TraversalQuery query = asked.traversal;
     std::optional<ChunkCache> others;
     if (asked.values != nullptr) {

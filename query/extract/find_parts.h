@@ -23,7 +23,8 @@ struct FoundParts {
     ExtractReport* report = nullptr;
 };
 
-/// The parts are to see which of their vertices may lie in one place, if the query keeps those apart.
+/// The parts are to see which of their vertices may lie in one place, if the query keeps those
+/// apart.
 void watch_places(const ExtractQuery& asked, PartStore& parts);
 
 /// Traverses once, fills all parts and seals them; what that takes beside them is free again
@@ -32,7 +33,7 @@ void watch_places(const ExtractQuery& asked, PartStore& parts);
 /// budget.threads. `team`: ranks that share the traversal, or null; collective then: rank 0 gets
 /// the parts of all, and its reports count what all did. Throws what traverse() throws.
 void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
-                std::span<const FoundParts> found, const ScratchFolder& scratch,
-                Progress& progress, RankTeam* team = nullptr);
+                std::span<const FoundParts> found, const ScratchFolder& scratch, Progress& progress,
+                RankTeam* team = nullptr);
 
 }  // namespace isonest::detail

@@ -49,8 +49,7 @@ void run_together(std::span<const std::unique_ptr<Extraction>> extractions,
         for (const auto& e : extractions) {
             found.push_back(e->begin_parts(has_room ? budget.parts / extractions.size() : 0));
         }
-        find_parts(store, asked, budget, found, extractions.front()->scratch(), progress,
-                   team);
+        find_parts(store, asked, budget, found, extractions.front()->scratch(), progress, team);
     });
     for (std::size_t i = 0; i < extractions.size(); ++i) {
         ExtractReport report = extractions[i]->finish(budget);

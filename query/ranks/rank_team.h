@@ -9,20 +9,18 @@ namespace isonest::detail {
 
 /// What one rank did for the extractions so far.
 struct RankWork {
-    double traversal_seconds = 0;     ///< from the first brick of its own to the last
-    double gathering_seconds = 0;     ///< in which its parts went to rank 0, or came from others
-    std::uint64_t leaves = 0;         ///< as in the report, its own
-    std::uint64_t chunks_read = 0;    ///< the same
-    std::uint64_t bytes_read = 0;     ///< of the store
-    std::uint64_t parts_bytes = 0;    ///< of the parts that it made
-    std::uint64_t messages_sent = 0;  ///< in all
-    std::uint64_t bytes_sent = 0;
+    double traversal_seconds = 0;   ///< from the first brick of its own to the last
+    double gathering_seconds = 0;   ///< in which its parts went to rank 0, or came from others
+    std::uint64_t leaves = 0;       ///< as in the report, its own
+    std::uint64_t chunks_read = 0;  ///< the same
+    std::uint64_t bytes_read = 0;   ///< of the store
+    std::uint64_t parts_bytes = 0;  ///< of the parts that it made
 };
 
 /// Not thread-safe: of several extractions at once, one may use it.
 struct RankTeam {
     Communicator& ranks;
-    RankWork work = {};  ///< of this rank; messages are counted by `ranks`
+    RankWork work = {};  ///< of this rank
 };
 
 }  // namespace isonest::detail

@@ -238,7 +238,8 @@ void run_finest_bricks(Runs runs, const Int3& first, std::int64_t size,
         const Int3 child = child_of(octant);
         const Int3 low = child * chunk;
         active[octant] = max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
-                         common.query.share.meets(child_level, {child.x / half, child.y / half, child.z / half}) &&
+                         common.query.share.meets(
+                             child_level, {child.x / half, child.y / half, child.z / half}) &&
                          overlap_of(common.query.box, low,
                                     low + Int3{chunk, chunk, chunk} * half) != Overlap::outside &&
                          (half > 1 || std::any_of(runs.begin(), runs.end(), [&](const auto& run) {

@@ -83,7 +83,7 @@ class BrickTraversal {
     LeafMarch action_;
     TraversalCounts& counts_;
     const Topology& topology_ = topology();
-    bool is_for_others_ = false;  ///< the cube's leaves are another rank's
+    bool is_for_others_ = false;              ///< the cube's leaves are another rank's
     std::array<std::uint8_t, 8> subcubes_{};  ///< masks of the parent's subcubes, in table order
     std::array<std::unique_ptr<MaskList>, 8> children_;
 };
