@@ -189,6 +189,7 @@ void find_parts(const StoreReader& store, const ExtractQuery& asked, const Trave
     const std::vector<TraversalCounts> counts = all_counts(
         {store, asked, query, cache, budget.part_vertices, scratch, progress}, found, sinks);
     if (team != nullptr) {
+        ++team->work.traversals;
         team->work.traversal_seconds += elapsed_since(start);
         team->work.chunks_read += cache.chunks_read();
         team->work.bytes_read += cache.bytes_read();

@@ -9,6 +9,7 @@ namespace isonest::detail {
 
 /// What one rank did for the extractions so far.
 struct RankWork {
+    std::uint64_t traversals = 0;   ///< that were shared
     double traversal_seconds = 0;   ///< from the first brick of its own to the last
     double gathering_seconds = 0;   ///< in which its parts went to rank 0, or came from others
     std::uint64_t leaves = 0;       ///< as in the report, its own
