@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -17,8 +18,8 @@ namespace isonest::detail {
 namespace {
 
 constexpr Int3 kOne{1, 1, 1};
-/// Whose counts are told to all at once.
 constexpr std::int64_t kMostGroups = 1 << 16;
+// The counts of one rank, which may be all, are one message.
 static_assert(kMostGroups * sizeof(std::uint64_t) <= Communicator::kMostBytes);
 
 int chunk_level(const StoreLayout& layout) {
@@ -145,29 +146,52 @@ class CubeCounts {
     Int3 cells_;
 };
 
-/// The counts of all groups, each counted by one rank.
-std::vector<std::uint64_t> all_counts(Communicator& ranks, const Groups& groups,
-                                      const CubeCounts& cubes) {
+using Numbers = std::vector<std::uint64_t>;
+
+std::string text_of(const Numbers& numbers) {
+    return {reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(std::uint64_t)};
+}
+
+Numbers numbers_of(const std::string& text) {
+    Numbers numbers(text.size() / sizeof(std::uint64_t));
+    std::memcpy(numbers.data(), text.data(), text.size());
+    return numbers;
+}
+
+/// Rank 0 gets the counts of all groups, each counted by one rank.
+Numbers all_counts(Communicator& ranks, const Groups& groups, const CubeCounts& cubes) {
     const auto border = [&](int rank) {
         return groups.codes.size() * static_cast<std::size_t>(rank) /
                static_cast<std::size_t>(ranks.size());
     };
-    std::vector<std::uint64_t> counts;
+    Numbers counts;
     for (std::size_t i = border(ranks.rank()); i < border(ranks.rank() + 1); ++i) {
         counts.push_back(cubes.count(groups.low(groups.codes[i]), std::int64_t{1} << groups.level));
     }
-    const auto text_of = [](const std::vector<std::uint64_t>& numbers) {
-        return std::string(reinterpret_cast<const char*>(numbers.data()),
-                           numbers.size() * sizeof(std::uint64_t));
-    };
     std::string text;
     for (const std::string& of_rank : ranks.gather(text_of(counts))) {
         text += of_rank;
     }
-    text = ranks.broadcast(std::move(text));
-    counts.resize(text.size() / sizeof(std::uint64_t));
-    std::memcpy(counts.data(), text.data(), text.size());
-    return counts;
+    return numbers_of(text);
+}
+
+/// Where the shares of so many ranks begin, and the end. A group goes where its middle lies among
+/// all cubes that were counted.
+Numbers borders_of(const Groups& groups, const Numbers& counts, std::uint64_t ranks) {
+    Numbers borders(ranks + 1, CubeShare::kEnd);
+    const std::uint64_t all = std::accumulate(counts.begin(), counts.end(), std::uint64_t{0});
+    std::uint64_t before = 0;
+    std::uint64_t begun = 0;
+    borders[begun++] = 0;
+    for (std::size_t i = 0; i < counts.size() && all > 0; ++i) {
+        const std::uint64_t rank =
+            std::min((2 * before + counts[i]) * ranks / (2 * all), ranks - 1);
+        while (begun <= rank) {
+            borders[begun++] = groups.codes[i] << (3U * static_cast<unsigned>(groups.level));
+        }
+        before += counts[i];
+    }
+    return borders;
 }
 
 }  // namespace
@@ -178,28 +202,14 @@ CubeShare share_of(Communicator& ranks, const ChunkSource& source, const Travers
         return {};
     }
     const Groups groups(source.layout());
-    const std::vector<std::uint64_t> counts =
-        all_counts(ranks, groups, CubeCounts(source, query, isovalues));
-    std::uint64_t all = 0;
-    for (const std::uint64_t count : counts) {
-        all += count;
+    const Numbers counts = all_counts(ranks, groups, CubeCounts(source, query, isovalues));
+    Numbers borders;
+    if (ranks.rank() == 0) {
+        borders = borders_of(groups, counts, static_cast<std::uint64_t>(ranks.size()));
     }
-    // A group goes where its middle lies among all cubes that were counted.
-    const auto size = static_cast<std::uint64_t>(ranks.size());
-    const auto bits = 3U * static_cast<unsigned>(groups.level);
-    CubeShare share{CubeShare::kEnd, CubeShare::kEnd};
-    std::uint64_t before = 0;
-    const auto own = static_cast<std::uint64_t>(ranks.rank());
-    for (std::size_t i = 0; i < counts.size(); ++i) {
-        const std::uint64_t rank =
-            all == 0 ? 0 : std::min((2 * before + counts[i]) * size / (2 * all), size - 1);
-        const std::uint64_t code = groups.codes[i] << bits;
-        share.begin = rank >= own ? std::min(share.begin, code) : share.begin;
-        share.end = rank > own ? std::min(share.end, code) : share.end;
-        before += counts[i];
-    }
-    share.begin = own == 0 ? 0 : share.begin;
-    return share;
+    borders = numbers_of(ranks.broadcast(text_of(borders)));
+    const auto own = static_cast<std::size_t>(ranks.rank());
+    return {borders[own], borders[own + 1]};
 }
 
 }  // namespace isonest::detail
