@@ -27,7 +27,7 @@ ROOMS = {
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
                    "synthetic": set()},
     "query": {"view": set(), "march": {"view"}, "formats": set(), "mesh": {"view", "march"},
-              "apart": {"mesh"}, "simplify": {"view", "mesh", "traverse"},
+              "apart": {"mesh"}, "simplify": {"view", "mesh", "traverse"}, "ranks": {"simplify"},
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "finite_elements": {"view", "traverse"},
               "statistics": set(), "labels": set(), "surface_nets": {"labels", "mesh"},

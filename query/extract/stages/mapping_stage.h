@@ -3,16 +3,22 @@
 #pragma once
 
 #include "query/extract/stages/stage.h"
+#include "query/simplify/mapping/block_mapping.h"
 
 namespace isonest::detail {
 
 /// REQUIRES: stages.simplifies(), of triangles.
 class MappingStage : public Stage {
   public:
-    using Stage::Stage;
+    /// `mapping`: who maps the blocks; has to stay.
+    MappingStage(const StageSetting& setting, BlockMapping& mapping)
+        : Stage(setting), mapping_(mapping) {}
     [[nodiscard]] int threads() const override;
     /// Throws Error{limit} too, as DistanceStage does.
     void run(StageMesh& mesh, ExtractReport& report) override;
+
+  private:
+    BlockMapping& mapping_;
 };
 
 }  // namespace isonest::detail
