@@ -27,8 +27,7 @@ void Extraction::prepare(std::vector<std::filesystem::path> inputs) {
         inputs.push_back(asked_.values->path());
     }
     sink_.prepare(layout_, inputs);
-    row_ = std::make_unique<StageRow>(StageSetting{volume_, asked_, options_, scratch_, progress_},
-                                      *mapping_);
+    row_ = std::make_unique<StageRow>(StageSetting{volume_, asked_, options_, scratch_, progress_});
     begin_report();
 }
 

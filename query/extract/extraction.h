@@ -16,7 +16,6 @@
 #include "query/extract/find_parts.h"
 #include "query/extract/stages/stage_row.h"
 #include "query/mesh/weld.h"
-#include "query/simplify/mapping/block_mapping.h"
 #include "store/files/scratch_file.h"
 
 namespace isonest::detail {
@@ -27,9 +26,6 @@ class Extraction {
     Extraction(StagedVolume volume, ExtractQuery asked, MeshSink& sink,
                const ExtractOptions& options, Progress& progress);
 
-    /// Before prepare(): who maps the blocks where simplification does that, in place of the
-    /// threads of this process; has to stay.
-    void map_by(BlockMapping& mapping) { mapping_ = &mapping; }
     /// Refuses what cannot be, before any work. `inputs`: files that are read.
     void prepare(std::vector<std::filesystem::path> inputs);
     /// Where the parts are to go; those beyond `memory` bytes to a temporary file.
@@ -54,8 +50,6 @@ class Extraction {
     ScratchFolder scratch_;
     MeshLayout layout_;
     ExtractReport report_;
-    LocalMapping local_;
-    BlockMapping* mapping_ = &local_;
     std::unique_ptr<StageRow> row_;
     std::optional<PartStore> parts_;
 };

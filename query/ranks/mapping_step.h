@@ -1,10 +1,11 @@
 // How ranks map the blocks of a mesh together: the messages between rank 0, which has the mesh, and
 // the others.
 //
-//     once:        each rank says what it offers                  gather
-//     each step:   each says in how many messages its results are  gather
-//                  rank 0 says what comes, or that all is done     broadcast
-//                  results to rank 0, the next blocks to the ranks exchange
+//     once:       rank 0 says that there are blocks to map         broadcast
+//                 each says what it offers                         gather
+//     each step:  each says in how many messages its results come  gather
+//                 rank 0 says what comes, or that all is done      broadcast
+//                 results to rank 0, the next blocks to the others exchange
 //
 // Between two steps all ranks map; rank 0 makes the blocks after the next ones ready meanwhile.
 #pragma once

@@ -200,25 +200,29 @@ class RankMapping::Pass {
 };
 
 RankMapping::RankMapping(Communicator& ranks, std::uint64_t memory)
-    : ranks_(ranks), heap_(ranks.size() > 1 ? waiting_heap(memory) : 0) {
-    for (const std::string& offer : ranks.gather({})) {
-        offers_.push_back(value_of_text<MappingOffer>(offer));
-    }
-}
+    : ranks_(ranks), heap_(ranks.size() > 1 ? waiting_heap(memory) : 0) {}
 
 void RankMapping::map(const BlockPass& pass, Progress& progress) {
     if (ranks_.size() == 1) {
         LocalMapping().map(pass, progress);
         return;
     }
-    std::vector<MappingOffer> offers = offers_;
-    offers.front().threads = static_cast<std::uint64_t>(tbb::this_task_arena::max_concurrency());
-    Pass(ranks_, offers, heap_, pass, progress).run();
+    if (offers_.empty()) {
+        ranks_.broadcast(std::string(kBlocksToMap));
+        for (const std::string& offer : ranks_.gather({})) {
+            offers_.push_back(value_of_text<MappingOffer>(offer));
+        }
+    }
+    offers_.front().threads = static_cast<std::uint64_t>(tbb::this_task_arena::max_concurrency());
+    Pass(ranks_, offers_, heap_, pass, progress).run();
 }
 
 void RankMapping::finish() {
-    ranks_.gather({});
-    tell_step(ranks_, {true, {}, {}});
+    if (!offers_.empty()) {
+        ranks_.gather({});
+        tell_step(ranks_, {true, {}, {}});
+        offers_.clear();
+    }
 }
 
 }  // namespace isonest::detail

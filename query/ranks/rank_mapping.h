@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <string_view>
 #include <vector>
 
 #include "query/ranks/mapping_step.h"
@@ -12,27 +13,30 @@
 
 namespace isonest::detail {
 
+/// The text that rank 0 broadcasts to make the others call serve_blocks().
+inline constexpr std::string_view kBlocksToMap = "blocks to map";
+
 /// Rank 0's side; serve_blocks() is that of all others. Not thread-safe.
 class RankMapping : public BlockMapping {
   public:
-    /// `memory`: of rank 0, of which heap() is a part. Collective. REQUIRES: `ranks` is rank 0's,
-    /// and stays.
+    /// `memory`: of rank 0, of which heap() is a part. REQUIRES: `ranks` is rank 0's, and stays.
     RankMapping(Communicator& ranks, std::uint64_t memory);
 
-    /// Collective, as finish() is. Throws Error{cancelled} if another rank has failed, too.
+    /// Collective; the first one broadcasts kBlocksToMap before. Throws Error{cancelled} if another
+    /// rank has failed, too.
     void map(const BlockPass& pass, Progress& progress) override;
+    /// Collective if anything was mapped: serve_blocks() returns.
+    void finish() override;
     /// Of blocks that are others', and of what is left of blocks until it is used. Blocks for which
     /// that is too little are mapped one after the other, by rank 0.
     [[nodiscard]] std::uint64_t heap() const override { return heap_; }
-    /// There will be no other pass: serve_blocks() returns. Called once.
-    void finish();
 
   private:
     class Pass;
 
     Communicator& ranks_;
     std::uint64_t heap_;
-    std::vector<MappingOffer> offers_;  ///< of the ranks from 1 on; rank 0's is not asked
+    std::vector<MappingOffer> offers_;  ///< of the ranks, once they serve; rank 0's is not asked
 };
 
 }  // namespace isonest::detail

@@ -17,10 +17,10 @@ struct ServedBlocks {
     double seconds = 0;           ///< in which it mapped them
 };
 
-/// Maps the blocks that rank 0's RankMapping sends until that is finished, with the threads and
-/// within the memory of `options`: a quarter is for blocks that wait. `name`: of the volume, for
-/// errors. Collective. REQUIRES: `ranks` is not rank 0's. Throws Error{cancelled} if another rank
-/// has failed, Error{limit} if the memory holds no block.
+/// After rank 0 has broadcast kBlocksToMap: maps the blocks that its RankMapping sends until that
+/// is finished, with the threads and within the memory of `options`: a quarter is for blocks that
+/// wait. `name`: of the volume, for errors. Collective. REQUIRES: `ranks` is not rank 0's. Throws
+/// Error{cancelled} if another rank has failed, Error{limit} if the memory holds no block.
 ServedBlocks serve_blocks(Communicator& ranks, const std::string& name,
                           const ExtractOptions& options, const Progress& progress);
 

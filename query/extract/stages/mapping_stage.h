@@ -3,22 +3,16 @@
 #pragma once
 
 #include "query/extract/stages/stage.h"
-#include "query/simplify/mapping/block_mapping.h"
 
 namespace isonest::detail {
 
 /// REQUIRES: stages.simplifies(), of triangles.
 class MappingStage : public Stage {
   public:
-    /// `mapping`: who maps the blocks; has to stay.
-    MappingStage(const StageSetting& setting, BlockMapping& mapping)
-        : Stage(setting), mapping_(mapping) {}
+    using Stage::Stage;
     [[nodiscard]] int threads() const override;
     /// Throws Error{limit} too, as DistanceStage does.
     void run(StageMesh& mesh, ExtractReport& report) override;
-
-  private:
-    BlockMapping& mapping_;
 };
 
 }  // namespace isonest::detail

@@ -15,19 +15,19 @@ namespace isonest::detail {
 namespace {
 
 /// REQUIRES: stages.simplifies().
-std::unique_ptr<Stage> simplification(const StageSetting& setting, BlockMapping& mapping) {
+std::unique_ptr<Stage> simplification(const StageSetting& setting) {
     if (setting.query.corners() == 2) {
         return std::make_unique<LineStage>(setting);
     }
     if (setting.query.stages.distance->effort == Effort::fast) {
-        return std::make_unique<MappingStage>(setting, mapping);
+        return std::make_unique<MappingStage>(setting);
     }
     return std::make_unique<DistanceStage>(setting);
 }
 
 }  // namespace
 
-StageRow::StageRow(const StageSetting& setting, BlockMapping& mapping)
+StageRow::StageRow(const StageSetting& setting)
     : threads_(Workers::count_of(setting.options.threads)) {
     const StageChoice& asked = setting.query.stages;
     if (setting.query.corners() == 3) {
@@ -40,7 +40,7 @@ StageRow::StageRow(const StageSetting& setting, BlockMapping& mapping)
         stages_.push_back(std::make_unique<ComponentStage>(setting));
     }
     if (asked.simplifies()) {
-        stages_.push_back(simplification(setting, mapping));
+        stages_.push_back(simplification(setting));
     }
     if (asked.error) {
         stages_.push_back(std::make_unique<ErrorStage>(setting));

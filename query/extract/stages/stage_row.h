@@ -5,15 +5,13 @@
 #include <vector>
 
 #include "query/extract/stages/stage.h"
-#include "query/simplify/mapping/block_mapping.h"
 
 namespace isonest::detail {
 
 class StageRow {
   public:
-    /// `mapping`: who maps the blocks of a mesh where simplification does that; has to stay. Throws
-    /// Error{limit} if there is too little memory for one of the stages.
-    StageRow(const StageSetting& setting, BlockMapping& mapping);
+    /// Throws Error{limit} if there is too little memory for one of the stages.
+    explicit StageRow(const StageSetting& setting);
 
     /// For how many threads all stages have memory.
     [[nodiscard]] int threads() const { return threads_; }

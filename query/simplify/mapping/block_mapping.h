@@ -43,6 +43,8 @@ class BlockMapping {
     /// Works in the arena of its caller. `progress` is told of the triangles of each block. Throws
     /// Error{cancelled}, and what the functions of the pass throw.
     virtual void map(const BlockPass& pass, Progress& progress) = 0;
+    /// No pass follows soon: whoever helps may do something else.
+    virtual void finish() {}
     /// Heap that it takes beside map_heap() for each thread.
     [[nodiscard]] virtual std::uint64_t heap() const { return 0; }
 };
