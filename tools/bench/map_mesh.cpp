@@ -9,7 +9,7 @@
 // distance, seconds of the processor and of the clock for the simplification alone, the smallest
 // of R rounds (by default 1). With --carried, one thread does what rank 0 and the others do for
 // each block that another rank maps (query/ranks/rank_mapping.h), but for the messages; what takes
-// how long, in seconds of the clock, and the bytes there and back are printed, too, of the last
+// how long, in seconds of the processor, and the bytes there and back are printed, too, of the last
 // round.
 #include "query/simplify/mapping/map_mesh.h"
 
@@ -80,15 +80,19 @@ class CarriedMapping : public BlockMapping {
     }
 
   private:
-    using Clock = std::chrono::steady_clock;
-    void mark() { last_ = Clock::now(); }
+    static double now() {
+        timespec t{};
+        ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+        return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+    }
+    void mark() { last_ = now(); }
     void add(Step step) {
-        const Clock::time_point now = Clock::now();
-        seconds_[step] += std::chrono::duration<double>(now - last_).count();
-        last_ = now;
+        const double end = now();
+        seconds_[step] += end - last_;
+        last_ = end;
     }
 
-    Clock::time_point last_;
+    double last_ = 0;
     std::array<double, kSteps> seconds_{};
     std::int64_t blocks_ = 0;  ///< of all passes
     std::uint64_t bytes_there_ = 0;
