@@ -32,8 +32,9 @@ constexpr std::uint64_t kHeldPerBlock = std::uint64_t{3} * 4096 * 8;
 /// of the batch before.
 constexpr std::uint64_t kServedBytes = kMostPackedPatch + kMostPackedResult;
 constexpr std::uint64_t kServedPerBlock = std::uint64_t{4096} * 8;
-/// What loading, packing and using a block of others costs rank 0, in parts of mapping it.
-constexpr double kCarrying = 0.15;
+/// What loading, packing and using a block of others costs rank 0, in parts of mapping it: measured
+/// by isonest_map_mesh (query/DISTANCE.md).
+constexpr double kCarrying = 0.065;
 
 /// A block from its loading until it is used.
 struct Carried {
