@@ -31,9 +31,10 @@ ROOMS = {
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "finite_elements": {"view", "traverse"},
               "statistics": set(), "labels": set(), "surface_nets": {"labels", "mesh"},
+              "ranks": {"view", "march", "mesh", "traverse"},
               "slabs": {"view", "march", "mesh", "apart"},
               "distance": {"view", "march", "simplify", "traverse"},
-              "extract": {"view", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs",
+              "extract": {"view", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs", "ranks",
                           "labels", "surface_nets"}},
 }
 # Rooms within a room, each with those that it may include beside itself; every folder there is one of them.

@@ -19,9 +19,22 @@ def require(isonest):
         sys.exit(SKIPPED)
 
 
+def _command(count, program, arguments):
+    launcher = ["mpirun", "--oversubscribe", "-n", str(count)] if count > 1 else []
+    return [*launcher, str(program), *map(str, arguments)]
+
+
+def _environment():
+    return {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+
+
 def launched(count, program, *arguments, timeout=300, **settings):
     """The finished process of the launcher; one rank is started without it."""
-    launcher = ["mpirun", "--oversubscribe", "-n", str(count)] if count > 1 else []
-    environment = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
-    return subprocess.run([*launcher, str(program), *map(str, arguments)], capture_output=True, timeout=timeout,
-                          env=environment, check=False, **settings)
+    return subprocess.run(_command(count, program, arguments), capture_output=True, timeout=timeout,
+                          env=_environment(), check=False, **settings)
+
+
+def started(count, program, *arguments):
+    """The launcher's process, which says nothing."""
+    return subprocess.Popen(_command(count, program, arguments), env=_environment(), stdout=subprocess.DEVNULL,
+                            stderr=subprocess.DEVNULL)
