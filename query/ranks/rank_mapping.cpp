@@ -8,6 +8,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstddef>
 #include <deque>
 #include <span>
@@ -16,6 +17,7 @@
 
 #include "query/ranks/block_messages.h"
 #include "query/ranks/packed_patch.h"
+#include "store/ranks/communicator.h"
 
 namespace isonest::detail {
 namespace {
@@ -50,9 +52,14 @@ using Batch = std::vector<Carried>;
 
 class RankMapping::Pass {
   public:
-    Pass(Communicator& ranks, const std::vector<MappingOffer>& offers, std::uint64_t heap,
+    Pass(RankTeam& team, const std::vector<MappingOffer>& offers, std::uint64_t heap,
          const BlockPass& pass, Progress& progress)
-        : ranks_(ranks), offers_(offers), heap_(heap), pass_(pass), progress_(progress) {
+        : ranks_(team.ranks),
+          work_(team.work),
+          offers_(offers),
+          heap_(heap),
+          pass_(pass),
+          progress_(progress) {
         std::uint64_t threads = 0;
         for (const MappingOffer& offer : offers_) {
             threads += offer.threads;
@@ -71,11 +78,19 @@ class RankMapping::Pass {
         while (!next.empty() || !mapped.empty()) {
             step(next, mapped);
             const Batch left = std::exchange(mapped, std::exchange(next, plan()));
+            const auto start = Clock::now();
             tbb::parallel_invoke([&] { use(left); }, [&] { work(mapped, next); });
+            work_.mapping_seconds += std::chrono::duration<double>(Clock::now() - start).count();
+            for (const Carried& c : mapped) {
+                work_.mapped_blocks += c.rank == 0 ? 1 : 0;
+                work_.mapped_triangles += c.rank == 0 ? c.triangles : 0;
+            }
         }
     }
 
   private:
+    using Clock = std::chrono::steady_clock;
+
     /// The next blocks, each for the rank that would be done with it first.
     Batch plan() {
         Batch batch;
@@ -192,6 +207,7 @@ class RankMapping::Pass {
     }
 
     Communicator& ranks_;
+    RankWork& work_;
     const std::vector<MappingOffer>& offers_;
     std::uint64_t heap_;
     const BlockPass& pass_;
@@ -200,30 +216,38 @@ class RankMapping::Pass {
     std::int64_t planned_ = 0;  ///< blocks until now
 };
 
-RankMapping::RankMapping(Communicator& ranks, std::uint64_t memory)
-    : ranks_(ranks), heap_(ranks.size() > 1 ? waiting_heap(memory) : 0) {}
+RankMapping::RankMapping(RankTeam& team, std::uint64_t memory)
+    : team_(team), heap_(team.ranks.size() > 1 ? waiting_heap(memory) : 0) {}
 
 void RankMapping::map(const BlockPass& pass, Progress& progress) {
-    if (ranks_.size() == 1) {
+    if (team_.ranks.size() == 1) {
         LocalMapping().map(pass, progress);
         return;
     }
     if (offers_.empty()) {
-        ranks_.broadcast(std::string(kBlocksToMap));
-        for (const std::string& offer : ranks_.gather({})) {
+        ++team_.work.mappings;
+        team_.ranks.broadcast(std::string(kBlocksToMap));
+        for (const std::string& offer : team_.ranks.gather({})) {
             offers_.push_back(value_of_text<MappingOffer>(offer));
         }
     }
     offers_.front().threads = static_cast<std::uint64_t>(tbb::this_task_arena::max_concurrency());
-    Pass(ranks_, offers_, heap_, pass, progress).run();
+    Pass(team_, offers_, heap_, pass, progress).run();
 }
 
 void RankMapping::finish() {
     if (!offers_.empty()) {
-        ranks_.gather({});
-        tell_step(ranks_, {true, {}, {}});
+        team_.ranks.gather({});
+        tell_step(team_.ranks, {true, {}, {}});
         offers_.clear();
     }
+}
+
+std::unique_ptr<BlockMapping> mapping_by(RankTeam* team, std::uint64_t memory) {
+    if (team == nullptr) {
+        return std::make_unique<LocalMapping>();
+    }
+    return std::make_unique<RankMapping>(*team, memory);
 }
 
 }  // namespace isonest::detail

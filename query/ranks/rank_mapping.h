@@ -4,12 +4,13 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string_view>
 #include <vector>
 
 #include "query/ranks/mapping_step.h"
+#include "query/ranks/rank_team.h"
 #include "query/simplify/mapping/block_mapping.h"
-#include "store/ranks/communicator.h"
 
 namespace isonest::detail {
 
@@ -19,8 +20,8 @@ inline constexpr std::string_view kBlocksToMap = "blocks to map";
 /// Rank 0's side; serve_blocks() is that of all others. Not thread-safe.
 class RankMapping : public BlockMapping {
   public:
-    /// `memory`: of rank 0, of which heap() is a part. REQUIRES: `ranks` is rank 0's, and stays.
-    RankMapping(Communicator& ranks, std::uint64_t memory);
+    /// `memory`: of rank 0, of which heap() is a part. REQUIRES: `team` is rank 0's, and stays.
+    RankMapping(RankTeam& team, std::uint64_t memory);
 
     /// Collective; the first one broadcasts kBlocksToMap before. Throws Error{cancelled} if another
     /// rank has failed, too.
@@ -34,9 +35,13 @@ class RankMapping : public BlockMapping {
   private:
     class Pass;
 
-    Communicator& ranks_;
+    RankTeam& team_;
     std::uint64_t heap_;
     std::vector<MappingOffer> offers_;  ///< of the ranks, once they serve; rank 0's is not asked
 };
+
+/// Who maps the blocks of an extraction that has so much memory: all ranks of `team`, or, without
+/// one, the threads of this process.
+std::unique_ptr<BlockMapping> mapping_by(RankTeam* team, std::uint64_t memory);
 
 }  // namespace isonest::detail

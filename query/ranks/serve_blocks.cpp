@@ -16,6 +16,7 @@
 #include "query/ranks/packed_patch.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
+#include "store/ranks/communicator.h"
 
 namespace isonest::detail {
 namespace {
@@ -31,18 +32,19 @@ MappingOffer offer_of(const std::string& name, const ExtractOptions& options) {
 
 }  // namespace
 
-ServedBlocks serve_blocks(Communicator& ranks, const std::string& name,
-                          const ExtractOptions& options, const Progress& progress) {
+void serve_blocks(RankTeam& team, const std::string& name, const ExtractOptions& options,
+                  const Progress& progress) {
     using Clock = std::chrono::steady_clock;
+    Communicator& ranks = team.ranks;
     const MappingOffer offer = offer_of(name, options);
     ranks.gather(text_of_value(offer));
     Workers workers(static_cast<int>(offer.threads));
-    ServedBlocks served;
+    ++team.work.mappings;
     for (BlockSender results;;) {
         ranks.gather(text_of_value(results.messages(0)));
         const MappingStep step = hear_step(ranks);
         if (step.is_end) {
-            return served;
+            return;
         }
         std::vector<std::vector<std::byte>> blocks;
         BlockReceiver receiver;
@@ -69,10 +71,10 @@ ServedBlocks serve_blocks(Communicator& ranks, const std::string& name,
                 },
                 tbb::simple_partitioner());
         });
-        served.seconds += std::chrono::duration<double>(Clock::now() - start).count();
+        team.work.mapping_seconds += std::chrono::duration<double>(Clock::now() - start).count();
         for (std::size_t i = 0; i < blocks.size(); ++i) {
-            ++served.blocks;
-            served.triangles += triangles[i];
+            ++team.work.mapped_blocks;
+            team.work.mapped_triangles += triangles[i];
             results.add(0, std::move(blocks[i]));
         }
     }

@@ -160,10 +160,11 @@ ExtractOptions options_of(int threads, std::uint64_t memory = std::uint64_t{1} <
     return options;
 }
 
-std::uint64_t triangles_of(const std::vector<ServedBlocks>& served) {
+/// That ranks other than 0 have mapped.
+std::uint64_t triangles_of(const std::vector<RankWork>& done) {
     return std::accumulate(
-        served.begin(), served.end(), std::uint64_t{0},
-        [](std::uint64_t sum, const ServedBlocks& s) { return sum + s.triangles; });
+        done.begin() + 1, done.end(), std::uint64_t{0},
+        [](std::uint64_t sum, const RankWork& w) { return sum + w.mapped_triangles; });
 }
 
 }  // namespace
@@ -288,20 +289,20 @@ TEST_CASE("A mesh that ranks map is the one that a process maps alone") {
                                                     {3, 2, little},
                                                     {2, 1, least}}) {
             MappedSurface shared;
-            const auto served = map_on_ranks(
+            const auto done = map_on_ranks(
                 size, options_of(threads, memory),
                 [&](BlockMapping& mapping) { shared = surface.mapped_by(mapping, threads); });
             REQUIRE(shared == alone);
             // All work, if there is room for what they get.
-            const std::uint64_t others = triangles_of(served);
+            const std::uint64_t others = triangles_of(done);
             if (size == 1 || memory == least) {
                 REQUIRE(others == 0);
             } else if (memory == little) {
                 REQUIRE(others > 0);
             } else {
                 REQUIRE(others > patch.triangles.size() / 2);
-                REQUIRE(std::all_of(served.begin() + 1, served.end(),
-                                    [](const ServedBlocks& s) { return s.blocks > 0; }));
+                REQUIRE(std::all_of(done.begin(), done.end(),
+                                    [](const RankWork& w) { return w.mapped_blocks > 0; }));
             }
         }
     }
@@ -353,10 +354,11 @@ TEST_CASE("A rank that fails while blocks are mapped ends all") {
         for (const int after : {0, 3}) {
             std::atomic<int> ended = 0;
             const auto work = [&](Communicator& ranks) {
+                RankTeam team{ranks};
                 Stop stop(ranks.rank() == failing ? after : 1000000);
                 try {
                     if (ranks.rank() == 0) {
-                        RankMapping mapping(ranks, std::uint64_t{1} << 30U);
+                        RankMapping mapping(team, std::uint64_t{1} << 30U);
                         Workers(1).execute([&] {
                             MeshMapper mapper(mesh, lattice, {}, scratch, stop);
                             mapper.map_by(mapping);
@@ -364,7 +366,7 @@ TEST_CASE("A rank that fails while blocks are mapped ends all") {
                         });
                         mapping.finish();
                     } else if (ranks.broadcast({}) == kBlocksToMap) {
-                        serve_blocks(ranks, "a mesh", options_of(1), stop);
+                        serve_blocks(team, "a mesh", options_of(1), stop);
                     }
                 } catch (const Error& e) {
                     ended += e.kind() == ErrorKind::cancelled ? 1 : 0;
@@ -381,7 +383,8 @@ TEST_CASE("A rank whose memory holds no block says how much would") {
     ThreadRanks ranks(2);
     const auto work = [&](Communicator& rank) {
         if (rank.rank() == 1) {
-            serve_blocks(rank, "a mesh", options_of(1, kLibraryHeap), silent_progress());
+            RankTeam team{rank};
+            serve_blocks(team, "a mesh", options_of(1, kLibraryHeap), silent_progress());
         } else {
             rank.gather({});
         }

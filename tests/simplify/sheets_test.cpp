@@ -380,7 +380,7 @@ TEST_CASE("Sheets that ranks map are those that a process maps alone") {
         const SimplifiedSheets alone = simplified(full, cube, 0.5, keeps, 1);
         for (const int size : {2, 3, 7}) {
             SimplifiedSheets shared;
-            const std::vector<ServedBlocks> served =
+            const std::vector<RankWork> done =
                 isonest::test::map_on_ranks(size, {}, [&](BlockMapping& mapping) {
                     shared = simplified(full, cube, 0.5, keeps, 1, mapping);
                 });
@@ -388,7 +388,7 @@ TEST_CASE("Sheets that ranks map are those that a process maps alone") {
             REQUIRE(shared.all.corners == alone.all.corners);
             REQUIRE(shared.all.sides == alone.all.sides);
             REQUIRE(shared.bound == alone.bound);
-            REQUIRE(served.back().triangles > 0);
+            REQUIRE(done.back().mapped_triangles > 0);
         }
     }
 }

@@ -12,23 +12,24 @@ namespace isonest::test {
 
 /// work(mapping) on rank 0, while the others serve. What each rank did for it.
 template <class Work>
-std::vector<detail::ServedBlocks> map_on_ranks(int size, const ExtractOptions& options,
-                                               const Work& work) {
-    std::vector<detail::ServedBlocks> served(static_cast<std::size_t>(size));
+std::vector<detail::RankWork> map_on_ranks(int size, const ExtractOptions& options,
+                                           const Work& work) {
+    std::vector<detail::RankWork> done(static_cast<std::size_t>(size));
     ThreadRanks(size).run([&](detail::Communicator& ranks) {
+        detail::RankTeam team{ranks};
         if (ranks.rank() == 0) {
-            detail::RankMapping mapping(ranks, options.memory);
+            detail::RankMapping mapping(team, options.memory);
             work(mapping);
             mapping.finish();
             ranks.broadcast({});
         } else {
             while (ranks.broadcast({}) == detail::kBlocksToMap) {
-                served[static_cast<std::size_t>(ranks.rank())] =
-                    detail::serve_blocks(ranks, "a mesh", options, silent_progress());
+                detail::serve_blocks(team, "a mesh", options, silent_progress());
             }
         }
+        done[static_cast<std::size_t>(ranks.rank())] = team.work;
     });
-    return served;
+    return done;
 }
 
 }  // namespace isonest::test
