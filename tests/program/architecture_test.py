@@ -25,6 +25,7 @@ ROOMS = {
               "container": {"base", "files", "lattice", "hdf5"},
               "exports": {"base", "files", "hdf5", "container"}},
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
+                   "ranks": {"levels", "sources", "indicators"},
                    "synthetic": set()},
     "query": {"view": set(), "march": {"view"}, "formats": set(), "mesh": {"view", "march"},
               "apart": {"mesh"}, "simplify": {"view", "mesh", "traverse"},
