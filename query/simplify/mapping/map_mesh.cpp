@@ -1,14 +1,11 @@
 #include "query/simplify/mapping/map_mesh.h"
 
-#include <oneapi/tbb/task_arena.h>
-
 #include <algorithm>
 #include <cmath>
 
 #include "query/simplify/block_items.h"
 #include "query/simplify/block_patch.h"
 #include "query/simplify/packed_triangle.h"
-#include "store/base/in_order.h"
 
 namespace isonest::detail {
 namespace {
@@ -88,6 +85,13 @@ struct MeshMapper::Run {
     [[nodiscard]] std::uint64_t count() const {
         return triangles.empty() ? mesh.count() : triangles.size();
     }
+    [[nodiscard]] std::uint64_t count_in(std::uint32_t block) const {
+        std::uint64_t count = mesh.count_in(block);
+        for (const BlockRun& run : full.of(block)) {
+            count += run.count;
+        }
+        return count;
+    }
     template <class Visit>
     void each(const Visit& visit) const {
         for (const ElementCorners t : triangles) {
@@ -111,7 +115,12 @@ struct MeshMapper::Run {
 
 MeshMapper::MeshMapper(const ScratchMesh& mesh, const WorldLattice& lattice, const PatchBox& box,
                        ScratchFolder folder, Progress& progress)
-    : mesh_(mesh), lattice_(lattice), box_(box), folder_(std::move(folder)), progress_(progress) {}
+    : mesh_(mesh),
+      lattice_(lattice),
+      box_(box),
+      folder_(std::move(folder)),
+      progress_(progress),
+      mapping_(&local_) {}
 
 MeshMapper::~MeshMapper() = default;
 
@@ -154,11 +163,7 @@ void MeshMapper::sort(Run& run) const {
 
 MappedBlock MeshMapper::load(const Run& run, const Valences& valences, std::uint32_t block,
                              bool afresh) const {
-    std::uint64_t count = run.mesh.count_in(block);
-    for (const BlockRun& full : run.full.of(block)) {
-        count += full.count;
-    }
-    PatchMaker maker(mesh_, box_, count);
+    PatchMaker maker(mesh_, box_, run.count_in(block));
     for (const BlockRun& full : run.full.of(block)) {
         for (const ElementCorners t : run.triangles.subspan(full.first, full.count)) {
             maker.add(t, {}, false);
@@ -187,25 +192,23 @@ std::shared_ptr<MeshMapper::Run> MeshMapper::pass(Run& from, const CollapseLimit
     Valences valences(mesh_.layout().vertices, folder_);
     from.each([&](const ElementCorners& t) { valences.count(t); });
     progress_.begin("simplify", from.count(), "triangles");
-    in_order(
-        from.blocks, tbb::this_task_arena::max_concurrency() + 1,
-        [&](std::int64_t i) {
-            progress_.check();
-            MappedBlock block = load(from, valences, static_cast<std::uint32_t>(i), afresh);
-            const std::size_t count = block.patch.triangles.size();
-            block.gone_at = map_patch(block.patch, limits);
-            progress_.advance(count);
-            return block;
-        },
-        [&](std::int64_t i, const MappedBlock& block) {
-            append(*next, block);
-            if (gone != nullptr) {
-                add_gone(*gone, block.gone_at);
-            }
-            if (is_last) {
-                from.consume(static_cast<std::uint32_t>(i));
-            }
-        });
+    BlockPass blocks;
+    blocks.blocks = from.blocks;
+    blocks.limits = limits;
+    blocks.triangles = [&](std::int64_t i) { return from.count_in(static_cast<std::uint32_t>(i)); };
+    blocks.load = [&](std::int64_t i) {
+        return load(from, valences, static_cast<std::uint32_t>(i), afresh);
+    };
+    blocks.use = [&](std::int64_t i, const MappedBlock& block) {
+        append(*next, block);
+        if (gone != nullptr) {
+            add_gone(*gone, block.gone_at);
+        }
+        if (is_last) {
+            from.consume(static_cast<std::uint32_t>(i));
+        }
+    };
+    mapping_->map(blocks, progress_);
     next->mesh.seal();
     return next;
 }
