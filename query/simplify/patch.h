@@ -46,6 +46,8 @@ struct CollapseLimits {
 
 inline constexpr std::uint32_t kNoServer = std::numeric_limits<std::uint32_t>::max();
 inline constexpr std::uint32_t kSomeServers = kNoServer - 1;
+/// A mark of the number of one that is near, but not alone.
+inline constexpr std::uint32_t kWithOthers = std::uint32_t{1} << 31U;
 
 /// `furthest`: of which the quadrics may estimate, in distances.
 inline CollapseLimits limits_of(double distance, double furthest) {
@@ -81,6 +83,7 @@ struct Patch {
     /// kSomeServers: several are, which are not known. kNoServer: it may be as far as it likes, and
     /// is there for others to be near to.
     std::vector<std::uint32_t> servers;
+    bool first_pass = false;
 
     [[nodiscard]] Double3 point(std::uint32_t v) const { return point_at(positions[v]); }
     [[nodiscard]] Triangle at(const PatchTriangle& t) const { return triangle_at(positions, t); }

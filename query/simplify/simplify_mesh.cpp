@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
 #include <numeric>
 #include <optional>
@@ -22,7 +23,7 @@ namespace {
 
 /// Full triangles in a block.
 constexpr std::uint32_t kMostFineInBlock = 1U << 15U;
-constexpr int kPassesWithin = 3;
+const int kPassesWithin = std::getenv("ISO_P") ? atoi(std::getenv("ISO_P")) : 3;
 
 // Marks of triangles of the mesh.
 constexpr std::uint16_t kForever = 1;  ///< it has to stay
@@ -214,7 +215,7 @@ void MeshSimplifier::Run::add(const Outcome& outcome) {
     }
     triangles += outcome.mesh.size();
     for (const Attached& t : outcome.attached) {
-        full.append({t.place, t.is_only ? place[t.server] : kSomeServers},
+        full.append({t.place, place[t.server] | (t.is_only ? 0U : kWithOthers)},
                     outcome.mesh[t.server].block);
     }
 }
@@ -318,6 +319,7 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
         }
     }
     if (run.is_full) {
+        patch.first_pass = true;
         patch.triangles = patch.fine;
         patch.stay.resize(patch.fine.size());
         patch.tried.resize(patch.fine.size());

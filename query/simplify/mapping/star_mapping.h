@@ -47,10 +47,7 @@ class StarMapping {
         return after_[j].bound();
     }
     /// New triangle j is no further than this from the full surface: measured, not mapped.
-    void set_measured(std::size_t j, double distance) {
-        after_[j] = {};
-        after_[j].radius = float_above(distance);
-    }
+    void set_measured(std::size_t j, const Displacement& measured) { after_[j] = measured; }
     /// The new displacements are those of the triangles in whose places the new ones are.
     void take(const StarCollapse& collapse) {
         for (std::size_t j = 1; j + 1 < collapse.star().corners; ++j) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
 
 #include "query/simplify/proof/halves.h"
@@ -128,6 +129,61 @@ bool ServerLists::fits_cut(const Triangle& t, int depth) {
     return fits_cut(parts[0], depth + 1) && fits_cut(parts[1], depth + 1);
 }
 
+/// Into servers_: it, and those that have a corner in common with it.
+void ServerLists::gather_around(std::uint32_t hint, const CornerMesh& mesh) {
+    servers_.clear();
+    const auto take = [&](std::uint32_t triangle) {
+        if (std::none_of(servers_.begin(), servers_.end(),
+                         [&](const Server& s) { return s.triangle == triangle; })) {
+            servers_.push_back(
+                {triangle, PreparedTriangle(triangle_at(positions_, mesh.corners(triangle)))});
+        }
+    };
+    take(hint);
+    for (const std::uint32_t v : mesh.corners(hint)) {
+        const std::uint32_t first = mesh.first(v);
+        std::uint32_t h = first;
+        do {
+            take(h / 3);
+            h = mesh.turned(h);
+        } while (h != CornerMesh::kNone && h != first);
+    }
+}
+
+bool ServerLists::find(std::uint32_t fine, std::uint32_t hint, const CornerMesh& mesh) {
+    const Triangle t = patch_.at(patch_.fine[fine]);
+    const Triangle by = triangle_at(positions_, mesh.corners(hint));
+    double most = 0;
+    for (std::size_t i = 0; i < 3 && most <= square_limit_; ++i) {
+        most = std::max(most, square_distance(t[i], by));
+    }
+    if (most <= square_limit_) {
+        largest_ = std::max(largest_, std::sqrt(most));
+        set(fine, std::span(&hint, 1));
+        return true;
+    }
+    gather_around(hint, mesh);
+    found_.clear();
+    worst_ = 0;
+    for (const Server& server : servers_) {
+        most = 0;
+        for (std::size_t i = 0; i < 3 && most <= square_limit_; ++i) {
+            most = std::max(most, server.shape.square_distance_within(t[i], limit_));
+        }
+        if (most <= square_limit_) {
+            worst_ = most;
+            found_.push_back(server.triangle);
+            break;
+        }
+    }
+    if (found_.empty() && !fits_cut(t, 0)) {
+        return false;
+    }
+    largest_ = std::max(largest_, std::sqrt(worst_));
+    set(fine, found_);
+    return true;
+}
+
 bool ServerLists::fits_one(std::uint32_t fine, const CornerMesh& mesh) {
     const PatchTriangle& t = patch_.fine[fine];
     found_.clear();
@@ -200,6 +256,90 @@ std::optional<double> ServerLists::served_back(const Server& server) const {
         }
     }
     return std::nullopt;
+}
+
+void ServerLists::gather_back() {
+    if (back_in_ == question_) {
+        return;
+    }
+    back_in_ = question_;
+    back_.clear();
+    for (const Plan& plan : plans_) {
+        Back back{patch_.at(patch_.fine[plan.fine]), {}, 0};
+        back.centre = centroid(back.corners);
+        for (const Double3& corner : back.corners) {
+            back.radius = std::max(back.radius, square(minus(corner, back.centre)));
+        }
+        back.radius = std::sqrt(back.radius);
+        back_.push_back(back);
+    }
+}
+
+bool ServerLists::cover_back(const Triangle& t, int depth) {
+    static const int most_cuts = std::getenv("ISO_BACKCUTS") ? atoi(std::getenv("ISO_BACKCUTS")) : 8;
+    static const double cut = std::getenv("ISO_BACKCUT") ? atof(std::getenv("ISO_BACKCUT")) : 1.5;
+    const Double3 centre = centroid(t);
+    double radius = 0;
+    for (const Double3& corner : t) {
+        radius = std::max(radius, square(minus(corner, centre)));
+    }
+    radius = std::sqrt(radius);
+    if (radius <= cut * limit_) {
+        bool any = false;
+        for (std::size_t k = 0; k < back_order_.size(); ++k) {
+            const Back& back = back_[back_order_[k]];
+            const double reach = limit_ + back.radius;
+            if (square(minus(centre, back.centre)) > reach * reach) {
+                continue;
+            }
+            const double off = square_distance(centre, back.corners);
+            if (off > square_limit_) {
+                continue;
+            }
+            any = true;
+            double most = std::sqrt(off) + radius;
+            if (most > limit_) {
+                most = 0;
+                for (std::size_t i = 0; i < 3 && most <= square_limit_; ++i) {
+                    most = std::max(most, square_distance(t[i], back.corners));
+                }
+                if (most > square_limit_) {
+                    continue;
+                }
+                most = std::sqrt(most);
+            }
+            back_most_ = std::max(back_most_, most);
+            if (k > 0) {
+                std::swap(back_order_[k], back_order_[k / 2]);
+            }
+            return true;
+        }
+        if (!any) {
+            return false;
+        }
+    }
+    if (depth == most_cuts) {
+        return false;
+    }
+    const auto parts = halves(t);
+    return cover_back(parts[0], depth + 1) && cover_back(parts[1], depth + 1);
+}
+
+std::optional<double> ServerLists::covered_back(const Server& server) {
+    gather_back();
+    back_order_.clear();
+    for (std::uint32_t i = 0; i < plans_.size(); ++i) {
+        if (planned_[plans_[i].first] == server.triangle) {
+            back_order_.push_back(i);
+        }
+    }
+    for (std::uint32_t i = 0; i < plans_.size(); ++i) {
+        if (planned_[plans_[i].first] != server.triangle) {
+            back_order_.push_back(i);
+        }
+    }
+    back_most_ = 0;
+    return cover_back(server.shape.corners(), 0) ? std::optional(back_most_) : std::nullopt;
 }
 
 void ServerLists::take() {

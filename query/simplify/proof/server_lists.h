@@ -32,6 +32,9 @@ class ServerLists {
 
     /// The fine triangle is near to these, of the patch. Once for each.
     void set(std::uint32_t fine, std::span<const std::uint32_t> servers);
+    /// The same with those that are found among `hint` and the triangles around it. False: these
+    /// alone are not near enough.
+    bool find(std::uint32_t fine, std::uint32_t hint, const CornerMesh& mesh);
     /// None: it may be as far as it likes.
     [[nodiscard]] std::span<const std::uint32_t> servers_of(std::uint32_t fine) const;
 
@@ -45,6 +48,8 @@ class ServerLists {
     /// After fits() was true: how far this one is at most from one of the first few fine triangles
     /// that it then serves. Nothing: further than the limit from each of them.
     [[nodiscard]] std::optional<double> served_back(const Server& server) const;
+    std::optional<double> covered_back(const Server& server);
+    [[nodiscard]] std::size_t planned() const { return plans_.size(); }
     /// They were replaced. REQUIRES: fits() was true, and asked last.
     void take();
 
@@ -52,6 +57,13 @@ class ServerLists {
     [[nodiscard]] double largest() const { return largest_; }
 
   private:
+    struct Back {
+        Triangle corners;
+        Double3 centre;
+        double radius;
+    };
+    bool cover_back(const Triangle& t, int depth);
+    void gather_back();
     struct Plan {
         std::uint32_t fine;
         std::uint32_t first;  ///< in planned_
@@ -65,6 +77,7 @@ class ServerLists {
     };
     void gather(std::span<const std::uint32_t> before);
     void gather(std::uint32_t server, std::uint32_t place);
+    void gather_around(std::uint32_t hint, const CornerMesh& mesh);
     bool fits_one(std::uint32_t fine, const CornerMesh& mesh);
     bool fits_cut(const Triangle& t, int depth);
     double square_to(std::uint32_t vertex, std::size_t server);
@@ -93,6 +106,10 @@ class ServerLists {
     std::vector<std::uint32_t> row_;          ///< of each vertex, in squares_
     std::vector<double> squares_;             ///< of distances from the changed ones; < 0: unknown
     std::vector<Plan> plans_;
+    std::vector<Back> back_;
+    std::vector<std::uint32_t> back_order_;
+    std::uint32_t back_in_ = 0;
+    double back_most_ = 0;
     std::vector<std::uint32_t> planned_;
     std::vector<std::uint32_t> found_;
     double worst_ = 0;  ///< square

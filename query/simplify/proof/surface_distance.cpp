@@ -17,7 +17,8 @@ constexpr std::size_t kRecent = 8;
 constexpr double kMuchLarger = 8;
 /// A piece is cut until its radius is this share of the limit; then something is near its centre
 /// more often than not.
-constexpr double kNearEnough = 0.9;
+const double kNearEnough = std::getenv("ISO_NEAR") ? atof(std::getenv("ISO_NEAR")) : 0.9;
+const double kCut = std::getenv("ISO_CUT") ? atof(std::getenv("ISO_CUT")) : 1;
 
 /// Cut along the edge of `by` that `t` reaches beyond furthest, if that is more than `least`.
 /// The union of the parts is `t`.
@@ -179,10 +180,26 @@ bool SurfaceDistance::cover(const Triangle& t, int depth) {
                                [&](const Triangle& part) { return cover(part, depth + 1); });
         }
     }
-    if (radius > std::max(limit_, size_) && !is_last) {
+    if (radius > std::max(kCut * limit_, size_) && !is_last) {
         return cut();
     }
     const bool is_small = radius < limit_ * kNearEnough;
+    static const int serve = std::getenv("ISO_SERVE") ? atoi(std::getenv("ISO_SERVE")) : 0;
+    if (serve) {
+        for (std::size_t i = 0; i < recent_.size(); ++i) {
+            const double d = square_distance(centre, surface_.triangle(recent_[i]));
+            if (d > square_limit_) {
+                continue;
+            }
+            if (std::sqrt(d) + radius <= limit_) {
+                largest_ = std::max(largest_, std::sqrt(d) + radius);
+            } else if (!served_by(t, recent_[i])) {
+                continue;
+            }
+            remember(recent_[i], i);
+            return true;
+        }
+    } else
     if (is_small && is_near_recent(centre, radius)) {
         return true;
     }

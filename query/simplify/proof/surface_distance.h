@@ -8,6 +8,7 @@
 // calculation between meshes", Journal of WSCG 13 (2005).
 #pragma once
 
+#include <cstdlib>
 #include <vector>
 
 #include "query/simplify/proof/triangle_tree.h"
@@ -46,7 +47,7 @@ class SurfaceDistance {
     const TriangleTree& surface_;
     double limit_;
     /// In edges of the surface: pieces of a larger radius are cut before anything else is tried.
-    static constexpr double kReach = 0.8;
+    static inline const double kReach = std::getenv("ISO_REACH") ? atof(std::getenv("ISO_REACH")) : 0.8;
     double square_limit_;
     double size_;
     std::vector<std::uint32_t> servers_;
