@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <limits>
 #include <numeric>
 #include <optional>
@@ -23,7 +22,7 @@ namespace {
 
 /// Full triangles in a block.
 constexpr std::uint32_t kMostFineInBlock = 1U << 15U;
-const int kPassesWithin = std::getenv("ISO_P") ? atoi(std::getenv("ISO_P")) : 3;
+constexpr int kPassesWithin = 3;
 
 // Marks of triangles of the mesh.
 constexpr std::uint16_t kForever = 1;  ///< it has to stay
@@ -319,7 +318,7 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
         }
     }
     if (run.is_full) {
-        patch.first_pass = true;
+        patch.is_full = true;
         patch.triangles = patch.fine;
         patch.stay.resize(patch.fine.size());
         patch.tried.resize(patch.fine.size());

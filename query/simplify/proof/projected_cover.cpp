@@ -1,9 +1,6 @@
 #include "query/simplify/proof/projected_cover.h"
 
 #include <algorithm>
-#include <atomic>
-#include <cstdio>
-#include <cstdlib>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -18,14 +15,6 @@ constexpr double kTiny = 1e-9;
 constexpr std::array<double, 3> kMiddle{0.34567891, 0.31415927, 0.34016182};
 constexpr std::size_t kMostVisited = 4096;
 
-struct CoverCount {
-    std::atomic<long> begin{0}, height{0}, visited{0}, border{0}, degree{0}, ok{0}, n{0}, nok{0}, self{0}, neighbour{0};
-    ~CoverCount() {
-        if (std::getenv("ISO_C")) {
-            std::fprintf(stderr, " cover: no begin %ld height %ld border %ld degree %ld ok %ld visited %ld ok %ld self %ld neighbour %ld", begin.load(), height.load(), border.load(), degree.load(), ok.load(), n.load(), nok.load(), self.load(), neighbour.load());
-        }
-    }
-} cover_count;
 Double3 scaled(const Double3& a, double s) {
     return {a[0] * s, a[1] * s, a[2] * s};
 }
@@ -173,73 +162,17 @@ void ProjectedCover::cut(Polygon& polygon, const Inside& inside) {
     polygon = kept;
 }
 
-/// The part of a triangle that is over the one that is looked at.
-ProjectedCover::Polygon ProjectedCover::part_over(const SeenTriangle& t) const {
+/// The height of the part of a triangle that is over the one that is looked at.
+double ProjectedCover::height_over(const SeenTriangle& t) const {
     Polygon over{{*t[0], *t[1], *t[2]}, 3};
     for (std::size_t e = 0; e < 3; ++e) {
         cut(over, [&](const Seen& s) { return s.inside[e] + tiny_; });
     }
-    return over;
-}
-
-double ProjectedCover::height_of(const Polygon& over) {
     double height = 0;
     for (std::size_t i = 0; i < over.count; ++i) {
         height = std::max(height, std::fabs(over.corner[i].height));
     }
     return height;
-}
-
-/// How far what lies under a polygon is from a triangle, at most.
-double ProjectedCover::square_under(const Polygon& over, const SeenTriangle& t) const {
-    Triangle by;
-    for (std::size_t i = 0; i < 3; ++i) {
-        by[i] = {t[i]->u, t[i]->v, t[i]->height};
-    }
-    double most = 0;
-    for (std::size_t i = 0; i < over.count && most <= limit_ * limit_; ++i) {
-        most = std::max(most, square_distance({over.corner[i].u, over.corner[i].v, 0}, by));
-    }
-    return most;
-}
-
-/// The same from one triangle near to it; nothing: further than the limit.
-std::optional<double> ProjectedCover::off_under(const Polygon& over, std::uint32_t triangle) {
-    const auto off = [&](std::uint32_t by) {
-        const PatchTriangle& f = surface_[by];
-        return square_under(over, {&seen(f[0]), &seen(f[1]), &seen(f[2])});
-    };
-    double square = off(triangle);
-    if (square <= limit_ * limit_) {
-        ++cover_count.self;
-        return std::sqrt(square);
-    }
-    static const int around = std::getenv("ISO_AROUND") ? atoi(std::getenv("ISO_AROUND")) : 1;
-    if (around == 0) {
-        return std::nullopt;
-    }
-    if (around == 1) {
-    for (const std::uint32_t by : beyond_[triangle]) {
-        if (by != kNone) {
-            square = off(by);
-            if (square <= limit_ * limit_) {
-                ++cover_count.neighbour;
-                return std::sqrt(square);
-            }
-        }
-    }
-    return std::nullopt;
-    }
-    for (const std::uint32_t v : surface_[triangle]) {
-        for (std::uint32_t i = first_[v]; i < first_[v + 1]; ++i) {
-            square = off(around_[i]);
-            if (square <= limit_ * limit_) {
-                ++cover_count.neighbour;
-                return std::sqrt(square);
-            }
-        }
-    }
-    return std::nullopt;
 }
 
 /// 1 if the middle lies under the triangle's front side, -1 under its back side, else 0.
@@ -304,12 +237,9 @@ std::optional<double> ProjectedCover::covers(const Triangle& triangle, std::uint
     look_at(triangle);
     ++question_;
     if (!begin(triangle, near)) {
-        ++cover_count.begin;
         return std::nullopt;
     }
     double highest = 0;
-    is_straight_ = true;
-    lowest_ = highest_ = 0;
     int degree = 0;
     for (std::size_t next = 0; next < stack_.size(); ++next) {
         const std::uint32_t at = stack_[next];
@@ -318,23 +248,12 @@ std::optional<double> ProjectedCover::covers(const Triangle& triangle, std::uint
         double height =
             std::max({std::fabs(s[0]->height), std::fabs(s[1]->height), std::fabs(s[2]->height)});
         if (height > limit_) {
-            const Polygon over = part_over(s);
-            height = height_of(over);
-            static const bool under = std::getenv("ISO_UNDER") == nullptr || atoi(std::getenv("ISO_UNDER")) != 0;
-            if (under && height > limit_) {
-                const std::optional<double> off = off_under(over, at);
-                is_straight_ = false;
-                height = off.value_or(height);
-            }
+            height = height_over(s);
         }
         if (height > limit_ || stack_.size() > kMostVisited) {
-            ++cover_count.height;
-            cover_count.n += next;
             return std::nullopt;
         }
         highest = std::max(highest, height);
-        lowest_ = std::min({lowest_, s[0]->height, s[1]->height, s[2]->height});
-        highest_ = std::max({highest_, s[0]->height, s[1]->height, s[2]->height});
         degree += turns_around_middle(s);
         for (std::size_t e = 0; e < 3; ++e) {
             const std::uint32_t other = beyond_[at][e];
@@ -342,17 +261,13 @@ std::optional<double> ProjectedCover::covers(const Triangle& triangle, std::uint
             if (other != kNone && meets(*s[e], *s[(e + 1) % 3], -tiny_)) {
                 visit(other);
             } else if (other == kNone && meets(*s[e], *s[(e + 1) % 3], tiny_)) {
-                ++cover_count.border;
                 return std::nullopt;
             }
         }
     }
     if (degree == 0) {
-        ++cover_count.degree;
         return std::nullopt;
     }
-    ++cover_count.ok;
-    cover_count.nok += stack_.size();
     return highest;
 }
 

@@ -11,7 +11,6 @@
 
 #include <array>
 #include <cstdint>
-#include <cstdlib>
 #include <optional>
 #include <span>
 #include <vector>
@@ -32,24 +31,6 @@ class ProjectedCover {
     /// followed from there: the one at the first corner, or one that is near to the triangle.
     /// REQUIRES: it has an area.
     [[nodiscard]] std::optional<double> covers(const Triangle& triangle, std::uint32_t near);
-    bool is_straight_ = true;
-    double lowest_ = 0;
-    double highest_ = 0;
-    [[nodiscard]] Displacement displacement(double distance) const {
-        Displacement d;
-        static const bool box = std::getenv("ISO_BOX") == nullptr || atoi(std::getenv("ISO_BOX")) != 0;
-        if (!is_straight_ || !box) {
-            d.radius = float_above(distance);
-            return d;
-        }
-        const double lo = std::max(lowest_, -distance);
-        const double hi = std::min(highest_, distance);
-        for (std::size_t a = 0; a < 3; ++a) {
-            d.lo[a] = float_below(std::min(-lo * up_[a], -hi * up_[a]));
-            d.hi[a] = float_above(std::max(-lo * up_[a], -hi * up_[a]));
-        }
-        return d;
-    }
 
   private:
     /// Seen from above: where in the plane, how far inside of the three edges, and how high.
@@ -67,10 +48,7 @@ class ProjectedCover {
     [[nodiscard]] bool meets(const Seen& p, const Seen& q, double inside) const;
     template <class Inside>
     static void cut(Polygon& polygon, const Inside& inside);
-    [[nodiscard]] Polygon part_over(const SeenTriangle& t) const;
-    [[nodiscard]] static double height_of(const Polygon& over);
-    [[nodiscard]] double square_under(const Polygon& over, const SeenTriangle& t) const;
-    [[nodiscard]] std::optional<double> off_under(const Polygon& over, std::uint32_t triangle);
+    [[nodiscard]] double height_over(const SeenTriangle& t) const;
     [[nodiscard]] int turns_around_middle(const SeenTriangle& t) const;
     [[nodiscard]] std::uint32_t beyond(std::uint32_t triangle, std::size_t edge) const;
     std::uint32_t start(std::uint32_t vertex);

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <limits>
 
 #include "query/simplify/proof/halves.h"
@@ -12,6 +11,9 @@ namespace {
 
 constexpr int kMostBack = 4;      ///< fine triangles asked whether they serve their server
 constexpr int kMostListCuts = 6;  ///< of a fine triangle, one in the other
+constexpr int kMostBackCuts = 10;  ///< of a server
+/// A piece of a server with a larger radius, in limits, is cut before anything is near to all of it.
+constexpr double kLargePiece = 1.5;
 
 }  // namespace
 
@@ -129,6 +131,15 @@ bool ServerLists::fits_cut(const Triangle& t, int depth) {
     return fits_cut(parts[0], depth + 1) && fits_cut(parts[1], depth + 1);
 }
 
+/// The largest distance of a corner from a triangle; soon, if it is above the limit.
+double ServerLists::square_off(const Triangle& t, const Triangle& from) const {
+    double most = 0;
+    for (std::size_t i = 0; i < 3 && most <= square_limit_; ++i) {
+        most = std::max(most, square_distance(t[i], from));
+    }
+    return most;
+}
+
 /// Into servers_: it, and those that have a corner in common with it.
 void ServerLists::gather_around(std::uint32_t hint, const CornerMesh& mesh) {
     servers_.clear();
@@ -152,33 +163,27 @@ void ServerLists::gather_around(std::uint32_t hint, const CornerMesh& mesh) {
 
 bool ServerLists::find(std::uint32_t fine, std::uint32_t hint, const CornerMesh& mesh) {
     const Triangle t = patch_.at(patch_.fine[fine]);
-    const Triangle by = triangle_at(positions_, mesh.corners(hint));
-    double most = 0;
-    for (std::size_t i = 0; i < 3 && most <= square_limit_; ++i) {
-        most = std::max(most, square_distance(t[i], by));
-    }
-    if (most <= square_limit_) {
-        largest_ = std::max(largest_, std::sqrt(most));
-        set(fine, std::span(&hint, 1));
-        return true;
-    }
-    gather_around(hint, mesh);
     found_.clear();
     worst_ = 0;
-    for (const Server& server : servers_) {
-        most = 0;
-        for (std::size_t i = 0; i < 3 && most <= square_limit_; ++i) {
-            most = std::max(most, server.shape.square_distance_within(t[i], limit_));
+    // What served the last one is near to this one, too, more often than not.
+    for (const std::uint32_t server : {hint, found_last_}) {
+        if (server == kNoServer) {
+            continue;
         }
-        if (most <= square_limit_) {
-            worst_ = most;
-            found_.push_back(server.triangle);
+        const double off = square_off(t, triangle_at(positions_, mesh.corners(server)));
+        if (off <= square_limit_) {
+            worst_ = off;
+            found_.push_back(server);
             break;
         }
     }
-    if (found_.empty() && !fits_cut(t, 0)) {
-        return false;
+    if (found_.empty()) {
+        gather_around(hint, mesh);
+        if (!fits_cut(t, 0)) {
+            return false;
+        }
     }
+    found_last_ = found_.front();
     largest_ = std::max(largest_, std::sqrt(worst_));
     set(fine, found_);
     return true;
@@ -258,88 +263,88 @@ std::optional<double> ServerLists::served_back(const Server& server) const {
     return std::nullopt;
 }
 
-void ServerLists::gather_back() {
-    if (back_in_ == question_) {
-        return;
-    }
-    back_in_ = question_;
-    back_.clear();
-    for (const Plan& plan : plans_) {
-        Back back{patch_.at(patch_.fine[plan.fine]), {}, 0};
-        back.centre = centroid(back.corners);
-        for (const Double3& corner : back.corners) {
-            back.radius = std::max(back.radius, square(minus(corner, back.centre)));
+const ServerLists::Sphere& ServerLists::sphere_of(std::uint32_t fine) {
+    Sphere& sphere = spheres_[fine];
+    if (sphere.radius < 0) {
+        const Triangle t = patch_.at(patch_.fine[fine]);
+        sphere.centre = centroid(t);
+        double radius = 0;
+        for (const Double3& corner : t) {
+            radius = std::max(radius, square(minus(corner, sphere.centre)));
         }
-        back.radius = std::sqrt(back.radius);
-        back_.push_back(back);
+        sphere.radius = std::sqrt(radius);
     }
+    return sphere;
 }
 
-bool ServerLists::cover_back(const Triangle& t, int depth) {
-    static const int most_cuts = std::getenv("ISO_BACKCUTS") ? atoi(std::getenv("ISO_BACKCUTS")) : 8;
-    static const double cut = std::getenv("ISO_BACKCUT") ? atof(std::getenv("ISO_BACKCUT")) : 1.5;
+/// Whether all of it is near to those of back_ from `begin` to `end`. What a piece is not near to
+/// is not asked about parts of it.
+bool ServerLists::cover_back(const Triangle& t, std::size_t begin, std::size_t end, int depth) {
     const Double3 centre = centroid(t);
     double radius = 0;
     for (const Double3& corner : t) {
         radius = std::max(radius, square(minus(corner, centre)));
     }
     radius = std::sqrt(radius);
-    if (radius <= cut * limit_) {
-        bool any = false;
-        for (std::size_t k = 0; k < back_order_.size(); ++k) {
-            const Back& back = back_[back_order_[k]];
-            const double reach = limit_ + back.radius;
-            if (square(minus(centre, back.centre)) > reach * reach) {
+    const bool is_small = radius <= kLargePiece * limit_;
+    const std::size_t first = back_.size();
+    bool any = false;
+    for (std::size_t i = begin; i < end; ++i) {
+        const std::uint32_t fine = back_[i];
+        const Sphere& sphere = sphere_of(fine);
+        const double apart = square(minus(centre, sphere.centre));
+        const double reach = limit_ + sphere.radius;
+        if (apart > (reach + radius) * (reach + radius)) {
+            continue;
+        }
+        back_.push_back(fine);
+        if (!is_small || apart > reach * reach) {
+            continue;
+        }
+        const Triangle by = patch_.at(patch_.fine[fine]);
+        double off = square_distance(centre, by);
+        if (off > square_limit_) {
+            continue;
+        }
+        any = true;
+        off = std::sqrt(off) + radius;
+        if (off > limit_) {
+            const double square = square_off(t, by);
+            if (square > square_limit_) {
                 continue;
             }
-            const double off = square_distance(centre, back.corners);
-            if (off > square_limit_) {
-                continue;
-            }
-            any = true;
-            double most = std::sqrt(off) + radius;
-            if (most > limit_) {
-                most = 0;
-                for (std::size_t i = 0; i < 3 && most <= square_limit_; ++i) {
-                    most = std::max(most, square_distance(t[i], back.corners));
-                }
-                if (most > square_limit_) {
-                    continue;
-                }
-                most = std::sqrt(most);
-            }
-            back_most_ = std::max(back_most_, most);
-            if (k > 0) {
-                std::swap(back_order_[k], back_order_[k / 2]);
-            }
-            return true;
+            off = std::sqrt(square);
         }
-        if (!any) {
-            return false;
-        }
+        furthest_back_ = std::max(furthest_back_, off);
+        std::swap(back_[i], back_[begin]);
+        back_.resize(first);
+        return true;
     }
-    if (depth == most_cuts) {
-        return false;
+    const std::size_t last = back_.size();
+    bool is_near = false;
+    if (first < last && (any || !is_small) && depth < kMostBackCuts) {
+        const auto parts = halves(t);
+        is_near = cover_back(parts[0], first, last, depth + 1) &&
+                  cover_back(parts[1], first, last, depth + 1);
     }
-    const auto parts = halves(t);
-    return cover_back(parts[0], depth + 1) && cover_back(parts[1], depth + 1);
+    back_.resize(first);
+    return is_near;
 }
 
 std::optional<double> ServerLists::covered_back(const Server& server) {
-    gather_back();
-    back_order_.clear();
-    for (std::uint32_t i = 0; i < plans_.size(); ++i) {
-        if (planned_[plans_[i].first] == server.triangle) {
-            back_order_.push_back(i);
+    spheres_.resize(patch_.fine.size());
+    back_.clear();
+    // Those that it serves come first.
+    for (const bool serves : {true, false}) {
+        for (const Plan& plan : plans_) {
+            if ((planned_[plan.first] == server.triangle) == serves) {
+                back_.push_back(plan.fine);
+            }
         }
     }
-    for (std::uint32_t i = 0; i < plans_.size(); ++i) {
-        if (planned_[plans_[i].first] != server.triangle) {
-            back_order_.push_back(i);
-        }
-    }
-    back_most_ = 0;
-    return cover_back(server.shape.corners(), 0) ? std::optional(back_most_) : std::nullopt;
+    furthest_back_ = 0;
+    return cover_back(server.shape.corners(), 0, back_.size(), 0) ? std::optional(furthest_back_)
+                                                                  : std::nullopt;
 }
 
 void ServerLists::take() {
