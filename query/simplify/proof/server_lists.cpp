@@ -9,10 +9,11 @@
 namespace isonest::detail {
 namespace {
 
-constexpr int kMostBack = 4;      ///< fine triangles asked whether they serve their server
-constexpr int kMostListCuts = 6;  ///< of a fine triangle, one in the other
+constexpr int kMostBack = 4;       ///< fine triangles asked whether they serve their server
+constexpr int kMostListCuts = 6;   ///< of a fine triangle, one in the other
 constexpr int kMostBackCuts = 10;  ///< of a server
-/// A piece of a server with a larger radius, in limits, is cut before anything is near to all of it.
+/// A piece of a server with a larger radius, in limits, is cut before anything is near to all of
+/// it.
 constexpr double kLargePiece = 1.5;
 
 }  // namespace

@@ -2,10 +2,9 @@
 //
 // The distance from a convex set is a convex function, so over a triangle it is largest at a
 // corner: if one triangle of the other surface is within the limit of all three corners, it is of
-// every point between them. Where no single one is, the triangle is cut; and a piece of radius r
-// around a point at distance d is no further than d + r. Both are bounds, not samples. Source of
-// the branch and bound: M. Guthe, P. Borodin, R. Klein, "Fast and accurate Hausdorff distance
-// calculation between meshes", Journal of WSCG 13 (2005).
+// every point between them. Where no single one is, the triangle is cut: a bound, not a sample.
+// Source of the branch and bound: M. Guthe, P. Borodin, R. Klein, "Fast and accurate Hausdorff
+// distance calculation between meshes", Journal of WSCG 13 (2005).
 #pragma once
 
 #include <vector>
