@@ -5,6 +5,7 @@
 
 #include "query/simplify/block_items.h"
 #include "query/simplify/block_patch.h"
+#include "query/simplify/mapping/star_mapping.h"
 #include "query/simplify/packed_triangle.h"
 
 namespace isonest::detail {
@@ -13,8 +14,6 @@ namespace {
 /// Triangles in a block.
 constexpr std::uint32_t kMostInBlock = 1U << 14U;
 constexpr int kPasses = 3;
-/// Edges of which the quadrics estimate that they are further off, in limits, are not tried.
-constexpr double kFurthest = 1.5;
 
 /// Makes the patch of a block, triangle by triangle.
 class PatchMaker {
@@ -218,7 +217,7 @@ Mapped MeshMapper::within(Mapped from, double limit) const {
     for (int i = 0; i < kPasses; ++i) {
         // Others may have the first one, too.
         const bool is_last = i > 0 || from.run->consumed;
-        from.run = pass(*from.run, limits_of(limit, kFurthest), afresh, is_last);
+        from.run = pass(*from.run, limits_of(limit, kFurthestMapped), afresh, is_last);
         afresh = false;
     }
     return {from.run, from.run->count(), from.run->bound, limit};
@@ -231,7 +230,7 @@ Mapped MeshMapper::down_to(const Mapped& from, std::uint64_t triangles, double f
     for (double limit = std::min(first, most); mapped.triangles > triangles;
          limit = std::min(limit * kFactor, most)) {
         GoneTriangles gone;
-        const CollapseLimits limits = limits_of(limit, kFurthest);
+        const CollapseLimits limits = limits_of(limit, kFurthestMapped);
         std::shared_ptr<Run> run = pass(*mapped.run, limits, true, false, &gone);
         const bool is_enough = run->count() <= triangles;
         if (is_enough) {
