@@ -30,10 +30,11 @@ ROOMS = {
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "finite_elements": {"view", "traverse"},
               "statistics": set(), "labels": set(), "surface_nets": {"labels", "mesh"},
+              "neuroglancer": {"mesh", "simplify"},
               "slabs": {"view", "march", "mesh", "apart"},
               "distance": {"view", "march", "simplify", "traverse"},
               "extract": {"view", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs",
-                          "labels", "surface_nets"}},
+                          "labels", "surface_nets", "neuroglancer"}},
 }
 # Rooms within a room, each with those that it may include beside itself; every folder there is one of them.
 SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes"}, "wrapping": set(), "label_names": {"bytes"},
