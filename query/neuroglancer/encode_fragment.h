@@ -15,8 +15,9 @@ bool has_draco();
 
 /// More triangles are not packed at once.
 inline constexpr std::uint64_t kMostInFragment = std::uint64_t{1} << 17U;
-/// Bytes of heap that packing needs, at most.
-inline constexpr std::uint64_t kFragmentHeap = std::uint64_t{64} << 20U;
+/// Bytes of heap that packing needs, at most: 150 a triangle were measured, of single voxels and of
+/// noise, with Draco 1.5.5.
+inline constexpr std::uint64_t kFragmentHeap = std::uint64_t{32} << 20U;
 
 /// A Draco mesh with the corners' places as an attribute of three 32-bit integers, which are not
 /// rounded any more; corners in one place are one vertex. It is the same for the same triangles and

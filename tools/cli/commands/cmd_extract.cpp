@@ -182,7 +182,7 @@ std::vector<ProgressStage> stages_of(const ExtractCommand& a) {
     if (a.labels.several) {
         stages = {{"find labels", "finding the labels", 0.2}, {"extract", "extracting", 1}};
         if (a.labels.smooth) {
-            if (a.distance.distance || a.distance.triangles > 0) {
+            if (a.distance.distance || a.distance.triangles > 0 || makes_detail_levels(a.labels)) {
                 stages.push_back({"simplify", "simplifying", 3});
             }
             stages.push_back({"write mesh", "writing the meshes", 0.5});

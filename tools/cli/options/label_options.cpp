@@ -253,6 +253,10 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
         ->excludes(interfaces);
 }
 
+bool makes_detail_levels(const LabelArguments& a) {
+    return a.format == kDetails;
+}
+
 void resolve_label_names(LabelArguments& a, const Store& store) {
     if (a.one_name) {
         a.one = label_named(store, *a.one_name);
@@ -316,7 +320,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     ExtractOptions options = a.options;
     options.scratch = folder;
     std::vector<ExtractReport> reports(chosen.size());
-    std::vector<std::vector<DetailLevel>> levels(labels.format == kDetails ? chosen.size() : 0);
+    std::vector<std::vector<DetailLevel>> levels(makes_detail_levels(labels) ? chosen.size() : 0);
     LabelNeighbours neighbours(folder, chosen.size());
     const auto take = [&](std::size_t i, const ExtractReport& report) {
         reports[i] = report;
@@ -324,7 +328,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
             neighbours.take(i, *reports[i].smooth);
         }
     };
-    if (labels.format == kDetails) {
+    if (makes_detail_levels(labels)) {
         extract_neuroglancer_meshes(
             store, chosen, query, folder,
             [&](std::size_t i, const NeuroglancerReport& report) {
