@@ -11,9 +11,11 @@ import json
 import os
 import pathlib
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
@@ -280,6 +282,26 @@ class NeuroglancerMeshes(unittest.TestCase):
             found["labels.json"] = b""  # it has times
             self.assertEqual(files or found, found)
             files = found
+
+    def test_what_a_stopped_run_leaves_is_whole(self):
+        store = self.store(cells(RANDOM, (40, 60, 90), 60, 60) + 1)
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            folder = self.folder / f"stopped{number}"
+            with subprocess.Popen([ISONEST, "extract", store, *EXTRACT, "--smooth", "-o", folder, "--threads", "1", "-q"],
+                                  stderr=subprocess.DEVNULL) as process:
+                while process.poll() is None and not any(folder.glob("*.index")):
+                    time.sleep(0.001)
+                process.send_signal(number)
+                stopped = process.wait() != 0
+            names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
+            if number == signal.SIGTERM:
+                self.assertEqual(sorted(path.name for path in folder.glob(".*")), [])
+            if stopped:
+                self.assertFalse({"info", "labels.json"} & names)
+            self.assertLessEqual({name.removesuffix(".index") for name in names}, names)
+            for name in names:
+                if name.endswith(".index"):
+                    Mesh(folder, name.removesuffix(".index"), self.folder)
 
     def test_names(self):
         (self.folder / "names").write_text("1 back\\slash 255 0 0 255\n2 bone 0 255 0 255\n")
