@@ -114,6 +114,12 @@ constexpr std::array kRefused{
                 "interfaces are those of smooth labels, which share triangles; labels half way "
                 "between nodes do not. Ask for smooth ones, with no passes if the faces of the "
                 "voxels are to stay"},
+    Combination{Wish::details, Wish::components,
+                "components of smooth labels are chosen label by label, and coarser levels of "
+                "detail are simplified for all of them together"},
+    Combination{Wish::details, Wish::stepped_label,
+                "levels of detail are those of smooth labels, which are simplified fast; ask for "
+                "smooth ones, with no passes if the faces of the voxels are to stay"},
     Combination{Wish::closing, Wish::culling,
                 "a surface is open where its backfaces are left out: it cannot be closed and "
                 "culled"},
@@ -279,6 +285,8 @@ const char* name_of(Wish wish) {
             return "a label that is not smooth";
         case Wish::interfaces:
             return "interfaces";
+        case Wish::details:
+            return "levels of detail";
         case Wish::slice:
             return "a slice";
         case Wish::graph:

@@ -26,6 +26,7 @@ enum class Wish : std::uint8_t {
     simplified_label,
     stepped_label,
     interfaces,
+    details,
     slice,
     graph,
     // Its cells and vertices, and which elements are visited.

@@ -33,10 +33,11 @@ ROOMS = {
               "finite_elements": {"view", "traverse"},
               "statistics": set(), "labels": set(), "surface_nets": {"labels", "mesh"},
               "ranks": {"view", "march", "mesh", "simplify", "traverse"},
+              "neuroglancer": {"mesh", "simplify"},
               "slabs": {"view", "march", "mesh", "apart"},
               "distance": {"view", "march", "simplify", "traverse"},
               "extract": {"view", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs", "ranks",
-                          "labels", "surface_nets"}},
+                          "labels", "surface_nets", "neuroglancer"}},
 }
 # Rooms within a room, each with those that it may include beside itself; every folder there is one of them.
 SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes"}, "wrapping": set(), "label_names": {"bytes"},

@@ -65,15 +65,16 @@ double net_rounding(const StoreHeader& header) {
 }
 
 LabelNet::LabelNet(const StoreReader& store, std::span<const Label> labels, const LabelQuery& query,
-                   const ExtractOptions& options, bool interfaces, Progress& progress)
+                   const ExtractOptions& options, const NetUse& use, Progress& progress)
     : store_(store),
       query_(query),
       options_(options),
       rounding_(net_rounding(store.layout().header())),
       outside_(outside_of(store)),
-      scratch_(ScratchFolder::metered(options.scratch)) {
+      scratch_(ScratchFolder::metered(options.scratch)),
+      is_simplified_(simplifies(query)) {
     const StoreHeader& header = store.layout().header();
-    const bool sides = interfaces || simplifies(query);
+    const bool sides = use.interfaces || use.details || is_simplified_;
     layout_.unit = header.unit;
     Int3 lo = header.nodes;
     Int3 hi{};
@@ -98,23 +99,30 @@ LabelNet::LabelNet(const StoreReader& store, std::span<const Label> labels, cons
     const std::uint64_t lists =
         labels.size() * (sizeof(std::int64_t) + sizeof(Label) + sizeof(std::size_t));
     const std::uint64_t memory = options.memory - std::min(options.memory, lists);
+    const std::uint64_t each = kNetMeshHeap + (use.details ? use.details->heap : 0);
+    if (use.details) {
+        require_memory(store.path().string(), memory, kLibraryHeap + each,
+                       "packing the meshes of its labels");
+    }
     const NetPlan plan = net_plan(setting, store.layout().array(0, Field::values), lo, hi, memory,
                                   options.threads, store.path().string());
     net_.emplace(scratch_, ceil_div(setting.cells(), kPieceCells), sides);
     begun_ = begun_report(make_net(store, setting, plan, labels, *net_, progress));
-    if (simplifies(query)) {
+    if (is_simplified_ || use.details) {
         const Double3& d = header.spacing;
-        sheets_.emplace(
-            *net_,
-            SheetSetting{header, query, options, wanted_, outside_,
-                         rounding_ * std::hypot(d[0], d[1], d[2]), store.path().string()},
-            scratch_, progress);
+        sheets_.emplace(*net_,
+                        SheetSetting{header, query, options, wanted_, outside_,
+                                     rounding_ * std::hypot(d[0], d[1], d[2]),
+                                     store.path().string(), use.details, is_simplified_},
+                        scratch_, progress);
+    }
+    if (is_simplified_) {
         begun_.distance = sheets_->distance();
         begun_.within_budget = sheets_->within_budget();
     }
     static_assert(SheetOutput::kHeap <= kNetMeshHeap);
     threads_ = static_cast<int>(
-        std::clamp<std::uint64_t>((memory - kLibraryHeap) / kNetMeshHeap, 1,
+        std::clamp<std::uint64_t>((memory - kLibraryHeap) / each, 1,
                                   static_cast<std::uint64_t>(Workers::count_of(options.threads))));
 }
 
@@ -136,12 +144,13 @@ ExtractReport LabelNet::begun_report(const NetCounts& counts) const {
 
 /// A mesh on its way to its sink: `emit` hands it over.
 ExtractReport LabelNet::emit_measured(
-    MeshSink& sink, const std::function<NetMesh(MeshSink&, ExtractReport&)>& emit) const {
+    MeshSink& sink, Axes axes,
+    const std::function<NetMesh(MeshSink&, ExtractReport&)>& emit) const {
     const StoreHeader& header = store_.layout().header();
     ExtractReport report = begun_;
     MeasuringSink measuring(sink, options_.quality);
     std::optional<RotatedSink> turning;
-    if (header.direction != kAlongWorld) {
+    if (axes == Axes::world && header.direction != kAlongWorld) {
         turning.emplace(measuring, header.origin, header.direction);
     }
     const NetMesh mesh = emit(turning ? static_cast<MeshSink&>(*turning) : measuring, report);
@@ -188,7 +197,7 @@ NetMesh LabelNet::emit_kept(std::int64_t label, MeshSink& sink, ExtractReport& r
 void LabelNet::report_neighbours(std::size_t number, ExtractReport& report,
                                  const Progress& progress) const {
     const std::int64_t label = wanted_[number];
-    if (!sheets_) {
+    if (!is_simplified_) {
         for (const SharedArea& shared : net_->shared(label)) {
             report.smooth->neighbours.push_back({shared.other, shared.area});
         }
@@ -208,10 +217,10 @@ void LabelNet::report_neighbours(std::size_t number, ExtractReport& report,
     report.distance->full = measured.measures;
 }
 
-ExtractReport LabelNet::emit_label(std::size_t number, MeshSink& sink,
-                                   const Progress& progress) const {
-    ExtractReport report = emit_measured(sink, [&](MeshSink& to, ExtractReport& begun) {
-        return sheets_ ? sheets_->emit_label(number, layout_, to, progress)
+ExtractReport LabelNet::emit_label(std::size_t number, MeshSink& sink, const Progress& progress,
+                                   Axes axes) const {
+    ExtractReport report = emit_measured(sink, axes, [&](MeshSink& to, ExtractReport& begun) {
+        return is_simplified_ ? sheets_->emit_label(number, 0, layout_, to, progress)
                : query_.stages.components
                    ? emit_kept(wanted_[number], to, begun, progress)
                    : emit_net_mesh(*net_, wanted_[number], layout_, to, progress);
@@ -220,15 +229,26 @@ ExtractReport LabelNet::emit_label(std::size_t number, MeshSink& sink,
     return report;
 }
 
+std::uint64_t LabelNet::triangles(std::size_t number, int level) const {
+    if (level > 0 || is_simplified_) {
+        return sheets_->triangles(number, level);
+    }
+    std::uint64_t triangles = 0;
+    for (const LabelPartRecord& part : net_->parts(wanted_[number])) {
+        triangles += 2 * std::uint64_t{part.quads};
+    }
+    return triangles;
+}
+
 ExtractReport LabelNet::emit_interfaces(MeshSink& sink, const Progress& progress) const {
-    return emit_measured(sink, [&](MeshSink& to, ExtractReport&) {
-        return sheets_ ? sheets_->emit_all(layout_, to, progress)
-                       : emit_net_interfaces(*net_, outside_, layout_, to, progress);
+    return emit_measured(sink, Axes::world, [&](MeshSink& to, ExtractReport&) {
+        return is_simplified_ ? sheets_->emit_all(layout_, to, progress)
+                              : emit_net_interfaces(*net_, outside_, layout_, to, progress);
     });
 }
 
 void LabelNet::each_interface_of(const std::function<void(const SharedArea&)>& each) const {
-    if (!sheets_) {
+    if (!is_simplified_) {
         each_interface(*net_, wanted_, each);
         return;
     }

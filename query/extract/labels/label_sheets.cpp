@@ -3,12 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <utility>
 
 #include <isonest/error.h>
 
 #include "query/extract/extract_query.h"
 #include "query/ranks/rank_mapping.h"
-#include "query/simplify/mapping/map_mesh.h"
 #include "query/surface_nets/net_interfaces.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
@@ -24,6 +25,7 @@ struct AskedSheets {
     bool at_any_distance = false;
 };
 
+/// REQUIRES: a stop.
 AskedSheets asked_of(const SheetSetting& s) {
     if (const auto* const bound = std::get_if<DistanceBound>(&*s.query.stop)) {
         return {world_distance(s.header, *bound), std::nullopt, false};
@@ -62,14 +64,20 @@ PatchBox border_of(const StoreHeader& header) {
     return box;
 }
 
-/// For nodes that are kept: meshes that are turned are rounded once more.
+/// What the places of a level will be moved by rounding, world units.
+double rounding_of(const SheetSetting& s, int level) {
+    return s.rounding + (s.details ? std::ldexp(s.details->rounding, level) : 0);
+}
+
+/// For nodes that are kept: meshes that are turned are rounded once more, and details too.
 std::optional<double> margin_of(const SheetSetting& s) {
     if (!s.query.smooth->keep_nodes) {
         return std::nullopt;
     }
     const Double3& d = s.header.spacing;
-    const bool is_turned = s.header.direction != kAlongWorld;
-    return KeptNodes::kLeastMargin + (is_turned ? s.rounding / std::min({d[0], d[1], d[2]}) : 0);
+    const double turned = s.header.direction != kAlongWorld ? s.rounding : 0;
+    const double moved = turned + rounding_of(s, 0) - s.rounding;
+    return KeptNodes::kLeastMargin + moved / std::min({d[0], d[1], d[2]});
 }
 
 double most_moved_of(std::span<const LabelPartRecord> parts) {
@@ -91,39 +99,58 @@ LabelSheets::LabelSheets(const NetStore& net, const SheetSetting& setting,
     : net_(net), wanted_(setting.wanted), sheets_(folder) {
     MeshLayout layout;
     layout.has_sides = true;
-    distance_.full_triangles =
+    levels_.push_back(std::make_unique<Level>());
+    levels_[0]->distance.full_triangles =
         emit_net_interfaces(net, setting.outside, layout, sheets_, progress).triangles;
     sides_range_ = sheets_.sides_range();
     const std::uint64_t memory = memory_of(setting);
     const std::unique_ptr<BlockMapping> mapping = mapping_by(setting.options.team, memory);
     const int threads = threads_of(setting, memory - std::min(memory, mapping->heap()));
     Workers(threads).execute([&] { simplify(setting, *mapping, folder, progress); });
-    output_.emplace(sheets_, corners_->all(), wanted_, folder, progress);
+    for (const std::unique_ptr<Level>& level : levels_) {
+        if (level->corners) {
+            level->output.emplace(sheets_, level->corners->all(), wanted_, folder, progress);
+        }
+    }
 }
 
 void LabelSheets::simplify(const SheetSetting& setting, BlockMapping& mapping,
                            const ScratchFolder& folder, Progress& progress) {
-    const AskedSheets asked = asked_of(setting);
-    const double limit = distance_left(setting.name, asked.within, setting.rounding);
     const WorldLattice lattice{setting.header.origin, setting.header.spacing, setting.header.nodes};
     MeshMapper mapper(sheets_.vertices(), lattice, border_of(setting.header), folder, progress);
     mapper.map_by(mapping);
     mapper.take_sheets(sheets_.next_copies(), margin_of(setting));
+    Mapped result =
+        setting.is_finest_simplified ? finest(setting, mapper) : mapper.full(sheets_.triangles());
+    if (setting.is_finest_simplified) {
+        levels_[0]->corners.emplace(mapper.corners(result));
+    }
+    if (setting.details) {
+        add_details(setting, mapper, std::move(result));
+    }
+    mapping.finish();
+}
+
+/// Level 0, where it is simplified.
+Mapped LabelSheets::finest(const SheetSetting& setting, const MeshMapper& mapper) {
+    const AskedSheets asked = asked_of(setting);
+    const double rounding = rounding_of(setting, 0);
+    const double limit = distance_left(setting.name, asked.within, rounding);
     const auto consume = [this](std::uint64_t first, std::uint64_t count) {
         sheets_.release(first, count);
     };
     constexpr double kFirstLimit = 0.25;  // of the least distance between nodes
     const Double3& d = setting.header.spacing;
-    const Mapped result = asked.triangles
-                              ? mapper.down_to(mapper.full(sheets_.triangles()), *asked.triangles,
-                                               kFirstLimit * std::min({d[0], d[1], d[2]}), limit)
-                              : mapper.within(mapper.full(sheets_.triangles(), consume), limit);
-    mapping.finish();
-    distance_.asked = asked.within;
-    distance_.bound = result.bound + (result.bound > 0 ? setting.rounding : 0);
+    Mapped result = asked.triangles
+                        ? mapper.down_to(mapper.full(sheets_.triangles()), *asked.triangles,
+                                         kFirstLimit * std::min({d[0], d[1], d[2]}), limit)
+                        : mapper.within(mapper.full(sheets_.triangles(), consume), limit);
+    DistanceReport& distance = levels_[0]->distance;
+    distance.asked = asked.within;
+    distance.bound = result.bound + (result.bound > 0 ? setting.rounding : 0);
     if (asked.triangles) {
         within_budget_ = result.triangles <= *asked.triangles;
-        distance_.asked = result.limit + (result.limit > 0 ? setting.rounding : 0);
+        distance.asked = result.limit + (result.limit > 0 ? rounding : 0);
         if (!*within_budget_ && asked.at_any_distance) {
             throw Error(ErrorKind::limit, {setting.name},
                         fmt::format("{} triangles are the fewest that were found for the "
@@ -132,7 +159,37 @@ void LabelSheets::simplify(const SheetSetting& setting, BlockMapping& mapping,
                                     result.triangles));
         }
     }
-    corners_.emplace(mapper.corners(result));
+    return result;
+}
+
+/// The levels behind that of `mapped`, as long as they have fewer triangles.
+void LabelSheets::add_details(const SheetSetting& setting, const MeshMapper& mapper,
+                              Mapped mapped) {
+    constexpr double kFirst = 0.25;  // of the least distance between nodes
+    const Double3& d = setting.header.spacing;
+    first_scale_ = std::max(levels_[0]->distance.asked, kFirst * std::min({d[0], d[1], d[2]}));
+    for (int level = 1; level < setting.details->most; ++level) {
+        const double asked = scale(level);
+        if (asked > diagonal_of(setting.header)) {
+            return;
+        }
+        const std::uint64_t before = mapped.triangles;
+        const double limit = distance_left(setting.name, asked, rounding_of(setting, level));
+        mapped = mapper.within(std::move(mapped), limit);
+        if (!is_worth_a_level(before, mapped.triangles)) {
+            return;
+        }
+        levels_.push_back(std::make_unique<Level>());
+        Level& made = *levels_.back();
+        made.distance.asked = asked;
+        made.distance.full_triangles = levels_[0]->distance.full_triangles;
+        made.distance.bound = mapped.bound + (mapped.bound > 0 ? setting.rounding : 0);
+        made.corners.emplace(mapper.corners(mapped));
+    }
+}
+
+double LabelSheets::scale(int level) const {
+    return std::ldexp(first_scale_, level);
 }
 
 NetMesh LabelSheets::emit_all(MeshLayout layout, MeshSink& sink, const Progress& progress) const {
@@ -141,12 +198,12 @@ NetMesh LabelSheets::emit_all(MeshLayout layout, MeshSink& sink, const Progress&
         moved = std::max(moved, static_cast<double>(piece.moved));
     }
     layout.sides_range = sides_range_;
-    return net_mesh_of(output_->emit_all(std::move(layout), sink, progress), moved);
+    return net_mesh_of(output(0).emit_all(std::move(layout), sink, progress), moved);
 }
 
-NetMesh LabelSheets::emit_label(std::size_t number, MeshLayout layout, MeshSink& sink,
+NetMesh LabelSheets::emit_label(std::size_t number, int level, MeshLayout layout, MeshSink& sink,
                                 const Progress& progress) const {
-    return net_mesh_of(output_->emit_label(number, std::move(layout), sink, progress),
+    return net_mesh_of(output(level).emit_label(number, std::move(layout), sink, progress),
                        most_moved_of(net_.parts(wanted_[number])));
 }
 

@@ -16,6 +16,7 @@
 #include <isonest/error.h>
 
 #include "query/extract/combinations.h"
+#include "query/extract/labels/label_details.h"
 #include "query/extract/labels/label_net.h"
 #include "query/extract/query_checks.h"
 #include "query/labels/find_label.h"
@@ -30,13 +31,13 @@ namespace {
 
 using SmoothClock = std::chrono::steady_clock;
 
-/// `interfaces`: whether those are asked for, and not meshes of labels.
+/// `wish`: what else is asked for than meshes of labels.
 void require_smoothable(const StoreReader& store, const LabelQuery& query,
-                        bool interfaces = false) {
+                        std::optional<Wish> wish = {}) {
     const std::string name = store.path().string();
     Wishes wishes = wishes_of(store, query);
-    if (interfaces) {
-        wishes.set(static_cast<std::size_t>(Wish::interfaces));
+    if (wish) {
+        wishes.set(static_cast<std::size_t>(*wish));
     }
     require_combination(wishes, name);
     if (query.stop) {
@@ -78,6 +79,24 @@ double seconds_since(SmoothClock::time_point start) {
     return std::chrono::duration<double>(SmoothClock::now() - start).count();
 }
 
+/// Calls `work(i)` for each label of the net, with as many threads as it has memory for.
+template <class Work>
+void each_label(const LabelNet& net, std::size_t labels, Progress& progress, const Work& work) {
+    progress.begin("write mesh", labels, "labels");
+    Workers(net.threads()).execute([&] {
+        tbb::parallel_for(
+            tbb::blocked_range<std::size_t>(0, labels, 1),
+            [&](const tbb::blocked_range<std::size_t>& range) {
+                for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                    progress.check();
+                    work(i);
+                    progress.advance(1);
+                }
+            },
+            tbb::simple_partitioner{});
+    });
+}
+
 /// All meshes of labels, which are ascending. `place`: of each in the caller's list.
 void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
                    std::span<const std::size_t> place, const LabelQuery& query,
@@ -85,24 +104,14 @@ void smooth_sorted(const StoreReader& store, std::span<const Label> labels,
                    const std::function<void(std::size_t, const ExtractReport&)>& done,
                    const ExtractOptions& options, Progress& progress) {
     const auto start = SmoothClock::now();
-    const LabelNet net(store, labels, query, options, false, progress);
-    progress.begin("write mesh", labels.size(), "labels");
-    Workers(net.threads()).execute([&] {
-        tbb::parallel_for(
-            tbb::blocked_range<std::size_t>(0, labels.size(), 1),
-            [&](const tbb::blocked_range<std::size_t>& range) {
-                for (std::size_t i = range.begin(); i < range.end(); ++i) {
-                    progress.check();
-                    const std::shared_ptr<MeshSink> to = sink(place[i]);
-                    const std::filesystem::path& input = store.path();
-                    to->prepare(net.layout(), std::span(&input, 1));
-                    ExtractReport report = net.emit_label(i, *to, progress);
-                    report.seconds = seconds_since(start);
-                    done(place[i], report);
-                    progress.advance(1);
-                }
-            },
-            tbb::simple_partitioner{});
+    const LabelNet net(store, labels, query, options, {}, progress);
+    each_label(net, labels.size(), progress, [&](std::size_t i) {
+        const std::shared_ptr<MeshSink> to = sink(place[i]);
+        const std::filesystem::path& input = store.path();
+        to->prepare(net.layout(), std::span(&input, 1));
+        ExtractReport report = net.emit_label(i, *to, progress);
+        report.seconds = seconds_since(start);
+        done(place[i], report);
     });
 }
 
@@ -138,19 +147,40 @@ void smooth_labels(const StoreReader& store, std::span<const Label> labels, cons
         [&](std::size_t i) { return sink(labels[i]); }, done, options, progress);
 }
 
+void neuroglancer_labels(
+    const StoreReader& store, std::span<const Label> labels, const LabelQuery& query,
+    const std::filesystem::path& folder,
+    const std::function<void(std::size_t number, const NeuroglancerReport&)>& done,
+    const ExtractOptions& options, Progress& progress) {
+    const auto start = SmoothClock::now();
+    require_smoothable(store, query, Wish::details);
+    const StoreHeader& header = store.layout().header();
+    const std::vector<std::size_t> place = places_by_id(labels);
+    const std::vector<Label> sorted = in_places(labels, place);
+    const LabelNet net(store, sorted, query, options, {.details = detail_setting(header)},
+                       progress);
+    each_label(net, sorted.size(), progress, [&](std::size_t i) {
+        NeuroglancerReport report =
+            write_label_details(net, header, i, sorted[i], folder, progress);
+        report.finest.scratch_bytes = net.scratch().meter()->peak();
+        report.finest.seconds = seconds_since(start);
+        done(place[i], report);
+    });
+}
+
 ExtractReport label_interfaces(const StoreReader& store, std::span<const Label> labels,
                                const LabelQuery& query, MeshSink& sink,
                                const std::function<void(const LabelInterface&)>& each,
                                const ExtractOptions& options, Progress& progress) {
     const auto start = SmoothClock::now();
-    require_smoothable(store, query, true);
+    require_smoothable(store, query, Wish::interfaces);
     MeshLayout layout;
     layout.has_sides = true;
     layout.unit = store.layout().header().unit;
     const std::filesystem::path& input = store.path();
     sink.prepare(layout, std::span(&input, 1));
     const std::vector<Label> sorted = in_places(labels, places_by_id(labels));
-    const LabelNet net(store, sorted, query, options, true, progress);
+    const LabelNet net(store, sorted, query, options, {.interfaces = true}, progress);
     progress.begin("write mesh", 1, "meshes");
     InterfaceReport interfaces;
     interfaces.outside = net.outside();

@@ -41,6 +41,11 @@ class SheetOutput {
     SheetCounts emit_label(std::size_t number, MeshLayout layout, MeshSink& sink,
                            const Progress& progress) const;
 
+    /// Of labels[number].
+    [[nodiscard]] std::uint64_t triangles(std::size_t number) const {
+        return of_labels_.of(static_cast<std::uint32_t>(number)).size();
+    }
+
     /// What lies on the other side of labels[number], and the area that it shares with that, square
     /// world units. Memory grows with the number of what lies there.
     [[nodiscard]] std::map<std::int64_t, double> areas(std::size_t number) const;

@@ -222,7 +222,7 @@ std::vector<ProgressStage> stages_of(const ExtractCommand& a) {
     if (a.labels.several) {
         stages = {{"find labels", "finding the labels", 0.2}, {"extract", "extracting", 1}};
         if (a.labels.smooth) {
-            if (a.distance.distance || a.distance.triangles > 0) {
+            if (a.distance.distance || a.distance.triangles > 0 || makes_detail_levels(a.labels)) {
                 stages.push_back({"simplify", "simplifying", 3});
             }
             stages.push_back({"write mesh", "writing the meshes", 0.5});
@@ -278,6 +278,8 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract cells.isonest --labels all --distance 0.5voxel -o meshes\n"
          "isonest extract cells.isonest --labels all --smooth -o meshes\n"
          "isonest extract cells.isonest --labels all --smooth --interfaces -o interfaces.vtp\n"
+         "isonest extract cells.isonest --labels all --smooth --format neuroglancer-multilod -o "
+         "meshes\n"
          "isonest extract organs.isonest --label liver --smooth -o liver.glb\n"
          "isonest extract scan.isonest --iso 120 --error 2 --box 0,0,0,50,50,20 -o corner.ply\n"
          "isonest extract scan.isonest --iso 120 --error 1 --focus 30,40,20 --falloff 0.1 -o "

@@ -13,6 +13,7 @@
 #include <isonest/error.h>
 #include <isonest/labels.h>
 #include <isonest/mesh_file.h>
+#include <isonest/neuroglancer_meshes.h>
 
 #include "store/files/output_file.h"
 #include "tools/cli/options/close_option.h"
@@ -29,7 +30,9 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kMostLabel = (std::int64_t{1} << 62U) - 1;
 constexpr const char* kNeuroglancer = "neuroglancer";
-constexpr std::array kFormats{"ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf", kNeuroglancer};
+constexpr const char* kDetails = "neuroglancer-multilod";
+constexpr std::array kFormats{"ply", "stl", "obj",         "vtp",   "vtkhdf",
+                              "glb", "3mf", kNeuroglancer, kDetails};
 
 /// "all", "3,7,12-20", "liver,spleen": what is no number goes to `names`.
 std::vector<std::pair<std::int64_t, std::int64_t>> parse_labels(const std::string& text,
@@ -127,7 +130,9 @@ void write_text(const fs::path& path, const std::string& text) {
 
 /// What a mesh's file is called.
 std::string mesh_name(std::int64_t id, const std::string& format) {
-    return fmt::format("{}.{}", id, format == kNeuroglancer ? "ngmesh" : format);
+    return format == kDetails
+               ? fmt::format("{}", id)
+               : fmt::format("{}.{}", id, format == kNeuroglancer ? "ngmesh" : format);
 }
 
 /// A file for each label that says which files its mesh is.
@@ -144,6 +149,17 @@ ComponentReport added(const ComponentReport& a, const ComponentReport& b) {
     return {a.components + b.components, a.dropped + b.dropped,
             a.dropped_triangles + b.dropped_triangles,
             std::max(a.largest_dropped, b.largest_dropped)};
+}
+
+Json json_of(const std::vector<DetailLevel>& levels) {
+    Json json = Json::array();
+    for (const DetailLevel& level : levels) {
+        json.push_back({{"distance_bound", level.bound},
+                        {"triangles", level.triangles},
+                        {"fragments", level.fragments},
+                        {"bytes", level.bytes}});
+    }
+    return json;
 }
 
 Json json_of(const Store& store, const Label& label, const ExtractReport& r,
@@ -224,16 +240,21 @@ void add_label_options(CLI::App* c, LabelArguments& a, const std::vector<std::st
             if (std::find(kFormats.begin(), kFormats.end(), text) == kFormats.end()) {
                 throw Error(ErrorKind::invalid_argument,
                             fmt::format("--format '{}': give one of ply, stl, obj, vtp, vtkhdf, "
-                                        "glb, 3mf, neuroglancer",
+                                        "glb, 3mf, neuroglancer, neuroglancer-multilod",
                                         text));
             }
             a.format = text;
         },
         "of these meshes; neuroglancer: a folder of precomputed\n"
-        "meshes [ply]",
+        "meshes; neuroglancer-multilod: of smooth ones, in several\n"
+        "levels of detail [ply]",
         "NAME")
         ->needs(several)
         ->excludes(interfaces);
+}
+
+bool makes_detail_levels(const LabelArguments& a) {
+    return a.format == kDetails;
 }
 
 void resolve_label_names(LabelArguments& a, const Store& store) {
@@ -299,20 +320,31 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     ExtractOptions options = a.options;
     options.scratch = folder;
     std::vector<ExtractReport> reports(chosen.size());
+    std::vector<std::vector<DetailLevel>> levels(makes_detail_levels(labels) ? chosen.size() : 0);
     LabelNeighbours neighbours(folder, chosen.size());
-    extract_labels(
-        store, chosen, query,
-        [&](const Label& label) {
-            return open_mesh_file(folder / mesh_name(label.id, labels.format),
-                                  label_file_options(store, label.id));
-        },
-        [&](std::size_t i, const ExtractReport& report) {
-            reports[i] = report;
-            if (reports[i].smooth) {
-                neighbours.take(i, *reports[i].smooth);
-            }
-        },
-        options, progress);
+    const auto take = [&](std::size_t i, const ExtractReport& report) {
+        reports[i] = report;
+        if (reports[i].smooth) {
+            neighbours.take(i, *reports[i].smooth);
+        }
+    };
+    if (makes_detail_levels(labels)) {
+        extract_neuroglancer_meshes(
+            store, chosen, query, folder,
+            [&](std::size_t i, const NeuroglancerReport& report) {
+                take(i, report.finest);
+                levels[i] = report.levels;
+            },
+            options, progress);
+    } else {
+        extract_labels(
+            store, chosen, query,
+            [&](const Label& label) {
+                return open_mesh_file(folder / mesh_name(label.id, labels.format),
+                                      label_file_options(store, label.id));
+            },
+            take, options, progress);
+    }
     if (labels.format == kNeuroglancer) {
         write_neuroglancer(folder, chosen);
     }
@@ -326,6 +358,9 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
     for (std::size_t i = 0; i < chosen.size(); ++i) {
         list.push_back(
             json_of(store, chosen[i], reports[i], mesh_name(chosen[i].id, labels.format)));
+        if (!levels.empty()) {
+            list.back()["levels"] = json_of(levels[i]);
+        }
         triangles += reports[i].triangles;
         if (const auto& distance = reports[i].distance) {
             bound = std::max(bound, distance->bound);

@@ -28,9 +28,13 @@ struct LabelArguments {
     bool interfaces = false;  ///< one mesh of what is between labels, in place of meshes
 };
 
-/// --label, --labels, --smooth, --keep-nodes, --interfaces, --format. The first two exclude all of `others`.
+/// --label, --labels, --smooth, --keep-nodes, --interfaces, --format. The first two exclude all of
+/// `others`.
 void add_label_options(CLI::App* command, LabelArguments& a,
                        const std::vector<std::string>& others);
+
+/// Whether meshes are written in several levels of detail.
+bool makes_detail_levels(const LabelArguments& a);
 
 /// Puts the labels of this store in place of their names. Throws as label_named().
 void resolve_label_names(LabelArguments& a, const Store& store);
