@@ -18,11 +18,10 @@ void copy_box(const Box<T>& from, const Int3& cells, std::span<T> to) {
 
 }  // namespace
 
-CentreStore::CentreStore(const Lattice& lattice, std::vector<Field> fields,
-                         const std::filesystem::path& file)
+CentreStore::CentreStore(const Lattice& lattice, std::vector<Field> fields, ScratchFile file)
     : lattice_(lattice),
       fields_(std::move(fields)),
-      file_(ScratchFile::named(file)),
+      file_(std::move(file)),
       first_(static_cast<std::size_t>(std::max(lattice.top(), 2)) + 1, 0) {
     for (int level = 2; level < lattice.top(); ++level) {
         const auto l = static_cast<std::size_t>(level);
@@ -30,7 +29,51 @@ CentreStore::CentreStore(const Lattice& lattice, std::vector<Field> fields,
             first_[l] + fields_.size() * sizeof(float) *
                             static_cast<std::uint64_t>(lattice.elements_at(level).product());
     }
+}
+
+CentreStore::CentreStore(const Lattice& lattice, std::vector<Field> fields,
+                         const std::filesystem::path& file)
+    : CentreStore(lattice, std::move(fields), ScratchFile::named(file)) {
     file_.map(ranges_offset(lattice.top() + 1));
+}
+
+CentreStore CentreStore::partial(const Lattice& lattice, std::vector<Field> fields,
+                                 const ScratchFolder& folder) {
+    CentreStore made(lattice, std::move(fields), ScratchFile(folder));
+    made.file_.map_hole(made.ranges_offset(lattice.top() + 1));
+    return made;
+}
+
+/// Rows of planes of an array of all cubes of a level.
+template <class T>
+void CentreStore::reserve_rows(std::span<const T> all, const Int3& cells, std::int64_t y_begin,
+                               std::int64_t y_end, std::int64_t z_begin, std::int64_t z_end) const {
+    const std::int64_t last_y = std::min(y_end, cells.y);
+    for (std::int64_t z = z_begin; z < std::min(z_end, cells.z) && y_begin < last_y; ++z) {
+        const auto part = all.subspan(static_cast<std::size_t>(cells.linear({0, y_begin, z})),
+                                      static_cast<std::size_t>((last_y - y_begin) * cells.x));
+        file_.fill_hole(static_cast<std::uint64_t>(std::as_bytes(part).data() - bytes().data()),
+                        part.size_bytes());
+    }
+}
+
+void CentreStore::reserve(int level, std::int64_t y_begin, std::int64_t y_end, std::int64_t z_begin,
+                          std::int64_t z_end) const {
+    for (const Field field : fields_) {
+        reserve_rows<float>(cubes(level, field), lattice_.elements_at(level), y_begin, y_end,
+                            z_begin, z_end);
+    }
+}
+
+void CentreStore::reserve_cube_ranges(std::int64_t y_begin, std::int64_t y_end,
+                                      std::int64_t z_begin, std::int64_t z_end) const {
+    reserve_rows<CubeRange>(cube_ranges(kFirstRangeLevel), lattice_.cells_at(kFirstRangeLevel),
+                            y_begin, y_end, z_begin, z_end);
+}
+
+void CentreStore::reserve_all_cube_ranges() const {
+    const std::uint64_t begin = ranges_offset(kFirstRangeLevel);
+    file_.fill_hole(begin, ranges_offset(lattice_.top() + 1) - begin);
 }
 
 /// Where the ranges of a level begin, in bytes; past the coarsest level, where all of them end.

@@ -31,6 +31,23 @@ class CentreStore {
     CentreStore(const Lattice& lattice, std::vector<Field> fields,
                 const std::filesystem::path& file);
 
+    /// As that, in an unnamed file in `folder` without space for anything: a part of the cubes is
+    /// put() once it was reserved.
+    static CentreStore partial(const Lattice& lattice, std::vector<Field> fields,
+                               const ScratchFolder& folder);
+    /// Of partial(): rows [y_begin, y_end) of planes [z_begin, z_end) of the level's cubes, of all
+    /// fields; or of the finest ranges of cubes. Throws Error{io}, for example on a full disk.
+    void reserve(int level, std::int64_t y_begin, std::int64_t y_end, std::int64_t z_begin,
+                 std::int64_t z_end) const;
+    void reserve_cube_ranges(std::int64_t y_begin, std::int64_t y_end, std::int64_t z_begin,
+                             std::int64_t z_end) const;
+    /// Of all levels.
+    void reserve_all_cube_ranges() const;
+    /// Any part of bytes().
+    void reserve_bytes(std::uint64_t offset, std::uint64_t bytes) const {
+        file_.fill_hole(offset, bytes);
+    }
+
     /// Gives the level's space back.
     void release(int level);
     void put(int level, Field what, const Box<float>& centres);
@@ -54,8 +71,14 @@ class CentreStore {
     [[nodiscard]] std::vector<Range> ranges_of(int chunk, int level, std::int64_t rows) const;
     [[nodiscard]] std::span<std::byte> bytes() const { return file_.as<std::byte>(); }
 
-  private:
+    /// A field of all cubes of a level, [z][y][x].
     [[nodiscard]] std::span<float> cubes(int level, Field what) const;
+
+  private:
+    CentreStore(const Lattice& lattice, std::vector<Field> fields, ScratchFile file);
+    template <class T>
+    void reserve_rows(std::span<const T> all, const Int3& cells, std::int64_t y_begin,
+                      std::int64_t y_end, std::int64_t z_begin, std::int64_t z_end) const;
     [[nodiscard]] std::uint64_t ranges_offset(int level) const;
     template <class T>
     [[nodiscard]] Range planes_of(std::span<const T> all, const Int3& cells, std::int64_t begin,

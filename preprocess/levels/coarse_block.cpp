@@ -19,13 +19,12 @@
 namespace isonest::detail {
 namespace {
 
-/// The field that tells how far the finest function can be from a finer level's.
-Field deviation_carried(const StoreLayout& layout) {
-    return layout.has(Field::deviation_bar) ? Field::deviation_bar : Field::deviation_plus;
+auto chunks_of(FinerLevels& finer, const ArrayInfo& array) {
+    return [&](const Int3& chunk) { return finer.chunk(array, chunk); };
 }
 
 /// The deviations of level 1's cubes as they were stored (rounded up); NaN outside of the volume.
-void gather_finest_deviation(ChunkCache& cache, const StoreLayout& layout, Box<float>& box) {
+void gather_finest_deviation(FinerLevels& finer, const StoreLayout& layout, Box<float>& box) {
     const ArrayInfo& array = layout.array(1, deviation_carried(layout));
     const Int3 cells = layout.lattice().elements_at(1);
     std::fill(box.data.begin(), box.data.end(), std::numeric_limits<float>::quiet_NaN());
@@ -35,7 +34,7 @@ void gather_finest_deviation(ChunkCache& cache, const StoreLayout& layout, Box<f
         return;
     }
     const auto copy = [&](auto from) {
-        gather_values(cache, array, from);
+        gather_from(chunks_of(finer, array), array, from);
         for (std::int64_t z = from.lo.z; z < from.lo.z + from.size.z; ++z) {
             for (std::int64_t y = from.lo.y; y < from.lo.y + from.size.y; ++y) {
                 float* const to = box.row(y, z) + (from.lo.x - box.lo.x);
@@ -66,7 +65,7 @@ Int3 coarse_grid(const StoreLayout& layout, int level) {
 }
 
 template <class T>
-std::vector<EncodedChunk> coarse_block(const PassContext& context, ChunkCache& cache, int level,
+std::vector<EncodedChunk> coarse_block(const PassContext& context, FinerLevels& finer, int level,
                                        const Int3& block) {
     const StoreLayout& layout = context.layout;
     const std::int64_t k = layout.header().chunk;
@@ -76,7 +75,8 @@ std::vector<EncodedChunk> coarse_block(const PassContext& context, ChunkCache& c
     ValueBox<T> box;
     box.values =
         Box<T>(range.lo * 4 - one * kMargin, (range.hi - range.lo) * 4 + one * (2 * kMargin + 1));
-    gather_values(cache, layout.array(level - 2, Field::values), box.values);
+    const ArrayInfo& values = layout.array(level - 2, Field::values);
+    gather_from(chunks_of(finer, values), values, box.values);
     box.find_missing();
 
     std::vector<EncodedChunk> out;
@@ -95,7 +95,7 @@ std::vector<EncodedChunk> coarse_block(const PassContext& context, ChunkCache& c
     if (task.wants(Indicator::deviation)) {
         fine = Box<float>(box.values.lo, box.values.size);
         if (level == 3) {
-            gather_finest_deviation(cache, layout, fine);
+            gather_finest_deviation(finer, layout, fine);
         } else {
             context.centres.get(level - 2, deviation_carried(layout),
                                 std::numeric_limits<float>::quiet_NaN(), fine);
@@ -109,22 +109,23 @@ std::vector<EncodedChunk> coarse_block(const PassContext& context, ChunkCache& c
 }
 
 template <class T>
-std::vector<EncodedChunk> top_values(const PassContext& context, ChunkCache& cache) {
+std::vector<EncodedChunk> top_values(const PassContext& context, FinerLevels& finer) {
     const StoreLayout& layout = context.layout;
     const int top = layout.lattice().top();
     const ArrayInfo& array = layout.array(top, Field::values);
     Box<T> box({0, 0, 0}, (array.nodes - Int3{1, 1, 1}) * 2 + Int3{1, 1, 1});
-    gather_values(cache, layout.array(top - 1, Field::values), box);
+    const ArrayInfo& below = layout.array(top - 1, Field::values);
+    gather_from(chunks_of(finer, below), below, box);
     std::vector<EncodedChunk> out;
     encode_all_values(&array, {0, 0, 0}, array.grid, box, 2, out);
     return out;
 }
 
 // NOLINTBEGIN(bugprone-macro-parentheses): T is a type
-#define ISONEST_INSTANTIATE(tag, T)                                                          \
-    template std::vector<EncodedChunk> coarse_block<T>(const PassContext&, ChunkCache&, int, \
-                                                       const Int3&);                         \
-    template std::vector<EncodedChunk> top_values<T>(const PassContext&, ChunkCache&);
+#define ISONEST_INSTANTIATE(tag, T)                                                           \
+    template std::vector<EncodedChunk> coarse_block<T>(const PassContext&, FinerLevels&, int, \
+                                                       const Int3&);                          \
+    template std::vector<EncodedChunk> top_values<T>(const PassContext&, FinerLevels&);
 ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_INSTANTIATE)
 #undef ISONEST_INSTANTIATE
 // NOLINTEND(bugprone-macro-parentheses)

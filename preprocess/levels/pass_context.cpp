@@ -14,6 +14,10 @@ LayerRange range_of(const StoreLayout& layout, int level, const Int3& first, std
     return {first, min(first + Int3{count, count, count}, cells), cells};
 }
 
+Field deviation_carried(const StoreLayout& layout) {
+    return layout.has(Field::deviation_bar) ? Field::deviation_bar : Field::deviation_plus;
+}
+
 std::vector<Field> fields_at(const StoreLayout& layout, int level) {
     std::vector<Field> fields = layout.header().fields;
     if (level == 1) {

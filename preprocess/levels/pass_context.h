@@ -29,6 +29,10 @@ const ArrayInfo* find_array(const StoreLayout& layout, int level, Field field);
 /// `count` cubes of the level per axis from `first` on, as far as there are cubes.
 LayerRange range_of(const StoreLayout& layout, int level, const Int3& first, std::int64_t count);
 
+/// The field that tells how far the finest function can be from a finer level's. REQUIRES: one of
+/// the deviation is stored.
+Field deviation_carried(const StoreLayout& layout);
+
 /// The fields to compute at a level, none twice.
 std::vector<Field> fields_at(const StoreLayout& layout, int level);
 

@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <oneapi/tbb/task_group.h>
 
 #include <algorithm>
@@ -8,7 +7,6 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
-#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -16,25 +14,21 @@
 #include <isonest/error.h>
 #include <isonest/preprocess.h>
 
-#include "preprocess/indicators/cube_ranges.h"
 #include "preprocess/levels/base_block.h"
 #include "preprocess/levels/centre_store.h"
 #include "preprocess/levels/coarse_block.h"
+#include "preprocess/levels/finer_levels.h"
 #include "preprocess/levels/indicator_chunks.h"
 #include "preprocess/levels/pass_budget.h"
 #include "preprocess/levels/pass_context.h"
 #include "preprocess/levels/resume.h"
 #include "preprocess/levels/resumed_input.h"
+#include "preprocess/levels/run_ends.h"
 #include "preprocess/levels/run_journal.h"
 #include "preprocess/sources/wrapping/plane_window.h"
 #include "store/base/in_order.h"
-#include "store/base/label_text.h"
-#include "store/base/rotation.h"
 #include "store/base/workers.h"
-#include "store/container/chunk_cache.h"
-#include "store/container/extent.h"
 #include "store/container/format.h"
-#include "store/container/header_writer.h"
 #include "store/container/writer.h"
 #include "store/files/output_file.h"
 
@@ -82,29 +76,6 @@ void run_blocks(const Int3& grid, int tokens, const Block& compute, const Output
         });
 }
 
-/// Throws Error{invalid_argument} with the remedy to place the input elsewhere.
-void require_place(const VolumeDescription& volume) {
-    const std::string why = why_no_place(volume.nodes, volume.spacing, volume.origin);
-    if (!why.empty()) {
-        throw Error(ErrorKind::invalid_argument, {volume.name}, why,
-                    {{RemedyKind::place_in_world, "spacing,origin"}});
-    }
-    if (!are_directions(volume.direction)) {
-        throw Error(ErrorKind::invalid_argument, {volume.name},
-                    "its directions are not unit vectors at right angles, right-handed");
-    }
-}
-
-StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& options) {
-    require_place(volume);
-    StoreHeader header = detail::header_of(volume);
-    header.chunk = options.chunk;
-    header.compression = options.compression;
-    header.exact = options.exact;
-    header.fields = options.fields;
-    return header;
-}
-
 /// `done`: what is complete already.
 template <class T>
 void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& done,
@@ -143,71 +114,23 @@ void run_levels(const Outputs& outputs, PlaneWindow& window, const Checkpoint& d
         reading.wait();
         outputs.complete(2, z + 1);
     }
-    ChunkCache cache(outputs.writer, budget.cache(window.heap()));
+    CachedLevels finer(outputs.writer, budget.cache(window.heap()));
     for (int level = std::max(3, done.level + 1); level <= lattice.top(); ++level) {
         const Int3 blocks = coarse_grid(layout, level);
         progress.begin(fmt::format("level {}", level), static_cast<std::uint64_t>(blocks.product()),
                        "blocks");
         run_blocks(
             blocks, budget.tokens,
-            [&](const Int3& b) { return coarse_block<T>(context, cache, level, b); }, outputs,
+            [&](const Int3& b) { return coarse_block<T>(context, finer, level, b); }, outputs,
             progress, 1);
         outputs.complete(level, 0);
         outputs.centres.release(level - 2);
     }
     if (lattice.top() >= 2) {
-        for (const EncodedChunk& chunk : top_values<T>(context, cache)) {
+        for (const EncodedChunk& chunk : top_values<T>(context, finer)) {
             outputs.write(chunk);
         }
     }
-}
-
-void write_cube_ranges(const Outputs& outputs) {
-    const Lattice& lattice = outputs.writer.layout().lattice();
-    for (int level = kFirstRangeLevel; has_cube_ranges(lattice, level); ++level) {
-        const auto ranges = outputs.centres.cube_ranges(level);
-        if (level > kFirstRangeLevel) {
-            merge_cube_ranges(outputs.centres.cube_ranges(level - 1), lattice.cells_at(level - 1),
-                              ranges, lattice.cells_at(level));
-        }
-        outputs.writer.write_cube_ranges(level, ranges);
-    }
-}
-
-/// What must be the same for a run to go on with what another one has done.
-std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool resume) {
-    constexpr std::size_t kLongest = 32768;
-    std::string input = source.identity();
-    if (input.size() > kLongest || (input.empty() && resume)) {
-        throw Error(ErrorKind::invalid_argument, {source.describe().name},
-                    input.empty() ? "its identity() is empty, so that nobody knows what an "
-                                    "interrupted run has read"
-                                  : fmt::format("its identity() is longer than {} bytes", kLongest),
-                    {{RemedyKind::no_resume}});
-    }
-    if (!input.empty() && input.back() != '\n') {
-        input += '\n';
-    }
-    return fmt::format(
-               "format {}.{}\n{}nodes {} {} {}\ntype {}\nspacing {} {} {}\norigin {} {} {}\nchunk "
-               "{}\n"
-               "compression {}\nexact {}\nindicators {}\n",
-               kFormatMajor, minor_version_of(h), input, h.nodes.x, h.nodes.y, h.nodes.z,
-               name_of(h.type), h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1],
-               h.origin[2], h.chunk, h.compression, h.exact, list_names(h.fields)) +
-           (h.direction == kAlongWorld
-                ? ""
-                : fmt::format("direction {}\n", fmt::join(vtk_direction(h.direction), " "))) +
-           (h.unit ? fmt::format("unit {}\n", symbol_of(*h.unit)) : "");
-}
-
-/// Those that the store gets. Throws Error{invalid_argument}.
-std::vector<LabelName> label_names_of(const VolumeSource& source) {
-    std::vector<LabelName> names = source.label_names();
-    if (const std::string why = why_no_label_names(names); !why.empty()) {
-        throw Error(ErrorKind::invalid_argument, {source.describe().name}, why);
-    }
-    return names;
 }
 
 /// Takes over what an interrupted run has done, if there is one. Then that run's files are gone,
@@ -259,28 +182,11 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
         dispatch(header.type, [&](auto tag) {
             run_levels<typename decltype(tag)::type>(outputs, window, done, budget, progress);
         });
-        write_cube_ranges(outputs);
+        write_cube_ranges(centres, writer);
         if (!label_names.empty()) {
             writer.write_label_names(label_names);
         }
         progress.check();
-    };
-    const auto describe = [&] {
-        report.nodes = header.nodes;
-        report.levels = layout.lattice().top() + 1;
-        report.input_bytes =
-            static_cast<std::uint64_t>(header.nodes.product()) * size_of(header.type);
-        report.chunks = layout.rows();
-        report.label_names = label_names.size();
-        report.min_value = std::numeric_limits<double>::infinity();
-        report.max_value = -report.min_value;
-        const ArrayInfo& values = layout.array(0, Field::values);
-        for (std::int64_t i = 0; i < values.grid.product(); ++i) {
-            const ChunkRow row = writer.row(values, values.grid.unlinear(i));
-            report.min_value = std::min(report.min_value, row.min);
-            report.max_value = std::max(report.max_value, row.max);
-            report.has_missing = report.has_missing || (row.flags & kChunkHasMissing) != 0;
-        }
     };
     const auto keep = [&] {
         if (!worth_keeping || journal.checkpoints() == 0) {
@@ -293,7 +199,8 @@ PreprocessReport preprocess(VolumeSource& source, const std::filesystem::path& s
     };
     try {
         workers.execute(run);
-        describe();
+        describe_store(writer, report);
+        report.label_names = label_names.size();
         writer.finish();
     } catch (const Error& error) {
         if (keep()) {

@@ -13,6 +13,7 @@
 #include "query/check/check_levels.h"
 #include "query/check/check_source.h"
 #include "query/check/findings.h"
+#include "query/check/rank_share.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
 #include "store/container/hdf5_view.h"
@@ -60,6 +61,7 @@ class Checker {
         : store_(store),
           layout_(store.layout()),
           options_(options),
+          share_{options.ranks},
           progress_(progress),
           cache_(store, cache),
           findings_(layout_.rows()) {}
@@ -74,18 +76,26 @@ class Checker {
                        [&](const ArrayInfo& a, const Int3& c) { stored(a, c); });
         if (!quick) {
             for_each_chunk("decode", 1, [&](const ArrayInfo& a, const Int3& c) { decoded(a, c); });
+            if (share_.any(findings_.any_damaged())) {
+                findings_.note_damage();
+            }
             for_each_chunk(
                 "levels", 1,
                 [&](const ArrayInfo& a, const Int3& c) { check_levels(cache_, findings_, a, c); },
                 true);
         }
-        vtk_group();
-        check_cube_ranges(store_, cache_, quick, findings_, progress_);
+        if (share_.is_first()) {
+            vtk_group();
+        }
+        check_cube_ranges(store_, cache_, quick, findings_, progress_, share_);
         if (options_.depth == CheckDepth::deep) {
             hdf5_view();
         }
-        if (options_.source != nullptr) {
+        if (options_.source != nullptr && share_.is_first()) {
             check_source(cache_, options_, findings_, progress_);
+        }
+        if (share_.ranks != nullptr) {
+            findings_.gather(*share_.ranks);
         }
         return findings_.take();
     }
@@ -94,13 +104,15 @@ class Checker {
     /// All chunks that are not known to be damaged, or every so-manieth.
     template <class F>
     void for_each_chunk(const char* phase, std::int64_t every, F&& f, bool needs_others = false) {
-        progress_.begin(phase, layout_.rows() / static_cast<std::uint64_t>(every), "chunks");
+        progress_.begin(phase, layout_.rows() / static_cast<std::uint64_t>(every * share_.size()),
+                        "chunks");
         for (const ArrayInfo& array : layout_.arrays()) {
             if (array.alias) {
                 continue;
             }
-            const std::int64_t count = (array.grid.product() + every - 1) / every;
-            tbb::parallel_for(std::int64_t{0}, count, [&](std::int64_t i) {
+            const auto [low, high] = share_.of(array.grid.product());
+            const auto number = [&](std::int64_t chunk) { return (chunk + every - 1) / every; };
+            tbb::parallel_for(number(low), number(high), [&](std::int64_t i) {
                 progress_.check();
                 const Int3 chunk = array.grid.unlinear(i * every);
                 if (!findings_.is_damaged(array, chunk)) {
@@ -147,13 +159,32 @@ class Checker {
         }
     }
 
+    /// Of each array whether its first chunk is damaged, on whichever rank that was found.
+    std::vector<std::uint64_t> damaged_first_chunks() {
+        std::vector<std::uint64_t> damaged;
+        for (const ArrayInfo& array : layout_.arrays()) {
+            damaged.push_back(findings_.is_damaged(array, {0, 0, 0}) ? 1 : 0);
+        }
+        if (share_.ranks != nullptr) {
+            share_.ranks->sum(damaged);
+        }
+        return damaged;
+    }
+
     /// What other HDF5 programs find under the chunk's place is what the table says.
     void hdf5_view() {
         const Hdf5View view(store_.path());
         std::vector<std::byte> bytes;
-        progress_.begin("HDF5", layout_.rows(), "chunks");
-        for (const ArrayInfo& array : layout_.arrays()) {
-            for (std::int64_t i = 0; i < array.grid.product(); ++i) {
+        const std::vector<std::uint64_t> first_damaged = damaged_first_chunks();
+        progress_.begin("HDF5", layout_.rows() / static_cast<std::uint64_t>(share_.size()),
+                        "chunks");
+        for (std::size_t a = 0; a < layout_.arrays().size(); ++a) {
+            const ArrayInfo& array = layout_.arrays()[a];
+            const auto [low, high] = share_.of(array.grid.product());
+            if (low > 0 && first_damaged[a] == 0 && !view.read(array, {0, 0, 0}, bytes).empty()) {
+                continue;  // whoever has the first chunk says so
+            }
+            for (std::int64_t i = low; i < high; ++i) {
                 progress_.check();
                 progress_.advance(array.alias ? 0 : 1);
                 const Int3 chunk = array.grid.unlinear(i);
@@ -223,6 +254,7 @@ class Checker {
     const StoreReader& store_;
     const StoreLayout& layout_;
     const CheckOptions& options_;
+    RankShare share_;
     Progress& progress_;
     ChunkCache cache_;
     Findings findings_;

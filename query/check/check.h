@@ -10,6 +10,7 @@
 #include <isonest/volume_source.h>
 
 #include "store/container/reader.h"
+#include "store/ranks/communicator.h"
 
 namespace isonest::detail {
 
@@ -38,6 +39,9 @@ struct CheckOptions {
     std::uint64_t memory = std::uint64_t{512} << 20U;
     int threads = 0;
     std::uint64_t sampled_cubes = 2000;  ///< cubes whose bounds are checked by brute force
+    /// Each checks a share of the chunks, rank 0 the source, with memory and threads of its own;
+    /// null: one process.
+    Communicator* ranks = nullptr;
 };
 
 struct CheckReport {
@@ -48,9 +52,10 @@ struct CheckReport {
     std::vector<Finding> findings;  ///< the first 100
 };
 
-/// Runs all tests; damaged chunks are findings, and what depends on them is left out.
-/// Throws Error{invalid_argument} if options.source has other nodes or another type than the store,
-/// Error{io, limit, cancelled}, and what the source throws.
+/// Runs all tests; with ranks collective, and rank 0 has the report of all, which is that of one
+/// process; what others return means nothing. Damaged chunks are findings, and what depends on them
+/// is left out. Throws Error{invalid_argument} if options.source has other nodes or another type
+/// than the store, Error{io, limit, cancelled}, and what the source throws.
 CheckReport check(const StoreReader& store, const CheckOptions& options, Progress& progress);
 
 }  // namespace isonest::detail

@@ -32,12 +32,14 @@ std::int64_t quick_stride(const StoreLayout& layout) {
 
 class RangeChecks {
   public:
-    RangeChecks(const StoreReader& store, ChunkCache& cache, Findings& findings, Progress& progress)
+    RangeChecks(const StoreReader& store, ChunkCache& cache, Findings& findings, Progress& progress,
+                const RankShare& share)
         : store_(store),
           layout_(store.layout()),
           cache_(cache),
           findings_(findings),
-          progress_(progress) {}
+          progress_(progress),
+          share_(share) {}
 
     /// Whether every `every`th plane is whole.
     bool planes(int level, std::int64_t every) {
@@ -54,7 +56,7 @@ class RangeChecks {
                 add(level, {0, 0, i * every}, error.what());
             }
         });
-        return whole;
+        return !share_.any(!whole);
     }
 
     void against_values() {
@@ -94,8 +96,9 @@ class RangeChecks {
   private:
     template <class F>
     void for_all(const char* phase, std::int64_t count, const char* unit, const F& f) {
-        progress_.begin(phase, static_cast<std::uint64_t>(count), unit);
-        tbb::parallel_for(std::int64_t{0}, count, [&](std::int64_t i) {
+        const auto [first, end] = share_.of(count);
+        progress_.begin(phase, static_cast<std::uint64_t>(end - first), unit);
+        tbb::parallel_for(first, end, [&](std::int64_t i) {
             progress_.check();
             f(i);
             progress_.advance(1);
@@ -144,13 +147,14 @@ class RangeChecks {
     ChunkCache& cache_;
     Findings& findings_;
     Progress& progress_;
+    RankShare share_;
 };
 
 }  // namespace
 
 void check_cube_ranges(const StoreReader& store, ChunkCache& cache, bool quick, Findings& findings,
-                       Progress& progress) {
-    RangeChecks checks(store, cache, findings, progress);
+                       Progress& progress, const RankShare& share) {
+    RangeChecks checks(store, cache, findings, progress, share);
     bool finer_whole = false;
     const std::int64_t every = quick ? quick_stride(store.layout()) : 1;
     for (int level = kFirstRangeLevel; store.layout().has_cube_ranges(level); ++level) {

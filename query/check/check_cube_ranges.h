@@ -4,6 +4,7 @@
 #include <isonest/progress.h>
 
 #include "query/check/findings.h"
+#include "query/check/rank_share.h"
 #include "store/container/chunk_cache.h"
 #include "store/container/reader.h"
 
@@ -11,8 +12,9 @@ namespace isonest::detail {
 
 /// Compares the planes of ranges with their checksums (if `quick`: a sample of at most 256 MiB)
 /// and, unless `quick`, the ranges with the values of level 0 and with those of the finer level.
-/// Adds what it finds to `findings`, as test "cube range". Throws Error{cancelled}.
+/// Adds what it finds to `findings`, as test "cube range". Of ranks each compares its share;
+/// collective then. Throws Error{cancelled}.
 void check_cube_ranges(const StoreReader& store, ChunkCache& cache, bool quick, Findings& findings,
-                       Progress& progress);
+                       Progress& progress, const RankShare& share);
 
 }  // namespace isonest::detail

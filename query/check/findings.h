@@ -27,6 +27,10 @@ class Findings {
                      const std::string& message);
     [[nodiscard]] bool is_damaged(const ArrayInfo& array, const Int3& chunk);
     [[nodiscard]] bool any_damaged();
+    /// Some chunk is damaged that others have found.
+    void note_damage();
+    /// Rank 0 has those of all then. Collective. Throws Error{cancelled}.
+    void gather(Communicator& ranks);
     void count(std::int64_t nodes, std::uint64_t chunks = 0, std::uint64_t cubes = 0);
     [[nodiscard]] CheckReport take();
 
@@ -37,6 +41,7 @@ class Findings {
         Finding finding;
         [[nodiscard]] bool operator<(const Entry& other) const;
     };
+    void insert(Entry entry);
     std::mutex mutex_;
     std::vector<bool> damaged_;  ///< one bit for each 40 bytes of the table
     bool any_damaged_ = false;

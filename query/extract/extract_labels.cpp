@@ -34,6 +34,7 @@ void extract_labels(const Store& store, std::span<const Label> labels, const Lab
     ExtractOptions each = options;
     each.memory = options.memory / static_cast<std::uint64_t>(together);
     each.threads = std::max(threads / together, 1);
+    each.team = nullptr;  // one thread may use it at a time
     progress.begin("extract", labels.size(), "labels");
     detail::LabelProgress silent(progress);
     detail::Workers(together).execute([&] {

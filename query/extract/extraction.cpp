@@ -34,10 +34,7 @@ void Extraction::prepare(std::vector<std::filesystem::path> inputs) {
 FoundParts Extraction::begin_parts(std::uint64_t memory) {
     parts_.emplace(scratch_, asked_.spacing, asked_.origin, memory,
                    asked_.traversal.attributes.width());
-    if (asked_.keeps_apart()) {
-        parts_->watch(
-            {sight_apart(asked_.coordinate_rounding, asked_.least_apart), asked_.traversal.box});
-    }
+    watch_places(asked_, *parts_);
     return {asked_.traversal.iso, &*parts_, &report_};
 }
 

@@ -1,12 +1,18 @@
 #include "query/extract/find_parts.h"
 
 #include <algorithm>
+#include <array>
+#include <chrono>
 #include <cmath>
 #include <iterator>
 #include <vector>
 
+#include "query/apart/parts_apart.h"
 #include "query/distance/traverse_within_distance.h"
+#include "query/extract/stages/apart_stage.h"
 #include "query/extract/stages/distance_limits.h"
+#include "query/ranks/cube_shares.h"
+#include "query/ranks/gathered_parts.h"
 #include "query/traverse/hexahedra/traverse_quadrilaterals.h"
 #include "query/traverse/planar.h"
 #include "query/view/label_view.h"
@@ -14,6 +20,8 @@
 
 namespace isonest::detail {
 namespace {
+
+using Clock = std::chrono::steady_clock;
 
 /// Everything that a traversal needs.
 struct TraversalSetting {
@@ -59,6 +67,13 @@ TraversalCounts counts_of(const TraversalSetting& s, const PartSink& sink, Extra
     return traverse(s.cache, s.query, s.part_vertices, sink, s.progress);
 }
 
+std::vector<double> isovalues_of(std::span<const FoundParts> found) {
+    std::vector<double> isovalues;
+    std::transform(found.begin(), found.end(), std::back_inserter(isovalues),
+                   [](const FoundParts& f) { return f.iso; });
+    return isovalues;
+}
+
 /// Of each isovalue. Surfaces come out of one traversal; others are traversed in turn, from one
 /// cache.
 std::vector<TraversalCounts> all_counts(const TraversalSetting& s,
@@ -66,10 +81,8 @@ std::vector<TraversalCounts> all_counts(const TraversalSetting& s,
                                         std::span<const PartSink> sinks) {
     std::vector<TraversalCounts> counts;
     if (s.asked.product == Product::surface && !s.asked.nested_distance && found.size() > 1) {
-        std::vector<double> isovalues;
-        std::transform(found.begin(), found.end(), std::back_inserter(isovalues),
-                       [](const FoundParts& f) { return f.iso; });
-        return traverse_isovalues(s.cache, s.query, isovalues, s.part_vertices, sinks, s.progress);
+        return traverse_isovalues(s.cache, s.query, isovalues_of(found), s.part_vertices, sinks,
+                                  s.progress);
     }
     for (std::size_t i = 0; i < found.size(); ++i) {
         TraversalQuery query = s.query;
@@ -96,7 +109,40 @@ void report_errors(const ExtractQuery& asked, const TraversalCounts& counts,
     }
 }
 
+double elapsed_since(Clock::time_point start) {
+    return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+/// What one traversal did.
+struct Traversed {
+    TraversalCounts counts;
+    std::uint64_t chunks_read = 0;
+    std::uint64_t bytes_read = 0;
+    std::uint64_t peak_cache_bytes = 0;
+};
+
+/// What all ranks did together.
+Traversed of_all(Communicator& ranks, const Traversed& own) {
+    std::array sums{own.counts.visited, own.counts.leaves, own.counts.bricks, own.chunks_read,
+                    own.bytes_read};
+    std::array largest{own.counts.error_bound, own.counts.value_rounding,
+                       own.counts.height_rounding, static_cast<double>(own.peak_cache_bytes)};
+    ranks.sum(sums);
+    ranks.largest(largest);
+    return {{sums[0], sums[1], sums[2], largest[0], largest[1], largest[2]},
+            sums[3],
+            sums[4],
+            static_cast<std::uint64_t>(largest[3])};
+}
+
 }  // namespace
+
+void watch_places(const ExtractQuery& asked, PartStore& parts) {
+    if (asked.keeps_apart()) {
+        parts.watch(
+            {sight_apart(asked.coordinate_rounding, asked.least_apart), asked.traversal.box});
+    }
+}
 
 TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query,
                              const ExtractOptions& options, std::uint64_t isovalues) {
@@ -114,8 +160,8 @@ TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query
 }
 
 void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
-                std::span<const FoundParts> found, const ScratchFolder& scratch,
-                Progress& progress) {
+                std::span<const FoundParts> found, const ScratchFolder& scratch, Progress& progress,
+                RankTeam* team) {
     TraversalQuery query = asked.traversal;
     std::optional<ChunkCache> others;
     if (asked.values != nullptr) {
@@ -130,6 +176,10 @@ void find_parts(const StoreReader& store, const ExtractQuery& asked, const Trave
     const ChunkSource& source = label ? static_cast<const ChunkSource&>(*label) : store;
     ChunkCache cache(source, budget.cache,
                      query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
+    if (team != nullptr) {
+        query.share = share_of(team->ranks, source, query, isovalues_of(found));
+    }
+    const auto start = Clock::now();
     std::vector<PartSink> sinks;
     for (const FoundParts& f : found) {
         sinks.emplace_back([parts = f.parts](std::uint64_t order, const MeshPart& part) {
@@ -138,16 +188,31 @@ void find_parts(const StoreReader& store, const ExtractQuery& asked, const Trave
     }
     const std::vector<TraversalCounts> counts = all_counts(
         {store, asked, query, cache, budget.part_vertices, scratch, progress}, found, sinks);
+    if (team != nullptr) {
+        ++team->work.traversals;
+        team->work.traversal_seconds += elapsed_since(start);
+        team->work.chunks_read += cache.chunks_read();
+        team->work.bytes_read += cache.bytes_read();
+    }
     for (std::size_t i = 0; i < found.size(); ++i) {
-        found[i].parts->seal();
-        report_errors(asked, counts[i], *found[i].report);
+        Traversed traversed{counts[i], cache.chunks_read(), cache.bytes_read(), cache.peak_bytes()};
+        if (team != nullptr) {
+            team->work.leaves += counts[i].leaves;
+            traversed = of_all(team->ranks, traversed);
+            const auto before = Clock::now();
+            team->work.parts_bytes += gather_parts(team->ranks, *found[i].parts);
+            team->work.gathering_seconds += elapsed_since(before);
+        } else {
+            found[i].parts->seal();
+        }
+        report_errors(asked, traversed.counts, *found[i].report);
         TraversalReport& traversal = found[i].report->traversal;
-        traversal.visited = counts[i].visited;
-        traversal.leaves = counts[i].leaves;
-        traversal.bricks = counts[i].bricks;
-        traversal.peak_cache_bytes = cache.peak_bytes();
-        traversal.chunks_read = cache.chunks_read();
-        traversal.bytes_read = cache.bytes_read();
+        traversal.visited = traversed.counts.visited;
+        traversal.leaves = traversed.counts.leaves;
+        traversal.bricks = traversed.counts.bricks;
+        traversal.peak_cache_bytes = traversed.peak_cache_bytes;
+        traversal.chunks_read = traversed.chunks_read;
+        traversal.bytes_read = traversed.bytes_read;
     }
 }
 

@@ -5,6 +5,7 @@
 
 #include "query/extract/extract_query.h"
 #include "query/mesh/part_store.h"
+#include "query/ranks/rank_team.h"
 #include "query/traverse/traversal_budget.h"
 #include "store/files/scratch_file.h"
 
@@ -22,12 +23,17 @@ struct FoundParts {
     ExtractReport* report = nullptr;
 };
 
+/// The parts are to see which of their vertices may lie in one place, if the query keeps those
+/// apart.
+void watch_places(const ExtractQuery& asked, PartStore& parts);
+
 /// Traverses once, fills all parts and seals them; what that takes beside them is free again
 /// afterwards. Says in the reports what it did; chunks are counted in each. REQUIRES: only a
 /// surface or isolines of values have several isovalues; is called within an arena of
-/// budget.threads. Throws what traverse() throws.
+/// budget.threads. `team`: ranks that share the traversal, or null; collective then: rank 0 gets
+/// the parts of all, and its reports count what all did. Throws what traverse() throws.
 void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
-                std::span<const FoundParts> found, const ScratchFolder& scratch,
-                Progress& progress);
+                std::span<const FoundParts> found, const ScratchFolder& scratch, Progress& progress,
+                RankTeam* team = nullptr);
 
 }  // namespace isonest::detail

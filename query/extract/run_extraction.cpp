@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "query/extract/analysis/extract_analysed.h"
+#include "query/extract/extract_on_ranks.h"
 #include "query/extract/extraction.h"
 #include "query/extract/find_parts.h"
 #include "query/mesh/measuring_sink.h"
@@ -18,6 +19,14 @@ namespace isonest::detail {
 namespace {
 
 using Clock = std::chrono::steady_clock;
+
+std::vector<double> isovalues_of(std::span<const std::unique_ptr<Extraction>> extractions) {
+    std::vector<double> isovalues;
+    for (const auto& e : extractions) {
+        isovalues.push_back(e->asked().traversal.iso);
+    }
+    return isovalues;
+}
 
 /// Of several isovalues, with one traversal for all of them.
 void run_together(std::span<const std::unique_ptr<Extraction>> extractions,
@@ -31,12 +40,16 @@ void run_together(std::span<const std::unique_ptr<Extraction>> extractions,
     const TraversalBudget budget = parts_budget(store, asked, options, extractions.size());
     // While stages work on one mesh, which have all of the memory, the other parts wait.
     const bool has_room = extractions.size() == 1 || !asked.stages.any();
+    RankTeam* const team = is_shared(asked) ? options.team : nullptr;
+    if (team != nullptr) {
+        begin_shared_traversal(*team, store, asked, isovalues_of(extractions));
+    }
     Workers(budget.threads).execute([&] {
         std::vector<FoundParts> found;
         for (const auto& e : extractions) {
             found.push_back(e->begin_parts(has_room ? budget.parts / extractions.size() : 0));
         }
-        find_parts(store, asked, budget, found, extractions.front()->scratch(), progress);
+        find_parts(store, asked, budget, found, extractions.front()->scratch(), progress, team);
     });
     for (std::size_t i = 0; i < extractions.size(); ++i) {
         ExtractReport report = extractions[i]->finish(budget);

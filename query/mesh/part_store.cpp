@@ -126,30 +126,68 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     for (const auto& t : part.triangles) {
         zero += has_no_area(world[t[0]], world[t[1]], world[t[2]]) ? 1 : 0;
     }
-    zero_area_ += zero;
-    std::uint64_t index = 0;
-    {
-        const std::lock_guard lock(mutex_);
-        index = count_++;
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-            // Which of two zeros came first depends on the threads.
-            lo_[axis] = std::min(lo_[axis], lo[axis]) + 0.0F;
-            hi_[axis] = std::max(hi_[axis], hi[axis]) + 0.0F;
-        }
-        if (pieces.end + kKeptOverhead <= memory_) {
-            memory_ -= pieces.end + kKeptOverhead;
-            record.in_memory = 1;
-            record.offset = kept_.size();
-            kept_.push_back(std::move(bytes));
-        } else {
-            record.offset = end_;
-            end_ += pieces.end;
-        }
-    }
+    include({zero, lo, hi});
+    const std::uint64_t number = reserve(record, pieces.end);
     if (record.in_memory == 0) {
         file_.write_at(record.offset, {bytes.get(), pieces.end});
+    } else {
+        keep(record, std::move(bytes));
     }
-    record_file_.write_at(index * sizeof(PartRecord), std::as_bytes(std::span(&record, 1)));
+    write_record(number, record);
+}
+
+std::uint64_t PartStore::reserve(PartRecord& record, std::uint64_t bytes) {
+    const std::lock_guard lock(mutex_);
+    bytes_ += bytes;
+    if (bytes + kKeptOverhead <= memory_) {
+        memory_ -= bytes + kKeptOverhead;
+        record.in_memory = 1;
+        record.offset = kept_.size();
+        kept_.emplace_back();
+    } else {
+        record.in_memory = 0;
+        record.offset = end_;
+        end_ += bytes;
+    }
+    return count_++;
+}
+
+void PartStore::keep(const PartRecord& record, std::unique_ptr<std::byte[]> bytes) {
+    const std::lock_guard lock(mutex_);
+    kept_[record.offset] = std::move(bytes);
+}
+
+void PartStore::write_record(std::uint64_t number, const PartRecord& record) {
+    record_file_.write_at(number * sizeof(PartRecord), std::as_bytes(std::span(&record, 1)));
+}
+
+PartRecord PartStore::add(const PartRecord& record) {
+    PartRecord own = record;
+    const std::uint64_t bytes = count_bytes(record);
+    const std::uint64_t number = reserve(own, bytes);
+    if (own.in_memory != 0) {
+        keep(own, std::make_unique_for_overwrite<std::byte[]>(bytes));
+    }
+    write_record(number, own);
+    return own;
+}
+
+void PartStore::put(const PartRecord& record, std::uint64_t at, std::span<const std::byte> bytes) {
+    if (record.in_memory != 0) {
+        std::copy(bytes.begin(), bytes.end(), kept_[record.offset].get() + at);
+    } else {
+        file_.write_at(record.offset + at, bytes);
+    }
+}
+
+void PartStore::include(const PartTotals& other) {
+    const std::lock_guard lock(mutex_);
+    zero_area_ += other.zero_area;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        // Which of two zeros came first depends on the threads.
+        lo_[axis] = std::min(lo_[axis], other.lo[axis]) + 0.0F;
+        hi_[axis] = std::max(hi_[axis], other.hi[axis]) + 0.0F;
+    }
 }
 
 void PartStore::seal() {
@@ -173,6 +211,14 @@ void PartStore::release(const PartRecord& r) {
     }
 }
 
+std::uint64_t PartStore::count_bytes(const PartRecord& r) const {
+    return Pieces(r, attributes_).end;
+}
+std::span<const std::byte> PartStore::all_bytes(const PartRecord& r) const {
+    const std::byte* const part =
+        r.in_memory != 0 ? kept_[r.offset].get() : data_.data() + r.offset;
+    return {part, count_bytes(r)};
+}
 std::span<const MeshPart::Name> PartStore::names(const PartRecord& r) const {
     return slice<MeshPart::Name>(r, 0, r.names);
 }

@@ -2,7 +2,6 @@
 // that is allowed, then on disk.
 #pragma once
 
-#include <atomic>
 #include <limits>
 #include <memory>
 #include <mutex>
@@ -40,7 +39,16 @@ struct PlaceWatch {
     ClipBox box = {};
 };
 
-/// Thread-safety: append() from any thread; the rest from one, after the last append.
+/// What is known of all parts of a store together.
+struct PartTotals {
+    std::uint64_t zero_area = 0;  ///< triangles
+    /// The smallest box that holds all vertices, world coordinates; lo > hi if there is none.
+    std::array<float, 3> lo{};
+    std::array<float, 3> hi{};
+};
+
+/// Thread-safety: append() and add() from any thread, put() of different parts, too; the rest from
+/// one, after the last append.
 class PartStore {
   public:
     /// World coordinates are origin + spacing * position, as float32. Parts of up to `memory` bytes
@@ -54,6 +62,13 @@ class PartStore {
     void watch(const PlaceWatch& places) { watch_ = places; }
     /// Throws Error{io}.
     void append(std::uint64_t order, const MeshPart& part);
+    /// A part that another store like this one has: `record` and what all_bytes() says there. put()
+    /// gives it its bytes afterwards, piece by piece. Returns the record here. Throws Error{io}.
+    PartRecord add(const PartRecord& record);
+    /// `at`: of the first of `bytes` in the part. Throws Error{io}.
+    void put(const PartRecord& record, std::uint64_t at, std::span<const std::byte> bytes);
+    /// What is said of all parts of another store.
+    void include(const PartTotals& other);
     /// Ends the appending: maps everything and sorts the records.
     void seal();
 
@@ -75,6 +90,12 @@ class PartStore {
     /// Gives back what a part takes, of which nothing but the record is looked at any more. Of
     /// different parts from any thread.
     void release(const PartRecord& r);
+    /// Of a part: names, vertices, triangles and all else, as it lies in the store.
+    [[nodiscard]] std::span<const std::byte> all_bytes(const PartRecord& r) const;
+    [[nodiscard]] std::uint64_t count_bytes(const PartRecord& r) const;
+    /// Of all parts together.
+    [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
+    [[nodiscard]] PartTotals totals() const { return {zero_area_, lo_, hi_}; }
     [[nodiscard]] std::uint64_t zero_area_triangles() const { return zero_area_; }
     /// The smallest box that holds all vertices, world coordinates; lo > hi if there is none.
     [[nodiscard]] const std::array<float, 3>& lo() const { return lo_; }
@@ -87,6 +108,10 @@ class PartStore {
             r.in_memory != 0 ? kept_[r.offset].get() : data_.data() + r.offset;
         return {reinterpret_cast<const T*>(part + offset), count};
     }
+    /// Room for a part of so many bytes: in memory as far as that goes. Returns its number.
+    std::uint64_t reserve(PartRecord& record, std::uint64_t bytes);
+    void keep(const PartRecord& record, std::unique_ptr<std::byte[]> bytes);
+    void write_record(std::uint64_t number, const PartRecord& record);
     PiecedFile file_;
     ScratchFile record_file_;
     Double3 spacing_;
@@ -98,7 +123,8 @@ class PartStore {
     std::vector<std::unique_ptr<std::byte[]>> kept_;
     std::uint64_t end_ = 0;
     std::uint64_t count_ = 0;
-    std::atomic<std::uint64_t> zero_area_ = 0;
+    std::uint64_t bytes_ = 0;
+    std::uint64_t zero_area_ = 0;
     static constexpr float kMost = std::numeric_limits<float>::max();
     std::array<float, 3> lo_{kMost, kMost, kMost};
     std::array<float, 3> hi_{-kMost, -kMost, -kMost};

@@ -34,6 +34,11 @@ bool is_split(const StoreLayout& layout, int level) {
     return layout.array(level, Field::values).grid.product() < kFewBricks;
 }
 
+/// Level of the cubes that are as large as a brick of level 0.
+int chunk_level(const StoreLayout& layout) {
+    return std::countr_zero(static_cast<std::uint64_t>(layout.header().chunk));
+}
+
 /// One for each isovalue: they differ in that, in their sink and in what they find.
 using Runs = std::span<const std::unique_ptr<TraversalRun>>;
 /// For each run; null where it has nothing here.
@@ -150,6 +155,7 @@ void run_brick(Runs runs, int level, const Int3& brick, ParentsOfRuns parents,
     for (ParentsOfRuns& of_octant : children) {
         of_octant.resize(runs.size());
     }
+    const int child_level = level - 1 + chunk_level(layout);
     for (std::size_t r = 0; r < runs.size(); ++r) {
         if (!is_here(r)) {
             continue;
@@ -162,7 +168,8 @@ void run_brick(Runs runs, int level, const Int3& brick, ParentsOfRuns parents,
             parents[r].reset();
         }
         for (std::size_t octant = 0; octant < 8; ++octant) {
-            if (auto masks = work.take_children(octant)) {
+            if (auto masks = work.take_children(octant);
+                masks && common.query.share.meets(child_level, child_of(octant))) {
                 children[octant][r] = std::make_unique<Parents>(Parents{std::move(*masks), 0});
                 active.set(octant);
             }
@@ -221,6 +228,8 @@ void run_finest_bricks(Runs runs, const Int3& first, std::int64_t size,
     const ArrayInfo& values = source.layout().array(0, Field::values);
     const std::int64_t chunk = source.layout().header().chunk;
     const std::int64_t half = size / 2;
+    const int child_level =
+        chunk_level(source.layout()) + std::countr_zero(static_cast<std::uint64_t>(half));
     const auto child_of = [&](std::size_t octant) {
         return first + kOctants.unlinear(static_cast<std::int64_t>(octant)) * half;
     };
@@ -229,6 +238,8 @@ void run_finest_bricks(Runs runs, const Int3& first, std::int64_t size,
         const Int3 child = child_of(octant);
         const Int3 low = child * chunk;
         active[octant] = max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
+                         common.query.share.meets(
+                             child_level, {child.x / half, child.y / half, child.z / half}) &&
                          overlap_of(common.query.box, low,
                                     low + Int3{chunk, chunk, chunk} * half) != Overlap::outside &&
                          (half > 1 || std::any_of(runs.begin(), runs.end(), [&](const auto& run) {
@@ -257,6 +268,11 @@ void traverse_bricks(Runs runs) {
     const TraversalQuery& query = common.query;
     const StoreLayout& layout = common.layout();
     common.progress.begin("extract", kWholeProgress, "");
+    const bool is_one_brick = layout.array(0, Field::values).grid == Int3{1, 1, 1};
+    if (query.share.is_empty() || (is_one_brick && query.share.begin > 0)) {
+        common.progress.advance(kWholeProgress);
+        return;
+    }
     if (is_finest(layout, query)) {
         const Int3 grid = layout.array(0, Field::values).grid;
         const auto size = static_cast<std::uint64_t>(std::max({grid.x, grid.y, grid.z}));

@@ -15,6 +15,7 @@
 #include <isonest/progress.h>
 
 #include "query/march/local_mesh.h"
+#include "query/traverse/cube_share.h"
 #include "query/traverse/culling.h"
 #include "query/traverse/lattice_plane.h"
 #include "query/traverse/tolerance.h"
@@ -43,6 +44,7 @@ struct TraversalQuery {
     AttributeChoice attributes;
     ChunkCache* attribute_values = nullptr;  ///< another store of the same nodes; null: this one
     ClipBox box;                             ///< inside the volume
+    CubeShare share;                         ///< what of it this process traverses
     /// If set, called for every leaf, from many threads: for programs that measure.
     std::function<void(const Leaf&)> on_leaf;
 };

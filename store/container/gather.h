@@ -11,10 +11,11 @@
 namespace isonest::detail {
 
 /// Fills `box` (lattice coordinates of the array's level) with component 0 of a one-component
-/// array; coordinates outside the lattice get the value of the nearest node. REQUIRES: the array's
-/// elements are of type T, and the box is not empty.
-template <class T>
-void gather_values(ChunkCache& cache, const ArrayInfo& array, Box<T>& box) {
+/// array; coordinates outside the lattice get the value of the nearest node. chunk_at(c) returns
+/// the nodes of chunk c, of which those in the box are looked at; their stride along x is 1.
+/// REQUIRES: the array's elements are of type T, and the box is not empty.
+template <class T, class ChunkAt>
+void gather_from(const ChunkAt& chunk_at, const ArrayInfo& array, Box<T>& box) {
     const Int3 last = array.nodes - Int3{1, 1, 1};
     const Int3 from = min(max(box.lo, {0, 0, 0}), last);
     const Int3 to = max(min(box.lo + box.size - Int3{1, 1, 1}, last), {0, 0, 0});
@@ -27,15 +28,17 @@ void gather_values(ChunkCache& cache, const ArrayInfo& array, Box<T>& box) {
     for (std::int64_t cz = c0.z; cz <= c1.z; ++cz) {
         for (std::int64_t cy = c0.y; cy <= c1.y; ++cy) {
             for (std::int64_t cx = c0.x; cx <= c1.x; ++cx) {
-                const DecodedChunk chunk = cache.get(array, {cx, cy, cz});
-                const T* const data = reinterpret_cast<const T*>(chunk.get());
+                const ChunkNodes chunk = chunk_at(Int3{cx, cy, cz});
+                const T* const data = reinterpret_cast<const T*>(chunk.data.get());
                 const Int3 base = array.first_node({cx, cy, cz});
                 const Int3 lo = max(base, from);
                 const Int3 hi = min(base + array.chunk - Int3{1, 1, 1}, to);
                 for (std::int64_t z = lo.z; z <= hi.z; ++z) {
                     for (std::int64_t y = lo.y; y <= hi.y; ++y) {
                         std::copy_n(
-                            data + array.chunk.linear(Int3{lo.x, y, z} - base), hi.x - lo.x + 1,
+                            data + (lo.x - base.x) + (y - base.y) * chunk.stride.y +
+                                (z - base.z) * chunk.stride.z,
+                            hi.x - lo.x + 1,
                             box.row(place(y, 1), place(z, 2)) + (place(lo.x, 0) - box.lo.x));
                     }
                 }
@@ -63,6 +66,17 @@ void gather_values(ChunkCache& cache, const ArrayInfo& array, Box<T>& box) {
                         box.row(box.lo.y, z));
         }
     }
+}
+
+/// The same, through a cache.
+template <class T>
+void gather_values(ChunkCache& cache, const ArrayInfo& array, Box<T>& box) {
+    const Int3 stride{1, array.chunk.x, array.chunk.x * array.chunk.y};
+    gather_from(
+        [&](const Int3& chunk) {
+            return ChunkNodes{cache.get(array, chunk), stride};
+        },
+        array, box);
 }
 
 /// `count` components from `first` on of the `size` nodes from `lo` on, [z][y][x][component].

@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -30,6 +31,7 @@
 #include "store/files/output_file.h"
 #include "store/files/scratch_file.h"
 #include "store/hdf5/handles.h"
+#include "store/hdf5/planned_writes.h"
 #include "store/hdf5/zstd_filter.h"
 
 namespace isonest::detail {
@@ -38,6 +40,10 @@ struct StoreWriter::Impl {
     std::filesystem::path path;
     UnfinishedFile unfinished;
     StoreLayout layout;
+    PlannedWrites planned;
+    bool is_planned;
+    std::unique_ptr<std::byte[]> nothing;  ///< in place of a planned chunk's bytes; never touched
+    std::uint32_t nothing_bytes = 0;
     FileHandle file;
     std::vector<DatasetHandle> datasets;  // one per array; invalid for aliases
     ScratchFile rows_file;
@@ -49,8 +55,13 @@ struct StoreWriter::Impl {
     bool named = false;             ///< the names of labels were written
     mutable std::mutex hdf5;
 
-    Impl(const std::filesystem::path& target, const StoreHeader& header, bool force)
-        : path(target), unfinished(target, force), layout(header), rows_file(target.parent_path()) {
+    Impl(const std::filesystem::path& target, const StoreHeader& header, bool force,
+         ChunkWriting chunks)
+        : path(target),
+          unfinished(target, force),
+          layout(header),
+          is_planned(chunks == ChunkWriting::elsewhere),
+          rows_file(target.parent_path()) {
         rows_file.map(layout.rows() * sizeof(ChunkRow));
         rows = rows_file.as<ChunkRow>();
     }
@@ -86,6 +97,9 @@ void StoreWriter::Impl::create() {
     const PropertyHandle access = written_file_access();
     // Chunks are then allocated one by one at the end of the file: see write_chunk().
     H5Pset_small_data_block_size(access.get(), 0);
+    if (is_planned) {
+        use_planned_writes(access, planned);
+    }
     file = made(create_hdf5(unfinished.name(), access), "create the file");
     unfinished.created();
     datasets.resize(layout.arrays().size());
@@ -232,8 +246,9 @@ void leave_hdf5_alone_at_exit() {
     H5dont_atexit();
 }
 
-StoreWriter::StoreWriter(const std::filesystem::path& path, const StoreHeader& header, bool force) {
-    impl_ = std::make_unique<Impl>(path, header, force);
+StoreWriter::StoreWriter(const std::filesystem::path& path, const StoreHeader& header, bool force,
+                         ChunkWriting chunks) {
+    impl_ = std::make_unique<Impl>(path, header, force, chunks);
     try {
         impl_->create();
     } catch (...) {
@@ -305,6 +320,31 @@ void StoreWriter::write_chunk(const ArrayInfo& array, const Int3& chunk,
     }
     impl_->rows[array.row_of(chunk)] = row;
     impl_->early.wrote(impl_->read_fd, encoded.size());
+}
+
+std::span<ChunkRow> StoreWriter::rows() {
+    return impl_->rows;
+}
+
+void StoreWriter::plan_chunk(const ArrayInfo& array, const Int3& chunk) {
+    const auto at = dims_of(array.first_node(chunk), 0);
+    const auto index = static_cast<std::size_t>(&array - impl_->layout.arrays().data());
+    ChunkRow& row = impl_->rows[array.row_of(chunk)];
+    const std::lock_guard lock(impl_->hdf5);
+    const QuietHdf5 quiet;
+    if (impl_->nothing_bytes < row.bytes) {
+        impl_->nothing_bytes = row.bytes;
+        impl_->nothing = std::make_unique_for_overwrite<std::byte[]>(row.bytes);
+    }
+    impl_->planned.drops_raw = true;
+    const bool good = H5Dwrite_chunk(impl_->datasets[index].get(), H5P_DEFAULT, 0, at.data(),
+                                     row.bytes, impl_->nothing.get()) >= 0;
+    impl_->planned.drops_raw = false;
+    if (!good) {
+        impl_->fail("plan " + array.place(chunk));
+    }
+    row.offset = impl_->planned.last;
+    impl_->written += row.bytes;
 }
 
 ChunkRow StoreWriter::row(const ArrayInfo& array, const Int3& chunk) const {

@@ -11,12 +11,19 @@
 
 namespace isonest::detail {
 
+/// Who writes the chunks of a store into its file.
+enum class ChunkWriting {
+    here,      ///< write_chunk()
+    elsewhere  ///< others, where plan_chunk() says
+};
+
 /// A store that is being written under a temporary name beside its final one.
-/// Thread-safety: write_chunk(), row() and decode() from any thread; finish() from one.
+/// Thread-safety: write_chunk(), row() and decode() from any thread; the rest from one.
 class StoreWriter : public ChunkSource {
   public:
     /// Throws what check_output() throws, and Error{io}.
-    StoreWriter(const std::filesystem::path& path, const StoreHeader& header, bool force);
+    StoreWriter(const std::filesystem::path& path, const StoreHeader& header, bool force,
+                ChunkWriting chunks = ChunkWriting::here);
     /// Removes the temporary file unless finish() succeeded or keep() was called.
     ~StoreWriter() override;
 
@@ -26,6 +33,12 @@ class StoreWriter : public ChunkSource {
     /// Throws Error{io}.
     void write_chunk(const ArrayInfo& array, const Int3& chunk, std::span<const std::byte> encoded,
                      ChunkRow row);
+    /// The chunk table, for planned chunks: whoever plans fills in all but the offsets.
+    [[nodiscard]] std::span<ChunkRow> rows();
+    /// Chooses the place of a chunk whose row has its size, as write_chunk() would if it was called
+    /// for the same chunks in the same order, and fills in the offset. REQUIRES:
+    /// ChunkWriting::elsewhere; each chunk of a non-alias array exactly once. Throws Error{io}.
+    void plan_chunk(const ArrayInfo& array, const Int3& chunk);
     /// The ranges of a level's cubes, [z][y][x]. REQUIRES: once for each level that has them, in
     /// ascending order, after all chunks. Throws Error{io}.
     void write_cube_ranges(int level, std::span<const CubeRange> ranges);

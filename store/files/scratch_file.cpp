@@ -181,6 +181,10 @@ std::span<std::byte> ScratchFile::map(std::uint64_t bytes) {
         return {};
     }
     reserve(bytes);
+    return map_reserved(bytes);
+}
+
+std::span<std::byte> ScratchFile::map_reserved(std::uint64_t bytes) {
     void* const p = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd_, 0);
     if (p == MAP_FAILED) {
         fail(folder_, "cannot map", errno);
@@ -188,6 +192,26 @@ std::span<std::byte> ScratchFile::map(std::uint64_t bytes) {
     map_ = static_cast<std::byte*>(p);
     mapped_ = bytes;
     return {map_, bytes};
+}
+
+std::span<std::byte> ScratchFile::map_hole(std::uint64_t bytes) {
+    unmap();
+    if (bytes == 0) {
+        return {};
+    }
+    if (::ftruncate(fd_, static_cast<off_t>(bytes)) != 0) {
+        fail(folder_, "cannot lengthen", errno);
+    }
+    return map_reserved(bytes);
+}
+
+void ScratchFile::fill_hole(std::uint64_t offset, std::uint64_t bytes) const {
+    const int error =
+        bytes == 0 ? 0
+                   : ::posix_fallocate(fd_, static_cast<off_t>(offset), static_cast<off_t>(bytes));
+    if (error != 0) {
+        fail(folder_, fmt::format("cannot reserve {} bytes", bytes).c_str(), error);
+    }
 }
 
 void ScratchFile::map_at(std::byte* address, std::uint64_t bytes) {

@@ -75,6 +75,12 @@ class ScratchFile {
     /// Maps the first `bytes` for reading and writing, extending the file (with zeros) where
     /// needed. Earlier maps become invalid. Throws Error{io}.
     std::span<std::byte> map(std::uint64_t bytes);
+    /// As map(), but without reserving the space: what was not reserved by fill_hole() nor written
+    /// may only be read. A meter is not told of it.
+    std::span<std::byte> map_hole(std::uint64_t bytes);
+    /// Reserves the space of a range, so that it can be written through a map; what is there stays.
+    /// Throws Error{io}, for example on a full disk.
+    void fill_hole(std::uint64_t offset, std::uint64_t bytes) const;
     /// Maps the first `bytes` at `address`, in place of what is mapped there; the map is the
     /// caller's. Throws Error{io}.
     void map_at(std::byte* address, std::uint64_t bytes);
@@ -94,6 +100,7 @@ class ScratchFile {
     void unmap();
     void close();
     void reserve(std::uint64_t bytes);
+    std::span<std::byte> map_reserved(std::uint64_t bytes);
     void count_to(std::uint64_t end);
     void uncount(std::uint64_t bytes) const;
     void take(ScratchFile& other) noexcept;

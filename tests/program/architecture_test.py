@@ -21,19 +21,22 @@ MAY_INCLUDE = {
 # The rooms of a folder, each with those that it may include beside itself and public headers.
 ROOMS = {
     "store": {"base": set(), "files": {"base"}, "lattice": {"base"}, "hdf5": {"base", "files"},
+              "neuroglancer": {"mesh", "simplify"},
+              "ranks": {"base"},
               "container": {"base", "files", "lattice", "hdf5"},
               "exports": {"base", "files", "hdf5", "container"}},
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
+                   "ranks": {"levels", "sources", "indicators"},
                    "synthetic": set()},
     "query": {"view": set(), "march": {"view"}, "formats": set(), "mesh": {"view", "march"},
               "apart": {"mesh"}, "simplify": {"view", "mesh", "traverse"},
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "finite_elements": {"view", "traverse"},
               "statistics": set(), "labels": set(), "surface_nets": {"labels", "mesh"},
-              "neuroglancer": {"mesh", "simplify"},
+              "ranks": {"view", "march", "mesh", "traverse"},
               "slabs": {"view", "march", "mesh", "apart"},
               "distance": {"view", "march", "simplify", "traverse"},
-              "extract": {"view", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs",
+              "extract": {"view", "march", "mesh", "apart", "simplify", "traverse", "distance", "slabs", "ranks",
                           "labels", "surface_nets", "neuroglancer"}},
 }
 # Rooms within a room, each with those that it may include beside itself; every folder there is one of them.

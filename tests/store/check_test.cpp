@@ -5,6 +5,7 @@
 
 #include "store/hdf5/handles.h"
 #include "tests/support/test_support.h"
+#include "tests/support/thread_ranks.h"
 
 using namespace isonest;
 using namespace isonest::detail;
@@ -123,8 +124,38 @@ class Forger {
     std::vector<ChunkRow> rows_;
 };
 
+/// What ranks find together is what one process finds.
+void require_same_on_ranks(const std::filesystem::path& path, CheckOptions options,
+                           const CheckReport& expected) {
+    for (const int count : {2, 5}) {
+        CAPTURE(count);
+        CheckReport report;
+        isonest::test::ThreadRanks(count).run([&](Communicator& ranks) {
+            CheckOptions own = options;
+            own.ranks = &ranks;
+            CheckReport found = check(StoreReader(path), own, silent_progress());
+            if (ranks.rank() == 0) {
+                report = std::move(found);
+            }
+        });
+        CHECK(report.chunks == expected.chunks);
+        CHECK(report.nodes == expected.nodes);
+        CHECK(report.cubes == expected.cubes);
+        CHECK(report.failures == expected.failures);
+        REQUIRE(report.findings.size() == expected.findings.size());
+        for (std::size_t i = 0; i < report.findings.size(); ++i) {
+            const Finding& a = report.findings[i];
+            const Finding& b = expected.findings[i];
+            CHECK((a.test == b.test && a.field == b.field && a.level == b.level &&
+                   a.chunk == b.chunk && a.node == b.node && a.message == b.message));
+        }
+    }
+}
+
 CheckReport checked(const std::filesystem::path& path, const CheckOptions& options = {}) {
-    return check(StoreReader(path), options, silent_progress());
+    CheckReport report = check(StoreReader(path), options, silent_progress());
+    require_same_on_ranks(path, options, report);
+    return report;
 }
 
 /// A whole store of noise, exact, in chunks of 8.
@@ -264,6 +295,25 @@ TEST_CASE("only a deep check finds that HDF5's index leads elsewhere than the ta
     CheckOptions deep;
     deep.depth = CheckDepth::deep;
     require_one(checked(made.path, deep), "hdf5", 0, {0, 1, 0}, kWhole);
+}
+
+TEST_CASE("checks of a store with damage in many places") {
+    const Made made;
+    {
+        Forger forger(made.path);
+        for (const int level : {0, 1}) {
+            const ArrayInfo& values = forger.layout().array(level, Field::values);
+            forger.put(values, {0, 0, 0}, std::vector<std::byte>(100, std::byte{7}));
+            forger.put(values, {1, 1, 1}, std::vector<std::byte>(100, std::byte{7}));
+            forger.row(values, {1, 0, 1}).checksum ^= 1U;
+        }
+        forger.row(forger.layout().array(1, Field::linf_plus), {0, 0, 0}).checksum ^= 1U;
+    }
+    for (const CheckDepth depth : {CheckDepth::quick, CheckDepth::standard, CheckDepth::deep}) {
+        CheckOptions options;
+        options.depth = depth;
+        CHECK(checked(made.path, options).failures >= 3);
+    }
 }
 
 TEST_CASE("check finds the node that differs from the source") {

@@ -13,6 +13,10 @@
 
 #include "tools/cli/terminal/terminal_progress.h"
 
+namespace isonest::detail {
+class Communicator;
+}
+
 namespace isonest::detail::cli {
 
 using Json = nlohmann::ordered_json;  // keeps the order in which it was filled
@@ -26,6 +30,8 @@ struct Result {
     std::string warning;  ///< on stderr, and in the JSON
     Json json;
     int exit_code = 0;
+    /// What this rank alone has done, where there are several: of the JSON's "ranks".
+    Json rank = Json::object();
 };
 
 /// The command that the command line chose.
@@ -34,6 +40,9 @@ struct Invocation {
     bool quiet = false;
     std::function<Result(Progress&)> run;
     std::vector<ProgressStage> stages = {};  ///< of its progress
+    /// Set before the commands are declared: the ranks that run it together, of isonest-mpi. Null:
+    /// a process alone.
+    Communicator* ranks = nullptr;
 };
 
 /// What the help of a command says.

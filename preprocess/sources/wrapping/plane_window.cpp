@@ -11,20 +11,33 @@ namespace isonest::detail {
 
 PlaneWindow::PlaneWindow(VolumeSource& source, std::int64_t planes, std::uint64_t budget,
                          const std::filesystem::path& scratch_folder, Progress& progress)
+    : PlaneWindow(source, {0, source.describe().nodes.y, 0, source.describe().nodes.z}, planes,
+                  budget, scratch_folder, progress) {}
+
+PlaneWindow::PlaneWindow(VolumeSource& source, const VolumePart& part, std::int64_t planes,
+                         std::uint64_t budget, const std::filesystem::path& scratch_folder,
+                         Progress& progress)
     : source_(source),
-      nodes_(source.describe().nodes),
+      part_(part),
       step_(source.granularity()),
       progress_(progress),
-      row_bytes_(nodes_.x * static_cast<std::int64_t>(size_of(source.describe().type))),
-      plane_bytes_(row_bytes_ * nodes_.y) {
-    const std::int64_t nz = nodes_.z;
+      row_bytes_(source.describe().nodes.x *
+                 static_cast<std::int64_t>(size_of(source.describe().type))),
+      plane_bytes_(row_bytes_ * (part.y_end - part.y_begin)),
+      first_row_(part.y_begin) {
     if (!source.mapped().empty()) {
+        const Int3 nodes = source.describe().nodes;
         base_ = source.mapped().data();
-        capacity_ = nz;
+        bytes_read_ = static_cast<std::uint64_t>(plane_bytes_ * (part.z_end - part.z_begin));
+        plane_bytes_ = row_bytes_ * nodes.y;
+        first_row_ = 0;
+        capacity_ = nodes.z;
         whole_ = true;
         return;
     }
     const std::int64_t step = step_.planes;
+    first_plane_ = part.z_begin / step * step;
+    const std::int64_t nz = part.z_end - first_plane_;
     const std::int64_t affordable = static_cast<std::int64_t>(budget) / plane_bytes_;
     // Reads end at whole steps, and none is cut where the ring wraps around.
     const std::int64_t needed = std::min(nz, ceil_div(planes + step - 1, step) * step);
@@ -41,17 +54,18 @@ PlaneWindow::PlaneWindow(VolumeSource& source, std::int64_t planes, std::uint64_
 }
 
 void PlaneWindow::spool(std::uint64_t budget, const std::filesystem::path& folder) {
-    const Int3 n = nodes_;
+    const std::int64_t all_planes = part_.z_end - part_.z_begin;
+    const std::int64_t all_rows = part_.y_end - part_.y_begin;
     const auto step = step_;
     spool_.emplace(folder);
-    std::int64_t planes = std::min(n.z, step.planes);
-    std::int64_t rows = n.y;
+    std::int64_t planes = std::min(all_planes, step.planes);
+    std::int64_t rows = all_rows;
     const auto limit = static_cast<std::int64_t>(std::min<std::uint64_t>(budget, 64U << 20U));
     if (planes * plane_bytes_ > limit) {
-        rows = std::min(n.y, step.rows);
+        rows = std::min(all_rows, step.rows);
         rows = std::max(rows, limit / (planes * row_bytes_) / step.rows * step.rows);
     } else {
-        planes = std::min(n.z, limit / (planes * plane_bytes_) * planes);
+        planes = std::min(all_planes, limit / (planes * plane_bytes_) * planes);
     }
     const std::int64_t piece = planes * rows * row_bytes_;
     if (static_cast<std::uint64_t>(piece) > std::max<std::uint64_t>(budget, 1U << 20U)) {
@@ -61,29 +75,37 @@ void PlaneWindow::spool(std::uint64_t budget, const std::filesystem::path& folde
                     {{RemedyKind::more_memory}, {RemedyKind::smaller_input_chunk}});
     }
     std::vector<std::byte> buffer(static_cast<std::size_t>(piece));
-    progress_.begin("copy input", static_cast<std::uint64_t>(plane_bytes_ * n.z), "B");
-    for (std::int64_t z = 0; z < n.z; z += planes) {
-        const std::int64_t nz = std::min(planes, n.z - z);
-        for (std::int64_t y = 0; y < n.y; y += rows) {
+    progress_.begin("copy input", static_cast<std::uint64_t>(plane_bytes_ * all_planes), "B");
+    // Pieces end at whole steps of the volume.
+    const auto next = [](std::int64_t at, std::int64_t size, std::int64_t begin, std::int64_t end) {
+        return size >= end - begin ? end : std::min(end, (at / size + 1) * size);
+    };
+    for (std::int64_t z = part_.z_begin; z < part_.z_end;) {
+        const std::int64_t nz = next(z, planes, part_.z_begin, part_.z_end) - z;
+        for (std::int64_t y = part_.y_begin; y < part_.y_end;) {
             progress_.check();
-            const std::int64_t ny = std::min(rows, n.y - y);
+            const std::int64_t ny = next(y, rows, part_.y_begin, part_.y_end) - y;
             source_.read(z, nz, y, ny, buffer.data());
             for (std::int64_t p = 0; p < nz; ++p) {
-                spool_->write_at(
-                    static_cast<std::uint64_t>((z + p) * plane_bytes_ + y * row_bytes_),
-                    {buffer.data() + p * ny * row_bytes_,
-                     static_cast<std::size_t>(ny * row_bytes_)});
+                spool_->write_at(static_cast<std::uint64_t>((z + p - part_.z_begin) * plane_bytes_ +
+                                                            (y - part_.y_begin) * row_bytes_),
+                                 {buffer.data() + p * ny * row_bytes_,
+                                  static_cast<std::size_t>(ny * row_bytes_)});
             }
+            bytes_read_ += static_cast<std::uint64_t>(nz * ny * row_bytes_);
             progress_.advance(static_cast<std::uint64_t>(nz * ny * row_bytes_));
+            y += ny;
         }
+        z += nz;
     }
-    base_ = spool_->map(static_cast<std::uint64_t>(plane_bytes_ * n.z)).data();
-    capacity_ = n.z;
+    base_ = spool_->map(static_cast<std::uint64_t>(plane_bytes_ * all_planes)).data();
+    first_plane_ = part_.z_begin;
+    capacity_ = all_planes;
     whole_ = true;
 }
 
 void PlaneWindow::read_until(std::int64_t z_end) {
-    const std::int64_t nz = nodes_.z;
+    const std::int64_t nz = part_.z_end;
     const std::int64_t step = step_.planes;
     while (end_ < std::min(z_end, nz)) {
         // Up to the next multiple of the step, as one read unless the ring wraps around.
@@ -95,9 +117,11 @@ void PlaneWindow::read_until(std::int64_t z_end) {
         if (to <= end_) {
             return;
         }
-        const std::int64_t slot = end_ % capacity_;
+        const std::int64_t slot = (end_ - first_plane_) % capacity_;
         const std::int64_t first = std::min(to - end_, capacity_ - slot);
-        source_.read(end_, first, 0, nodes_.y, ring_.get() + slot * plane_bytes_);
+        source_.read(end_, first, part_.y_begin, part_.y_end - part_.y_begin,
+                     ring_.get() + slot * plane_bytes_);
+        bytes_read_ += static_cast<std::uint64_t>(first * plane_bytes_);
         end_ += first;
         progress_.check();
     }
@@ -113,7 +137,7 @@ void PlaneWindow::load(std::int64_t z_begin, std::int64_t z_end) {
         end_ = begin_ / step * step;
     }
     read_until(z_end);
-    if (end_ < std::min(z_end, nodes_.z)) {
+    if (end_ < std::min(z_end, part_.z_end)) {
         throw Error(ErrorKind::io, {source_.describe().name},
                     "the window is too small; this is a bug");
     }
@@ -125,8 +149,8 @@ void PlaneWindow::prefetch(std::int64_t z_end) {
     }
     const std::int64_t step = step_.planes;
     // Only whole steps: half of a compressed chunk would have to be decoded again.
-    std::int64_t to = std::min({z_end, begin_ + capacity_, nodes_.z});
-    if (to < nodes_.z) {
+    std::int64_t to = std::min({z_end, begin_ + capacity_, part_.z_end});
+    if (to < part_.z_end) {
         to = to / step * step;
     }
     if (to > end_) {

@@ -23,6 +23,9 @@
 #include <isonest/world.h>
 
 namespace isonest {
+namespace detail {
+struct RankTeam;
+}
 
 /// Leaves out what faces away from a viewer who looks in `direction` (section 5 of the paper).
 struct BackfaceCulling {
@@ -160,6 +163,8 @@ struct ExtractOptions {
     /// folder for temporary files.
     std::filesystem::path scratch = {};
     bool quality = false;  ///< the report says which angles the triangles have
+    /// Other processes that share the traversals; null: none. For the library's own use.
+    detail::RankTeam* team = nullptr;
 };
 
 /// Hands the mesh to `sink`: coordinates float32 in world units; values float32 where that holds

@@ -33,16 +33,18 @@ class BrickParts {
     }
 
     [[nodiscard]] LocalMesh& mesh() { return mesh_; }
-    /// Calls refine(cube of level + 1, its mask) for each mask that is not 0, and hands parts on as
-    /// they grow large and where a new block of vertices begins. The masks: in Morton order from
-    /// cube `begin` of the brick on.
+    /// Calls refine(cube of level + 1, its mask) for each mask that is not 0 of a cube that meets
+    /// the query's share, and hands parts on as they grow large and where a new block of vertices
+    /// begins. The masks: in Morton order from cube `begin` of the brick on.
     template <class Refine>
     void for_each_parent(const MaskList& parents, std::size_t begin, const Refine& refine) {
         const Int3 first{base_.x / 2, base_.y / 2, base_.z / 2};
         const auto half_block = static_cast<std::size_t>(table_cells(run_.layout()) / 2);
         const std::size_t block_size = half_block * half_block * half_block;
         std::size_t block = std::numeric_limits<std::size_t>::max();
-        for (std::size_t i = 0; i < parents.size(); ++i) {
+        const auto [shared, shared_end] =
+            run_.query.share.meeting(level_ + 1, morton_code(first) + begin, parents.size());
+        for (std::size_t i = shared; i < shared_end; ++i) {
             if (parents[i] == 0) {
                 continue;
             }

@@ -89,6 +89,9 @@ void BrickTraversal<Interest>::sharpen(CubeNodes& nodes) const {
 template <class Interest>
 void BrickTraversal<Interest>::march(const CubeNodes& nodes, const TopologyTetrahedron& t,
                                      double eta, bool cut) {
+    if (is_for_others_) {
+        return;
+    }
     const auto corners = complete_corners(nodes, interest_.function(nodes), t);
     if (corners && !culling_.leaf(nodes, t)) {
         action_(*corners, t.positive != is_mirror_image(nodes.mirror), eta, cut);
@@ -291,8 +294,25 @@ void BrickTraversal<Interest>::refine(const Int3& parent, std::uint8_t mask) {
 
 template <class Interest>
 void BrickTraversal<Interest>::refine_parents(const MaskList& parents, std::size_t begin) {
-    parts_.for_each_parent(parents, begin,
-                           [this](const Int3& parent, std::uint8_t mask) { refine(parent, mask); });
+    const CubeShare& share = query_.share;
+    parts_.for_each_parent(parents, begin, [&](const Int3& parent, std::uint8_t mask) {
+        if (share.is_whole() || share.owns(at_.level + 1, parent)) {
+            refine(parent, mask);
+        } else {
+            for_others([&] { refine(parent, mask); });
+        }
+    });
+}
+
+/// What is below a cube that is another rank's: nothing is marched or counted.
+template <class Interest>
+template <class Work>
+void BrickTraversal<Interest>::for_others(const Work& work) {
+    const TraversalCounts before = counts_;
+    is_for_others_ = true;
+    work();
+    is_for_others_ = false;
+    counts_ = before;
 }
 
 template <class Interest>
@@ -301,7 +321,6 @@ void BrickTraversal<Interest>::root() {
     if (cells.product() == 0) {
         return;  // a volume without thickness holds no tetrahedra
     }
-    ++counts_.bricks;
     // The coarsest cube as subcube 0 of a parent that is never refined itself.
     CubeNodes nodes;
     values_.load(nodes, {0, 0, 0});
@@ -310,7 +329,14 @@ void BrickTraversal<Interest>::root() {
         sharpen(nodes);
     }
     nodes.cut = true;
-    parts_.for_root([&] { subcube(nodes, 0, 0x3F); });
+    parts_.for_root([&] {
+        if (query_.share.owns(at_.level, {0, 0, 0})) {
+            ++counts_.bricks;
+            subcube(nodes, 0, 0x3F);
+        } else {
+            for_others([&] { subcube(nodes, 0, 0x3F); });
+        }
+    });
 }
 
 template class BrickTraversal<IsovalueByBound>;

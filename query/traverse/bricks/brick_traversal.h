@@ -61,6 +61,8 @@ class BrickTraversal {
 
     // What is done about them.
     void refine(const Int3& parent, std::uint8_t mask);
+    template <class Work>
+    void for_others(const Work& work);
     std::uint8_t visit_cube(const CubeNodes& nodes, std::uint8_t mask);
     void face(CubeNodes& nodes, std::size_t index);
     void edge(CubeNodes& nodes, std::size_t index);
@@ -81,6 +83,7 @@ class BrickTraversal {
     LeafMarch action_;
     TraversalCounts& counts_;
     const Topology& topology_ = topology();
+    bool is_for_others_ = false;              ///< the cube's leaves are another rank's
     std::array<std::uint8_t, 8> subcubes_{};  ///< masks of the parent's subcubes, in table order
     std::array<std::unique_ptr<MaskList>, 8> children_;
 };

@@ -11,6 +11,7 @@
 #include <isonest/int3.h>
 
 #include "query/march/clip.h"
+#include "query/traverse/cube_share.h"
 #include "query/traverse/subtree_walk.h"
 #include "query/view/topology.h"
 #include "store/lattice/lattice.h"
@@ -31,23 +32,32 @@ struct Cell {
 template <int D>
 class CellWalk {
   public:
-    CellWalk(const Lattice& lattice, const ClipBox& box) : lattice_(lattice), box_(box) {}
+    /// Of the subtrees only those that begin in `share` are walked.
+    CellWalk(const Lattice& lattice, const ClipBox& box, const CubeShare& share = {})
+        : lattice_(lattice), box_(box), share_(share) {}
 
     /// All cells of the level, from the coarsest on; those of `level_left` are left, unvisited, to
     /// others.
     template <class Worker>
     void above(int level_left, Worker& worker, std::vector<Cell>& left) {
         level_left_ = level_left;
+        is_for_others_ = share_.begin > 0;
         const Int3 roots = lattice_.elements_at(lattice_.top());
         for (std::int64_t i = 0; i < roots.product(); ++i) {
             visit({lattice_.top(), roots.unlinear(i)}, worker, &left);
         }
+        is_for_others_ = false;
     }
     template <class Worker>
     void subtree(const Cell& cell, Worker& worker) {
-        visit(cell, worker, nullptr);
+        if (share_.owns(cell.level, cell.at)) {
+            visit(cell, worker, nullptr);
+        }
     }
     [[nodiscard]] std::uint64_t visited() const { return visited_; }
+    /// Whether the cells that are visited are another rank's, which takes their leaves: the coarse
+    /// ones are those of the rank that has the first cell.
+    [[nodiscard]] bool is_for_others() const { return is_for_others_; }
 
   private:
     template <class Worker>
@@ -61,7 +71,7 @@ class CellWalk {
         if (where == Overlap::outside) {
             return;
         }
-        ++visited_;
+        visited_ += is_for_others_ ? 0 : 1;
         if (!worker.refines(cell, where)) {
             return;
         }
@@ -76,6 +86,8 @@ class CellWalk {
 
     const Lattice& lattice_;
     const ClipBox& box_;
+    CubeShare share_;
+    bool is_for_others_ = false;
     int level_left_ = 0;
     std::uint64_t visited_ = 0;
 };

@@ -16,7 +16,7 @@ class HexWorker {
   public:
     HexWorker(ChunkCache& cache, const TraversalQuery& query, std::size_t part_vertices,
               const PartSink& sink, Progress& progress)
-        : walk(cache.source().layout().lattice(), query.box),
+        : walk(cache.source().layout().lattice(), query.box, query.share),
           query_(query),
           projection_(cache, query.stop, query.tolerance.threshold()),
           attributes_(query.attributes, cache, query.attribute_values),
@@ -78,6 +78,9 @@ class HexWorker {
     }
 
     void march(const Cell& cell, double number, bool cut) {
+        if (walk.is_for_others()) {
+            return;
+        }
         HexCell hex{cell.low(), cell.edge(), projection_.nodes_of(cell.level, cell.at), {}};
         for (unsigned p = 0; p < 27; ++p) {
             if ((hex.nodes >> p & 1U) == 0) {

@@ -51,13 +51,17 @@ void check_analyses(const StoreReader& store, Result& result) {
 Result run(CheckArguments& a, Progress& progress) {
     const StoreReader store(a.store);
     std::unique_ptr<VolumeSource> source;
-    if (!a.source.empty()) {
+    const bool is_first = a.check.ranks == nullptr || a.check.ranks->rank() == 0;
+    if (!a.source.empty() && is_first) {
         a.source_options.max_heap = a.check.memory / 4;
         source = open_input(a.source, std::filesystem::temp_directory_path(), a.source_options);
         a.check.source = source.get();
     }
     const CheckReport r = check(store, a.check, progress);
     Result result;
+    if (!is_first) {
+        return result;
+    }
     result.exit_code = r.failures > 0 ? static_cast<int>(ErrorKind::corrupt) : 0;
     result.json = {{"store", a.store},         {"ok", r.failures == 0}, {"chunks", r.chunks},
                    {"nodes", r.nodes},         {"cubes", r.cubes},      {"failures", r.failures},
@@ -138,8 +142,10 @@ void add_check(CLI::App& app, Invocation& chosen) {
     add_source_options(c, a->source_options);
     add_memory(c, a->check.memory);
     add_threads(c, a->check.threads);
-    c->callback(
-        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+    c->callback([a, &chosen] {
+        a->check.ranks = chosen.ranks;
+        chosen.run = [a](Progress& progress) { return run(*a, progress); };
+    });
 }
 
 }  // namespace isonest::detail::cli

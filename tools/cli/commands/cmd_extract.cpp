@@ -10,6 +10,7 @@
 #include <isonest/joined_isovalues.h>
 #include <isonest/mesh_file.h>
 
+#include "query/extract/extract_on_ranks.h"
 #include "tools/cli/command.h"
 #include "tools/cli/commands/extract_command.h"
 #include "tools/cli/commands/volume_values.h"
@@ -123,23 +124,11 @@ std::optional<Store> open_store(const ExtractCommand& a) {
     return store;
 }
 
-Result run(const ExtractCommand& given, bool has_iso, Progress& progress) {
-    ExtractCommand arguments = given;
-    arguments.extract.store = arguments.input.front();
+Result extract_store(const Store& store, ExtractCommand arguments, const Store* values,
+                     bool has_iso, Progress& progress) {
     const ExtractArguments& a = arguments.extract;
-    require_suitable_cells(a);
-    std::optional<Store> opened = open_store(arguments);
-    if (!opened) {
-        return extract_volume_file(std::move(arguments), has_iso, progress);
-    }
-    const Store& store = *opened;
     resolve_label_names(arguments.labels, store);
     arguments.distance.resolve(store.unit(), a.store);
-    std::optional<Store> others;
-    if (!arguments.values.empty()) {
-        others.emplace(arguments.values);
-    }
-    const Store* const values = others ? &*others : nullptr;
     const LabelArguments& labels = arguments.labels;
     if (labels.keep_nodes && (!labels.smooth || !arguments.distance.stop())) {
         throw Error(ErrorKind::invalid_argument,
@@ -174,6 +163,53 @@ Result run(const ExtractCommand& given, bool has_iso, Progress& progress) {
     }
     return result_of({&store, nullptr, store.unit(), {}}, own,
                      run_query(store, own, values, progress));
+}
+
+/// By all ranks together: rank 0 has the result.
+Result extract_store_on_ranks(Communicator& ranks, const Store& store,
+                              const ExtractCommand& arguments, const Store* values, bool has_iso,
+                              Progress& progress) {
+    Result result;
+    const RankWork work = extract_on_ranks(
+        ranks, store, values,
+        [&](const ExtractOptions& options) {
+            ExtractCommand own = arguments;
+            own.extract.options.team = options.team;
+            result = extract_store(store, own, values, has_iso, progress);
+        },
+        options_of(arguments.extract), progress);
+    if (ranks.rank() == 0 && ranks.size() > 1 && work.traversals == 0) {
+        result.text += "Rank 0 has done this alone: what was asked for is not shared by ranks.\n";
+    }
+    result.rank = {{"traversals", work.traversals},
+                   {"traversal_seconds", work.traversal_seconds},
+                   {"gathering_seconds", work.gathering_seconds},
+                   {"leaves", work.leaves},
+                   {"chunks_read", work.chunks_read},
+                   {"bytes_read", work.bytes_read},
+                   {"parts_bytes", work.parts_bytes}};
+    return result;
+}
+
+Result run(const ExtractCommand& given, bool has_iso, Communicator* ranks, Progress& progress) {
+    ExtractCommand arguments = given;
+    arguments.extract.store = arguments.input.front();
+    require_suitable_cells(arguments.extract);
+    const std::optional<Store> store = open_store(arguments);
+    if (!store) {
+        // A volume is read once, by one process.
+        return ranks == nullptr || ranks->rank() == 0
+                   ? extract_volume_file(std::move(arguments), has_iso, progress)
+                   : Result{};
+    }
+    std::optional<Store> others;
+    if (!arguments.values.empty()) {
+        others.emplace(arguments.values);
+    }
+    const Store* const values = others ? &*others : nullptr;
+    return ranks == nullptr
+               ? extract_store(*store, std::move(arguments), values, has_iso, progress)
+               : extract_store_on_ranks(*ranks, *store, arguments, values, has_iso, progress);
 }
 
 /// What usually comes, and how long it takes beside the rest.
@@ -318,8 +354,8 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     add_source_options(c, a->source, false);
     c->callback([a, c, iso, &chosen] {
         a->source_option = given_source_option(*c);
-        chosen.run = [a, has_iso = iso->count() > 0](Progress& progress) {
-            return run(*a, has_iso, progress);
+        chosen.run = [a, ranks = chosen.ranks, has_iso = iso->count() > 0](Progress& progress) {
+            return run(*a, has_iso, ranks, progress);
         };
         chosen.stages = stages_of(*a);
     });

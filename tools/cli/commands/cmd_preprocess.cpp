@@ -10,7 +10,9 @@
 #include <isonest/open_volume.h>
 #include <isonest/preprocess.h>
 
+#include "preprocess/ranks/preprocess_on_ranks.h"
 #include "store/container/format.h"
+#include "store/ranks/communicator.h"
 #include "tools/cli/command.h"
 #include "tools/cli/options/fields.h"
 #include "tools/cli/options/source_options.h"
@@ -26,17 +28,34 @@ struct PreprocessArguments {
     std::string store;
     SourceOptions source;
     PreprocessOptions preprocess;
+    std::string scratch;  ///< of one of several ranks
 };
 
-Result run(PreprocessArguments& a, Progress& progress) {
+/// On several ranks, the report is whole at rank 0; `rank`: what this one has done.
+PreprocessReport run_on(Communicator* ranks, VolumeSource& source, const PreprocessArguments& a,
+                        Json& rank, Progress& progress) {
+    if (ranks == nullptr) {
+        return preprocess(source, a.store, a.preprocess, progress);
+    }
+    const RanksReport r =
+        preprocess_on_ranks(*ranks, source, a.store, a.preprocess, a.scratch, progress);
+    rank = {{"input_bytes", r.input_bytes},
+            {"store_bytes", r.store_bytes},
+            {"seconds_in_passes", r.passes},
+            {"seconds_writing", r.writing},
+            {"seconds_alone", r.alone}};
+    return r.whole;
+}
+
+Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     // A quarter of the budget is enough for the chunks of the input, and the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
     const std::unique_ptr<VolumeSource> source =
         open_input(a.input, std::filesystem::path(a.store).parent_path(), a.source);
     const ValueType type = source->describe().type;
-    const PreprocessReport r = preprocess(*source, a.store, a.preprocess, progress);
-    const double rate = r.seconds > 0 ? static_cast<double>(r.input_bytes) / r.seconds : 0;
     Result result;
+    const PreprocessReport r = run_on(ranks, *source, a, result.rank, progress);
+    const double rate = r.seconds > 0 ? static_cast<double>(r.input_bytes) / r.seconds : 0;
     result.warning = leftovers_of(a.store);
     result.json = {{"store", a.store},
                    {"nodes", {r.nodes.x, r.nodes.y, r.nodes.z}},
@@ -135,8 +154,16 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
     c->add_flag("--resume", p.resume,
                 "go on with what an interrupted run for the same store left; and if\n"
                 "this one is interrupted, leave what it has done");
+    if (chosen.ranks != nullptr) {
+        c->add_option("--scratch", a->scratch,
+                      "for temporary files of each rank, best on a disk of its own machine; up to\n"
+                      "the size of its part of the store and a third of that [the store's folder]")
+            ->type_name("FOLDER");
+    }
     c->callback([a, &chosen] {
-        chosen.run = [a](Progress& progress) { return run(*a, progress); };
+        chosen.run = [a, ranks = chosen.ranks](Progress& progress) {
+            return run(*a, ranks, progress);
+        };
         chosen.stages = {{"check the interrupted run", "checking the interrupted run", 0.1},
                          {"resume", "taking over what is done", 0.1},
                          {"copy input", "copying the input", 0.5},

@@ -1,0 +1,113 @@
+#include "preprocess/levels/run_ends.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <string>
+
+#include <isonest/error.h>
+#include <isonest/field.h>
+
+#include "preprocess/indicators/cube_ranges.h"
+#include "store/base/label_text.h"
+#include "store/base/rotation.h"
+#include "store/container/cube_range.h"
+#include "store/container/extent.h"
+#include "store/container/header_writer.h"
+
+namespace isonest::detail {
+namespace {
+
+/// Throws Error{invalid_argument} with the remedy to place the input elsewhere.
+void require_place(const VolumeDescription& volume) {
+    const std::string why = why_no_place(volume.nodes, volume.spacing, volume.origin);
+    if (!why.empty()) {
+        throw Error(ErrorKind::invalid_argument, {volume.name}, why,
+                    {{RemedyKind::place_in_world, "spacing,origin"}});
+    }
+    if (!are_directions(volume.direction)) {
+        throw Error(ErrorKind::invalid_argument, {volume.name},
+                    "its directions are not unit vectors at right angles, right-handed");
+    }
+}
+
+}  // namespace
+
+StoreHeader header_of(const VolumeDescription& volume, const PreprocessOptions& options) {
+    require_place(volume);
+    StoreHeader header = header_of(volume);
+    header.chunk = options.chunk;
+    header.compression = options.compression;
+    header.exact = options.exact;
+    header.fields = options.fields;
+    return header;
+}
+
+std::vector<LabelName> label_names_of(const VolumeSource& source) {
+    std::vector<LabelName> names = source.label_names();
+    if (const std::string why = why_no_label_names(names); !why.empty()) {
+        throw Error(ErrorKind::invalid_argument, {source.describe().name}, why);
+    }
+    return names;
+}
+
+std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool resume) {
+    constexpr std::size_t kLongest = 32768;
+    std::string input = source.identity();
+    if (input.size() > kLongest || (input.empty() && resume)) {
+        throw Error(ErrorKind::invalid_argument, {source.describe().name},
+                    input.empty() ? "its identity() is empty, so that nobody knows what an "
+                                    "interrupted run has read"
+                                  : fmt::format("its identity() is longer than {} bytes", kLongest),
+                    {{RemedyKind::no_resume}});
+    }
+    if (!input.empty() && input.back() != '\n') {
+        input += '\n';
+    }
+    return fmt::format(
+               "format {}.{}\n{}nodes {} {} {}\ntype {}\nspacing {} {} {}\norigin {} {} {}\nchunk "
+               "{}\n"
+               "compression {}\nexact {}\nindicators {}\n",
+               kFormatMajor, minor_version_of(h), input, h.nodes.x, h.nodes.y, h.nodes.z,
+               name_of(h.type), h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1],
+               h.origin[2], h.chunk, h.compression, h.exact, list_names(h.fields)) +
+           (h.direction == kAlongWorld
+                ? ""
+                : fmt::format("direction {}\n", fmt::join(vtk_direction(h.direction), " "))) +
+           (h.unit ? fmt::format("unit {}\n", symbol_of(*h.unit)) : "");
+}
+
+void write_cube_ranges(CentreStore& centres, StoreWriter& writer) {
+    const Lattice& lattice = writer.layout().lattice();
+    for (int level = kFirstRangeLevel; has_cube_ranges(lattice, level); ++level) {
+        const auto ranges = centres.cube_ranges(level);
+        if (level > kFirstRangeLevel) {
+            merge_cube_ranges(centres.cube_ranges(level - 1), lattice.cells_at(level - 1), ranges,
+                              lattice.cells_at(level));
+        }
+        writer.write_cube_ranges(level, ranges);
+    }
+}
+
+void describe_store(const StoreWriter& writer, PreprocessReport& report) {
+    const StoreLayout& layout = writer.layout();
+    const StoreHeader& header = layout.header();
+    report.nodes = header.nodes;
+    report.levels = layout.lattice().top() + 1;
+    report.input_bytes = static_cast<std::uint64_t>(header.nodes.product()) * size_of(header.type);
+    report.chunks = layout.rows();
+    report.min_value = std::numeric_limits<double>::infinity();
+    report.max_value = -report.min_value;
+    const ArrayInfo& values = layout.array(0, Field::values);
+    for (std::int64_t i = 0; i < values.grid.product(); ++i) {
+        const ChunkRow row = writer.row(values, values.grid.unlinear(i));
+        report.min_value = std::min(report.min_value, row.min);
+        report.max_value = std::max(report.max_value, row.max);
+        report.has_missing = report.has_missing || (row.flags & kChunkHasMissing) != 0;
+    }
+}
+
+}  // namespace isonest::detail

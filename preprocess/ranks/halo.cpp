@@ -1,0 +1,196 @@
+#include "preprocess/ranks/halo.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <memory>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include "preprocess/ranks/run_messages.h"
+
+namespace isonest::detail {
+namespace {
+
+/// First and last.
+using Span = std::array<std::int64_t, 2>;
+
+Span common(const Span& a, const Span& b) {
+    return {std::max(a[0], b[0]), std::min(a[1], b[1])};
+}
+
+/// What a pencil at `block` needs along an axis.
+Span needed(const StoreLayout& layout, int pass, const HaloArray& array, int axis,
+            std::int64_t block) {
+    const std::int64_t half = layout.header().chunk / 2;
+    const std::int64_t lo = block * half;
+    const std::int64_t hi = std::min(lo + half, layout.lattice().cells_at(pass)[axis]);
+    return common({array.scale * lo - array.before, array.scale * hi + array.behind},
+                  {0, array.size[axis] - 1});
+}
+
+/// What a pencil made along an axis.
+Span made(const HaloArray& array, int axis, std::int64_t block) {
+    return common({block * array.rows, (block + 1) * array.rows - 1}, {0, array.size[axis] - 1});
+}
+
+/// f(pencil of `pass`, rows, planes) for those that need some of what `maker` made.
+template <class F>
+void each_need(const StoreLayout& layout, const Pencils& pencils, int pass, const HaloArray& array,
+               const Pencil& maker, const F& f) {
+    const Int3 grid = pencils.grid(pass);
+    const int shift = pass - array.made_in;
+    for (std::int64_t z = (maker.z >> shift) - 1; z <= (maker.z >> shift) + 1; ++z) {
+        for (std::int64_t y = (maker.y >> shift) - 1; y <= (maker.y >> shift) + 1; ++y) {
+            if (y < 0 || z < 0 || y >= grid.y || z >= grid.z) {
+                continue;
+            }
+            const Span rows = common(needed(layout, pass, array, 1, y), made(array, 1, maker.y));
+            const Span planes = common(needed(layout, pass, array, 2, z), made(array, 2, maker.z));
+            if (rows[0] <= rows[1] && planes[0] <= planes[1]) {
+                f(Pencil{y, z}, rows, planes);
+            }
+        }
+    }
+}
+
+/// Ranks that need something of this one, and those of which it needs something.
+struct Neighbours {
+    std::set<int> receivers;
+    std::set<int> senders;
+};
+
+Neighbours neighbours_of(const StoreLayout& layout, const Pencils& pencils, int pass,
+                         std::span<const HaloArray> arrays, int rank) {
+    Neighbours found;
+    for (const HaloArray& array : arrays) {
+        for (const Pencil& maker : pencils.of(rank, array.made_in)) {
+            each_need(layout, pencils, pass, array, maker,
+                      [&](const Pencil& p, const Span&, const Span&) {
+                          found.receivers.insert(pencils.owner(pass, p));
+                      });
+        }
+        for (const Pencil& p : pencils.of(rank, pass)) {
+            const Span rows = needed(layout, pass, array, 1, p.y);
+            const Span planes = needed(layout, pass, array, 2, p.z);
+            if (rows[0] > rows[1] || planes[0] > planes[1]) {
+                continue;
+            }
+            for (std::int64_t z = planes[0] / array.rows; z <= planes[1] / array.rows; ++z) {
+                for (std::int64_t y = rows[0] / array.rows; y <= rows[1] / array.rows; ++y) {
+                    found.senders.insert(pencils.owner(array.made_in, {y, z}));
+                }
+            }
+        }
+    }
+    found.receivers.erase(rank);
+    found.senders.erase(rank);
+    return found;
+}
+
+}  // namespace
+
+HaloRuns::HaloRuns(const StoreLayout& layout, const Pencils& pencils, int pass,
+                   std::span<const HaloArray> arrays, int from, int to)
+    : layout_(&layout), pencils_(&pencils), pass_(pass), arrays_(arrays), from_(from), to_(to) {
+    if (!arrays_.empty()) {
+        made_ = pencils.of(from, arrays_.front().made_in);
+    }
+}
+
+/// The runs of the next pencil that has some; false if none has.
+bool HaloRuns::load_pencil() {
+    runs_.clear();
+    run_ = 0;
+    while (array_ < arrays_.size()) {
+        const HaloArray& array = arrays_[array_];
+        if (pencil_ == made_.size()) {
+            pencil_ = 0;
+            if (++array_ < arrays_.size()) {
+                made_ = pencils_->of(from_, arrays_[array_].made_in);
+            }
+            continue;
+        }
+        const Pencil& maker = made_[pencil_++];
+        std::vector<std::pair<Span, Span>> needs;
+        each_need(*layout_, *pencils_, pass_, array, maker,
+                  [&](const Pencil& p, const Span& rows, const Span& planes) {
+                      if (pencils_->owner(pass_, p) == to_) {
+                          needs.emplace_back(rows, planes);
+                      }
+                  });
+        if (needs.empty()) {
+            continue;
+        }
+        std::sort(needs.begin(), needs.end());  // by first rows
+        const Span all = made(array, 2, maker.z);
+        for (std::int64_t z = all[0]; z <= all[1]; ++z) {
+            std::int64_t next = 0;  // rows before are in runs already
+            for (const auto& [rows, planes] : needs) {
+                const std::int64_t first = std::max(rows[0], next);
+                if (z < planes[0] || z > planes[1] || first > rows[1]) {
+                    continue;
+                }
+                runs_.push_back(
+                    {array_, static_cast<std::uint64_t>(z * array.size.y + first) * array.row_bytes,
+                     static_cast<std::uint64_t>(rows[1] + 1 - first) * array.row_bytes});
+                next = rows[1] + 1;
+            }
+        }
+        return true;
+    }
+    return false;
+}
+
+bool HaloRuns::next(Run& run) {
+    while (run_ == runs_.size()) {
+        if (!load_pencil()) {
+            return false;
+        }
+    }
+    run = runs_[run_++];
+    return true;
+}
+
+void exchange_halos(Communicator& ranks, const StoreLayout& layout, const Pencils& pencils,
+                    int pass, std::span<const HaloArray> arrays) {
+    const int me = ranks.rank();
+    const Neighbours near = neighbours_of(layout, pencils, pass, arrays, me);
+    const auto between = [&](int from, int to) {
+        return RunMessages(HaloRuns(layout, pencils, pass, arrays, from, to));
+    };
+    std::uint64_t expected = 0;
+    for (const int sender : near.senders) {
+        expected += between(sender, me).count();
+    }
+    auto receiver = near.receivers.begin();
+    std::optional<RunMessages<HaloRuns>> messages;
+    ranks.exchange(
+        [&](Communicator::Message& message) {
+            while (receiver != near.receivers.end()) {
+                if (!messages) {
+                    messages.emplace(between(me, *receiver));
+                }
+                message.to = *receiver;
+                if (messages->next(message.bytes, [&](std::size_t array, std::uint64_t offset) {
+                        return arrays[array].bytes.data() + offset;
+                    })) {
+                    return true;
+                }
+                messages.reset();
+                ++receiver;
+            }
+            return false;
+        },
+        expected,
+        [&](int /*from*/, std::span<const std::byte> bytes) {
+            unpack_runs(bytes, [&](const PieceHeader& piece, std::span<const std::byte> from) {
+                const HaloArray& array = arrays[piece.array];
+                array.reserve(piece.offset, piece.bytes);
+                std::memcpy(array.bytes.data() + piece.offset, from.data(), from.size());
+            });
+        });
+}
+
+}  // namespace isonest::detail

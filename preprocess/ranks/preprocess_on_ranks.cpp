@@ -1,0 +1,181 @@
+#include "preprocess/ranks/preprocess_on_ranks.h"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <random>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "preprocess/levels/centre_store.h"
+#include "preprocess/levels/pass_budget.h"
+#include "preprocess/levels/run_ends.h"
+#include "preprocess/ranks/agreement.h"
+#include "preprocess/ranks/block_journal.h"
+#include "preprocess/ranks/own_chunk_file.h"
+#include "preprocess/ranks/partial_levels.h"
+#include "preprocess/ranks/pencils.h"
+#include "preprocess/ranks/rank_passes.h"
+#include "preprocess/ranks/shared_ranges.h"
+#include "preprocess/ranks/shared_table.h"
+#include "store/base/workers.h"
+#include "store/container/writer.h"
+#include "store/files/output_file.h"
+
+namespace isonest::detail {
+namespace {
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+void require_possible(const Communicator& ranks, const VolumeSource& source) {
+    if (ranks.size() > 1 && source.sequential()) {
+        throw Error(ErrorKind::unsupported, {source.describe().name},
+                    "it can only be read from its beginning to its end, as one compressed stream, "
+                    "and so not by several ranks at once; decompress it first, or use one rank");
+    }
+}
+
+/// A name that no file has: ".STORE.ranks-RANK-", something random, ".blocks".
+std::filesystem::path journal_name(const std::filesystem::path& scratch,
+                                   const std::filesystem::path& store, int rank) {
+    std::random_device device;
+    return rank_files_prefix(scratch, store) +=
+           fmt::format("{}-{:08x}{:08x}.blocks", rank, device(), device());
+}
+
+/// From the first pass to the finished store.
+RanksReport run_to_the_end(RankWork& work, VolumeSource& source, const std::filesystem::path& store,
+                           const std::filesystem::path& unfinished,
+                           std::span<const LabelName> label_names, StoreWriter* writer,
+                           std::chrono::steady_clock::time_point start) {
+    Communicator& ranks = work.ranks;
+    run_rank_passes(work, source);
+
+    RanksReport report;
+    report.input_bytes = work.bytes_read;
+    report.passes = work.seconds_of_passes;
+    gather_rows(ranks, work.layout, work.pencils, work.chunks.rows(), writer);
+    if (writer != nullptr) {
+        const auto planning = std::chrono::steady_clock::now();
+        plan_all_chunks(*writer);
+        report.alone += seconds_since(planning);
+    }
+    spread_offsets(ranks, work.layout, work.pencils, work.chunks.rows(), writer);
+    const auto writing = std::chrono::steady_clock::now();
+    report.store_bytes = work.chunks.write_into(unfinished);
+    report.writing = seconds_since(writing);
+    gather_cube_ranges(ranks, work.layout, work.pencils, work.centres);
+    std::array<std::uint64_t, 2> sums{work.input_on_disk ? 1U : 0U, work.resumed_chunks};
+    ranks.sum(sums);  // and by now all chunks are on the disk
+    report.whole.input_on_disk = sums[0] > 0;
+    report.whole.resumed_chunks = sums[1];
+    if (writer != nullptr) {
+        const auto ending = std::chrono::steady_clock::now();
+        write_cube_ranges(work.centres, *writer);
+        if (!label_names.empty()) {
+            writer->write_label_names(label_names);
+        }
+        work.progress.check();
+        describe_store(*writer, report.whole);
+        report.whole.label_names = label_names.size();
+        writer->finish();
+        report.alone += seconds_since(ending);
+        report.whole.store_bytes = std::filesystem::file_size(store);
+    }
+    // Nobody says that it is done before it is.
+    ranks.meet();
+    if (work.earlier != nullptr) {
+        work.earlier->remove();
+    }
+    report.whole.seconds = seconds_since(start);
+    return report;
+}
+
+}  // namespace
+
+RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
+                                const std::filesystem::path& store,
+                                const PreprocessOptions& options,
+                                const std::filesystem::path& scratch, Progress& progress) {
+    const auto start = std::chrono::steady_clock::now();
+    const bool is_first = ranks.rank() == 0;
+    require_same_work(ranks, source, options);
+    require_possible(ranks, source);
+    if (is_first) {
+        check_output(store, options.force, source.files());
+    }
+    require_same_folder(ranks, store);
+
+    StoreHeader header = header_of(source.describe(), options);
+    const std::vector<LabelName> label_names = label_names_of(source);
+    header.label_names = !label_names.empty();
+    const StoreLayout layout(header);
+    Workers workers(options.threads);
+    const PassBudget budget = share_memory(layout, source, options, workers.count());
+    std::optional<StoreWriter> writer;
+    if (is_first) {
+        writer.emplace(store, header, options.force, ChunkWriting::elsewhere);
+    }
+    StoreWriter* const table = is_first ? &*writer : nullptr;
+    const std::filesystem::path unfinished =
+        store.parent_path() /
+        ranks.broadcast(is_first ? writer->temporary().filename().string() : "");
+
+    const std::filesystem::path beside = store.parent_path().empty() ? "." : store.parent_path();
+    const ScratchFolder folder(scratch.empty() ? beside : scratch);
+    const Pencils pencils(layout, ranks.size());
+    CentreStore centres = CentreStore::partial(layout.lattice(), header.fields, folder);
+    PartialLevels levels(layout, folder);
+    std::optional<EarlierBlocks> earlier;
+    std::optional<BlockJournal> journal;
+    std::optional<OwnChunkFile> chunks;
+    if (options.resume) {
+        const std::string identity = identity_of(header, source, true);
+        earlier.emplace(folder.path(), store, identity, layout);
+        // Nobody takes the files of this run for old ones.
+        ranks.meet();
+        const std::filesystem::path name = journal_name(folder.path(), store, ranks.rank());
+        chunks.emplace(folder, chunks_name(name));
+        journal.emplace(name, identity, layout, centres);
+    } else {
+        chunks.emplace(folder);
+    }
+    RankWork work{ranks,         layout,  pencils, budget,  workers,
+                  folder.path(), centres, levels,  *chunks, progress};
+    work.earlier = earlier ? &*earlier : nullptr;
+    work.journal = journal ? &*journal : nullptr;
+    const auto keep = [&] {
+        if (journal) {
+            journal->keep();
+            chunks->keep();
+        }
+    };
+    try {
+        return run_to_the_end(work, source, store, unfinished, label_names, table, start);
+    } catch (const Error& error) {
+        keep();
+        if (!journal) {
+            throw;
+        }
+        std::vector<Remedy> remedies = error.remedies();
+        remedies.push_back({RemedyKind::resume});
+        throw Error(error.kind(), error.place(),
+                    (error.kind() == ErrorKind::cancelled ? "interrupted" : error.problem()) +
+                        "; what is done is kept",
+                    std::move(remedies));
+    } catch (...) {
+        keep();
+        throw;
+    }
+}
+
+}  // namespace isonest::detail

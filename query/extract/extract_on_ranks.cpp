@@ -1,0 +1,174 @@
+#include "query/extract/extract_on_ranks.h"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <cstring>
+#include <deque>
+#include <memory>
+#include <optional>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "query/extract/extraction.h"
+#include "query/extract/find_parts.h"
+#include "store/base/workers.h"
+
+namespace isonest::detail {
+namespace {
+
+/// By what ranks know that they see the same store.
+struct StoreMark {
+    Int3 nodes;
+    std::int64_t chunk = 0;
+    std::uint64_t rows = 0;
+    double low = 0;
+    double high = 0;
+
+    explicit StoreMark(const StoreReader& store)
+        : nodes(store.layout().header().nodes),
+          chunk(store.layout().header().chunk),
+          rows(store.layout().rows()),
+          low(store.min_value()),
+          high(store.max_value()) {}
+    bool operator==(const StoreMark&) const = default;
+};
+
+/// Of a query, what makes its parts; the isovalues follow it in a message.
+struct TraversalJob {
+    StoreMark store;
+    Product product;
+    std::optional<LatticePlane> plane;
+    Tolerance tolerance;
+    Field stop;
+    Field bound;
+    std::optional<Culling> culling;
+    VertexPlace vertices;
+    Cells cells;
+    AttributeChoice attributes;
+    ClipBox box;
+    bool has_other_values;
+    bool is_of_label;
+    std::int64_t label;
+    std::array<Int3, 2> label_within;
+    Double3 spacing;
+    Double3 origin;
+    double coordinate_rounding;
+    double least_apart;
+};
+static_assert(std::is_trivially_copyable_v<TraversalJob>);
+
+TraversalJob job_of(const StoreReader& store, const ExtractQuery& q) {
+    const TraversalQuery& t = q.traversal;
+    TraversalJob job{
+        StoreMark(store),    q.product,  t.plane, t.tolerance,  t.stop,   t.bound,
+        t.culling,           t.vertices, t.cells, t.attributes, t.box,    q.values != nullptr,
+        q.label.has_value(), 0,          {},      q.spacing,    q.origin, q.coordinate_rounding,
+        q.least_apart};
+    if (q.label) {
+        job.label = q.label->id;
+        job.label_within = {q.label->within->first, q.label->within->second};
+    }
+    return job;
+}
+
+ExtractQuery query_of(const TraversalJob& job, const Store* values) {
+    ExtractQuery q;
+    q.product = job.product;
+    TraversalQuery& t = q.traversal;
+    t.plane = job.plane;
+    t.tolerance = job.tolerance;
+    t.stop = job.stop;
+    t.bound = job.bound;
+    t.culling = job.culling;
+    t.vertices = job.vertices;
+    t.cells = job.cells;
+    t.attributes = job.attributes;
+    t.box = job.box;
+    q.values = job.has_other_values ? &values->reader() : nullptr;
+    if (job.is_of_label) {
+        q.label = LabelChoice{job.label, {{job.label_within[0], job.label_within[1]}}};
+    }
+    q.spacing = job.spacing;
+    q.origin = job.origin;
+    q.coordinate_rounding = job.coordinate_rounding;
+    q.least_apart = job.least_apart;
+    return q;
+}
+
+/// A rank's share of one traversal of rank 0's.
+void help(RankTeam& team, const StoreReader& store, const ExtractQuery& asked,
+          std::span<const double> isovalues, const ExtractOptions& options, Progress& progress) {
+    const ScratchFolder scratch = ScratchFolder::metered(options.scratch);
+    const TraversalBudget budget = parts_budget(store, asked, options, isovalues.size());
+    std::deque<PartStore> stores;
+    std::vector<ExtractReport> reports(isovalues.size());
+    std::vector<FoundParts> found;
+    for (std::size_t i = 0; i < isovalues.size(); ++i) {
+        PartStore& parts = stores.emplace_back(scratch, asked.spacing, asked.origin,
+                                               budget.parts / isovalues.size(),
+                                               asked.traversal.attributes.width());
+        watch_places(asked, parts);
+        found.push_back({isovalues[i], &parts, &reports[i]});
+    }
+    Workers(budget.threads).execute([&] {
+        find_parts(store, asked, budget, found, scratch, progress, &team);
+    });
+}
+
+void help_until_done(RankTeam& team, const Store& store, const Store* values,
+                     const ExtractOptions& options, Progress& progress) {
+    for (std::string text = team.ranks.broadcast({}); !text.empty();
+         text = team.ranks.broadcast({})) {
+        TraversalJob job = job_of(store.reader(), {});
+        std::memcpy(&job, text.data(), sizeof(job));
+        std::vector<double> isovalues((text.size() - sizeof(job)) / sizeof(double));
+        std::memcpy(isovalues.data(), text.data() + sizeof(job), isovalues.size() * sizeof(double));
+        if (job.store != StoreMark(store.reader())) {
+            throw Error(ErrorKind::invalid_argument, {store.path().string()},
+                        fmt::format("on {} another store has this name than on rank 0; all ranks "
+                                    "need the same file system",
+                                    team.ranks.host()));
+        }
+        ExtractQuery asked = query_of(job, values);
+        asked.traversal.iso = isovalues.front();
+        help(team, store.reader(), asked, isovalues, options, progress);
+    }
+}
+
+}  // namespace
+
+bool is_shared(const ExtractQuery& asked) {
+    return !asked.nested_distance &&
+           (asked.product == Product::surface || asked.product == Product::slice ||
+            asked.product == Product::contours);
+}
+
+void begin_shared_traversal(RankTeam& team, const StoreReader& store, const ExtractQuery& asked,
+                            std::span<const double> isovalues) {
+    const TraversalJob job = job_of(store, asked);
+    std::string text(sizeof(job) + isovalues.size() * sizeof(double), '\0');
+    std::memcpy(text.data(), &job, sizeof(job));
+    std::memcpy(text.data() + sizeof(job), isovalues.data(), isovalues.size() * sizeof(double));
+    team.ranks.broadcast(std::move(text));
+}
+
+RankWork extract_on_ranks(Communicator& ranks, const Store& store, const Store* values,
+                          const std::function<void(const ExtractOptions&)>& work,
+                          const ExtractOptions& options, Progress& progress) {
+    RankTeam team{ranks};
+    if (ranks.rank() == 0) {
+        ExtractOptions own = options;
+        own.team = &team;
+        work(own);
+        ranks.broadcast({});
+    } else {
+        help_until_done(team, store, values, options, progress);
+    }
+    return team.work;
+}
+
+}  // namespace isonest::detail

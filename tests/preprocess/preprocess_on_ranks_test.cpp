@@ -1,0 +1,446 @@
+// Several ranks write the store that one process writes.
+#include "preprocess/ranks/preprocess_on_ranks.h"
+
+#include <atomic>
+#include <catch2/catch.hpp>
+#include <memory>
+#include <numeric>
+
+#include <isonest/error.h>
+#include <isonest/field.h>
+#include <isonest/memory_volume.h>
+
+#include "preprocess/ranks/own_chunks.h"
+#include "preprocess/ranks/pencils.h"
+#include "tests/support/test_support.h"
+#include "tests/support/thread_ranks.h"
+
+using namespace isonest;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
+using isonest::test::ThreadRanks;
+
+namespace {
+
+float rough(const Int3& p) {
+    return static_cast<float>(smooth(p) + 0.1 * noise(p));
+}
+
+/// Runs on so many ranks, each with the source that `open` gives for its number; all reports.
+template <class Open>
+std::vector<RanksReport> on_ranks(int ranks, const Open& open, const std::filesystem::path& store,
+                                  const PreprocessOptions& options,
+                                  const std::filesystem::path& scratch = {}) {
+    std::vector<RanksReport> reports(static_cast<std::size_t>(ranks));
+    ThreadRanks(ranks).run([&](Communicator& all) {
+        const std::unique_ptr<VolumeSource> source = open(all.rank());
+        reports[static_cast<std::size_t>(all.rank())] =
+            preprocess_on_ranks(all, *source, store, options, scratch, silent_progress());
+    });
+    return reports;
+}
+
+/// Whether several numbers of ranks all write what preprocess() writes, and leave nothing else.
+template <class T>
+void require_same_bytes(const Int3& nodes, const std::function<T(const Int3&)>& f,
+                        PreprocessOptions options,
+                        const std::vector<int>& counts = {1, 2, 3, 4, 7, 16}) {
+    CAPTURE(nodes.x, nodes.y, nodes.z, options.chunk);
+    const TemporaryFolder folder;
+    const TemporaryFolder scratch;
+    FunctionVolume<T> volume(nodes, f);
+    const PreprocessReport alone = preprocess(volume, folder / "alone", options);
+    const std::string expected = read_file(folder / "alone");
+    for (const int ranks : counts) {
+        CAPTURE(ranks);
+        options.threads = ranks % 2 + 1;
+        const std::vector<RanksReport> all = on_ranks(
+            ranks, [&](int) { return std::make_unique<FunctionVolume<T>>(nodes, f); }, folder / "s",
+            options, scratch.path());
+        const PreprocessReport& r = all.front().whole;
+        const bool same = read_file(folder / "s") == expected;
+        REQUIRE(same);
+        CHECK(folder.names().size() == 2);
+        CHECK(scratch.names().empty());
+        CHECK(r.store_bytes == alone.store_bytes);
+        CHECK(r.chunks == alone.chunks);
+        CHECK(r.min_value == alone.min_value);
+        CHECK(r.max_value == alone.max_value);
+        CHECK(r.has_missing == alone.has_missing);
+        std::filesystem::remove(folder / "s");
+    }
+}
+
+}  // namespace
+
+TEST_CASE("any number of ranks writes the bytes of one process, for all shapes") {
+    for (const Int3& nodes :
+         {Int3{1, 1, 1}, Int3{1, 1, 90}, Int3{70, 1, 1}, Int3{1, 61, 83}, Int3{41, 1, 100},
+          Int3{50, 77, 1}, Int3{2, 2, 2}, Int3{3, 2, 5}, Int3{17, 17, 17}, Int3{33, 65, 49},
+          Int3{21, 130, 75}, Int3{9, 40, 150}}) {
+        require_same_bytes<float>(nodes, rough, with_chunk(8));
+    }
+}
+
+TEST_CASE("pencils of all passes have one owner each, and boxes hold a rank's own alone") {
+    for (const Int3& nodes :
+         {Int3{1, 1, 1}, Int3{5, 200, 90}, Int3{5, 16, 500}, Int3{9, 131, 131}}) {
+        StoreHeader header;
+        header.nodes = nodes;
+        header.chunk = 8;
+        header.fields = all_fields();
+        const StoreLayout layout(header);
+        for (const int ranks : {1, 2, 3, 5, 8, 40}) {
+            CAPTURE(nodes.y, nodes.z, ranks);
+            const Pencils pencils(layout, ranks);
+            std::vector<int> made(layout.rows());
+            for (int r = 0; r < ranks; ++r) {
+                std::vector<Pencil> boxed;
+                for (const PencilBox& box : pencils.boxes(r)) {
+                    for (std::int64_t z = box.z_begin; z < box.z_end; ++z) {
+                        for (std::int64_t y = box.y_begin; y < box.y_end; ++y) {
+                            boxed.push_back({y, z});
+                            CHECK(pencils.owner(kBasePass, {y, z}) == r);
+                        }
+                    }
+                }
+                CHECK(boxed.size() == pencils.of(r, kBasePass).size());
+                OwnChunks chunks(layout, pencils, r);
+                for (ChunkPlace place; chunks.next(place);) {
+                    ++made[place.array->row_of(place.chunk)];
+                }
+            }
+            CHECK(std::count(made.begin(), made.end(), 1) ==
+                  static_cast<std::ptrdiff_t>(made.size()));
+        }
+    }
+}
+
+TEST_CASE("ranks have nearly equal shares") {
+    StoreHeader header;
+    header.nodes = {1025, 1025, 1025};
+    header.fields = default_indicators();
+    const StoreLayout layout(header);
+    for (const int ranks : {2, 4, 8, 16, 32, 64}) {
+        CAPTURE(ranks);
+        const Pencils pencils(layout, ranks);
+        std::size_t most = 0;
+        for (int r = 0; r < ranks; ++r) {
+            std::size_t full = 0;
+            for (const Pencil& p : pencils.of(r, kBasePass)) {
+                full += p.y < 8 && p.z < 8 ? 1 : 0;
+            }
+            most = std::max(most, full);
+        }
+        CHECK(most <= static_cast<std::size_t>(64 / ranks + 1));
+    }
+}
+
+TEST_CASE("any number of ranks writes the bytes of one process, for chunks of other sizes") {
+    require_same_bytes<float>({70, 95, 81}, rough, with_chunk(16));
+    require_same_bytes<float>({40, 95, 81}, rough, with_chunk(64), {2, 3});
+}
+
+TEST_CASE("any number of ranks writes the bytes of one process, for all types") {
+    const Int3 nodes{27, 50, 68};
+    const auto small = [](const Int3& p) { return static_cast<std::uint8_t>(60 * noise(p)); };
+    require_same_bytes<std::uint8_t>(nodes, small, with_chunk(8), {3, 7});
+    require_same_bytes<std::int16_t>(
+        nodes, [&](const Int3& p) { return static_cast<std::int16_t>(small(p) - 30); },
+        with_chunk(8), {3, 7});
+    require_same_bytes<std::uint32_t>(nodes, [&](const Int3& p) { return 70000U * small(p); },
+                                      with_chunk(8), {3, 7});
+    require_same_bytes<double>(nodes, [&](const Int3& p) { return smooth(p) + noise(p); },
+                               with_chunk(8), {3, 7});
+}
+
+TEST_CASE("any number of ranks writes the bytes of one process, with missing values") {
+    require_same_bytes<float>(
+        {33, 50, 68},
+        [](const Int3& p) {
+            return noise(p, 3) < 0.01 || (p.y > 20 && p.z > 30)
+                       ? std::numeric_limits<float>::quiet_NaN()
+                       : rough(p);
+        },
+        with_chunk(8));
+}
+
+TEST_CASE("any number of ranks writes the bytes of one process, for all choices of indicators") {
+    const Int3 nodes{27, 50, 68};
+    PreprocessOptions options = with_chunk(8, true);
+    options.fields = all_fields();
+    require_same_bytes<float>(nodes, rough, options, {1, 3, 7});
+    options.exact = false;
+    options.fields = {Field::deviation_plus};
+    require_same_bytes<float>(nodes, rough, options, {2, 4});
+    options.fields = {Field::hex_deviation, Field::linf_bar};
+    require_same_bytes<float>(nodes, rough, options, {2, 4});
+    options.fields = {};
+    require_same_bytes<float>(nodes, rough, options, {2, 4});
+}
+
+namespace {
+
+/// Labels with names.
+class NamedLabels : public FunctionVolume<double> {
+  public:
+    NamedLabels()
+        : FunctionVolume({30, 45, 50}, [](const Int3& p) {
+              return static_cast<double>((p.x / 8 + p.y / 9 + p.z / 10) % 4);
+          }) {}
+    [[nodiscard]] VolumeDescription describe() const override {
+        VolumeDescription d = FunctionVolume::describe();
+        d.labels = true;
+        return d;
+    }
+    [[nodiscard]] std::vector<LabelName> label_names() const override {
+        return {{1, "liver", {}}, {3, "spleen", {}}};
+    }
+};
+
+/// Counts what is read of it, and fails where it is told to.
+class CountedVolume : public FunctionVolume<float> {
+  public:
+    CountedVolume(const Int3& n, std::atomic<std::uint64_t>& bytes)
+        : FunctionVolume(n, rough), bytes_(bytes) {}
+    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
+              std::byte* dst) override {
+        bytes_ += static_cast<std::uint64_t>(nz * ny * nodes().x) * sizeof(float);
+        if (z0 + nz > fails_at_) {
+            throw Error(ErrorKind::io, "the disk is broken");
+        }
+        FunctionVolume::read(z0, nz, y0, ny, dst);
+    }
+    std::int64_t fails_at_ = std::numeric_limits<std::int64_t>::max();
+
+  private:
+    std::atomic<std::uint64_t>& bytes_;
+};
+
+class SequentialVolume : public FunctionVolume<float> {
+  public:
+    using FunctionVolume<float>::FunctionVolume;
+    [[nodiscard]] bool sequential() const override { return true; }
+};
+
+template <class Run>
+Error error_of(const Run& run) {
+    try {
+        run();
+    } catch (const Error& error) {
+        return error;
+    }
+    return {ErrorKind::io, "nothing was thrown"};
+}
+
+}  // namespace
+
+TEST_CASE("labels keep their names on ranks") {
+    const TemporaryFolder folder;
+    NamedLabels alone;
+    preprocess(alone, folder / "alone", with_chunk(8));
+    const auto all = on_ranks(
+        5, [&](int) { return std::make_unique<NamedLabels>(); }, folder / "s", with_chunk(8));
+    CHECK(read_file(folder / "s") == read_file(folder / "alone"));
+    CHECK(all.front().whole.label_names == 2);
+}
+
+TEST_CASE("ranks with little memory copy their part of the input first, and write the same bytes") {
+    const Int3 nodes{3000, 60, 40};
+    const auto flat = [](const Int3& p) { return static_cast<std::uint8_t>((p.x ^ p.y) + p.z); };
+    FunctionVolume<std::uint8_t> volume(nodes, flat);
+    const TemporaryFolder folder;
+    PreprocessOptions options = with_chunk(64);
+    options.fields = {Field::deviation_bar};
+    preprocess(volume, folder / "alone", options);
+    options.threads = 1;
+    // As little as is allowed, as the refusal says.
+    options.memory = 1;
+    const Error refused = error_of([&] { preprocess(volume, folder / "s", options); });
+    REQUIRE(refused.remedies().front().kind == RemedyKind::more_memory);
+    options.memory = std::stoull(refused.remedies().front().value);
+    for (const int ranks : {1, 3}) {
+        const auto all = on_ranks(
+            ranks, [&](int) { return std::make_unique<FunctionVolume<std::uint8_t>>(nodes, flat); },
+            folder / "s", options);
+        CHECK(read_file(folder / "s") == read_file(folder / "alone"));
+        CHECK(all.front().whole.input_on_disk);
+        std::filesystem::remove(folder / "s");
+    }
+}
+
+TEST_CASE("ranks together read little more than the input, and say how much") {
+    const Int3 nodes{3, 512, 512};
+    const auto volume_bytes = static_cast<double>(nodes.product()) * sizeof(float);
+    for (const int ranks : {1, 2, 4, 16}) {
+        CAPTURE(ranks);
+        const TemporaryFolder folder;
+        std::atomic<std::uint64_t> read = 0;
+        const auto all = on_ranks(
+            ranks, [&](int) { return std::make_unique<CountedVolume>(nodes, read); }, folder / "s",
+            with_chunk(64));
+        const std::uint64_t told = std::accumulate(
+            all.begin(), all.end(), std::uint64_t{0},
+            [](std::uint64_t sum, const RanksReport& r) { return sum + r.input_bytes; });
+        CHECK(told == read);
+        CHECK(static_cast<double>(read) >= volume_bytes);
+        CHECK(static_cast<double>(read) <= 1.1 * volume_bytes);
+    }
+}
+
+TEST_CASE("if one rank's input fails, all end and nothing is left") {
+    const Int3 nodes{40, 60, 70};
+    for (const int failing : {0, 2}) {
+        const TemporaryFolder folder;
+        std::atomic<std::uint64_t> read = 0;
+        const Error error = error_of([&] {
+            on_ranks(
+                4,
+                [&](int rank) {
+                    auto volume = std::make_unique<CountedVolume>(nodes, read);
+                    volume->fails_at_ = rank == failing ? 15 : volume->fails_at_;
+                    return volume;
+                },
+                folder / "s", with_chunk(8));
+        });
+        CHECK(error.kind() == ErrorKind::io);
+        CHECK(error.problem() == "the disk is broken");
+        CHECK(folder.names().empty());
+    }
+}
+
+TEST_CASE("ranks with other inputs, options or folders are refused before any work") {
+    const Int3 nodes{20, 30, 40};
+    const TemporaryFolder folder;
+    const auto plain = [&](int) { return std::make_unique<FunctionVolume<float>>(nodes, rough); };
+    const Error input = error_of([&] {
+        on_ranks(
+            4,
+            [&](int rank) {
+                auto volume = plain(rank);
+                volume->identity_ = rank == 2 ? "another one\n" : volume->identity_;
+                return volume;
+            },
+            folder / "s", with_chunk(8));
+    });
+    CHECK(input.kind() == ErrorKind::invalid_argument);
+    CHECK(input.problem() ==
+          "ranks see different inputs: not what rank 0 sees, see ranks 2 (thread)");
+    const Error options = error_of([&] {
+        ThreadRanks(3).run([&](Communicator& ranks) {
+            const auto volume = plain(0);
+            preprocess_on_ranks(ranks, *volume, folder / "s",
+                                with_chunk(ranks.rank() == 1 ? 16 : 8), {}, silent_progress());
+        });
+    });
+    CHECK(options.problem() ==
+          "ranks have different options: not those of rank 0, have ranks 1 (thread)");
+    const TemporaryFolder other;
+    const Error elsewhere = error_of([&] {
+        ThreadRanks(3).run([&](Communicator& ranks) {
+            const auto volume = plain(0);
+            preprocess_on_ranks(ranks, *volume, ranks.rank() == 2 ? other / "s" : folder / "s",
+                                with_chunk(8), {}, silent_progress());
+        });
+    });
+    CHECK(elsewhere.kind() == ErrorKind::invalid_argument);
+    CHECK(elsewhere.problem().find("see ranks 2 (thread)") != std::string::npos);
+    CHECK(folder.names().empty());
+    CHECK(other.names().empty());
+}
+
+TEST_CASE("an input that can only be read in order is for one rank") {
+    const Int3 nodes{20, 30, 40};
+    const TemporaryFolder folder;
+    const auto open = [&](int) { return std::make_unique<SequentialVolume>(nodes, rough); };
+    CHECK(error_of([&] { on_ranks(2, open, folder / "s", with_chunk(8)); }).kind() ==
+          ErrorKind::unsupported);
+    CHECK(folder.names().empty());
+    on_ranks(1, open, folder / "s", with_chunk(8));
+    FunctionVolume<float> volume(nodes, rough);
+    preprocess(volume, folder / "alone", with_chunk(8));
+    CHECK(read_file(folder / "s") == read_file(folder / "alone"));
+}
+
+namespace {
+
+/// A run of so many ranks of which one fails when it reads plane `plane`.
+void leave_interrupted(int ranks, const Int3& nodes, std::int64_t plane,
+                       const std::filesystem::path& store, const PreprocessOptions& options,
+                       const std::filesystem::path& scratch) {
+    std::atomic<std::uint64_t> read = 0;
+    const Error error = error_of([&] {
+        on_ranks(
+            ranks,
+            [&](int rank) {
+                auto volume = std::make_unique<CountedVolume>(nodes, read);
+                volume->fails_at_ = rank == ranks - 1 ? plane : volume->fails_at_;
+                return volume;
+            },
+            store, options, scratch);
+    });
+    CHECK(error.problem() == "the disk is broken; what is done is kept");
+    CHECK(error.remedies().back().kind == RemedyKind::resume);
+}
+
+}  // namespace
+
+TEST_CASE("what ranks have left is taken over by as many ranks or by others") {
+    const Int3 nodes{40, 70, 90};
+    PreprocessOptions options = with_chunk(8);
+    const TemporaryFolder folder;
+    FunctionVolume<float> alone(nodes, rough);
+    preprocess(alone, folder / "alone", options);
+    const std::string expected = read_file(folder / "alone");
+    options.resume = true;
+    std::uint64_t most = 0;
+    for (const int before : {1, 4}) {
+        for (const int after : {1, 3, 4, 7}) {
+            for (const bool damaged : {false, true}) {
+                CAPTURE(before, after, damaged);
+                const TemporaryFolder scratch;
+                leave_interrupted(before, nodes, 80, folder / "s", options, scratch.path());
+                CHECK(!std::filesystem::exists(folder / "s"));
+                CHECK(scratch.names().size() == static_cast<std::size_t>(2 * before));
+                for (const std::string& name : scratch.names()) {
+                    const std::filesystem::path file = scratch / name.c_str();
+                    const std::uint64_t size = std::filesystem::file_size(file);
+                    if (damaged && size > 2000) {
+                        std::fstream(file, std::ios::in | std::ios::out | std::ios::binary)
+                            .seekp(static_cast<std::streamoff>(size / 2))
+                            .write("damage", 6);
+                    }
+                }
+                std::atomic<std::uint64_t> read = 0;
+                const auto all = on_ranks(
+                    after, [&](int) { return std::make_unique<CountedVolume>(nodes, read); },
+                    folder / "s", options, scratch.path());
+                const bool same = read_file(folder / "s") == expected;
+                CHECK(same);
+                CHECK(scratch.names().empty());
+                CHECK(all.front().whole.resumed_chunks > 0);
+                most = std::max(most, all.front().whole.resumed_chunks);
+                std::filesystem::remove(folder / "s");
+            }
+        }
+    }
+    CHECK(most > 500);
+    CHECK(folder.names().size() == 1);
+}
+
+TEST_CASE("what ranks have left of another input or of other options is not taken") {
+    const Int3 nodes{40, 70, 90};
+    PreprocessOptions options = with_chunk(8);
+    options.resume = true;
+    const TemporaryFolder folder;
+    leave_interrupted(2, nodes, 80, folder / "s", options, {});
+    options.compression = 2;
+    const Error error = error_of([&] {
+        on_ranks(
+            2, [&](int) { return std::make_unique<FunctionVolume<float>>(nodes, rough); },
+            folder / "s", options);
+    });
+    CHECK(error.kind() == ErrorKind::invalid_argument);
+    CHECK(error.remedies().front().kind == RemedyKind::same_options);
+    CHECK(folder.names().size() == 4);
+}

@@ -1,0 +1,40 @@
+"""Programs as several ranks of MPI, on one machine."""
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+
+SKIPPED = 77
+
+
+def beside(isonest, name):
+    return pathlib.Path(isonest).resolve().parent / name
+
+
+def require(isonest):
+    """Ends the test as skipped where there is no isonest-mpi."""
+    if not beside(isonest, "isonest-mpi").exists() or shutil.which("mpirun") is None:
+        print("skipped: isonest-mpi was not built, or there is no mpirun")
+        sys.exit(SKIPPED)
+
+
+def _command(count, program, arguments):
+    launcher = ["mpirun", "--oversubscribe", "-n", str(count)] if count > 1 else []
+    return [*launcher, str(program), *map(str, arguments)]
+
+
+def _environment():
+    return {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+
+
+def launched(count, program, *arguments, timeout=300, **settings):
+    """The finished process of the launcher; one rank is started without it."""
+    return subprocess.run(_command(count, program, arguments), capture_output=True, timeout=timeout,
+                          env=_environment(), check=False, **settings)
+
+
+def started(count, program, *arguments):
+    """The launcher's process, which says nothing."""
+    return subprocess.Popen(_command(count, program, arguments), env=_environment(), stdout=subprocess.DEVNULL,
+                            stderr=subprocess.DEVNULL)

@@ -1,0 +1,259 @@
+#include "tools/cli/program.h"
+
+#include <fmt/format.h>
+#include <malloc.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+#include <new>
+#include <optional>
+#include <sstream>
+#include <string_view>
+#include <vector>
+
+#include <isonest/open_volume.h>
+#include <isonest/version.h>
+
+#include "store/container/format.h"
+#include "store/container/writer.h"
+#include "store/ranks/communicator.h"
+#include "tools/cli/terminal/help_format.h"
+#include "tools/cli/terminal/interrupt.h"
+#include "tools/cli/terminal/suggestions.h"
+#include "tools/cli/terminal/terminal_progress.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+constexpr int kInternal = 1;
+
+/// The message may quote file names and file contents: whatever is not UTF-8 is replaced.
+std::string dump(const Json& json, int indent = 2) {
+    return json.dump(indent, ' ', false, Json::error_handler_t::replace);
+}
+
+Outcome failed(const Error& error, const HasOption& has) {
+    return {static_cast<int>(error.kind()), message_of(error, has), json_of(error, has)};
+}
+
+/// Runs `work`; `has` tells the options of the command that was chosen.
+template <class Work>
+Outcome guarded(const HasOption& has, const Work& work) {
+    try {
+        return work();
+    } catch (const Error& e) {
+        return failed(e, has);
+    } catch (const std::bad_alloc&) {
+        return failed(Error(ErrorKind::limit, "out of memory",
+                            {{RemedyKind::less_memory}, {RemedyKind::fewer_threads}}),
+                      has);
+    } catch (const std::exception& e) {
+        const std::string message = fmt::format("internal error, please report it: {}", e.what());
+        return {kInternal,
+                message,
+                {{"kind", "internal"},
+                 {"message", message},
+                 {"file", ""},
+                 {"inside", ""},
+                 {"remedies", Json::array()}}};
+    }
+}
+
+/// With the formats that this build reads, and what the others need.
+std::string version_text(const std::string& name) {
+    std::string text = fmt::format("{} {} (store format {}.{})\nreads:", name, ISONEST_VERSION,
+                                   kFormatMajor, kFormatMinor);
+    std::string missing;
+    for (const InputFormat& format : input_formats()) {
+        std::string& list = format.package.empty() ? text : missing;
+        list += fmt::format("\n  {:<16} {}", format.name, format.extensions);
+        list += format.package.empty() ? "" : fmt::format(" (needs {})", format.package);
+    }
+    return missing.empty() ? text : text + "\nnot in this build:" + missing;
+}
+
+void declare(const Program& program, CLI::App& app, Invocation& chosen) {
+    app.set_version_flag("--version", version_text(program.name));
+    app.require_subcommand(1);
+    app.formatter(std::make_shared<HelpFormat>());
+    app.footer(program.footer);
+    program.declare(app, chosen);
+}
+
+/// What is wrong with the first name on the command line that nobody knows.
+std::optional<std::string> mistyped(const Program& program, const CLI::App& app, int argc,
+                                    char** argv) {
+    const std::vector<CLI::App*> chosen = app.get_subcommands();
+    if (chosen.empty()) {
+        if (argc < 2 || argv[1][0] == '-') {
+            return std::nullopt;
+        }
+        if (program.why_missing) {
+            if (std::string why = program.why_missing(argv[1]); !why.empty()) {
+                return why;
+            }
+        }
+        std::vector<std::string> names;
+        for (const CLI::App* const command :
+             app.get_subcommands([](const CLI::App* /*any*/) { return true; })) {
+            names.push_back(command->get_name());
+        }
+        const std::optional<std::string> meant = nearest_name(argv[1], names);
+        return fmt::format("there is no command '{}'{}", argv[1],
+                           meant ? fmt::format("; did you mean {}?", *meant) : "");
+    }
+    const CLI::App& command = *chosen.front();
+    std::vector<std::string> names;
+    for (const CLI::Option* const option :
+         command.get_options([](const CLI::Option* /*any*/) { return true; })) {
+        for (const std::string& name : option->get_lnames()) {
+            names.push_back("--" + name);
+        }
+    }
+    for (int i = 2; i < argc; ++i) {
+        const std::string argument(argv[i]);
+        if (argument == "--") {
+            break;
+        }
+        const std::string name = argument.substr(0, argument.find('='));
+        if (!name.starts_with("--") || std::find(names.begin(), names.end(), name) != names.end()) {
+            continue;
+        }
+        const std::optional<std::string> meant = nearest_name(name, names);
+        return fmt::format("there is no option {}{}", name,
+                           meant ? fmt::format("; did you mean {}?", *meant) : "");
+    }
+    return std::nullopt;
+}
+
+/// Of one rank's view: progress on a terminal at rank 0, and an end as soon as another one fails.
+class RunProgress : public TerminalProgress {
+  public:
+    RunProgress(bool show, const std::vector<ProgressStage>& stages, Communicator* ranks)
+        : TerminalProgress(show && (ranks == nullptr || ranks->rank() == 0), stages),
+          ranks_(ranks) {}
+    [[nodiscard]] bool cancelled() const override {
+        if (ranks_ != nullptr) {
+            ranks_->check();
+        }
+        return TerminalProgress::cancelled();
+    }
+
+  private:
+    Communicator* ranks_;
+};
+
+/// What each rank has done: figures of its own, and of its messages.
+void gather_ranks(Communicator& ranks, Result& result) {
+    const RankTraffic traffic = ranks.traffic();
+    Json own{{"rank", ranks.rank()},
+             {"host", ranks.host()},
+             {"messages_sent", traffic.messages_sent},
+             {"bytes_sent", traffic.bytes_sent},
+             {"messages_received", traffic.messages_received},
+             {"bytes_received", traffic.bytes_received},
+             {"seconds_in_messages", traffic.seconds}};
+    own.update(result.rank);
+    for (const std::string& text : ranks.gather(dump(own, -1))) {
+        result.json["ranks"].push_back(Json::parse(text));
+    }
+}
+
+Outcome run(const Program& program, const Invocation& chosen) {
+    Result result = [&] {
+        RunProgress progress(can_draw() && !chosen.quiet && !chosen.json, chosen.stages,
+                             program.ranks);
+        return chosen.run(progress);
+    }();
+    if (program.ranks != nullptr) {
+        gather_ranks(*program.ranks, result);
+    }
+    if (!result.warning.empty()) {
+        result.json["warning"] = result.warning;
+    }
+    Outcome outcome{result.exit_code};
+    outcome.warning = std::move(result.warning);
+    if (chosen.json) {
+        outcome.text = dump(result.json) + "\n";
+    } else if (!chosen.quiet || result.exit_code != 0) {
+        outcome.text = std::move(result.text);
+    }
+    return outcome;
+}
+
+Outcome parse_and_run(const Program& program, CLI::App& app, const Invocation& chosen, int argc,
+                      char** argv) {
+    try {
+        app.parse(argc, argv);
+    } catch (const CLI::ParseError& e) {
+        if (e.get_exit_code() == 0) {  // --help, --version
+            std::ostringstream text;
+            app.exit(e, text, text);
+            Outcome outcome;
+            outcome.text = text.str();
+            return outcome;
+        }
+        const std::vector<CLI::App*> command = app.get_subcommands();
+        const std::optional<std::string> typo = mistyped(program, app, argc, argv);
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{}; see: {} {}{}--help", typo.value_or(e.what()), program.name,
+                                command.empty() ? "" : command.front()->get_name(),
+                                command.empty() ? "" : " "));
+    }
+    watch_signals();
+    return run(program, chosen);
+}
+
+}  // namespace
+
+bool asks_for_json(int argc, char** argv) {
+    return std::any_of(argv, argv + argc,
+                       [](const char* argument) { return std::string_view(argument) == "--json"; });
+}
+
+Outcome run_program(const Program& program, int argc, char** argv) {
+    CLI::App app(program.summary, program.name);
+    const HasOption has = [&app](const std::string& option) {
+        const std::vector<CLI::App*> command = app.get_subcommands();
+        return !command.empty() && command.front()->get_option_no_throw(option) != nullptr;
+    };
+    return guarded(has, [&] {
+        Invocation chosen;
+        chosen.ranks = program.ranks;
+        declare(program, app, chosen);
+        return parse_and_run(program, app, chosen, argc, argv);
+    });
+}
+
+int tell(const Program& program, const Outcome& outcome, bool json) {
+    let_a_closed_pipe_end_the_program();
+    if (!outcome.message.empty()) {
+        std::fputs(fmt::format("{}: error: {}\n", program.name, outcome.message).c_str(), stderr);
+        if (json) {
+            std::fputs((dump({{"error", outcome.error}}) + "\n").c_str(), stdout);
+            std::fflush(stdout);
+        }
+        return outcome.exit_code;
+    }
+    if (!outcome.warning.empty()) {
+        std::fputs(fmt::format("{}: warning: {}\n", program.name, outcome.warning).c_str(), stderr);
+    }
+    if (std::fputs(outcome.text.c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
+        return tell(program,
+                    failed(Error(ErrorKind::io, "cannot write to standard output"),
+                           [](const std::string& /*option*/) { return false; }),
+                    json);
+    }
+    return outcome.exit_code;
+}
+
+void prepare_process() {
+    leave_hdf5_alone_at_exit();
+    // Blocks and chunks of a few MB come and go all the time: fetching their pages from the kernel
+    // anew each time costs more than the work on them.
+    ::mallopt(M_MMAP_THRESHOLD, 32 << 20);
+    ::mallopt(M_TRIM_THRESHOLD, 512 << 20);
+}
+
+}  // namespace isonest::detail::cli
