@@ -9,6 +9,7 @@
 #include <isonest/error.h>
 
 #include "query/extract/extract_query.h"
+#include "query/ranks/rank_mapping.h"
 #include "query/surface_nets/net_interfaces.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
@@ -35,9 +36,13 @@ AskedSheets asked_of(const SheetSetting& s) {
     return {within, budget.most, within >= most};
 }
 
-int threads_of(const SheetSetting& s) {
+std::uint64_t memory_of(const SheetSetting& s) {
     const std::uint64_t lists = s.wanted.size() * 2 * (sizeof(std::int64_t) + sizeof(Label));
-    const std::uint64_t memory = s.options.memory - std::min(s.options.memory, lists);
+    return s.options.memory - std::min(s.options.memory, lists);
+}
+
+/// With this memory.
+int threads_of(const SheetSetting& s, std::uint64_t memory) {
     require_memory(s.name, memory, kLibraryHeap + map_heap(), "simplifying its labels");
     return static_cast<int>(
         std::min((memory - kLibraryHeap) / map_heap(),
@@ -98,8 +103,10 @@ LabelSheets::LabelSheets(const NetStore& net, const SheetSetting& setting,
     levels_[0]->distance.full_triangles =
         emit_net_interfaces(net, setting.outside, layout, sheets_, progress).triangles;
     sides_range_ = sheets_.sides_range();
-    const int threads = threads_of(setting);
-    Workers(threads).execute([&] { simplify(setting, folder, progress); });
+    const std::uint64_t memory = memory_of(setting);
+    const std::unique_ptr<BlockMapping> mapping = mapping_by(setting.options.team, memory);
+    const int threads = threads_of(setting, memory - std::min(memory, mapping->heap()));
+    Workers(threads).execute([&] { simplify(setting, *mapping, folder, progress); });
     for (const std::unique_ptr<Level>& level : levels_) {
         if (level->corners) {
             level->output.emplace(sheets_, level->corners->all(), wanted_, folder, progress);
@@ -107,23 +114,26 @@ LabelSheets::LabelSheets(const NetStore& net, const SheetSetting& setting,
     }
 }
 
-void LabelSheets::simplify(const SheetSetting& setting, const ScratchFolder& folder,
-                           Progress& progress) {
+void LabelSheets::simplify(const SheetSetting& setting, BlockMapping& mapping,
+                           const ScratchFolder& folder, Progress& progress) {
     const WorldLattice lattice{setting.header.origin, setting.header.spacing, setting.header.nodes};
     MeshMapper mapper(sheets_.vertices(), lattice, border_of(setting.header), folder, progress);
+    mapper.map_by(mapping);
     mapper.take_sheets(sheets_.next_copies(), margin_of(setting));
-    Mapped result =
-        setting.is_finest_simplified ? finest(setting, mapper) : mapper.full(sheets_.triangles());
+    Mapped result = setting.is_finest_simplified ? finest(setting, mapper, mapping)
+                                                 : mapper.full(sheets_.triangles());
     if (setting.is_finest_simplified) {
         levels_[0]->corners.emplace(mapper.corners(result));
     }
     if (setting.details) {
         add_details(setting, mapper, std::move(result));
+        mapping.finish();
     }
 }
 
 /// Level 0, where it is simplified.
-Mapped LabelSheets::finest(const SheetSetting& setting, const MeshMapper& mapper) {
+Mapped LabelSheets::finest(const SheetSetting& setting, const MeshMapper& mapper,
+                           BlockMapping& mapping) {
     const AskedSheets asked = asked_of(setting);
     const double rounding = rounding_of(setting, 0);
     const double limit = distance_left(setting.name, asked.within, rounding);
@@ -136,6 +146,9 @@ Mapped LabelSheets::finest(const SheetSetting& setting, const MeshMapper& mapper
                         ? mapper.down_to(mapper.full(sheets_.triangles()), *asked.triangles,
                                          kFirstLimit * std::min({d[0], d[1], d[2]}), limit)
                         : mapper.within(mapper.full(sheets_.triangles(), consume), limit);
+    if (!setting.details) {
+        mapping.finish();
+    }
     DistanceReport& distance = levels_[0]->distance;
     distance.asked = asked.within;
     distance.bound = result.bound + (result.bound > 0 ? setting.rounding : 0);

@@ -10,6 +10,7 @@
 
 #include <isonest/extract.h>
 
+#include "query/simplify/mapping/block_mapping.h"
 #include "query/simplify/mapping/map_mesh.h"
 #include "query/simplify/sheets/sheet_mesh.h"
 #include "query/simplify/sheets/sheet_output.h"
@@ -85,8 +86,9 @@ class LabelSheets {
         std::optional<CornerFile> corners;
         std::optional<SheetOutput> output;
     };
-    void simplify(const SheetSetting& setting, const ScratchFolder& folder, Progress& progress);
-    Mapped finest(const SheetSetting& setting, const MeshMapper& mapper);
+    void simplify(const SheetSetting& setting, BlockMapping& mapping, const ScratchFolder& folder,
+                  Progress& progress);
+    Mapped finest(const SheetSetting& setting, const MeshMapper& mapper, BlockMapping& mapping);
     void add_details(const SheetSetting& setting, const MeshMapper& mapper, Mapped finest);
     [[nodiscard]] const SheetOutput& output(int level) const {
         return *levels_[static_cast<std::size_t>(level)]->output;
