@@ -15,6 +15,8 @@
 
 #include "query/extract/extraction.h"
 #include "query/extract/find_parts.h"
+#include "query/ranks/rank_mapping.h"
+#include "query/ranks/serve_blocks.h"
 #include "store/base/workers.h"
 
 namespace isonest::detail {
@@ -123,6 +125,10 @@ void help_until_done(RankTeam& team, const Store& store, const Store* values,
                      const ExtractOptions& options, Progress& progress) {
     for (std::string text = team.ranks.broadcast({}); !text.empty();
          text = team.ranks.broadcast({})) {
+        if (text == kBlocksToMap) {
+            serve_blocks(team, store.path().string(), options, progress);
+            continue;
+        }
         TraversalJob job = job_of(store.reader(), {});
         std::memcpy(&job, text.data(), sizeof(job));
         std::vector<double> isovalues((text.size() - sizeof(job)) / sizeof(double));

@@ -5,8 +5,10 @@
 //                                          │ job                                   ▲ parts
 //     other ranks  wait for a job ◀────────┘──▶ their shares ────────────────────────┘
 //
-// Rank 0 alone has the query, the stages and the sink. What does not go through find_parts() is
-// made by rank 0 alone, while the others wait; so is what is_shared() rules out.
+// Rank 0 alone has the query, the stages and the sink. Of the stages, simplification by successive
+// mappings is shared (query/ranks/rank_mapping.h): its blocks are another kind of job. All else that
+// does not go through find_parts() is made by rank 0 alone, while the others wait; so is what
+// is_shared() rules out.
 #pragma once
 
 #include <functional>

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -10,57 +11,121 @@
 
 #include "query/march/clip.h"
 #include "query/traverse/bricks/surface_cubes.h"
+#include "query/view/morton.h"
+#include "query/view/topology.h"
 
 namespace isonest::detail {
 namespace {
 
 constexpr Int3 kOne{1, 1, 1};
-/// Whose counts are told to all at once.
 constexpr std::int64_t kMostGroups = 1 << 16;
+// The counts of one rank, which may be all, are one message.
 static_assert(kMostGroups * sizeof(std::uint64_t) <= Communicator::kMostBytes);
 
-/// Counts the bricks of level 0 that may have something to be marched.
-class BrickCounts {
+int chunk_level(const StoreLayout& layout) {
+    return std::countr_zero(static_cast<std::uint64_t>(layout.header().chunk));
+}
+
+/// Cubes of one level that cover the volume, in Morton order.
+struct Groups {
+    int level;
+    std::vector<std::uint64_t> codes;
+
+    explicit Groups(const StoreLayout& layout)
+        : level(std::min(kFirstRangeLevel, chunk_level(layout))) {
+        const Int3 cells = max(layout.header().nodes - kOne, kOne);
+        const auto count_at = [&](int of_level) {
+            return ceil_div(cells, kOne * (std::int64_t{1} << of_level));
+        };
+        while (count_at(level).product() > kMostGroups) {
+            ++level;
+        }
+        const Int3 count = count_at(level);
+        codes.resize(static_cast<std::size_t>(count.product()));
+        for (std::size_t i = 0; i < codes.size(); ++i) {
+            codes[i] = morton_code(count.unlinear(static_cast<std::int64_t>(i)));
+        }
+        std::sort(codes.begin(), codes.end());
+    }
+    /// First cell of a group.
+    [[nodiscard]] Int3 low(std::uint64_t code) const {
+        return morton_point(code) * (std::int64_t{1} << level);
+    }
+};
+
+/// Counts the cubes of 8^3 cells that may have something to be marched.
+class CubeCounts {
   public:
-    BrickCounts(const ChunkSource& source, const TraversalQuery& query,
-                std::span<const double> isovalues)
+    CubeCounts(const ChunkSource& source, const TraversalQuery& query,
+               std::span<const double> isovalues)
         : source_(source),
+          layout_(source.layout()),
           query_(query),
           isovalues_(isovalues),
-          grid_(source.layout().array(0, Field::values).grid),
-          chunk_(source.layout().header().chunk) {}
+          cells_(max(layout_.header().nodes - kOne, kOne)) {}
 
-    /// Those of the `size`^3 from `first` on.
-    [[nodiscard]] std::uint64_t count(const Int3& first, std::int64_t size) const {
-        const Int3 end = min(first + kOne * size, grid_);
-        const Int3 bricks = end - first;
+    /// Those in the cube of `size`^3 cells from `low` on.
+    [[nodiscard]] std::uint64_t count(const Int3& low, std::int64_t size) const {
+        const std::int64_t chunk = layout_.header().chunk;
+        const Int3 first = floor_by(low, chunk);
+        const Int3 bricks = ceil_div(min(low + kOne * size, cells_), kOne * chunk) - first;
         std::uint64_t found = 0;
         for (std::int64_t i = 0; i < bricks.product(); ++i) {
-            found += may_hold(first + bricks.unlinear(i)) ? 1 : 0;
+            const Int3 brick = first + bricks.unlinear(i);
+            const Int3 from = max(low, brick * chunk);
+            const Int3 to = min(min(low + kOne * size, (brick + kOne) * chunk), cells_);
+            try {
+                found += may_hold(brick) ? count_cubes(from, to) : 0;
+            } catch (const Error& error) {
+                if (error.kind() != ErrorKind::corrupt) {
+                    throw;
+                }
+                ++found;
+            }
         }
         return found;
     }
 
   private:
+    static Int3 floor_by(const Int3& p, std::int64_t edge) {
+        return {p.x / edge, p.y / edge, p.z / edge};
+    }
+    /// By the chunk table alone.
     [[nodiscard]] bool may_hold(const Int3& brick) const {
-        const Int3 low = brick * chunk_;
-        const Int3 high = low + kOne * chunk_;
+        const Int3 low = brick * layout_.header().chunk;
+        const Int3 high = low + kOne * layout_.header().chunk;
         if (overlap_of(query_.box, low, high) == Overlap::outside) {
             return false;
         }
-        if (query_.plane) {
-            return is_cut(low, high);
+        return query_.plane ? is_cut(low, high)
+                            : std::any_of(isovalues_.begin(), isovalues_.end(), [&](double iso) {
+                                  return may_hold_surface(source_, brick, iso, query_.box);
+                              });
+    }
+    [[nodiscard]] std::uint64_t count_cubes(const Int3& low, const Int3& high) const {
+        if (layout_.lattice().top() < kFirstRangeLevel) {
+            return 1;
         }
-        try {
-            return std::any_of(isovalues_.begin(), isovalues_.end(), [&](double iso) {
-                return may_hold_surface(source_, brick, iso, query_.box);
-            });
-        } catch (const Error& error) {
-            if (error.kind() != ErrorKind::corrupt) {
-                throw;
-            }
+        const Int3 first = floor_by(low, kFirstRangeEdge);
+        const Int3 end = min(ceil_div(high, kOne * kFirstRangeEdge),
+                             layout_.lattice().cells_at(kFirstRangeLevel));
+        const Int3 cubes = end - first;
+        std::uint64_t found = 0;
+        for (std::int64_t i = 0; i < cubes.product(); ++i) {
+            found += may_be_marched(first + cubes.unlinear(i)) ? 1 : 0;
+        }
+        return found;
+    }
+    [[nodiscard]] bool may_be_marched(const Int3& cube) const {
+        if (query_.plane) {
+            return is_cut(cube * kFirstRangeEdge, (cube + kOne) * kFirstRangeEdge);
+        }
+        if (!layout_.has_cube_ranges(kFirstRangeLevel)) {
             return true;
         }
+        const auto range = source_.cube_range(kFirstRangeLevel, cube);
+        return !range || std::any_of(isovalues_.begin(), isovalues_.end(),
+                                     [&](double iso) { return range->may_hold(iso); });
     }
     [[nodiscard]] bool is_cut(const Int3& low, const Int3& high) const {
         bool below = false;
@@ -75,53 +140,58 @@ class BrickCounts {
     }
 
     const ChunkSource& source_;
+    const StoreLayout& layout_;
     const TraversalQuery& query_;
     std::span<const double> isovalues_;
-    Int3 grid_;
-    std::int64_t chunk_;
+    Int3 cells_;
 };
 
-/// Cubes of `edge`^3 bricks, in Morton order.
-struct Groups {
-    std::int64_t edge = 1;
-    std::vector<std::uint64_t> codes;
+using Numbers = std::vector<std::uint64_t>;
 
-    explicit Groups(const Int3& grid) {
-        while (ceil_div(grid, kOne * edge).product() > kMostGroups) {
-            edge *= 2;
-        }
-        const Int3 count = ceil_div(grid, kOne * edge);
-        codes.resize(static_cast<std::size_t>(count.product()));
-        for (std::size_t i = 0; i < codes.size(); ++i) {
-            codes[i] = morton_code(count.unlinear(static_cast<std::int64_t>(i)));
-        }
-        std::sort(codes.begin(), codes.end());
-    }
-};
+std::string text_of(const Numbers& numbers) {
+    return {reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(std::uint64_t)};
+}
 
-/// The counts of all groups, each counted by one rank.
-std::vector<std::uint64_t> all_counts(Communicator& ranks, const Groups& groups,
-                                      const BrickCounts& bricks) {
+Numbers numbers_of(const std::string& text) {
+    Numbers numbers(text.size() / sizeof(std::uint64_t));
+    std::memcpy(numbers.data(), text.data(), text.size());
+    return numbers;
+}
+
+/// Rank 0 gets the counts of all groups, each counted by one rank.
+Numbers all_counts(Communicator& ranks, const Groups& groups, const CubeCounts& cubes) {
     const auto border = [&](int rank) {
         return groups.codes.size() * static_cast<std::size_t>(rank) /
                static_cast<std::size_t>(ranks.size());
     };
-    std::vector<std::uint64_t> counts;
+    Numbers counts;
     for (std::size_t i = border(ranks.rank()); i < border(ranks.rank() + 1); ++i) {
-        counts.push_back(bricks.count(morton_point(groups.codes[i]) * groups.edge, groups.edge));
+        counts.push_back(cubes.count(groups.low(groups.codes[i]), std::int64_t{1} << groups.level));
     }
-    const auto text_of = [](const std::vector<std::uint64_t>& numbers) {
-        return std::string(reinterpret_cast<const char*>(numbers.data()),
-                           numbers.size() * sizeof(std::uint64_t));
-    };
     std::string text;
     for (const std::string& of_rank : ranks.gather(text_of(counts))) {
         text += of_rank;
     }
-    text = ranks.broadcast(std::move(text));
-    counts.resize(text.size() / sizeof(std::uint64_t));
-    std::memcpy(counts.data(), text.data(), text.size());
-    return counts;
+    return numbers_of(text);
+}
+
+/// Where the shares of so many ranks begin, and the end. A group goes where its middle lies among
+/// all cubes that were counted.
+Numbers borders_of(const Groups& groups, const Numbers& counts, std::uint64_t ranks) {
+    Numbers borders(ranks + 1, CubeShare::kEnd);
+    const std::uint64_t all = std::accumulate(counts.begin(), counts.end(), std::uint64_t{0});
+    std::uint64_t before = 0;
+    std::uint64_t begun = 0;
+    borders[begun++] = 0;
+    for (std::size_t i = 0; i < counts.size() && all > 0; ++i) {
+        const std::uint64_t rank =
+            std::min((2 * before + counts[i]) * ranks / (2 * all), ranks - 1);
+        while (begun <= rank) {
+            borders[begun++] = groups.codes[i] << (3U * static_cast<unsigned>(groups.level));
+        }
+        before += counts[i];
+    }
+    return borders;
 }
 
 }  // namespace
@@ -131,31 +201,15 @@ CubeShare share_of(Communicator& ranks, const ChunkSource& source, const Travers
     if (ranks.size() == 1) {
         return {};
     }
-    const StoreLayout& layout = source.layout();
-    const Groups groups(layout.array(0, Field::values).grid);
-    const std::vector<std::uint64_t> counts =
-        all_counts(ranks, groups, BrickCounts(source, query, isovalues));
-    std::uint64_t all = 0;
-    for (const std::uint64_t count : counts) {
-        all += count;
+    const Groups groups(source.layout());
+    const Numbers counts = all_counts(ranks, groups, CubeCounts(source, query, isovalues));
+    Numbers borders;
+    if (ranks.rank() == 0) {
+        borders = borders_of(groups, counts, static_cast<std::uint64_t>(ranks.size()));
     }
-    // A group goes where its middle lies among all bricks that were counted.
-    const auto size = static_cast<std::uint64_t>(ranks.size());
-    const auto cells = static_cast<std::uint64_t>(groups.edge * layout.header().chunk);
-    const int bits = 3 * std::countr_zero(cells);
-    CubeShare share{CubeShare::kEnd, CubeShare::kEnd};
-    std::uint64_t before = 0;
-    const auto own = static_cast<std::uint64_t>(ranks.rank());
-    for (std::size_t i = 0; i < counts.size(); ++i) {
-        const std::uint64_t rank =
-            all == 0 ? 0 : std::min((2 * before + counts[i]) * size / (2 * all), size - 1);
-        const std::uint64_t code = groups.codes[i] << static_cast<unsigned>(bits);
-        share.begin = rank >= own ? std::min(share.begin, code) : share.begin;
-        share.end = rank > own ? std::min(share.end, code) : share.end;
-        before += counts[i];
-    }
-    share.begin = own == 0 ? 0 : share.begin;
-    return share;
+    borders = numbers_of(ranks.broadcast(text_of(borders)));
+    const auto own = static_cast<std::size_t>(ranks.rank());
+    return {borders[own], borders[own + 1]};
 }
 
 }  // namespace isonest::detail

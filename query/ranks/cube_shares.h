@@ -1,8 +1,9 @@
 // Which rank traverses what.
 //
-// The bricks of level 0 in Morton order are cut into ranges with about the same number of bricks in
-// which the chunk table allows surface. Groups of bricks are counted, each by one rank, so that
-// no rank reads the whole table, and the counts are as many for any volume.
+// The finest cells in Morton order are cut into ranges with about as many cubes of 8^3 cells in
+// each in which the chunk table and the stored ranges allow surface. They are counted in groups,
+// each by one rank, so that no rank reads all of the tables, and the counts are not more for larger
+// volumes.
 #pragma once
 
 #include <span>

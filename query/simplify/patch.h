@@ -46,6 +46,8 @@ struct CollapseLimits {
 
 inline constexpr std::uint32_t kNoServer = std::numeric_limits<std::uint32_t>::max();
 inline constexpr std::uint32_t kSomeServers = kNoServer - 1;
+/// Added to the number of a server that has others beside it.
+inline constexpr std::uint32_t kWithOthers = std::uint32_t{1} << 31U;
 
 /// `furthest`: of which the quadrics may estimate, in distances.
 inline CollapseLimits limits_of(double distance, double furthest) {
@@ -77,10 +79,12 @@ struct Patch {
     /// Of each triangle: how far it is from the full surface.
     std::vector<Displacement> displacements;
     std::vector<PatchTriangle> fine;  ///< the full surface near the patch
-    /// Of each fine triangle: the one that alone is within the limit of all its points, or
-    /// kSomeServers: several are, which are not known. kNoServer: it may be as far as it likes, and
-    /// is there for others to be near to.
+    /// Of each fine triangle: the one that alone is within the limit of all its points; with
+    /// kWithOthers, one of several that are so together; kSomeServers: none of these is known.
+    /// kNoServer: it may be as far as it likes, and is there for others to be near to.
     std::vector<std::uint32_t> servers;
+    /// The triangles are the fine ones, each of which serves itself.
+    bool is_full = false;
 
     [[nodiscard]] Double3 point(std::uint32_t v) const { return point_at(positions[v]); }
     [[nodiscard]] Triangle at(const PatchTriangle& t) const { return triangle_at(positions, t); }

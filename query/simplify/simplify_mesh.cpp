@@ -214,7 +214,7 @@ void MeshSimplifier::Run::add(const Outcome& outcome) {
     }
     triangles += outcome.mesh.size();
     for (const Attached& t : outcome.attached) {
-        full.append({t.place, t.is_only ? place[t.server] : kSomeServers},
+        full.append({t.place, place[t.server] | (t.is_only ? 0U : kWithOthers)},
                     outcome.mesh[t.server].block);
     }
 }
@@ -318,6 +318,7 @@ MeshSimplifier::Block MeshSimplifier::load(const Run& run, const Valences& valen
         }
     }
     if (run.is_full) {
+        patch.is_full = true;
         patch.triangles = patch.fine;
         patch.stay.resize(patch.fine.size());
         patch.tried.resize(patch.fine.size());

@@ -5,7 +5,8 @@
 // after it was measured: all that the triangles around it were near to is near to those that
 // replace them (query/simplify/proof/server_lists.h), and these are near to the full surface: by
 // how they project onto the triangles before (query/simplify/mapping/star_mapping.h), or measured
-// (query/simplify/proof/projected_cover.h, query/simplify/proof/surface_distance.h). So the errors
+// (query/simplify/proof/projected_cover.h, query/simplify/proof/server_lists.h). Of a full surface,
+// what mappings alone prove is collapsed before all else. So the errors
 // by which the collapses are ordered play no part in the bound. An edge that cannot be collapsed
 // into its end is tried once more with that end at the place of the smallest quadric error,
 // measured in the same way (query/simplify/collapse/placed_collapse.h).

@@ -16,7 +16,7 @@
 
 namespace isonest::detail {
 
-/// The cells [begin, end). REQUIRES: each is a multiple of the cells in a brick of level 0.
+/// The cells [begin, end). REQUIRES: each is a multiple of the cells in a cube of level 1.
 struct CubeShare {
     /// More than there are cells.
     static constexpr std::uint64_t kEnd = std::uint64_t{1} << 63U;

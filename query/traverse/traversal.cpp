@@ -192,12 +192,16 @@ void run_brick(Runs runs, int level, const Int3& brick, ParentsOfRuns parents,
 /// The surface of one run in a brick of level 0.
 void march_finest(TraversalRun& run, const Int3& brick) {
     const TraversalQuery& query = run.query;
+    TraversalCounts& counts = run.counts.local();
+    const std::uint64_t visited = counts.visited;
     const bool is_seen = !query.culling || may_face_viewer(run, brick);
+    const bool is_own = query.share.owns(chunk_level(run.layout()), brick);
+    counts.visited = is_own ? counts.visited : visited;
     const auto cubes = is_seen ? surface_cubes(run.cache, brick, query.iso, query.box) : nullptr;
     if (cubes == nullptr) {
         return;
     }
-    ++run.counts.local().bricks;
+    counts.bricks += is_own ? 1 : 0;
     if (query.cells == Cells::hexahedra) {
         march_finest_hexahedra(run, brick, *cubes);
     } else {
@@ -268,8 +272,7 @@ void traverse_bricks(Runs runs) {
     const TraversalQuery& query = common.query;
     const StoreLayout& layout = common.layout();
     common.progress.begin("extract", kWholeProgress, "");
-    const bool is_one_brick = layout.array(0, Field::values).grid == Int3{1, 1, 1};
-    if (query.share.is_empty() || (is_one_brick && query.share.begin > 0)) {
+    if (query.share.is_empty()) {
         common.progress.advance(kWholeProgress);
         return;
     }

@@ -9,6 +9,7 @@
 #include "query/simplify/sheets/sheet_mesh.h"
 #include "query/simplify/sheets/sheet_output.h"
 #include "store/base/workers.h"
+#include "tests/support/mapping_ranks.h"
 #include "tests/support/surface_samples.h"
 #include "tests/support/test_support.h"
 
@@ -193,7 +194,7 @@ struct SimplifiedSheets {
 };
 
 SimplifiedSheets simplified(const Interfaces& full, const LabelCube& cube, double limit,
-                            bool keeps_nodes, int threads) {
+                            bool keeps_nodes, int threads, BlockMapping& mapping) {
     const TemporaryFolder folder;
     SheetMesh sheets(folder.path());
     fill(sheets, full);
@@ -208,6 +209,7 @@ SimplifiedSheets simplified(const Interfaces& full, const LabelCube& cube, doubl
         MeshMapper mapper(sheets.vertices(), lattice, {}, folder.path(), silent_progress());
         mapper.take_sheets(sheets.next_copies(),
                            keeps_nodes ? std::optional(KeptNodes::kLeastMargin) : std::nullopt);
+        mapper.map_by(mapping);
         const Mapped mapped = mapper.within(mapper.full(sheets.triangles()), limit);
         result.bound = mapped.bound;
         const CornerFile corners = mapper.corners(mapped);
@@ -222,6 +224,12 @@ SimplifiedSheets simplified(const Interfaces& full, const LabelCube& cube, doubl
         }
     });
     return result;
+}
+
+SimplifiedSheets simplified(const Interfaces& full, const LabelCube& cube, double limit,
+                            bool keeps_nodes, int threads) {
+    LocalMapping local;
+    return simplified(full, cube, limit, keeps_nodes, threads, local);
 }
 
 std::multiset<std::array<std::array<float, 3>, 3>> places_of(
@@ -359,6 +367,28 @@ TEST_CASE("Sheets of noise keep their shape, and are the same for any threads") 
         REQUIRE(one.all.corners.size() < full.corners.size());
         for (const auto& [label, mesh] : one.of) {
             REQUIRE(shape_of(mesh.corners) == shape_of(full.of(label)));
+        }
+    }
+}
+
+TEST_CASE("Sheets that ranks map are those that a process maps alone") {
+    std::mt19937 random(8);
+    const LabelCube cube = cube_of(
+        40, [&](const Int3& p) { return p.x < 8 ? random() % 4 : (p.x + p.y) / 17 + p.z / 23; });
+    const Interfaces full = interfaces_of(cube, 0.2, 8);
+    for (const bool keeps : {false, true}) {
+        const SimplifiedSheets alone = simplified(full, cube, 0.5, keeps, 1);
+        for (const int size : {2, 3, 7}) {
+            SimplifiedSheets shared;
+            const std::vector<RankWork> done =
+                isonest::test::map_on_ranks(size, {}, [&](BlockMapping& mapping) {
+                    shared = simplified(full, cube, 0.5, keeps, 1, mapping);
+                });
+            REQUIRE(shared.all.positions == alone.all.positions);
+            REQUIRE(shared.all.corners == alone.all.corners);
+            REQUIRE(shared.all.sides == alone.all.sides);
+            REQUIRE(shared.bound == alone.bound);
+            REQUIRE(done.back().mapped_triangles > 0);
         }
     }
 }

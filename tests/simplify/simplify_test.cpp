@@ -170,16 +170,14 @@ TEST_CASE(
                             return square_distance(c, tree.triangle(u)) <= 0.999 * limit * limit;
                         });
         }
-        for (const bool asks_covers : {false, true}) {
-            if (asks_covers ? distance.covers(t) : distance.serves(t)) {
-                REQUIRE(worst <= limit * (1 + 1e-9));
-                REQUIRE(distance.largest() <= limit);
-                REQUIRE(distance.largest() >= worst - 1e-9);
-                ++near;
-            } else {
-                REQUIRE_FALSE(is_within);
-                ++far;
-            }
+        if (distance.serves(t)) {
+            REQUIRE(worst <= limit * (1 + 1e-9));
+            REQUIRE(distance.largest() <= limit);
+            REQUIRE(distance.largest() >= worst - 1e-9);
+            ++near;
+        } else {
+            REQUIRE_FALSE(is_within);
+            ++far;
         }
         if (distance.serves(t)) {
             for_samples(t, 12, [&](const Double3& q) {
@@ -190,22 +188,8 @@ TEST_CASE(
             });
         }
     }
-    REQUIRE(near > 500);
-    REQUIRE(far > 300);
-}
-
-TEST_CASE("A large flat triangle is covered by many small ones, however small the limit") {
-    const Patch grid = wavy_grid(41, 0);
-    const TriangleTree tree(grid.positions, grid.triangles);
-    for (const double limit : {1.0, 0.1, 0.01, 1e-4, 1e-7}) {
-        SurfaceDistance distance(tree, limit);
-        REQUIRE(distance.covers({Double3{0, 0, 0}, Double3{40, 0, 0}, Double3{0, 40, 0}}));
-        REQUIRE(distance.covers({Double3{0.3, 0.1, 0}, Double3{39.2, 17, 0}, Double3{1, 40, 0}}));
-        const double out = 40 + 2 * limit;
-        REQUIRE_FALSE(distance.covers({Double3{0, 0, 0}, Double3{out, 0, 0}, Double3{0, 40, 0}}));
-        REQUIRE_FALSE(distance.covers(
-            {Double3{0, 0, 0}, Double3{40, 0, 2 * limit}, Double3{0, 40, 2 * limit}}));
-    }
+    REQUIRE(near > 250);
+    REQUIRE(far > 150);
 }
 
 TEST_CASE("What covers a triangle by projection is near to all samples of it") {

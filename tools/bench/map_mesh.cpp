@@ -1,22 +1,28 @@
 // What successive mappings alone leave of a mesh, and in which time.
 //
 // usage: isonest_map_mesh IN.ply OUT.ply (--distance D | --triangles N) [--size X,Y,Z]
-//                         [--voxel V] [--threads T] [--rounds R]
+//                         [--voxel V] [--threads T] [--rounds R] [--carried 1]
 //
 // IN.ply is a full surface in a volume of X * Y * Z nodes, V apart (by default 1), the first one at
 // 0; without --size, of as many as hold the mesh. Borders in the faces of the volume are simplified
 // too. D is in the mesh's unit. Prints JSON: triangles before and after, the bound of the
 // distance, seconds of the processor and of the clock for the simplification alone, the smallest
-// of R rounds (by default 1).
+// of R rounds (by default 1). With --carried, one thread does what rank 0 and the others do for
+// each block that another rank maps (query/ranks/rank_mapping.h), but for the messages; what takes
+// how long, in seconds of the processor, and the bytes there and back are printed, too, of the last
+// round.
 #include "query/simplify/mapping/map_mesh.h"
 
+#include <array>
 #include <chrono>
 #include <cstdio>
 #include <ctime>
 #include <exception>
+#include <optional>
 #include <span>
 #include <string>
 
+#include "query/ranks/packed_patch.h"
 #include "store/base/workers.h"
 #include "tools/bench/meshes/ply_mesh.h"
 #include "tools/bench/meshes/ply_write.h"
@@ -35,12 +41,68 @@ struct Options {
     double voxel = 1;
     int threads = 1;
     int rounds = 1;
+    bool is_carried = false;
+};
+
+/// As if another rank mapped each block.
+class CarriedMapping : public BlockMapping {
+  public:
+    enum Step : std::size_t { load, pack, map_there, unpack, use, kSteps };
+
+    void map(const BlockPass& pass, Progress& /*progress*/) override {
+        for (std::int64_t i = 0; i < pass.blocks; ++i) {
+            mark();
+            MappedBlock block = pass.load(i);
+            add(load);
+            const std::vector<std::byte> sent = packed_patch(block.patch);
+            block.patch = {};
+            add(pack);
+            MappedPatch patch = unpacked_patch(sent);
+            const GoneTriangles gone_at = map_patch(patch, pass.limits);
+            const std::vector<std::byte> back = packed_result(patch, gone_at);
+            add(map_there);
+            unpack_result(back, block);
+            add(unpack);
+            pass.use(i, block);
+            add(use);
+            bytes_there_ += sent.size();
+            bytes_back_ += back.size();
+        }
+        blocks_ += pass.blocks;
+    }
+    void print() const {
+        std::printf(
+            "{\"blocks\": %lld, \"bytes_there\": %llu, \"bytes_back\": %llu, \"load\": %.4f, "
+            "\"pack\": %.4f, \"map_there\": %.4f, \"unpack\": %.4f, \"use\": %.4f}\n",
+            static_cast<long long>(blocks_), static_cast<unsigned long long>(bytes_there_),
+            static_cast<unsigned long long>(bytes_back_), seconds_[load], seconds_[pack],
+            seconds_[map_there], seconds_[unpack], seconds_[use]);
+    }
+
+  private:
+    static double now() {
+        timespec t{};
+        ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+        return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+    }
+    void mark() { last_ = now(); }
+    void add(Step step) {
+        const double end = now();
+        seconds_[step] += end - last_;
+        last_ = end;
+    }
+
+    double last_ = 0;
+    std::array<double, kSteps> seconds_{};
+    std::int64_t blocks_ = 0;  ///< of all passes
+    std::uint64_t bytes_there_ = 0;
+    std::uint64_t bytes_back_ = 0;
 };
 
 Options options_of(std::span<char*> arguments) {
     constexpr const char* kUsage =
         "usage: isonest_map_mesh IN.ply OUT.ply (--distance D | --triangles N) [--size X,Y,Z] "
-        "[--voxel V] [--threads T] [--rounds R]";
+        "[--voxel V] [--threads T] [--rounds R] [--carried 1]";
     Options options;
     for (std::size_t i = 1; i < arguments.size(); ++i) {
         const std::string word = arguments[i];
@@ -70,6 +132,8 @@ Options options_of(std::span<char*> arguments) {
             options.threads = std::stoi(value);
         } else if (word == "--rounds") {
             options.rounds = std::stoi(value);
+        } else if (word == "--carried") {
+            options.is_carried = value != "0";
         } else {
             throw std::runtime_error(kUsage);
         }
@@ -130,11 +194,15 @@ int run(std::span<char*> arguments) {
     double seconds = 0;
     Mapped mapped;
     std::vector<bench::Triangle> left;
+    std::optional<CarriedMapping> carried;
     Workers(options.threads).execute([&] {
         for (int round = 0; round < options.rounds; ++round) {
             const auto start = std::chrono::steady_clock::now();
             const std::clock_t cpu_start = std::clock();
             MeshMapper mapper(mesh, lattice, box, folder, silent_progress());
+            if (options.is_carried) {
+                mapper.map_by(carried.emplace());
+            }
             mapped = options.distance > 0
                          ? mapper.within(mapper.full(mesh.corners()), options.distance)
                          : mapper.down_to(mapper.full(mesh.corners()), options.triangles,
@@ -161,6 +229,9 @@ int run(std::span<char*> arguments) {
         "\"seconds\": %.4f, \"us_per_triangle\": %.3f, \"scratch_bytes\": %llu}\n",
         before, left.size(), mapped.bound, cpu, seconds, 1e6 * cpu / static_cast<double>(before),
         static_cast<unsigned long long>(folder.meter()->peak()));
+    if (carried) {
+        carried->print();
+    }
     return 0;
 }
 

@@ -7,6 +7,7 @@
 #include <isonest/error.h>
 
 #include "query/extract/extract_query.h"
+#include "query/ranks/rank_mapping.h"
 #include "query/simplify/mapping/map_mesh.h"
 #include "query/surface_nets/net_interfaces.h"
 #include "store/base/memory_budget.h"
@@ -33,9 +34,13 @@ AskedSheets asked_of(const SheetSetting& s) {
     return {within, budget.most, within >= most};
 }
 
-int threads_of(const SheetSetting& s) {
+std::uint64_t memory_of(const SheetSetting& s) {
     const std::uint64_t lists = s.wanted.size() * 2 * (sizeof(std::int64_t) + sizeof(Label));
-    const std::uint64_t memory = s.options.memory - std::min(s.options.memory, lists);
+    return s.options.memory - std::min(s.options.memory, lists);
+}
+
+/// With this memory.
+int threads_of(const SheetSetting& s, std::uint64_t memory) {
     require_memory(s.name, memory, kLibraryHeap + map_heap(), "simplifying its labels");
     return static_cast<int>(
         std::min((memory - kLibraryHeap) / map_heap(),
@@ -89,17 +94,20 @@ LabelSheets::LabelSheets(const NetStore& net, const SheetSetting& setting,
     distance_.full_triangles =
         emit_net_interfaces(net, setting.outside, layout, sheets_, progress).triangles;
     sides_range_ = sheets_.sides_range();
-    const int threads = threads_of(setting);
-    Workers(threads).execute([&] { simplify(setting, folder, progress); });
+    const std::uint64_t memory = memory_of(setting);
+    const std::unique_ptr<BlockMapping> mapping = mapping_by(setting.options.team, memory);
+    const int threads = threads_of(setting, memory - std::min(memory, mapping->heap()));
+    Workers(threads).execute([&] { simplify(setting, *mapping, folder, progress); });
     output_.emplace(sheets_, corners_->all(), wanted_, folder, progress);
 }
 
-void LabelSheets::simplify(const SheetSetting& setting, const ScratchFolder& folder,
-                           Progress& progress) {
+void LabelSheets::simplify(const SheetSetting& setting, BlockMapping& mapping,
+                           const ScratchFolder& folder, Progress& progress) {
     const AskedSheets asked = asked_of(setting);
     const double limit = distance_left(setting.name, asked.within, setting.rounding);
     const WorldLattice lattice{setting.header.origin, setting.header.spacing, setting.header.nodes};
     MeshMapper mapper(sheets_.vertices(), lattice, border_of(setting.header), folder, progress);
+    mapper.map_by(mapping);
     mapper.take_sheets(sheets_.next_copies(), margin_of(setting));
     const auto consume = [this](std::uint64_t first, std::uint64_t count) {
         sheets_.release(first, count);
@@ -110,6 +118,7 @@ void LabelSheets::simplify(const SheetSetting& setting, const ScratchFolder& fol
                               ? mapper.down_to(mapper.full(sheets_.triangles()), *asked.triangles,
                                                kFirstLimit * std::min({d[0], d[1], d[2]}), limit)
                               : mapper.within(mapper.full(sheets_.triangles(), consume), limit);
+    mapping.finish();
     distance_.asked = asked.within;
     distance_.bound = result.bound + (result.bound > 0 ? setting.rounding : 0);
     if (asked.triangles) {

@@ -8,6 +8,7 @@
 
 #include <isonest/extract.h>
 
+#include "query/simplify/mapping/block_mapping.h"
 #include "query/simplify/sheets/sheet_mesh.h"
 #include "query/simplify/sheets/sheet_output.h"
 #include "query/surface_nets/net_mesh.h"
@@ -50,7 +51,8 @@ class LabelSheets {
     }
 
   private:
-    void simplify(const SheetSetting& setting, const ScratchFolder& folder, Progress& progress);
+    void simplify(const SheetSetting& setting, BlockMapping& mapping, const ScratchFolder& folder,
+                  Progress& progress);
 
     const NetStore& net_;
     std::span<const std::int64_t> wanted_;

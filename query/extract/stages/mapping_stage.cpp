@@ -1,12 +1,16 @@
 #include "query/extract/stages/mapping_stage.h"
 
+#include <algorithm>
+
 #include "query/extract/stages/distance_limits.h"
 #include "query/extract/stages/stage_memory.h"
 #include "query/simplify/mapping/map_mesh.h"
 
 namespace isonest::detail {
 int MappingStage::threads() const {
-    return threads_within(setting().volume, setting().options, map_heap(),
+    ExtractOptions options = setting().options;
+    options.memory -= std::min(options.memory, mapping_->heap());
+    return threads_within(setting().volume, options, map_heap(),
                           "simplification within a distance");
 }
 
@@ -17,12 +21,14 @@ void MappingStage::run(StageMesh& mesh, ExtractReport& report) {
     report_full(mesh, report);
     MeshMapper mapper(mesh.vertices(), world_lattice(volume, query), world_box(query), scratch,
                       progress);
+    mapper.map_by(*mapping_);
     const auto consume = [&mesh](std::uint64_t first, std::uint64_t count) {
         mesh.consume(first, count);
     };
     const Mapped result =
         most ? mapper.down_to(mapper.full(mesh.elements()), *most, first_budget_limit(query), limit)
              : mapper.within(mapper.full(mesh.elements(), consume), limit);
+    mapping_->finish();
     const auto corners = std::make_shared<CornerFile>(mapper.corners(result));
     if (most) {
         report.within_budget = result.triangles <= *most;

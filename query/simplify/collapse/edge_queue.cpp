@@ -21,7 +21,9 @@ EdgeQueue::EdgeQueue(std::span<const std::array<float, 3>> positions, const Corn
         origin_[a] = positions.empty() ? 0 : static_cast<double>(positions[0][a]);
     }
     for (std::uint32_t t = 0; t < mesh.triangles(); ++t) {
-        add_quadrics(t);
+        if (!mesh.is_gone(t)) {
+            add_quadrics(t);
+        }
     }
 }
 

@@ -55,6 +55,10 @@ class EdgeQueue {
     void defer(const Edge& edge, float square_error) {
         push({square_error, edge.from, edge.to, 2 * edge.version()});
     }
+    /// Whether the edge from its end to its start has a smaller error: it comes sooner.
+    [[nodiscard]] bool comes_later_than_back(const Edge& edge) const {
+        return square_error(edge.to, edge.from) < edge.square_error;
+    }
     /// Of the edge that came last.
     [[nodiscard]] std::size_t bin() const { return lowest_; }
     /// Where the surface changes least if both vertices go there.

@@ -1,14 +1,12 @@
 #include "query/simplify/mapping/map_mesh.h"
 
-#include <oneapi/tbb/task_arena.h>
-
 #include <algorithm>
 #include <cmath>
 
 #include "query/simplify/block_items.h"
 #include "query/simplify/block_patch.h"
+#include "query/simplify/mapping/star_mapping.h"
 #include "query/simplify/packed_triangle.h"
-#include "store/base/in_order.h"
 
 namespace isonest::detail {
 namespace {
@@ -16,8 +14,6 @@ namespace {
 /// Triangles in a block.
 constexpr std::uint32_t kMostInBlock = 1U << 14U;
 constexpr int kPasses = 3;
-/// Edges of which the quadrics estimate that they are further off, in limits, are not tried.
-constexpr double kFurthest = 1.5;
 
 /// Makes the patch of a block, triangle by triangle.
 class PatchMaker {
@@ -88,6 +84,13 @@ struct MeshMapper::Run {
     [[nodiscard]] std::uint64_t count() const {
         return triangles.empty() ? mesh.count() : triangles.size();
     }
+    [[nodiscard]] std::uint64_t count_in(std::uint32_t block) const {
+        std::uint64_t count = mesh.count_in(block);
+        for (const BlockRun& run : full.of(block)) {
+            count += run.count;
+        }
+        return count;
+    }
     template <class Visit>
     void each(const Visit& visit) const {
         for (const ElementCorners t : triangles) {
@@ -111,7 +114,12 @@ struct MeshMapper::Run {
 
 MeshMapper::MeshMapper(const ScratchMesh& mesh, const WorldLattice& lattice, const PatchBox& box,
                        ScratchFolder folder, Progress& progress)
-    : mesh_(mesh), lattice_(lattice), box_(box), folder_(std::move(folder)), progress_(progress) {}
+    : mesh_(mesh),
+      lattice_(lattice),
+      box_(box),
+      folder_(std::move(folder)),
+      progress_(progress),
+      mapping_(&local_) {}
 
 MeshMapper::~MeshMapper() = default;
 
@@ -154,11 +162,7 @@ void MeshMapper::sort(Run& run) const {
 
 MappedBlock MeshMapper::load(const Run& run, const Valences& valences, std::uint32_t block,
                              bool afresh) const {
-    std::uint64_t count = run.mesh.count_in(block);
-    for (const BlockRun& full : run.full.of(block)) {
-        count += full.count;
-    }
-    PatchMaker maker(mesh_, box_, count);
+    PatchMaker maker(mesh_, box_, run.count_in(block));
     for (const BlockRun& full : run.full.of(block)) {
         for (const ElementCorners t : run.triangles.subspan(full.first, full.count)) {
             maker.add(t, {}, false);
@@ -187,25 +191,23 @@ std::shared_ptr<MeshMapper::Run> MeshMapper::pass(Run& from, const CollapseLimit
     Valences valences(mesh_.layout().vertices, folder_);
     from.each([&](const ElementCorners& t) { valences.count(t); });
     progress_.begin("simplify", from.count(), "triangles");
-    in_order(
-        from.blocks, tbb::this_task_arena::max_concurrency() + 1,
-        [&](std::int64_t i) {
-            progress_.check();
-            MappedBlock block = load(from, valences, static_cast<std::uint32_t>(i), afresh);
-            const std::size_t count = block.patch.triangles.size();
-            block.gone_at = map_patch(block.patch, limits);
-            progress_.advance(count);
-            return block;
-        },
-        [&](std::int64_t i, const MappedBlock& block) {
-            append(*next, block);
-            if (gone != nullptr) {
-                add_gone(*gone, block.gone_at);
-            }
-            if (is_last) {
-                from.consume(static_cast<std::uint32_t>(i));
-            }
-        });
+    BlockPass blocks;
+    blocks.blocks = from.blocks;
+    blocks.limits = limits;
+    blocks.triangles = [&](std::int64_t i) { return from.count_in(static_cast<std::uint32_t>(i)); };
+    blocks.load = [&](std::int64_t i) {
+        return load(from, valences, static_cast<std::uint32_t>(i), afresh);
+    };
+    blocks.use = [&](std::int64_t i, const MappedBlock& block) {
+        append(*next, block);
+        if (gone != nullptr) {
+            add_gone(*gone, block.gone_at);
+        }
+        if (is_last) {
+            from.consume(static_cast<std::uint32_t>(i));
+        }
+    };
+    mapping_->map(blocks, progress_);
     next->mesh.seal();
     return next;
 }
@@ -215,7 +217,7 @@ Mapped MeshMapper::within(Mapped from, double limit) const {
     for (int i = 0; i < kPasses; ++i) {
         // Others may have the first one, too.
         const bool is_last = i > 0 || from.run->consumed;
-        from.run = pass(*from.run, limits_of(limit, kFurthest), afresh, is_last);
+        from.run = pass(*from.run, limits_of(limit, kFurthestMapped), afresh, is_last);
         afresh = false;
     }
     return {from.run, from.run->count(), from.run->bound, limit};
@@ -228,7 +230,7 @@ Mapped MeshMapper::down_to(const Mapped& from, std::uint64_t triangles, double f
     for (double limit = std::min(first, most); mapped.triangles > triangles;
          limit = std::min(limit * kFactor, most)) {
         GoneTriangles gone;
-        const CollapseLimits limits = limits_of(limit, kFurthest);
+        const CollapseLimits limits = limits_of(limit, kFurthestMapped);
         std::shared_ptr<Run> run = pass(*mapped.run, limits, true, false, &gone);
         const bool is_enough = run->count() <= triangles;
         if (is_enough) {

@@ -11,13 +11,13 @@
 #include <memory>
 #include <optional>
 #include <span>
-#include <vector>
 
 #include <isonest/progress.h>
 
 #include "query/mesh/scratch_mesh.h"
 #include "query/simplify/block_grid.h"
 #include "query/simplify/block_patch.h"
+#include "query/simplify/mapping/block_mapping.h"
 #include "query/simplify/mapping/map_patch.h"
 #include "query/simplify/patch.h"
 #include "store/files/scratch_file.h"
@@ -28,13 +28,6 @@ namespace isonest::detail {
 std::uint64_t map_heap();
 
 struct Mapped;
-
-/// A block that was simplified by itself.
-struct MappedBlock {
-    MappedPatch patch;
-    std::vector<std::uint64_t> vertex;  ///< of the mesh, for each one of the patch
-    GoneTriangles gone_at;
-};
 
 /// Distances are always from the full mesh, as its vertices are in float32; the topology stays; the
 /// results are the same for any number of threads. Not thread-safe; it works in the arena of its
@@ -53,6 +46,9 @@ class MeshMapper {
         next_copies_ = next_copies;
         margin_ = margin;
     }
+    /// Before the first result: who maps the blocks, which has to stay; else the threads of this
+    /// process do.
+    void map_by(BlockMapping& mapping) { mapping_ = &mapping; }
     ~MeshMapper();
     MeshMapper(const MeshMapper&) = delete;
     MeshMapper& operator=(const MeshMapper&) = delete;
@@ -89,6 +85,8 @@ class MeshMapper {
     PatchBox box_;
     ScratchFolder folder_;
     Progress& progress_;
+    LocalMapping local_;
+    BlockMapping* mapping_;
 };
 
 /// A mesh near to the full one, or that itself; its temporary files go with the last copy.

@@ -11,14 +11,6 @@
 namespace isonest::detail {
 namespace {
 
-/// Cosine of the angle between normals from which on an edge is a fold: 72 degrees.
-constexpr float kFold = 0.309F;
-
-/// An edge comes no sooner than if the quadrics estimated this part of the bound that its collapse
-/// leaves. So bounds grow everywhere alike, and heights of both signs make up for each other: 8 to
-/// 15 % fewer triangles.
-constexpr double kBoundWeight = 0.7;
-
 class PatchMapper {
   public:
     PatchMapper(MappedPatch& patch, const CollapseLimits& limits)
@@ -60,29 +52,17 @@ class PatchMapper {
 
     float due(const EdgeQueue::Edge& edge) {
         is_line_ = lines_.is_line(edge.from);
-        double largest = 0;
         if (is_line_) {
-            largest = line_.look(edge.from, edge.to, limit_, kFold);
+            const double largest = line_.look(edge.from, edge.to, limit_, kMostMappedFold);
             // What comes next is looked for around the first copy.
             collapse_.see(edge.from);
-            if (largest == LineCollapse::kRefused) {
-                return kNever;
-            }
-        } else if (!collapse_.look(edge.from, edge.to) || !collapse_.has_no_new_needle() ||
-                   !collapse_.has_no_new_fold(kFold) || !mapping_.look(collapse_) ||
-                   (nodes_ &&
-                    nodes_->any(collapse_.star(), point_at(patch_.positions[edge.from]), {}))) {
-            return kNever;
-        } else {
-            for (std::size_t j = 1; j + 1 < collapse_.star().corners; ++j) {
-                largest = std::max(largest, mapping_.map(j));
-                if (!(largest <= limit_)) {
-                    return kNever;
-                }
-            }
+            return largest == LineCollapse::kRefused ? kNever : StarMapping::due_at(largest);
         }
-        const double bound = kBoundWeight * largest;
-        return static_cast<float>(bound * bound);
+        const float at = mapping_.due(collapse_, edge, limit_);
+        return at < kNever && nodes_ &&
+                       nodes_->any(collapse_.star(), point_at(patch_.positions[edge.from]), {})
+                   ? kNever
+                   : at;
     }
 
     std::uint32_t take() {

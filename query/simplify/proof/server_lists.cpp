@@ -9,8 +9,12 @@
 namespace isonest::detail {
 namespace {
 
-constexpr int kMostBack = 4;      ///< fine triangles asked whether they serve their server
-constexpr int kMostListCuts = 6;  ///< of a fine triangle, one in the other
+constexpr int kMostBack = 4;       ///< fine triangles asked whether they serve their server
+constexpr int kMostListCuts = 6;   ///< of a fine triangle, one in the other
+constexpr int kMostBackCuts = 10;  ///< of a server
+/// A piece of a server with a larger radius, in limits, is cut before anything is near to all of
+/// it.
+constexpr double kLargePiece = 1.5;
 
 }  // namespace
 
@@ -128,6 +132,64 @@ bool ServerLists::fits_cut(const Triangle& t, int depth) {
     return fits_cut(parts[0], depth + 1) && fits_cut(parts[1], depth + 1);
 }
 
+/// The largest distance of a corner from a triangle; soon, if it is above the limit.
+double ServerLists::square_off(const Triangle& t, const Triangle& from) const {
+    double most = 0;
+    for (std::size_t i = 0; i < 3 && most <= square_limit_; ++i) {
+        most = std::max(most, square_distance(t[i], from));
+    }
+    return most;
+}
+
+/// Into servers_: it, and those that have a corner in common with it.
+void ServerLists::gather_around(std::uint32_t hint, const CornerMesh& mesh) {
+    servers_.clear();
+    const auto take = [&](std::uint32_t triangle) {
+        if (std::none_of(servers_.begin(), servers_.end(),
+                         [&](const Server& s) { return s.triangle == triangle; })) {
+            servers_.push_back(
+                {triangle, PreparedTriangle(triangle_at(positions_, mesh.corners(triangle)))});
+        }
+    };
+    take(hint);
+    for (const std::uint32_t v : mesh.corners(hint)) {
+        const std::uint32_t first = mesh.first(v);
+        std::uint32_t h = first;
+        do {
+            take(h / 3);
+            h = mesh.turned(h);
+        } while (h != CornerMesh::kNone && h != first);
+    }
+}
+
+bool ServerLists::find(std::uint32_t fine, std::uint32_t hint, const CornerMesh& mesh) {
+    const Triangle t = patch_.at(patch_.fine[fine]);
+    found_.clear();
+    worst_ = 0;
+    // What served the last one is near to this one, too, more often than not.
+    for (const std::uint32_t server : {hint, found_last_}) {
+        if (server == kNoServer) {
+            continue;
+        }
+        const double off = square_off(t, triangle_at(positions_, mesh.corners(server)));
+        if (off <= square_limit_) {
+            worst_ = off;
+            found_.push_back(server);
+            break;
+        }
+    }
+    if (found_.empty()) {
+        gather_around(hint, mesh);
+        if (!fits_cut(t, 0)) {
+            return false;
+        }
+    }
+    found_last_ = found_.front();
+    largest_ = std::max(largest_, std::sqrt(worst_));
+    set(fine, found_);
+    return true;
+}
+
 bool ServerLists::fits_one(std::uint32_t fine, const CornerMesh& mesh) {
     const PatchTriangle& t = patch_.fine[fine];
     found_.clear();
@@ -200,6 +262,90 @@ std::optional<double> ServerLists::served_back(const Server& server) const {
         }
     }
     return std::nullopt;
+}
+
+const ServerLists::Sphere& ServerLists::sphere_of(std::uint32_t fine) {
+    Sphere& sphere = spheres_[fine];
+    if (sphere.radius < 0) {
+        const Triangle t = patch_.at(patch_.fine[fine]);
+        sphere.centre = centroid(t);
+        double radius = 0;
+        for (const Double3& corner : t) {
+            radius = std::max(radius, square(minus(corner, sphere.centre)));
+        }
+        sphere.radius = std::sqrt(radius);
+    }
+    return sphere;
+}
+
+/// Whether all of it is near to those of back_ from `begin` to `end`. What a piece is not near to
+/// is not asked about parts of it.
+bool ServerLists::cover_back(const Triangle& t, std::size_t begin, std::size_t end, int depth) {
+    const Double3 centre = centroid(t);
+    double radius = 0;
+    for (const Double3& corner : t) {
+        radius = std::max(radius, square(minus(corner, centre)));
+    }
+    radius = std::sqrt(radius);
+    const bool is_small = radius <= kLargePiece * limit_;
+    const std::size_t first = back_.size();
+    bool any = false;
+    for (std::size_t i = begin; i < end; ++i) {
+        const std::uint32_t fine = back_[i];
+        const Sphere& sphere = sphere_of(fine);
+        const double apart = square(minus(centre, sphere.centre));
+        const double reach = limit_ + sphere.radius;
+        if (apart > (reach + radius) * (reach + radius)) {
+            continue;
+        }
+        back_.push_back(fine);
+        if (!is_small || apart > reach * reach) {
+            continue;
+        }
+        const Triangle by = patch_.at(patch_.fine[fine]);
+        double off = square_distance(centre, by);
+        if (off > square_limit_) {
+            continue;
+        }
+        any = true;
+        off = std::sqrt(off) + radius;
+        if (off > limit_) {
+            const double square = square_off(t, by);
+            if (square > square_limit_) {
+                continue;
+            }
+            off = std::sqrt(square);
+        }
+        furthest_back_ = std::max(furthest_back_, off);
+        std::swap(back_[i], back_[begin]);
+        back_.resize(first);
+        return true;
+    }
+    const std::size_t last = back_.size();
+    bool is_near = false;
+    if (first < last && (any || !is_small) && depth < kMostBackCuts) {
+        const auto parts = halves(t);
+        is_near = cover_back(parts[0], first, last, depth + 1) &&
+                  cover_back(parts[1], first, last, depth + 1);
+    }
+    back_.resize(first);
+    return is_near;
+}
+
+std::optional<double> ServerLists::covered_back(const Server& server) {
+    spheres_.resize(patch_.fine.size());
+    back_.clear();
+    // Those that it serves come first.
+    for (const bool serves : {true, false}) {
+        for (const Plan& plan : plans_) {
+            if ((planned_[plan.first] == server.triangle) == serves) {
+                back_.push_back(plan.fine);
+            }
+        }
+    }
+    furthest_back_ = 0;
+    return cover_back(server.shape.corners(), 0, back_.size(), 0) ? std::optional(furthest_back_)
+                                                                  : std::nullopt;
 }
 
 void ServerLists::take() {

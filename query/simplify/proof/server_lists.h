@@ -32,6 +32,9 @@ class ServerLists {
 
     /// The fine triangle is near to these, of the patch. Once for each.
     void set(std::uint32_t fine, std::span<const std::uint32_t> servers);
+    /// The same with those that are found among `hint`, a triangle of `mesh`, and the ones around
+    /// it. False: these are not near enough, or it is not certain; nothing is changed.
+    bool find(std::uint32_t fine, std::uint32_t hint, const CornerMesh& mesh);
     /// None: it may be as far as it likes.
     [[nodiscard]] std::span<const std::uint32_t> servers_of(std::uint32_t fine) const;
 
@@ -45,6 +48,11 @@ class ServerLists {
     /// After fits() was true: how far this one is at most from one of the first few fine triangles
     /// that it then serves. Nothing: further than the limit from each of them.
     [[nodiscard]] std::optional<double> served_back(const Server& server) const;
+    /// After fits() was true: how far this one is at most from the fine triangles that were asked
+    /// about. Nothing: further than the limit, or it is not certain.
+    [[nodiscard]] std::optional<double> covered_back(const Server& server);
+    /// How many fine triangles fits() asked about.
+    [[nodiscard]] std::size_t asked() const { return plans_.size(); }
     /// They were replaced. REQUIRES: fits() was true, and asked last.
     void take();
 
@@ -63,6 +71,15 @@ class ServerLists {
         std::uint32_t server;
         std::uint32_t place;
     };
+    /// Around a fine triangle.
+    struct Sphere {
+        Double3 centre{};
+        double radius = -1;  ///< < 0: not known yet
+    };
+    const Sphere& sphere_of(std::uint32_t fine);
+    bool cover_back(const Triangle& t, std::size_t begin, std::size_t end, int depth);
+    double square_off(const Triangle& t, const Triangle& from) const;
+    void gather_around(std::uint32_t hint, const CornerMesh& mesh);
     void gather(std::span<const std::uint32_t> before);
     void gather(std::uint32_t server, std::uint32_t place);
     bool fits_one(std::uint32_t fine, const CornerMesh& mesh);
@@ -97,6 +114,12 @@ class ServerLists {
     std::vector<std::uint32_t> found_;
     double worst_ = 0;  ///< square
     double largest_ = 0;
+    std::uint32_t found_last_ = kNoServer;  ///< by find()
+
+    // The question that covered_back() is about.
+    std::vector<Sphere> spheres_;      ///< of each fine triangle
+    std::vector<std::uint32_t> back_;  ///< fine triangles, for each piece those that may be near
+    double furthest_back_ = 0;
 };
 
 }  // namespace isonest::detail

@@ -8,56 +8,8 @@
 namespace isonest::detail {
 namespace {
 
-constexpr int kMostCuts = 48;
-constexpr int kMostPieces = 1 << 18U;  ///< of one triangle; beyond them it counts as a miss
 constexpr int kMostServerCuts = 12;
 constexpr std::size_t kRecent = 8;
-/// A piece that has more limits as its radius than this is cut along the edges of the surface: else
-/// the pieces of a flat one would be the more the smaller the limit.
-constexpr double kMuchLarger = 8;
-/// A piece is cut until its radius is this share of the limit; then something is near its centre
-/// more often than not.
-constexpr double kNearEnough = 0.9;
-
-/// Cut along the edge of `by` that `t` reaches beyond furthest, if that is more than `least`.
-/// The union of the parts is `t`.
-bool cut_along(const Triangle& t, const Triangle& by, double least,
-               std::array<Triangle, 3>& parts) {
-    const Double3 normal = cross(minus(by[1], by[0]), minus(by[2], by[0]));
-    std::array<double, 3> side{};
-    double furthest = least;
-    for (std::size_t e = 0; e < 3; ++e) {
-        const Double3 out = cross(minus(by[(e + 1) % 3], by[e]), normal);
-        const double size = std::sqrt(square(out));
-        std::array<double, 3> beyond{};
-        for (std::size_t i = 0; i < 3; ++i) {
-            beyond[i] = dot(out, minus(t[i], by[e]));
-        }
-        const auto [lo, hi] = std::minmax_element(beyond.begin(), beyond.end());
-        if (*lo < 0 && *hi > furthest * size) {
-            furthest = *hi / size;
-            side = beyond;
-        }
-    }
-    if (!(furthest > least)) {
-        return false;
-    }
-    std::size_t alone = 0;
-    while ((side[alone] > 0) == (side[(alone + 1) % 3] > 0) ||
-           (side[alone] > 0) == (side[(alone + 2) % 3] > 0)) {
-        ++alone;
-    }
-    const std::size_t j = (alone + 1) % 3;
-    const std::size_t k = (alone + 2) % 3;
-    const auto on_edge = [&](std::size_t other) {
-        return along(t[alone], side[alone] / (side[alone] - side[other]),
-                     minus(t[other], t[alone]));
-    };
-    const Double3 p = on_edge(j);
-    const Double3 q = on_edge(k);
-    parts = {Triangle{t[alone], p, q}, Triangle{p, t[j], t[k]}, Triangle{p, t[k], q}};
-    return true;
-}
 
 }  // namespace
 
@@ -129,88 +81,6 @@ void SurfaceDistance::remember(std::uint32_t triangle, std::size_t place) {
     std::copy_backward(recent_.begin(), recent_.begin() + static_cast<std::ptrdiff_t>(place),
                        recent_.begin() + static_cast<std::ptrdiff_t>(place) + 1);
     recent_.front() = triangle;
-}
-
-/// Whether one of the recent triangles is near to all that is within the radius of the centre.
-bool SurfaceDistance::is_near_recent(const Double3& centre, double radius) {
-    const double enough = limit_ - radius;
-    for (std::size_t i = 0; i < recent_.size(); ++i) {
-        const double d = square_distance(centre, surface_.triangle(recent_[i]));
-        if (d <= enough * enough) {
-            largest_ = std::max(largest_, std::min(std::sqrt(d) + radius, limit_));
-            remember(recent_[i], i);
-            return true;
-        }
-    }
-    return false;
-}
-
-bool SurfaceDistance::cover(const Triangle& t, int depth) {
-    const Double3 centre = centroid(t);
-    double radius = 0;
-    for (const Double3& corner : t) {
-        radius = std::max(radius, square(minus(corner, centre)));
-    }
-    radius = std::sqrt(radius);
-    const auto miss = [&] {
-        miss_ = centre;
-        return false;
-    };
-    ++pieces_;
-    const bool is_last = depth == kMostCuts || pieces_ > kMostPieces;
-    const auto cut = [&] {
-        const auto parts = halves(t);
-        return cover(parts[0], depth + 1) && cover(parts[1], depth + 1);
-    };
-    if (radius > kMuchLarger * limit_) {
-        const TriangleTree::Found found = surface_.nearest(centre, square_limit_);
-        if (found.triangle == TriangleTree::kNone) {
-            return miss();
-        }
-        if (served_by(t, found.triangle)) {
-            return true;
-        }
-        std::array<Triangle, 3> parts;
-        if (is_last) {
-            return miss();
-        }
-        if (cut_along(t, surface_.triangle(found.triangle), limit_ / 2, parts)) {
-            return std::all_of(parts.begin(), parts.end(),
-                               [&](const Triangle& part) { return cover(part, depth + 1); });
-        }
-    }
-    if (radius > std::max(limit_, size_) && !is_last) {
-        return cut();
-    }
-    const bool is_small = radius < limit_ * kNearEnough;
-    if (is_small && is_near_recent(centre, radius)) {
-        return true;
-    }
-    // Any triangle that is near enough will do.
-    bool any = false;
-    if (surface_.near(centre, square_limit_, [&](std::uint32_t i) {
-            const double d = square_distance(centre, surface_.triangle(i));
-            if (d > square_limit_) {
-                return false;
-            }
-            any = true;
-            if (is_small && std::sqrt(d) + radius <= limit_) {
-                largest_ = std::max(largest_, std::sqrt(d) + radius);
-            } else if (!served_by(t, i)) {
-                return false;
-            }
-            remember(i, recent_.size());
-            return true;
-        })) {
-        return true;
-    }
-    return is_last || (is_small && !any) ? miss() : cut();
-}
-
-bool SurfaceDistance::covers(const Triangle& t) {
-    pieces_ = 0;
-    largest_ = 0;
-    return cover(t, 0);
 }
 
 }  // namespace isonest::detail

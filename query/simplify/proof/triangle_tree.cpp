@@ -1,6 +1,5 @@
 #include "query/simplify/proof/triangle_tree.h"
 
-#include <cmath>
 #include <numeric>
 #include <utility>
 
@@ -22,12 +21,6 @@ TriangleTree::TriangleTree(std::span<const std::array<float, 3>> positions,
         }
         return sum;
     });
-    double sum = 0;
-    for (std::uint32_t i = 0; i < triangles_.size(); ++i) {
-        const Triangle t = triangle(i);
-        sum += square(minus(t[1], t[0])) + square(minus(t[2], t[1])) + square(minus(t[0], t[2]));
-    }
-    typical_edge_ = std::sqrt(sum / (3 * static_cast<double>(triangles_.size())));
     build(0, static_cast<std::uint32_t>(triangles_.size()), middles);
 }
 

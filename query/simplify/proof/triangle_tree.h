@@ -35,8 +35,6 @@ class TriangleTree {
         const Corners& c = triangles_[i];
         return {point(c[0]), point(c[1]), point(c[2])};
     }
-    /// Root of the mean square of the edges.
-    [[nodiscard]] double typical_edge() const { return typical_edge_; }
     /// The nearest triangle no further than the root of `most`; none: kNone. Of several as near,
     /// any, but the same one always.
     [[nodiscard]] Found nearest(const Double3& p, double most) const;
@@ -89,7 +87,6 @@ class TriangleTree {
     std::vector<Corners> triangles_;
     std::vector<std::uint32_t> order_;
     std::vector<Node> nodes_;
-    double typical_edge_ = 0;
 };
 
 }  // namespace isonest::detail

@@ -41,7 +41,7 @@ class CellWalk {
     template <class Worker>
     void above(int level_left, Worker& worker, std::vector<Cell>& left) {
         level_left_ = level_left;
-        is_for_others_ = share_.begin > 0;
+        is_for_others_ = !share_.owns(0, {0, 0, 0});
         const Int3 roots = lattice_.elements_at(lattice_.top());
         for (std::int64_t i = 0; i < roots.product(); ++i) {
             visit({lattice_.top(), roots.unlinear(i)}, worker, &left);

@@ -178,7 +178,7 @@ Result extract_store_on_ranks(Communicator& ranks, const Store& store,
             result = extract_store(store, own, values, has_iso, progress);
         },
         options_of(arguments.extract), progress);
-    if (ranks.rank() == 0 && ranks.size() > 1 && work.traversals == 0) {
+    if (ranks.rank() == 0 && ranks.size() > 1 && work.traversals + work.mappings == 0) {
         result.text += "Rank 0 has done this alone: what was asked for is not shared by ranks.\n";
     }
     result.rank = {{"traversals", work.traversals},
@@ -187,7 +187,11 @@ Result extract_store_on_ranks(Communicator& ranks, const Store& store,
                    {"leaves", work.leaves},
                    {"chunks_read", work.chunks_read},
                    {"bytes_read", work.bytes_read},
-                   {"parts_bytes", work.parts_bytes}};
+                   {"parts_bytes", work.parts_bytes},
+                   {"mappings", work.mappings},
+                   {"mapped_blocks", work.mapped_blocks},
+                   {"mapped_triangles", work.mapped_triangles},
+                   {"mapping_seconds", work.mapping_seconds}};
     return result;
 }
 

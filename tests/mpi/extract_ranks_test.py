@@ -1,0 +1,96 @@
+"""isonest-mpi extract and check: the bytes, the findings and the exit codes of isonest, for several numbers of ranks.
+
+usage: extract_ranks_test.py ISONEST PLUGIN_FOLDER
+"""
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import ranks
+
+ISONEST = sys.argv[1]
+
+
+class ExtractRanks(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="isonest-ranks-")
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        self.store = self.folder / "s.isonest"
+        volume = self.folder / "v.h5"
+        subprocess.run([ISONEST, "make-volume", "bucky", "--size", "65", "-o", volume, "-q"], check=True)
+        subprocess.run([ISONEST, "preprocess", volume, "-o", self.store, "--chunk", "16", "-q"], check=True)
+
+    def launched(self, count, *arguments):
+        return ranks.launched(count, ranks.beside(ISONEST, "isonest-mpi"), *arguments)
+
+    def extracted(self, count, mesh, *arguments):
+        command = ["extract", self.store, *arguments, "-o", mesh, "--json", "-q"]
+        done = self.launched(count, *command) if count else \
+            subprocess.run([ISONEST, *map(str, command)], capture_output=True, check=False)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return json.loads(done.stdout)
+
+    def test_meshes_are_those_of_one_process(self):
+        for arguments in (["--iso", "0.5"], ["--iso", "0.4", "--error-relative", "0.01", "--normals"],
+                          ["--iso", "0.5", "--distance", "0.5", "--effort", "fast"],
+                          ["--iso", "0.5", "--triangles", "3000", "--by", "error"]):
+            plain = self.folder / "plain.vtp"
+            expected = self.extracted(0, plain, *arguments)
+            for count in (1, 2, 3):
+                with self.subTest(arguments=arguments, ranks=count):
+                    mesh = self.folder / "ranks.vtp"
+                    report = self.extracted(count, mesh, *arguments)
+                    self.assertEqual(mesh.read_bytes(), plain.read_bytes())
+                    for key in ("vertices", "triangles", "error_bound", "leaves"):
+                        self.assertEqual(report.get(key), expected.get(key), key)
+                    self.assertEqual(len(report["ranks"]), count)
+                    self.assertTrue(all(r["leaves"] > 0 for r in report["ranks"]))
+
+    def test_several_isovalues_are_shared(self):
+        self.extracted(0, self.folder / "plain_{iso}.ply", "--iso", "0.3,0.5")
+        self.extracted(3, self.folder / "ranks_{iso}.ply", "--iso", "0.3,0.5")
+        for iso in ("0.3", "0.5"):
+            self.assertEqual((self.folder / f"ranks_{iso}.ply").read_bytes(),
+                             (self.folder / f"plain_{iso}.ply").read_bytes())
+
+    def test_what_rank_0_does_alone_it_says(self):
+        mesh, plain = self.folder / "m.ply", self.folder / "plain.ply"
+        arguments = ["--iso", "0.5", "--distance", "1", "--no-simplify"]
+        self.extracted(0, plain, *arguments)
+        done = self.launched(2, "extract", self.store, *arguments, "-o", mesh)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn(b"alone", done.stdout)
+        self.assertEqual(mesh.read_bytes(), plain.read_bytes())
+
+    def test_an_output_that_cannot_be_ends_all(self):
+        done = self.launched(3, "extract", self.store, "--iso", "0.5", "-o", self.folder / "no" / "m.ply")
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn(b"m.ply", done.stderr)
+        self.assertEqual(sorted(path.name for path in self.folder.iterdir()), ["s.isonest", "v.h5"])
+
+    def test_findings_are_those_of_one_process(self):
+        data = bytearray(self.store.read_bytes())
+        for damaged in (False, True):
+            if damaged:
+                for at in range(len(data) // 2, len(data) // 2 + 20000, 4000):
+                    data[at] ^= 255
+                self.store.write_bytes(data)
+            plain = subprocess.run([ISONEST, "check", self.store, "--deep", "--json", "-q"], capture_output=True,
+                                   check=False)
+            self.assertEqual(plain.returncode, 4 if damaged else 0, plain.stderr)
+            for count in (2, 3):
+                done = self.launched(count, "check", self.store, "--deep", "--json", "-q")
+                self.assertEqual(done.returncode, plain.returncode, done.stderr)
+                report = json.loads(done.stdout)
+                self.assertEqual(len(report.pop("ranks")), count)
+                self.assertEqual(report, json.loads(plain.stdout))
+
+
+if __name__ == "__main__":
+    ranks.require(ISONEST)
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
