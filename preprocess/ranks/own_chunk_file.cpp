@@ -12,6 +12,7 @@
 #include <isonest/error.h>
 
 #include "store/files/early_write_back.h"
+#include "store/files/open_shared.h"
 
 namespace isonest::detail {
 namespace {
@@ -23,7 +24,7 @@ constexpr std::size_t kBytesAtOnce = std::size_t{1} << 20U;
 class SharedStore {
   public:
     explicit SharedStore(const std::filesystem::path& path)
-        : path_(path), fd_(::open(path.c_str(), O_WRONLY | O_CLOEXEC)) {
+        : path_(path), fd_(open_shared(path.c_str(), O_WRONLY | O_CLOEXEC)) {
         if (fd_ < 0) {
             fail("open", errno);
         }

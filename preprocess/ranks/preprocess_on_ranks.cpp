@@ -66,7 +66,7 @@ RanksReport run_to_the_end(RankWork& work, VolumeSource& source, const std::file
     gather_rows(ranks, work.layout, work.pencils, work.chunks.rows(), writer);
     if (writer != nullptr) {
         const auto planning = std::chrono::steady_clock::now();
-        plan_all_chunks(*writer);
+        plan_all_chunks(*writer, work.progress);
         report.alone += seconds_since(planning);
     }
     spread_offsets(ranks, work.layout, work.pencils, work.chunks.rows(), writer);

@@ -64,13 +64,14 @@ void gather_rows(Communicator& ranks, const StoreLayout& layout, const Pencils& 
         });
 }
 
-void plan_all_chunks(StoreWriter& writer) {
+void plan_all_chunks(StoreWriter& writer, const Progress& progress) {
     const StoreLayout& layout = writer.layout();
     for (int pass = kBasePass; pass <= last_pass(layout); ++pass) {
         const Int3 grid = pass == kBasePass           ? base_grid(layout)
                           : pass == last_pass(layout) ? Int3{1, 1, 1}
                                                       : coarse_grid(layout, pass);
         for (std::int64_t i = 0; i < grid.product(); ++i) {
+            progress.check();
             for (const ChunkPlace& place : chunks_of(layout, pass, grid.unlinear(i))) {
                 writer.plan_chunk(*place.array, place.chunk);
             }

@@ -3,6 +3,8 @@
 
 #include <span>
 
+#include <isonest/progress.h>
+
 #include "preprocess/ranks/pencils.h"
 #include "store/container/format.h"
 #include "store/container/writer.h"
@@ -17,7 +19,7 @@ void gather_rows(Communicator& ranks, const StoreLayout& layout, const Pencils& 
 
 /// Rank 0's: the place of every chunk, as preprocess() writes them: block by block. Throws
 /// Error{io}.
-void plan_all_chunks(StoreWriter& writer);
+void plan_all_chunks(StoreWriter& writer, const Progress& progress);
 
 /// Each rank gets the offsets of its chunks. Collective.
 void spread_offsets(Communicator& ranks, const StoreLayout& layout, const Pencils& pencils,

@@ -206,9 +206,10 @@ std::span<std::byte> ScratchFile::map_hole(std::uint64_t bytes) {
 }
 
 void ScratchFile::fill_hole(std::uint64_t offset, std::uint64_t bytes) const {
-    const int error =
-        bytes == 0 ? 0
-                   : ::posix_fallocate(fd_, static_cast<off_t>(offset), static_cast<off_t>(bytes));
+    int error = bytes == 0 ? 0 : EINTR;
+    while (error == EINTR) {  // some file systems give up at a signal
+        error = ::posix_fallocate(fd_, static_cast<off_t>(offset), static_cast<off_t>(bytes));
+    }
     if (error != 0) {
         fail(folder_, fmt::format("cannot reserve {} bytes", bytes).c_str(), error);
     }

@@ -13,6 +13,8 @@
 #include <H5FDdevelop.h>
 #endif
 
+#include "store/files/open_shared.h"
+
 namespace isonest::detail {
 namespace {
 
@@ -45,7 +47,7 @@ H5FD_t* open_planned(const char* name, unsigned flags, hid_t access, haddr_t /*m
     const int how = (has(H5F_ACC_RDWR) ? O_RDWR : O_RDONLY) | (has(H5F_ACC_CREAT) ? O_CREAT : 0) |
                     (has(H5F_ACC_EXCL) ? O_EXCL : 0) | (has(H5F_ACC_TRUNC) ? O_TRUNC : 0);
     auto file = std::make_unique<PlannedFile>();
-    file->fd = ::open(name, how | O_CLOEXEC, 0666);
+    file->fd = open_shared(name, how | O_CLOEXEC, 0666);
     if (file->fd < 0) {
         report("unable to open file", errno);
         return nullptr;

@@ -227,7 +227,6 @@ Outcome run_program(const Program& program, int argc, char** argv) {
 }
 
 int tell(const Program& program, const Outcome& outcome, bool json) {
-    let_a_closed_pipe_end_the_program();
     if (!outcome.message.empty()) {
         std::fputs(fmt::format("{}: error: {}\n", program.name, outcome.message).c_str(), stderr);
         if (json) {
@@ -236,6 +235,7 @@ int tell(const Program& program, const Outcome& outcome, bool json) {
         }
         return outcome.exit_code;
     }
+    let_a_closed_pipe_end_the_program();
     if (!outcome.warning.empty()) {
         std::fputs(fmt::format("{}: warning: {}\n", program.name, outcome.warning).c_str(), stderr);
     }

@@ -47,7 +47,7 @@ Program whole_program(Communicator& ranks) {
         &ranks};
 }
 
-/// Ranks of other versions write other bytes. Throws nothing.
+/// Ranks of other versions write other bytes. Throws Error{cancelled}: another rank has failed.
 Outcome of_one_version(Communicator& ranks) {
     const std::vector<std::string> versions = ranks.gather(ISONEST_VERSION);
     for (std::size_t r = 1; r < versions.size(); ++r) {
@@ -64,9 +64,15 @@ Outcome of_one_version(Communicator& ranks) {
 }
 
 Outcome run_ranks(const Program& program, MpiCommunicator& ranks, int argc, char** argv) {
-    Outcome outcome = of_one_version(ranks);
-    if (outcome.exit_code == 0) {
-        outcome = run_program(program, argc, argv);
+    Outcome outcome;
+    try {
+        outcome = of_one_version(ranks);
+        if (outcome.exit_code == 0) {
+            outcome = run_program(program, argc, argv);
+        }
+    } catch (const Error& error) {
+        outcome = Outcome{static_cast<int>(error.kind())};
+        outcome.message = error.what();
     }
     // What all ranks find alike, rank 0 says, and the place does not matter.
     constexpr std::array kAlike{ErrorKind::invalid_argument, ErrorKind::not_found};

@@ -22,7 +22,7 @@ constexpr int kVerdict =
 constexpr int kFirst = 16;
 constexpr int kExchanges = 16384;  ///< the standard grants tags up to 32767
 
-constexpr std::size_t kMostSending = 8;
+constexpr std::size_t kMostSending = 2;
 
 /// Waits between two looks: first not at all, then up to a millisecond.
 class Patience {

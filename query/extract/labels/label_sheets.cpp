@@ -170,7 +170,7 @@ void LabelSheets::add_details(const SheetSetting& setting, const MeshMapper& map
     first_scale_ = std::max(levels_[0]->distance.asked, kFirst * std::min({d[0], d[1], d[2]}));
     for (int level = 1; level < setting.details->most; ++level) {
         const double asked = scale(level);
-        if (asked > diagonal_of(setting.header)) {
+        if (asked > diagonal_of(setting.header) || asked <= rounding_of(setting, level)) {
             return;
         }
         const std::uint64_t before = mapped.triangles;
