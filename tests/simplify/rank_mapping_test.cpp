@@ -289,9 +289,10 @@ TEST_CASE("A mesh that ranks map is the one that a process maps alone") {
                                                     {3, 2, little},
                                                     {2, 1, least}}) {
             MappedSurface shared;
-            const auto done = map_on_ranks(
-                size, options_of(threads, memory),
-                [&](BlockMapping& mapping) { shared = surface.mapped_by(mapping, threads); });
+            const auto done = map_on_ranks(size, options_of(threads, memory),
+                                           [&, count = threads](BlockMapping& mapping) {
+                                               shared = surface.mapped_by(mapping, count);
+                                           });
             REQUIRE(shared == alone);
             // All work, if there is room for what they get.
             const std::uint64_t others = triangles_of(done);
