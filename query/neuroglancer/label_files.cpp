@@ -10,37 +10,19 @@
 #include <isonest/error.h>
 
 #include "query/neuroglancer/encode_fragment.h"
+#include "store/files/appended_file.h"
 
 namespace isonest::detail {
 namespace {
 
-/// Bytes of a file that come piece by piece.
-class IndexOutput {
+/// Numbers of the index, as they are stored.
+class IndexOutput : public AppendedFile {
   public:
-    explicit IndexOutput(const std::filesystem::path& path) : file_(path, true) {}
+    using AppendedFile::AppendedFile;
     template <class T>
     void add(T number) {
-        const auto bytes = std::as_bytes(std::span(&number, 1));
-        waiting_.insert(waiting_.end(), bytes.begin(), bytes.end());
-        constexpr std::size_t kWaiting = std::size_t{1} << 16U;
-        if (waiting_.size() >= kWaiting) {
-            flush();
-        }
+        AppendedFile::add(std::as_bytes(std::span(&number, 1)));
     }
-    void publish() {
-        flush();
-        file_.publish_as_named();
-    }
-
-  private:
-    void flush() {
-        file_.write_at(end_, waiting_);
-        end_ += waiting_.size();
-        waiting_.clear();
-    }
-    OutputFile file_;
-    std::vector<std::byte> waiting_;
-    std::uint64_t end_ = 0;
 };
 
 void write_whole(const std::filesystem::path& path, const std::string& text) {

@@ -21,6 +21,7 @@ import unittest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
 from label_volumes import cells  # noqa: E402
+from ply import write_ply  # noqa: E402
 from windings import windings  # noqa: E402
 
 import numpy as np
@@ -49,15 +50,6 @@ def read_ply(path):
     reader.Update()
     data = reader.GetOutput()
     return vtk_to_numpy(data.GetPoints().GetData()).astype(float), vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
-
-
-def write_ply(path, points, faces):
-    rows = np.zeros(len(faces), [("n", "u1"), ("v", "<i4", 3)])
-    rows["n"], rows["v"] = 3, faces
-    path.write_bytes(f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\nproperty float x\n"
-                     f"property float y\nproperty float z\nelement face {len(faces)}\n"
-                     "property list uchar int vertex_indices\nend_header\n".encode()
-                     + points.astype("<f4").tobytes() + rows.tobytes())
 
 
 def unpack(raw, folder):

@@ -17,6 +17,7 @@ import unittest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
 from label_volumes import cells, cyclic, single_nodes  # noqa: E402
+from ply import write_ply  # noqa: E402
 from windings import windings  # noqa: E402
 
 import numpy as np
@@ -44,15 +45,6 @@ def read(path):
     sides = data.GetCellData().GetArray("BoundaryLabels")
     return (vtk_to_numpy(data.GetPoints().GetData()), vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3),
             None if sides is None else vtk_to_numpy(sides))
-
-
-def write_ply(path, points, faces):
-    rows = np.zeros(len(faces), [("n", "u1"), ("v", "<i4", 3)])
-    rows["n"], rows["v"] = 3, faces
-    path.write_bytes(f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\nproperty float x\n"
-                     f"property float y\nproperty float z\nelement face {len(faces)}\n"
-                     "property list uchar int vertex_indices\nend_header\n".encode()
-                     + points.astype("<f4").tobytes() + rows.tobytes())
 
 
 def cut(faces, sides, label):

@@ -1,4 +1,4 @@
-"""Meshes in binary PLY as isonest writes them."""
+"""Meshes in binary PLY: as isonest writes them, and for programs that read them."""
 import numpy as np
 
 _KINDS = {"float": "<f4", "double": "<f8"}
@@ -21,3 +21,13 @@ def read_points(path):
     """Positions, (vertices, 3) float32, and triangles, int64."""
     vertices, triangles = read_ply(path)
     return np.stack([vertices[axis] for axis in "xyz"], axis=1), triangles.astype(np.int64)
+
+
+def write_ply(path, points, faces):
+    """Vertices and triangles alone. points: float32; faces: numbers of vertices."""
+    rows = np.zeros(len(faces), [("n", "u1"), ("v", "<i4", 3)])
+    rows["n"], rows["v"] = 3, faces
+    path.write_bytes(f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\nproperty float x\n"
+                     f"property float y\nproperty float z\nelement face {len(faces)}\n"
+                     "property list uchar int vertex_indices\nend_header\n".encode()
+                     + points.astype("<f4").tobytes() + rows.tobytes())

@@ -5,37 +5,10 @@
 #include <span>
 #include <string>
 
-#include "store/files/output_file.h"
+#include "store/files/appended_file.h"
 
 namespace isonest::detail::cli {
 namespace {
-
-/// Text that is written piece by piece.
-class TextOutput {
-  public:
-    explicit TextOutput(const std::filesystem::path& path) : file_(path, true) {}
-    void add(const std::string& text) {
-        constexpr std::size_t kWaiting = std::size_t{1} << 16U;
-        waiting_ += text;
-        if (waiting_.size() >= kWaiting) {
-            flush();
-        }
-    }
-    void publish() {
-        flush();
-        file_.publish_as_named();
-    }
-
-  private:
-    void flush() {
-        file_.write_at(end_, std::as_bytes(std::span(waiting_)));
-        end_ += waiting_.size();
-        waiting_.clear();
-    }
-    OutputFile file_;
-    std::string waiting_;
-    std::uint64_t end_ = 0;
-};
 
 /// An object as lines that begin with `indent`, without its closing brace.
 std::string opened(const Json& object, const std::string& indent) {
@@ -72,24 +45,25 @@ std::vector<NeighbourLabel> LabelNeighbours::of(std::size_t label) const {
 
 void write_label_list(const std::filesystem::path& path, const Json& head, const Json& labels,
                       const LabelNeighbours* neighbours) {
-    TextOutput out(path);
-    out.add(opened(head, "") + ",\n  \"labels\": [");
+    AppendedFile file(path);
+    const auto add = [&](const std::string& text) { file.add(std::as_bytes(std::span(text))); };
+    add(opened(head, "") + ",\n  \"labels\": [");
     for (std::size_t i = 0; i < labels.size(); ++i) {
-        out.add((i > 0 ? ",\n    " : "\n    ") + opened(labels[i], "    "));
+        add((i > 0 ? ",\n    " : "\n    ") + opened(labels[i], "    "));
         if (neighbours != nullptr) {
-            out.add(",\n      \"neighbours\": [");
+            add(",\n      \"neighbours\": [");
             const char* before = "";
             for (const NeighbourLabel& neighbour : neighbours->of(i)) {
-                out.add(fmt::format("{}{{\"id\": {}, \"area\": {}}}", before, neighbour.id,
-                                    Json(neighbour.area).dump()));
+                add(fmt::format("{}{{\"id\": {}, \"area\": {}}}", before, neighbour.id,
+                                Json(neighbour.area).dump()));
                 before = ", ";
             }
-            out.add("]");
+            add("]");
         }
-        out.add("\n    }");
+        add("\n    }");
     }
-    out.add(labels.empty() ? "]\n}\n" : "\n  ]\n}\n");
-    out.publish();
+    add(labels.empty() ? "]\n}\n" : "\n  ]\n}\n");
+    file.publish();
 }
 
 }  // namespace isonest::detail::cli
