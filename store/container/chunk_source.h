@@ -9,6 +9,12 @@
 
 namespace isonest::detail {
 
+/// A chunk of an array of the source's layout.
+struct WantedChunk {
+    const ArrayInfo* array = nullptr;
+    Int3 chunk;
+};
+
 /// Thread-safety: all methods from any thread.
 class ChunkSource {
   public:
@@ -31,6 +37,18 @@ class ChunkSource {
     }
     /// A hint that the chunk is needed soon. Throws what decode() throws for a bad table.
     virtual void prefetch(const ArrayInfo& /*array*/, const Int3& /*chunk*/) const {}
+    /// Whether a chunk that nobody announced costs a round trip over a network: then it pays to
+    /// find out what is needed next before any of it is decoded, and to announce all of it.
+    [[nodiscard]] virtual bool is_far() const { return false; }
+    /// The same hint as prefetch() for chunks that are needed together; returns at once. Chunks
+    /// outside the array's grid are left out. Throws what prefetch() throws.
+    virtual void prefetch_all(std::span<const WantedChunk> chunks) const {
+        for (const WantedChunk& wanted : chunks) {
+            if (wanted.array->grid == max(wanted.array->grid, wanted.chunk + Int3{1, 1, 1})) {
+                prefetch(*wanted.array, wanted.chunk);
+            }
+        }
+    }
 };
 
 }  // namespace isonest::detail

@@ -20,9 +20,9 @@ MAY_INCLUDE = {
 }
 # The rooms of a folder, each with those that it may include beside itself and public headers.
 ROOMS = {
-    "store": {"base": set(), "files": {"base"}, "lattice": {"base"}, "hdf5": {"base", "files"},
-              "ranks": {"base"},
-              "container": {"base", "files", "lattice", "hdf5"},
+    "store": {"base": set(), "files": {"base"}, "bytes": {"base", "files"}, "lattice": {"base"},
+              "hdf5": {"base", "files", "bytes"}, "ranks": {"base"},
+              "container": {"base", "files", "bytes", "lattice", "hdf5"},
               "exports": {"base", "files", "hdf5", "container"}},
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
                    "ranks": {"levels", "sources", "indicators"},
