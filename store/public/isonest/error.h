@@ -61,7 +61,8 @@ enum class RemedyKind : std::uint8_t {
     install_package,      ///< build with the package that `value` names
     say_unit,             ///< SourceOptions::unit, when the store is made
     world_units,          ///< lengths in world units: numbers alone
-    fewer_components      ///< SurfaceStages::components; `value`: the least triangles of one
+    fewer_components,     ///< SurfaceStages::components; `value`: the least triangles of one
+    download              ///< a copy of the object on this machine
 };
 struct Remedy {
     RemedyKind kind;

@@ -133,6 +133,8 @@ Phrase phrase_of(RemedyKind kind) {
             return {"fewer_components", "--min-component", "give --min-component {}",
                     "drop the smaller ones with --min-component or --components largest",
                     "drop small components"};
+        case RemedyKind::download:
+            return {"download", "", "download it first (curl -O URL)", "", ""};
     }
     return {"unknown", "", "{}", "", ""};
 }

@@ -94,6 +94,8 @@ std::string_view words_of(RemedyKind kind) {
             return "give a number alone, in the volume's own unit";
         case RemedyKind::fewer_components:
             return "give min_component={}";
+        case RemedyKind::download:
+            return "download it first";
     }
     return "";
 }

@@ -1,0 +1,28 @@
+// Where a store is, as a user names it: a path or a URL. Every store is opened by this.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include <isonest/remote.h>
+
+#include "store/bytes/store_bytes.h"
+
+namespace isonest::detail {
+
+/// The bytes of a local file, or of an object elsewhere. Throws what FileBytes and UrlBytes throw,
+/// and Error{unsupported} for a URL in a build without libcurl.
+std::shared_ptr<const StoreBytes> open_location(const std::filesystem::path& location,
+                                                const RemoteAccess& remote = {});
+
+/// For messages: a path as it is, a URL without userinfo, query and fragment.
+std::string shown_location(std::string_view location);
+
+/// Heap of RemoteAccess::memory that is not for bytes of chunks: pages of the chunk table, and
+/// libcurl's connections.
+inline constexpr std::uint64_t kRemoteHeap = std::uint64_t{12} << 20U;
+
+}  // namespace isonest::detail
