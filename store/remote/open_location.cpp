@@ -2,17 +2,13 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <utility>
 
 #include <isonest/error.h>
 
+#include "store/bytes/disk_cache.h"
 #include "store/bytes/file_bytes.h"
 #include "store/remote/object_url.h"
-
-#if ISONEST_WITH_REMOTE
-#include "store/bytes/disk_cache.h"
-#include "store/remote/url_bytes.h"
-#endif
+#include "store/remote/open_url.h"
 
 namespace isonest {
 
@@ -27,8 +23,8 @@ const char* variable(const char* name) {
     return std::getenv(name);
 }
 
-#if ISONEST_WITH_REMOTE
-RemoteOptions options_of(const RemoteAccess& remote) {
+RemoteOptions options_of(const RemoteAccess& remote,
+                         const std::shared_ptr<const DiskCache>& cache) {
     RemoteOptions options;
     options.headers = remote.headers;
     options.budget_bytes = std::max(remote.memory, RemoteAccess::kLeastMemory) - kRemoteHeap;
@@ -36,31 +32,23 @@ RemoteOptions options_of(const RemoteAccess& remote) {
     options.slow_time = remote.slow_time;
     options.retry.total = remote.retry_time;
     options.check = remote.check;
-    if (!remote.cache.empty()) {
-        options.make_cache = [folder = remote.cache,
-                              most = remote.cache_bytes](const ObjectState& object) {
-            return make_disk_cache(folder, most, object);
+    if (cache) {
+        options.make_cache = [cache](const ObjectState& object) -> std::shared_ptr<RangeCache> {
+            return cache->of(object);
         };
     }
     return options;
 }
-#endif
 
 }  // namespace
 
 std::shared_ptr<const StoreBytes> open_location(const std::filesystem::path& location,
-                                                [[maybe_unused]] const RemoteAccess& remote) {
-    const std::string& text = location.native();
-    if (!is_url(text)) {
+                                                const RemoteAccess& remote,
+                                                const std::shared_ptr<const DiskCache>& cache) {
+    if (!is_url(location.native())) {
         return std::make_shared<FileBytes>(location);
     }
-#if ISONEST_WITH_REMOTE
-    return std::make_shared<UrlBytes>(text, options_of(remote));
-#else
-    throw Error(ErrorKind::unsupported, {shown_location(text)},
-                "this build reads local files alone, as it was made without libcurl",
-                {{RemedyKind::install_package, "libcurl4-openssl-dev"}});
-#endif
+    return open_url(location.native(), options_of(remote, cache));
 }
 
 std::string shown_location(std::string_view location) {

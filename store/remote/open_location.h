@@ -13,10 +13,13 @@
 
 namespace isonest::detail {
 
-/// The bytes of a local file, or of an object elsewhere. Throws what FileBytes and UrlBytes throw,
-/// and Error{unsupported} for a URL in a build without libcurl.
-std::shared_ptr<const StoreBytes> open_location(const std::filesystem::path& location,
-                                                const RemoteAccess& remote = {});
+class DiskCache;
+
+/// The bytes of a local file, or of an object elsewhere; `cache`: that of remote.cache, or null.
+/// Throws what FileBytes and open_url() throw.
+std::shared_ptr<const StoreBytes> open_location(
+    const std::filesystem::path& location, const RemoteAccess& remote = {},
+    const std::shared_ptr<const DiskCache>& cache = nullptr);
 
 /// For messages: a path as it is, a URL without userinfo, query and fragment.
 std::string shown_location(std::string_view location);

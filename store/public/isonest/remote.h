@@ -23,8 +23,8 @@ struct RemoteAccess {
     std::vector<std::string> headers = {};
     /// A folder that keeps what was fetched beyond this process; empty: none does.
     std::filesystem::path cache = {};
-    /// Bytes that the folder holds at most, of all stores together; 0: 4 GiB.
-    std::uint64_t cache_bytes = 0;
+    /// Bytes that the folder holds at most, of all stores together.
+    std::uint64_t cache_bytes = std::uint64_t{1} << 30U;
     /// Bytes of heap for what was fetched, at most, beside the memory of queries; at least
     /// kLeastMemory is taken.
     std::uint64_t memory = std::uint64_t{64} << 20U;

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -17,6 +18,7 @@
 
 namespace isonest {
 namespace detail {
+class DiskCache;
 class StoreReader;
 }
 
@@ -46,6 +48,9 @@ class Store {
     [[nodiscard]] bool is_remote() const;
     /// Until now, by all queries together.
     [[nodiscard]] FetchedCounts fetched() const;
+    /// Why the folder RemoteAccess::cache is not used, or why nothing is added to it any more; empty
+    /// if nothing is wrong with it.
+    [[nodiscard]] std::string cache_warning() const;
     /// Nodes per axis (x, y, z) of the finest level.
     [[nodiscard]] Int3 nodes() const;
     [[nodiscard]] ValueType type() const;
@@ -81,6 +86,7 @@ class Store {
     [[nodiscard]] const detail::StoreReader& reader() const { return *reader_; }
 
   private:
+    std::shared_ptr<const detail::DiskCache> cache_;  ///< null: none
     std::unique_ptr<const detail::StoreReader> reader_;
 };
 

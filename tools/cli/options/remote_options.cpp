@@ -8,8 +8,8 @@
 #include <string_view>
 #include <utility>
 
-#include "store/bytes/disk_cache.h"
 #include "store/remote/object_url.h"
+#include "tools/cli/options/cache_option.h"
 #include "tools/cli/options/units.h"
 
 namespace isonest::detail::cli {
@@ -88,12 +88,12 @@ void add_remote_options(CLI::App* command, RemoteArguments& a) {
     add_parsed(
         command, "--cache",
         [&a](const std::string& text) {
-            const CacheChoice choice = parse_cache_choice("--cache", text);
+            const CacheChoice choice = parse_cache("--cache", text);
             a.cache = choice.folder;
-            a.cache_bytes = choice.most_bytes;
+            a.cache_bytes = choice.bytes;
         },
         "of a store at a URL: keep what was fetched in this folder, up to\n"
-        "SIZE [4G]; other runs use it as long as the object is the same",
+        "SIZE [1G]; other runs use it as long as the object is the same",
         "FOLDER[:SIZE]");
 }
 
@@ -140,6 +140,8 @@ void add_fetched(const Store& store, Result& result) {
     if (store.is_remote()) {
         result.json["remote"] = fetched_json(store.fetched());
         result.text += fetched_text(store.fetched());
+        const std::string warning = store.cache_warning();
+        result.warning += result.warning.empty() || warning.empty() ? warning : "\n" + warning;
     }
 }
 

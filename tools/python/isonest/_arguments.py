@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 from typing import Any, Callable, Iterator, Mapping, Optional, Sequence, Tuple, Union
 
@@ -33,6 +34,19 @@ def to_bytes(memory: Bytes) -> int:
     if memory < 0:
         raise ValueError(f"memory={memory!r}: give a number of bytes")
     return int(memory)
+
+
+def to_cache(cache: "os.PathLike[str] | str | None") -> "tuple[str, int]":
+    """A folder, empty without one, and the bytes that it holds at most. "FOLDER:SIZE" is a text."""
+    most = 2**30
+    folder = os.fspath(cache) if cache is not None else ""
+    if isinstance(cache, str):
+        name, colon, size = cache.rpartition(":")
+        if colon and _BYTES.fullmatch(size):
+            folder, most = name, to_bytes(size)
+    if cache is not None and (not folder or most == 0):
+        raise ValueError(f"cache={cache!r}: give a folder, or a text such as 'FOLDER:2G'")
+    return folder, most
 
 
 def to_header_lines(headers: Headers) -> "list[str]":

@@ -3,12 +3,13 @@ from __future__ import annotations
 
 import os
 import pathlib
+import warnings
 from typing import Any, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
 from . import _core, _sources, _view
-from ._arguments import Bytes, Headers, Point, Progress, backwards, reporting, to_bytes, to_header_lines
+from ._arguments import Bytes, Headers, Point, Progress, backwards, reporting, to_bytes, to_cache, to_header_lines
 from ._core import Analysis, CheckReport, StoredArray, StudyRow
 from ._extracting import Extracting
 from ._frame import Directions, Frame
@@ -69,8 +70,9 @@ class Store(Extracting):
     def __init__(self, path: "os.PathLike[str] | str", *, headers: Headers = None,
                  cache: "os.PathLike[str] | str | None" = None, memory: Bytes = "64M") -> None:
         lines = to_header_lines(headers)
-        folder, most = _core.cache_of(cache) if isinstance(cache, str) else (cache or "", 0)
-        self._core = _core.Store(os.fspath(path), lines, os.fspath(folder), most, to_bytes(memory))
+        self._core = _core.Store(os.fspath(path), lines, *to_cache(cache), to_bytes(memory))
+        if self._core.cache_warning:
+            warnings.warn(self._core.cache_warning, RuntimeWarning, stacklevel=3)
         self._location = os.fspath(path)
         self._access = {"headers": lines, "cache": cache, "memory": memory}
 

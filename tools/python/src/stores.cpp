@@ -17,7 +17,6 @@
 #include "query/statistics/histogram.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
-#include "store/bytes/disk_cache.h"
 #include "store/container/reader.h"
 #include "tools/python/src/arrays.h"
 #include "tools/python/src/fields.h"
@@ -217,6 +216,8 @@ void add_stores(py::module_& module) {
         .def_property_readonly("closed", &OpenStore::closed)
         .def_property_readonly("name", [](const OpenStore& s) { return s.get()->path().string(); })
         .def_property_readonly("is_remote", [](const OpenStore& s) { return s.get()->is_remote(); })
+        .def_property_readonly("cache_warning",
+                               [](const OpenStore& s) { return s.get()->cache_warning(); })
         .def_property_readonly("fetched",
                                [](const OpenStore& s) {
                                    const FetchedCounts counts = s.get()->fetched();
@@ -273,13 +274,6 @@ void add_stores(py::module_& module) {
         .def("labels", &labels, "memory"_a, "threads"_a, "progress"_a)
         .def("label_names", &label_names)
         .def("label_named", &label_named, "name"_a);
-    module.def(
-        "cache_of",
-        [](const std::string& text) {
-            const detail::CacheChoice choice = detail::parse_cache_choice("cache=", text);
-            return std::pair(choice.folder, choice.most_bytes);
-        },
-        "text"_a);
     add_histogram(module);
 }
 
