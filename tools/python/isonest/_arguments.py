@@ -44,6 +44,7 @@ def to_cache(cache: "os.PathLike[str] | str | None") -> "tuple[str, int]":
         name, colon, size = cache.rpartition(":")
         if colon and _BYTES.fullmatch(size):
             folder, most = name, to_bytes(size)
+        folder = os.path.expanduser(folder)
     if cache is not None and (not folder or most == 0):
         raise ValueError(f"cache={cache!r}: give a folder, or a text such as 'FOLDER:2G'")
     return folder, most

@@ -18,7 +18,7 @@ import webbrowser
 from typing import IO, Any, Optional
 
 from . import _errors
-from ._arguments import Bytes, to_bytes
+from ._arguments import Bytes, to_bytes, to_cache
 
 _BESIDE = pathlib.Path(os.path.abspath(__file__)).parent / "bin" / "isonest"
 """Where a wheel and a build tree have the program. In the latter this file is a link."""
@@ -106,7 +106,7 @@ def start(store: "os.PathLike[str] | str", *, name: str, port: int, memory: Byte
     command = [*_ending_with_us(), found, "view", location, "--json", "--token", "--port", str(int(port)),
                "--memory", str(to_bytes(memory)), "--threads", str(int(threads))]
     if cache:
-        command += ["--cache", os.fspath(cache)]
+        command += ["--cache", "{}:{}".format(*to_cache(cache))]
     errors = tempfile.TemporaryFile()
     # Not on the command line, which other users may see.
     secrets = tempfile.TemporaryFile()
