@@ -62,6 +62,12 @@ enum class RemedyKind : std::uint8_t {
     say_unit,             ///< SourceOptions::unit, when the store is made
     world_units,          ///< lengths in world units: numbers alone
     fewer_components,     ///< SurfaceStages::components; `value`: the least triangles of one
+    check_url,            ///< another URL, or other settings of what it leads to
+    give_credentials,     ///< a key or a password; `value`: where it is looked for
+    set_variable,         ///< of the environment; `value`: "NAME=VALUE"
+    serve_ranges,         ///< a server that answers ranges, or a local copy
+    try_later,            ///< the server or the way to it is overloaded or broken
+    open_again,           ///< the object has changed since it was opened
     download              ///< a copy of the object on this machine
 };
 struct Remedy {
