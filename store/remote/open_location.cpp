@@ -19,10 +19,6 @@ bool is_url(std::string_view location) {
 namespace detail {
 namespace {
 
-const char* variable(const char* name) {
-    return std::getenv(name);
-}
-
 RemoteOptions options_of(const RemoteAccess& remote,
                          const std::shared_ptr<const DiskCache>& cache) {
     RemoteOptions options;
@@ -56,7 +52,9 @@ std::string shown_location(std::string_view location) {
         return std::string(location);
     }
     try {
-        return parse_object_url(location, variable).name;
+        return parse_object_url(location,
+                                [](const char* name) -> const char* { return std::getenv(name); })
+            .name;
     } catch (const Error& error) {
         return error.place().file;
     }
