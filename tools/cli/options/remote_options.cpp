@@ -5,10 +5,11 @@
 #include <algorithm>
 #include <charconv>
 #include <fstream>
-#include <string_view>
 #include <utility>
 
+#include "store/container/reader.h"
 #include "store/remote/object_url.h"
+#include "store/remote/open_location.h"
 #include "tools/cli/options/cache_option.h"
 #include "tools/cli/options/units.h"
 
@@ -20,21 +21,12 @@ constexpr std::size_t kMostHeaderFile = std::size_t{1} << 20U;
 
 /// Throws Error{invalid_argument}, which does not quote it.
 void require_header(const std::string& header, const std::string& where) {
-    const std::size_t colon = header.find(':');
-    const std::string_view name = std::string_view(header).substr(0, colon);
-    const bool is_name = colon != std::string::npos && !name.empty() &&
-                         std::all_of(name.begin(), name.end(), [](char c) {
-                             constexpr std::string_view kOthers = "!#$%&'*+-.^_`|~";
-                             return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
-                                    (c >= '0' && c <= '9') ||
-                                    kOthers.find(c) != std::string_view::npos;
-                         });
-    const bool is_line = std::all_of(header.begin(), header.end(), [](char c) {
-        return static_cast<unsigned char>(c) >= ' ' || c == '\t';
-    });
-    if (!is_name || !is_line) {
-        throw Error(ErrorKind::invalid_argument,
-                    where + ": give a header as 'Name: value', or @FILE with one in each line");
+    if (!is_header(header)) {
+        throw Error(
+            ErrorKind::invalid_argument,
+            where +
+                ": give a header as 'Name: value', or @FILE with one in each line; those about "
+                "ranges and states of the object are isonest's own");
     }
 }
 
@@ -118,7 +110,17 @@ Store open_store(const std::string& location, RemoteArguments& a, std::uint64_t&
     };
     progress.begin("opening", 0, "");
     progress.check();
-    return Store(location, remote);
+    Store store(location, remote);
+    if (store.reader().catalogue() == nullptr) {
+        const FetchedCounts counts = store.fetched();
+        a.note = fmt::format(
+            "{} has no catalogue, as stores have since version 2.9 of the format: {} in {} "
+            "requests "
+            "were fetched to open it; preprocess the volume again to have one",
+            store.path().string(), human_bytes(static_cast<double>(counts.remote_bytes)),
+            counts.requests);
+    }
+    return store;
 }
 
 Json fetched_json(const FetchedCounts& counts) {

@@ -18,7 +18,8 @@ struct RemoteArguments {
     std::vector<std::string> headers;  ///< "Name: value"; they may hold secrets
     std::filesystem::path cache;
     std::uint64_t cache_bytes = 0;
-    int opened = 0;  ///< stores elsewhere: each has a share of --memory
+    int opened = 0;    ///< stores elsewhere: each has a share of --memory
+    std::string note;  ///< about opening them
 };
 
 /// Adds --header and --cache.
@@ -41,11 +42,17 @@ void add_fetched(const Store& store, Result& result);
 /// An error that says how much memory is enough, with what is set aside on top.
 Error with_set_aside(const Error& error, const RemoteArguments& a);
 
-/// What run() returns or throws; its errors say of --memory what holds with what is set aside.
+/// What run() returns, with the note, or throws; its errors say of --memory what holds with what is
+/// set aside.
 template <class Run>
 Result run_beside_fetching(const RemoteArguments& a, const Run& run) {
     try {
-        return run();
+        Result result = run();
+        if (!a.note.empty() && !result.json.is_null()) {
+            result.text += "note: " + a.note + "\n";
+            result.json["remote_note"] = a.note;
+        }
+        return result;
     } catch (const Error& error) {
         throw with_set_aside(error, a);
     }
