@@ -145,7 +145,7 @@ class Checker {
 
     void stored(const ArrayInfo& array, const Int3& chunk) {
         findings_.count(0, 1);
-        if (checksum_of(store_.stored(array, chunk)) != store_.row(array, chunk).checksum) {
+        if (checksum_of(store_.stored(array, chunk).bytes()) != store_.row(array, chunk).checksum) {
             findings_.add_damaged("checksum", array, chunk,
                                   "the stored bytes are not those that were written; restore the "
                                   "store from a good copy");
@@ -192,7 +192,8 @@ class Checker {
                     continue;
                 }
                 const std::string fault = view.read(array, chunk, bytes);
-                const auto ours = store_.stored(array, chunk);
+                const HeldBytes held = store_.stored(array, chunk);
+                const auto ours = held.bytes();
                 if (!fault.empty()) {
                     findings_.add("hdf5", array, chunk, kWholeChunk, fault);
                 } else if (!std::equal(bytes.begin(), bytes.end(), ours.begin(), ours.end())) {
