@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <filesystem>
+
 #include <isonest/error.h>
 
 #include "store/bytes/store_bytes.h"
@@ -45,6 +47,15 @@ std::optional<std::vector<T>> read_array(hid_t object, const char* name, hid_t m
 }
 
 }  // namespace
+
+FileHandle open_hdf5_of(const StoreBytes& bytes) {
+    if (bytes.is_far()) {
+        throw Error(ErrorKind::unsupported, {bytes.name()},
+                    "HDF5's structures are only read of local files, and a store without a footer "
+                    "(before version 2.9 of the format) has nothing else");
+    }
+    return open_hdf5(std::filesystem::path(bytes.name()));
+}
 
 TypeHandle file_type(ValueType type) {
     return dispatch(type, [](auto tag) {

@@ -10,10 +10,15 @@
 
 #include <isonest/value_type.h>
 
+#include "store/bytes/store_bytes.h"
 #include "store/container/format.h"
 #include "store/hdf5/handles.h"
 
 namespace isonest::detail {
+
+/// Opens the HDF5 part of a store for reading. Invalid where HDF5 cannot. Throws Error{unsupported}
+/// for bytes that are far away.
+FileHandle open_hdf5_of(const StoreBytes& bytes);
 
 /// Little endian type of the values.
 TypeHandle file_type(ValueType type);

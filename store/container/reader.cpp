@@ -16,20 +16,6 @@
 #include "store/hdf5/handles.h"
 
 namespace isonest::detail {
-namespace {
-
-/// Invalid where HDF5 cannot open it.
-FileHandle open_hdf5_of(const StoreBytes& bytes) {
-    if (bytes.is_far()) {
-        throw Error(
-            ErrorKind::unsupported, {bytes.name()},
-            "it has no footer, as stores have since version 2.9 of the format, and can only "
-            "be read where it is a local file");
-    }
-    return open_hdf5(std::filesystem::path(bytes.name()));
-}
-
-}  // namespace
 
 void StoreReader::fail_corrupt(const std::string& inside, const std::string& problem) const {
     throw Error(ErrorKind::corrupt, {path_.string(), inside}, problem,

@@ -22,8 +22,8 @@ namespace isonest::detail {
 /// Thread-safety: const methods from any thread.
 class ChunkTable {
   public:
-    /// All pages of a volume of about 2700^3 nodes.
-    static constexpr std::size_t kMostHeld = std::size_t{8} << 20U;
+    /// All 512 pages of a volume of 2049^3 nodes. It is part of kLibraryHeap.
+    static constexpr std::size_t kMostHeld = std::size_t{5} << 20U;
 
     ChunkTable() = default;
     /// Rows that are whole.
