@@ -135,7 +135,8 @@ void chunk_table(Bytes bytes) {
     use_store(path);
 }
 
-/// The first byte: whether the catalogue is changed, or the footer with or without a right checksum.
+/// The first byte: whether the catalogue is changed, or the footer with or without a right
+/// checksum.
 void footer(Bytes bytes) {
     if (bytes.empty()) {
         return;
@@ -168,7 +169,8 @@ void footer(Bytes bytes) {
         std::memcpy(last + kSummed, &sum, sizeof(sum));
     }
     whole.append(reinterpret_cast<const char*>(tail.data()), tail.size());
-    use_store(written("footer", {reinterpret_cast<const std::uint8_t*>(whole.data()), whole.size()}));
+    use_store(
+        written("footer", {reinterpret_cast<const std::uint8_t*>(whole.data()), whole.size()}));
 }
 
 void label_table(Bytes bytes) {

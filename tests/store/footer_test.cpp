@@ -232,9 +232,8 @@ TEST_CASE("of a far table no more is kept than was said, whatever is asked for")
 TEST_CASE("chunks of a far store are announced together, after the pages that say where they are") {
     const TemporaryFolder folder;
     // Pages that do not all lie in the end that is read first.
-    FunctionVolume<std::uint8_t> volume({150, 145, 140}, [](const Int3& p) {
-        return static_cast<std::uint8_t>(255 * noise(p));
-    });
+    FunctionVolume<std::uint8_t> volume(
+        {150, 145, 140}, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });
     make_store(volume, folder / "s", with_chunk(8));
     const auto bytes = std::make_shared<const FarBytes>(read_file(folder / "s"));
     const StoreReader store(bytes);
@@ -309,8 +308,9 @@ TEST_CASE("every flip behind HDF5's end is noticed, or changes nothing") {
         });
         CHECK((!far || far == ErrorKind::corrupt || far == ErrorKind::unsupported));
     }
-    CHECK(refused > 500);   // the catalogue
-    CHECK(harmless > 10);   // the footer's magic, version and end of HDF5, zeros before the catalogue
+    CHECK(refused > 500);  // the catalogue
+    CHECK(harmless >
+          10);  // the footer's magic, version and end of HDF5, zeros before the catalogue
     CHECK(harmless < 40);
     for (std::size_t size = begin; size < whole.size(); ++size) {
         write_file(folder / "d", whole.substr(0, size));
@@ -355,12 +355,15 @@ TEST_CASE("records that are not known, or longer, are left alone") {
     REQUIRE(longer > 8);
     const std::uint64_t begin = found.footer.hdf5_end;
     const auto tail = bytes_behind_hdf5(begin, changed);
-    write_file(folder / "d", bytes.substr(0, begin) +
-                                 std::string(reinterpret_cast<const char*>(tail.data()), tail.size()));
+    write_file(folder / "d",
+               bytes.substr(0, begin) +
+                   std::string(reinterpret_cast<const char*>(tail.data()), tail.size()));
     const StoreReader store(folder / "d");
     REQUIRE(store.catalogue() != nullptr);
     CHECK(surface(store, folder) == surface(StoreReader(folder / "s"), folder));
     // A row that ends within a record is none.
     CHECK_FALSE(parse_catalogue(std::span(changed).first(changed.size() - 8)).has_value());
-    CHECK_FALSE(parse_catalogue(std::span(later(9, 8)).first(16)).has_value());
+    const std::vector<std::byte> one = later(9, 8);
+    CHECK(parse_catalogue(one).has_value());
+    CHECK_FALSE(parse_catalogue(std::span(one).first(16)).has_value());
 }
