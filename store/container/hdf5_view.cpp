@@ -6,6 +6,7 @@
 
 #include <isonest/error.h>
 
+#include "store/container/footer/make_catalogue.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_writer.h"
 
@@ -17,11 +18,11 @@ struct Hdf5View::Impl {
     DatasetHandle dataset;
 };
 
-Hdf5View::Hdf5View(const std::filesystem::path& path) : impl_(std::make_unique<Impl>()) {
+Hdf5View::Hdf5View(const StoreBytes& bytes) : impl_(std::make_unique<Impl>()) {
     const QuietHdf5 quiet;
-    impl_->file = open_hdf5(path);
+    impl_->file = open_hdf5_of(bytes);
     if (!impl_->file.valid()) {
-        throw Error(ErrorKind::corrupt, {path.string()}, hdf5_cannot_open());
+        throw Error(ErrorKind::corrupt, {bytes.name()}, hdf5_cannot_open());
     }
 }
 
@@ -60,6 +61,11 @@ std::string Hdf5View::read(const ArrayInfo& array, const Int3& chunk,
         return "HDF5 cannot read the chunk: " + hdf5_message();
     }
     return skipped_filters == 0 ? "" : "a filter of the chunk is marked as skipped";
+}
+
+std::optional<std::vector<std::byte>> Hdf5View::catalogue(const StoreLayout& layout,
+                                                          std::span<const std::byte> table) const {
+    return make_catalogue(impl_->file.get(), layout, table);
 }
 
 std::string Hdf5View::vtk_fault(const StoreHeader& header) const {

@@ -9,6 +9,7 @@ import ctypes
 import pathlib
 import re
 import shutil
+import struct
 import subprocess
 import sys
 
@@ -134,7 +135,7 @@ def newer_minor(f):
     """What a later 2.x may add: attributes, groups, fields, and rows for what is no field."""
     table = add_field(f, "curl_bar")
     replace_table(f, np.concatenate([table, table[-1:]]))
-    set_version(f, 2, 9)
+    set_version(f, 2, 99)
     set_unit(f, "furlong")
     f.attrs["curl_of"] = np.bytes_("a later version")
     f.create_group("later").create_dataset("table", data=np.arange(5))
@@ -142,7 +143,7 @@ def newer_minor(f):
 
 
 def newer_minor_misplaced(f):
-    set_version(f, 2, 9)
+    set_version(f, 2, 99)
     set_fields(f, "curl_bar,linf_bar,linf_plus,deviation_bar")
     seal(f)
 
@@ -239,13 +240,49 @@ BAD = {"newer-minor": newer_minor, "newer-minor-misplaced": newer_minor_misplace
        "table-damaged": table_damaged, "incomplete": incomplete, "no-store": no_store}
 
 
+# What an HDF5 program changes has no footer any more, and is then as a store of 2.8. So of what is the same there, no second
+# ones are kept.
+SAME_SINCE_FOOTERS = {*BAD} - {"newer-minor", "newer-minor-misplaced"}
+
+
+def behind_hdf5(data, change):
+    """With another footer and catalogue: change(catalogue, footer) gives both without the checksums."""
+    begin, size, _, end, _ = struct.unpack_from("<5Q", data, len(data) - 64)
+    catalogue, version = change(data[begin:begin + size])
+    numbers = struct.pack("<5QII", begin, len(catalogue), int(checksum(catalogue)), end, begin + len(catalogue) + 64, version, 64)
+    return data[:begin] + catalogue + numbers + struct.pack("<Q", int(checksum(numbers))) + b"IsoNest\n"
+
+
+def later_catalogue(catalogue):
+    """A later 2.x's: a record that is not known, and another kind of attribute."""
+    curl = struct.pack("<IIQ", 1, 9, 36) + b"curl_of".ljust(32, b"\0") + b"curl" + bytes(4)
+    return struct.pack("<IIQ", 77, 3, 5) + b"later" + bytes(3) + catalogue + curl, 1
+
+
+def without_table(catalogue):
+    records = b""
+    while catalogue:
+        tag, _, size = struct.unpack_from("<IIQ", catalogue)
+        size = 16 + -(-size // 8) * 8
+        records, catalogue = records + (catalogue[:size] if tag != 2 else b""), catalogue[size:]
+    return records, 1
+
+
+TAILS = {"footer-cut": lambda data: data[:-16],
+         "footer-later": lambda data: behind_hdf5(data, lambda catalogue: (catalogue[:8], 2)),
+         "footer-damaged": lambda data: data[:-40] + b"\1" + data[-39:],
+         "catalogue-damaged": lambda data: data[:-84] + b"\1" + data[-83:],
+         "catalogue-later": lambda data: behind_hdf5(data, later_catalogue),
+         "catalogue-lacks": lambda data: behind_hdf5(data, without_table)}
+
 BAD_NAMES = {"names-damaged": names_damaged, "names-unordered": names_unordered, "names-no-text": names_no_text}
 
 
 def make_bad(current):
+    with_footer = tuple(map(int, current.split("."))) >= (2, 9)
     for name, change in BAD_NAMES.items():
         store = HERE / f"{current}-{name}.store"
-        if not store.exists():
+        if not store.exists() and not with_footer:
             shutil.copyfile(HERE / f"{current}-named.store", store)
             with h5py.File(store, "r+", libver=("earliest", "v110")) as f:
                 change(f)
@@ -254,7 +291,7 @@ def make_bad(current):
         return  # the bad ones of an older version are the same
     for name, change in BAD.items():
         store = HERE / f"{current}-{name}.store"
-        if store.exists():
+        if store.exists() or with_footer and name in SAME_SINCE_FOOTERS:
             continue
         # On several levels, so that rows of a new field come between those of others.
         shutil.copyfile(HERE / f"{current}.store" if change is newer_minor else good, store)
@@ -262,6 +299,9 @@ def make_bad(current):
             change(f)
     with h5py.File(good) as f:
         first = int(f["chunks"]["offset"][0])
+    for name, change in TAILS.items():
+        if with_footer and not (HERE / f"{current}-{name}.store").exists():
+            (HERE / f"{current}-{name}.store").write_bytes(change(good.read_bytes()))
     data = bytearray(good.read_bytes())
     cut = HERE / f"{current}-cut.store"
     if not cut.exists():
