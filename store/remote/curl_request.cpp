@@ -103,6 +103,7 @@ void CurlRequest::prepare(const RequestBasis& basis, Plan plan) {
     set(CURLOPT_CONNECTTIMEOUT_MS, static_cast<long>(basis.options.connect_timeout.count()));
     set(CURLOPT_USERAGENT, "isonest");
     set(CURLOPT_ACCEPT_ENCODING, "identity");
+    set(CURLOPT_HTTP_CONTENT_DECODING, 0L);  // judge() refuses other encodings
     set(CURLOPT_RANGE, range_text(plan_.asked).c_str());
     set(CURLOPT_ERRORBUFFER, error_text_);
     set(CURLOPT_HEADERFUNCTION, &header_callback);

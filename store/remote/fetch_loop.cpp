@@ -268,6 +268,10 @@ void FetchLoop::follow(Active& active, const CurlRequest::Outcome& outcome) {
 }
 
 void FetchLoop::fail_or_retry(Active& active, Failure failure) {
+    if (active.has_begun && active.asked.range.size == 0 && !failure.is_change) {
+        finish_with(active, [&active] { active.job->done(); });  // only its end went wrong
+        return;
+    }
     // What an earlier redirect led to may serve for a while only: the URL itself knows a new place.
     if (failure.failure == FailureClass::final && !failure.is_change && !active.tried_origin &&
         active.redirects == 0 && active.url != basis_.url.request) {

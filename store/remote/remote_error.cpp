@@ -104,8 +104,12 @@ Failure failure_of_transfer(int code, const std::string& text) {
                     "there is no memory left",
                     ErrorKind::limit,
                     {{RemedyKind::more_memory}}};
-        case CURLE_URL_MALFORMAT:
         case CURLE_UNSUPPORTED_PROTOCOL:
+            return {FailureClass::odd,
+                    "what the server sends is no HTTP",
+                    ErrorKind::io,
+                    {{RemedyKind::check_url}}};
+        case CURLE_URL_MALFORMAT:
             return {
                 FailureClass::final, text, ErrorKind::invalid_argument, {{RemedyKind::check_url}}};
         default:
