@@ -3,7 +3,7 @@
 #pragma once
 
 #include "query/traverse/brick_tree.h"
-#include "store/container/chunk_needs.h"
+#include "store/container/announce/chunk_needs.h"
 
 namespace isonest::detail {
 
