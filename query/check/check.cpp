@@ -19,7 +19,7 @@
 #include "query/check/rank_share.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
-#include "store/container/announcer.h"
+#include "store/container/announce/announcer.h"
 #include "store/container/hdf5_view.h"
 #include "store/container/indicator_code.h"
 

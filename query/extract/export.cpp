@@ -6,7 +6,7 @@
 
 #include "query/view/indicator_box.h"
 #include "store/base/memory_budget.h"
-#include "store/container/announcer.h"
+#include "store/container/announce/announcer.h"
 #include "store/container/gather.h"
 #include "store/container/indicator_code.h"
 #include "store/exports/volume_file.h"

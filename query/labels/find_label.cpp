@@ -6,7 +6,7 @@
 #include <isonest/value_type.h>
 
 #include "store/base/workers.h"
-#include "store/container/announcer.h"
+#include "store/container/announce/announcer.h"
 
 namespace isonest::detail {
 namespace {

@@ -12,7 +12,7 @@
 #include "query/labels/label_of_value.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
-#include "store/container/announcer.h"
+#include "store/container/announce/announcer.h"
 #include "store/container/reader.h"
 
 namespace isonest {

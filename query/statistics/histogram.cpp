@@ -9,7 +9,7 @@
 #include "store/base/in_order.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
-#include "store/container/announcer.h"
+#include "store/container/announce/announcer.h"
 #include "store/container/gather.h"
 
 namespace isonest::detail {

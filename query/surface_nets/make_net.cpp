@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "store/base/workers.h"
-#include "store/container/announcer.h"
+#include "store/container/announce/announcer.h"
 
 namespace isonest::detail {
 namespace {

@@ -9,7 +9,7 @@
 #include <isonest/int3.h>
 
 #include "query/traverse/traversal_run.h"
-#include "store/container/chunk_needs.h"
+#include "store/container/announce/chunk_needs.h"
 
 namespace isonest::detail {
 

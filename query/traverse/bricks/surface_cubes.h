@@ -10,7 +10,7 @@
 
 #include "query/march/clip.h"
 #include "query/traverse/traversal.h"
-#include "store/container/chunk_needs.h"
+#include "store/container/announce/chunk_needs.h"
 
 namespace isonest::detail {
 

@@ -1,10 +1,13 @@
 #include "query/traverse/far/brick_needs.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <bitset>
 
 #include "query/march/clip.h"
+#include "query/traverse/bricks/brick_interest.h"
+#include "query/traverse/bricks/cube_nodes.h"
 #include "query/view/morton.h"
 #include "query/view/topology.h"
 
@@ -189,16 +192,16 @@ std::vector<Field> fields_of(const TraversalQuery& query, int level) {
     return fields;
 }
 
-/// What vertex attributes need beside the values of the cubes.
+/// What vertex attributes need beside the values of the cubes. `has_long_edges`: leaves may have
+/// edges of the level above.
 void add_attribute_needs(const TraversalRun& run, int level, const Int3& brick, const Reach& reach,
-                         TraversalNeeds& needs) {
+                         bool has_long_edges, TraversalNeeds& needs) {
     const TraversalQuery& query = run.query;
     const StoreLayout& layout = run.layout();
-    const bool is_top = level >= layout.lattice().top();
     const Int3 above{brick.x / 2, brick.y / 2, brick.z / 2};
     if (query.attributes.normal) {
         add_around(layout.array(level, Field::values), brick, reach.around(), needs.own);
-        if (!is_top) {
+        if (has_long_edges && level < layout.lattice().top()) {
             add_around(layout.array(level + 1, Field::values), above, reach.around_above(),
                        needs.own);
         }
@@ -206,27 +209,31 @@ void add_attribute_needs(const TraversalRun& run, int level, const Int3& brick, 
     if (query.attributes.value && query.attribute_values != nullptr) {
         const StoreLayout& other = query.attribute_values->source().layout();
         const std::int64_t k = layout.header().chunk;
-        const std::int64_t other_k = other.header().chunk;
         // Chunks of the other store may have another size.
-        const auto add_level = [&](int of_level, const Int3& low, const Int3& high) {
-            const ArrayInfo& array = other.array(of_level, Field::values);
-            const Int3 from = array.chunk_of(low);
-            const Int3 to = array.chunk_of(min(high, array.nodes - Int3{1, 1, 1}));
-            const Int3 size = to - from + Int3{1, 1, 1};
-            for (std::int64_t i = 0; i < size.product(); ++i) {
-                needs.values.add(array, from + size.unlinear(i), other_k != k || i == 0);
-            }
-        };
+        const ArrayInfo& array = other.array(level, Field::values);
         Int3 end{k - 1, k - 1, k - 1};
         for (std::size_t slot = 0; slot < 8; ++slot) {
             if (reach.values()[slot]) {
                 end = max(end, Int3{k - 1, k - 1, k - 1} + slot_offset(slot));
             }
         }
-        add_level(level, brick * k, brick * k + end);
-        if (!is_top) {
-            const Int3 low = brick * (k / 2);
-            add_level(level + 1, low, low + Int3{end.x / 2, end.y / 2, end.z / 2});
+        const Int3 from = array.chunk_of(brick * k);
+        const Int3 last = min(brick * k + end, array.nodes - Int3{1, 1, 1});
+        const Int3 size = array.chunk_of(last) - from + Int3{1, 1, 1};
+        for (std::int64_t i = 0; i < size.product(); ++i) {
+            needs.values.add(array, from + size.unlinear(i), other.header().chunk != k || i == 0);
+        }
+    }
+}
+
+/// The values of a chunk, and of what lies around the node in it, of the finest level.
+void add_around_node(const ArrayInfo& values, const Int3& node, ChunkNeeds& needs) {
+    needs.add(values, values.chunk_of(node), false);
+    for (int axis = 0; axis < 3; ++axis) {
+        for (const std::int64_t step : {-1, 1}) {
+            Int3 beside = node;
+            beside[axis] = std::clamp<std::int64_t>(node[axis] + step, 0, values.nodes[axis] - 1);
+            needs.add(values, values.chunk_of(beside), false);
         }
     }
 }
@@ -265,7 +272,40 @@ void add_brick_needs(Runs runs, int level, const Int3& brick, const ParentsOfRun
             }
         }
     }
-    add_attribute_needs(run, level, brick, reach, needs);
+    add_attribute_needs(run, level, brick, reach, true, needs);
+}
+
+bool has_node_needs(const TraversalRun& run, int level) {
+    return run.query.attributes.normal && !run.query.plane && level > 0;
+}
+
+void add_node_needs(Runs runs, int level, const Int3& brick, const ParentsOfRuns& parents,
+                    TraversalNeeds& needs) {
+    const BrickPlace at(runs.front()->layout(), level, brick);
+    const ArrayInfo& finest = runs.front()->layout().array(0, Field::values);
+    CubeLoader values(runs.front()->cache, level, at.base);
+    for (std::size_t r = 0; r < parents.size(); ++r) {
+        if (parents[r] == nullptr) {
+            continue;
+        }
+        for (std::size_t i = 0; i < parents[r]->masks.size(); ++i) {
+            const Int3 cube = brick * at.half + morton_point(parents[r]->begin + i);
+            const Int3 low = cube * (2 * at.stride);
+            if (parents[r]->masks[i] == 0 ||
+                overlap_of(runs[r]->query.box, low, low + Int3{2, 2, 2} * at.stride) ==
+                    Overlap::outside) {
+                continue;
+            }
+            CubeNodes nodes;
+            values.load(nodes, cube);
+            for (int position = 0; position < 27; ++position) {
+                if (nodes.value[static_cast<std::size_t>(position)] == runs[r]->query.iso) {
+                    const Int3 node = (nodes.low + node_offset(position, nodes.mirror)) * at.stride;
+                    add_around_node(finest, min(node, finest.nodes - Int3{1, 1, 1}), needs.own);
+                }
+            }
+        }
+    }
 }
 
 void add_top_needs(Runs runs, TraversalNeeds& needs) {
@@ -276,16 +316,23 @@ void add_top_needs(Runs runs, TraversalNeeds& needs) {
         if (values.grid.product() > 1) {
             return;
         }
-        needs.own.add(values, {0, 0, 0});
+        TraversalNeeds of_level;
+        of_level.own.add(values, {0, 0, 0});
         for (const Field field : fields_of(run.query, level)) {
             if (level == 0) {
                 break;
             }
             const ArrayInfo& array = layout.array(level, field);
             for (std::int64_t i = 0; i < array.grid.product(); ++i) {
-                needs.own.add(array, array.grid.unlinear(i));
+                of_level.own.add(array, array.grid.unlinear(i));
             }
         }
+        constexpr std::uint64_t kMostBytes = 512U << 10U;
+        if (level < layout.lattice().top() &&
+            needs.own.bytes() + of_level.own.bytes() > kMostBytes) {
+            return;
+        }
+        needs.add(of_level);
     }
 }
 
@@ -295,7 +342,7 @@ void add_finest_needs(const TraversalRun& run, const Int3& brick, const MaskList
     reach.add(cubes, 0);
     if (!reach.empty()) {
         add_slots(run.layout().array(0, Field::values), brick, reach.values(), needs.own);
-        add_attribute_needs(run, 0, brick, reach, needs);
+        add_attribute_needs(run, 0, brick, reach, false, needs);
     }
 }
 

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "query/traverse/brick_tree.h"
-#include "store/container/chunk_needs.h"
+#include "store/container/announce/chunk_needs.h"
 
 namespace isonest::detail {
 
@@ -30,7 +30,16 @@ void announce(TraversalRun& run, const TraversalNeeds& needs);
 void add_brick_needs(Runs runs, int level, const Int3& brick, const ParentsOfRuns& parents,
                      TraversalNeeds& needs);
 
-/// What the coarsest levels, of one chunk of values each, have of all this, from the top down.
+/// Whether there is more to be known when the brick's values are there: a vertex in a node has its
+/// normal from the finest level.
+bool has_node_needs(const TraversalRun& run, int level);
+/// That: what lies around the nodes whose value is the isovalue. Decodes the brick's values.
+/// Thread-safe. Throws what the chunk source throws.
+void add_node_needs(Runs runs, int level, const Int3& brick, const ParentsOfRuns& parents,
+                    TraversalNeeds& needs);
+
+/// What the coarsest levels, of one chunk of values each, have of all this, from the top down, as
+/// far as it is little: less than what comes in the time of a round trip.
 void add_top_needs(Runs runs, TraversalNeeds& needs);
 
 /// Without a tolerance: what a brick of level 0 needs for its cubes of level 1 in `cubes`.

@@ -66,6 +66,9 @@ class Waves {
             Wave window(std::make_move_iterator(wave.begin() + static_cast<std::ptrdiff_t>(first)),
                         std::make_move_iterator(wave.end()));
             wave.resize(first);
+            if (has_node_needs(run_, level)) {
+                announce_nodes(level, window);
+            }
             Wave next = work_on(level, std::move(window));
             if (next.empty()) {
                 run_.progress.advance(share);
@@ -103,6 +106,19 @@ class Waves {
         }
         announce(run_, needs);
         return first;
+    }
+
+    /// And what their values say.
+    void announce_nodes(int level, const Wave& window) {
+        std::vector<TraversalNeeds> needs(window.size());
+        from_last(window.size(), [&](std::size_t i) {
+            add_node_needs(runs_, level, window[i].brick, window[i].parents, needs[i]);
+        });
+        TraversalNeeds all;
+        for (std::size_t i = window.size(); i > 0; --i) {
+            all.add(needs[i - 1]);
+        }
+        announce(run_, all);
     }
 
     /// The bricks of the level below that the window hands lists to.

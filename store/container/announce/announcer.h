@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "store/container/chunk_needs.h"
+#include "store/container/announce/chunk_needs.h"
 
 namespace isonest::detail {
 
