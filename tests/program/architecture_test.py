@@ -23,7 +23,7 @@ ROOMS = {
     "store": {"base": set(), "files": {"base"}, "bytes": {"base", "files"},
               "remote": {"base", "bytes"}, "lattice": {"base"},
               "hdf5": {"base", "files", "bytes"}, "ranks": {"base"},
-              "container": {"base", "files", "bytes", "lattice", "hdf5"},
+              "container": {"base", "files", "bytes", "remote", "lattice", "hdf5"},
               "exports": {"base", "files", "hdf5", "container"}},
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
                    "ranks": {"levels", "sources", "indicators"},

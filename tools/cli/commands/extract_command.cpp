@@ -44,7 +44,8 @@ std::unique_ptr<VolumeSource> open_any_volume(const ExtractCommand& a,
         return open_input(a.input, scratch, a.source);
     } catch (const Error& error) {
         const bool is_unknown = !error.remedies().empty() &&
-                                error.remedies().front().kind == RemedyKind::describe_numbers;
+                                (error.remedies().front().kind == RemedyKind::describe_numbers ||
+                                 error.remedies().front().kind == RemedyKind::download);
         if (!is_unknown) {
             throw;
         }

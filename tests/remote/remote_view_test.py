@@ -1,0 +1,107 @@
+"""isonest view of a store at a URL: the same meshes, few round trips to the first one, and an object that changes.
+
+usage: remote_view_test.py ISONEST PLUGIN_FOLDER
+"""
+import http.client
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import unittest
+import urllib.parse
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[1]))
+from support.range_server import RangeServer  # noqa: E402
+
+ISONEST = pathlib.Path(sys.argv[1]).resolve()
+FOLDER = pathlib.Path(tempfile.mkdtemp(prefix="isonest-remote-view-"))
+ENVIRONMENT = {name: value for name, value in os.environ.items()
+               if not name.startswith(("AWS_", "SSL_CERT", "CURL_")) and not name.lower().endswith("_proxy")}
+ENVIRONMENT["HOME"] = str(FOLDER)
+if subprocess.run([ISONEST, "view", "--help"], capture_output=True, check=False).returncode != 0:
+    print("skipped: this build has no isonest view")
+    sys.exit(77)
+
+
+class View:
+    def __init__(self, location, *options):
+        self.process = subprocess.Popen([ISONEST, "view", location, "--port", "0", "--json", *options], cwd=FOLDER,
+                                        env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.first = json.loads(self.process.stdout.readline())
+        self.port = urllib.parse.urlsplit(self.first["url"]).port
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.send_signal(signal.SIGINT)
+        self.out, self.err = self.process.communicate(timeout=60)
+
+    def ask(self, path, **parameters):
+        """Status and body."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=120)
+        try:
+            connection.request("GET", f"/api/{path}?{urllib.parse.urlencode(parameters)}")
+            answer = connection.getresponse()
+            return answer.status, answer.read()
+        finally:
+            connection.close()
+
+
+class RemoteView(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        for arguments in (["make-volume", "bucky", "--size", "129", "--type", "uint8", "-o", "b.h5"],
+                          ["preprocess", "b.h5", "-o", "b.isonest", "--chunk", "32"]):
+            subprocess.run([ISONEST, *arguments], cwd=FOLDER, check=True, capture_output=True)
+
+    def test_the_page_gets_what_it_gets_of_the_file(self):
+        asked = [("store", {}), ("surface", {"iso": 120, "error": 12}), ("surface", {"iso": 120, "triangles": 20000}),
+                 ("slice", {"plane": "0,0,1,40", "error": 5}), ("value", {"at": "20,30,40"}), ("histogram", {}),
+                 ("export", {"iso": 120, "error": 12, "format": "ply"})]
+        with RangeServer(FOLDER) as server, View("b.isonest") as local:
+            url = server.url("b.isonest", "me:s3cret@") + "?s3cret"
+            with View(url, "--header", "X-Token: s3cret") as remote:
+                self.assertEqual(remote.first["store"], server.url("b.isonest"))
+                for path, parameters in asked:
+                    self.assertEqual(remote.ask(path, **parameters), local.ask(path, **parameters), path)
+                status = json.loads(remote.ask("status")[1])
+                self.assertEqual(status["store"], "ok")
+                self.assertEqual(status["remote"]["requests"], server.requests)
+                self.assertNotIn("remote", json.loads(local.ask("status")[1]))
+                command = json.loads(remote.ask("command", iso=120, error=12)[1])["command"]
+                self.assertIn(server.url("b.isonest"), command)
+            self.assertNotIn("s3cret", remote.out + remote.err + json.dumps(remote.first) + command)
+            self.assertEqual(remote.process.returncode, 0)
+            self.assertGreaterEqual(json.loads(remote.out)["remote"]["requests"], status["remote"]["requests"])
+
+    def test_the_first_mesh_takes_few_round_trips(self):
+        with RangeServer(FOLDER) as server, View(server.url("b.isonest")) as view:
+            status, _ = view.ask("surface", iso=120, triangles=2000)
+            self.assertEqual(status, 200)
+            self.assertLessEqual(json.loads(view.ask("status")[1])["remote"]["round_trips"], 5)
+
+    def test_an_object_that_changes_is_an_error(self):
+        shutil.copy(FOLDER / "b.isonest", FOLDER / "c.isonest")
+        with RangeServer(FOLDER) as server, View(server.url("c.isonest")) as view:
+            self.assertEqual(view.ask("surface", iso=120, triangles=1000)[0], 200)
+            (FOLDER / "c.isonest").write_bytes((FOLDER / "b.isonest").read_bytes()[:-1] + b"x")
+            status, body = view.ask("surface", iso=120, error=0)
+            self.assertEqual(status, 500, body)
+            self.assertIn("changed", json.loads(body)["error"]["message"])
+
+    def test_no_request_names_another_url(self):
+        with RangeServer(FOLDER) as server, View("b.isonest") as view:
+            for name in ("store", "url", "location", "path"):
+                self.assertEqual(view.ask("surface", iso=120, error=12, **{name: server.url("b.isonest")})[0], 400)
+            self.assertEqual(server.requests, 0)
+
+
+try:
+    unittest.main(argv=sys.argv[:1])
+finally:
+    shutil.rmtree(FOLDER)
