@@ -12,6 +12,7 @@ import shutil
 import struct
 import subprocess
 import sys
+import tempfile
 
 import h5py
 import numpy as np
@@ -245,35 +246,59 @@ BAD = {"newer-minor": newer_minor, "newer-minor-misplaced": newer_minor_misplace
 SAME_SINCE_FOOTERS = {*BAD} - {"newer-minor", "newer-minor-misplaced"}
 
 
-def behind_hdf5(data, change):
-    """With another footer and catalogue: change(catalogue, footer) gives both without the checksums."""
-    begin, size, _, end, _ = struct.unpack_from("<5Q", data, len(data) - 64)
-    catalogue, version = change(data[begin:begin + size])
-    numbers = struct.pack("<5QII", begin, len(catalogue), int(checksum(catalogue)), end, begin + len(catalogue) + 64, version, 64)
-    return data[:begin] + catalogue + numbers + struct.pack("<Q", int(checksum(numbers))) + b"IsoNest\n"
-
-
-def later_catalogue(catalogue):
-    """A later 2.x's: a record that is not known, and another kind of attribute."""
-    curl = struct.pack("<IIQ", 1, 9, 36) + b"curl_of".ljust(32, b"\0") + b"curl" + bytes(4)
-    return struct.pack("<IIQ", 77, 3, 5) + b"later" + bytes(3) + catalogue + curl, 1
-
-
-def without_table(catalogue):
-    records = b""
+def records_of(data):
+    """Of the catalogue: tag, detail, content."""
+    begin, size = struct.unpack_from("<2Q", data, len(data) - 64)
+    catalogue, records = data[begin:begin + size], []
     while catalogue:
-        tag, _, size = struct.unpack_from("<IIQ", catalogue)
-        size = 16 + -(-size // 8) * 8
-        records, catalogue = records + (catalogue[:size] if tag != 2 else b""), catalogue[size:]
-    return records, 1
+        tag, detail, size = struct.unpack_from("<IIQ", catalogue)
+        records.append((tag, detail, catalogue[16:16 + size]))
+        catalogue = catalogue[16 + -(-size // 8) * 8:]
+    return records
 
 
-TAILS = {"footer-cut": lambda data: data[:-16],
-         "footer-later": lambda data: behind_hdf5(data, lambda catalogue: (catalogue[:8], 2)),
-         "footer-damaged": lambda data: data[:-40] + b"\1" + data[-39:],
-         "catalogue-damaged": lambda data: data[:-84] + b"\1" + data[-83:],
-         "catalogue-later": lambda data: behind_hdf5(data, later_catalogue),
-         "catalogue-lacks": lambda data: behind_hdf5(data, without_table)}
+def behind_hdf5(data, records):
+    """HDF5's part of a file with a catalogue of these records, and a footer."""
+    catalogue = b"".join(struct.pack("<IIQ", tag, detail, len(content)) + content + bytes(-len(content) % 8)
+                         for tag, detail, content in records)
+    begin = -(-len(data) // 8) * 8
+    numbers = struct.pack("<5QII", begin, len(catalogue), int(checksum(catalogue)), len(data), begin + len(catalogue) + 64, 1, 64)
+    return data.ljust(begin, b"\0") + catalogue + numbers + struct.pack("<Q", int(checksum(numbers))) + b"IsoNest\n"
+
+
+def hdf5_part(data):
+    return data[:struct.unpack_from("<Q", data, len(data) - 40)[0]]
+
+
+def flipped(data, at):
+    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1:]
+
+
+def later_catalogue(data):
+    """A later 2.x's: what is new in it, and records that have grown."""
+    records = records_of(data)
+    with tempfile.NamedTemporaryFile() as file:
+        file.write(data)
+        file.flush()
+        with h5py.File(file.name, "r+", libver=("earliest", "v110")) as f:
+            set_version(f, 2, 99)
+            seal(f)
+            sealed = {name: np.asarray(f.attrs[name]).tobytes() for name in ("version", "xxh64")}
+        data = pathlib.Path(file.name).read_bytes()
+
+    def newer(tag, detail, content):
+        name = content[:32].rstrip(b"\0").decode() if tag == 1 else ""
+        return tag, detail, content[:32] + sealed[name] if name in sealed else content + bytes(8 if tag in (2, 3) else 0)
+
+    later = [(77, 3, b"later"), *(newer(*record) for record in records), (1, 9, b"curl_of".ljust(32, b"\0") + b"curl")]
+    return behind_hdf5(data, later)
+
+
+TAILS = {"footer-cut": hdf5_part,
+         "footer-damaged": lambda data: flipped(data, len(data) - 48),
+         "catalogue-damaged": lambda data: flipped(data, len(data) - 84),
+         "catalogue-later": later_catalogue,
+         "catalogue-lacks": lambda data: behind_hdf5(hdf5_part(data), [r for r in records_of(data) if r[0] != 2])}
 
 BAD_NAMES = {"names-damaged": names_damaged, "names-unordered": names_unordered, "names-no-text": names_no_text}
 
