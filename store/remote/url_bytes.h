@@ -20,7 +20,6 @@
 #include "store/bytes/store_bytes.h"
 #include "store/remote/extents.h"
 #include "store/remote/fetch_loop.h"
-#include "store/remote/join_ranges.h"
 #include "store/remote/object_url.h"
 #include "store/remote/remote_options.h"
 
