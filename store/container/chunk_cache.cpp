@@ -178,6 +178,12 @@ void ChunkCache::announce(std::span<const NeededChunk> needed) {
     }
 }
 
+DecodedChunk ChunkCache::peek(const ArrayInfo& array, const Int3& chunk) const {
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key_of(array, chunk));
+    return found != entries_.end() ? found->second.chunk : nullptr;
+}
+
 DecodedChunk ChunkCache::get(const ArrayInfo& array, const Int3& chunk) {
     const std::uint64_t key = key_of(array, chunk);
     std::unique_lock lock(mutex_);

@@ -63,6 +63,8 @@ class ChunkCache {
     /// Tells the source, together, of those that are not here. Those that are here count as just
     /// used. Throws what ChunkSource::prefetch_all throws.
     void announce(std::span<const NeededChunk> needed);
+    /// The chunk if it is here, decoded; else null.
+    [[nodiscard]] DecodedChunk peek(const ArrayInfo& array, const Int3& chunk) const;
     /// Throws what ChunkSource::decode throws.
     DecodedChunk get(const ArrayInfo& array, const Int3& chunk);
     /// The nodes whose coordinates along the axes in `low` (bits x, y, z; at least one) are the

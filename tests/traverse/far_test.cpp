@@ -150,6 +150,8 @@ std::vector<Case> cases(double iso, double range, const Int3& n) {
     slice.plane = WorldPlane{{1, 0.3, 0.2}, 0.6 * static_cast<double>(n.x)};
     Extraction whole_slice = slice;
     whole_slice.error = 0;
+    Extraction node_slice = fine;
+    node_slice.plane = WorldPlane{{0, 0, 1}, 16};
     Extraction box = fine;
     box.box = WorldBox{{3, 5, 7}, {n.x * 0.6, n.y * 0.5, n.z * 0.7}};
     Extraction closed = box;
@@ -174,6 +176,7 @@ std::vector<Case> cases(double iso, double range, const Int3& n) {
         {"fine", fine, {iso}},
         {"slice", slice, {iso}},
         {"full slice", whole_slice, {iso}},
+        {"slice through nodes", node_slice, {iso}},
         {"box", box, {iso}},
         {"closed box", closed, {iso}},
         {"culled", culled, {iso}},

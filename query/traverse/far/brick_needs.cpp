@@ -8,6 +8,7 @@
 #include "query/march/clip.h"
 #include "query/traverse/bricks/brick_interest.h"
 #include "query/traverse/bricks/cube_nodes.h"
+#include "query/traverse/far/known_stops.h"
 #include "query/view/morton.h"
 #include "query/view/topology.h"
 
@@ -43,7 +44,8 @@ class Reach {
           level_(level),
           brick_(brick),
           half_(run.layout().header().chunk / 2),
-          edge_(std::int64_t{2} << level) {
+          edge_(std::int64_t{2} << level),
+          stops_(run, level, brick) {
         const Int3 low = brick * (2 * half_) * (edge_ / 2);
         is_inside_ =
             overlap_of(query_.box, low, low + Int3{1, 1, 1} * (half_ * edge_)) == Overlap::inside;
@@ -79,7 +81,8 @@ class Reach {
     }
     /// Into which their refinement nodes do, in the indicators of the level above.
     [[nodiscard]] std::bitset<8> fields() const { return fields_; }
-    /// In which octants of the brick they lie.
+    /// In which octants of the brick those lie that may be refined to their subcubes, or whose
+    /// vertices have errors.
     [[nodiscard]] std::bitset<8> octants() const { return octants_; }
     /// In which of the 3 x 3 x 3 chunks around the brick's the nodes are from which gradients at
     /// the cubes' nodes are taken.
@@ -97,7 +100,9 @@ class Reach {
         const unsigned high = equal_axes(local, last);
         combinations_.set(equal_axes(local, {0, 0, 0}) + 8 * high);
         const Int3 twice = local * 2;
-        octants_.set(static_cast<std::size_t>(kOctants.linear(octant_of(twice, half_))));
+        const auto octant = static_cast<std::size_t>(kOctants.linear(octant_of(twice, half_)));
+        octants_[octant] = octants_[octant] || query_.attributes.error.has_value() ||
+                           stops_.may_reach_subcubes(cube, local, mask);
         fields_.set(0);
         if (high != 0) {
             const unsigned mirror = mirror_of(cube);
@@ -142,6 +147,7 @@ class Reach {
     Int3 brick_;
     std::int64_t half_;
     std::int64_t edge_;  ///< of the cubes, in the finest lattice
+    KnownStops stops_;
     bool is_inside_ = false;
     Combinations combinations_;
     Combinations above_;
