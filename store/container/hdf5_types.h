@@ -16,8 +16,9 @@
 
 namespace isonest::detail {
 
-/// Opens the HDF5 part of a store for reading. Invalid where HDF5 cannot. Throws Error{unsupported}
-/// for bytes that are far away.
+/// Opens the HDF5 part of a store for reading. Invalid where HDF5 cannot. REQUIRES: the bytes outlive
+/// the handle. Of bytes that are far away, use reading() (bytes_driver.h) around all that follows.
+/// Throws what their read() throws.
 FileHandle open_hdf5_of(const StoreBytes& bytes);
 
 /// Little endian type of the values.

@@ -9,6 +9,7 @@
 #include "store/container/footer/make_catalogue.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_writer.h"
+#include "store/hdf5/bytes_driver.h"
 
 namespace isonest::detail {
 
@@ -30,6 +31,11 @@ Hdf5View::~Hdf5View() = default;
 
 std::string Hdf5View::read(const ArrayInfo& array, const Int3& chunk,
                            std::vector<std::byte>& out) const {
+    return reading(impl_->file.get(), [&] { return read_chunk(array, chunk, out); });
+}
+
+std::string Hdf5View::read_chunk(const ArrayInfo& array, const Int3& chunk,
+                                 std::vector<std::byte>& out) const {
     const QuietHdf5 quiet;
     const std::string name = StoreLayout::path_of(array);
     if (impl_->name != name) {
@@ -65,10 +71,15 @@ std::string Hdf5View::read(const ArrayInfo& array, const Int3& chunk,
 
 std::optional<std::vector<std::byte>> Hdf5View::catalogue(const StoreLayout& layout,
                                                           std::span<const std::byte> table) const {
-    return make_catalogue(impl_->file.get(), layout, table);
+    return reading(impl_->file.get(),
+                   [&] { return make_catalogue(impl_->file.get(), layout, table); });
 }
 
 std::string Hdf5View::vtk_fault(const StoreHeader& header) const {
+    return reading(impl_->file.get(), [&] { return fault_of_group(header); });
+}
+
+std::string Hdf5View::fault_of_group(const StoreHeader& header) const {
     const QuietHdf5 quiet;
     const GroupHandle group(H5Gopen2(impl_->file.get(), "/VTKHDF", H5P_DEFAULT));
     if (!group.valid()) {
