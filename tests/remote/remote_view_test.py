@@ -26,6 +26,14 @@ if subprocess.run([ISONEST, "view", "--help"], capture_output=True, check=False)
     print("skipped: this build has no isonest view")
     sys.exit(77)
 
+_missing = subprocess.run([ISONEST, "info", "http://127.0.0.1:1/x", "--json"], env=ENVIRONMENT, capture_output=True, text=True,
+                         check=False)
+if _missing.returncode == 5:
+    _remedy = json.loads(_missing.stdout)["error"]["remedies"][0]
+    assert (_remedy["kind"], _remedy["value"]) == ("install_package", "libcurl4-openssl-dev"), _missing.stdout
+    print("skipped: this build reads no URLs, and says so")
+    sys.exit(77)
+
 
 class View:
     def __init__(self, location, *options):
