@@ -39,8 +39,7 @@ class CacheFolder {
     [[nodiscard]] std::optional<std::vector<std::byte>> read(std::uint64_t number,
                                                              std::size_t most);
     /// In place of what has the number. If room has to be made, this takes as long as looking at
-    /// all entries twice, about a second for 200,000; what others write meanwhile, beyond the
-    /// bound, is left out.
+    /// the sizes of all entries twice; what others write meanwhile, beyond the bound, is left out.
     void write(std::uint64_t number, std::span<const std::byte> bytes);
     void remove(std::uint64_t number);
     /// One line that says why the cache is off, or why nothing is added to it. Empty: it works.

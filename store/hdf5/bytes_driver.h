@@ -14,8 +14,8 @@
 namespace isonest::detail {
 
 /// Of far bytes, HDF5's small reads are answered from aligned blocks of kDriverBlock bytes, of
-/// which those used last are held: at most kDriverHolds bytes for each open file. Reads of a block
-/// or more go to the bytes as they are.
+/// which those used last are held: at most kDriverHolds bytes for each open file, and a quarter
+/// more while they come. Reads of a block or more go to the bytes as they are.
 inline constexpr std::size_t kDriverBlock = std::size_t{64} << 10U;
 inline constexpr std::size_t kDriverHolds = std::size_t{4} << 20U;
 
