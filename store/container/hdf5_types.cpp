@@ -3,12 +3,14 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <memory>
 
 #include <isonest/error.h>
 
 #include "store/bytes/store_bytes.h"
 #include "store/container/format.h"
 #include "store/container/label_table.h"
+#include "store/hdf5/bytes_driver.h"
 
 namespace isonest::detail {
 namespace {
@@ -50,9 +52,7 @@ std::optional<std::vector<T>> read_array(hid_t object, const char* name, hid_t m
 
 FileHandle open_hdf5_of(const StoreBytes& bytes) {
     if (bytes.is_far()) {
-        throw Error(ErrorKind::unsupported, {bytes.name()},
-                    "HDF5's structures are only read of local files, and a store without a footer "
-                    "(before version 2.9 of the format) has nothing else");
+        return open_hdf5(std::shared_ptr<const StoreBytes>(std::shared_ptr<void>(), &bytes));
     }
     return open_hdf5(std::filesystem::path(bytes.name()));
 }

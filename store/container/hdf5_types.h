@@ -16,8 +16,9 @@
 
 namespace isonest::detail {
 
-/// Opens the HDF5 part of a store for reading. Invalid where HDF5 cannot. Throws Error{unsupported}
-/// for bytes that are far away.
+/// Opens the HDF5 part of a store for reading; `bytes` must outlive the handle. Invalid where HDF5
+/// cannot. Of a store that is far away, what is then read has to stand in reading(). Throws
+/// Error{io}.
 FileHandle open_hdf5_of(const StoreBytes& bytes);
 
 /// Little endian type of the values.

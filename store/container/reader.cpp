@@ -13,6 +13,7 @@
 #include "store/bytes/file_bytes.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_reader.h"
+#include "store/hdf5/bytes_driver.h"
 #include "store/hdf5/handles.h"
 
 namespace isonest::detail {
@@ -71,14 +72,16 @@ void StoreReader::open_by_hdf5() {
         throw Error(ErrorKind::corrupt, {path_.string()}, "not a store: " + hdf5_cannot_open(),
                     {{RemedyKind::make_store}});
     }
-    const RootAttributes root = read_root_attributes(file.get(), path_.string());
-    take_header(root);
-    read_table(file.get());
-    compare_range();
-    ranges_ = CubeRangeTable(file.get(), layout_, *bytes_);
-    if (root.header.label_names) {
-        label_names_ = LabelTable(LabelTable::find(file.get(), path_.string()), *bytes_);
-    }
+    reading(file.get(), [&] {
+        const RootAttributes root = read_root_attributes(file.get(), path_.string());
+        take_header(root);
+        read_table(file.get());
+        compare_range();
+        ranges_ = CubeRangeTable(file.get(), layout_, *bytes_);
+        if (root.header.label_names) {
+            label_names_ = LabelTable(LabelTable::find(file.get(), path_.string()), *bytes_);
+        }
+    });
 }
 
 /// A newer minor version may have rows behind those of the arrays that are known.
