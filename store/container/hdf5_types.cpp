@@ -52,9 +52,7 @@ std::optional<std::vector<T>> read_array(hid_t object, const char* name, hid_t m
 
 FileHandle open_hdf5_of(const StoreBytes& bytes) {
     if (bytes.is_far()) {
-        // The handle goes first.
-        return open_hdf5(
-            std::shared_ptr<const StoreBytes>(std::shared_ptr<const StoreBytes>(), &bytes));
+        return open_hdf5(std::shared_ptr<const StoreBytes>(std::shared_ptr<void>(), &bytes));
     }
     return open_hdf5(std::filesystem::path(bytes.name()));
 }

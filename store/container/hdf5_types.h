@@ -16,9 +16,9 @@
 
 namespace isonest::detail {
 
-/// Opens the HDF5 part of a store for reading. Invalid where HDF5 cannot. REQUIRES: the bytes outlive
-/// the handle. Of bytes that are far away, use reading() (bytes_driver.h) around all that follows.
-/// Throws what their read() throws.
+/// Opens the HDF5 part of a store for reading; `bytes` must outlive the handle. Invalid where HDF5
+/// cannot. Of a store that is far away, what is then read has to stand in reading(). Throws
+/// Error{io}.
 FileHandle open_hdf5_of(const StoreBytes& bytes);
 
 /// Little endian type of the values.

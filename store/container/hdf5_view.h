@@ -34,9 +34,6 @@ class Hdf5View {
     [[nodiscard]] std::string vtk_fault(const StoreHeader& header) const;
 
   private:
-    [[nodiscard]] std::string read_chunk(const ArrayInfo& array, const Int3& chunk,
-                                         std::vector<std::byte>& out) const;
-    [[nodiscard]] std::string fault_of_group(const StoreHeader& header) const;
     struct Impl;
     std::unique_ptr<Impl> impl_;
 };

@@ -143,7 +143,8 @@ void footer(Bytes bytes) {
     }
     const fs::path path = fresh_store("footer");
     std::string whole = test::read_file(path);
-    FoundCatalogue found = *find_catalogue(FileBytes(path));
+    const FileBytes file(path);
+    const FoundCatalogue found = *find_catalogue(file);
     const auto old = found.bytes.bytes();
     std::vector<std::byte> catalogue(old.begin(), old.end());
     const std::size_t choice = bytes[0] % 4;
