@@ -194,7 +194,7 @@ void FetchLoop::end_request(Active& active, CURLcode code) {
     detach(active);
     active.is_waiting = true;  // until it is sent again
     const CurlRequest::Outcome outcome = active.request->finish(code);
-    if (active.request->received() >= kMuch) {
+    if (outcome.judgement.verdict == Verdict::part && active.request->received() >= kMuch) {
         active.retry.got_on();
     }
     if (outcome.failure) {

@@ -188,12 +188,17 @@ HeldBytes UrlBytes::read(std::uint64_t offset, std::uint64_t size) const {
             continue;
         }
         bool was_read_up = false;
+        std::uint64_t covered = 0;
         for (const ExtentPointer& extent : extents) {
             const std::uint64_t from = std::max(offset, extent->range.offset);
             const std::uint64_t until = std::min(end_of_range(range), end_of_range(extent->range));
             const std::uint64_t read_now = std::min(extent->unread, until - from);
             extent->unread -= read_now;
             was_read_up = was_read_up || (read_now > 0 && extent->unread == 0);
+            covered += until - from;
+        }
+        if (covered != size) {
+            continue;  // something failed between asking and looking
         }
         lock.unlock();
         HeldBytes bytes = held(extents, range);
@@ -211,12 +216,12 @@ std::vector<UrlBytes::ExtentPointer> UrlBytes::extents_for(Lock& lock,
     if (absent.empty()) {
         return extents_.use(range);
     }
+    // What is there is held: room for the rest is not made of it.
+    const std::vector<ExtentPointer> there = extents_.use(range);
     if (cache_ == nullptr) {
         ask(absent, {rounds_ + 1, generation_}, true);
         return extents_.use(range);
     }
-    // Both are held, so that neither is dropped while the lock is not.
-    const std::vector<ExtentPointer> there = extents_.use(range);
     const std::vector<ExtentPointer> wanted = hold_places(absent, {rounds_ + 1, generation_}, true);
     lock.unlock();
     load_from_cache(wanted);
