@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstring>
-#include <exception>
 #include <optional>
 #include <utility>
 
@@ -16,6 +15,11 @@ constexpr std::chrono::milliseconds kCheckEvery{50};
 
 std::uint64_t end_of_range(const ByteRange& range) {
     return range.offset + range.size;
+}
+
+/// Each thread gets an error of its own.
+[[noreturn]] void throw_copy_of(const Error& error) {
+    throw Error(error.kind(), error.place(), error.problem(), error.remedies());
 }
 
 }  // namespace
@@ -43,7 +47,7 @@ class UrlBytes::ExtentJob : public FetchJob {
         }
     }
     void failed(const Error& error, bool is_change) override {
-        const std::exception_ptr failure = std::make_exception_ptr(error);
+        const auto failure = std::make_shared<const Error>(error);
         owner_.end_extent(*extent_, Extent::State::failed, failure);
         if (is_change) {
             const Lock lock(owner_.mutex_);
@@ -93,7 +97,7 @@ class UrlBytes::OpeningJob : public FetchJob {
     }
     void failed(const Error& error, bool /*is_change*/) override {
         const Lock lock(owner_.mutex_);
-        owner_.broken_ = std::make_exception_ptr(error);
+        owner_.broken_ = std::make_shared<const Error>(error);
         owner_.changed_.notify_all();
     }
 
@@ -122,7 +126,7 @@ void UrlBytes::wait_until(Lock& lock, const std::function<bool()>& is_over) cons
     auto next_check = std::chrono::steady_clock::now() + kCheckEvery;
     while (true) {
         if (broken_ != nullptr) {
-            std::rethrow_exception(broken_);
+            throw_copy_of(*broken_);
         }
         if (is_over()) {
             return;
@@ -140,10 +144,10 @@ void UrlBytes::wait_until(Lock& lock, const std::function<bool()>& is_over) cons
 }
 
 void UrlBytes::end_extent(Extent& extent, Extent::State state,
-                          const std::exception_ptr& failure) const {
+                          std::shared_ptr<const Error> failure) const {
     const Lock lock(mutex_);
     extent.state = state;
-    extent.failure = failure;
+    extent.failure = std::move(failure);
     if (state != Extent::State::present) {
         extents_.erase(extent);
     }
@@ -175,7 +179,7 @@ HeldBytes UrlBytes::read(std::uint64_t offset, std::uint64_t size) const {
     Lock lock(mutex_);
     while (true) {
         if (broken_ != nullptr) {
-            std::rethrow_exception(broken_);
+            throw_copy_of(*broken_);
         }
         const std::vector<ExtentPointer> extents = extents_for(lock, range);
         const bool all_there =
@@ -244,7 +248,7 @@ bool UrlBytes::wait_for(Lock& lock, const ExtentPointer& extent, std::uint64_t u
         }
     }
     if (extent->state == Extent::State::failed) {
-        std::rethrow_exception(extent->failure);
+        throw_copy_of(*extent->failure);
     }
     return extent->state != Extent::State::replaced;
 }
