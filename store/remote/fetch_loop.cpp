@@ -104,7 +104,9 @@ void FetchLoop::take_new_jobs() {
         }
         pause_until_.reset();
     }
-    while (active_.size() < static_cast<std::size_t>(basis_.options.parallel_requests)) {
+    const int most = basis_.waits_for_stream ? basis_.options.parallel_streams
+                                             : basis_.options.parallel_requests;
+    while (active_.size() < static_cast<std::size_t>(most)) {
         std::shared_ptr<FetchJob> job = next_();
         if (job == nullptr) {
             return;

@@ -297,6 +297,9 @@ class Faults(unittest.TestCase):
                 error = client.open(server.url("a.bin"))["error"]
                 self.assertIn("certificate is not trusted", error["message"])
                 self.assertEqual(error["remedies"][0]["value"], "SSL_CERT_FILE=CERTIFICATES.pem")
+            with Client(CURL_CA_BUNDLE=str(FOLDER / "none.pem"), SSL_CERT_FILE=str(TLS[0])) as client:
+                error = client.open(server.url("a.bin"))["error"]
+                self.assertEqual(error["remedies"][0]["value"], "CURL_CA_BUNDLE=CERTIFICATES.pem")
             for name in ("SSL_CERT_FILE", "CURL_CA_BUNDLE"):
                 with Client(**{name: str(TLS[0])}) as client:
                     self.assertEqual(client.open(server.url("a.bin"))["size"], SIZE)
