@@ -150,6 +150,7 @@ void FetchLoop::send(Active& active) {
             active.asked.range.offset += bytes.size();
             active.asked.range.size -= bytes.size();
         };
+        plan.body_bytes = &bytes_;
         active.request->prepare(basis_, std::move(plan));
     } catch (...) {
         give_up(active, failure_of_exception());
@@ -158,13 +159,7 @@ void FetchLoop::send(Active& active) {
     ++requests_;
     active.at = Clock::now();
     active.at_start = 0;
-    active.counted = 0;
     curl().curl_multi_add_handle(multi_, active.request->handle());
-}
-
-void FetchLoop::count_bytes(Active& active) {
-    bytes_ += active.request->received() - active.counted;
-    active.counted = active.request->received();
 }
 
 void FetchLoop::detach(Active& active) {
@@ -192,7 +187,6 @@ void FetchLoop::read_messages() {
 }
 
 void FetchLoop::end_request(Active& active, CURLcode code) {
-    count_bytes(active);
     detach(active);
     active.is_waiting = true;  // until it is sent again
     const CurlRequest::Outcome outcome = active.request->finish(code);
@@ -325,7 +319,6 @@ void FetchLoop::look_at_the_clock() {
             }
             continue;
         }
-        count_bytes(active);
         if (now < active.at + basis_.options.slow_time) {
             continue;
         }
