@@ -151,6 +151,7 @@ std::size_t CurlRequest::body_callback(char* data, std::size_t /*one*/, std::siz
                                        void* self) {
     auto& request = *static_cast<CurlRequest*>(self);
     request.received_ += size;
+    *request.plan_.body_bytes += size;
     try {
         return request.take_body(std::as_bytes(std::span(data, size))) ? size : 0;
     } catch (const std::bad_alloc&) {

@@ -1,6 +1,7 @@
 // One request for a part of an object, by libcurl.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -40,6 +41,7 @@ class CurlRequest {
         const Validators* opened = nullptr;  ///< null: the object is being opened
         Begin begin;
         Take take;
+        std::atomic<std::uint64_t>* body_bytes = nullptr;  ///< counts them before they are taken
     };
 
     CurlRequest();

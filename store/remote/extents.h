@@ -4,11 +4,12 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <exception>
 #include <list>
 #include <map>
 #include <memory>
 #include <vector>
+
+#include <isonest/error.h>
 
 #include "store/bytes/store_bytes.h"
 
@@ -32,7 +33,7 @@ struct Extent {
     State state = State::coming;
     std::vector<std::byte> bytes;  ///< empty until the first come
     std::uint64_t received = 0;
-    std::exception_ptr failure = nullptr;
+    std::shared_ptr<const Error> failure = nullptr;
     std::uint64_t unread = 0;      ///< bytes that were asked for and nobody has read yet, about
     std::uint64_t round = 0;       ///< UrlBytes: whom it is a round trip for
     std::uint64_t generation = 0;  ///< of the announcement that it belongs to

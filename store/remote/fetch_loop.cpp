@@ -104,7 +104,9 @@ void FetchLoop::take_new_jobs() {
         }
         pause_until_.reset();
     }
-    while (active_.size() < static_cast<std::size_t>(basis_.options.parallel_requests)) {
+    const int most = basis_.waits_for_stream ? basis_.options.parallel_streams
+                                             : basis_.options.parallel_requests;
+    while (active_.size() < static_cast<std::size_t>(most)) {
         std::shared_ptr<FetchJob> job = next_();
         if (job == nullptr) {
             return;
@@ -148,6 +150,7 @@ void FetchLoop::send(Active& active) {
             active.asked.range.offset += bytes.size();
             active.asked.range.size -= bytes.size();
         };
+        plan.body_bytes = &bytes_;
         active.request->prepare(basis_, std::move(plan));
     } catch (...) {
         give_up(active, failure_of_exception());
@@ -156,13 +159,7 @@ void FetchLoop::send(Active& active) {
     ++requests_;
     active.at = Clock::now();
     active.at_start = 0;
-    active.counted = 0;
     curl().curl_multi_add_handle(multi_, active.request->handle());
-}
-
-void FetchLoop::count_bytes(Active& active) {
-    bytes_ += active.request->received() - active.counted;
-    active.counted = active.request->received();
 }
 
 void FetchLoop::detach(Active& active) {
@@ -190,11 +187,10 @@ void FetchLoop::read_messages() {
 }
 
 void FetchLoop::end_request(Active& active, CURLcode code) {
-    count_bytes(active);
     detach(active);
     active.is_waiting = true;  // until it is sent again
     const CurlRequest::Outcome outcome = active.request->finish(code);
-    if (active.request->received() >= kMuch) {
+    if (outcome.judgement.verdict == Verdict::part && active.request->received() >= kMuch) {
         active.retry.got_on();
     }
     if (outcome.failure) {
@@ -323,7 +319,6 @@ void FetchLoop::look_at_the_clock() {
             }
             continue;
         }
-        count_bytes(active);
         if (now < active.at + basis_.options.slow_time) {
             continue;
         }

@@ -85,7 +85,6 @@ class FetchLoop {
         bool is_waiting = false;     ///< until `at`, to be sent again
         Clock::time_point at = {};   ///< waiting: when it is sent; else the begin of the slow time
         std::uint64_t at_start = 0;  ///< bytes of this request at `at`
-        std::uint64_t counted = 0;   ///< bytes of this request that are in bytes_
     };
 
     void run();
@@ -101,7 +100,6 @@ class FetchLoop {
     void give_up(Active& active, const Failure& failure);
     void finish_with(Active& active, const std::function<void()>& tell);
     void detach(Active& active);
-    void count_bytes(Active& active);
     [[nodiscard]] bool is_own(const std::string& url) const;
 
     RequestBasis basis_;

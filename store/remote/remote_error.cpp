@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdlib>
 
 namespace isonest::detail {
 namespace {
@@ -13,6 +14,12 @@ std::vector<Remedy> credentials_for(bool is_s3_like) {
     return {{RemedyKind::give_credentials,
              is_s3_like ? "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY" : "~/.netrc"},
             {RemedyKind::check_url}};
+}
+
+/// The one that counts (CurlRequest::prepare).
+std::string certificates_variable() {
+    const char* const bundle = std::getenv("CURL_CA_BUNDLE");
+    return bundle != nullptr && *bundle != 0 ? "CURL_CA_BUNDLE" : "SSL_CERT_FILE";
 }
 
 void say_status(Failure& failure, const AnswerHead& head, const std::string& code, bool is_signed) {
@@ -86,7 +93,7 @@ Failure failure_of_transfer(int code, const std::string& text) {
             return {FailureClass::final,
                     fmt::format("the server's certificate is not trusted: {}", text),
                     ErrorKind::io,
-                    {{RemedyKind::set_variable, "SSL_CERT_FILE=CERTIFICATES.pem"}}};
+                    {{RemedyKind::set_variable, certificates_variable() + "=CERTIFICATES.pem"}}};
         case CURLE_GOT_NOTHING:
         case CURLE_PARTIAL_FILE:
         case CURLE_RECV_ERROR:

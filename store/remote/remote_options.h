@@ -28,6 +28,7 @@ struct RemoteOptions {
     /// Of what was fetched and is kept in memory, as long as nobody holds more.
     std::uint64_t budget_bytes = std::uint64_t{64} << 20U;
     int parallel_requests = 16;
+    int parallel_streams = 64;  ///< the same by HTTP/2, where requests share a connection
     RetryPolicy retry = {};
     std::chrono::milliseconds connect_timeout{10'000};
     /// A request fails if fewer than this many bytes come within slow_time.

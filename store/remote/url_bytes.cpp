@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstring>
-#include <exception>
 #include <optional>
 #include <utility>
 
@@ -16,6 +15,11 @@ constexpr std::chrono::milliseconds kCheckEvery{50};
 
 std::uint64_t end_of_range(const ByteRange& range) {
     return range.offset + range.size;
+}
+
+/// Each thread gets an error of its own.
+[[noreturn]] void throw_copy_of(const Error& error) {
+    throw Error(error.kind(), error.place(), error.problem(), error.remedies());
 }
 
 }  // namespace
@@ -43,7 +47,7 @@ class UrlBytes::ExtentJob : public FetchJob {
         }
     }
     void failed(const Error& error, bool is_change) override {
-        const std::exception_ptr failure = std::make_exception_ptr(error);
+        const auto failure = std::make_shared<const Error>(error);
         owner_.end_extent(*extent_, Extent::State::failed, failure);
         if (is_change) {
             const Lock lock(owner_.mutex_);
@@ -93,7 +97,7 @@ class UrlBytes::OpeningJob : public FetchJob {
     }
     void failed(const Error& error, bool /*is_change*/) override {
         const Lock lock(owner_.mutex_);
-        owner_.broken_ = std::make_exception_ptr(error);
+        owner_.broken_ = std::make_shared<const Error>(error);
         owner_.changed_.notify_all();
     }
 
@@ -122,7 +126,7 @@ void UrlBytes::wait_until(Lock& lock, const std::function<bool()>& is_over) cons
     auto next_check = std::chrono::steady_clock::now() + kCheckEvery;
     while (true) {
         if (broken_ != nullptr) {
-            std::rethrow_exception(broken_);
+            throw_copy_of(*broken_);
         }
         if (is_over()) {
             return;
@@ -140,10 +144,10 @@ void UrlBytes::wait_until(Lock& lock, const std::function<bool()>& is_over) cons
 }
 
 void UrlBytes::end_extent(Extent& extent, Extent::State state,
-                          const std::exception_ptr& failure) const {
+                          std::shared_ptr<const Error> failure) const {
     const Lock lock(mutex_);
     extent.state = state;
-    extent.failure = failure;
+    extent.failure = std::move(failure);
     if (state != Extent::State::present) {
         extents_.erase(extent);
     }
@@ -175,7 +179,7 @@ HeldBytes UrlBytes::read(std::uint64_t offset, std::uint64_t size) const {
     Lock lock(mutex_);
     while (true) {
         if (broken_ != nullptr) {
-            std::rethrow_exception(broken_);
+            throw_copy_of(*broken_);
         }
         const std::vector<ExtentPointer> extents = extents_for(lock, range);
         const bool all_there =
@@ -188,12 +192,17 @@ HeldBytes UrlBytes::read(std::uint64_t offset, std::uint64_t size) const {
             continue;
         }
         bool was_read_up = false;
+        std::uint64_t covered = 0;
         for (const ExtentPointer& extent : extents) {
             const std::uint64_t from = std::max(offset, extent->range.offset);
             const std::uint64_t until = std::min(end_of_range(range), end_of_range(extent->range));
             const std::uint64_t read_now = std::min(extent->unread, until - from);
             extent->unread -= read_now;
             was_read_up = was_read_up || (read_now > 0 && extent->unread == 0);
+            covered += until - from;
+        }
+        if (covered != size) {
+            continue;  // something failed between asking and looking
         }
         lock.unlock();
         HeldBytes bytes = held(extents, range);
@@ -211,12 +220,12 @@ std::vector<UrlBytes::ExtentPointer> UrlBytes::extents_for(Lock& lock,
     if (absent.empty()) {
         return extents_.use(range);
     }
+    // What is there is held: room for the rest is not made of it.
+    const std::vector<ExtentPointer> there = extents_.use(range);
     if (cache_ == nullptr) {
         ask(absent, {rounds_ + 1, generation_}, true);
         return extents_.use(range);
     }
-    // Both are held, so that neither is dropped while the lock is not.
-    const std::vector<ExtentPointer> there = extents_.use(range);
     const std::vector<ExtentPointer> wanted = hold_places(absent, {rounds_ + 1, generation_}, true);
     lock.unlock();
     load_from_cache(wanted);
@@ -239,7 +248,7 @@ bool UrlBytes::wait_for(Lock& lock, const ExtentPointer& extent, std::uint64_t u
         }
     }
     if (extent->state == Extent::State::failed) {
-        std::rethrow_exception(extent->failure);
+        throw_copy_of(*extent->failure);
     }
     return extent->state != Extent::State::replaced;
 }

@@ -8,13 +8,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
-#include <exception>
 #include <functional>
 #include <memory>
 #include <mutex>
 #include <span>
 #include <string>
 #include <vector>
+
+#include <isonest/error.h>
 
 #include "store/bytes/range_cache.h"
 #include "store/bytes/store_bytes.h"
@@ -74,7 +75,8 @@ class UrlBytes : public StoreBytes {
     /// All that have a part of the range; what is in none is asked for.
     std::vector<ExtentPointer> extents_for(Lock& lock, const ByteRange& range) const;
     void load_from_cache(const std::vector<ExtentPointer>& wanted) const;
-    void end_extent(Extent& extent, Extent::State state, const std::exception_ptr& failure) const;
+    void end_extent(Extent& extent, Extent::State state,
+                    std::shared_ptr<const Error> failure) const;
     static HeldBytes held(const std::vector<ExtentPointer>& extents, const ByteRange& range);
     // With the lock held:
     void ask_for_announced() const;
@@ -95,7 +97,7 @@ class UrlBytes : public StoreBytes {
     mutable std::deque<ExtentPointer> hinted_;
     mutable std::deque<std::vector<ExtentPointer>> to_load_;  ///< announced; cache_ may have them
     mutable std::deque<Announced> announced_;
-    mutable std::exception_ptr broken_;  ///< nothing can be read any more
+    mutable std::shared_ptr<const Error> broken_;  ///< nothing can be read any more
     mutable std::uint64_t rounds_ = 0;
     mutable std::uint64_t generation_ = 0;
     mutable std::atomic<std::uint64_t> cache_bytes_{0};
