@@ -329,7 +329,7 @@ class Store(Extracting):
         Raises FileNotFoundError if there is no program, and what the program says as subclasses of
         :class:`isonest.Error`.
         """
-        return _view.start(self._location if self._core.is_remote else self.path, name=str(self.path), port=port,
+        return _view.start(self._location if self._core.is_remote else self.path, shown=str(self.path), port=port,
                            memory=memory, threads=threads, open=open, height=height, program=program,
                            **({"headers": self._access["headers"], "cache": self._access["cache"]}
                               if self._core.is_remote else {}))

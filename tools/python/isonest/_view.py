@@ -93,7 +93,7 @@ class View:
                 f'<p><a href="{url}" target="_blank" rel="noopener">{name} in a tab of its own</a></p>')
 
 
-def start(store: "os.PathLike[str] | str", *, name: str, port: int, memory: Bytes, threads: int, open: Optional[bool],
+def start(store: "os.PathLike[str] | str", *, shown: str, port: int, memory: Bytes, threads: int, open: Optional[bool],
           height: int, program: "os.PathLike[str] | str | None", headers: "Optional[list[str]]" = None,
           cache: "os.PathLike[str] | str | None" = None) -> View:
     """What :meth:`isonest.Store.view` does. ``headers``: None for a file."""
@@ -128,7 +128,7 @@ def start(store: "os.PathLike[str] | str", *, name: str, port: int, memory: Byte
     except BaseException:
         _end(process, errors, os.getpid())
         raise
-    view = View(process, errors, name if headers is not None else location, url, int(height))
+    view = View(process, errors, shown if headers is not None else location, url, int(height))
     if (not _in_notebook() if open is None else open) and not webbrowser.open(url):
         warnings.warn(f"no browser could be opened: open {url} by hand", RuntimeWarning, stacklevel=3)
     return view
