@@ -20,11 +20,13 @@ Span common(const Span& a, const Span& b) {
     return {std::max(a[0], b[0]), std::min(a[1], b[1])};
 }
 
-/// What the pencil `at` needs along an axis.
+/// What the pencil `at` needs along an axis. A margin that lies outside is the nearest row.
 Span needed(const PencilCut& needing, const HaloArray& array, int axis, std::int64_t at) {
-    return common({array.scale * at * needing.cells - array.before,
+    const std::int64_t last = array.size[axis] - 1;
+    const std::int64_t first = array.scale * at * needing.cells - array.before;
+    return common({array.before > 0 ? std::min(first, last) : first,
                    array.scale * (at + 1) * needing.cells + array.behind},
-                  {0, array.size[axis] - 1});
+                  {0, last});
 }
 
 /// What a pencil made along an axis.
