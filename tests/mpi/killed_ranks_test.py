@@ -111,9 +111,10 @@ class KilledRanks(unittest.TestCase):
             for old in (self.folder / "out").iterdir():
                 old.unlink()
             process = ranks.started(3, self.program, *self.preprocess())
-            while not ranks.processes_of(self.program) and process.poll() is None:
+            # Not before all ranks are there: mpirun itself may hang if they end while they start.
+            while not list((self.folder / "out").iterdir()) and process.poll() is None:
                 pass
-            time.sleep(generator.uniform(0.05, 0.6))
+            time.sleep(generator.uniform(0, 0.3))
             for rank in ranks.processes_of(self.program):
                 try:
                     os.kill(rank, signal.SIGTERM)
