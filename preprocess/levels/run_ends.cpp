@@ -71,9 +71,9 @@ std::string identity_of(const StoreHeader& h, const VolumeSource& source, bool r
                "format {}.{}\n{}nodes {} {} {}\ntype {}\nspacing {} {} {}\norigin {} {} {}\nchunk "
                "{}\n"
                "compression {}\nexact {}\nindicators {}\n",
-               kFormatMajor, minor_version_of(h), input, h.nodes.x, h.nodes.y, h.nodes.z,
-               name_of(h.type), h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1],
-               h.origin[2], h.chunk, h.compression, h.exact, list_names(h.fields)) +
+               kFormatMajor, kFormatMinor, input, h.nodes.x, h.nodes.y, h.nodes.z, name_of(h.type),
+               h.spacing[0], h.spacing[1], h.spacing[2], h.origin[0], h.origin[1], h.origin[2],
+               h.chunk, h.compression, h.exact, list_names(h.fields)) +
            (h.direction == kAlongWorld
                 ? ""
                 : fmt::format("direction {}\n", fmt::join(vtk_direction(h.direction), " "))) +

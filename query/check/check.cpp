@@ -5,10 +5,14 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <string>
+#include <vector>
 
 #include <isonest/error.h>
 
 #include "query/check/check_cube_ranges.h"
+#include "query/check/check_footer.h"
 #include "query/check/check_levels.h"
 #include "query/check/check_source.h"
 #include "query/check/findings.h"
@@ -87,6 +91,7 @@ class Checker {
         }
         if (share_.is_first()) {
             vtk_group();
+            check_footer(store_, findings_);
         }
         check_cube_ranges(store_, cache_, quick, findings_, progress_, share_);
         if (options_.depth == CheckDepth::deep) {
@@ -158,7 +163,7 @@ class Checker {
 
     void stored(const ArrayInfo& array, const Int3& chunk) {
         findings_.count(0, 1);
-        if (checksum_of(store_.stored(array, chunk)) != store_.row(array, chunk).checksum) {
+        if (checksum_of(store_.stored(array, chunk).bytes()) != store_.row(array, chunk).checksum) {
             findings_.add_damaged("checksum", array, chunk,
                                   "the stored bytes are not those that were written; restore the "
                                   "store from a good copy");
@@ -166,7 +171,15 @@ class Checker {
     }
 
     void vtk_group() {
-        const std::string fault = Hdf5View(store_.path()).vtk_fault(layout_.header());
+        std::string fault;
+        try {
+            fault = Hdf5View(store_.bytes()).vtk_fault(layout_.header());
+        } catch (const Error& error) {
+            if (error.kind() != ErrorKind::corrupt) {
+                throw;
+            }
+            fault = error.problem();
+        }
         if (!fault.empty()) {
             findings_.add("hdf5", layout_.array(0, Field::values), {0, 0, 0}, kWholeChunk, fault);
         }
@@ -186,7 +199,16 @@ class Checker {
 
     /// What other HDF5 programs find under the chunk's place is what the table says.
     void hdf5_view() {
-        const Hdf5View view(store_.path());
+        std::optional<Hdf5View> opened;
+        try {
+            opened.emplace(store_.bytes());
+        } catch (const Error& error) {
+            if (error.kind() != ErrorKind::corrupt) {
+                throw;
+            }
+            return;  // vtk_group() says so
+        }
+        const Hdf5View& view = *opened;
         std::vector<std::byte> bytes;
         const std::vector<std::uint64_t> first_damaged = damaged_first_chunks();
         progress_.begin("HDF5", layout_.rows() / static_cast<std::uint64_t>(share_.size()),
@@ -205,7 +227,8 @@ class Checker {
                     continue;
                 }
                 const std::string fault = view.read(array, chunk, bytes);
-                const auto ours = store_.stored(array, chunk);
+                const HeldBytes held = store_.stored(array, chunk);
+                const auto ours = held.bytes();
                 if (!fault.empty()) {
                     findings_.add("hdf5", array, chunk, kWholeChunk, fault);
                 } else if (!std::equal(bytes.begin(), bytes.end(), ours.begin(), ours.end())) {

@@ -17,7 +17,7 @@ namespace isonest::detail {
 /// One thing that is wrong.
 struct Finding {
     /// "table", "checksum", "decode", "range", "injection", "saturation", "indicator", "cube
-    /// range", "hdf5", "source" or "bound".
+    /// range", "hdf5", "footer", "source" or "bound".
     std::string test;
     std::string field;
     int level = 0;

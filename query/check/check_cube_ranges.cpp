@@ -41,6 +41,18 @@ class RangeChecks {
           progress_(progress),
           share_(share) {}
 
+    /// Of a store that is far, ranges of fine levels are not read.
+    [[nodiscard]] bool is_read(int level) const {
+        try {
+            return store_.cube_range(level, {0, 0, 0}).has_value();
+        } catch (const Error& error) {
+            if (error.kind() != ErrorKind::corrupt) {
+                throw;
+            }
+            return true;  // planes() says so
+        }
+    }
+
     /// Whether every `every`th plane is whole.
     bool planes(int level, std::int64_t every) {
         const std::int64_t all = layout_.lattice().cells_at(level).z;
@@ -158,6 +170,9 @@ void check_cube_ranges(const StoreReader& store, ChunkCache& cache, bool quick, 
     bool finer_whole = false;
     const std::int64_t every = quick ? quick_stride(store.layout()) : 1;
     for (int level = kFirstRangeLevel; store.layout().has_cube_ranges(level); ++level) {
+        if (store.is_far() && !checks.is_read(level)) {
+            continue;
+        }
         const bool whole = checks.planes(level, every);
         if (quick || !whole) {
             finer_whole = false;

@@ -13,7 +13,8 @@ namespace isonest::detail {
 /// Compares the planes of ranges with their checksums (if `quick`: a sample of at most 256 MiB)
 /// and, unless `quick`, the ranges with the values of level 0 and with those of the finer level.
 /// Adds what it finds to `findings`, as test "cube range". Of ranks each compares its share;
-/// collective then. Throws Error{cancelled}.
+/// collective then. Of a store that is far, ranges that are not read are not checked. Throws
+/// Error{cancelled}.
 void check_cube_ranges(const StoreReader& store, ChunkCache& cache, bool quick, Findings& findings,
                        Progress& progress, const RankShare& share);
 

@@ -11,9 +11,9 @@ namespace isonest::detail {
 namespace {
 
 constexpr std::size_t kMostFindings = 100;
-constexpr std::array<std::string_view, 11> kTests{
+constexpr std::array<std::string_view, 12> kTests{
     "table",     "checksum",   "decode", "range",  "injection", "saturation",
-    "indicator", "cube range", "hdf5",   "source", "bound"};
+    "indicator", "cube range", "hdf5",   "footer", "source",    "bound"};
 
 /// Numbers and texts, one behind the other.
 struct Writer {

@@ -1,8 +1,5 @@
 #include "query/extract/info.h"
 
-#include <cmath>
-#include <limits>
-
 namespace isonest::detail {
 
 std::vector<ArrayReport> describe_arrays(const StoreReader& store) {
@@ -17,14 +14,10 @@ std::vector<ArrayReport> describe_arrays(const StoreReader& store) {
         report.chunks = static_cast<std::uint64_t>(array.grid.product());
         report.raw_bytes = static_cast<std::uint64_t>(array.nodes.product() * array.components) *
                            array.codec.element_size;
-        report.min = std::numeric_limits<double>::infinity();
-        report.max = -report.min;
-        for (std::int64_t i = 0; i < array.grid.product(); ++i) {
-            const ChunkRow row = store.row(array, array.grid.unlinear(i));
-            report.stored_bytes += row.bytes;
-            report.min = std::fmin(report.min, row.min);
-            report.max = std::fmax(report.max, row.max);
-        }
+        const ArrayTotals totals = store.totals(array);
+        report.stored_bytes = totals.bytes;
+        report.min = totals.min;
+        report.max = totals.max;
         reports.push_back(report);
     }
     return reports;

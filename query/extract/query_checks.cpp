@@ -38,7 +38,14 @@ void require_sense(const TriangleBudget& asked) {
 double largest_of(const StoreReader& store, Field field) {
     double largest = 0;
     for (const ArrayInfo& array : store.layout().arrays()) {
-        for (std::int64_t i = 0; array.field == field && i < array.grid.product(); ++i) {
+        if (array.field != field) {
+            continue;
+        }
+        if (const double max = store.totals(array).max; std::isfinite(max)) {
+            largest = std::max(largest, max);
+            continue;
+        }
+        for (std::int64_t i = 0; i < array.grid.product(); ++i) {
             const double max = store.row(array, array.grid.unlinear(i)).max;
             largest = std::isfinite(max) ? std::max(largest, max) : largest;
         }

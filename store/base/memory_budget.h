@@ -11,7 +11,8 @@ namespace isonest::detail {
 
 /// Heap that no budget divides: the program's own, HDF5's and TBB's. Measured by
 /// tools/bench/peak_heap.cpp: 1.2 to 3.4 MB on a store of 9^3 nodes, by any command that draws no
-/// picture; the rest is for what grows slowly (HDF5's caches, TBB's tasks, names of parts).
+/// picture; the rest is for what grows slowly (HDF5's caches, TBB's tasks, names of parts), and for
+/// what is kept of a store that is far away (at most 5.6 MB: ChunkTable, CubeRangeTable).
 inline constexpr std::uint64_t kLibraryHeap = std::uint64_t{10} << 20U;
 
 /// Throws Error{limit} if `memory` is less than `least` (bytes). The error's place is `subject`; it

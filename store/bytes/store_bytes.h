@@ -16,6 +16,11 @@ struct ByteRange {
     std::uint64_t size = 0;
 };
 
+/// Whether `size` bytes from `offset` on lie in a file of `of` bytes.
+inline bool lies_within(std::uint64_t offset, std::uint64_t size, std::uint64_t of) {
+    return offset <= of && size <= of - offset;
+}
+
 /// Bytes that stay where they are while this is held; copies hold them, too.
 class HeldBytes {
   public:

@@ -143,13 +143,13 @@ AnalysisFile::Arrays AnalysisFile::arrays_of(std::int64_t root, std::size_t i) {
         if (count == 0 || each == 0) {
             return std::span<const std::byte>();
         }
-        const auto span = dataset.valid() && each <= most / count
-                              ? contiguous(dataset.get(), count * each, file_.bytes())
-                              : std::span<const std::byte>();
-        if (span.empty()) {
+        const auto offset = dataset.valid() && each <= most / count
+                                ? offset_of(dataset.get(), count * each, most)
+                                : std::nullopt;
+        if (!offset) {
             damaged(fmt::format("{} of step {} are missing or cut off", name, i));
         }
-        return span;
+        return file_.bytes().subspan(*offset, count * each);
     };
     steps_.push_back(step);
     return {bytes("positions", step.vertices, kPositionBytes),

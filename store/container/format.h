@@ -1,7 +1,6 @@
 // What a store contains and where, derived from its header alone. FORMAT.md is the normative text.
 #pragma once
 
-#include <algorithm>
 #include <compare>
 #include <cstdint>
 #include <optional>
@@ -20,7 +19,7 @@
 namespace isonest::detail {
 
 inline constexpr std::uint32_t kFormatMajor = 2;
-inline constexpr std::uint32_t kFormatMinor = 8;
+inline constexpr std::uint32_t kFormatMinor = 9;
 /// Of the format in which a store is written.
 struct FormatVersion {
     std::uint64_t major = kFormatMajor;
@@ -60,17 +59,6 @@ struct StoreHeader {
     /// `fields` on each level, and are not read.
     std::vector<std::string> unknown_fields = {};
 };
-
-/// The minor version that a store of this header has: the oldest that knows all that is in it.
-inline std::uint32_t minor_version_of(const StoreHeader& header) {
-    const bool cells = std::any_of(header.fields.begin(), header.fields.end(), is_of_cells);
-    return header.label_names                ? 8
-           : header.unit                     ? 7
-           : header.labels                   ? 6
-           : header.direction != kAlongWorld ? 5
-           : cells                           ? 4
-                                             : 3;
-}
 
 /// One row of the chunk table, as stored (little endian, 40 bytes).
 struct ChunkRow {

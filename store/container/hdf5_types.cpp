@@ -2,10 +2,15 @@
 
 #include <fmt/format.h>
 
+#include <filesystem>
+#include <memory>
+
 #include <isonest/error.h>
 
+#include "store/bytes/store_bytes.h"
 #include "store/container/format.h"
 #include "store/container/label_table.h"
+#include "store/hdf5/bytes_driver.h"
 
 namespace isonest::detail {
 namespace {
@@ -44,6 +49,13 @@ std::optional<std::vector<T>> read_array(hid_t object, const char* name, hid_t m
 }
 
 }  // namespace
+
+FileHandle open_hdf5_of(const StoreBytes& bytes) {
+    if (bytes.is_far()) {
+        return open_hdf5(std::shared_ptr<const StoreBytes>(std::shared_ptr<void>(), &bytes));
+    }
+    return open_hdf5(std::filesystem::path(bytes.name()));
+}
 
 TypeHandle file_type(ValueType type) {
     return dispatch(type, [](auto tag) {
@@ -104,14 +116,13 @@ int rank_of(const ArrayInfo& array) {
     return array.field == Field::values ? 3 : 4;
 }
 
-std::span<const std::byte> contiguous(hid_t dataset, std::uint64_t size,
-                                      std::span<const std::byte> file) {
+std::optional<std::uint64_t> offset_of(hid_t dataset, std::uint64_t size,
+                                       std::uint64_t file_bytes) {
     const haddr_t offset = H5Dget_offset(dataset);
-    if (offset == HADDR_UNDEF || H5Dget_storage_size(dataset) != size || offset > file.size() ||
-        size > file.size() - offset) {
-        return {};
-    }
-    return file.subspan(offset, size);
+    return offset != HADDR_UNDEF && H5Dget_storage_size(dataset) == size &&
+                   lies_within(offset, size, file_bytes)
+               ? std::optional<std::uint64_t>(offset)
+               : std::nullopt;
 }
 
 void write_attribute(hid_t object, const char* name, std::uint32_t value) {
@@ -175,9 +186,7 @@ std::optional<std::uint64_t> header_digest(hid_t root) {
     constexpr std::size_t kLongest = 8192;
     const QuietHdf5 quiet;
     Checksum sum;
-    for (const char* const name :
-         {"version", "flags", "nodes", "spacing", "origin", "value_type", "chunk", "compression",
-          "exact", "fields", "range", "has_missing"}) {
+    for (const char* const name : kDigested) {
         const AttributeHandle attribute(H5Aopen(root, name, H5P_DEFAULT));
         if (!attribute.valid()) {
             return std::nullopt;

@@ -10,10 +10,16 @@
 
 #include <isonest/value_type.h>
 
+#include "store/bytes/store_bytes.h"
 #include "store/container/format.h"
 #include "store/hdf5/handles.h"
 
 namespace isonest::detail {
+
+/// Opens the HDF5 part of a store for reading; `bytes` must outlive the handle. Invalid where HDF5
+/// cannot. Of a store that is far away, what is then read has to stand in reading(). Throws
+/// Error{io}.
+FileHandle open_hdf5_of(const StoreBytes& bytes);
 
 /// Little endian type of the values.
 TypeHandle file_type(ValueType type);
@@ -38,10 +44,9 @@ void write_attribute(hid_t object, const char* name, const std::vector<std::uint
 void write_attribute(hid_t object, const char* name, const std::vector<std::int64_t>& values);
 void write_attribute(hid_t object, const char* name, const std::vector<double>& values);
 
-/// The bytes of a dataset that lies in the file in one piece; none if it does not, or has another
-/// size than `size` bytes.
-std::span<const std::byte> contiguous(hid_t dataset, std::uint64_t size,
-                                      std::span<const std::byte> file);
+/// Where a dataset begins that lies in a file of `file_bytes` in one piece; nothing if it does not,
+/// or has another size than `size` bytes.
+std::optional<std::uint64_t> offset_of(hid_t dataset, std::uint64_t size, std::uint64_t file_bytes);
 
 /// Empty if the attribute is missing or not `count` numbers; never allocates more than that.
 std::optional<std::vector<std::uint64_t>> read_integers(hid_t object, const char* name,
@@ -49,6 +54,11 @@ std::optional<std::vector<std::uint64_t>> read_integers(hid_t object, const char
 std::optional<std::vector<double>> read_numbers(hid_t object, const char* name, std::size_t count);
 /// Empty if the attribute is missing or not a fixed-length text of at most 4096 bytes.
 std::optional<std::string> read_text(hid_t object, const char* name);
+
+/// The attributes that the header's `xxh64` covers, in this order.
+inline constexpr std::array<const char*, 12> kDigested{
+    "version", "flags",       "nodes", "spacing", "origin", "value_type",
+    "chunk",   "compression", "exact", "fields",  "range",  "has_missing"};
 
 /// XXH64 of the header's attributes, `version` to `has_missing` (FORMAT.md, section 2); empty if
 /// one is missing or of another kind.

@@ -6,22 +6,27 @@
 
 #include <isonest/error.h>
 
+#include "store/container/footer/make_catalogue.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_writer.h"
+#include "store/hdf5/bytes_driver.h"
 
 namespace isonest::detail {
 
 struct Hdf5View::Impl {
     FileHandle file;
-    std::string name;  ///< of the open dataset
+    std::string opened;  ///< the dataset's name
     DatasetHandle dataset;
+
+    std::string read(const ArrayInfo& array, const Int3& chunk, std::vector<std::byte>& out);
+    [[nodiscard]] std::string vtk_fault(const StoreHeader& header) const;
 };
 
-Hdf5View::Hdf5View(const std::filesystem::path& path) : impl_(std::make_unique<Impl>()) {
+Hdf5View::Hdf5View(const StoreBytes& bytes) : impl_(std::make_unique<Impl>()) {
     const QuietHdf5 quiet;
-    impl_->file = open_hdf5(path);
+    impl_->file = open_hdf5_of(bytes);
     if (!impl_->file.valid()) {
-        throw Error(ErrorKind::corrupt, {path.string()}, hdf5_cannot_open());
+        throw Error(ErrorKind::corrupt, {bytes.name()}, hdf5_cannot_open());
     }
 }
 
@@ -29,17 +34,26 @@ Hdf5View::~Hdf5View() = default;
 
 std::string Hdf5View::read(const ArrayInfo& array, const Int3& chunk,
                            std::vector<std::byte>& out) const {
+    return reading(impl_->file.get(), [&] { return impl_->read(array, chunk, out); });
+}
+
+std::string Hdf5View::vtk_fault(const StoreHeader& header) const {
+    return reading(impl_->file.get(), [&] { return impl_->vtk_fault(header); });
+}
+
+std::string Hdf5View::Impl::read(const ArrayInfo& array, const Int3& chunk,
+                                 std::vector<std::byte>& out) {
     const QuietHdf5 quiet;
     const std::string name = StoreLayout::path_of(array);
-    if (impl_->name != name) {
-        impl_->name = name;
-        impl_->dataset = DatasetHandle(H5Dopen2(impl_->file.get(), name.c_str(), H5P_DEFAULT));
+    if (opened != name) {
+        opened = name;
+        dataset = DatasetHandle(H5Dopen2(file.get(), name.c_str(), H5P_DEFAULT));
     }
-    if (!impl_->dataset.valid()) {
+    if (!dataset.valid()) {
         return "HDF5 cannot open the dataset: " + hdf5_message();
     }
-    const hid_t dataset = impl_->dataset.get();
-    const SpaceHandle space(H5Dget_space(dataset));
+    const hid_t data = dataset.get();
+    const SpaceHandle space(H5Dget_space(data));
     std::array<hsize_t, 4> dims{};
     const int rank = rank_of(array);
     const auto expected = dims_of(array.nodes, array.components);
@@ -50,21 +64,27 @@ std::string Hdf5View::read(const ArrayInfo& array, const Int3& chunk,
     }
     const auto at = dims_of(array.first_node(chunk), 0);
     hsize_t size = 0;
-    if (H5Dget_chunk_storage_size(dataset, at.data(), &size) < 0 ||
+    if (H5Dget_chunk_storage_size(data, at.data(), &size) < 0 ||
         size > 2 * array.chunk_bytes() + 4096) {
         return "HDF5 does not find the chunk: " + hdf5_message();
     }
     out.resize(size);
     std::uint32_t skipped_filters = 0;
-    if (H5Dread_chunk(dataset, H5P_DEFAULT, at.data(), &skipped_filters, out.data()) < 0) {
+    if (H5Dread_chunk(data, H5P_DEFAULT, at.data(), &skipped_filters, out.data()) < 0) {
         return "HDF5 cannot read the chunk: " + hdf5_message();
     }
     return skipped_filters == 0 ? "" : "a filter of the chunk is marked as skipped";
 }
 
-std::string Hdf5View::vtk_fault(const StoreHeader& header) const {
+std::optional<std::vector<std::byte>> Hdf5View::catalogue(const StoreLayout& layout,
+                                                          std::span<const std::byte> table) const {
+    return reading(impl_->file.get(),
+                   [&] { return make_catalogue(impl_->file.get(), layout, table); });
+}
+
+std::string Hdf5View::Impl::vtk_fault(const StoreHeader& header) const {
     const QuietHdf5 quiet;
-    const GroupHandle group(H5Gopen2(impl_->file.get(), "/VTKHDF", H5P_DEFAULT));
+    const GroupHandle group(H5Gopen2(file.get(), "/VTKHDF", H5P_DEFAULT));
     if (!group.valid()) {
         return "there is no group /VTKHDF: VTK and ParaView cannot open the store";
     }
@@ -89,7 +109,7 @@ std::string Hdf5View::vtk_fault(const StoreHeader& header) const {
     }
     H5O_info_t ours{};
     H5O_info_t theirs{};
-    if (H5Oget_info_by_name(impl_->file.get(), "/levels/0/values", &ours, H5P_DEFAULT) < 0 ||
+    if (H5Oget_info_by_name(file.get(), "/levels/0/values", &ours, H5P_DEFAULT) < 0 ||
         H5Oget_info_by_name(group.get(), "PointData/values", &theirs, H5P_DEFAULT) < 0 ||
         ours.addr != theirs.addr || ours.fileno != theirs.fileno) {
         return "/VTKHDF/PointData/values is not the dataset /levels/0/values";

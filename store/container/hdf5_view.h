@@ -1,10 +1,14 @@
 // A store's chunks as HDF5 itself finds them: by the index of each dataset, not by our table.
 #pragma once
 
-#include <filesystem>
+#include <cstddef>
 #include <memory>
+#include <optional>
+#include <span>
+#include <string>
 #include <vector>
 
+#include "store/bytes/store_bytes.h"
 #include "store/container/format.h"
 
 namespace isonest::detail {
@@ -12,8 +16,8 @@ namespace isonest::detail {
 /// Thread-safety: one thread at a time, and no other HDF5 call meanwhile.
 class Hdf5View {
   public:
-    /// Throws Error{corrupt} if HDF5 cannot open the file.
-    explicit Hdf5View(const std::filesystem::path& path);
+    /// Throws Error{corrupt} if HDF5 cannot open the file, and what open_hdf5_of() throws.
+    explicit Hdf5View(const StoreBytes& bytes);
     Hdf5View(const Hdf5View&) = delete;
     Hdf5View& operator=(const Hdf5View&) = delete;
     ~Hdf5View();
@@ -21,6 +25,10 @@ class Hdf5View {
     /// The stored bytes of a chunk; returns what is wrong, or nothing. The chunk may have at most
     /// twice its decoded bytes.
     std::string read(const ArrayInfo& array, const Int3& chunk, std::vector<std::byte>& out) const;
+
+    /// The catalogue that the store should have: see make_catalogue().
+    [[nodiscard]] std::optional<std::vector<std::byte>> catalogue(
+        const StoreLayout& layout, std::span<const std::byte> table) const;
 
     /// What is wrong with the group by which VTK finds the volume, or nothing.
     [[nodiscard]] std::string vtk_fault(const StoreHeader& header) const;

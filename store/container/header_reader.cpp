@@ -3,7 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
 #include <optional>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include <isonest/error.h>
@@ -19,18 +24,118 @@ namespace {
 constexpr FormatVersion kNewest{kFormatMajor, kFormatMinor};
 constexpr FormatVersion kOldest{1, 0};
 
+/// Attributes of a root group, wherever they are. Empty where one is missing or another kind.
+class Attributes {
+  public:
+    Attributes() = default;
+    Attributes(const Attributes&) = delete;
+    Attributes& operator=(const Attributes&) = delete;
+    virtual ~Attributes() = default;
+    [[nodiscard]] virtual std::optional<std::string> text(const char* name) const = 0;
+    [[nodiscard]] virtual std::optional<std::vector<std::uint64_t>> integers(
+        const char* name, std::size_t count) const = 0;
+    [[nodiscard]] virtual std::optional<std::vector<double>> numbers(const char* name,
+                                                                     std::size_t count) const = 0;
+    /// Of those in kDigested.
+    [[nodiscard]] virtual std::optional<std::uint64_t> digest() const = 0;
+    [[nodiscard]] virtual bool has_label_names() const = 0;
+};
+
+class Hdf5Attributes : public Attributes {
+  public:
+    explicit Hdf5Attributes(hid_t root) : root_(root) {}
+    [[nodiscard]] std::optional<std::string> text(const char* name) const override {
+        return read_text(root_, name);
+    }
+    [[nodiscard]] std::optional<std::vector<std::uint64_t>> integers(
+        const char* name, std::size_t count) const override {
+        return read_integers(root_, name, count);
+    }
+    [[nodiscard]] std::optional<std::vector<double>> numbers(const char* name,
+                                                             std::size_t count) const override {
+        return read_numbers(root_, name, count);
+    }
+    [[nodiscard]] std::optional<std::uint64_t> digest() const override {
+        return header_digest(root_);
+    }
+    [[nodiscard]] bool has_label_names() const override {
+        return H5Lexists(root_, LabelTable::kPath, H5P_DEFAULT) > 0;
+    }
+
+  private:
+    hid_t root_;
+};
+
+class CatalogueAttributes : public Attributes {
+  public:
+    explicit CatalogueAttributes(const Catalogue& catalogue) : catalogue_(catalogue) {}
+    [[nodiscard]] std::optional<std::string> text(const char* name) const override {
+        const CatalogueAttribute* const found = catalogue_.find(name);
+        if (found == nullptr || found->kind != AttributeKind::text) {
+            return std::nullopt;
+        }
+        std::string text(reinterpret_cast<const char*>(found->bytes.data()), found->bytes.size());
+        text.resize(text.find_last_not_of('\0') + 1);
+        return text;
+    }
+    [[nodiscard]] std::optional<std::vector<std::uint64_t>> integers(
+        const char* name, std::size_t count) const override {
+        const CatalogueAttribute* const found = catalogue_.find(name);
+        if (found == nullptr) {
+            return std::nullopt;
+        }
+        return found->kind == AttributeKind::u32 ? read<std::uint32_t, std::uint64_t>(*found, count)
+               : found->kind == AttributeKind::u64
+                   ? read<std::uint64_t, std::uint64_t>(*found, count)
+                   : std::nullopt;
+    }
+    [[nodiscard]] std::optional<std::vector<double>> numbers(const char* name,
+                                                             std::size_t count) const override {
+        const CatalogueAttribute* const found = catalogue_.find(name);
+        return found != nullptr && found->kind == AttributeKind::f64
+                   ? read<double, double>(*found, count)
+                   : std::nullopt;
+    }
+    [[nodiscard]] std::optional<std::uint64_t> digest() const override {
+        Checksum sum;
+        for (const char* const name : kDigested) {
+            const CatalogueAttribute* const found = catalogue_.find(name);
+            if (found == nullptr) {
+                return std::nullopt;
+            }
+            sum.add(found->bytes);
+        }
+        return sum.value();
+    }
+    [[nodiscard]] bool has_label_names() const override { return catalogue_.names.has_value(); }
+
+  private:
+    template <class Stored, class T>
+    static std::optional<std::vector<T>> read(const CatalogueAttribute& attribute,
+                                              std::size_t count) {
+        std::vector<Stored> stored(count);
+        if (attribute.bytes.size() != count * sizeof(Stored)) {
+            return std::nullopt;
+        }
+        std::memcpy(stored.data(), attribute.bytes.data(), attribute.bytes.size());
+        return std::vector<T>(stored.begin(), stored.end());
+    }
+
+    const Catalogue& catalogue_;
+};
+
 class Reader {
   public:
-    Reader(hid_t root, const std::string& file) : root_(root), file_(file) {}
+    Reader(const Attributes& root, const std::string& file) : root_(root), file_(file) {}
 
     RootAttributes read() {
-        if (read_text(root_, "format") != kFormatName) {
+        if (root_.text("format") != kFormatName) {
             throw Error(ErrorKind::corrupt, {file_}, "an HDF5 file, but not an isonest store",
                         {{RemedyKind::make_store}});
         }
         read_version();
         read_flags();
-        if (read_integers(root_, "complete", 1) != std::vector<std::uint64_t>{1}) {
+        if (root_.integers("complete", 1) != std::vector<std::uint64_t>{1}) {
             throw Error(ErrorKind::corrupt, {file_}, "the store is incomplete",
                         {{RemedyKind::preprocess_again}});
         }
@@ -53,7 +158,7 @@ class Reader {
     }
 
     void read_version() {
-        const auto version = read_integers(root_, "version", 2);
+        const auto version = root_.integers("version", 2);
         if (!version) {
             damaged("no version");
         }
@@ -69,7 +174,7 @@ class Reader {
     }
 
     void read_flags() {
-        const auto flags = read_integers(root_, "flags", 1);
+        const auto flags = root_.integers("flags", 1);
         if (!flags) {
             damaged("no flags");
         }
@@ -88,23 +193,23 @@ class Reader {
         if (out_.version < FormatVersion{2, 3}) {
             return;
         }
-        const auto digest = read_integers(root_, "xxh64", 1);
-        if (!digest || header_digest(root_) != (*digest)[0]) {
+        const auto digest = root_.integers("xxh64", 1);
+        if (!digest || root_.digest() != (*digest)[0]) {
             damaged("damaged: its attributes are not those that were written");
         }
     }
 
     void read_numbers_and_names() {
-        const auto nodes = read_integers(root_, "nodes", 3);
-        const auto spacing = read_numbers(root_, "spacing", 3);
-        const auto origin = read_numbers(root_, "origin", 3);
-        const auto type = read_text(root_, "value_type");
-        const auto chunk = read_integers(root_, "chunk", 1);
-        const auto compression = read_integers(root_, "compression", 1);
-        const auto exact = read_integers(root_, "exact", 1);
-        const auto fields = read_text(root_, "fields");
-        const auto range = read_numbers(root_, "range", 2);
-        const auto missing = read_integers(root_, "has_missing", 1);
+        const auto nodes = root_.integers("nodes", 3);
+        const auto spacing = root_.numbers("spacing", 3);
+        const auto origin = root_.numbers("origin", 3);
+        const auto type = root_.text("value_type");
+        const auto chunk = root_.integers("chunk", 1);
+        const auto compression = root_.integers("compression", 1);
+        const auto exact = root_.integers("exact", 1);
+        const auto fields = root_.text("fields");
+        const auto range = root_.numbers("range", 2);
+        const auto missing = root_.integers("has_missing", 1);
         if (!nodes || !spacing || !origin || !type || !chunk || !compression || !exact || !fields ||
             !range || !missing || !value_type_from_name(*type) || (*chunk)[0] > kMaxChunk) {
             damaged("damaged");
@@ -122,8 +227,7 @@ class Reader {
         if (out_.version >= FormatVersion{2, 7}) {
             read_unit();
         }
-        header.label_names = out_.version >= FormatVersion{2, 8} &&
-                             H5Lexists(root_, LabelTable::kPath, H5P_DEFAULT) > 0;
+        header.label_names = out_.version >= FormatVersion{2, 8} && root_.has_label_names();
         header.type = *value_type_from_name(*type);
         if (header.labels && header.type != ValueType::f64) {
             damaged("damaged: labels of 64 bits are float64");
@@ -137,8 +241,8 @@ class Reader {
     }
 
     void read_direction() {
-        const auto numbers = read_numbers(root_, "direction", 9);
-        const auto digest = read_integers(root_, "direction_xxh64", 1);
+        const auto numbers = root_.numbers("direction", 9);
+        const auto digest = root_.integers("direction_xxh64", 1);
         Directions& direction = out_.header.direction;
         for (std::size_t i = 0; numbers && i < 9; ++i) {
             direction.at(i / 3).at(i % 3) = (*numbers)[i];
@@ -151,8 +255,8 @@ class Reader {
 
     /// Newer versions may know more of them.
     void read_unit() {
-        const auto symbol = read_text(root_, "unit");
-        const auto digest = read_integers(root_, "unit_xxh64", 1);
+        const auto symbol = root_.text("unit");
+        const auto digest = root_.integers("unit_xxh64", 1);
         if (!symbol && !digest) {
             return;
         }
@@ -201,7 +305,7 @@ class Reader {
         }
     }
 
-    hid_t root_;
+    const Attributes& root_;
     const std::string& file_;
     bool turned_ = false;  ///< the axes are not along the world's
     RootAttributes out_;
@@ -210,7 +314,11 @@ class Reader {
 }  // namespace
 
 RootAttributes read_root_attributes(std::int64_t root, const std::string& file) {
-    return Reader(root, file).read();
+    return Reader(Hdf5Attributes(root), file).read();
+}
+
+RootAttributes read_root_attributes(const Catalogue& catalogue, const std::string& file) {
+    return Reader(CatalogueAttributes(catalogue), file).read();
 }
 
 }  // namespace isonest::detail

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <string>
 
+#include "store/container/footer/catalogue.h"
 #include "store/container/format.h"
 
 namespace isonest::detail {
@@ -20,5 +21,7 @@ struct RootAttributes {
 /// `root`: HDF5's identifier of the root group; `file`: its name, for errors.
 /// Throws Error{unsupported} for what a newer version may mean, and Error{corrupt}.
 RootAttributes read_root_attributes(std::int64_t root, const std::string& file);
+/// The same from a catalogue.
+RootAttributes read_root_attributes(const Catalogue& catalogue, const std::string& file);
 
 }  // namespace isonest::detail

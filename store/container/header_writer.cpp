@@ -51,8 +51,7 @@ std::vector<double> vtk_direction(const Directions& direction) {
 
 void write_header(hid_t root, const StoreHeader& header) {
     write_attribute(root, "format", std::string(kFormatName));
-    write_attribute(root, "version",
-                    std::vector<std::uint32_t>{kFormatMajor, minor_version_of(header)});
+    write_attribute(root, "version", std::vector<std::uint32_t>{kFormatMajor, kFormatMinor});
     const bool turned = header.direction != kAlongWorld;
     write_attribute(root, "flags",
                     (turned ? kHasDirection : std::uint32_t{0}) |

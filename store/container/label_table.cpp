@@ -15,38 +15,46 @@ namespace isonest::detail {
 namespace {
 
 constexpr std::byte kHasColor{1};
+constexpr const char* kOtherForm = "it has another form than the format's";
+
+[[noreturn]] void names_damaged(const std::string& name, const std::string& problem) {
+    throw Error(ErrorKind::corrupt, {name, "names of labels"}, "damaged: " + problem,
+                {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
+}
 
 }  // namespace
 
-LabelTable::LabelTable(std::int64_t file, std::span<const std::byte> bytes,
-                       const std::string& name) {
+CatalogueNames LabelTable::find(std::int64_t file, const std::string& name) {
     const QuietHdf5 quiet;
-    const auto damaged = [&](const std::string& problem) {
-        throw Error(ErrorKind::corrupt, {name, "names of labels"}, "damaged: " + problem,
-                    {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
-    };
-    if (H5Lexists(file, kPath, H5P_DEFAULT) <= 0) {
-        return;
-    }
     const DatasetHandle table(H5Dopen2(file, kPath, H5P_DEFAULT));
     if (!table.valid()) {
-        damaged("the dataset cannot be opened");
+        names_damaged(name, "the dataset cannot be opened");
     }
     const SpaceHandle space(H5Dget_space(table.get()));
     const TypeHandle type(H5Dget_type(table.get()));
     const hssize_t rows = H5Sget_simple_extent_npoints(space.get());
     const std::size_t row_bytes = H5Tget_size(type.get());
     const auto sum = read_integers(table.get(), "xxh64", 1);
-    if (rows < 1 || rows > static_cast<hssize_t>(LabelName::kMostOfStore) ||
-        row_bytes <= LabelRow::kName || row_bytes > LabelRow::kName + LabelName::kMostBytes ||
-        !sum) {
-        damaged("it has another form than the format's");
+    const haddr_t offset = H5Dget_offset(table.get());
+    if (!sum || rows < 1 || offset == HADDR_UNDEF ||
+        H5Dget_storage_size(table.get()) != static_cast<std::uint64_t>(rows) * row_bytes) {
+        names_damaged(name, kOtherForm);
     }
-    row_bytes_ = row_bytes;
-    rows_ = contiguous(table.get(), static_cast<std::uint64_t>(rows) * row_bytes, bytes);
-    if (rows_.empty() || checksum_of(rows_) != (*sum)[0]) {
-        rows_ = {};
-        damaged("its bytes are not those that were written");
+    return {offset, static_cast<std::uint64_t>(rows), row_bytes, (*sum)[0]};
+}
+
+LabelTable::LabelTable(const CatalogueNames& place, const StoreBytes& bytes)
+    : row_bytes_(place.row_bytes) {
+    const std::string& name = bytes.name();
+    if (place.rows < 1 || place.rows > LabelName::kMostOfStore ||
+        place.row_bytes <= LabelRow::kName ||
+        place.row_bytes > LabelRow::kName + LabelName::kMostBytes ||
+        !lies_within(place.offset, place.rows * place.row_bytes, bytes.size())) {
+        names_damaged(name, kOtherForm);
+    }
+    held_ = bytes.read(place.offset, place.rows * place.row_bytes);
+    if (checksum_of(rows()) != place.xxh64) {
+        names_damaged(name, "its bytes are not those that were written");
     }
     std::int64_t before = 0;
     for (std::size_t i = 0; i < size(); ++i) {
@@ -54,24 +62,24 @@ LabelTable::LabelTable(std::int64_t file, std::span<const std::byte> bytes,
         const std::string why = why_no_label_names({&label, 1});
         if (!why.empty() || (i > 0 && label.id <= before) ||
             label.name.find('\0') != std::string::npos) {
-            damaged(why.empty() ? "its rows are not by rising ids" : why);
+            names_damaged(name, why.empty() ? "its rows are not by rising ids" : why);
         }
         before = label.id;
     }
 }
 
 std::size_t LabelTable::size() const {
-    return rows_.size() / row_bytes_;
+    return rows().size() / row_bytes_;
 }
 
 std::int64_t LabelTable::id_at(std::size_t i) const {
     std::int64_t id = 0;
-    std::memcpy(&id, rows_.data() + i * row_bytes_, sizeof(id));
+    std::memcpy(&id, rows().data() + i * row_bytes_, sizeof(id));
     return id;
 }
 
 LabelName LabelTable::at(std::size_t i) const {
-    const std::byte* const row = rows_.data() + i * row_bytes_;
+    const std::byte* const row = rows().data() + i * row_bytes_;
     LabelName label;
     label.id = id_at(i);
     if ((row[LabelRow::kFlags] & kHasColor) != std::byte{0}) {

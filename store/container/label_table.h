@@ -11,6 +11,9 @@
 
 #include <isonest/label_name.h>
 
+#include "store/bytes/store_bytes.h"
+#include "store/container/footer/catalogue.h"
+
 namespace isonest::detail {
 
 /// Where the members of a row begin.
@@ -21,16 +24,19 @@ struct LabelRow {
     static constexpr std::size_t kName = kColor + std::tuple_size_v<LabelColor>;
 };
 
-/// Rows as they are stored, in the map of the store. Thread-safety: const methods from any thread.
+/// Rows as they are stored. Thread-safety: const methods from any thread.
 class LabelTable {
   public:
     /// Of the dataset there.
     static constexpr const char* kPath = "/label_names";
 
     LabelTable() = default;
-    /// `file`: HDF5's identifier, `bytes`: the same file, mapped; `name` is used in messages.
-    /// Nothing if it has no such dataset. Throws Error{corrupt}.
-    LabelTable(std::int64_t file, std::span<const std::byte> bytes, const std::string& name);
+    /// Throws Error{corrupt, io}. REQUIRES: `bytes` outlives this.
+    LabelTable(const CatalogueNames& place, const StoreBytes& bytes);
+
+    /// Where the rows lie by HDF5's structures; `file`: its identifier, `name`: of the store, for
+    /// messages. REQUIRES: there is such a dataset. Throws Error{corrupt}.
+    static CatalogueNames find(std::int64_t file, const std::string& name);
 
     [[nodiscard]] std::size_t size() const;
     /// The rows are by rising ids. REQUIRES: i < size().
@@ -41,7 +47,9 @@ class LabelTable {
   private:
     [[nodiscard]] std::int64_t id_at(std::size_t i) const;
 
-    std::span<const std::byte> rows_;
+    [[nodiscard]] std::span<const std::byte> rows() const { return held_.bytes(); }
+
+    HeldBytes held_;
     std::size_t row_bytes_ = 1;
 };
 

@@ -4,13 +4,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
+#include <utility>
+#include <vector>
 
 #include <isonest/error.h>
 
+#include "store/bytes/file_bytes.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_reader.h"
+#include "store/hdf5/bytes_driver.h"
 #include "store/hdf5/handles.h"
 
 namespace isonest::detail {
@@ -20,55 +23,91 @@ void StoreReader::fail_corrupt(const std::string& inside, const std::string& pro
                 {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
 }
 
-StoreReader::StoreReader(const std::filesystem::path& path) : path_(path), file_(path) {
-    const QuietHdf5 quiet;
-    const FileHandle file = open_hdf5(path_);
-    if (!file.valid()) {
-        throw Error(ErrorKind::corrupt, {path_.string()}, "not a store: " + hdf5_cannot_open(),
-                    {{RemedyKind::make_store}});
+StoreReader::StoreReader(const std::filesystem::path& path)
+    : StoreReader(std::make_shared<const FileBytes>(path)) {}
+
+StoreReader::StoreReader(std::shared_ptr<const StoreBytes> bytes)
+    : path_(bytes->name()), bytes_(std::move(bytes)), found_(find_catalogue(*bytes_)) {
+    if (found_) {
+        open_by_catalogue();
+    } else {
+        open_by_hdf5();
     }
-    const RootAttributes root = read_root_attributes(file.get(), path_.string());
+}
+
+void StoreReader::take_header(const RootAttributes& root) {
     version_ = root.version;
     range_ = root.range;
-    has_missing_ = root.has_missing != 0;
+    has_missing_ = root.has_missing;
     try {
         layout_ = StoreLayout(root.header);
     } catch (const Error& error) {
         fail_corrupt("header", "damaged: " + error.problem());
     }
-    map_table(file.get());
-    compare_range(root.has_missing);
-    ranges_ = CubeRangeTable(file.get(), layout_, file_.bytes(), path_.string());
-    if (root.header.label_names) {
-        label_names_ = LabelTable(file.get(), file_.bytes(), path_.string());
+}
+
+void StoreReader::open_by_catalogue() {
+    const Catalogue& catalogue = found_->catalogue;
+    take_header(read_root_attributes(catalogue, path_.string()));
+    const auto& table = catalogue.table;
+    const bool newer = version_ > FormatVersion{};
+    if (!table || table->rows > file_bytes() / sizeof(ChunkRow) ||
+        !lies_within(table->offset, table->rows * sizeof(ChunkRow), file_bytes()) ||
+        table->rows < layout_.rows() || (table->rows > layout_.rows() && !newer)) {
+        fail_corrupt("chunk table", "missing, or longer or shorter than the header says");
+    }
+    identity_ = table->xxh64;
+    table_ = ChunkTable(*bytes_, *found_);
+    ranges_ = CubeRangeTable(catalogue, layout_, *bytes_);
+    if (catalogue.names) {
+        label_names_ = LabelTable(*catalogue.names, *bytes_);
     }
 }
 
+/// Of stores before 2.9, and of those that an HDF5 program has changed, whose footer is gone then.
+void StoreReader::open_by_hdf5() {
+    const QuietHdf5 quiet;
+    const FileHandle file = open_hdf5_of(*bytes_);
+    if (!file.valid()) {
+        throw Error(ErrorKind::corrupt, {path_.string()}, "not a store: " + hdf5_cannot_open(),
+                    {{RemedyKind::make_store}});
+    }
+    reading(file.get(), [&] {
+        const RootAttributes root = read_root_attributes(file.get(), path_.string());
+        take_header(root);
+        read_table(file.get());
+        compare_range();
+        ranges_ = CubeRangeTable(file.get(), layout_, *bytes_);
+        if (root.header.label_names) {
+            label_names_ = LabelTable(LabelTable::find(file.get(), path_.string()), *bytes_);
+        }
+    });
+}
+
 /// A newer minor version may have rows behind those of the arrays that are known.
-void StoreReader::map_table(std::int64_t root) {
+void StoreReader::read_table(std::int64_t root) {
     const DatasetHandle table(H5Dopen2(root, "chunks", H5P_DEFAULT));
     const auto sum = table.valid() ? read_integers(table.get(), "xxh64", 1) : std::nullopt;
     std::uint64_t size = layout_.rows() * sizeof(ChunkRow);
+    std::optional<std::uint64_t> offset;
     if (table.valid()) {
         if (version_ > FormatVersion{}) {
             size = std::max<std::uint64_t>(size, H5Dget_storage_size(table.get()));
         }
-        table_ = contiguous(table.get(), size, file_.bytes());
+        offset = offset_of(table.get(), size, file_bytes());
     }
-    if (!sum || table_.empty()) {
+    if (!sum || !offset) {
         fail_corrupt("chunk table", "missing, or longer or shorter than the header says");
     }
-    if (checksum_of(table_) != (*sum)[0]) {
+    const HeldBytes rows = bytes_->read(*offset, size);
+    identity_ = checksum_of(rows.bytes());
+    if (identity_ != (*sum)[0]) {
         fail_corrupt("chunk table", "damaged");
     }
+    table_ = ChunkTable(rows);
 }
 
-std::uint64_t StoreReader::identity() const {
-    return checksum_of(table_);
-}
-
-/// The header's range and has_missing are those of the chunk table.
-void StoreReader::compare_range(std::uint64_t has_missing) const {
+void StoreReader::compare_range() const {
     double low = std::numeric_limits<double>::infinity();
     double high = -low;
     std::uint64_t missing = 0;
@@ -79,12 +118,12 @@ void StoreReader::compare_range(std::uint64_t has_missing) const {
         high = std::fmax(high, chunk.max);
         missing |= chunk.flags & kChunkHasMissing;
     }
-    if (range_ != std::array{low, high} || has_missing != missing) {
+    if (range_ != std::array{low, high} || has_missing_ != missing) {
         fail_corrupt(
             "header",
             fmt::format("it says that values go from {} to {}{}, the chunk table from {} to {}{}: "
                         "one of them is damaged",
-                        range_[0], range_[1], has_missing != 0 ? ", some missing" : "", low, high,
+                        range_[0], range_[1], has_missing_ != 0 ? ", some missing" : "", low, high,
                         missing != 0 ? ", some missing" : ""));
     }
 }
@@ -94,32 +133,71 @@ std::optional<CubeRange> StoreReader::cube_range(int level, const Int3& cube) co
 }
 
 ChunkRow StoreReader::row(const ArrayInfo& array, const Int3& chunk) const {
-    ChunkRow row;
-    std::memcpy(&row, table_.data() + array.row_of(chunk) * sizeof(ChunkRow), sizeof(ChunkRow));
-    if (row.offset > file_bytes() || row.bytes > file_bytes() - row.offset) {
+    const ChunkRow row = table_.row(array.row_of(chunk));
+    if (!lies_within(row.offset, row.bytes, file_bytes())) {
         fail_corrupt(array.place(chunk), "lies outside the file; it was cut off");
     }
     return row;
 }
 
-std::span<const std::byte> StoreReader::stored(const ArrayInfo& array, const Int3& chunk) const {
+ArrayTotals StoreReader::totals(const ArrayInfo& array) const {
+    const auto chunks = static_cast<std::uint64_t>(array.grid.product());
+    if (found_) {
+        const ArrayTotals* const totals = found_->catalogue.totals_of(array.first_row, chunks);
+        if (totals != nullptr) {
+            return *totals;
+        }
+    }
+    ArrayTotals totals{.first_row = array.first_row, .chunks = chunks};
+    for (std::int64_t i = 0; i < array.grid.product(); ++i) {
+        totals.add(StoreReader::row(array, array.grid.unlinear(i)));
+    }
+    return totals;
+}
+
+HeldBytes StoreReader::stored(const ArrayInfo& array, const Int3& chunk) const {
     const ChunkRow r = row(array, chunk);
-    return file_.bytes().subspan(r.offset, r.bytes);
+    return bytes_->read(r.offset, r.bytes);
 }
 
 void StoreReader::decode(const ArrayInfo& array, const Int3& chunk,
                          std::span<std::byte> raw) const {
     const ChunkRow r = row(array, chunk);
-    const auto bytes = file_.bytes().subspan(r.offset, r.bytes);
-    if (checksum_of(bytes) != r.checksum) {
+    const HeldBytes held = bytes_->read(r.offset, r.bytes);
+    if (checksum_of(held.bytes()) != r.checksum) {
         fail_corrupt(array.place(chunk), "damaged: its bytes are not those that were written");
     }
-    decode_chunk(bytes, array.codec, raw, {path_.string(), array.place(chunk)});
+    decode_chunk(held.bytes(), array.codec, raw, {path_.string(), array.place(chunk)});
 }
 
 void StoreReader::prefetch(const ArrayInfo& array, const Int3& chunk) const {
     const ChunkRow r = row(array, chunk);
-    file_.prefetch(r.offset, r.bytes);
+    const ByteRange range{r.offset, r.bytes};
+    bytes_->want({&range, 1});
+}
+
+void StoreReader::prefetch_all(std::span<const WantedChunk> chunks) const {
+    if (!is_far()) {
+        ChunkSource::prefetch_all(chunks);
+        return;
+    }
+    std::vector<std::uint64_t> rows;
+    std::vector<const WantedChunk*> inside;
+    for (const WantedChunk& wanted : chunks) {
+        if (wanted.array->grid == max(wanted.array->grid, wanted.chunk + Int3{1, 1, 1})) {
+            rows.push_back(wanted.array->row_of(wanted.chunk));
+            inside.push_back(&wanted);
+        }
+    }
+    table_.want(rows);
+    std::vector<ByteRange> ranges;
+    for (const WantedChunk* const wanted : inside) {
+        const ChunkRow r = row(*wanted->array, wanted->chunk);
+        ranges.push_back({r.offset, r.bytes});
+    }
+    if (!ranges.empty()) {
+        bytes_->want(ranges);
+    }
 }
 
 }  // namespace isonest::detail

@@ -1,60 +1,86 @@
-// Opens a finished store: the header through HDF5, then everything through a read-only map.
+// Opens a finished store by its catalogue, or where there is none, through HDF5.
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
 
+#include "store/bytes/store_bytes.h"
 #include "store/container/chunk_source.h"
 #include "store/container/cube_range_table.h"
+#include "store/container/footer/chunk_table.h"
+#include "store/container/footer/footer.h"
+#include "store/container/header_reader.h"
 #include "store/container/label_table.h"
-#include "store/files/mapped_file.h"
 
 namespace isonest::detail {
 
-/// A finished store. After the constructor there is no HDF5 call.
-/// Thread-safety: const methods from any thread.
+/// A finished store. After the constructor there is no HDF5 call; where the store has a footer,
+/// none in it either. Thread-safety: const methods from any thread.
 class StoreReader : public ChunkSource {
   public:
     /// Throws Error{not_found}, Error{corrupt} (not a store, incomplete, damaged table),
     /// Error{unsupported} (what another version may mean, by name: FORMAT.md, section 2).
     explicit StoreReader(const std::filesystem::path& path);
+    /// The same, and Error{io}.
+    explicit StoreReader(std::shared_ptr<const StoreBytes> bytes);
 
+    /// A file, or the name of the bytes.
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
     [[nodiscard]] const StoreLayout& layout() const override { return layout_; }
     /// Of the format in which it was written.
     [[nodiscard]] const FormatVersion& version() const { return version_; }
-    [[nodiscard]] std::uint64_t file_bytes() const { return file_.bytes().size(); }
+    [[nodiscard]] std::uint64_t file_bytes() const { return bytes_->size(); }
+    [[nodiscard]] const StoreBytes& bytes() const { return *bytes_; }
+    /// Null if the store was opened through HDF5.
+    [[nodiscard]] const FoundCatalogue* catalogue() const { return found_ ? &*found_ : nullptr; }
     /// Smallest and largest finite value of level 0; min > max if there is none.
     [[nodiscard]] double min_value() const { return range_[0]; }
     [[nodiscard]] double max_value() const { return range_[1]; }
-    [[nodiscard]] bool has_missing() const { return has_missing_; }
+    [[nodiscard]] bool has_missing() const { return has_missing_ != 0; }
     /// Names and colours of labels.
     [[nodiscard]] const LabelTable& label_names() const { return label_names_; }
     /// XXH64 of the chunk table, which holds the checksums of all chunks: tells stores of other
     /// values apart.
-    [[nodiscard]] std::uint64_t identity() const;
+    [[nodiscard]] std::uint64_t identity() const { return identity_; }
+    /// What the rows of an array say together. Of a store with a footer without reading them.
+    /// Throws Error{corrupt, io}.
+    [[nodiscard]] ArrayTotals totals(const ArrayInfo& array) const;
 
-    /// The row, checked against the file's size. Throws Error{corrupt}.
+    /// The row, checked against the file's size. Throws Error{corrupt, io}.
     [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override;
-    /// The stored bytes of a chunk, in the map.
-    [[nodiscard]] std::span<const std::byte> stored(const ArrayInfo& array,
-                                                    const Int3& chunk) const;
+    /// The stored bytes of a chunk; of a local file, in its map. Throws Error{corrupt, io}.
+    [[nodiscard]] HeldBytes stored(const ArrayInfo& array, const Int3& chunk) const;
     void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
     void prefetch(const ArrayInfo& array, const Int3& chunk) const override;
+    [[nodiscard]] bool is_far() const override { return bytes_->is_far(); }
+    /// Of a store that is far: what of the chunk table is needed for it is waited for.
+    void prefetch_all(std::span<const WantedChunk> chunks) const override;
+    /// Of a store that is far, coarse levels' alone: see CubeRangeTable.
     [[nodiscard]] std::optional<CubeRange> cube_range(int level, const Int3& cube) const override;
+    /// Compares the header's range and has_missing with the chunk table. Throws Error{corrupt}.
+    void compare_range() const;
 
   private:
     [[noreturn]] void fail_corrupt(const std::string& inside, const std::string& problem) const;
-    void map_table(std::int64_t root);
-    void compare_range(std::uint64_t has_missing) const;
+    void open_by_catalogue();
+    void open_by_hdf5();
+    void take_header(const RootAttributes& root);
+    void read_table(std::int64_t root);
 
     std::filesystem::path path_;
-    MappedFile file_;
+    std::shared_ptr<const StoreBytes> bytes_;
+    std::optional<FoundCatalogue> found_;
     StoreLayout layout_;
     FormatVersion version_;
     std::array<double, 2> range_{};
-    bool has_missing_ = false;
-    std::span<const std::byte> table_;  ///< the chunk table
+    std::uint64_t has_missing_ = 0;
+    std::uint64_t identity_ = 0;
+    ChunkTable table_;
     CubeRangeTable ranges_;
     LabelTable label_names_;
 };

@@ -24,6 +24,8 @@
 #include <isonest/value_type.h>
 
 #include "store/base/label_text.h"
+#include "store/container/footer/footer.h"
+#include "store/container/footer/make_catalogue.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_writer.h"
 #include "store/container/label_table.h"
@@ -84,6 +86,8 @@ struct StoreWriter::Impl {
     void create_array(const ArrayInfo& array);
     void write_vtk_group() const;
     void write_table() const;
+    /// Behind HDF5's end of the file, which is closed.
+    void append_footer(const std::vector<std::byte>& catalogue) const;
     /// In one piece.
     DatasetHandle create_whole(const std::string& name, hid_t type,
                                std::span<const hsize_t> dims) const;
@@ -199,6 +203,30 @@ void StoreWriter::Impl::write_table() const {
     const DatasetHandle table = write_whole("/chunks", chunk_row_type().get(), count, rows.data());
     write_attribute(table.get(), "xxh64", checksum_of(std::as_bytes(rows)));
     write_attribute(file.get(), "complete", std::uint32_t{1});
+}
+
+void StoreWriter::Impl::append_footer(const std::vector<std::byte>& catalogue) const {
+    const int fd = ::open(unfinished.name().c_str(), O_WRONLY | O_CLOEXEC | O_NOFOLLOW);
+    const off_t end = fd < 0 ? -1 : ::lseek(fd, 0, SEEK_END);
+    bool good = end >= 0;
+    if (good) {
+        const std::vector<std::byte> bytes =
+            bytes_behind_hdf5(static_cast<std::uint64_t>(end), catalogue);
+        for (std::size_t done = 0; good && done < bytes.size();) {
+            const ssize_t n = ::write(fd, bytes.data() + done, bytes.size() - done);
+            good = n > 0 || (n < 0 && errno == EINTR);
+            errno = n == 0 ? ENOSPC : errno;
+            done += n > 0 ? static_cast<std::size_t>(n) : 0;
+        }
+    }
+    const int error = errno;
+    if (fd >= 0) {
+        good = ::close(fd) == 0 && good;
+    }
+    if (!good) {
+        throw Error(ErrorKind::io, {path.string()},
+                    fmt::format("cannot write the footer: {}", std::strerror(error)));
+    }
 }
 
 DatasetHandle StoreWriter::Impl::create_whole(const std::string& name, const hid_t type,
@@ -463,6 +491,11 @@ void StoreWriter::finish() {
                     "names of labels were not written as the header says; this is a bug");
     }
     impl_->write_table();
+    const auto catalogue = make_catalogue(impl_->file.get(), impl_->layout,
+                                          std::as_bytes(std::span<const ChunkRow>(impl_->rows)));
+    if (!catalogue) {
+        impl_->fail("read back what the catalogue is made of");
+    }
     bool closed = true;
     for (DatasetHandle& dataset : impl_->datasets) {
         closed = (!dataset.valid() || dataset.close()) && closed;
@@ -471,6 +504,7 @@ void StoreWriter::finish() {
     if (!closed) {
         impl_->fail("close the file");
     }
+    impl_->append_footer(*catalogue);
     impl_->unfinished.publish();
 }
 

@@ -3,6 +3,7 @@
 #include <hdf5.h>
 
 #include <algorithm>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <string_view>
@@ -13,6 +14,8 @@
 #include "preprocess/sources/label_names/label_file.h"
 #include "preprocess/sources/wrapping/named_labels_source.h"
 #include "query/check/check.h"
+#include "store/bytes/file_bytes.h"
+#include "store/container/footer/footer.h"
 #include "store/container/hdf5_types.h"
 #include "tests/support/test_support.h"
 #include "tools/drawing/input/ply_reader.h"
@@ -130,6 +133,45 @@ void chunk_table(Bytes bytes) {
     H5Dclose(table);
     H5Fclose(file);
     use_store(path);
+}
+
+/// The first byte: whether the catalogue is changed, or the footer with or without a right
+/// checksum.
+void footer(Bytes bytes) {
+    if (bytes.empty()) {
+        return;
+    }
+    const fs::path path = fresh_store("footer");
+    std::string whole = test::read_file(path);
+    const FileBytes file(path);
+    const FoundCatalogue found = *find_catalogue(file);
+    const auto old = found.bytes.bytes();
+    std::vector<std::byte> catalogue(old.begin(), old.end());
+    const std::size_t choice = bytes[0] % 4;
+    const auto patch = [&](std::byte* raw, std::size_t size) {
+        // Groups of a place (two bytes) and a word that goes there.
+        for (Bytes rest = bytes.subspan(1); rest.size() >= 10; rest = rest.subspan(10)) {
+            const std::size_t at = (rest[0] + std::size_t{256} * rest[1]) % size;
+            std::memcpy(raw + at, rest.data() + 2, std::min<std::size_t>(8, size - at));
+        }
+    };
+    if (choice < 2) {
+        patch(catalogue.data(), catalogue.size());
+    }
+    whole.resize(found.footer.hdf5_end);
+    std::vector<std::byte> tail = bytes_behind_hdf5(found.footer.hdf5_end, catalogue);
+    if (choice == 2) {
+        patch(tail.data() + tail.size() - kFooterBytes, kFooterBytes);
+    } else if (choice == 3) {  // a right checksum of a footer that says anything
+        std::byte* const last = tail.data() + tail.size() - kFooterBytes;
+        constexpr std::size_t kSummed = 48;
+        patch(last, 40);
+        const std::uint64_t sum = checksum_of({last, kSummed});
+        std::memcpy(last + kSummed, &sum, sizeof(sum));
+    }
+    whole.append(reinterpret_cast<const char*>(tail.data()), tail.size());
+    use_store(
+        written("footer", {reinterpret_cast<const std::uint8_t*>(whole.data()), whole.size()}));
 }
 
 void label_table(Bytes bytes) {
@@ -324,6 +366,7 @@ const std::vector<Target>& targets() {
     static const std::vector<Target> all{{"open_store", open_store},
                                          {"store_header", store_header},
                                          {"chunk_table", chunk_table},
+                                         {"footer", footer},
                                          {"label_table", label_table},
                                          {"label_file", label_file},
                                          {"chunk_decode", chunk_decode},

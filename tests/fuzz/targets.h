@@ -16,7 +16,8 @@ using Bytes = std::span<const std::uint8_t>;
 /// else (another exception, a crash, a hang, much memory) is a finding.
 void open_store(Bytes bytes);    ///< a file as a store: open, check, extract
 void store_header(Bytes bytes);  ///< the attributes of a whole store are overwritten, through HDF5
-void chunk_table(Bytes bytes);   ///< the chunk table of a whole store, with a right checksum
+void footer(Bytes bytes);       ///< the catalogue and footer of a whole store, with right checksums
+void chunk_table(Bytes bytes);  ///< the chunk table of a whole store, with a right checksum
 /// The names of labels of a whole store, with a right checksum: the bytes of a name, less 1, and
 /// rows.
 void label_table(Bytes bytes);

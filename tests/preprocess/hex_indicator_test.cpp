@@ -21,7 +21,6 @@ void require_agreement(FunctionVolume<T>& volume, int chunk, bool exact, double 
     options.fields = {Field::deviation_bar, Field::hex_linf, Field::hex_deviation};
     make_store(volume, folder / "s", options);
     const StoreReader store(folder / "s");
-    CHECK(store.version().text() == "2.4");
     const StoreLayout& layout = store.layout();
     const std::vector<CellNumbers> expected = cell_numbers_by_loops(volume, layout.lattice());
     ChunkCache cache(store, 1U << 24U);
@@ -90,13 +89,10 @@ TEST_CASE("indicators of cells with missing nodes are infinite, and above them")
     require_agreement(holes, 8, true, 1e-5);
 }
 
-TEST_CASE(
-    "check finds nothing in indicators of cells, and a store without them is of version 2.3") {
+TEST_CASE("check finds nothing in indicators of cells") {
     const TemporaryFolder folder;
     FunctionVolume<float> volume({35, 22, 30}, rough);
     PreprocessOptions options = with_chunk(8);
-    make_store(volume, folder / "without", options);
-    CHECK(StoreReader(folder / "without").version().text() == "2.3");
     options.fields = {Field::deviation_bar, Field::hex_linf, Field::hex_deviation};
     make_store(volume, folder / "s", options);
     const CheckReport report = check(StoreReader(folder / "s"), {}, silent_progress());

@@ -66,7 +66,7 @@ with tempfile.TemporaryDirectory() as folder:
         original = f["data"][...]
     with h5py.File(store) as f:
         assert f.attrs["format"] in (b"isonest", "isonest"), f.attrs["format"]
-        assert list(f.attrs["version"]) == [2, 3] and f.attrs["flags"] == 0
+        assert list(f.attrs["version"]) == [2, 9] and f.attrs["flags"] == 0
         assert f.attrs["complete"] == 1
         n = tuple(int(i) for i in f.attrs["nodes"])[::-1]
         assert n == original.shape
@@ -198,7 +198,7 @@ with tempfile.TemporaryDirectory() as folder:
         assert code == 4 and "VTKHDF" in text, text
     print("h5py: damaged headers and VTKHDF groups are found")
 
-    # The unit of length, with a checksum of its own; without it a store is of the version before.
+    # The unit of length, with a checksum of its own.
     def unit_of(store_of_unit):
         with h5py.File(store_of_unit) as f:
             if "unit" not in f.attrs:
@@ -208,21 +208,21 @@ with tempfile.TemporaryDirectory() as folder:
             assert f.attrs["xxh64"] == digest_of(f)
             return list(f.attrs["version"]), stored.decode()
 
-    assert unit_of(store) == ([2, 3], None)
+    assert unit_of(store) == ([2, 9], None)
     for symbol in "km m dm cm mm um nm angstrom pm ft in".split():
         with_unit = f"{folder}/unit.isonest"
         run("preprocess", volume, "-o", with_unit, "--chunk", 16, "--spacing", "1,2,0.5", "--unit", symbol, "--force")
-        assert unit_of(with_unit) == ([2, 7], symbol), unit_of(with_unit)
+        assert unit_of(with_unit) == ([2, 9], symbol), unit_of(with_unit)
         assert run("info", with_unit)["unit"] == symbol
     print("h5py: the unit of length is the one that was said")
 
-    # Names and colours of labels, with a checksum of their own; without them a store is of the version before.
+    # Names and colours of labels, with a checksum of their own.
     np.save(f"{folder}/labels.npy", np.arange(360, dtype="u1").reshape(6, 6, 10) % 4)
     pathlib.Path(f"{folder}/labels.txt").write_text('7 Übergang 255 0 10 255\n-2 b\n3 1 2 3 1 1 1 ""\n')
     named = f"{folder}/named.isonest"
     run("preprocess", f"{folder}/labels.npy", "-o", named, "--labels", "--label-names", f"{folder}/labels.txt")
     with h5py.File(named) as f:
-        assert list(f.attrs["version"]) == [2, 8] and f.attrs["xxh64"] == digest_of(f)
+        assert list(f.attrs["version"]) == [2, 9] and f.attrs["xxh64"] == digest_of(f)
         table = f["label_names"]
         rows = table[...]
         assert table.chunks is None and rows.dtype.itemsize == 12 + 9 and rows.dtype.names == ("id", "flags", "color", "name")
@@ -290,7 +290,7 @@ with tempfile.TemporaryDirectory() as folder:
         f.attrs.modify("version", np.array([2, 1], "<u4"))
         for level in range(3, top + 1):
             del f[f"levels/{level}/cube_ranges"], f[f"levels/{level}/cube_range_sums"]
-    assert run("info", older)["format"] == "2.1" and run("info", store)["format"] == "2.3"
+    assert run("info", older)["format"] == "2.1" and run("info", store)["format"] == "2.9"
     iso = float(np.quantile(original, 0.999))
     reports = [run("extract", s, "--iso", iso, "--error-relative", 0.05, "-o", f"{s}.ply")
                for s in (store, older)]

@@ -9,8 +9,10 @@ import ctypes
 import pathlib
 import re
 import shutil
+import struct
 import subprocess
 import sys
+import tempfile
 
 import h5py
 import numpy as np
@@ -134,7 +136,7 @@ def newer_minor(f):
     """What a later 2.x may add: attributes, groups, fields, and rows for what is no field."""
     table = add_field(f, "curl_bar")
     replace_table(f, np.concatenate([table, table[-1:]]))
-    set_version(f, 2, 9)
+    set_version(f, 2, 99)
     set_unit(f, "furlong")
     f.attrs["curl_of"] = np.bytes_("a later version")
     f.create_group("later").create_dataset("table", data=np.arange(5))
@@ -142,7 +144,7 @@ def newer_minor(f):
 
 
 def newer_minor_misplaced(f):
-    set_version(f, 2, 9)
+    set_version(f, 2, 99)
     set_fields(f, "curl_bar,linf_bar,linf_plus,deviation_bar")
     seal(f)
 
@@ -239,13 +241,73 @@ BAD = {"newer-minor": newer_minor, "newer-minor-misplaced": newer_minor_misplace
        "table-damaged": table_damaged, "incomplete": incomplete, "no-store": no_store}
 
 
+# What an HDF5 program changes has no footer any more, and is then as a store of 2.8. So of what is the same there, no second
+# ones are kept.
+SAME_SINCE_FOOTERS = {*BAD} - {"newer-minor", "newer-minor-misplaced"}
+
+
+def records_of(data):
+    """Of the catalogue: tag, detail, content."""
+    begin, size = struct.unpack_from("<2Q", data, len(data) - 64)
+    catalogue, records = data[begin:begin + size], []
+    while catalogue:
+        tag, detail, size = struct.unpack_from("<IIQ", catalogue)
+        records.append((tag, detail, catalogue[16:16 + size]))
+        catalogue = catalogue[16 + -(-size // 8) * 8:]
+    return records
+
+
+def behind_hdf5(data, records):
+    """HDF5's part of a file with a catalogue of these records, and a footer."""
+    catalogue = b"".join(struct.pack("<IIQ", tag, detail, len(content)) + content + bytes(-len(content) % 8)
+                         for tag, detail, content in records)
+    begin = -(-len(data) // 8) * 8
+    numbers = struct.pack("<5QII", begin, len(catalogue), int(checksum(catalogue)), len(data), begin + len(catalogue) + 64, 1, 64)
+    return data.ljust(begin, b"\0") + catalogue + numbers + struct.pack("<Q", int(checksum(numbers))) + b"IsoNest\n"
+
+
+def hdf5_part(data):
+    return data[:struct.unpack_from("<Q", data, len(data) - 40)[0]]
+
+
+def flipped(data, at):
+    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1:]
+
+
+def later_catalogue(data):
+    """A later 2.x's: what is new in it, and records that have grown."""
+    records = records_of(data)
+    with tempfile.NamedTemporaryFile() as file:
+        file.write(data)
+        file.flush()
+        with h5py.File(file.name, "r+", libver=("earliest", "v110")) as f:
+            set_version(f, 2, 99)
+            seal(f)
+            sealed = {name: np.asarray(f.attrs[name]).tobytes() for name in ("version", "xxh64")}
+        data = pathlib.Path(file.name).read_bytes()
+
+    def newer(tag, detail, content):
+        name = content[:32].rstrip(b"\0").decode() if tag == 1 else ""
+        return tag, detail, content[:32] + sealed[name] if name in sealed else content + bytes(8 if tag in (2, 3) else 0)
+
+    later = [(77, 3, b"later"), *(newer(*record) for record in records), (1, 9, b"curl_of".ljust(32, b"\0") + b"curl")]
+    return behind_hdf5(data, later)
+
+
+TAILS = {"footer-cut": hdf5_part,
+         "footer-damaged": lambda data: flipped(data, len(data) - 48),
+         "catalogue-damaged": lambda data: flipped(data, len(data) - 84),
+         "catalogue-later": later_catalogue,
+         "catalogue-lacks": lambda data: behind_hdf5(hdf5_part(data), [r for r in records_of(data) if r[0] != 2])}
+
 BAD_NAMES = {"names-damaged": names_damaged, "names-unordered": names_unordered, "names-no-text": names_no_text}
 
 
 def make_bad(current):
+    with_footer = tuple(map(int, current.split("."))) >= (2, 9)
     for name, change in BAD_NAMES.items():
         store = HERE / f"{current}-{name}.store"
-        if not store.exists():
+        if not store.exists() and not with_footer:
             shutil.copyfile(HERE / f"{current}-named.store", store)
             with h5py.File(store, "r+", libver=("earliest", "v110")) as f:
                 change(f)
@@ -254,7 +316,7 @@ def make_bad(current):
         return  # the bad ones of an older version are the same
     for name, change in BAD.items():
         store = HERE / f"{current}-{name}.store"
-        if store.exists():
+        if store.exists() or with_footer and name in SAME_SINCE_FOOTERS:
             continue
         # On several levels, so that rows of a new field come between those of others.
         shutil.copyfile(HERE / f"{current}.store" if change is newer_minor else good, store)
@@ -262,6 +324,9 @@ def make_bad(current):
             change(f)
     with h5py.File(good) as f:
         first = int(f["chunks"]["offset"][0])
+    for name, change in TAILS.items():
+        if with_footer and not (HERE / f"{current}-{name}.store").exists():
+            (HERE / f"{current}-{name}.store").write_bytes(change(good.read_bytes()))
     data = bytearray(good.read_bytes())
     cut = HERE / f"{current}-cut.store"
     if not cut.exists():

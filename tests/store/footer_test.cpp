@@ -1,0 +1,373 @@
+// What stands behind HDF5's end of a store: it opens by it alone, and damage there is noticed.
+#include "store/container/footer/footer.h"
+
+#include <atomic>
+#include <catch2/catch.hpp>
+#include <mutex>
+#include <thread>
+
+#include <isonest/error.h>
+
+#include "query/check/check.h"
+#include "store/container/footer/chunk_table.h"
+#include "tests/support/test_support.h"
+
+using namespace isonest;
+using namespace isonest::detail;
+using namespace isonest::detail::test;
+
+namespace {
+
+/// A store as it would come over a network, and what was read of it.
+class FarBytes : public StoreBytes {
+  public:
+    explicit FarBytes(std::string bytes) : bytes_(std::move(bytes)) {}
+
+    [[nodiscard]] const std::string& name() const override { return name_; }
+    [[nodiscard]] std::uint64_t size() const override { return bytes_.size(); }
+    [[nodiscard]] bool is_far() const override { return true; }
+    [[nodiscard]] HeldBytes read(std::uint64_t offset, std::uint64_t size) const override {
+        REQUIRE(lies_within(offset, size, bytes_.size()));
+        const std::lock_guard lock(mutex_);
+        reads_.push_back({offset, size});
+        // Of its own, so that what is used after it was given back is found.
+        auto copy = std::make_shared<std::string>(bytes_, offset, size);
+        return {copy, std::as_bytes(std::span(*copy))};
+    }
+    void want(std::span<const ByteRange> ranges) const override {
+        const std::lock_guard lock(mutex_);
+        wanted_.insert(wanted_.end(), ranges.begin(), ranges.end());
+    }
+    [[nodiscard]] std::vector<ByteRange> reads() const {
+        const std::lock_guard lock(mutex_);
+        return std::exchange(reads_, {});
+    }
+    [[nodiscard]] std::vector<ByteRange> wanted() const {
+        const std::lock_guard lock(mutex_);
+        return std::exchange(wanted_, {});
+    }
+
+  private:
+    std::string name_ = "far";
+    std::string bytes_;
+    mutable std::mutex mutex_;
+    mutable std::vector<ByteRange> reads_;
+    mutable std::vector<ByteRange> wanted_;
+};
+
+void write_file(const std::filesystem::path& path, const std::string& bytes) {
+    std::ofstream(path, std::ios::binary) << bytes;
+}
+
+std::optional<ErrorKind> failure(const std::function<void()>& f) {
+    try {
+        f();
+    } catch (const Error& e) {
+        return e.kind();
+    }
+    return std::nullopt;
+}
+
+std::string surface(const StoreReader& store, const TemporaryFolder& folder, double error = 0) {
+    Extraction options;
+    options.iso = 0.3;
+    options.error = error;
+    options.threads = 1;
+    extract(store, folder / "m.ply", options, silent_progress());
+    return read_file(folder / "m.ply");
+}
+
+/// A store with several pages, the last of them shorter.
+std::string store_of_pages(const TemporaryFolder& folder) {
+    FunctionVolume<float> volume({65, 70, 66},
+                                 [](const Int3& p) { return static_cast<float>(smooth(p)); });
+    make_store(volume, folder / "s", with_chunk(8));
+    return read_file(folder / "s");
+}
+
+/// The footer of these bytes as they are.
+FoundCatalogue found_in(const FarBytes& bytes) {
+    auto found = find_catalogue(bytes);
+    REQUIRE(found);
+    return std::move(*found);
+}
+
+std::vector<ChunkRow> all_rows(const std::string& bytes, const CatalogueTable& table) {
+    std::vector<ChunkRow> rows(table.rows);
+    std::memcpy(rows.data(), bytes.data() + table.offset, table.rows * sizeof(ChunkRow));
+    return rows;
+}
+
+bool is_same(const ChunkRow& a, const ChunkRow& b) {
+    return std::memcmp(&a, &b, sizeof(a)) == 0;
+}
+
+}  // namespace
+
+TEST_CASE("a store opens by its footer alone, and far away by one read") {
+    const TemporaryFolder folder;
+    const std::string bytes = store_of_pages(folder);
+    const StoreReader local(folder / "s");
+    REQUIRE(local.catalogue() != nullptr);
+    CHECK(local.version().text() == "2.9");
+    const auto far_bytes = std::make_shared<const FarBytes>(bytes);
+    const StoreReader far(far_bytes);
+    CHECK(far.is_far());
+    const auto opening = far_bytes->reads();
+    REQUIRE(opening.size() == 1);
+    CHECK(opening[0].offset + opening[0].size == bytes.size());
+    CHECK(opening[0].size == std::min<std::uint64_t>(kFarTail, bytes.size()));
+    CHECK(far.identity() == local.identity());
+    for (const double error : {0.0, 0.1}) {
+        CHECK(surface(far, folder, error) == surface(local, folder, error));
+    }
+
+    // By HDF5, as if an HDF5 program had cut the footer off.
+    const Footer& footer = local.catalogue()->footer;
+    CHECK(footer.file_bytes == bytes.size());
+    CHECK(hdf5_end_of(local.bytes()) == footer.hdf5_end);
+    write_file(folder / "h", bytes.substr(0, footer.hdf5_end));
+    const StoreReader by_hdf5(folder / "h");
+    CHECK(by_hdf5.catalogue() == nullptr);
+    CHECK(by_hdf5.identity() == local.identity());
+    CHECK(surface(by_hdf5, folder) == surface(local, folder));
+    CHECK(check(by_hdf5, {}, silent_progress()).failures == 0);
+    for (const ArrayInfo& array : local.layout().arrays()) {
+        const ArrayTotals a = local.totals(array);
+        const ArrayTotals b = by_hdf5.totals(array);
+        CHECK(std::memcmp(&a, &b, sizeof(a)) == 0);
+    }
+    const auto older = std::make_shared<const FarBytes>(bytes.substr(0, footer.hdf5_end));
+    const StoreReader far_by_hdf5(older);
+    CHECK(far_by_hdf5.catalogue() == nullptr);
+    CHECK(surface(far_by_hdf5, folder) == surface(local, folder));
+    CHECK(check(far_by_hdf5, {}, silent_progress()).failures == 0);
+    CHECK(check(far, {}, silent_progress()).failures == 0);
+}
+
+TEST_CASE("pages of the chunk table are the same for many threads, near and far") {
+    const TemporaryFolder folder;
+    const std::string bytes = store_of_pages(folder);
+    const StoreReader local(folder / "s");
+    const CatalogueTable& place = *local.catalogue()->catalogue.table;
+    const std::vector<ChunkRow> rows = all_rows(bytes, place);
+    REQUIRE(rows.size() > 2 * kRowsOfPage);
+    REQUIRE(rows.size() % kRowsOfPage != 0);
+    const FarBytes far(bytes);
+    const FoundCatalogue found = found_in(far);
+    const ChunkTable near_table(local.bytes(), *local.catalogue());
+    const ChunkTable far_table(far, found);
+    std::atomic<int> wrong = 0;
+    std::vector<std::thread> threads;
+    for (std::size_t t = 0; t < 8; ++t) {
+        threads.emplace_back([&, t] {
+            for (std::size_t i = 0; i < rows.size(); ++i) {
+                const std::size_t at = (i * 37 + t * 101) % rows.size();
+                wrong += is_same(near_table.row(at), rows[at]) ? 0 : 1;
+                wrong += is_same(far_table.row(at), rows[at]) ? 0 : 1;
+            }
+        });
+    }
+    for (std::thread& thread : threads) {
+        thread.join();
+    }
+    CHECK(wrong == 0);
+}
+
+TEST_CASE("a damaged page is noticed when a row of it is used, and not before") {
+    const TemporaryFolder folder;
+    const std::string whole = store_of_pages(folder);
+    const FarBytes original(whole);
+    const CatalogueTable place = *found_in(original).catalogue.table;
+    const std::uint64_t pages = (place.rows - 1) / kRowsOfPage + 1;
+    for (const std::uint64_t damaged : {std::uint64_t{0}, pages - 1}) {
+        std::string bytes = whole;
+        // The last row of the page.
+        const std::uint64_t row = std::min((damaged + 1) * kRowsOfPage, place.rows) - 1;
+        bytes[place.offset + row * sizeof(ChunkRow) + 20] ^= 0x40;
+        write_file(folder / "d", bytes);
+        const StoreReader local(folder / "d");
+        const StoreReader far(std::make_shared<const FarBytes>(bytes));
+        for (const StoreReader* store : {&local, &far}) {
+            for (const ArrayInfo& array : store->layout().arrays()) {
+                for (std::int64_t i = 0; i < array.grid.product(); ++i) {
+                    const Int3 chunk = array.grid.unlinear(i);
+                    const bool there = array.row_of(chunk) / kRowsOfPage == damaged;
+                    CHECK(failure([&] { static_cast<void>(store->row(array, chunk)); }) ==
+                          (there ? std::optional(ErrorKind::corrupt) : std::nullopt));
+                }
+            }
+        }
+        const CheckReport report = check(local, {}, silent_progress());
+        // Its chunks, and the footer, whose checksum it does not have.
+        CHECK(report.failures == row - damaged * kRowsOfPage + 1 + 1);
+        CHECK(report.findings[0].test == "table");
+    }
+}
+
+TEST_CASE("of a far table no more is kept than was said, whatever is asked for") {
+    constexpr std::uint64_t kPages = 5;
+    std::vector<ChunkRow> rows(kPages * kMostRowsOfPage - 7);
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+        rows[i].offset = i;
+    }
+    const auto table = std::as_bytes(std::span(rows));
+    const std::size_t page = kMostRowsOfPage * sizeof(ChunkRow);
+    REQUIRE(page * kPages > 2 * ChunkTable::kMostHeld);
+    std::vector<std::uint64_t> sums;
+    for (std::size_t i = 0; i < table.size(); i += page) {
+        sums.push_back(checksum_of(table.subspan(i, std::min(page, table.size() - i))));
+    }
+    const FarBytes bytes({reinterpret_cast<const char*>(table.data()), table.size()});
+    FoundCatalogue found;
+    found.tail_begin = table.size();
+    found.catalogue.table = {0, rows.size(), kMostRowsOfPage, 0, std::as_bytes(std::span(sums))};
+    const ChunkTable far(bytes, found);
+    for (const std::size_t step : {std::size_t{1}, kMostRowsOfPage}) {
+        for (std::size_t i = 0; i < 40; ++i) {
+            const std::size_t at = i * step % rows.size();
+            REQUIRE(far.row(at).offset == at);
+        }
+    }
+    CHECK(bytes.reads().size() > kPages);  // those that were replaced were read again
+    CHECK(failure([&] { static_cast<void>(far.row(rows.size() - 1)); }) == std::nullopt);
+}
+
+TEST_CASE("chunks of a far store are announced together, after the pages that say where they are") {
+    const TemporaryFolder folder;
+    // Pages that do not all lie in the end that is read first.
+    FunctionVolume<std::uint8_t> volume(
+        {150, 145, 140}, [](const Int3& p) { return static_cast<std::uint8_t>(255 * noise(p)); });
+    make_store(volume, folder / "s", with_chunk(8));
+    const auto bytes = std::make_shared<const FarBytes>(read_file(folder / "s"));
+    const StoreReader store(bytes);
+    const CatalogueTable& place = *store.catalogue()->catalogue.table;
+    REQUIRE(place.offset < store.catalogue()->tail_begin);
+    static_cast<void>(bytes->reads());
+    const ArrayInfo& values = store.layout().array(0, Field::values);
+    const std::vector<WantedChunk> chunks{
+        {&values, {0, 0, 0}}, {&values, {1, 0, 0}}, {&values, {0, 0, 9}}, {&values, {99, 0, 0}}};
+    store.prefetch_all(chunks);
+    const std::vector<ByteRange> wanted = bytes->wanted();
+    REQUIRE(wanted.size() == 5);
+    for (std::size_t i = 0; i < 2; ++i) {
+        CHECK(lies_within(wanted[i].offset - place.offset, wanted[i].size, place.rows * 40));
+        CHECK(wanted[i].size == kRowsOfPage * 40);
+    }
+    for (std::size_t i = 0; i < 3; ++i) {
+        const ChunkRow row = store.row(values, chunks[i].chunk);
+        CHECK(wanted[i + 2].offset == row.offset);
+        CHECK(wanted[i + 2].size == row.bytes);
+    }
+    CHECK(bytes->reads().size() == 2);
+    // Ranges of coarse levels are read, all together; those of fine ones are not.
+    CHECK(store.cube_range(4, {0, 0, 0}));
+    CHECK(store.cube_range(5, {0, 0, 0}));
+    const std::size_t levels = static_cast<std::size_t>(store.layout().lattice().top()) - 2;
+    CHECK(bytes->reads().size() == levels);
+    const StoreReader local(folder / "s");
+    CHECK(store.cube_range(3, {1, 2, 3}) == local.cube_range(3, {1, 2, 3}));
+}
+
+TEST_CASE("every flip behind HDF5's end is noticed, or changes nothing") {
+    const TemporaryFolder folder;
+    FunctionVolume<std::uint8_t> volume({9, 10, 11}, [](const Int3& p) {
+        return static_cast<std::uint8_t>(p.x + 9 * p.y % 7 + p.z);
+    });
+    make_store(volume, folder / "s", with_chunk(8));
+    const std::string whole = read_file(folder / "s");
+    Extraction options;
+    options.iso = 9.5;
+    options.threads = 1;
+    std::uint64_t begin = 0;
+    {
+        const StoreReader store(folder / "s");
+        begin = store.catalogue()->footer.hdf5_end;
+        extract(store, folder / "m.ply", options, silent_progress());
+        CHECK(check(store, {}, silent_progress()).failures == 0);
+    }
+    const std::string expected = read_file(folder / "m.ply");
+    CheckOptions quick;
+    quick.depth = CheckDepth::quick;
+    quick.threads = 1;
+    int refused = 0;
+    int harmless = 0;
+    for (std::size_t at = begin; at < whole.size(); ++at) {
+        CAPTURE(at - begin, whole.size() - at);
+        std::string bytes = whole;
+        bytes[at] = static_cast<char>(bytes[at] ^ (1 << (at % 8)));
+        write_file(folder / "d", bytes);
+        const auto kind = failure([&] {
+            const StoreReader store(folder / "d");
+            CHECK(check(store, quick, silent_progress()).failures == 1);
+            extract(store, folder / "m.ply", options, silent_progress());
+            CHECK(read_file(folder / "m.ply") == expected);
+        });
+        CHECK((!kind || kind == ErrorKind::corrupt));
+        (kind ? refused : harmless) += 1;
+        const auto far = failure([&] {
+            const StoreReader store(std::make_shared<const FarBytes>(bytes));
+            extract(store, folder / "m.ply", options, silent_progress());
+            CHECK(read_file(folder / "m.ply") == expected);
+        });
+        CHECK((!far || far == ErrorKind::corrupt || far == ErrorKind::unsupported));
+    }
+    CHECK(refused > 500);  // the catalogue
+    CHECK(harmless >
+          10);  // the footer's magic, version and end of HDF5, zeros before the catalogue
+    CHECK(harmless < 40);
+    for (std::size_t size = begin; size < whole.size(); ++size) {
+        write_file(folder / "d", whole.substr(0, size));
+        const StoreReader store(folder / "d");
+        CHECK(store.catalogue() == nullptr);
+        CHECK(check(store, quick, silent_progress()).failures == (size > begin ? 1 : 0));
+    }
+}
+
+TEST_CASE("records that are not known, or longer, are left alone") {
+    const TemporaryFolder folder;
+    const std::string bytes = store_of_pages(folder);
+    const FarBytes far(bytes);
+    const FoundCatalogue found = found_in(far);
+    const std::span<const std::byte> old = found.bytes.bytes();
+    const auto later = [&](std::uint32_t tag, std::uint64_t size) {
+        const std::array<std::uint32_t, 2> head{tag, 7};
+        std::vector<std::byte> out(sizeof(head) + sizeof(size) + (size + 7) / 8 * 8);
+        std::memcpy(out.data(), head.data(), sizeof(head));
+        std::memcpy(out.data() + sizeof(head), &size, sizeof(size));
+        return out;
+    };
+    std::vector<std::byte> changed;
+    std::uint64_t longer = 0;
+    for (std::size_t at = 0; at < old.size();) {
+        std::array<std::uint64_t, 2> head{};
+        std::memcpy(head.data(), old.data() + at, sizeof(head));
+        const std::size_t end = at + sizeof(head) + (head[1] + 7) / 8 * 8;
+        const auto tag = static_cast<std::uint32_t>(head[0]);
+        const std::uint64_t more = tag == 2 || tag == 3 ? 8 : 0;
+        longer += more;
+        const std::vector<std::byte> before = later(1000 + tag, 13);
+        changed.insert(changed.end(), before.begin(), before.end());
+        head[1] += more;
+        const auto first = std::as_bytes(std::span(head));
+        changed.insert(changed.end(), first.begin(), first.end());
+        changed.insert(changed.end(), old.begin() + static_cast<std::ptrdiff_t>(at + sizeof(head)),
+                       old.begin() + static_cast<std::ptrdiff_t>(end));
+        changed.resize(changed.size() + more);
+        at = end;
+    }
+    REQUIRE(longer > 8);
+    const std::uint64_t begin = found.footer.hdf5_end;
+    const auto tail = bytes_behind_hdf5(begin, changed);
+    write_file(folder / "d",
+               bytes.substr(0, begin) +
+                   std::string(reinterpret_cast<const char*>(tail.data()), tail.size()));
+    const StoreReader store(folder / "d");
+    REQUIRE(store.catalogue() != nullptr);
+    CHECK(surface(store, folder) == surface(StoreReader(folder / "s"), folder));
+    // A row that ends within a record is none.
+    CHECK_FALSE(parse_catalogue(std::span(changed).first(changed.size() - 8)).has_value());
+    const std::vector<std::byte> one = later(9, 8);
+    CHECK(parse_catalogue(one).has_value());
+    CHECK_FALSE(parse_catalogue(std::span(one).first(16)).has_value());
+}
