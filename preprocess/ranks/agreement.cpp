@@ -22,6 +22,7 @@
 #include "store/container/codec.h"
 #include "store/container/format.h"
 #include "store/files/output_file.h"
+#include "store/ranks/who_differs.h"
 
 namespace isonest::detail {
 namespace {
@@ -49,23 +50,6 @@ std::string input_text(const VolumeSource& source) {
 std::string options_text(const PreprocessOptions& options) {
     return fmt::format("{} {} {} {} {} {}", options.chunk, options.compression, options.exact,
                        options.force, options.resume, list_names(options.fields));
-}
-
-/// The ranks whose text is not `expected`, with their machines: "2 (node7), 5 (node9)". `all`: of
-/// each its text, a line end, and its machine.
-std::string who_differs(const std::vector<std::string>& all, const std::string& expected) {
-    std::vector<std::string> names;
-    constexpr std::size_t kMost = 8;
-    for (std::size_t r = 0; r < all.size(); ++r) {
-        const std::size_t end = all[r].find('\n');
-        if (all[r].substr(0, end) != expected) {
-            names.push_back(fmt::format("{} ({})", r, all[r].substr(end + 1)));
-        }
-    }
-    const std::size_t more = names.size() > kMost ? names.size() - kMost : 0;
-    names.resize(names.size() - more);
-    return fmt::format("{}{}", fmt::join(names, ", "),
-                       more > 0 ? fmt::format(" and {} more", more) : "");
 }
 
 /// A text that nobody else has.
@@ -106,17 +90,16 @@ void require_same_work(Communicator& ranks, const VolumeSource& source,
                        const PreprocessOptions& options) {
     const std::string input = digest_of(input_text(source));
     const std::string chosen = digest_of(options_text(options));
-    const std::vector<std::string> inputs = ranks.gather(input + "\n" + ranks.host());
-    const std::vector<std::string> choices = ranks.gather(chosen + "\n" + ranks.host());
-    if (ranks.rank() == 0) {
-        if (const std::string others = who_differs(inputs, input); !others.empty()) {
-            throw Error(ErrorKind::invalid_argument, {source.describe().name},
-                        "ranks see different inputs: not what rank 0 sees, see ranks " + others);
-        }
-        if (const std::string others = who_differs(choices, chosen); !others.empty()) {
-            throw Error(ErrorKind::invalid_argument, {source.describe().name},
-                        "ranks have different options: not those of rank 0, have ranks " + others);
-        }
+    const std::string other_inputs = who_differs(ranks, input, input);
+    const std::string other_choices = who_differs(ranks, chosen, chosen);
+    if (!other_inputs.empty()) {
+        throw Error(ErrorKind::invalid_argument, {source.describe().name},
+                    "ranks see different inputs: not what rank 0 sees, see ranks " + other_inputs);
+    }
+    if (!other_choices.empty()) {
+        throw Error(
+            ErrorKind::invalid_argument, {source.describe().name},
+            "ranks have different options: not those of rank 0, have ranks " + other_choices);
     }
     ranks.meet();
 }
@@ -136,9 +119,8 @@ void require_same_folder(Communicator& ranks, const std::filesystem::path& store
         std::this_thread::sleep_for(kPause);
         seen = text_in(path) == text;
     }
-    const std::vector<std::string> all =
-        ranks.gather((seen ? "seen\n" : "not seen\n") + ranks.host());
-    if (const std::string others = who_differs(all, "seen"); !others.empty()) {
+    const std::string others = who_differs(ranks, seen ? "seen" : "not seen", "seen");
+    if (!others.empty()) {
         throw Error(ErrorKind::invalid_argument, {store.string()},
                     "its folder is not the same for all ranks: what rank 0 writes there, do not "
                     "see ranks " +

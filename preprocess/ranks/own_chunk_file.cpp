@@ -50,6 +50,17 @@ class SharedStore {
             bytes = bytes.subspan(static_cast<std::size_t>(n));
         }
     }
+    /// Some bytes of another file, in the kernel; how many, 0 where it cannot.
+    std::uint64_t copy_from(int from, std::uint64_t from_offset, std::uint64_t offset,
+                            std::uint64_t bytes) {
+        auto in = static_cast<loff_t>(from_offset);
+        auto out = static_cast<loff_t>(offset);
+        const ssize_t n = ::copy_file_range(from, &in, fd_, &out, bytes, 0);
+        if (n > 0) {
+            early_.wrote(fd_, static_cast<std::uint64_t>(n));
+        }
+        return static_cast<std::uint64_t>(std::max<ssize_t>(n, 0));
+    }
     void close() {
         if (::fsync(fd_) != 0 || ::close(std::exchange(fd_, -1)) != 0) {
             fail("write to disk", errno);
@@ -94,16 +105,28 @@ std::span<ChunkRow> OwnChunkFile::rows() {
 
 std::uint64_t OwnChunkFile::write_into(const std::filesystem::path& store) const {
     SharedStore file(store);
-    std::vector<std::byte> buffer(kBytesAtOnce);
+    std::vector<std::byte> buffer;
     std::uint64_t from = 0;
-    for (const ChunkRow& row : rows_.as<ChunkRow>()) {
-        for (std::uint64_t done = 0; done < row.bytes;) {
-            const auto piece = std::span(buffer).first(
-                static_cast<std::size_t>(std::min<std::uint64_t>(row.bytes - done, kBytesAtOnce)));
-            bytes_.read_at(from, piece);
-            file.write_at(row.offset + done, piece);
-            from += piece.size();
-            done += piece.size();
+    const std::span<const ChunkRow> rows = rows_.as<ChunkRow>();
+    for (std::size_t i = 0; i < rows.size();) {
+        // As many chunks as lie one behind the other there, too.
+        const std::uint64_t offset = rows[i].offset;
+        std::uint64_t bytes = 0;
+        for (; i < rows.size() && rows[i].offset == offset + bytes; ++i) {
+            bytes += rows[i].bytes;
+        }
+        for (std::uint64_t done = 0; done < bytes;) {
+            const std::uint64_t most = std::min<std::uint64_t>(bytes - done, kBytesAtOnce);
+            std::uint64_t n = file.copy_from(bytes_.descriptor(), from, offset + done, most);
+            if (n == 0) {
+                buffer.resize(kBytesAtOnce);
+                const auto piece = std::span(buffer).first(static_cast<std::size_t>(most));
+                bytes_.read_at(from, piece);
+                file.write_at(offset + done, piece);
+                n = most;
+            }
+            from += n;
+            done += n;
         }
     }
     file.close();

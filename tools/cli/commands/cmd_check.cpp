@@ -14,6 +14,7 @@
 #include "query/check/check.h"
 #include "tools/cli/command.h"
 #include "tools/cli/commands/analyses.h"
+#include "tools/cli/commands/same_store.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
@@ -54,6 +55,9 @@ Result run(CheckArguments& a, Progress& progress) {
     const Store opened = open_store(a.store, a.remote, a.check.memory, progress);
     const StoreReader& store = opened.reader();
     const std::string path = store.path().string();
+    if (a.check.ranks != nullptr) {
+        require_same_store(*a.check.ranks, &store, path);
+    }
     std::unique_ptr<VolumeSource> source;
     const bool is_first = a.check.ranks == nullptr || a.check.ranks->rank() == 0;
     if (!a.source.empty() && is_first) {

@@ -11,8 +11,10 @@
 #include <isonest/mesh_file.h>
 
 #include "query/extract/extract_on_ranks.h"
+#include "store/remote/open_location.h"
 #include "tools/cli/command.h"
 #include "tools/cli/commands/extract_command.h"
+#include "tools/cli/commands/same_store.h"
 #include "tools/cli/commands/volume_values.h"
 #include "tools/cli/options/close_option.h"
 #include "tools/cli/options/component_options.h"
@@ -201,6 +203,10 @@ Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progres
     arguments.extract.store = arguments.input.front();
     require_suitable_cells(arguments.extract);
     const std::optional<Store> store = open_input_store(arguments, progress);
+    if (ranks != nullptr) {
+        require_same_store(*ranks, store ? &store->reader() : nullptr,
+                           shown_location(arguments.extract.store));
+    }
     if (!store) {
         // A volume is read once, by one process.
         return ranks == nullptr || ranks->rank() == 0
