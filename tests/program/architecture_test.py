@@ -32,7 +32,7 @@ ROOMS = {
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "finite_elements": {"view", "traverse"},
               "statistics": set(), "labels": set(), "surface_nets": {"labels", "mesh"},
-              "ranks": {"view", "march", "mesh", "simplify", "traverse"},
+              "ranks": {"view", "march", "mesh", "apart", "formats", "simplify", "traverse"},
               "neuroglancer": {"mesh", "simplify"},
               "slabs": {"view", "march", "mesh", "apart"},
               "distance": {"view", "march", "simplify", "traverse"},

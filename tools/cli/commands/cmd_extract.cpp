@@ -191,7 +191,11 @@ Result extract_store_on_ranks(Communicator& ranks, const Store& store,
                    {"mappings", work.mappings},
                    {"mapped_blocks", work.mapped_blocks},
                    {"mapped_triangles", work.mapped_triangles},
-                   {"mapping_seconds", work.mapping_seconds}};
+                   {"mapping_seconds", work.mapping_seconds},
+                   {"meshes", work.meshes},
+                   {"written_triangles", work.written_triangles},
+                   {"welding_seconds", work.welding_seconds},
+                   {"writing_seconds", work.writing_seconds}};
     return result;
 }
 
