@@ -19,9 +19,9 @@
 
 namespace isonest::detail {
 
-/// What grows with the mesh lies in temporary files: of a rank's own shared elements at most 200
-/// bytes each, of the names of which it is the home 64 bytes each, and on rank 0 besides 40 bytes
-/// for each part of the mesh.
+/// What grows with the mesh lies in temporary files: 48 bytes for each shared element of a rank's
+/// own parts, 128 for each name that these have, 56 for each name of which the rank is the home,
+/// and on rank 0 besides 100 bytes for each part of the mesh.
 class RankWeld : public VertexNumbers {
   public:
     /// Sets in the records what Weld sets, in numbers of the whole mesh. REQUIRES: parts.seal() was

@@ -11,6 +11,7 @@
 #include <isonest/mesh_file.h>
 
 #include "query/extract/extract_on_ranks.h"
+#include "store/ranks/same_folder.h"
 #include "tools/cli/command.h"
 #include "tools/cli/commands/extract_command.h"
 #include "tools/cli/commands/volume_values.h"
@@ -169,6 +170,7 @@ Result extract_store(const Store& store, ExtractCommand arguments, const Store* 
 Result extract_store_on_ranks(Communicator& ranks, const Store& store,
                               const ExtractCommand& arguments, const Store* values, bool has_iso,
                               Progress& progress) {
+    require_same_folder(ranks, arguments.extract.mesh);
     Result result;
     const RankWork work = extract_on_ranks(
         ranks, store, values,
