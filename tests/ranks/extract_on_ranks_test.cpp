@@ -437,6 +437,47 @@ TEST_CASE("a rank that fails ends all, and no file is left") {
     }
 }
 
+TEST_CASE("a rank that fails while all write ends all, and no file is left") {
+    const Made<float> made({67, 50, 41}, waves, with_chunk(8));
+    /// Stops one rank once it writes.
+    class StopsWriting : public Progress {
+      public:
+        explicit StopsWriting(bool ever) : ever_(ever) {}
+        void begin(std::string_view stage, std::uint64_t, std::string_view) override {
+            writes_ = writes_ || stage == "write mesh";
+        }
+        [[nodiscard]] bool cancelled() const override { return ever_ && writes_; }
+
+      private:
+        bool ever_;
+        std::atomic<bool> writes_ = false;
+    };
+    for (const int failing : {0, 1, 2}) {
+        const TemporaryFolder folder;
+        std::atomic<int> failed = 0;
+        const auto run = [&] {
+            isonest::test::ThreadRanks(3).run([&](Communicator& ranks) {
+                try {
+                    StopsWriting progress(ranks.rank() == failing);
+                    extract_on_ranks(
+                        ranks, *made.store, nullptr,
+                        [&](const ExtractOptions& options) {
+                            const auto sink = open_mesh_file(folder / "m.ply");
+                            extract(*made.store, surface(0.2), *sink, options, progress);
+                        },
+                        {kAmple, 1, {}}, progress);
+                } catch (const Error& error) {
+                    failed += error.kind() == ErrorKind::cancelled ? 1 : 0;
+                    throw;
+                }
+            });
+        };
+        CHECK_THROWS_AS(run(), Error);
+        CHECK(failed == 3);
+        CHECK(folder.names().empty());
+    }
+}
+
 TEST_CASE("a rank that sees another store says so") {
     const Made<float> made({30, 30, 30}, waves, with_chunk(8));
     const Made<float> other({30, 30, 31}, waves, with_chunk(8));
