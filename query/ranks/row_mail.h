@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <optional>
 #include <span>
 #include <type_traits>
 #include <utility>
@@ -15,14 +16,14 @@
 
 namespace isonest::detail {
 
-/// Rows of a temporary file; of those that are added, 64 KiB at most are in memory. Thread-safety:
-/// none.
+/// Rows that are added one by one: up to 64 KiB in memory, more of them in a temporary file.
+/// Thread-safety: none.
 template <class Row>
 class RowFile {
     static_assert(std::is_trivially_copyable_v<Row>);
 
   public:
-    explicit RowFile(const ScratchFolder& folder) : file_(folder) {}
+    explicit RowFile(ScratchFolder folder) : folder_(std::move(folder)) {}
 
     /// Throws Error{io}.
     void add(const Row& row) {
@@ -31,25 +32,29 @@ class RowFile {
             flush();
         }
     }
-    /// All rows, mapped, until the next call of another method. Throws Error{io}.
+    /// All rows, until the next call of another method; they may be changed. Throws Error{io}.
     std::span<Row> all() {
-        flush();
-        if (count_ == 0) {
-            return {};
+        if (!file_) {
+            return waiting_;
         }
-        file_.map(count_ * sizeof(Row));
-        return file_.template as<Row>().first(count_);
+        flush();
+        file_->map(count_ * sizeof(Row));
+        return file_->template as<Row>().first(count_);
     }
     /// The first `count` ones stay.
     void shrink(std::uint64_t count) {
-        flush();
-        count_ = count;
+        if (file_) {
+            flush();
+            count_ = count;
+        } else {
+            waiting_.resize(count);
+        }
     }
     /// Gives the space back.
     void clear() {
         waiting_ = {};
+        file_.reset();
         count_ = 0;
-        file_.clear();
     }
 
   private:
@@ -57,14 +62,18 @@ class RowFile {
         std::max<std::size_t>(1, (std::size_t{1} << 16U) / sizeof(Row));
     void flush() {
         if (!waiting_.empty()) {
-            file_.write_at(count_ * sizeof(Row), std::as_bytes(std::span(waiting_)));
+            if (!file_) {
+                file_.emplace(folder_);
+            }
+            file_->write_at(count_ * sizeof(Row), std::as_bytes(std::span(waiting_)));
             count_ += waiting_.size();
             waiting_.clear();
         }
     }
-    ScratchFile file_;
+    ScratchFolder folder_;
+    std::optional<ScratchFile> file_;
     std::vector<Row> waiting_;
-    std::uint64_t count_ = 0;
+    std::uint64_t count_ = 0;  ///< in the file
 };
 
 /// Every rank tells every other one a number: returns those that this rank was told, by rank; its
@@ -93,8 +102,8 @@ inline std::vector<std::uint64_t> told_by_all(Communicator& ranks,
     return told;
 }
 
-/// Rows for several ranks, this one among them. They wait in temporary files, and travel in
-/// messages of at most Communicator::kMostBytes. Thread-safety: none.
+/// Rows for several ranks, this one among them. More than 1 MiB of them wait in temporary files;
+/// they travel in messages of at most Communicator::kMostBytes. Thread-safety: none.
 template <class Row>
 class RowMail {
   public:
@@ -118,11 +127,16 @@ class RowMail {
         for (std::size_t to = 0; to < size; ++to) {
             first[to + 1] = first[to] + counts[to];
         }
-        ScratchFile file(folder_);
+        std::optional<ScratchFile> file;
+        std::vector<Row> few;
         std::span<Row> rows;
-        if (!addressed.empty()) {
-            file.map(addressed.size() * sizeof(Row));
-            rows = file.template as<Row>();
+        if (addressed.size() <= kRows) {
+            few.resize(addressed.size());
+            rows = few;
+        } else {
+            file.emplace(folder_);
+            file->map(addressed.size() * sizeof(Row));
+            rows = file->template as<Row>();
         }
         std::vector<std::uint64_t> at(first.begin(), first.end() - 1);
         for (const Addressed& a : addressed) {
