@@ -1,8 +1,6 @@
 #include "store/container/codec.h"
 
 #include <fmt/format.h>
-#define XXH_STATIC_LINKING_ONLY  // for the size of its state
-#include <xxhash.h>
 #define ZSTD_STATIC_LINKING_ONLY  // for the estimates of heap
 #include <zstd.h>
 
@@ -182,28 +180,6 @@ bool decompress(std::span<const std::byte> packed, std::span<std::byte> raw) {
     }
     return ZSTD_decompressDCtx(state.decompress.get(), raw.data(), raw.size(), packed.data(),
                                packed.size()) == raw.size();
-}
-
-std::uint64_t checksum_of(std::span<const std::byte> bytes) {
-    return XXH64(bytes.data(), bytes.size(), 0);
-}
-
-struct Checksum::State {
-    XXH64_state_t xxh;
-};
-
-Checksum::Checksum() : state_(std::make_unique<State>()) {
-    XXH64_reset(&state_->xxh, 0);
-}
-
-Checksum::~Checksum() = default;
-
-void Checksum::add(std::span<const std::byte> bytes) {
-    XXH64_update(&state_->xxh, bytes.data(), bytes.size());
-}
-
-std::uint64_t Checksum::value() const {
-    return XXH64_digest(&state_->xxh);
 }
 
 std::size_t codec_heap(std::size_t chunk_bytes, int level) {

@@ -3,11 +3,12 @@
 #pragma once
 
 #include <cstddef>
-#include <memory>
 #include <span>
 #include <vector>
 
 #include <isonest/error.h>
+
+#include "store/base/checksum.h"
 
 namespace isonest::detail {
 
@@ -32,23 +33,6 @@ void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
 /// Undoes HDF5's shuffle of elements of `size` bytes (2, 4 or 8). REQUIRES: from.size() is a
 /// multiple of it, and `to` has as many bytes.
 void unshuffle(std::span<const std::byte> from, std::byte* to, std::size_t size);
-
-/// XXH64 with seed 0.
-std::uint64_t checksum_of(std::span<const std::byte> bytes);
-/// The same of bytes that come piece by piece.
-class Checksum {
-  public:
-    Checksum();
-    Checksum(const Checksum&) = delete;
-    Checksum& operator=(const Checksum&) = delete;
-    ~Checksum();
-    void add(std::span<const std::byte> bytes);
-    [[nodiscard]] std::uint64_t value() const;
-
-  private:
-    struct State;
-    std::unique_ptr<State> state_;
-};
 
 /// Heap that one thread's contexts and buffers may take for chunks of `chunk_bytes`.
 std::size_t codec_heap(std::size_t chunk_bytes, int level);

@@ -1,0 +1,133 @@
+#include "store/bytes/disk_cache.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <mutex>
+#include <new>
+#include <span>
+#include <utility>
+
+#include "store/base/checksum.h"
+#include "store/bytes/cache_folder.h"
+#include "store/bytes/cached_block.h"
+
+namespace isonest::detail {
+namespace {
+
+class CachedObject : public RangeCache {
+  public:
+    CachedObject(std::shared_ptr<CacheFolder> folder, const ObjectState& object)
+        : folder_(std::move(folder)),
+          name_(fmt::format("{}\n{}\n{}", object.url, object.version, object.size)),
+          name_checksum_(checksum_of(std::as_bytes(std::span(name_)))),
+          size_(object.size) {}
+
+    [[nodiscard]] std::optional<std::vector<std::byte>> load(ByteRange range) override {
+        if (!is_inside(range)) {
+            return std::nullopt;
+        }
+        std::vector<std::byte> bytes;
+        const bool all = each_piece(range, [&](const Piece& piece) {
+            const auto block = stored(piece.block);
+            if (!block) {
+                return false;
+            }
+            bytes.resize(range.size);
+            return block->copy(piece.from, std::span(bytes).subspan(piece.at, piece.size));
+        });
+        return all ? std::optional(std::move(bytes)) : std::nullopt;
+    }
+
+    void keep(ByteRange range, std::span<const std::byte> bytes) override {
+        if (!is_inside(range) || bytes.size() != range.size) {
+            return;
+        }
+        try {
+            each_piece(range, [&](const Piece& piece) {
+                // Neighbours that come at the same time share a block at their border.
+                const std::lock_guard lock(adding_.at(piece.block % adding_.size()));
+                CachedBlock block = stored(piece.block).value_or(CachedBlock());
+                if (block.add(piece.from, bytes.subspan(piece.at, piece.size))) {
+                    const std::vector<std::byte> file = block.encode(name_, piece.block);
+                    if (!file.empty()) {
+                        folder_->write(number_of(piece.block), file);
+                    }
+                }
+                return true;
+            });
+        } catch (const std::bad_alloc&) {
+            return;  // not kept
+        }
+    }
+
+  private:
+    /// Of a range, what lies in one block.
+    struct Piece {
+        std::uint64_t block = 0;
+        std::size_t from = 0;  ///< in the block
+        std::size_t at = 0;    ///< in the range
+        std::size_t size = 0;
+    };
+
+    [[nodiscard]] bool is_inside(ByteRange range) const {
+        return range.offset <= size_ && range.size <= size_ - range.offset;
+    }
+
+    /// f(piece) for those of the range, as long as it returns true. Returns whether it always did.
+    template <class F>
+    static bool each_piece(ByteRange range, const F& f) {
+        for (std::uint64_t done = 0; done < range.size;) {
+            const std::uint64_t offset = range.offset + done;
+            const std::size_t from = offset % CachedBlock::kBytes;
+            const std::size_t size =
+                std::min<std::uint64_t>(CachedBlock::kBytes - from, range.size - done);
+            if (!f(Piece{offset / CachedBlock::kBytes, from, done, size})) {
+                return false;
+            }
+            done += size;
+        }
+        return true;
+    }
+
+    /// Of the entry.
+    [[nodiscard]] std::uint64_t number_of(std::uint64_t block) const {
+        const std::array<std::uint64_t, 2> key{name_checksum_, block};
+        return checksum_of(std::as_bytes(std::span(key)));
+    }
+
+    [[nodiscard]] std::optional<CachedBlock> stored(std::uint64_t block) const {
+        const std::uint64_t number = number_of(block);
+        const auto file = folder_->read(number, CachedBlock::kMostFileBytes);
+        if (!file) {
+            return std::nullopt;
+        }
+        auto found = CachedBlock::decode(*file, name_, block);
+        if (!found) {
+            folder_->remove(number);
+        }
+        return found;
+    }
+
+    std::shared_ptr<CacheFolder> folder_;
+    std::string name_;
+    std::uint64_t name_checksum_;
+    std::uint64_t size_;
+    std::array<std::mutex, 16> adding_;  ///< by the block's number
+};
+
+}  // namespace
+
+DiskCache::DiskCache(const std::filesystem::path& folder, std::uint64_t most_bytes)
+    : folder_(std::make_shared<CacheFolder>(folder, most_bytes)) {}
+
+std::unique_ptr<RangeCache> DiskCache::of(const ObjectState& object) const {
+    return object.version.empty() ? nullptr : std::make_unique<CachedObject>(folder_, object);
+}
+
+std::string DiskCache::warning() const {
+    return folder_->warning();
+}
+
+}  // namespace isonest::detail

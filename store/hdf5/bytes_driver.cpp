@@ -1,0 +1,311 @@
+#include "store/hdf5/bytes_driver.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <exception>
+#include <functional>
+#include <iterator>
+#include <list>
+#include <mutex>
+#include <new>
+#include <string>
+#include <unordered_map>
+#include <vector>
+#if H5_VERSION_GE(1, 13, 0)
+#include <H5FDdevelop.h>
+#endif
+
+namespace isonest::detail {
+namespace {
+
+/// The blocks of far bytes that were used last. Where a missing one follows those that were fetched
+/// before, twice as many are fetched together, as long as that goes on; elsewhere one, and up to
+/// four when many have been missing, which over 50 ms and 50 Mbit/s take about as long to come as
+/// to ask for.
+/// Thread-safety: one thread, which HDF5's lock sees to.
+class HeldBlocks {
+  public:
+    explicit HeldBlocks(const StoreBytes& bytes) : bytes_(bytes) {}
+
+    /// REQUIRES: the range lies within the bytes.
+    void copy(std::uint64_t from, std::size_t size, std::byte* to) {
+        while (size > 0) {
+            const std::span<const std::byte> block = at(from / kDriverBlock);
+            const std::size_t skipped = from % kDriverBlock;
+            const std::size_t n = std::min(size, block.size() - skipped);
+            std::memcpy(to, block.data() + skipped, n);
+            from += n;
+            to += n;
+            size -= n;
+        }
+    }
+
+  private:
+    struct Block {
+        std::uint64_t number = 0;
+        std::vector<std::byte> bytes;
+    };
+    using Blocks = std::list<Block>;
+    static constexpr std::size_t kMostBlocks = kDriverHolds / kDriverBlock;
+    static constexpr std::uint64_t kLongestRun = kMostBlocks / 4;
+    static constexpr std::uint64_t kLongestJump = 4;
+
+    std::span<const std::byte> at(std::uint64_t number) {
+        if (const auto found = where_.find(number); found != where_.end()) {
+            blocks_.splice(blocks_.begin(), blocks_, found->second);
+        } else {
+            fetch(number);
+        }
+        return blocks_.front().bytes;
+    }
+
+    /// The block becomes the first one.
+    void fetch(std::uint64_t number) {
+        const std::uint64_t blocks = (bytes_.size() + kDriverBlock - 1) / kDriverBlock;
+        ++misses_;
+        const std::uint64_t wanted = number == end_of_run_
+                                         ? std::min(2 * run_, kLongestRun)
+                                         : std::clamp<std::uint64_t>(misses_ / 2, 1, kLongestJump);
+        std::uint64_t end = number + 1;
+        while (end < blocks && end < number + wanted && where_.find(end) == where_.end()) {
+            ++end;
+        }
+        const std::uint64_t from = number * kDriverBlock;
+        const HeldBytes held =
+            bytes_.read(from, std::min(end * kDriverBlock, bytes_.size()) - from);
+        for (std::uint64_t i = end; i-- > number;) {
+            const std::size_t skipped = (i - number) * kDriverBlock;
+            hold(i, held.bytes().subspan(skipped,
+                                         std::min(kDriverBlock, held.bytes().size() - skipped)));
+        }
+        run_ = end - number;
+        end_of_run_ = end;
+    }
+
+    void hold(std::uint64_t number, std::span<const std::byte> bytes) {
+        if (blocks_.size() == kMostBlocks) {
+            where_.erase(blocks_.back().number);
+            blocks_.splice(blocks_.begin(), blocks_, std::prev(blocks_.end()));
+        } else {
+            blocks_.emplace_front();
+        }
+        // Where there is no memory, nobody finds the block.
+        Block& block = blocks_.front();
+        block.number = number;
+        block.bytes.assign(bytes.begin(), bytes.end());
+        where_.emplace(number, blocks_.begin());
+    }
+
+    const StoreBytes& bytes_;
+    Blocks blocks_;  ///< the one used last comes first
+    std::unordered_map<std::uint64_t, Blocks::iterator> where_;
+    std::uint64_t misses_ = 0;
+    std::uint64_t run_ = 1;         ///< blocks that were fetched last
+    std::uint64_t end_of_run_ = 0;  ///< the block after them
+};
+
+/// What HDF5 reads from. Thread-safety: read() from one thread at a time.
+class ReadBytes {
+  public:
+    explicit ReadBytes(std::shared_ptr<const StoreBytes> bytes)
+        : bytes_(std::move(bytes)), blocks_(*bytes_) {}
+
+    [[nodiscard]] std::uint64_t size() const { return bytes_->size(); }
+
+    /// Zeros past the end, as HDF5's own driver reads. False: it failed.
+    bool read(std::uint64_t from, std::size_t size, std::byte* to) noexcept {
+        if (failure() != nullptr) {
+            return false;
+        }
+        try {
+            const std::uint64_t end = bytes_->size();
+            const std::size_t n =
+                from < end ? static_cast<std::size_t>(std::min<std::uint64_t>(size, end - from))
+                           : 0;
+            if (bytes_->is_far() && n < kDriverBlock) {
+                blocks_.copy(from, n, to);
+            } else if (n > 0) {
+                const HeldBytes held = bytes_->read(from, n);
+                std::memcpy(to, held.bytes().data(), n);
+            }
+            std::fill_n(to + n, size - n, std::byte{0});
+            return true;
+        } catch (...) {
+            const std::lock_guard lock(mutex_);
+            failure_ = std::current_exception();
+            return false;
+        }
+    }
+
+    /// What the read that failed has thrown. Null if none has.
+    std::exception_ptr failure() {
+        const std::lock_guard lock(mutex_);
+        return failure_;
+    }
+
+  private:
+    std::shared_ptr<const StoreBytes> bytes_;
+    HeldBlocks blocks_;
+    std::mutex mutex_;
+    std::exception_ptr failure_;
+};
+
+/// HDF5 sees its first member.
+struct BytesFile {
+    H5FD_t base{};
+    std::shared_ptr<ReadBytes> bytes;
+    haddr_t end_of_space = 0;  ///< of what HDF5 believes to be there
+};
+
+BytesFile& bytes_file(H5FD_t* file) {
+    return *reinterpret_cast<BytesFile*>(file);
+}
+const BytesFile& bytes_file(const H5FD_t* file) {
+    return *reinterpret_cast<const BytesFile*>(file);
+}
+
+H5FD_t* fail_to_open(const char* why) {
+    H5Epush2(H5E_DEFAULT, __FILE__, "bytes_driver", __LINE__, H5E_ERR_CLS, H5E_VFL,
+             H5E_CANTOPENFILE, "%s", why);
+    return nullptr;
+}
+
+/// The properties have a pointer to what is to be read while open_hdf5() runs. HDF5 opens other
+/// files that a file names with the file's driver, but without that pointer.
+H5FD_t* open_bytes(const char* /*name*/, unsigned flags, hid_t access, haddr_t /*most*/) {
+    if ((flags & (H5F_ACC_RDWR | H5F_ACC_CREAT | H5F_ACC_TRUNC)) != 0) {
+        return fail_to_open("these bytes can only be read");
+    }
+    const void* const info = H5Pget_driver_info(access);
+    if (info == nullptr) {
+        return fail_to_open("another file, which is not opened");
+    }
+    const std::shared_ptr<ReadBytes>* bytes = nullptr;
+    std::memcpy(&bytes, info, sizeof(bytes));
+    auto* const file = new (std::nothrow) BytesFile;
+    if (file == nullptr) {
+        return fail_to_open("no memory");
+    }
+    file->bytes = *bytes;
+    return &file->base;
+}
+
+herr_t close_bytes(H5FD_t* file) {
+    delete &bytes_file(file);
+    return 0;
+}
+
+/// No two are the same: a failure belongs to whom it was opened for.
+int compare_bytes(const H5FD_t* a, const H5FD_t* b) {
+    return a == b ? 0 : std::less<>()(a, b) ? -1 : 1;
+}
+
+herr_t query_bytes(const H5FD_t* /*file*/, unsigned long* flags) {
+    *flags =
+        H5FD_FEAT_ACCUMULATE_METADATA | H5FD_FEAT_DATA_SIEVE | H5FD_FEAT_DEFAULT_VFD_COMPATIBLE;
+    return 0;
+}
+
+haddr_t bytes_end_of_space(const H5FD_t* file, H5FD_mem_t /*kind*/) {
+    return bytes_file(file).end_of_space;
+}
+herr_t set_bytes_end_of_space(H5FD_t* file, H5FD_mem_t /*kind*/, haddr_t end) {
+    bytes_file(file).end_of_space = end;
+    return 0;
+}
+haddr_t bytes_end_of_file(const H5FD_t* file, H5FD_mem_t /*kind*/) {
+    return bytes_file(file).bytes->size();
+}
+
+herr_t hand_out(H5FD_t* file, hid_t /*access*/, void** handle) {
+    *handle = bytes_file(file).bytes.get();
+    return 0;
+}
+
+herr_t read_bytes(H5FD_t* file, H5FD_mem_t /*kind*/, hid_t /*transfer*/, haddr_t from,
+                  std::size_t size, void* to) {
+    if (bytes_file(file).bytes->read(from, size, static_cast<std::byte*>(to))) {
+        return 0;
+    }
+    H5Epush2(H5E_DEFAULT, __FILE__, "bytes_driver", __LINE__, H5E_ERR_CLS, H5E_VFL, H5E_READERROR,
+             "file read failed");
+    return -1;
+}
+
+/// HDF5 asks each driver for it.
+herr_t refuse_to_write(H5FD_t* /*file*/, H5FD_mem_t /*kind*/, hid_t /*transfer*/, haddr_t /*to*/,
+                       std::size_t /*size*/, const void* /*from*/) {
+    return -1;
+}
+
+H5FD_class_t bytes_driver_class() {
+    constexpr haddr_t kMostAddress = (haddr_t{1} << 63U) - 1;
+    H5FD_class_t c{};
+#if H5_VERSION_GE(1, 13, 0)
+    c.version = H5FD_CLASS_VERSION;
+    c.value = static_cast<H5FD_class_value_t>(601);  // of those that are free for own drivers
+#endif
+    c.name = "isonest_bytes";
+    c.maxaddr = kMostAddress;
+    c.fc_degree = H5F_CLOSE_WEAK;
+    c.fapl_size = sizeof(const std::shared_ptr<ReadBytes>*);
+    c.open = open_bytes;
+    c.close = close_bytes;
+    c.cmp = compare_bytes;
+    c.query = query_bytes;
+    c.get_eoa = bytes_end_of_space;
+    c.set_eoa = set_bytes_end_of_space;
+    c.get_eof = bytes_end_of_file;
+    c.get_handle = hand_out;
+    c.read = read_bytes;
+    c.write = refuse_to_write;
+    constexpr H5FD_mem_t kMap[] = H5FD_FLMAP_DICHOTOMY;
+    std::copy(std::begin(kMap), std::end(kMap), std::begin(c.fl_map));
+    return c;
+}
+
+hid_t bytes_driver() {
+    // HDF5 1.10 loses memory where a read fails, and complains about that when the process ends,
+    // unless it does nothing then. Without effect where HDF5 is in use already.
+    static const herr_t left_alone = H5dont_atexit();
+    static_cast<void>(left_alone);
+    static const H5FD_class_t kind = bytes_driver_class();
+    static const hid_t driver = H5FDregister(&kind);
+    return driver;
+}
+
+}  // namespace
+
+FileHandle open_hdf5(std::shared_ptr<const StoreBytes> bytes) {
+    const std::string name = bytes->name();
+    const auto reads = std::make_shared<ReadBytes>(std::move(bytes));
+    const std::shared_ptr<ReadBytes>* const info = &reads;
+    const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
+    H5Pset_driver(access.get(), bytes_driver(), &info);
+    FileHandle file(H5Fopen(name.c_str(), H5F_ACC_RDONLY, access.get()));
+    if (const std::exception_ptr failure = reads->failure()) {
+        std::rethrow_exception(failure);
+    }
+    return file;
+}
+
+void rethrow_failed_read(hid_t file) {
+    const QuietHdf5 quiet;
+    const FileHandle whole(H5Iget_file_id(file));
+    const PropertyHandle access(whole.valid() ? H5Fget_access_plist(whole.get()) : H5I_INVALID_HID);
+    if (!access.valid() || H5Pget_driver(access.get()) != bytes_driver()) {
+        return;
+    }
+    void* handle = nullptr;
+    if (H5Fget_vfd_handle(whole.get(), H5P_DEFAULT, &handle) < 0 || handle == nullptr) {
+        return;
+    }
+    const std::exception_ptr failure = static_cast<ReadBytes*>(handle)->failure();
+    if (failure != nullptr) {
+        std::rethrow_exception(failure);
+    }
+}
+
+}  // namespace isonest::detail
