@@ -96,7 +96,7 @@ std::vector<EncodedChunk> base_block(const PassContext& context, const PlaneWind
     const LayerRange ring{max(block * k - one, {0, 0, 0}),
                           min((block + one) * k + one, lattice.cells_at(1)), lattice.cells_at(1)};
     LevelTask<T> first = level_task(layout, 1, ring, box);
-    const LayerRange second = range_of(layout, 2, block * (k / 2), k / 2);
+    const LayerRange second = range_of(layout, 2, block * (k / 2), one * (k / 2));
     std::map<Field, Box<float>> centres;
     for (const Field field : fields_at(layout, 1)) {
         first.fields.push_back({field, nullptr});
@@ -116,7 +116,7 @@ std::vector<EncodedChunk> base_block(const PassContext& context, const PlaneWind
         task.fields.push_back({field, &centres.at(source_at_level_1(field))});
     }
     LevelSink coarse(layout, 2, block, one);
-    run_and_carry(context, task, 2, k / 2, coarse);
+    run_and_carry(context, task, 2, one * (k / 2), coarse);
     coarse.encode(out);
     return out;
 }

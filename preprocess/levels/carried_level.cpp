@@ -13,8 +13,8 @@ namespace isonest::detail {
 namespace {
 
 /// Cubes of the level inside a block, for the centres that the block hands on.
-Box<float> own_cubes(const LayerRange& range, std::int64_t count) {
-    const Int3 end = min(range.lo + Int3{count, count, count}, max(range.cells, {1, 1, 1}));
+Box<float> own_cubes(const LayerRange& range, const Int3& count) {
+    const Int3 end = min(range.lo + count, max(range.cells, {1, 1, 1}));
     return {range.lo, max(end - range.lo, {0, 0, 0})};
 }
 
@@ -22,7 +22,7 @@ Box<float> own_cubes(const LayerRange& range, std::int64_t count) {
 
 template <class T>
 void run_and_carry(const PassContext& context, const LevelTask<T>& task, int level,
-                   std::int64_t count, LevelSink& sink) {
+                   const Int3& count, LevelSink& sink) {
     const bool carry = level < context.layout.lattice().top();
     const int centre = context.layout.lattice().centre_slot();
     std::vector<Box<float>> centres(carry ? task.fields.size() : 0, own_cubes(task.range, count));
@@ -40,8 +40,8 @@ void run_and_carry(const PassContext& context, const LevelTask<T>& task, int lev
 }
 
 // NOLINTBEGIN(bugprone-macro-parentheses): T is a type
-#define ISONEST_INSTANTIATE(tag, T)                                                         \
-    template void run_and_carry(const PassContext&, const LevelTask<T>&, int, std::int64_t, \
+#define ISONEST_INSTANTIATE(tag, T)                                                        \
+    template void run_and_carry(const PassContext&, const LevelTask<T>&, int, const Int3&, \
                                 LevelSink&);
 ISONEST_FOR_EACH_VALUE_TYPE(ISONEST_INSTANTIATE)
 #undef ISONEST_INSTANTIATE

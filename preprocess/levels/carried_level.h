@@ -31,6 +31,6 @@ LevelTask<T> level_task(const StoreLayout& layout, int level, const LayerRange& 
 /// coarser levels.
 template <class T>
 void run_and_carry(const PassContext& context, const LevelTask<T>& task, int level,
-                   std::int64_t count, LevelSink& sink);
+                   const Int3& count, LevelSink& sink);
 
 }  // namespace isonest::detail

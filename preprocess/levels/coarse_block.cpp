@@ -65,27 +65,29 @@ Int3 coarse_grid(const StoreLayout& layout, int level) {
 }
 
 template <class T>
-std::vector<EncodedChunk> coarse_block(const PassContext& context, FinerLevels& finer, int level,
-                                       const Int3& block) {
-    const StoreLayout& layout = context.layout;
-    const std::int64_t k = layout.header().chunk;
-    const Int3 one{1, 1, 1};
-    const Int3 two{2, 2, 2};
-    const LayerRange range = range_of(layout, level, block * (k / 2), k / 2);
+ValueBox<T> coarse_values(const StoreLayout& layout, FinerLevels& finer, int level,
+                          const Int3& first, const Int3& count) {
+    const LayerRange range = range_of(layout, level, first, count);
+    const Int3 margin{kCoarseMargin, kCoarseMargin, kCoarseMargin};
     ValueBox<T> box;
     box.values =
-        Box<T>(range.lo * 4 - one * kMargin, (range.hi - range.lo) * 4 + one * (2 * kMargin + 1));
+        Box<T>(range.lo * 4 - margin, (range.hi - range.lo) * 4 + margin * 2 + Int3{1, 1, 1});
     const ArrayInfo& values = layout.array(level - 2, Field::values);
     gather_from(chunks_of(finer, values), values, box.values);
     box.find_missing();
+    return box;
+}
 
-    std::vector<EncodedChunk> out;
-    encode_all_values(&layout.array(level - 1, Field::values), block, one, box.values, 2, out);
-
+template <class T>
+void coarse_indicators(const PassContext& context, FinerLevels& finer, int level, const Int3& first,
+                       const Int3& count, const ValueBox<T>& box, LevelSink& sink) {
+    const StoreLayout& layout = context.layout;
+    const Int3 one{1, 1, 1};
+    const LayerRange range = range_of(layout, level, first, count);
     LevelTask<T> task = level_task(layout, level, range, box);
     std::vector<Box<float>> centres(
         layout.header().fields.size(),
-        Box<float>(range.lo * 2 - one, (range.hi - range.lo) * 2 + two));
+        Box<float>(range.lo * 2 - one, (range.hi - range.lo) * 2 + one * 2));
     for (std::size_t f = 0; f < centres.size(); ++f) {
         const Field field = layout.header().fields[f];
         context.centres.get(level - 1, field, 0.0F, centres[f]);
@@ -102,8 +104,20 @@ std::vector<EncodedChunk> coarse_block(const PassContext& context, FinerLevels& 
         }
         task.fine_deviation = &fine;
     }
+    run_and_carry(context, task, level, count, sink);
+}
+
+template <class T>
+std::vector<EncodedChunk> coarse_block(const PassContext& context, FinerLevels& finer, int level,
+                                       const Int3& block) {
+    const StoreLayout& layout = context.layout;
+    const std::int64_t half = layout.header().chunk / 2;
+    const Int3 one{1, 1, 1};
+    const ValueBox<T> box = coarse_values<T>(layout, finer, level, block * half, one * half);
+    std::vector<EncodedChunk> out;
+    encode_all_values(&layout.array(level - 1, Field::values), block, one, box.values, 2, out);
     LevelSink sink(layout, level, block, one);
-    run_and_carry(context, task, level, k / 2, sink);
+    coarse_indicators(context, finer, level, block * half, one * half, box, sink);
     sink.encode(out);
     return out;
 }
@@ -123,6 +137,10 @@ std::vector<EncodedChunk> top_values(const PassContext& context, FinerLevels& fi
 
 // NOLINTBEGIN(bugprone-macro-parentheses): T is a type
 #define ISONEST_INSTANTIATE(tag, T)                                                           \
+    template ValueBox<T> coarse_values<T>(const StoreLayout&, FinerLevels&, int, const Int3&, \
+                                          const Int3&);                                       \
+    template void coarse_indicators<T>(const PassContext&, FinerLevels&, int, const Int3&,    \
+                                       const Int3&, const ValueBox<T>&, LevelSink&);          \
     template std::vector<EncodedChunk> coarse_block<T>(const PassContext&, FinerLevels&, int, \
                                                        const Int3&);                          \
     template std::vector<EncodedChunk> top_values<T>(const PassContext&, FinerLevels&);

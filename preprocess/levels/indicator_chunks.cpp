@@ -1,6 +1,7 @@
 #include "preprocess/levels/indicator_chunks.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "preprocess/indicators/row_kernels.h"
 #include "store/container/codec.h"
@@ -18,6 +19,7 @@ IndicatorChunks::IndicatorChunks(const ArrayInfo& array, const Int3& first, cons
                 part.chunk = {x, y, z};
                 part.lo = array.first_node(part.chunk);
                 part.n = min(array.chunk, array.nodes - part.lo);
+                part.size = array.chunk;
                 part.raw = std::make_unique_for_overwrite<std::byte[]>(array.chunk_bytes());
                 if (part.n != array.chunk) {
                     std::fill_n(part.raw.get(), array.chunk_bytes(), std::byte{0});
@@ -26,6 +28,19 @@ IndicatorChunks::IndicatorChunks(const ArrayInfo& array, const Int3& first, cons
             }
         }
     }
+}
+
+IndicatorChunks IndicatorChunks::of_nodes(const ArrayInfo& array, const Int3& lo, const Int3& count,
+                                          bool exact) {
+    IndicatorChunks made(array, exact);
+    Part part;
+    part.lo = lo;
+    part.n = max(min(count, array.nodes - lo), {0, 0, 0});
+    part.size = part.n;
+    part.raw = std::make_unique_for_overwrite<std::byte[]>(
+        static_cast<std::size_t>(part.n.product() * array.components) * array.codec.element_size);
+    made.parts_.push_back(std::move(part));
+    return made;
 }
 
 template <class Stored, class Real>
@@ -52,7 +67,7 @@ void IndicatorChunks::put(const LayerRange& range, std::int64_t k, const Layer<R
             continue;
         }
         for (std::int64_t j = 0; j < part.n.y; ++j) {
-            const std::int64_t at = array_.chunk.linear({0, j, k - part.lo.z}) * array_.components;
+            const std::int64_t at = part.size.linear({0, j, k - part.lo.z}) * array_.components;
             for (int slot = first; slot < first + array_.components; ++slot) {
                 const Real* const from =
                     layer.row(slot, part.lo.y + j - range.lo.y) + (part.lo.x - range.lo.x);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -33,8 +34,22 @@ class LevelSink {
         }
     }
     void encode(std::vector<EncodedChunk>& out) const;
+    /// Of lattice nodes, not of chunks: `count` per axis from `lo` on, as far as there are any.
+    static LevelSink of_nodes(const StoreLayout& layout, int level, const Int3& lo,
+                              const Int3& count);
+    /// f(array, lattice node, bytes) for each row along x, as stored.
+    template <class F>
+    void each_row(const F& f) const {
+        for (const auto& part : parts_) {
+            const IndicatorChunks& chunks = part.second;
+            chunks.each_row([&](const Int3& at, std::span<const std::byte> bytes) {
+                f(chunks.array(), at, bytes);
+            });
+        }
+    }
 
   private:
+    LevelSink() = default;
     std::vector<std::pair<Field, IndicatorChunks>> parts_;
 };
 

@@ -9,9 +9,9 @@ const ArrayInfo* find_array(const StoreLayout& layout, int level, Field field) {
                                                                 : nullptr;
 }
 
-LayerRange range_of(const StoreLayout& layout, int level, const Int3& first, std::int64_t count) {
+LayerRange range_of(const StoreLayout& layout, int level, const Int3& first, const Int3& count) {
     const Int3 cells = layout.lattice().cells_at(level);
-    return {first, min(first + Int3{count, count, count}, cells), cells};
+    return {first, min(first + count, cells), cells};
 }
 
 Field deviation_carried(const StoreLayout& layout) {

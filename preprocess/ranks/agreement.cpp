@@ -13,7 +13,7 @@
 #include "store/base/label_text.h"
 #include "store/container/codec.h"
 #include "store/container/format.h"
-#include "store/ranks/same_folder.h"
+#include "store/ranks/who_differs.h"
 
 namespace isonest::detail {
 namespace {
@@ -49,17 +49,16 @@ void require_same_work(Communicator& ranks, const VolumeSource& source,
                        const PreprocessOptions& options) {
     const std::string input = digest_of(input_text(source));
     const std::string chosen = digest_of(options_text(options));
-    const std::vector<std::string> inputs = ranks.gather(input + "\n" + ranks.host());
-    const std::vector<std::string> choices = ranks.gather(chosen + "\n" + ranks.host());
-    if (ranks.rank() == 0) {
-        if (const std::string others = who_differs(inputs, input); !others.empty()) {
-            throw Error(ErrorKind::invalid_argument, {source.describe().name},
-                        "ranks see different inputs: not what rank 0 sees, see ranks " + others);
-        }
-        if (const std::string others = who_differs(choices, chosen); !others.empty()) {
-            throw Error(ErrorKind::invalid_argument, {source.describe().name},
-                        "ranks have different options: not those of rank 0, have ranks " + others);
-        }
+    const std::string other_inputs = who_differs(ranks, input, input);
+    const std::string other_choices = who_differs(ranks, chosen, chosen);
+    if (!other_inputs.empty()) {
+        throw Error(ErrorKind::invalid_argument, {source.describe().name},
+                    "ranks see different inputs: not what rank 0 sees, see ranks " + other_inputs);
+    }
+    if (!other_choices.empty()) {
+        throw Error(
+            ErrorKind::invalid_argument, {source.describe().name},
+            "ranks have different options: not those of rank 0, have ranks " + other_choices);
     }
     ranks.meet();
 }

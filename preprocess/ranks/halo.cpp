@@ -20,14 +20,13 @@ Span common(const Span& a, const Span& b) {
     return {std::max(a[0], b[0]), std::min(a[1], b[1])};
 }
 
-/// What a pencil at `block` needs along an axis.
-Span needed(const StoreLayout& layout, int pass, const HaloArray& array, int axis,
-            std::int64_t block) {
-    const std::int64_t half = layout.header().chunk / 2;
-    const std::int64_t lo = block * half;
-    const std::int64_t hi = std::min(lo + half, layout.lattice().cells_at(pass)[axis]);
-    return common({array.scale * lo - array.before, array.scale * hi + array.behind},
-                  {0, array.size[axis] - 1});
+/// What the pencil `at` needs along an axis. A margin that lies outside is the nearest row.
+Span needed(const PencilCut& needing, const HaloArray& array, int axis, std::int64_t at) {
+    const std::int64_t last = array.size[axis] - 1;
+    const std::int64_t first = array.scale * at * needing.cells - array.before;
+    return common({array.before > 0 ? std::min(first, last) : first,
+                   array.scale * (at + 1) * needing.cells + array.behind},
+                  {0, last});
 }
 
 /// What a pencil made along an axis.
@@ -35,19 +34,18 @@ Span made(const HaloArray& array, int axis, std::int64_t block) {
     return common({block * array.rows, (block + 1) * array.rows - 1}, {0, array.size[axis] - 1});
 }
 
-/// f(pencil of `pass`, rows, planes) for those that need some of what `maker` made.
+/// f(pencil of `needing`, rows, planes) for those that need some of what `maker` made.
 template <class F>
-void each_need(const StoreLayout& layout, const Pencils& pencils, int pass, const HaloArray& array,
-               const Pencil& maker, const F& f) {
-    const Int3 grid = pencils.grid(pass);
-    const int shift = pass - array.made_in;
+void each_need(const PencilCut& needing, const HaloArray& array, const Pencil& maker, const F& f) {
+    const Int3& grid = needing.grid;
+    const int shift = needing.shift - array.made.shift;
     for (std::int64_t z = (maker.z >> shift) - 1; z <= (maker.z >> shift) + 1; ++z) {
         for (std::int64_t y = (maker.y >> shift) - 1; y <= (maker.y >> shift) + 1; ++y) {
             if (y < 0 || z < 0 || y >= grid.y || z >= grid.z) {
                 continue;
             }
-            const Span rows = common(needed(layout, pass, array, 1, y), made(array, 1, maker.y));
-            const Span planes = common(needed(layout, pass, array, 2, z), made(array, 2, maker.z));
+            const Span rows = common(needed(needing, array, 1, y), made(array, 1, maker.y));
+            const Span planes = common(needed(needing, array, 2, z), made(array, 2, maker.z));
             if (rows[0] <= rows[1] && planes[0] <= planes[1]) {
                 f(Pencil{y, z}, rows, planes);
             }
@@ -61,25 +59,24 @@ struct Neighbours {
     std::set<int> senders;
 };
 
-Neighbours neighbours_of(const StoreLayout& layout, const Pencils& pencils, int pass,
+Neighbours neighbours_of(const Pencils& pencils, const PencilCut& needing,
                          std::span<const HaloArray> arrays, int rank) {
     Neighbours found;
     for (const HaloArray& array : arrays) {
-        for (const Pencil& maker : pencils.of(rank, array.made_in)) {
-            each_need(layout, pencils, pass, array, maker,
-                      [&](const Pencil& p, const Span&, const Span&) {
-                          found.receivers.insert(pencils.owner(pass, p));
-                      });
+        for (const Pencil& maker : pencils.of(rank, array.made)) {
+            each_need(needing, array, maker, [&](const Pencil& p, const Span&, const Span&) {
+                found.receivers.insert(pencils.owner(needing, p));
+            });
         }
-        for (const Pencil& p : pencils.of(rank, pass)) {
-            const Span rows = needed(layout, pass, array, 1, p.y);
-            const Span planes = needed(layout, pass, array, 2, p.z);
+        for (const Pencil& p : pencils.of(rank, needing)) {
+            const Span rows = needed(needing, array, 1, p.y);
+            const Span planes = needed(needing, array, 2, p.z);
             if (rows[0] > rows[1] || planes[0] > planes[1]) {
                 continue;
             }
             for (std::int64_t z = planes[0] / array.rows; z <= planes[1] / array.rows; ++z) {
                 for (std::int64_t y = rows[0] / array.rows; y <= rows[1] / array.rows; ++y) {
-                    found.senders.insert(pencils.owner(array.made_in, {y, z}));
+                    found.senders.insert(pencils.owner(array.made, {y, z}));
                 }
             }
         }
@@ -91,11 +88,11 @@ Neighbours neighbours_of(const StoreLayout& layout, const Pencils& pencils, int 
 
 }  // namespace
 
-HaloRuns::HaloRuns(const StoreLayout& layout, const Pencils& pencils, int pass,
+HaloRuns::HaloRuns(const Pencils& pencils, const PencilCut& needing,
                    std::span<const HaloArray> arrays, int from, int to)
-    : layout_(&layout), pencils_(&pencils), pass_(pass), arrays_(arrays), from_(from), to_(to) {
+    : pencils_(&pencils), needing_(needing), arrays_(arrays), from_(from), to_(to) {
     if (!arrays_.empty()) {
-        made_ = pencils.of(from, arrays_.front().made_in);
+        made_ = pencils.of(from, arrays_.front().made);
     }
 }
 
@@ -108,15 +105,15 @@ bool HaloRuns::load_pencil() {
         if (pencil_ == made_.size()) {
             pencil_ = 0;
             if (++array_ < arrays_.size()) {
-                made_ = pencils_->of(from_, arrays_[array_].made_in);
+                made_ = pencils_->of(from_, arrays_[array_].made);
             }
             continue;
         }
         const Pencil& maker = made_[pencil_++];
         std::vector<std::pair<Span, Span>> needs;
-        each_need(*layout_, *pencils_, pass_, array, maker,
+        each_need(needing_, array, maker,
                   [&](const Pencil& p, const Span& rows, const Span& planes) {
-                      if (pencils_->owner(pass_, p) == to_) {
+                      if (pencils_->owner(needing_, p) == to_) {
                           needs.emplace_back(rows, planes);
                       }
                   });
@@ -153,12 +150,12 @@ bool HaloRuns::next(Run& run) {
     return true;
 }
 
-void exchange_halos(Communicator& ranks, const StoreLayout& layout, const Pencils& pencils,
-                    int pass, std::span<const HaloArray> arrays) {
+void exchange_halos(Communicator& ranks, const Pencils& pencils, const PencilCut& needing,
+                    std::span<const HaloArray> arrays) {
     const int me = ranks.rank();
-    const Neighbours near = neighbours_of(layout, pencils, pass, arrays, me);
+    const Neighbours near = neighbours_of(pencils, needing, arrays, me);
     const auto between = [&](int from, int to) {
-        return RunMessages(HaloRuns(layout, pencils, pass, arrays, from, to));
+        return RunMessages(HaloRuns(pencils, needing, arrays, from, to));
     };
     std::uint64_t expected = 0;
     for (const int sender : near.senders) {
@@ -185,11 +182,13 @@ void exchange_halos(Communicator& ranks, const StoreLayout& layout, const Pencil
         },
         expected,
         [&](int /*from*/, std::span<const std::byte> bytes) {
-            unpack_runs(bytes, [&](const PieceHeader& piece, std::span<const std::byte> from) {
-                const HaloArray& array = arrays[piece.array];
-                array.reserve(piece.offset, piece.bytes);
-                std::memcpy(array.bytes.data() + piece.offset, from.data(), from.size());
-            });
+            unpack_runs(
+                bytes, [&](std::size_t array) { return arrays[array].element; },
+                [&](std::size_t which, std::uint64_t offset, std::span<const std::byte> from) {
+                    const HaloArray& array = arrays[which];
+                    array.reserve(offset, from.size());
+                    std::memcpy(array.bytes.data() + offset, from.data(), from.size());
+                });
         });
 }
 

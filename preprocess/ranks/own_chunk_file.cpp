@@ -37,16 +37,28 @@ std::span<ChunkRow> OwnChunkFile::rows() {
 
 std::uint64_t OwnChunkFile::write_into(const std::filesystem::path& store) const {
     SharedFile file(store);
-    std::vector<std::byte> buffer(kBytesAtOnce);
+    std::vector<std::byte> buffer;
     std::uint64_t from = 0;
-    for (const ChunkRow& row : rows_.as<ChunkRow>()) {
-        for (std::uint64_t done = 0; done < row.bytes;) {
-            const auto piece = std::span(buffer).first(
-                static_cast<std::size_t>(std::min<std::uint64_t>(row.bytes - done, kBytesAtOnce)));
-            bytes_.read_at(from, piece);
-            file.write_at(row.offset + done, piece);
-            from += piece.size();
-            done += piece.size();
+    const std::span<const ChunkRow> rows = rows_.as<ChunkRow>();
+    for (std::size_t i = 0; i < rows.size();) {
+        // As many chunks as lie one behind the other there, too.
+        const std::uint64_t offset = rows[i].offset;
+        std::uint64_t bytes = 0;
+        for (; i < rows.size() && rows[i].offset == offset + bytes; ++i) {
+            bytes += rows[i].bytes;
+        }
+        for (std::uint64_t done = 0; done < bytes;) {
+            const std::uint64_t most = std::min<std::uint64_t>(bytes - done, kBytesAtOnce);
+            std::uint64_t n = file.copy_from(bytes_.descriptor(), from, offset + done, most);
+            if (n == 0) {
+                buffer.resize(kBytesAtOnce);
+                const auto piece = std::span(buffer).first(static_cast<std::size_t>(most));
+                bytes_.read_at(from, piece);
+                file.write_at(offset + done, piece);
+                n = most;
+            }
+            from += n;
+            done += n;
         }
     }
     file.close();

@@ -13,11 +13,18 @@ namespace isonest::detail {
 
 PartialArray::PartialArray(const ArrayInfo& array, const ScratchFolder& folder)
     : array_(&array), file_(folder) {
-    file_.map_hole(static_cast<std::uint64_t>(array.nodes.product()) * array.codec.element_size);
+    file_.map_hole(static_cast<std::uint64_t>(array.nodes.y * array.nodes.z) * row_bytes());
 }
 
 std::uint64_t PartialArray::row_bytes() const {
-    return static_cast<std::uint64_t>(array_->nodes.x) * array_->codec.element_size;
+    return static_cast<std::uint64_t>(array_->nodes.x * array_->components) *
+           array_->codec.element_size;
+}
+
+std::byte* PartialArray::at(const Int3& node) const {
+    return bytes().data() +
+           static_cast<std::size_t>(array_->nodes.linear(node) * array_->components) *
+               array_->codec.element_size;
 }
 
 void PartialArray::reserve(const Pencil& pencil, std::int64_t nodes) const {
@@ -42,8 +49,7 @@ void PartialArray::put(const EncodedChunk& chunk) const {
     for (std::int64_t z = 0; z < n.z; ++z) {
         for (std::int64_t y = 0; y < n.y; ++y) {
             std::memcpy(
-                bytes().data() +
-                    static_cast<std::size_t>(array_->nodes.linear(lo + Int3{0, y, z})) * element,
+                at(lo + Int3{0, y, z}),
                 raw.data() + static_cast<std::size_t>(array_->chunk.linear({0, y, z})) * element,
                 static_cast<std::size_t>(n.x) * element);
         }
@@ -53,9 +59,7 @@ void PartialArray::put(const EncodedChunk& chunk) const {
 
 ChunkNodes PartialArray::chunk(const Int3& chunk) const {
     const Int3& n = array_->nodes;
-    const std::byte* const first =
-        bytes().data() +
-        static_cast<std::size_t>(n.linear(array_->first_node(chunk))) * array_->codec.element_size;
+    const std::byte* const first = at(array_->first_node(chunk));
     return {DecodedChunk(std::shared_ptr<void>(), first), {1, n.x, n.x * n.y}};
 }
 
@@ -63,23 +67,29 @@ bool carries_deviation(const StoreLayout& layout) {
     return layout.has(Field::deviation_bar) || layout.has(Field::deviation_plus);
 }
 
-void PartialLevels::begin_pass(int pass, std::span<const Pencil> pencils) {
+void PartialLevels::begin_pass(int pass, std::span<const Pencil> pencils, std::int64_t cells,
+                               bool is_in_parts) {
     const int level = pass - 1;
     const int top = layout_->lattice().top();
     values_.resize(std::max(values_.size(), static_cast<std::size_t>(level) + 1));
-    const std::int64_t chunk = layout_->header().chunk;
-    const auto make = [&](const ArrayInfo& array) {
+    const auto make = [&](const ArrayInfo& array, std::int64_t rows) {
         auto made = std::make_unique<PartialArray>(array, folder_);
         for (const Pencil& pencil : pencils) {
-            made->reserve(pencil, chunk);
+            made->reserve(pencil, rows);
         }
         return made;
     };
     if (level < top) {
-        values_[static_cast<std::size_t>(level)] = make(layout_->array(level, Field::values));
+        values_[static_cast<std::size_t>(level)] =
+            make(layout_->array(level, Field::values), 2 * cells);
     }
     if (pass == kBasePass && top > kBasePass && carries_deviation(*layout_)) {
-        deviations_ = make(layout_->array(1, deviation_carried(*layout_)));
+        deviations_ = make(layout_->array(1, deviation_carried(*layout_)), 2 * cells);
+    }
+    for (const ArrayInfo& array : layout_->arrays()) {
+        if (is_in_parts && array.level == pass && array.field != Field::values && !array.alias) {
+            indicators_.push_back(make(array, cells));
+        }
     }
 }
 
@@ -91,11 +101,18 @@ void PartialLevels::end_pass(int pass) {
     if (pass > kBasePass) {
         deviations_.reset();
     }
+    indicators_.clear();
 }
 
 const PartialArray* PartialLevels::values(int level) const {
     const auto l = static_cast<std::size_t>(level);
     return l < values_.size() ? values_[l].get() : nullptr;
+}
+
+const PartialArray* PartialLevels::indicators(const ArrayInfo& array) const {
+    const auto found = std::find_if(indicators_.begin(), indicators_.end(),
+                                    [&](const auto& made) { return &made->array() == &array; });
+    return found != indicators_.end() ? found->get() : nullptr;
 }
 
 /// An alias has the rows of its array.

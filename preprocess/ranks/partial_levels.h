@@ -29,6 +29,8 @@ class PartialArray {
     }
     /// The nodes of the pencil's blocks, `nodes` rows and planes each.
     void reserve(const Pencil& pencil, std::int64_t nodes) const;
+    /// The element of a node; those of a row along x follow.
+    [[nodiscard]] std::byte* at(const Int3& node) const;
     /// A chunk whose rows were reserved. Thread-safe for different chunks.
     void put(const EncodedChunk& chunk) const;
     [[nodiscard]] ChunkNodes chunk(const Int3& chunk) const;
@@ -39,15 +41,17 @@ class PartialArray {
 };
 
 /// The values of level 1 and above and the stored deviations of level 1, as long as they are
-/// needed. Thread-safety: put() and chunk() from any thread; the rest from one.
+/// needed; and while a pass is computed in parts, its indicators. Thread-safety: put() and chunk()
+/// from any thread; the rest from one.
 class PartialLevels : public FinerLevels {
   public:
     PartialLevels(const StoreLayout& layout, const ScratchFolder& folder)
         : layout_(&layout), folder_(folder) {}
 
-    /// Makes room for what a pass makes that is needed later, in a rank's pencils. Throws
-    /// Error{io}.
-    void begin_pass(int pass, std::span<const Pencil> pencils);
+    /// Makes room for what a pass makes that is needed later, in a rank's pencils of so many rows
+    /// of cubes; and if the pass is computed in parts, for its indicators, too. Throws Error{io}.
+    void begin_pass(int pass, std::span<const Pencil> pencils, std::int64_t cells,
+                    bool is_in_parts);
     /// Gives up what the passes above `pass` do not need.
     void end_pass(int pass);
     /// Takes what is needed of a chunk.
@@ -57,6 +61,11 @@ class PartialLevels : public FinerLevels {
     /// The values of a level, or the deviations of level 1; null if nobody needs them.
     [[nodiscard]] const PartialArray* values(int level) const;
     [[nodiscard]] const PartialArray* deviations() const { return deviations_.get(); }
+    /// Of a pass in parts, until it ends; no array is stored twice.
+    [[nodiscard]] std::span<const std::unique_ptr<PartialArray>> indicators() const {
+        return indicators_;
+    }
+    [[nodiscard]] const PartialArray* indicators(const ArrayInfo& array) const;
 
   private:
     [[nodiscard]] const PartialArray* find(const ArrayInfo& array) const;
@@ -65,6 +74,7 @@ class PartialLevels : public FinerLevels {
     ScratchFolder folder_;
     std::vector<std::unique_ptr<PartialArray>> values_;
     std::unique_ptr<PartialArray> deviations_;
+    std::vector<std::unique_ptr<PartialArray>> indicators_;
 };
 
 /// Whether the blocks of coarser levels look at deviations.

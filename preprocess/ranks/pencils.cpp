@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <limits>
 
+#include <isonest/field.h>
+
 #include "preprocess/levels/base_block.h"
 #include "preprocess/levels/coarse_block.h"
 #include "preprocess/levels/pass_context.h"
@@ -12,50 +14,50 @@
 namespace isonest::detail {
 namespace {
 
-/// Pencils of the base pass that one of another pass covers along each axis, as a power of two.
-int below(int pass) {
-    return pass - kBasePass;
+/// Blocks along one axis but for those at its end that have few nodes.
+std::int64_t without_thin(std::int64_t blocks, std::int64_t nodes, std::int64_t chunk) {
+    while (blocks > 1 && nodes - 2 * chunk * (blocks - 1) <= chunk / 4) {
+        --blocks;
+    }
+    return blocks;
 }
 
-/// Nodes of a block along one axis and in its margin: what it costs to read and to compute.
-std::uint64_t weight_along(std::int64_t block, std::int64_t nodes, std::int64_t chunk) {
-    return static_cast<std::uint64_t>(
-        std::clamp<std::int64_t>(nodes - 2 * chunk * block, 1, 2 * chunk) + kMargin);
+/// Nodes of a block along one axis and in its margin: what it costs to read and to compute. The
+/// last one of `blocks` has all nodes that are left.
+std::uint64_t weight_along(std::int64_t block, std::int64_t blocks, std::int64_t nodes,
+                           std::int64_t chunk) {
+    const std::int64_t left = nodes - 2 * chunk * block;
+    const std::int64_t own = block == blocks - 1 ? left : 2 * chunk;
+    return static_cast<std::uint64_t>(std::max<std::int64_t>(own, 1) + kMargin);
 }
 
 }  // namespace
 
 Pencils::Pencils(const StoreLayout& layout, int ranks)
     : layout_(&layout), base_(base_grid(layout)) {
-    // The first pencil below one of a coarser level may lie outside of the base pass.
-    Int3 all = base_;
-    for (int level = kBasePass + 1; level <= layout.lattice().top(); ++level) {
-        all = max(all,
-                  (coarse_grid(layout, level) - Int3{1, 1, 1}) * (std::int64_t{1} << below(level)) +
-                      Int3{1, 1, 1});
-    }
+    const Int3 nodes = layout.lattice().nodes();
+    const std::int64_t chunk = layout.header().chunk;
+    dealt_ = {1, without_thin(base_.y, nodes.y, chunk), without_thin(base_.z, nodes.z, chunk)};
     const auto bits_of = [](std::int64_t n) {
         return static_cast<int>(std::bit_width(static_cast<std::uint64_t>(n - 1)));
     };
-    longer_is_y_ = all.y >= all.z;
-    bits_ = std::min(bits_of(all.y), bits_of(all.z));
-    const auto rest = static_cast<std::uint64_t>((std::max(all.y, all.z) - 1) >> bits_);
+    longer_is_y_ = dealt_.y >= dealt_.z;
+    bits_ = std::min(bits_of(dealt_.y), bits_of(dealt_.z));
+    const auto rest = static_cast<std::uint64_t>((std::max(dealt_.y, dealt_.z) - 1) >> bits_);
     const std::uint64_t end = (rest + 1) << (2 * bits_);
 
-    const Int3 nodes = layout.lattice().nodes();
-    const std::int64_t chunk = layout.header().chunk;
     const auto weight_of = [&](const Pencil& p) {
-        return p.y < base_.y && p.z < base_.z
-                   ? weight_along(p.y, nodes.y, chunk) * weight_along(p.z, nodes.z, chunk)
-                   : 0;
+        return p.y < dealt_.y && p.z < dealt_.z ? weight_along(p.y, dealt_.y, nodes.y, chunk) *
+                                                      weight_along(p.z, dealt_.z, nodes.z, chunk)
+                                                : 0;
     };
     std::uint64_t total = 0;
-    for (std::int64_t y = 0; y < base_.y; ++y) {
-        total += weight_along(y, nodes.y, chunk);
+    for (std::int64_t y = 0; y < dealt_.y; ++y) {
+        total += weight_along(y, dealt_.y, nodes.y, chunk);
     }
     std::uint64_t along_z = 0;
-    for (std::int64_t z = 0; z < base_.z; ++z) {
-        along_z += weight_along(z, nodes.z, chunk);
+    for (std::int64_t z = 0; z < dealt_.z; ++z) {
+        along_z += weight_along(z, dealt_.z, nodes.z, chunk);
     }
     total *= along_z;
     // A rank begins at the pencil whose middle is the first behind its share of the whole.
@@ -82,6 +84,28 @@ Int3 Pencils::grid(int pass) const {
     return pass == kBasePass ? base_ : coarse_grid(*layout_, pass);
 }
 
+PencilCut Pencils::chunk_cut(int pass) const {
+    return {pass - kBasePass, layout_->header().chunk / 2, grid(pass)};
+}
+
+PencilCut Pencils::part_cut(int pass) const {
+    constexpr std::int64_t kLeastCells = 2;
+    const PencilCut chunks = chunk_cut(pass);
+    const std::int64_t cells = chunks.cells >> chunks.shift;
+    if (cells < kLeastCells || chunks.shift == 0 || ranks() == 1) {
+        return chunks;
+    }
+    PencilCut cut{0, cells, {chunks.grid.x, 1, 1}};
+    for (const ArrayInfo& array : layout_->arrays()) {
+        if (array.field == Field::values && array.level == pass - 1) {
+            cut.grid = max(cut.grid, ceil_div(array.nodes, {array.nodes.x, 2 * cells, 2 * cells}));
+        } else if (array.field != Field::values && array.level == pass) {
+            cut.grid = max(cut.grid, ceil_div(array.nodes, {array.nodes.x, cells, cells}));
+        }
+    }
+    return cut;
+}
+
 std::uint64_t Pencils::code_of(const Pencil& pencil) const {
     const auto y = static_cast<std::uint64_t>(pencil.y);
     const auto z = static_cast<std::uint64_t>(pencil.z);
@@ -103,27 +127,40 @@ Pencil Pencils::pencil_at(std::uint64_t code) const {
     return {static_cast<std::int64_t>(y), static_cast<std::int64_t>(z)};
 }
 
-int Pencils::owner(int pass, const Pencil& pencil) const {
-    const std::uint64_t code = code_of({pencil.y << below(pass), pencil.z << below(pass)});
+int Pencils::owner(const PencilCut& cut, const Pencil& pencil) const {
+    const std::uint64_t code = code_of({std::min(pencil.y << cut.shift, dealt_.y - 1),
+                                        std::min(pencil.z << cut.shift, dealt_.z - 1)});
     // Of ranks that begin at the same code, all but the last have nothing.
     return static_cast<int>(std::upper_bound(first_.begin(), first_.end() - 1, code) -
                             first_.begin()) -
            1;
 }
 
-std::vector<Pencil> Pencils::of(int rank, int pass) const {
-    const Int3 grid_of_pass = grid(pass);
-    const int shift = below(pass);
-    const std::uint64_t step = std::uint64_t{1} << (2 * std::min(shift, bits_));
+std::vector<Pencil> Pencils::of(int rank, const PencilCut& cut) const {
     const auto r = static_cast<std::size_t>(rank);
+    // Pencils of the cut along an axis whose owner is that of a pencil that is dealt out.
+    struct Range {
+        std::int64_t begin = 0;
+        std::int64_t end = 0;
+    };
+    const auto above = [&](std::int64_t base, std::int64_t dealt, std::int64_t all) {
+        const std::int64_t step = std::int64_t{1} << cut.shift;
+        const std::int64_t begin = (base + step - 1) >> cut.shift;
+        const std::int64_t end = base == dealt - 1 ? all : base % step == 0 ? begin + 1 : begin;
+        return Range{begin, std::min(end, all)};
+    };
     std::vector<Pencil> found;
-    for (std::uint64_t code = (first_[r] + step - 1) / step * step; code < first_[r + 1];
-         code += step) {
+    for (std::uint64_t code = first_[r]; code < first_[r + 1]; ++code) {
         const Pencil base = pencil_at(code);
-        const Pencil pencil{base.y >> shift, base.z >> shift};
-        if (base == Pencil{pencil.y << shift, pencil.z << shift} && pencil.y < grid_of_pass.y &&
-            pencil.z < grid_of_pass.z) {
-            found.push_back(pencil);
+        if (base.y >= dealt_.y || base.z >= dealt_.z) {
+            continue;
+        }
+        const Range ys = above(base.y, dealt_.y, cut.grid.y);
+        const Range zs = above(base.z, dealt_.z, cut.grid.z);
+        for (std::int64_t z = zs.begin; z < zs.end; ++z) {
+            for (std::int64_t y = ys.begin; y < ys.end; ++y) {
+                found.push_back({y, z});
+            }
         }
     }
     return found;
@@ -131,6 +168,7 @@ std::vector<Pencil> Pencils::of(int rank, int pass) const {
 
 std::vector<PencilBox> Pencils::boxes(int rank) const {
     const std::vector<Pencil> own = of(rank, kBasePass);
+    const PencilCut cut = chunk_cut(kBasePass);
     PencilBox around{std::numeric_limits<std::int64_t>::max(), 0,
                      std::numeric_limits<std::int64_t>::max(), 0};
     for (const Pencil& p : own) {
@@ -142,12 +180,12 @@ std::vector<PencilBox> Pencils::boxes(int rank) const {
     std::vector<PencilBox> found;
     for (std::int64_t z = around.z_begin; z < around.z_end; ++z) {
         for (std::int64_t y = around.y_begin; y < around.y_end;) {
-            if (owner(kBasePass, {y, z}) != rank) {
+            if (owner(cut, {y, z}) != rank) {
                 ++y;
                 continue;
             }
             std::int64_t end = y + 1;
-            while (end < around.y_end && owner(kBasePass, {end, z}) == rank) {
+            while (end < around.y_end && owner(cut, {end, z}) == rank) {
                 ++end;
             }
             const auto same = std::find_if(found.begin(), found.end(), [&](const PencilBox& box) {

@@ -75,6 +75,10 @@ RanksReport run_to_the_end(RankWork& work, VolumeSource& source, const std::file
     report.store_bytes = work.chunks.write_into(unfinished);
     report.writing = seconds_since(writing);
     gather_cube_ranges(ranks, work.layout, work.pencils, work.centres);
+    if (writer == nullptr) {
+        // What is left is rank 0's; once it has this rank's sum, it does not ask again.
+        ranks.ignore_stop();
+    }
     std::array<std::uint64_t, 2> sums{work.input_on_disk ? 1U : 0U, work.resumed_chunks};
     ranks.sum(sums);  // and by now all chunks are on the disk
     report.whole.input_on_disk = sums[0] > 0;
@@ -88,15 +92,13 @@ RanksReport run_to_the_end(RankWork& work, VolumeSource& source, const std::file
         work.progress.check();
         describe_store(*writer, report.whole);
         report.whole.label_names = label_names.size();
+        ranks.ignore_stop();
         writer->finish();
         report.alone += seconds_since(ending);
         report.whole.store_bytes = std::filesystem::file_size(store);
     }
     // Nobody says that it is done before it is.
     ranks.meet();
-    if (work.earlier != nullptr) {
-        work.earlier->remove();
-    }
     report.whole.seconds = seconds_since(start);
     return report;
 }

@@ -9,6 +9,7 @@
 #include <optional>
 #include <span>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include <isonest/field.h>
@@ -20,6 +21,7 @@
 #include "preprocess/levels/pass_context.h"
 #include "preprocess/ranks/halo.h"
 #include "preprocess/ranks/own_chunks.h"
+#include "preprocess/ranks/part_blocks.h"
 #include "preprocess/sources/wrapping/plane_window.h"
 #include "store/base/in_order.h"
 #include "store/container/codec.h"
@@ -48,6 +50,7 @@ class PassClock {
 void finish_chunks(const RankWork& work, int pass, const Int3& block,
                    std::vector<EncodedChunk>& chunks) {
     const std::vector<ChunkPlace> expected = chunks_of(work.layout, pass, block);
+    const bool is_kept = pass < last_pass(work.layout) && work.pencils.has_parts(pass);
     const bool same =
         std::equal(chunks.begin(), chunks.end(), expected.begin(), expected.end(),
                    [](const EncodedChunk& chunk, const ChunkPlace& place) {
@@ -59,7 +62,9 @@ void finish_chunks(const RankWork& work, int pass, const Int3& block,
     for (EncodedChunk& chunk : chunks) {
         chunk.row.bytes = static_cast<std::uint32_t>(chunk.bytes.size());
         chunk.row.checksum = checksum_of(chunk.bytes);
-        work.levels.put(chunk);
+        if (!is_kept) {
+            work.levels.put(chunk);
+        }
     }
 }
 
@@ -160,112 +165,190 @@ void run_box(RankWork& work, VolumeSource& source, const PassContext& context, c
 }
 
 /// Space for the centres, and the ranges of cubes, that the rank's pencils make in a pass.
-void reserve_centres(const RankWork& work, int pass, std::span<const Pencil> pencils) {
-    const std::int64_t k = work.layout.header().chunk;
+void reserve_centres(const RankWork& work, int pass, std::span<const Pencil> pencils,
+                     std::int64_t cells) {
     for (const Pencil& p : pencils) {
         if (pass < work.layout.lattice().top()) {
-            const std::int64_t n = k / 2;
-            work.centres.reserve(pass, p.y * n, (p.y + 1) * n, p.z * n, (p.z + 1) * n);
+            work.centres.reserve(pass, p.y * cells, (p.y + 1) * cells, p.z * cells,
+                                 (p.z + 1) * cells);
         }
         if (pass == kBasePass && has_cube_ranges(work.layout.lattice(), kFirstRangeLevel)) {
-            const std::int64_t n = cube_ranges_per_block(k);
+            const std::int64_t n = cube_ranges_per_block(work.layout.header().chunk);
             work.centres.reserve_cube_ranges(p.y * n, (p.y + 1) * n, p.z * n, (p.z + 1) * n);
         }
     }
 }
 
-/// The arrays that blocks of a level read.
+/// Rows of nodes that pencils of a pass make.
+HaloArray node_rows(const PartialArray& array, const PencilCut& made, std::int64_t rows) {
+    HaloArray halo;
+    halo.made = made;
+    halo.rows = rows;
+    halo.size = array.array().nodes;
+    halo.row_bytes = array.row_bytes();
+    halo.element = array.array().codec.element_size;
+    halo.bytes = array.bytes();
+    halo.reserve = [&array](std::uint64_t offset, std::uint64_t bytes) {
+        array.reserve(offset, bytes);
+    };
+    return halo;
+}
+
+/// The arrays that the cubes of a level read.
 std::vector<HaloArray> halo_arrays(const RankWork& work, int level) {
     const StoreLayout& layout = work.layout;
-    const std::int64_t k = layout.header().chunk;
     std::vector<HaloArray> arrays;
-    const auto add_nodes = [&](const PartialArray& array) {
-        arrays.push_back(
-            {level - 1, k, array.array().nodes, array.row_bytes(), array.bytes(),
-             [&array](std::uint64_t offset, std::uint64_t bytes) { array.reserve(offset, bytes); },
-             4, kMargin, kMargin});
+    const auto add = [&](HaloArray halo, std::int64_t scale, std::int64_t before,
+                         std::int64_t behind) {
+        halo.scale = scale;
+        halo.before = before;
+        halo.behind = behind;
+        arrays.push_back(std::move(halo));
     };
-    const auto add_centres = [&](int of, Field field, std::int64_t scale, std::int64_t before,
-                                 std::int64_t behind) {
+    const auto centres = [&](int of, Field field) {
         const std::span<std::byte> bytes = std::as_writable_bytes(work.centres.cubes(of, field));
         const auto first = static_cast<std::uint64_t>(bytes.data() - work.centres.bytes().data());
-        const Int3 cells = layout.lattice().elements_at(of);
-        arrays.push_back(
-            {of, k / 2, cells, static_cast<std::uint64_t>(cells.x) * sizeof(float), bytes,
-             [&centres = work.centres, first](std::uint64_t offset, std::uint64_t count) {
-                 centres.reserve_bytes(first + offset, count);
-             },
-             scale, before, behind});
+        HaloArray halo;
+        halo.made = work.pencils.part_cut(of);
+        halo.rows = halo.made.cells;
+        halo.size = layout.lattice().elements_at(of);
+        halo.row_bytes = static_cast<std::uint64_t>(halo.size.x) * sizeof(float);
+        halo.element = sizeof(float);
+        halo.bytes = bytes;
+        halo.reserve = [&store = work.centres, first](std::uint64_t offset, std::uint64_t count) {
+            store.reserve_bytes(first + offset, count);
+        };
+        return halo;
     };
-    add_nodes(*work.levels.values(level - 2));
+    const PencilCut finer = work.pencils.part_cut(level - 1);
+    add(node_rows(*work.levels.values(level - 2), finer, 2 * finer.cells), 4, kCoarseMargin,
+        kCoarseMargin);
     for (const Field field : layout.header().fields) {
-        add_centres(level - 1, field, 2, 1, 0);
+        add(centres(level - 1, field), 2, 1, 0);
     }
     if (carries_deviation(layout)) {
-        if (level == kBasePass + 1) {
-            add_nodes(*work.levels.deviations());
-        } else {
-            add_centres(level - 2, deviation_carried(layout), 4, kMargin, kMargin);
-        }
+        // Of the cubes behind, those that begin less than the margin away.
+        add(level == kBasePass + 1 ? node_rows(*work.levels.deviations(), finer, 2 * finer.cells)
+                                   : centres(level - 2, deviation_carried(layout)),
+            4, kCoarseMargin, kCoarseMargin - 1);
+    }
+    return arrays;
+}
+
+/// What the chunks of a pass in parts are put together from.
+std::vector<HaloArray> part_arrays(const RankWork& work, int pass) {
+    const PencilCut cut = work.pencils.part_cut(pass);
+    std::vector<HaloArray> arrays;
+    const auto add = [&](const PartialArray& array, std::int64_t scale) {
+        HaloArray& halo = arrays.emplace_back(node_rows(array, cut, scale * cut.cells));
+        halo.scale = scale;
+        halo.behind = -1;
+    };
+    add(*work.levels.values(pass - 1), 2);
+    for (const auto& array : work.levels.indicators()) {
+        add(*array, 1);
     }
     return arrays;
 }
 
 template <class T>
+void run_base(RankWork& work, VolumeSource& source, const PassContext& context) {
+    const PencilCut cut = work.pencils.part_cut(kBasePass);
+    const std::vector<Pencil> pencils = work.pencils.of(work.ranks.rank(), cut);
+    const auto volume_bytes =
+        static_cast<std::uint64_t>(work.layout.lattice().nodes().product()) * sizeof(T);
+    const auto blocks = static_cast<std::uint64_t>(cut.grid.x) * pencils.size();
+    const PassClock clock(work.seconds_of_passes);
+    work.levels.begin_pass(kBasePass, pencils, cut.cells, false);
+    reserve_centres(work, kBasePass, pencils, cut.cells);
+    work.progress.begin("levels 0-2", volume_bytes, "B");
+    work.workers.execute([&] {
+        for (const PencilBox& box : work.pencils.boxes(work.ranks.rank())) {
+            run_box<T>(work, source, context, box, blocks > 0 ? volume_bytes / blocks : 0);
+        }
+    });
+}
+
+/// A level from 3 on.
+template <class T>
+void run_level_pass(RankWork& work, const PassContext& context, int pass) {
+    const bool in_parts = work.pencils.has_parts(pass);
+    const PencilCut cut = work.pencils.part_cut(pass);
+    const PencilCut chunk_cut = work.pencils.chunk_cut(pass);
+    const int rank = work.ranks.rank();
+    exchange_halos(work.ranks, work.pencils, cut, halo_arrays(work, pass));
+    const std::vector<Pencil> parts = work.pencils.of(rank, cut);
+    const std::vector<Pencil> chunks = in_parts ? work.pencils.of(rank, chunk_cut) : parts;
+    const auto block_at = [&](const std::vector<Pencil>& pencils, std::int64_t i) {
+        const Pencil& p = pencils[static_cast<std::size_t>(i / cut.grid.x)];
+        return Int3{i % cut.grid.x, p.y, p.z};
+    };
+    const auto blocks = [&](const std::vector<Pencil>& pencils) {
+        return static_cast<std::int64_t>(pencils.size()) * cut.grid.x;
+    };
+    std::optional<PassClock> clock(std::in_place, work.seconds_of_passes);
+    work.levels.begin_pass(pass, parts, cut.cells, in_parts);
+    reserve_centres(work, pass, parts, cut.cells);
+    work.progress.begin(fmt::format("level {}", pass), static_cast<std::uint64_t>(blocks(parts)),
+                        "blocks");
+    if (in_parts) {
+        const Int3 count{chunk_cut.cells, cut.cells, cut.cells};
+        work.workers.execute([&] {
+            in_order(
+                blocks(parts), work.budget.tokens,
+                [&](std::int64_t i) {
+                    work.progress.check();
+                    work.ranks.check();
+                    const Int3 at = block_at(parts, i);
+                    compute_part<T>(context, work.levels, pass,
+                                    {at.x * count.x, at.y * count.y, at.z * count.z}, count);
+                    return std::uint64_t{1};
+                },
+                [&](std::int64_t /*part*/, std::uint64_t blocks_done) {
+                    work.progress.advance(blocks_done);
+                });
+        });
+        clock.reset();
+        exchange_halos(work.ranks, work.pencils, chunk_cut, part_arrays(work, pass));
+        clock.emplace(work.seconds_of_passes);
+    }
+    work.workers.execute([&] {
+        run_own_blocks(
+            work, pass, blocks(chunks), [&](std::int64_t i) { return block_at(chunks, i); },
+            [&](const Int3& block) {
+                return in_parts ? assemble_block<T>(work.layout, work.levels, pass, block)
+                                : coarse_block<T>(context, work.levels, pass, block);
+            },
+            in_parts ? 0 : 1);
+    });
+    work.levels.end_pass(pass);
+    work.centres.release(pass - 2);
+}
+
+template <class T>
 void run_all_passes(RankWork& work, VolumeSource& source) {
     const StoreLayout& layout = work.layout;
-    const int rank = work.ranks.rank();
     const PassContext context{layout, work.centres};
-    const auto volume_bytes =
-        static_cast<std::uint64_t>(layout.lattice().nodes().product()) * sizeof(T);
-    for (int pass = kBasePass; pass <= last_pass(layout); ++pass) {
-        const bool is_last = pass > kBasePass && pass == last_pass(layout);
-        std::vector<Pencil> pencils;
-        if (!is_last) {
-            pencils = work.pencils.of(rank, pass);
-        } else if (work.pencils.owner(kBasePass, {0, 0}) == rank) {
-            pencils = {{0, 0}};
-        }
-        const std::int64_t nx = is_last ? 1 : work.pencils.grid(pass).x;
-        const auto blocks = static_cast<std::uint64_t>(nx) * pencils.size();
-        if (pass > kBasePass && !is_last) {
-            exchange_halos(work.ranks, layout, work.pencils, pass, halo_arrays(work, pass));
-        }
+    run_base<T>(work, source, context);
+    if (work.earlier != nullptr) {
+        // The journals of this run have all of it by now, on whichever ranks.
+        work.ranks.meet();
+        work.earlier->remove();
+    }
+    const int last = last_pass(layout);
+    for (int pass = kBasePass + 1; pass < last; ++pass) {
+        run_level_pass<T>(work, context, pass);
+    }
+    if (last > kBasePass && work.pencils.owner(kBasePass, {0, 0}) == work.ranks.rank()) {
         const PassClock clock(work.seconds_of_passes);
-        if (!is_last) {
-            work.levels.begin_pass(pass, pencils);
-            reserve_centres(work, pass, pencils);
-        }
-        if (pass == kBasePass) {
-            const std::uint64_t per_block = blocks > 0 ? volume_bytes / blocks : 0;
-            work.progress.begin("levels 0-2", volume_bytes, "B");
-            work.workers.execute([&] {
-                for (const PencilBox& box : work.pencils.boxes(rank)) {
-                    run_box<T>(work, source, context, box, per_block);
-                }
-            });
-            continue;
-        }
-        if (!is_last) {
-            work.progress.begin(fmt::format("level {}", pass), blocks, "blocks");
-        }
         work.workers.execute([&] {
             run_own_blocks(
-                work, pass, static_cast<std::int64_t>(blocks),
-                [&](std::int64_t i) {
-                    const Pencil& p = pencils[static_cast<std::size_t>(i / nx)];
-                    return Int3{i % nx, p.y, p.z};
+                work, last, 1,
+                [](std::int64_t /*block*/) {
+                    return Int3{0, 0, 0};
                 },
-                [&](const Int3& block) {
-                    return is_last ? top_values<T>(context, work.levels)
-                                   : coarse_block<T>(context, work.levels, pass, block);
-                },
-                is_last ? 0 : 1);
+                [&](const Int3& /*block*/) { return top_values<T>(context, work.levels); }, 0);
         });
-        work.levels.end_pass(pass);
-        if (!is_last) {
-            work.centres.release(pass - 2);
-        }
     }
 }
 

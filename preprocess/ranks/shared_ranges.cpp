@@ -44,6 +44,8 @@ class RangeRuns {
         return false;
     }
 
+    [[nodiscard]] static std::size_t element(std::size_t /*array*/) { return sizeof(float); }
+
   private:
     std::vector<Pencil> pencils_;
     Int3 cells_;
@@ -80,9 +82,11 @@ void gather_cube_ranges(Communicator& ranks, const StoreLayout& layout, const Pe
         },
         expected,
         [&](int /*from*/, std::span<const std::byte> message) {
-            unpack_runs(message, [&](const PieceHeader& piece, std::span<const std::byte> from) {
-                std::memcpy(bytes.data() + piece.offset, from.data(), from.size());
-            });
+            unpack_runs(
+                message, &RangeRuns::element,
+                [&](std::size_t /*array*/, std::uint64_t offset, std::span<const std::byte> from) {
+                    std::memcpy(bytes.data() + offset, from.data(), from.size());
+                });
         });
 }
 

@@ -1,7 +1,6 @@
 #include "query/check/check.h"
 
 #include <fmt/format.h>
-#include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
@@ -16,6 +15,7 @@
 #include "query/check/rank_share.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
+#include "store/container/announce/announcer.h"
 #include "store/container/hdf5_view.h"
 #include "store/container/indicator_code.h"
 
@@ -71,7 +71,8 @@ class Checker {
         const auto all = static_cast<std::int64_t>(layout_.rows());
         const std::int64_t every =
             quick ? std::max<std::int64_t>(1, (all + kQuickChunks - 1) / kQuickChunks) : 1;
-        for_each_chunk("table", 1, [&](const ArrayInfo& a, const Int3& c) { row(a, c); });
+        for_each_chunk(
+            "table", 1, [&](const ArrayInfo& a, const Int3& c) { row(a, c); }, Reads::rows);
         for_each_chunk("checksums", every,
                        [&](const ArrayInfo& a, const Int3& c) { stored(a, c); });
         if (!quick) {
@@ -82,7 +83,7 @@ class Checker {
             for_each_chunk(
                 "levels", 1,
                 [&](const ArrayInfo& a, const Int3& c) { check_levels(cache_, findings_, a, c); },
-                true);
+                Reads::others);
         }
         if (share_.is_first()) {
             vtk_group();
@@ -101,9 +102,12 @@ class Checker {
     }
 
   private:
+    /// What is read for a chunk: its row of the table alone, itself, or others as well.
+    enum class Reads { rows, itself, others };
+
     /// All chunks that are not known to be damaged, or every so-manieth.
     template <class F>
-    void for_each_chunk(const char* phase, std::int64_t every, F&& f, bool needs_others = false) {
+    void for_each_chunk(const char* phase, std::int64_t every, F&& f, Reads reads = Reads::itself) {
         progress_.begin(phase, layout_.rows() / static_cast<std::uint64_t>(every * share_.size()),
                         "chunks");
         for (const ArrayInfo& array : layout_.arrays()) {
@@ -112,7 +116,16 @@ class Checker {
             }
             const auto [low, high] = share_.of(array.grid.product());
             const auto number = [&](std::int64_t chunk) { return (chunk + every - 1) / every; };
-            tbb::parallel_for(number(low), number(high), [&](std::int64_t i) {
+            const auto wanted = [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
+                const Int3 chunk = array.grid.unlinear(i * every);
+                if (reads != Reads::rows && !findings_.is_damaged(array, chunk)) {
+                    chunks.push_back({&array, chunk});
+                }
+            };
+            Announcer announcer = reads == Reads::others
+                                      ? Announcer(cache_, number(low), number(high), wanted)
+                                      : Announcer(store_, number(low), number(high), wanted);
+            for_each_announced(store_, announcer, number(low), number(high), [&](std::int64_t i) {
                 progress_.check();
                 const Int3 chunk = array.grid.unlinear(i * every);
                 if (!findings_.is_damaged(array, chunk)) {
@@ -123,7 +136,7 @@ class Checker {
                             throw;
                         }
                         // A chunk that only needs a damaged one has nothing wrong itself.
-                        if (!needs_others || !findings_.any_damaged()) {
+                        if (reads != Reads::others || !findings_.any_damaged()) {
                             findings_.add_damaged("decode", array, chunk, error.what());
                         }
                     }

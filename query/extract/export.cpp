@@ -1,9 +1,12 @@
 #include "query/extract/export.h"
 
 #include <algorithm>
+#include <iterator>
+#include <vector>
 
 #include "query/view/indicator_box.h"
 #include "store/base/memory_budget.h"
+#include "store/container/announce/announcer.h"
 #include "store/container/gather.h"
 #include "store/container/indicator_code.h"
 #include "store/exports/volume_file.h"
@@ -34,15 +37,26 @@ Shares share(const StoreReader& store, std::uint64_t memory, const ArrayInfo& ar
     return shares;
 }
 
-/// Calls f(lo, size) for all boxes of the lattice, of at most `box` nodes.
-template <class F>
-void for_each_box(const Int3& nodes, const Int3& box, Progress& progress, const F& f) {
+/// Calls f(lo, size) for all boxes of the lattice, of at most `box` nodes. want(lo, size, chunks)
+/// adds what f reads.
+template <class Want, class F>
+void for_each_box(const StoreReader& store, const Int3& nodes, const Int3& box, Progress& progress,
+                  const Want& want, const F& f) {
     const Int3 grid = ceil_div(nodes, box);
+    const auto first_of = [&](std::int64_t i) {
+        const Int3 g = grid.unlinear(i);
+        return Int3{g.x * box.x, g.y * box.y, g.z * box.z};
+    };
+    Announcer announcer(store, 0, grid.product(),
+                        [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
+                            const Int3 lo = first_of(i);
+                            want(lo, min(box, nodes - lo), chunks);
+                        });
     progress.begin("export", static_cast<std::uint64_t>(grid.product()), "boxes");
     for (std::int64_t i = 0; i < grid.product(); ++i) {
         progress.check();
-        const Int3 g = grid.unlinear(i);
-        const Int3 lo{g.x * box.x, g.y * box.y, g.z * box.z};
+        announcer.reach(i);
+        const Int3 lo = first_of(i);
         f(lo, min(box, nodes - lo));
         progress.advance(1);
     }
@@ -53,11 +67,41 @@ void export_values(const StoreReader& store, const ArrayInfo& array, std::uint64
                    VolumeFile& file, Progress& progress) {
     const Shares shares = share(store, memory, array, sizeof(T), 0);
     ChunkCache cache(store, shares.cache);
-    for_each_box(array.nodes, shares.box, progress, [&](const Int3& lo, const Int3& size) {
-        Box<T> box(lo, size);
-        gather_values(cache, array, box);
-        file.write_box(lo, size, reinterpret_cast<const std::byte*>(box.data.data()));
-    });
+    const auto want = [&](const Int3& lo, const Int3& size, std::vector<WantedChunk>& chunks) {
+        want_box(array, lo, lo + size - Int3{1, 1, 1}, chunks);
+    };
+    for_each_box(store, array.nodes, shares.box, progress, want,
+                 [&](const Int3& lo, const Int3& size) {
+                     Box<T> box(lo, size);
+                     gather_values(cache, array, box);
+                     file.write_box(lo, size, reinterpret_cast<const std::byte*>(box.data.data()));
+                 });
+}
+
+/// What fill_indicators() reads for a box and no box before it does: a chunk goes with the box in
+/// which the first of its nodes, or the node before that, lies.
+void want_indicators(const StoreLayout& layout, const ExportOptions& options, const Int3& box,
+                     const Int3& lo, const Int3& size, std::vector<WantedChunk>& chunks) {
+    const auto add = [&](const ArrayInfo& array) {
+        const std::int64_t stride = std::int64_t{1} << array.level;
+        const Int3 hi = lo + size - Int3{1, 1, 1};
+        std::vector<WantedChunk> all;
+        want_box(array, {lo.x / stride, lo.y / stride, lo.z / stride},
+                 {hi.x / stride + 1, hi.y / stride + 1, hi.z / stride + 1}, all);
+        std::copy_if(all.begin(), all.end(), std::back_inserter(chunks), [&](const auto& c) {
+            const Int3 corner =
+                max(array.first_node(c.chunk) * stride - Int3{1, 1, 1} * stride, {0, 0, 0});
+            return Int3{corner.x / box.x * box.x, corner.y / box.y * box.y,
+                        corner.z / box.z * box.z} == lo;
+        });
+    };
+    const bool derived = centre_suffices_at_level_1(options.field);
+    if (derived && options.level <= 1) {
+        add(layout.array(0, Field::values));
+    }
+    for (int l = std::max(options.level, 1); l <= layout.lattice().top(); ++l) {
+        add(layout.array(l, options.field));
+    }
 }
 
 void export_indicator(const StoreReader& store, const ExportOptions& options, VolumeFile& file,
@@ -65,18 +109,22 @@ void export_indicator(const StoreReader& store, const ExportOptions& options, Vo
     const ArrayInfo& values = store.layout().array(0, Field::values);
     const Shares shares = share(store, options.memory, values, sizeof(float), kIndicatorBoxHeap);
     ChunkCache cache(store, shares.cache);
-    for_each_box(values.nodes, shares.box, progress, [&](const Int3& lo, const Int3& size) {
-        Box<float> box(lo, size);
-        for_each_block(lo, size, values.chunk, [&](const Int3& from, const Int3& count) {
-            Box<double> block(from, count);
-            fill_indicators(cache, options.field, options.level, block);
-            for (std::int64_t i = 0; i < count.product(); ++i) {
-                box.at(from + count.unlinear(i)) =
-                    round_up_to_float(block.data[static_cast<std::size_t>(i)]);
-            }
+    const auto want = [&](const Int3& lo, const Int3& size, std::vector<WantedChunk>& chunks) {
+        want_indicators(store.layout(), options, shares.box, lo, size, chunks);
+    };
+    for_each_box(
+        store, values.nodes, shares.box, progress, want, [&](const Int3& lo, const Int3& size) {
+            Box<float> box(lo, size);
+            for_each_block(lo, size, values.chunk, [&](const Int3& from, const Int3& count) {
+                Box<double> block(from, count);
+                fill_indicators(cache, options.field, options.level, block);
+                for (std::int64_t i = 0; i < count.product(); ++i) {
+                    box.at(from + count.unlinear(i)) =
+                        round_up_to_float(block.data[static_cast<std::size_t>(i)]);
+                }
+            });
+            file.write_box(lo, size, reinterpret_cast<const std::byte*>(box.data.data()));
         });
-        file.write_box(lo, size, reinterpret_cast<const std::byte*>(box.data.data()));
-    });
 }
 
 }  // namespace

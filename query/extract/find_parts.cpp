@@ -163,6 +163,7 @@ void find_parts(const StoreReader& store, const ExtractQuery& asked, const Trave
                 std::span<FoundParts> found, const ScratchFolder& scratch, Progress& progress,
                 RankTeam* team) {
     TraversalQuery query = asked.traversal;
+    query.waiting_lists = budget.waiting;
     std::optional<ChunkCache> others;
     if (asked.values != nullptr) {
         others.emplace(*asked.values, budget.values_cache);

@@ -1,13 +1,12 @@
 #include "query/labels/find_label.h"
 
-#include <oneapi/tbb/parallel_for.h>
-
 #include <mutex>
 #include <vector>
 
 #include <isonest/value_type.h>
 
 #include "store/base/workers.h"
+#include "store/container/announce/announcer.h"
 
 namespace isonest::detail {
 namespace {
@@ -38,11 +37,20 @@ std::optional<Label> find_label(const StoreReader& store, std::int64_t id, doubl
     std::mutex mutex;
     progress.begin("find labels", static_cast<std::uint64_t>(array.grid.product()), "chunks");
     Workers(threads).execute([&] {
-        tbb::parallel_for(std::int64_t{0}, array.grid.product(), [&](std::int64_t i) {
+        const auto may_have = [&](const Int3& chunk) {
+            const ChunkRow row = store.row(array, chunk);
+            return row.min <= value && value <= row.max;
+        };
+        const auto wanted = [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
+            if (const Int3 chunk = array.grid.unlinear(i); may_have(chunk)) {
+                chunks.push_back({&array, chunk});
+            }
+        };
+        Announcer announcer(store, 0, array.grid.product(), wanted);
+        for_each_announced(store, announcer, 0, array.grid.product(), [&](std::int64_t i) {
             progress.check();
             const Int3 chunk = array.grid.unlinear(i);
-            const ChunkRow row = store.row(array, chunk);
-            if (row.min <= value && value <= row.max) {
+            if (may_have(chunk)) {
                 std::vector<std::byte> raw(array.chunk_bytes());
                 store.decode(array, chunk, raw);
                 Label own{id, 0, {}, {}};

@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cstring>
@@ -13,6 +12,7 @@
 #include "query/labels/label_of_value.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
+#include "store/container/announce/announcer.h"
 #include "store/container/reader.h"
 
 namespace isonest {
@@ -87,7 +87,11 @@ std::vector<Label> find_labels(const Store& store, const LabelOptions& options,
     std::mutex mutex;
     progress.begin("find labels", static_cast<std::uint64_t>(array.grid.product()), "chunks");
     Workers(options.threads).execute([&] {
-        tbb::parallel_for(std::int64_t{0}, array.grid.product(), [&](std::int64_t i) {
+        const auto wanted = [&](std::int64_t i, std::vector<WantedChunk>& into) {
+            into.push_back({&array, array.grid.unlinear(i)});
+        };
+        Announcer announcer(reader, 0, array.grid.product(), wanted);
+        for_each_announced(reader, announcer, 0, array.grid.product(), [&](std::int64_t i) {
             progress.check();
             std::vector<std::byte> raw(array.chunk_bytes());
             const Int3 chunk = array.grid.unlinear(i);

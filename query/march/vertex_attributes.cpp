@@ -102,11 +102,22 @@ AttributeSampler::AttributeSampler(const AttributeChoice& choice, ChunkCache& ow
 void AttributeSampler::enter(int level, const Int3& node) {
     own_.enter(level, node);
     values_.enter(level, node);
+    home_level_ = level;
 }
 
 void AttributeSampler::leave() {
     own_.leave();
     values_.leave();
+    home_level_.reset();
+}
+
+double AttributeSampler::value(const Int3& p, int level) {
+    if (of_node_) {
+        return of_node_(p);
+    }
+    const std::int64_t stride = std::int64_t{1} << home_level_.value_or(0);
+    const bool at_home = home_level_ && ((p.x | p.y | p.z) & (stride - 1)) == 0;
+    return values_.value(p, at_home ? *home_level_ : level);
 }
 
 VertexAttributes AttributeSampler::edge(const Int3& a, const Int3& b, double t) {
@@ -139,8 +150,8 @@ VertexAttributes AttributeSampler::sample(const Int3& a, const Int3& b, double t
         }
     }
     if (choice_.value) {
-        const double va = of_node_ ? of_node_(a) : values_.value(a, level);
-        const double vb = of_node_ ? of_node_(b) : values_.value(b, level);
+        const double va = value(a, level);
+        const double vb = value(b, level);
         const auto [number, rounding] = interpolate(va, vb, t);
         const double put = choice_.put_value(number, out);
         at_edges_ = std::max(at_edges_, rounding + std::fabs(put - number));

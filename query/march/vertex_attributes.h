@@ -91,6 +91,9 @@ class AttributeSampler {
 
   private:
     [[nodiscard]] VertexAttributes sample(const Int3& a, const Int3& b, double t, bool with_error);
+    /// A node's value, of whichever level that has it: between enter() and leave() that of the
+    /// brick, whose chunks are there.
+    [[nodiscard]] double value(const Int3& p, int level);
 
     /// How often a vertex can be one of a box's cuts through another's edge: once for each side.
     static constexpr double kMostCuts = 6;
@@ -99,6 +102,7 @@ class AttributeSampler {
     NodeSampler own_;
     NodeSampler values_;
     std::function<double(const Int3&)> of_node_;  ///< or empty
+    std::optional<int> home_level_;
     Double3 spacing_;
     double at_edges_ = 0;
     double at_cuts_ = 0;  ///< by one cut, or one mean of three

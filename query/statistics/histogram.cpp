@@ -9,6 +9,7 @@
 #include "store/base/in_order.h"
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
+#include "store/container/announce/announcer.h"
 #include "store/container/gather.h"
 
 namespace isonest::detail {
@@ -61,7 +62,12 @@ class Counting {
 
     void values() {
         ChunkCache cache(store_, shares_.cache);
+        Announcer announcer(store_, 0, array_.grid.product(),
+                            [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
+                                chunks.push_back({&array_, array_.grid.unlinear(i)});
+                            });
         for_all("histogram", array_.grid.product(), "chunks", [&](std::int64_t i) {
+            announcer.reach(std::min(last_needed(i), array_.grid.product() - 1));
             dispatch(store_.layout().header().type, [&](auto tag) {
                 block<typename decltype(tag)::type>(cache, array_.grid.unlinear(i));
             });
@@ -89,6 +95,11 @@ class Counting {
     }
 
   private:
+    /// The last chunk in order of those that a block reaches into.
+    [[nodiscard]] std::int64_t last_needed(std::int64_t i) const {
+        const Int3& grid = array_.grid;
+        return array_.level > 0 ? i : i + 1 + grid.x + grid.x * grid.y;
+    }
     /// In order, so that neighbours are still in the cache.
     template <class F>
     void for_all(const char* phase, std::int64_t count, const char* unit, const F& f) {

@@ -10,80 +10,16 @@
 #include <memory>
 
 #include "query/march/clip.h"
+#include "query/traverse/brick_tree.h"
 #include "query/traverse/bricks/brick_traversal.h"
-#include "query/traverse/bricks/facing_brick.h"
-#include "query/traverse/bricks/finest_brick.h"
-#include "query/traverse/hexahedra/finest_hexahedra.h"
+#include "query/traverse/far/finest_windows.h"
+#include "query/traverse/far/waves.h"
 #include "query/traverse/hexahedra/traverse_hexahedra.h"
 
 namespace isonest::detail {
 namespace {
 
 constexpr std::uint64_t kWholeProgress = std::uint64_t{1} << 40U;
-
-/// Cubes of a brick's parent level, or a part of them: those of a range in Morton order.
-struct Parents {
-    MaskList masks;
-    std::size_t begin = 0;
-};
-
-/// The coarsest levels have fewer bricks than there are threads to feed: there the eighths of a
-/// brick are worked on by themselves.
-bool is_split(const StoreLayout& layout, int level) {
-    constexpr std::int64_t kFewBricks = 64;
-    return layout.array(level, Field::values).grid.product() < kFewBricks;
-}
-
-/// Level of the cubes that are as large as a brick of level 0.
-int chunk_level(const StoreLayout& layout) {
-    return std::countr_zero(static_cast<std::uint64_t>(layout.header().chunk));
-}
-
-/// One for each isovalue: they differ in that, in their sink and in what they find.
-using Runs = std::span<const std::unique_ptr<TraversalRun>>;
-/// For each run; null where it has nothing here.
-using ParentsOfRuns = std::vector<std::unique_ptr<Parents>>;
-
-/// Brick: a BrickTraversal. `parents`: empty for the root.
-template <class Brick>
-void run_brick(Runs runs, int level, const Int3& brick, ParentsOfRuns parents,
-               std::uint64_t progress_share);
-
-/// The brick is done. Those before it along each axis, which come later, need no more of its values
-/// and of its parents' indicators than the first ones. Vertex attributes also need the last ones,
-/// and are sampled anywhere in the coarser levels.
-void leave(TraversalRun& run, int level, const Int3& brick) {
-    const TraversalQuery& query = run.query;
-    const StoreLayout& layout = run.layout();
-    if (query.attributes.width() > 0) {
-        if (level > 0) {
-            return;
-        }
-        run.cache.keep_sides(layout.array(0, Field::values), brick);
-        if (query.attribute_values != nullptr) {
-            const ArrayInfo& other =
-                query.attribute_values->source().layout().array(0, Field::values);
-            if (other.grid == layout.array(0, Field::values).grid) {
-                query.attribute_values->keep_sides(other, brick);
-            }
-        }
-        return;
-    }
-    const auto keep = [&](int of_level, Field field) {
-        // At full resolution nothing stops, and the store need not have the field.
-        if (layout.has(field)) {
-            run.cache.keep_sides(layout.array(of_level, field), brick);
-        }
-    };
-    keep(level, Field::values);
-    if (level < layout.lattice().top()) {
-        keep(level + 1, query.stop);
-        keep(level + 1, query.bound);
-        if (query.culling) {
-            keep(level + 1, query.culling->field());
-        }
-    }
-}
 
 /// Runs a task visit(octant, share of the progress) for each octant of `active`, the last soonest:
 /// so most bricks come after those whose values they reach into.
@@ -101,116 +37,35 @@ void run_octants(TraversalRun& run, const std::bitset<8>& active, std::uint64_t 
     group.wait();
 }
 
-template <class Brick>
-void run_eighths(Runs runs, int level, const Int3& brick, ParentsOfRuns parents,
-                 std::uint64_t progress_share) {
-    std::array<ParentsOfRuns, 8> eighths;
-    std::bitset<8> active;
-    for (std::size_t i = 0; i < 8; ++i) {
-        eighths[i].resize(runs.size());
-        for (std::size_t r = 0; r < runs.size(); ++r) {
-            if (parents[r] == nullptr) {
-                continue;
-            }
-            const std::size_t size = parents[r]->masks.size() / 8;
-            const auto first = parents[r]->masks.begin() + static_cast<std::ptrdiff_t>(i * size);
-            const auto last = first + static_cast<std::ptrdiff_t>(size);
-            if (std::any_of(first, last, [](std::uint8_t mask) { return mask != 0; })) {
-                eighths[i][r] = std::make_unique<Parents>(Parents{MaskList(first, last), i * size});
-                active.set(i);
-            }
-        }
-    }
-    parents.clear();
-    run_octants(*runs.front(), active, progress_share, [&](std::size_t i, std::uint64_t share) {
-        run_brick<Brick>(runs, level, brick, std::move(eighths[i]), share);
-    });
-}
-
+/// Depth first. Brick: a BrickTraversal.
 template <class Brick>
 void run_brick(Runs runs, int level, const Int3& brick, ParentsOfRuns parents,
                std::uint64_t progress_share) {
     TraversalRun& common = *runs.front();
     common.progress.check();
     const StoreLayout& layout = common.layout();
-    const auto half = static_cast<std::size_t>(layout.header().chunk / 2);
-    const bool is_root = parents.empty();
-    const auto is_here = [&](std::size_t r) { return is_root || parents[r] != nullptr; };
-    bool is_whole = false;
-    for (std::size_t r = 0; r < parents.size(); ++r) {
-        if (is_here(r) && parents[r]->masks.size() == half * half * half) {
-            ++runs[r]->counts.local().bricks;
-            is_whole = true;
-        }
-    }
-    if (is_whole && is_split(layout, level)) {
-        run_eighths<Brick>(runs, level, brick, std::move(parents), progress_share);
+    if (count_whole(runs, parents) && is_split(layout, level)) {
+        HandedDown eighths = eighths_of(std::move(parents));
+        run_octants(common, eighths.active, progress_share,
+                    [&](std::size_t i, std::uint64_t share) {
+                        run_brick<Brick>(runs, level, brick, std::move(eighths.octants[i]), share);
+                    });
         return;
     }
-    std::array<ParentsOfRuns, 8> children;
-    std::bitset<8> active;
-    const auto child_of = [&](std::size_t octant) {
-        return brick * 2 + kOctants.unlinear(static_cast<std::int64_t>(octant));
-    };
-    for (ParentsOfRuns& of_octant : children) {
-        of_octant.resize(runs.size());
-    }
-    const int child_level = level - 1 + chunk_level(layout);
-    for (std::size_t r = 0; r < runs.size(); ++r) {
-        if (!is_here(r)) {
-            continue;
-        }
-        Brick work(*runs[r], level, brick);
-        if (is_root) {
-            work.root();
-        } else {
-            work.refine_parents(parents[r]->masks, parents[r]->begin);
-            parents[r].reset();
-        }
-        for (std::size_t octant = 0; octant < 8; ++octant) {
-            if (auto masks = work.take_children(octant);
-                masks && common.query.share.meets(child_level, child_of(octant))) {
-                children[octant][r] = std::make_unique<Parents>(Parents{std::move(*masks), 0});
-                active.set(octant);
-            }
-        }
-    }
+    HandedDown down = refine_brick<Brick>(runs, level, brick, parents);
     if (!is_split(layout, level)) {
-        leave(common, level, brick);
+        leave_brick(common, level, brick);
     }
     for (std::size_t octant = 0; octant < 8; ++octant) {
-        if (active[octant]) {
+        if (down.active[octant]) {
             common.cache.source().prefetch(layout.array(level - 1, Field::values),
-                                           child_of(octant));
+                                           child_of(brick, octant));
         }
     }
-    run_octants(common, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
-        run_brick<Brick>(runs, level - 1, child_of(octant), std::move(children[octant]), share);
+    run_octants(common, down.active, progress_share, [&](std::size_t octant, std::uint64_t share) {
+        run_brick<Brick>(runs, level - 1, child_of(brick, octant), std::move(down.octants[octant]),
+                         share);
     });
-}
-
-/// The surface of one run in a brick of level 0.
-void march_finest(TraversalRun& run, const Int3& brick) {
-    const TraversalQuery& query = run.query;
-    TraversalCounts& counts = run.counts.local();
-    const std::uint64_t visited = counts.visited;
-    const bool is_seen = !query.culling || may_face_viewer(run, brick);
-    const bool is_own = query.share.owns(chunk_level(run.layout()), brick);
-    counts.visited = is_own ? counts.visited : visited;
-    const auto cubes = is_seen ? surface_cubes(run.cache, brick, query.iso, query.box) : nullptr;
-    if (cubes == nullptr) {
-        return;
-    }
-    counts.bricks += is_own ? 1 : 0;
-    if (query.cells == Cells::hexahedra) {
-        march_finest_hexahedra(run, brick, *cubes);
-    } else {
-        march_finest_brick(run, brick, *cubes);
-    }
-}
-
-bool is_reached(const TraversalRun& run, const Int3& brick) {
-    return may_hold_surface(run.cache.source(), brick, run.query.iso, run.query.box);
 }
 
 /// Without a tolerance: the bricks of level 0 among the `size`^3 from `first` on, in Morton order.
@@ -220,11 +75,11 @@ void run_finest_bricks(Runs runs, const Int3& first, std::int64_t size,
     common.progress.check();
     if (size == 1) {
         for (const auto& run : runs) {
-            if (runs.size() == 1 || is_reached(*run, first)) {
+            if ((runs.size() == 1 || is_reached(*run, first)) && is_seen(*run, first)) {
                 march_finest(*run, first);
             }
         }
-        leave(common, 0, first);
+        leave_brick(common, 0, first);
         common.progress.advance(progress_share);
         return;
     }
@@ -234,12 +89,12 @@ void run_finest_bricks(Runs runs, const Int3& first, std::int64_t size,
     const std::int64_t half = size / 2;
     const int child_level =
         chunk_level(source.layout()) + std::countr_zero(static_cast<std::uint64_t>(half));
-    const auto child_of = [&](std::size_t octant) {
+    const auto part_of = [&](std::size_t octant) {
         return first + kOctants.unlinear(static_cast<std::int64_t>(octant)) * half;
     };
     std::bitset<8> active;
     for (std::size_t octant = 0; octant < 8; ++octant) {
-        const Int3 child = child_of(octant);
+        const Int3 child = part_of(octant);
         const Int3 low = child * chunk;
         active[octant] = max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
                          common.query.share.meets(
@@ -254,7 +109,7 @@ void run_finest_bricks(Runs runs, const Int3& first, std::int64_t size,
         }
     }
     run_octants(common, active, progress_share, [&](std::size_t octant, std::uint64_t share) {
-        run_finest_bricks(runs, child_of(octant), half, share);
+        run_finest_bricks(runs, part_of(octant), half, share);
     });
 }
 
@@ -263,9 +118,16 @@ bool is_finest(const StoreLayout& layout, const TraversalQuery& query) {
     return query.tolerance.is_zero() && !query.plane && layout.lattice().cells_at(0).product() > 0;
 }
 
-}  // namespace
-
-namespace {
+/// All bricks, in the order that suits the store.
+template <class Brick>
+void run_bricks(Runs runs) {
+    if (runs.front()->cache.source().is_far()) {
+        Waves<Brick>(runs).traverse(kWholeProgress);
+    } else {
+        run_brick<Brick>(runs, runs.front()->layout().lattice().top(), {0, 0, 0}, {},
+                         kWholeProgress);
+    }
+}
 
 void traverse_bricks(Runs runs) {
     TraversalRun& common = *runs.front();
@@ -277,16 +139,18 @@ void traverse_bricks(Runs runs) {
         return;
     }
     if (is_finest(layout, query)) {
+        if (common.cache.source().is_far()) {
+            run_finest_windows(runs, kWholeProgress);
+            return;
+        }
         const Int3 grid = layout.array(0, Field::values).grid;
         const auto size = static_cast<std::uint64_t>(std::max({grid.x, grid.y, grid.z}));
         run_finest_bricks(runs, {0, 0, 0}, static_cast<std::int64_t>(std::bit_ceil(size)),
                           kWholeProgress);
     } else if (query.plane) {
-        run_brick<BrickTraversal<PlaneByDistance>>(runs, layout.lattice().top(), {0, 0, 0}, {},
-                                                   kWholeProgress);
+        run_bricks<BrickTraversal<PlaneByDistance>>(runs);
     } else {
-        run_brick<BrickTraversal<IsovalueByBound>>(runs, layout.lattice().top(), {0, 0, 0}, {},
-                                                   kWholeProgress);
+        run_bricks<BrickTraversal<IsovalueByBound>>(runs);
     }
 }
 

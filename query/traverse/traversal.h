@@ -45,6 +45,10 @@ struct TraversalQuery {
     ChunkCache* attribute_values = nullptr;  ///< another store of the same nodes; null: this one
     ClipBox box;                             ///< inside the volume
     CubeShare share;                         ///< what of it this process traverses
+    /// Heap that lists of cubes may take that wait until what they need is announced, where the
+    /// store is far (far/waves.h); with less than list_heap() for each level it is what a traversal
+    /// depth first takes.
+    std::uint64_t waiting_lists = 0;
     /// If set, called for every leaf, from many threads: for programs that measure.
     std::function<void(const Leaf&)> on_leaf;
 };

@@ -69,6 +69,10 @@ TraversalBudget share_memory(const StoreReader& store, const TraversalQuery& que
     // parts to a file.
     budget.parts = !keep_parts ? 0 : query.attributes.width() > 0 ? spare / 8 : spare / 2;
     spare -= budget.parts;
+    if (store.is_far()) {
+        budget.waiting = spare / 8;
+        spare -= budget.waiting;
+    }
     // What is held lies in the caches.
     const std::uint64_t values_share = values != nullptr ? spare / 3 : 0;
     budget.values_cache = count * value_chunks + values_share;

@@ -12,6 +12,7 @@ struct TraversalBudget {
     std::uint64_t cache = 0;         ///< bytes of the store's ChunkCache
     std::uint64_t values_cache = 0;  ///< of that from which vertex values are taken
     std::uint64_t parts = 0;         ///< bytes for finished parts; 0 unless asked for
+    std::uint64_t waiting = 0;       ///< TraversalQuery::waiting_lists; 0 unless the store is far
 };
 
 /// Heap that one thread needs beside kLibraryHeap. `values`: as below.

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 
 #include <isonest/int3.h>
 
@@ -23,6 +24,10 @@ class LabelView : public ChunkSource {
     void decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const override;
     void prefetch(const ArrayInfo& array, const Int3& chunk) const override {
         source_.prefetch(array, chunk);
+    }
+    [[nodiscard]] bool is_far() const override { return source_.is_far(); }
+    void prefetch_all(std::span<const WantedChunk> chunks) const override {
+        source_.prefetch_all(chunks);
     }
 
   private:

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstring>
 #include <utility>
+#include <vector>
 
 namespace isonest::detail {
 namespace {
@@ -66,9 +67,6 @@ std::int64_t place_in_sides(const Int3& chunk, const ChunkSides& sides, const In
     }
     return -1;
 }
-
-/// What an entry takes beside its nodes.
-constexpr std::uint64_t kEntryOverhead = 192;
 
 /// One plane of a chunk.
 void copy_plane(const Int3& chunk, int axis, std::int64_t at, std::size_t element,
@@ -156,6 +154,34 @@ DecodedChunk ChunkCache::decode(const ArrayInfo& array, const Int3& chunk,
     ++chunks_read_;
     bytes_read_ += stored;
     return raw;
+}
+
+void ChunkCache::announce(std::span<const NeededChunk> needed) {
+    std::vector<WantedChunk> wanted;
+    {
+        const std::lock_guard lock(mutex_);
+        for (const NeededChunk& need : needed) {
+            const std::uint64_t key = key_of(*need.array, need.chunk);
+            auto found = entries_.find(key);
+            if (found == entries_.end() && !need.whole) {
+                found = entries_.find(key + 1);
+            }
+            if (found == entries_.end()) {
+                wanted.push_back({need.array, need.chunk});
+            } else {
+                order_.splice(order_.end(), order_, found->second.use);
+            }
+        }
+    }
+    if (!wanted.empty()) {
+        source_.prefetch_all(wanted);
+    }
+}
+
+DecodedChunk ChunkCache::peek(const ArrayInfo& array, const Int3& chunk) const {
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(key_of(array, chunk));
+    return found != entries_.end() ? found->second.chunk : nullptr;
 }
 
 DecodedChunk ChunkCache::get(const ArrayInfo& array, const Int3& chunk) {

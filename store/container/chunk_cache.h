@@ -6,6 +6,7 @@
 #include <list>
 #include <memory>
 #include <mutex>
+#include <span>
 #include <unordered_map>
 
 #include "store/container/chunk_source.h"
@@ -35,6 +36,13 @@ struct ChunkPart {
     bool is_whole = false;
 };
 
+/// A chunk that is needed soon: all of it, or nodes in its sides alone.
+struct NeededChunk {
+    const ArrayInfo* array = nullptr;
+    Int3 chunk;
+    bool whole = true;
+};
+
 /// Least-recently-used cache over a ChunkSource. A chunk is decoded outside the lock, by the first
 /// thread that asks; others wait for it. Chunks that are held count against the budget until they
 /// are released, and may exceed it: whoever holds chunks bounds how many. So may one chunk per
@@ -42,12 +50,21 @@ struct ChunkPart {
 /// Thread-safety: all methods from any thread.
 class ChunkCache {
   public:
+    /// What an entry takes beside its nodes.
+    static constexpr std::uint64_t kEntryOverhead = 192;
+
     ChunkCache(const ChunkSource& source, std::uint64_t budget_bytes, const ChunkSides& sides = {})
         : source_(source), budget_(budget_bytes), sides_(sides) {}
     ChunkCache(const ChunkCache&) = delete;
     ChunkCache& operator=(const ChunkCache&) = delete;
 
     [[nodiscard]] const ChunkSource& source() const { return source_; }
+    [[nodiscard]] std::uint64_t budget() const { return budget_; }
+    /// Tells the source, together, of those that are not here. Those that are here count as just
+    /// used. Throws what ChunkSource::prefetch_all throws.
+    void announce(std::span<const NeededChunk> needed);
+    /// The chunk if it is here, decoded; else null.
+    [[nodiscard]] DecodedChunk peek(const ArrayInfo& array, const Int3& chunk) const;
     /// Throws what ChunkSource::decode throws.
     DecodedChunk get(const ArrayInfo& array, const Int3& chunk);
     /// The nodes whose coordinates along the axes in `low` (bits x, y, z; at least one) are the

@@ -3,6 +3,7 @@
 
 #include <map>
 #include <mutex>
+#include <span>
 
 #include "store/container/chunk_source.h"
 
@@ -24,6 +25,13 @@ class RecordingSource : public ChunkSource {
     }
     [[nodiscard]] std::optional<CubeRange> cube_range(int level, const Int3& cube) const override {
         return source_.cube_range(level, cube);
+    }
+    void prefetch(const ArrayInfo& array, const Int3& chunk) const override {
+        source_.prefetch(array, chunk);
+    }
+    [[nodiscard]] bool is_far() const override { return source_.is_far(); }
+    void prefetch_all(std::span<const WantedChunk> chunks) const override {
+        source_.prefetch_all(chunks);
     }
     /// How often each was decoded, by row of the chunk table. REQUIRES: no decode() at the same
     /// time.

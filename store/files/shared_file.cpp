@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <utility>
@@ -48,6 +49,17 @@ void SharedFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes
         offset += static_cast<std::uint64_t>(n);
         bytes = bytes.subspan(static_cast<std::size_t>(n));
     }
+}
+
+std::uint64_t SharedFile::copy_from(int from, std::uint64_t from_offset, std::uint64_t offset,
+                                    std::uint64_t bytes) const {
+    auto in = static_cast<loff_t>(from_offset);
+    auto out = static_cast<loff_t>(offset);
+    const ssize_t n = ::copy_file_range(from, &in, fd_, &out, bytes, 0);
+    if (n > 0) {
+        early_.wrote(fd_, static_cast<std::uint64_t>(n));
+    }
+    return static_cast<std::uint64_t>(std::max<ssize_t>(n, 0));
 }
 
 void SharedFile::close() {

@@ -20,6 +20,10 @@ class SharedFile {
     ~SharedFile();
     /// Throws Error{io}.
     void write_at(std::uint64_t offset, std::span<const std::byte> bytes) const;
+    /// Copies some bytes of another file, from `from_offset` on, in the kernel; how many, 0 where
+    /// it cannot.
+    [[nodiscard]] std::uint64_t copy_from(int from, std::uint64_t from_offset, std::uint64_t offset,
+                                          std::uint64_t bytes) const;
     /// Syncs what was written to disk. Throws Error{io}.
     void close();
 

@@ -22,10 +22,10 @@ struct RankTraffic {
 };
 
 /// One rank's view of all of them. Ranks are numbered from 0.
-/// Every method but those that are const, and check(), is *collective*: all ranks call the same
-/// ones in the same order. They throw Error{cancelled} as soon as another rank has failed, and what
-/// the functions that they are given throw. Thread-safety: check() and const methods from any
-/// thread; the others from one thread at a time.
+/// Every method but those that are const, check() and ignore_stop() is *collective*: all ranks call
+/// the same ones in the same order. They throw Error{cancelled} as soon as another rank has failed,
+/// and what the functions that they are given throw. Thread-safety: check() and const methods from
+/// any thread; the others from one thread at a time.
 class Communicator {
   public:
     /// Of a message, in bytes.
@@ -55,6 +55,9 @@ class Communicator {
     virtual void exchange(const Next& next, std::uint64_t expected, const Take& take) = 0;
     /// Throws Error{cancelled} if another rank has failed.
     virtual void check() = 0;
+    /// From here on this rank waits for others even when it was asked to stop, for its part of the
+    /// work is done; only that another one fails ends its exchanges. For itself alone.
+    virtual void ignore_stop() {}
     [[nodiscard]] const RankTraffic& traffic() const { return traffic_; }
 
     /// Rank 0 gets the texts of all, in the order of the ranks; the others get none. REQUIRES:

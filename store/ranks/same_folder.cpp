@@ -1,14 +1,13 @@
 #include "store/ranks/same_folder.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <chrono>
-#include <cstddef>
 #include <fstream>
 #include <iterator>
 #include <optional>
 #include <random>
+#include <string>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -16,6 +15,7 @@
 #include <isonest/error.h>
 
 #include "store/files/output_file.h"
+#include "store/ranks/who_differs.h"
 
 namespace isonest::detail {
 namespace {
@@ -54,21 +54,6 @@ std::string text_in(const std::filesystem::path& path) {
 
 }  // namespace
 
-std::string who_differs(const std::vector<std::string>& all, const std::string& expected) {
-    std::vector<std::string> names;
-    constexpr std::size_t kMost = 8;
-    for (std::size_t r = 0; r < all.size(); ++r) {
-        const std::size_t end = all[r].find('\n');
-        if (all[r].substr(0, end) != expected) {
-            names.push_back(fmt::format("{} ({})", r, all[r].substr(end + 1)));
-        }
-    }
-    const std::size_t more = names.size() > kMost ? names.size() - kMost : 0;
-    names.resize(names.size() - more);
-    return fmt::format("{}{}", fmt::join(names, ", "),
-                       more > 0 ? fmt::format(" and {} more", more) : "");
-}
-
 void require_same_folder(Communicator& ranks, const std::filesystem::path& output) {
     const std::filesystem::path prefix = temporary_prefix(output);
     const bool is_there = ranks.rank() == 0 && std::filesystem::is_directory(prefix.parent_path());
@@ -89,9 +74,8 @@ void require_same_folder(Communicator& ranks, const std::filesystem::path& outpu
         std::this_thread::sleep_for(kPause);
         seen = text_in(path) == text;
     }
-    const std::vector<std::string> all =
-        ranks.gather((seen ? "seen\n" : "not seen\n") + ranks.host());
-    if (const std::string others = who_differs(all, "seen"); !others.empty()) {
+    const std::string others = who_differs(ranks, seen ? "seen" : "not seen", "seen");
+    if (!others.empty()) {
         throw Error(ErrorKind::invalid_argument, {output.string()},
                     "its folder is not the same for all ranks: what rank 0 writes there, do not "
                     "see ranks " +

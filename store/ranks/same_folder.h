@@ -2,21 +2,15 @@
 #pragma once
 
 #include <filesystem>
-#include <string>
-#include <vector>
 
 #include "store/ranks/communicator.h"
 
 namespace isonest::detail {
 
-/// The ranks whose text is not `expected`, with their machines: "2 (node7), 5 (node9)". `all`: of
-/// each its text, a line end, and its machine.
-std::string who_differs(const std::vector<std::string>& all, const std::string& expected);
-
 /// Refuses on rank 0 if a rank does not see what rank 0 has written into the folder of `output`. A
 /// network's file system gets some seconds to show it. Where rank 0 has
-/// no such folder, nothing is said: whoever creates the output does. Collective. Throws Error{io} and
-/// Error{invalid_argument}.
+/// no such folder, nothing is said: whoever creates the output does. Collective. Throws Error{io}
+/// and Error{invalid_argument}.
 void require_same_folder(Communicator& ranks, const std::filesystem::path& output);
 
 }  // namespace isonest::detail

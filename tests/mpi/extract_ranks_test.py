@@ -91,6 +91,20 @@ class ExtractRanks(unittest.TestCase):
         self.assertIn(b"m.ply", done.stderr)
         self.assertEqual(sorted(path.name for path in self.folder.iterdir()), ["s.isonest", "v.h5"])
 
+    def test_what_is_not_one_store_to_all_ranks_is_refused(self):
+        other = self.folder / "o.isonest"
+        subprocess.run([ISONEST, "preprocess", self.folder / "v.h5", "-o", other, "--chunk", "32", "-q"], check=True)
+        program = ranks.beside(ISONEST, "isonest-mpi")
+        mesh = self.folder / "m.ply"
+        for pair in ((self.store, other), (self.store, self.folder / "v.h5"), (self.folder / "v.h5", self.store)):
+            done = ranks.launched_apart(*([program, "extract", path, "--iso", "0.5", "-o", mesh] for path in pair))
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(b"not the same to ranks 1 (", done.stderr)
+            self.assertFalse(mesh.exists())
+        done = ranks.launched_apart(*([program, "check", path] for path in (self.store, other)))
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertIn(b"not the same to ranks 1 (", done.stderr)
+
     def test_findings_are_those_of_one_process(self):
         data = bytearray(self.store.read_bytes())
         for damaged in (False, True):

@@ -1,5 +1,6 @@
 """If a rank is killed at a random moment, isonest-mpi ends and nothing has the output's name that is not whole; a run
-with --resume, of as many ranks or of others, makes the same bytes.
+with --resume, of as many ranks or of others, makes the same bytes. A run that is told to stop says so if and only if
+there is no store.
 
 usage: killed_ranks_test.py ISONEST PLUGIN_FOLDER     (ISONEST_KILLS=50 in the environment: that many kills)
 """
@@ -17,19 +18,6 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import ranks
 
 KILLS = int(os.environ.get("ISONEST_KILLS", "12"))
-
-
-def processes_of(program):
-    """Those that run it, by their numbers."""
-    found = []
-    for entry in pathlib.Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                if (entry / "exe").resolve() == program:
-                    found.append(int(entry.name))
-            except OSError:
-                pass  # it has ended meanwhile
-    return found
 
 
 class KilledRanks(unittest.TestCase):
@@ -67,7 +55,7 @@ class KilledRanks(unittest.TestCase):
                 old.unlink()
             process = ranks.started(3, self.program, *self.preprocess("--resume"))
             time.sleep(generator.uniform(0.2, 1) * seconds)
-            alive = processes_of(self.program)
+            alive = ranks.processes_of(self.program)
             if alive:
                 try:
                     os.kill(generator.choice(alive), signal.SIGKILL)
@@ -86,7 +74,57 @@ class KilledRanks(unittest.TestCase):
                     self.assertEqual(again.returncode, 0, again.stderr)
                     self.assertEqual(store.read_bytes(), whole)
         self.assertGreater(killed, KILLS // 4)
-        self.assertEqual(processes_of(self.program), [])
+        self.assertEqual(ranks.processes_of(self.program), [])
+
+    def test_a_signal_while_the_store_gets_its_name_is_too_late(self):
+        (self.folder / "out").mkdir()
+        store = self.folder / "out" / "s.isonest"
+        subprocess.run([sys.argv[1], "make-volume", "noise", "--size", "40,40,40", "-o", self.folder / "v.h5", "-q"],
+                       check=True)
+        reached = 0
+        for i in range(KILLS):
+            for old in (self.folder / "out").iterdir():
+                old.unlink()
+            process = ranks.started(3, self.program, *self.preprocess())
+            while not store.exists() and process.poll() is None:
+                pass
+            alive = ranks.processes_of(self.program)
+            for rank in alive if i % 2 == 0 else alive[:1]:
+                try:
+                    os.kill(rank, signal.SIGTERM)
+                    reached += 1
+                except ProcessLookupError:
+                    pass  # it was done
+            with self.subTest(signal=i):
+                self.assertEqual(process.wait(timeout=120), 0)
+                self.assertTrue(store.exists())
+        self.assertGreater(reached, 0)
+
+    def test_a_signal_at_a_random_moment(self):
+        (self.folder / "out").mkdir()
+        store = self.folder / "out" / "s.isonest"
+        subprocess.run([sys.argv[1], "make-volume", "noise", "--size", "40,40,40", "-o", self.folder / "v.h5", "-q"],
+                       check=True)
+        generator = random.Random(7)
+        codes = set()
+        for i in range(KILLS):
+            for old in (self.folder / "out").iterdir():
+                old.unlink()
+            process = ranks.started(3, self.program, *self.preprocess())
+            # Not before all ranks are there: mpirun itself may hang if they end while they start.
+            while not list((self.folder / "out").iterdir()) and process.poll() is None:
+                pass
+            time.sleep(generator.uniform(0, 0.3))
+            for rank in ranks.processes_of(self.program):
+                try:
+                    os.kill(rank, signal.SIGTERM)
+                except ProcessLookupError:
+                    pass  # it was done
+            code = process.wait(timeout=120)
+            codes.add(code)
+            with self.subTest(signal=i, code=code):
+                self.assertEqual(store.exists(), code == 0)
+        self.assertLessEqual(codes, {0, 130, 143})
 
 
 if __name__ == "__main__":

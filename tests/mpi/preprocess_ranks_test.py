@@ -55,6 +55,28 @@ class PreprocessOnRanks(unittest.TestCase):
         self.assertIn(b"nowhere", done.stderr)
         self.assertEqual(sorted(self.folder.iterdir()), before)
 
+    def test_ranks_of_another_version_or_with_another_input_are_refused(self):
+        program = ranks.beside(sys.argv[1], "isonest-mpi")
+        version = subprocess.run([program, "--version"], capture_output=True, check=True).stdout.split()[1]
+        other = self.folder / "isonest-mpi"
+        numbers = version.split(b".")
+        newer = b".".join([*numbers[:-1], b"%d" % ((int(numbers[-1]) + 1) % 10)])
+        self.assertEqual(len(newer), len(version))
+        other.write_bytes(program.read_bytes().replace(version + b"\0", newer + b"\0"))
+        other.chmod(0o755)
+        changed = bytearray((self.folder / "v.raw").read_bytes())
+        changed[7777] ^= 1
+        (self.folder / "w.raw").write_bytes(changed)
+        before = sorted(self.folder.iterdir())
+
+        def command(which, source, store="s.isonest"):
+            return [which, "preprocess", self.folder / source, "-o", self.folder / store, *self.options]
+        for second, told in ((command(other, "v.raw"), b"ranks 1 ("), (command(program, "w.raw"), b"different inputs")):
+            done = ranks.launched_apart(command(program, "v.raw"), second)
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(told, done.stderr)
+            self.assertEqual(sorted(self.folder.iterdir()), before)
+
 
 if __name__ == "__main__":
     ranks.require(sys.argv[1])

@@ -20,7 +20,8 @@ MAY_INCLUDE = {
 }
 # The rooms of a folder, each with those that it may include beside itself and public headers.
 ROOMS = {
-    "store": {"base": set(), "files": {"base"}, "bytes": {"base", "files"}, "lattice": {"base"},
+    "store": {"base": set(), "files": {"base"}, "bytes": {"base", "files"},
+              "remote": {"base", "bytes"}, "lattice": {"base"},
               "hdf5": {"base", "files", "bytes"}, "ranks": {"base", "files"},
               "container": {"base", "files", "bytes", "lattice", "hdf5"},
               "exports": {"base", "files", "hdf5", "container"}},

@@ -7,6 +7,7 @@
 
 #include <isonest/error.h>
 
+#include "store/ranks/who_differs.h"
 #include "tests/support/thread_ranks.h"
 
 using namespace isonest;
@@ -79,4 +80,26 @@ TEST_CASE("ranks that wait end when another one fails") {
     }),
                     Error);
     CHECK(ended == 3);
+}
+
+TEST_CASE("rank 0 learns which ranks have another text") {
+    for (const int odd : {0, 1, 10}) {
+        std::string told;
+        std::atomic<int> silent = 0;
+        ThreadRanks(12).run([&](Communicator& ranks) {
+            const bool differs = ranks.rank() > 0 && ranks.rank() <= odd;
+            const std::string found =
+                detail::who_differs(ranks, differs ? "0.5.0" : "0.4.0", "0.4.0");
+            if (ranks.rank() == 0) {
+                told = found;
+            } else {
+                silent += found.empty() ? 1 : 0;
+            }
+        });
+        CHECK(silent == 11);
+        CHECK(told == (odd == 0   ? ""
+                       : odd == 1 ? "1 (thread)"
+                                  : "1 (thread), 2 (thread), 3 (thread), 4 (thread), 5 (thread), "
+                                    "6 (thread), 7 (thread), 8 (thread) and 2 more"));
+    }
 }

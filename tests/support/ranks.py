@@ -38,3 +38,23 @@ def started(count, program, *arguments):
     """The launcher's process, which says nothing."""
     return subprocess.Popen(_command(count, program, arguments), env=_environment(), stdout=subprocess.DEVNULL,
                             stderr=subprocess.DEVNULL)
+
+
+def launched_apart(*commands, timeout=300):
+    """The finished process of the launcher of one rank for each command, a program with its arguments."""
+    parts = [part for command in commands for part in (":", "-n", "1", *map(str, command))]
+    return subprocess.run(["mpirun", "--oversubscribe", *parts[1:]], capture_output=True, timeout=timeout,
+                          env=_environment(), check=False)
+
+
+def processes_of(program):
+    """Those that run it, by their numbers."""
+    found = []
+    for entry in pathlib.Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                if (entry / "exe").resolve() == program:
+                    found.append(int(entry.name))
+            except OSError:
+                pass  # it has ended meanwhile
+    return found

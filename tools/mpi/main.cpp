@@ -8,6 +8,7 @@
 
 #include <isonest/version.h>
 
+#include "store/ranks/who_differs.h"
 #include "tools/cli/program.h"
 #include "tools/cli/terminal/interrupt.h"
 #include "tools/mpi/mpi_communicator.h"
@@ -49,16 +50,15 @@ Program whole_program(Communicator& ranks) {
 
 /// Ranks of other versions write other bytes. Throws Error{cancelled}: another rank has failed.
 Outcome of_one_version(Communicator& ranks) {
-    const std::vector<std::string> versions = ranks.gather(ISONEST_VERSION);
-    for (std::size_t r = 1; r < versions.size(); ++r) {
-        if (versions[r] != versions.front()) {
-            Outcome outcome{static_cast<int>(ErrorKind::invalid_argument)};
-            outcome.message = fmt::format(
-                "rank 0 is isonest-mpi {}, rank {} is {}; install one version everywhere",
-                versions.front(), r, versions[r]);
-            outcome.error = {{"kind", "invalid_argument"}, {"message", outcome.message}};
-            return outcome;
-        }
+    const std::string others = who_differs(ranks, ISONEST_VERSION, ISONEST_VERSION);
+    if (!others.empty()) {
+        Outcome outcome{static_cast<int>(ErrorKind::invalid_argument)};
+        outcome.message = fmt::format(
+            "rank 0 is isonest-mpi {}, and others are of another version, ranks {}; install one "
+            "version everywhere",
+            ISONEST_VERSION, others);
+        outcome.error = {{"kind", "invalid_argument"}, {"message", outcome.message}};
+        return outcome;
     }
     return {};
 }

@@ -134,7 +134,7 @@ void MpiCommunicator::require_going_on() {
     if (has_failed()) {
         throw Error(ErrorKind::cancelled, "another rank has failed");
     }
-    if (stop_()) {
+    if (!is_stop_ignored_ && stop_()) {
         throw Error(ErrorKind::cancelled, "interrupted; nothing was left behind");
     }
 }

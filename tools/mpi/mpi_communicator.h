@@ -30,6 +30,7 @@ class MpiCommunicator : public Communicator {
     [[nodiscard]] std::string host() const override { return host_; }
     void exchange(const Next& next, std::uint64_t expected, const Take& take) override;
     void check() override;
+    void ignore_stop() override { is_stop_ignored_ = true; }
 
     /// How the run has ended for one rank.
     struct Ending {
@@ -64,6 +65,7 @@ class MpiCommunicator : public Communicator {
     std::deque<Sending> sending_;
     std::uint64_t exchanges_ = 0;
     std::atomic<bool> failed_ = false;
+    bool is_stop_ignored_ = false;
     std::atomic<std::chrono::steady_clock::rep> next_look_ = 0;
 };
 

@@ -203,8 +203,10 @@ void BrickTraversal<Interest>::subcube(const CubeNodes& nodes, unsigned corner, 
     double eta = 0;
     bool leaf = finest;
     if (!finest) {
-        eta = stop_.is_bound() && !Interest::kExact ? number : stop_.centre(cube);
-        leaf = !stop_.never() && stop_.stops_centre(cube, eta);
+        if (!stop_.never()) {
+            eta = stop_.is_bound() && !Interest::kExact ? number : stop_.centre(cube);
+            leaf = stop_.stops_centre(cube, eta);
+        }
     }
     const auto& tetrahedra = topology_.subcube[corner];
     const std::uint32_t vertices = nodes_of(tetrahedra, mask);

@@ -79,4 +79,26 @@ bool may_face_viewer(TraversalRun& run, const Int3& brick) {
                         [&](const Int3& cube) { return cubes.all_below_face_away(cube); });
 }
 
+void add_facing_needs(const TraversalRun& run, const Int3& brick, ChunkNeeds& needs) {
+    const StoreLayout& layout = run.layout();
+    if (layout.lattice().top() < kLevel) {
+        return;
+    }
+    const std::int64_t chunk = layout.header().chunk;
+    const std::int64_t edge = chunk / kEdge;
+    const Int3 first = brick * edge;
+    const ArrayInfo& values = layout.array(kLevel, Field::values);
+    const ArrayInfo& bounds = layout.array(kLevel, run.query.culling->field());
+    // A cube lies in a parent of even coordinates, whose nodes are asked for.
+    const Int3 end = first + Int3{edge, edge, edge};
+    const Int3 last = min({end.x + end.x % 2, end.y + end.y % 2, end.z + end.z % 2},
+                          values.nodes - Int3{1, 1, 1});
+    const Int3 low = values.chunk_of(first);
+    const Int3 size = values.chunk_of(last) - low + Int3{1, 1, 1};
+    for (std::int64_t i = 0; i < size.product(); ++i) {
+        needs.add(values, low + size.unlinear(i), i == 0);
+    }
+    needs.add(bounds, bounds.chunk_of(first));
+}
+
 }  // namespace isonest::detail

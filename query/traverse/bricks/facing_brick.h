@@ -9,6 +9,7 @@
 #include <isonest/int3.h>
 
 #include "query/traverse/traversal_run.h"
+#include "store/container/announce/chunk_needs.h"
 
 namespace isonest::detail {
 
@@ -17,5 +18,8 @@ namespace isonest::detail {
 /// True where there is no such level. Counts the tetrahedra that it asks. REQUIRES: the query
 /// culls. Thread-safe. Throws what the chunk cache throws.
 bool may_face_viewer(TraversalRun& run, const Int3& brick);
+
+/// Which chunks that may take.
+void add_facing_needs(const TraversalRun& run, const Int3& brick, ChunkNeeds& needs);
 
 }  // namespace isonest::detail

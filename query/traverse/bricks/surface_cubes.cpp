@@ -189,6 +189,20 @@ bool may_hold_surface(const ChunkSource& source, const Int3& brick, double iso,
     return sides == kBoth;
 }
 
+void add_chunks_on_both_sides(const ChunkSource& source, const Int3& brick, double iso,
+                              const ClipBox& box, ChunkNeeds& needs) {
+    if (!may_hold_surface(source, brick, iso, box)) {
+        return;
+    }
+    const ArrayInfo& array = source.layout().array(0, Field::values);
+    for (std::int64_t i = 0; i < 8; ++i) {
+        const Int3 chunk = brick + kTwo.unlinear(i);
+        if (sides_of_chunk(source, array, chunk, iso) == kBoth) {
+            needs.add(array, chunk, i == 0);
+        }
+    }
+}
+
 std::unique_ptr<MaskList> surface_cubes(ChunkCache& cache, const Int3& brick, double iso,
                                         const ClipBox& box) {
     if (!may_hold_surface(cache.source(), brick, iso, box)) {

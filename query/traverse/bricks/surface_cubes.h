@@ -10,6 +10,7 @@
 
 #include "query/march/clip.h"
 #include "query/traverse/traversal.h"
+#include "store/container/announce/chunk_needs.h"
 
 namespace isonest::detail {
 
@@ -26,5 +27,10 @@ bool may_hold_surface(const ChunkSource& source, const Int3& brick, double iso, 
 /// with values on both sides. Thread-safe. Throws what the chunk source throws.
 std::unique_ptr<MaskList> surface_cubes(ChunkCache& cache, const Int3& brick, double iso,
                                         const ClipBox& box);
+
+/// What surface_cubes() decodes: of the brick's chunk and of those that its last cubes reach into
+/// the ones with values on both sides. Throws what the chunk source throws.
+void add_chunks_on_both_sides(const ChunkSource& source, const Int3& brick, double iso,
+                              const ClipBox& box, ChunkNeeds& needs);
 
 }  // namespace isonest::detail

@@ -61,7 +61,13 @@ enum class RemedyKind : std::uint8_t {
     install_package,      ///< build with the package that `value` names
     say_unit,             ///< SourceOptions::unit, when the store is made
     world_units,          ///< lengths in world units: numbers alone
-    fewer_components      ///< SurfaceStages::components; `value`: the least triangles of one
+    fewer_components,     ///< SurfaceStages::components; `value`: the least triangles of one
+    check_url,            ///< another URL, or other settings of what it leads to
+    give_credentials,     ///< a key or a password; `value`: where it is looked for
+    set_variable,         ///< of the environment; `value`: "NAME=VALUE"
+    serve_ranges,         ///< a server that answers ranges, or a local copy
+    try_later,            ///< the server or the way to it is overloaded or broken
+    open_again            ///< the object has changed since it was opened
 };
 struct Remedy {
     RemedyKind kind;

@@ -14,6 +14,7 @@
 #include "query/check/check.h"
 #include "tools/cli/command.h"
 #include "tools/cli/commands/analyses.h"
+#include "tools/cli/commands/same_store.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
 
@@ -50,6 +51,9 @@ void check_analyses(const StoreReader& store, Result& result) {
 
 Result run(CheckArguments& a, Progress& progress) {
     const StoreReader store(a.store);
+    if (a.check.ranks != nullptr) {
+        require_same_store(*a.check.ranks, &store, a.store);
+    }
     std::unique_ptr<VolumeSource> source;
     const bool is_first = a.check.ranks == nullptr || a.check.ranks->rank() == 0;
     if (!a.source.empty() && is_first) {

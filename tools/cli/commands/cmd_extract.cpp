@@ -14,6 +14,7 @@
 #include "store/ranks/same_folder.h"
 #include "tools/cli/command.h"
 #include "tools/cli/commands/extract_command.h"
+#include "tools/cli/commands/same_store.h"
 #include "tools/cli/commands/volume_values.h"
 #include "tools/cli/options/close_option.h"
 #include "tools/cli/options/component_options.h"
@@ -206,6 +207,9 @@ Result run(const ExtractCommand& given, bool has_iso, Communicator* ranks, Progr
     arguments.extract.store = arguments.input.front();
     require_suitable_cells(arguments.extract);
     const std::optional<Store> store = open_store(arguments);
+    if (ranks != nullptr) {
+        require_same_store(*ranks, store ? &store->reader() : nullptr, arguments.extract.store);
+    }
     if (!store) {
         // A volume is read once, by one process.
         return ranks == nullptr || ranks->rank() == 0

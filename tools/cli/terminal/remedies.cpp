@@ -133,6 +133,23 @@ Phrase phrase_of(RemedyKind kind) {
             return {"fewer_components", "--min-component", "give --min-component {}",
                     "drop the smaller ones with --min-component or --components largest",
                     "drop small components"};
+        case RemedyKind::check_url:
+            return {"check_url", "", "check the URL", "", ""};
+        case RemedyKind::give_credentials:
+            return {"give_credentials", "--header", "give credentials in {} or with --header",
+                    "give credentials with --header", "give credentials in {}"};
+        case RemedyKind::set_variable:
+            return {"set_variable", "", "set {} in the environment", "set it in the environment",
+                    ""};
+        case RemedyKind::serve_ranges:
+            return {"serve_ranges", "",
+                    "put it on a server that answers requests for a part (nginx, Apache, S3), or "
+                    "copy it to this machine",
+                    "", ""};
+        case RemedyKind::try_later:
+            return {"try_later", "", "try again later", "", ""};
+        case RemedyKind::open_again:
+            return {"open_again", "", "run again", "", ""};
     }
     return {"unknown", "", "{}", "", ""};
 }

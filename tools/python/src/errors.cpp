@@ -94,6 +94,19 @@ std::string_view words_of(RemedyKind kind) {
             return "give a number alone, in the volume's own unit";
         case RemedyKind::fewer_components:
             return "give min_component={}";
+        case RemedyKind::check_url:
+            return "check the URL";
+        case RemedyKind::give_credentials:
+            return "give credentials in {}";
+        case RemedyKind::set_variable:
+            return "set {} in the environment";
+        case RemedyKind::serve_ranges:
+            return "put it on a server that answers requests for a part (nginx, Apache, S3), or "
+                   "copy it to this machine";
+        case RemedyKind::try_later:
+            return "try again later";
+        case RemedyKind::open_again:
+            return "open it again";
     }
     return "";
 }

@@ -1,0 +1,96 @@
+#include "store/remote/extents.h"
+
+#include <algorithm>
+#include <iterator>
+#include <utility>
+
+namespace isonest::detail {
+
+Extent::Extent(const ByteRange& of, std::shared_ptr<std::atomic<std::uint64_t>> alive)
+    : range(of), alive_(std::move(alive)) {
+    *alive_ += range.size;
+}
+
+Extent::~Extent() {
+    *alive_ -= range.size;
+}
+
+std::vector<ByteRange> Extents::absent(const ByteRange& range) const {
+    std::vector<ByteRange> out;
+    const std::uint64_t end = range.offset + range.size;
+    std::uint64_t at = range.offset;
+    auto next = by_offset_.upper_bound(at);
+    if (next != by_offset_.begin()) {
+        const ByteRange& before = std::prev(next)->second->range;
+        at = std::max(at, before.offset + before.size);
+    }
+    for (; at < end; ++next) {
+        const std::uint64_t until = next == by_offset_.end() ? end : std::min(end, next->first);
+        if (until > at) {
+            out.push_back({at, until - at});
+        }
+        if (next == by_offset_.end()) {
+            break;
+        }
+        at = next->first + next->second->range.size;
+    }
+    return out;
+}
+
+std::vector<std::shared_ptr<Extent>> Extents::use(const ByteRange& range) {
+    std::vector<std::shared_ptr<Extent>> out;
+    const std::uint64_t end = range.offset + range.size;
+    auto next = by_offset_.upper_bound(range.offset);
+    if (next != by_offset_.begin()) {
+        --next;
+    }
+    for (; next != by_offset_.end() && next->first < end; ++next) {
+        const std::shared_ptr<Extent>& extent = next->second;
+        if (extent->range.offset + extent->range.size > range.offset) {
+            by_use_.splice(by_use_.end(), by_use_, extent->place);
+            out.push_back(extent);
+        }
+    }
+    return out;
+}
+
+std::shared_ptr<Extent> Extents::insert(const ByteRange& range) {
+    auto extent = std::make_shared<Extent>(range, alive_);
+    by_offset_.emplace(range.offset, extent);
+    extent->place = by_use_.insert(by_use_.end(), extent.get());
+    return extent;
+}
+
+void Extents::erase(Extent& extent) {
+    const auto found = by_offset_.find(extent.range.offset);
+    if (found != by_offset_.end() && found->second.get() == &extent) {
+        by_use_.erase(extent.place);
+        by_offset_.erase(found);
+    }
+}
+
+template <class MayDrop>
+bool Extents::drop_until_fits(std::uint64_t bytes, const MayDrop& may_drop) {
+    for (auto next = by_use_.begin(); next != by_use_.end() && alive() + bytes > budget_;) {
+        Extent& extent = **next;
+        ++next;
+        // Only the map holds it: nobody else can begin to while the owner's lock is held.
+        const bool is_held = by_offset_.at(extent.range.offset).use_count() > 1;
+        if (extent.state == Extent::State::present && !is_held && may_drop(extent)) {
+            erase(extent);
+        }
+    }
+    return alive() + bytes <= budget_;
+}
+
+bool Extents::make_room(std::uint64_t bytes) {
+    return drop_until_fits(bytes, [](const Extent&) { return true; });
+}
+
+bool Extents::make_room_for_hint(std::uint64_t bytes, std::uint64_t generation) {
+    return drop_until_fits(bytes, [generation](const Extent& extent) {
+        return extent.unread == 0 || extent.generation < generation;
+    });
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,246 @@
+#include "store/remote/object_url.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include <isonest/error.h>
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::string_view kHex = "0123456789ABCDEF";
+
+char lower_of(char c) {
+    return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+}
+
+std::string lower_case(std::string_view text) {
+    std::string out(text);
+    std::transform(out.begin(), out.end(), out.begin(), lower_of);
+    return out;
+}
+
+/// The scheme in lower case, or nothing.
+std::string_view scheme_of(std::string_view text) {
+    for (const std::string_view scheme : {"https", "http", "s3"}) {
+        const std::size_t size = scheme.size();
+        if (text.size() > size + 3 && text.substr(size, 3) == "://" &&
+            lower_case(text.substr(0, size)) == scheme) {
+            return scheme;
+        }
+    }
+    return {};
+}
+
+bool is_unreserved(char c) {
+    return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-' ||
+           c == '.' || c == '_' || c == '~';
+}
+
+void append_encoded(std::string& out, char c) {
+    const auto byte = static_cast<unsigned char>(c);
+    out += '%';
+    out += kHex[byte >> 4U];
+    out += kHex[byte & 15U];
+}
+
+/// As Amazon's signatures want a key, and RFC 3986 a path.
+std::string encoded_key(std::string_view key) {
+    std::string out;
+    for (const char c : key) {
+        if (is_unreserved(c) || c == '/') {
+            out += c;
+        } else {
+            append_encoded(out, c);
+        }
+    }
+    return out;
+}
+
+/// What is no character of a URL is encoded; what is encoded already stays.
+std::string mended(std::string_view part) {
+    std::string out;
+    for (const char c : part) {
+        const auto byte = static_cast<unsigned char>(c);
+        if (byte <= 0x20 || byte >= 0x7F || c == '"' || c == '<' || c == '>' || c == '\\' ||
+            c == '^' || c == '`' || c == '{' || c == '|' || c == '}') {
+            append_encoded(out, c);
+        } else {
+            out += c;
+        }
+    }
+    return out;
+}
+
+int digit_of(char c) {
+    const std::size_t at = kHex.find(c >= 'a' && c <= 'f' ? static_cast<char>(c - 'a' + 'A') : c);
+    return at == std::string_view::npos ? -1 : static_cast<int>(at);
+}
+
+std::string decoded(std::string_view text) {
+    std::string out;
+    for (std::size_t i = 0; i < text.size(); ++i) {
+        if (text[i] == '%' && i + 2 < text.size() && digit_of(text[i + 1]) >= 0 &&
+            digit_of(text[i + 2]) >= 0) {
+            out += static_cast<char>(digit_of(text[i + 1]) * 16 + digit_of(text[i + 2]));
+            i += 2;
+        } else {
+            out += text[i];
+        }
+    }
+    return out;
+}
+
+struct Authority {
+    std::string_view userinfo;
+    std::string_view host;  ///< with the port
+};
+
+Authority authority_in(std::string_view text) {
+    const std::size_t at = text.rfind('@');
+    if (at == std::string_view::npos) {
+        return {{}, text};
+    }
+    return {text.substr(0, at), text.substr(at + 1)};
+}
+
+bool is_host(std::string_view host) {
+    return !host.empty() && host.front() != ':' &&
+           std::all_of(host.begin(), host.end(), [](char c) {
+               return is_unreserved(c) || c == ':' || c == '[' || c == ']' ||
+                      static_cast<unsigned char>(c) >= 0x80;
+           });
+}
+
+[[noreturn]] void refuse(const std::string& name, const std::string& problem) {
+    throw Error(ErrorKind::invalid_argument, {name}, problem, {{RemedyKind::check_url}});
+}
+
+ObjectUrl parse_http(std::string_view scheme, std::string_view rest) {
+    rest = rest.substr(0, rest.find('#'));
+    const std::size_t path_at = std::min(rest.find_first_of("/?"), rest.size());
+    const auto [userinfo, host] = authority_in(rest.substr(0, path_at));
+    std::string_view path = rest.substr(path_at);
+    const std::size_t query_at = std::min(path.find('?'), path.size());
+    const std::string_view query = path.substr(query_at);
+    path = path.substr(0, query_at);
+    ObjectUrl url;
+    url.name = fmt::format("{}://{}{}", scheme, host, path.empty() ? "/" : path);
+    if (!is_host(host)) {
+        refuse(fmt::format("{}://", scheme), "the URL names no host");
+    }
+    url.request =
+        fmt::format("{}://{}{}{}", scheme, host, path.empty() ? "/" : mended(path), mended(query));
+    const std::size_t colon = std::min(userinfo.find(':'), userinfo.size());
+    url.user = decoded(userinfo.substr(0, colon));
+    url.password = colon < userinfo.size() ? decoded(userinfo.substr(colon + 1)) : "";
+    return url;
+}
+
+using Environment = const char* (*)(const char*);
+
+/// The first of these that is there and not empty.
+template <std::size_t N>
+std::string said_by(Environment environment, const std::array<const char*, N>& names) {
+    for (const char* const name : names) {
+        const char* const value = environment(name);
+        if (value != nullptr && *value != 0) {
+            return value;
+        }
+    }
+    return {};
+}
+
+/// Source: "Bucket naming rules", AWS documentation; older buckets have capitals and underscores.
+bool is_bucket(std::string_view bucket) {
+    return bucket.size() >= 3 && bucket.size() <= 255 &&
+           std::all_of(bucket.begin(), bucket.end(),
+                       [](char c) { return is_unreserved(c) && c != '~'; }) &&
+           bucket.find("..") == std::string_view::npos;
+}
+
+ObjectUrl parse_s3(std::string_view rest, Environment environment) {
+    const std::size_t slash = std::min(rest.find('/'), rest.size());
+    const std::string_view bucket = rest.substr(0, slash);
+    const std::string_view key = slash < rest.size() ? rest.substr(slash + 1) : "";
+    ObjectUrl url;
+    if (!is_bucket(bucket)) {
+        refuse("s3://", "the URL names no bucket (s3://BUCKET/KEY)");
+    }
+    url.name = fmt::format("s3://{}/{}", bucket, key);
+    if (key.empty()) {
+        refuse(url.name, "the URL names no object in the bucket (s3://BUCKET/KEY)");
+    }
+    url.is_s3 = true;
+    const std::string region = said_by<2>(environment, {"AWS_REGION", "AWS_DEFAULT_REGION"});
+    SigningKeys keys{said_by<1>(environment, {"AWS_ACCESS_KEY_ID"}),
+                     said_by<1>(environment, {"AWS_SECRET_ACCESS_KEY"}),
+                     said_by<1>(environment, {"AWS_SESSION_TOKEN"}),
+                     region.empty() ? "us-east-1" : region};
+    if (keys.id.empty() != keys.secret.empty()) {
+        refuse(url.name, "of AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, only one is set");
+    }
+    if (!keys.id.empty()) {
+        url.keys = std::move(keys);
+    }
+    const std::string path = encoded_key(key);
+    std::string endpoint = said_by<2>(environment, {"AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL"});
+    if (!endpoint.empty()) {
+        if (scheme_of(endpoint).empty() || scheme_of(endpoint) == "s3") {
+            refuse(url.name, "AWS_ENDPOINT_URL is no URL (https://HOST)");
+        }
+        // Without userinfo and query: they have no meaning here.
+        const ObjectUrl server = parse_http(
+            scheme_of(endpoint), std::string_view(endpoint).substr(endpoint.find("://") + 3));
+        endpoint = server.name;
+        while (endpoint.back() == '/') {
+            endpoint.pop_back();
+        }
+        url.request = fmt::format("{}/{}/{}", endpoint, bucket, path);
+        return url;
+    }
+    const std::string host =
+        region.empty() ? "s3.amazonaws.com" : fmt::format("s3.{}.amazonaws.com", region);
+    // A certificate for *.host does not cover a bucket with dots.
+    url.request = bucket.find('.') == std::string_view::npos
+                      ? fmt::format("https://{}.{}/{}", bucket, host, path)
+                      : fmt::format("https://{}/{}/{}", host, bucket, path);
+    return url;
+}
+
+}  // namespace
+
+bool is_url(std::string_view text) {
+    return !scheme_of(text).empty();
+}
+
+ObjectUrl parse_object_url(std::string_view text, Environment environment) {
+    const std::string_view scheme = scheme_of(text);
+    if (scheme.empty()) {
+        refuse("", "this is no URL that can be read (https://, http:// or s3://)");
+    }
+    const std::string_view rest = text.substr(scheme.size() + 3);
+    if (std::any_of(text.begin(), text.end(),
+                    [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7F; })) {
+        refuse(std::string(scheme) + "://", "the URL has a control character");
+    }
+    return scheme == "s3" ? parse_s3(rest, environment) : parse_http(scheme, rest);
+}
+
+std::string origin_of(std::string_view url) {
+    const std::string_view scheme = scheme_of(url);
+    const std::string_view rest = url.substr(scheme.size() + 3);
+    const std::string host = lower_case(
+        authority_in(rest.substr(0, std::min(rest.find_first_of("/?#"), rest.size()))).host);
+    const std::size_t colon = host.rfind(':');
+    const bool has_port = colon != std::string::npos && host.find(']', colon) == std::string::npos;
+    return fmt::format("{}://{}{}", scheme, host,
+                       has_port            ? ""
+                       : scheme == "https" ? ":443"
+                                           : ":80");
+}
+
+}  // namespace isonest::detail

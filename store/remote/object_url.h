@@ -1,0 +1,41 @@
+// Names of objects elsewhere, and who asks for them.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace isonest::detail {
+
+/// Keys of Amazon's signatures. Source: "Signature Version 4", AWS documentation.
+struct SigningKeys {
+    std::string id;
+    std::string secret;
+    std::string session;  ///< token; may be empty
+    std::string region;
+};
+
+/// What is asked of whom, and as whom. Nothing of it is for messages but `name`.
+struct ObjectUrl {
+    std::string name;      ///< as it was given, without userinfo, query and fragment
+    std::string request;   ///< http(s)://host[:port]/path[?query], percent-encoded
+    std::string user;      ///< of the userinfo, decoded
+    std::string password;  ///< of the userinfo, decoded
+    bool is_s3 = false;    ///< of an s3:// URL, also if nobody signs
+    std::optional<SigningKeys> keys;
+};
+
+/// Whether this names an object elsewhere: https://, http:// or s3://.
+bool is_url(std::string_view text);
+
+/// `environment`: std::getenv, or a test's. What it says: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
+/// AWS_SESSION_TOKEN, AWS_REGION or AWS_DEFAULT_REGION, AWS_ENDPOINT_URL_S3 or AWS_ENDPOINT_URL,
+/// for s3 URLs alone; without keys, nobody signs. The key of an s3 URL is what follows the bucket,
+/// with no character that means anything else. Throws Error{invalid_argument}.
+ObjectUrl parse_object_url(std::string_view text, const char* (*environment)(const char*));
+
+/// scheme://host:port, in lower case and with the scheme's port if there is none: of two URLs for
+/// the same server it is the same. REQUIRES: is_url(url).
+std::string origin_of(std::string_view url);
+
+}  // namespace isonest::detail

@@ -1,0 +1,290 @@
+#include "store/remote/url_bytes.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstring>
+#include <optional>
+#include <utility>
+
+#include <isonest/error.h>
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::chrono::milliseconds kCheckEvery{50};
+
+std::uint64_t end_of_range(const ByteRange& range) {
+    return range.offset + range.size;
+}
+
+/// Each thread gets an error of its own.
+[[noreturn]] void throw_copy_of(const Error& error) {
+    throw Error(error.kind(), error.place(), error.problem(), error.remedies());
+}
+
+}  // namespace
+
+class UrlBytes::ExtentJob : public FetchJob {
+  public:
+    ExtentJob(const UrlBytes& owner, ExtentPointer extent)
+        : owner_(owner), extent_(std::move(extent)) {}
+
+    [[nodiscard]] Asked asked() const override { return {extent_->range, 0}; }
+    void begin(const AnswerHead& /*head*/, const ByteRange& /*range*/,
+               std::uint64_t /*size*/) override {
+        extent_->bytes.resize(extent_->range.size);
+    }
+    void take(std::span<const std::byte> bytes) override {
+        std::memcpy(extent_->bytes.data() + extent_->received, bytes.data(), bytes.size());
+        const Lock lock(owner_.mutex_);
+        extent_->received += bytes.size();
+        owner_.changed_.notify_all();
+    }
+    void done() override {
+        owner_.end_extent(*extent_, Extent::State::present, nullptr);
+        if (owner_.cache_ != nullptr) {
+            owner_.cache_->keep(extent_->range, extent_->bytes);
+        }
+    }
+    void failed(const Error& error, bool is_change) override {
+        const auto failure = std::make_shared<const Error>(error);
+        owner_.end_extent(*extent_, Extent::State::failed, failure);
+        if (is_change) {
+            const Lock lock(owner_.mutex_);
+            owner_.broken_ = failure;
+            owner_.changed_.notify_all();
+        }
+    }
+
+  private:
+    const UrlBytes& owner_;
+    ExtentPointer extent_;
+};
+
+/// The end of the object, and what the object is.
+class UrlBytes::OpeningJob : public FetchJob {
+  public:
+    explicit OpeningJob(UrlBytes& owner) : owner_(owner) {}
+
+    [[nodiscard]] Asked asked() const override { return {{}, kTailBytes}; }
+    void begin(const AnswerHead& head, const ByteRange& range, std::uint64_t size) override {
+        const Validators opened{head.etag, head.last_modified, size};
+        owner_.loop_.set_opened(opened);
+        const Lock lock(owner_.mutex_);
+        owner_.state_ = {owner_.name_, "", size};
+        if (opened.is_strong()) {
+            owner_.state_.version = opened.etag;
+        } else if (!opened.last_modified.empty()) {
+            owner_.state_.version = "last-modified: " + opened.last_modified;
+        }
+        if (range.size > 0) {
+            extent_ = owner_.extents_.insert(range);
+            extent_->is_started = true;
+            extent_->bytes.resize(range.size);
+        }
+    }
+    void take(std::span<const std::byte> bytes) override {
+        std::memcpy(extent_->bytes.data() + extent_->received, bytes.data(), bytes.size());
+        extent_->received += bytes.size();
+    }
+    void done() override {
+        if (extent_ != nullptr) {
+            owner_.end_extent(*extent_, Extent::State::present, nullptr);
+        }
+        const Lock lock(owner_.mutex_);
+        owner_.is_open_ = true;
+        owner_.changed_.notify_all();
+    }
+    void failed(const Error& error, bool /*is_change*/) override {
+        const Lock lock(owner_.mutex_);
+        owner_.broken_ = std::make_shared<const Error>(error);
+        owner_.changed_.notify_all();
+    }
+
+  private:
+    UrlBytes& owner_;
+    ExtentPointer extent_;
+};
+
+UrlBytes::UrlBytes(ObjectUrl url, RemoteOptions options)
+    : name_(url.name),
+      options_(std::move(options)),
+      extents_(options_.budget_bytes),
+      opening_(std::make_shared<OpeningJob>(*this)),
+      loop_({std::move(url), options_}, [this] { return next_job(); }) {
+    Lock lock(mutex_);
+    wait_until(lock, [this] { return is_open_; });
+    rounds_ = 1;
+    lock.unlock();
+    // Of an object in an unknown state, nothing may be kept.
+    if (options_.make_cache && !state_.version.empty()) {
+        cache_ = options_.make_cache(state_);
+    }
+}
+
+void UrlBytes::wait_until(Lock& lock, const std::function<bool()>& is_over) const {
+    auto next_check = std::chrono::steady_clock::now() + kCheckEvery;
+    while (true) {
+        if (broken_ != nullptr) {
+            throw_copy_of(*broken_);
+        }
+        if (is_over()) {
+            return;
+        }
+        changed_.wait_until(lock, next_check);
+        if (std::chrono::steady_clock::now() >= next_check) {
+            next_check = std::chrono::steady_clock::now() + kCheckEvery;
+            if (options_.check) {
+                lock.unlock();
+                options_.check();
+                lock.lock();
+            }
+        }
+    }
+}
+
+void UrlBytes::end_extent(Extent& extent, Extent::State state,
+                          std::shared_ptr<const Error> failure) const {
+    const Lock lock(mutex_);
+    extent.state = state;
+    extent.failure = std::move(failure);
+    if (state != Extent::State::present) {
+        extents_.erase(extent);
+    }
+    changed_.notify_all();
+}
+
+HeldBytes UrlBytes::held(const std::vector<ExtentPointer>& extents, const ByteRange& range) {
+    const std::uint64_t first = range.offset - extents[0]->range.offset;
+    if (extents.size() == 1) {
+        const std::span<const std::byte> bytes(extents[0]->bytes);
+        return {extents[0], bytes.subspan(first, range.size)};
+    }
+    auto whole = std::make_shared<std::vector<std::byte>>(range.size);
+    for (const ExtentPointer& extent : extents) {
+        const std::uint64_t from = std::max(range.offset, extent->range.offset);
+        const std::uint64_t until = std::min(end_of_range(range), end_of_range(extent->range));
+        std::memcpy(whole->data() + (from - range.offset),
+                    extent->bytes.data() + (from - extent->range.offset), until - from);
+    }
+    const std::span<const std::byte> bytes(*whole);
+    return {std::move(whole), bytes};
+}
+
+HeldBytes UrlBytes::read(std::uint64_t offset, std::uint64_t size) const {
+    if (size == 0) {
+        return {};
+    }
+    const ByteRange range{offset, size};
+    Lock lock(mutex_);
+    while (true) {
+        if (broken_ != nullptr) {
+            throw_copy_of(*broken_);
+        }
+        const std::vector<ExtentPointer> extents = extents_for(lock, range);
+        const bool all_there =
+            std::all_of(extents.begin(), extents.end(), [&](const ExtentPointer& extent) {
+                return wait_for(lock, extent,
+                                std::min(end_of_range(range), end_of_range(extent->range)) -
+                                    extent->range.offset);
+            });
+        if (!all_there) {
+            continue;
+        }
+        bool was_read_up = false;
+        std::uint64_t covered = 0;
+        for (const ExtentPointer& extent : extents) {
+            const std::uint64_t from = std::max(offset, extent->range.offset);
+            const std::uint64_t until = std::min(end_of_range(range), end_of_range(extent->range));
+            const std::uint64_t read_now = std::min(extent->unread, until - from);
+            extent->unread -= read_now;
+            was_read_up = was_read_up || (read_now > 0 && extent->unread == 0);
+            covered += until - from;
+        }
+        if (covered != size) {
+            continue;  // something failed between asking and looking
+        }
+        lock.unlock();
+        HeldBytes bytes = held(extents, range);
+        if (was_read_up) {
+            lock.lock();
+            ask_for_announced();
+        }
+        return bytes;
+    }
+}
+
+std::vector<UrlBytes::ExtentPointer> UrlBytes::extents_for(Lock& lock,
+                                                           const ByteRange& range) const {
+    const std::vector<ByteRange> absent = extents_.absent(range);
+    if (absent.empty()) {
+        return extents_.use(range);
+    }
+    // What is there is held: room for the rest is not made of it.
+    const std::vector<ExtentPointer> there = extents_.use(range);
+    if (cache_ == nullptr) {
+        ask(absent, {rounds_ + 1, generation_}, true);
+        return extents_.use(range);
+    }
+    const std::vector<ExtentPointer> wanted = hold_places(absent, {rounds_ + 1, generation_}, true);
+    lock.unlock();
+    load_from_cache(wanted);
+    lock.lock();
+    return extents_.use(range);
+}
+
+bool UrlBytes::wait_for(Lock& lock, const ExtentPointer& extent, std::uint64_t until) const {
+    const auto is_there = [&] {
+        return extent->state != Extent::State::coming || extent->received >= until;
+    };
+    if (!is_there()) {
+        if (!std::exchange(extent->is_urgent, true) && !extent->is_started) {
+            urgent_.push_back(extent);
+            loop_.wake();
+        }
+        wait_until(lock, is_there);
+        if (extent->state != Extent::State::failed && extent->state != Extent::State::replaced) {
+            rounds_ = std::max(rounds_, extent->round);
+        }
+    }
+    if (extent->state == Extent::State::failed) {
+        throw_copy_of(*extent->failure);
+    }
+    return extent->state != Extent::State::replaced;
+}
+
+std::shared_ptr<FetchJob> UrlBytes::next_job() const {
+    Lock lock(mutex_);
+    if (opening_ != nullptr) {
+        return std::exchange(opening_, nullptr);
+    }
+    while (true) {
+        if (urgent_.empty() && !to_load_.empty()) {
+            const std::vector<ExtentPointer> wanted = std::move(to_load_.front());
+            to_load_.pop_front();
+            lock.unlock();
+            load_from_cache(wanted);
+            lock.lock();
+            continue;
+        }
+        std::deque<ExtentPointer>& queue = urgent_.empty() ? hinted_ : urgent_;
+        if (queue.empty()) {
+            return nullptr;
+        }
+        ExtentPointer extent = std::move(queue.front());
+        queue.pop_front();
+        // What somebody came to wait for stands in both.
+        if (!extent->is_started && broken_ == nullptr) {
+            extent->is_started = true;
+            return std::make_shared<ExtentJob>(*this, std::move(extent));
+        }
+    }
+}
+
+FetchedCounts UrlBytes::fetched() const {
+    const RequestCounts counts = loop_.counts();
+    const Lock lock(mutex_);
+    return {counts.bytes, counts.requests, rounds_, cache_bytes_};
+}
+
+}  // namespace isonest::detail

@@ -1,0 +1,108 @@
+// The bytes of an object elsewhere: what was asked for is kept within a budget, and comes by few
+// requests.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "store/bytes/range_cache.h"
+#include "store/bytes/store_bytes.h"
+#include "store/remote/extents.h"
+#include "store/remote/fetch_loop.h"
+#include "store/remote/object_url.h"
+#include "store/remote/remote_options.h"
+
+namespace isonest::detail {
+
+/// fetched().round_trips is the length of the longest chain of requests of which each was asked for
+/// (by read() or want()) after somebody had waited for the one before. So all waits for ranges that
+/// were asked for before the first of these waits ended count once, and what came before anybody
+/// needed it counts nothing. Opening is the first.
+class UrlBytes : public StoreBytes {
+  public:
+    static constexpr std::uint64_t kTailBytes = 64U << 10U;
+
+    /// Throws as open_url().
+    UrlBytes(ObjectUrl url, RemoteOptions options);
+    ~UrlBytes() override = default;
+
+    [[nodiscard]] const std::string& name() const override { return name_; }
+    [[nodiscard]] std::uint64_t size() const override { return state_.size; }
+    [[nodiscard]] bool is_far() const override { return true; }
+    [[nodiscard]] HeldBytes read(std::uint64_t offset, std::uint64_t size) const override;
+    /// What does not fit into the budget is asked for as soon as what was announced before has been
+    /// read.
+    void want(std::span<const ByteRange> ranges) const override;
+    [[nodiscard]] FetchedCounts fetched() const override;
+    /// The object as it was opened.
+    [[nodiscard]] const ObjectState& state() const { return state_; }
+
+  private:
+    using Lock = std::unique_lock<std::mutex>;
+    using ExtentPointer = std::shared_ptr<Extent>;
+    class ExtentJob;
+    class OpeningJob;
+
+    /// When ranges were asked for.
+    struct Place {
+        std::uint64_t round = 0;
+        std::uint64_t generation = 0;  ///< of want()
+    };
+    /// Ranges of one want(); those before `next` have been asked for.
+    struct Announced {
+        std::vector<ByteRange> ranges;  ///< by offset
+        std::size_t next = 0;
+        Place place;
+    };
+
+    std::shared_ptr<FetchJob> next_job() const;
+    /// Throws what check() throws, and what broke the object.
+    void wait_until(Lock& lock, const std::function<bool()>& is_over) const;
+    /// Whether the extent has its first `until` bytes: not if it was replaced by others.
+    bool wait_for(Lock& lock, const ExtentPointer& extent, std::uint64_t until) const;
+    /// All that have a part of the range; what is in none is asked for.
+    std::vector<ExtentPointer> extents_for(Lock& lock, const ByteRange& range) const;
+    void load_from_cache(const std::vector<ExtentPointer>& wanted) const;
+    void end_extent(Extent& extent, Extent::State state,
+                    std::shared_ptr<const Error> failure) const;
+    static HeldBytes held(const std::vector<ExtentPointer>& extents, const ByteRange& range);
+    // With the lock held:
+    void ask_for_announced() const;
+    void ask(const std::vector<ByteRange>& absent, const Place& place, bool is_urgent) const;
+    std::vector<ExtentPointer> hold_places(const std::vector<ByteRange>& absent, const Place& place,
+                                           bool is_urgent) const;
+
+    std::string name_;
+    RemoteOptions options_;
+    ObjectState state_;
+    std::shared_ptr<RangeCache> cache_;
+    bool is_open_ = false;
+
+    mutable std::mutex mutex_;
+    mutable std::condition_variable changed_;
+    mutable Extents extents_;
+    mutable std::deque<ExtentPointer> urgent_;
+    mutable std::deque<ExtentPointer> hinted_;
+    mutable std::deque<std::vector<ExtentPointer>> to_load_;  ///< announced; cache_ may have them
+    mutable std::deque<Announced> announced_;
+    mutable std::shared_ptr<const Error> broken_;  ///< nothing can be read any more
+    mutable std::uint64_t rounds_ = 0;
+    mutable std::uint64_t generation_ = 0;
+    mutable std::atomic<std::uint64_t> cache_bytes_{0};
+    mutable std::shared_ptr<FetchJob> opening_;
+    mutable FetchLoop loop_;  ///< the last one: its thread uses the others
+};
+
+}  // namespace isonest::detail

@@ -1,0 +1,159 @@
+// What UrlBytes asks for: what was announced, as far as it fits into the budget, and what somebody
+// waits for.
+#include <algorithm>
+#include <cstddef>
+#include <optional>
+#include <utility>
+
+#include "store/remote/join_ranges.h"
+#include "store/remote/url_bytes.h"
+
+namespace isonest::detail {
+namespace {
+
+constexpr std::size_t kMostAnnouncements = 8;
+constexpr JoinLimits kJoinLimits{};
+
+std::uint64_t end_of_announced(const ByteRange& range) {
+    return range.offset + range.size;
+}
+
+/// Without what lies outside, by offset, and without overlap; ranges that only touch stay apart.
+std::vector<ByteRange> tidied(std::span<const ByteRange> ranges, std::uint64_t size) {
+    std::vector<ByteRange> sorted;
+    for (const ByteRange& range : ranges) {
+        if (range.offset < size && range.size > 0) {
+            sorted.push_back({range.offset, std::min(range.size, size - range.offset)});
+        }
+    }
+    std::sort(sorted.begin(), sorted.end(),
+              [](const ByteRange& a, const ByteRange& b) { return a.offset < b.offset; });
+    std::vector<ByteRange> out;
+    for (const ByteRange& range : sorted) {
+        if (!out.empty() && range.offset < end_of_announced(out.back())) {
+            out.back().size =
+                std::max(end_of_announced(out.back()), end_of_announced(range)) - out.back().offset;
+        } else {
+            out.push_back(range);
+        }
+    }
+    return out;
+}
+
+}  // namespace
+
+void UrlBytes::want(std::span<const ByteRange> ranges) const {
+    Announced announced;
+    announced.ranges = tidied(ranges, state_.size);
+    const Lock lock(mutex_);
+    if (broken_ != nullptr || announced.ranges.empty()) {
+        return;
+    }
+    announced.place = {rounds_ + 1, ++generation_};
+    announced_.push_back(std::move(announced));
+    if (announced_.size() > kMostAnnouncements) {
+        announced_.pop_front();
+    }
+    ask_for_announced();
+}
+
+void UrlBytes::ask_for_announced() const {
+    while (!announced_.empty()) {
+        Announced& announced = announced_.front();
+        std::vector<ByteRange> batch;
+        std::uint64_t bytes = 0;
+        bool fits = true;
+        for (; announced.next < announced.ranges.size() && fits; ++announced.next) {
+            const ByteRange& range = announced.ranges[announced.next];
+            const std::vector<ByteRange> absent = extents_.absent(range);
+            // With the largest waste of joined requests.
+            const std::uint64_t more = bytes + range.size + range.size / 4;
+            if (absent.empty() || range.size > options_.budget_bytes / 2) {
+                continue;
+            }
+            if (!extents_.make_room_for_hint(more, announced.place.generation)) {
+                fits = false;
+                break;
+            }
+            bytes = more;
+            batch.insert(batch.end(), absent.begin(), absent.end());
+        }
+        if (!batch.empty() && cache_ != nullptr) {
+            to_load_.push_back(hold_places(batch, announced.place, false));
+            loop_.wake();
+        } else if (!batch.empty()) {
+            ask(batch, announced.place, false);
+        }
+        if (!fits) {
+            return;
+        }
+        announced_.pop_front();
+    }
+}
+
+void UrlBytes::ask(const std::vector<ByteRange>& absent, const Place& place, bool is_urgent) const {
+    const auto is_absent = [this](const ByteRange& gap) {
+        const std::vector<ByteRange> parts = extents_.absent(gap);
+        return parts.size() == 1 && parts[0].size == gap.size;
+    };
+    for (const JoinedRange& joined : join_ranges(absent, kJoinLimits, is_absent)) {
+        extents_.make_room(joined.range.size);
+        ExtentPointer extent = extents_.insert(joined.range);
+        extent->unread = joined.wanted;
+        extent->round = place.round;
+        extent->generation = place.generation;
+        extent->is_urgent = is_urgent;
+        (is_urgent ? urgent_ : hinted_).push_back(std::move(extent));
+    }
+    loop_.wake();
+}
+
+std::vector<UrlBytes::ExtentPointer> UrlBytes::hold_places(const std::vector<ByteRange>& absent,
+                                                           const Place& place,
+                                                           bool is_urgent) const {
+    std::vector<ExtentPointer> out;
+    for (const ByteRange& range : absent) {
+        extents_.make_room(range.size);
+        out.push_back(extents_.insert(range));
+        out.back()->unread = range.size;
+        out.back()->round = place.round;
+        out.back()->generation = place.generation;
+        out.back()->is_urgent = is_urgent;
+        out.back()->is_started = true;
+    }
+    return out;
+}
+
+void UrlBytes::load_from_cache(const std::vector<ExtentPointer>& wanted) const {
+    std::vector<ExtentPointer> missing;
+    for (const ExtentPointer& extent : wanted) {
+        std::optional<std::vector<std::byte>> bytes = cache_->load(extent->range);
+        if (!bytes || bytes->size() != extent->range.size) {
+            missing.push_back(extent);
+            continue;
+        }
+        cache_bytes_ += bytes->size();
+        const Lock lock(mutex_);
+        extent->bytes = std::move(*bytes);
+        extent->received = extent->range.size;
+        extent->round = 0;
+        extent->state = Extent::State::present;
+        changed_.notify_all();
+    }
+    if (missing.empty()) {
+        return;
+    }
+    const Lock lock(mutex_);
+    std::vector<ByteRange> absent;
+    bool is_urgent = false;
+    for (const ExtentPointer& extent : missing) {
+        absent.push_back(extent->range);
+        is_urgent = is_urgent || extent->is_urgent;
+        extent->state = Extent::State::replaced;
+        extents_.erase(*extent);
+    }
+    ask(absent, {missing[0]->round, missing[0]->generation}, is_urgent);
+    changed_.notify_all();
+}
+
+}  // namespace isonest::detail

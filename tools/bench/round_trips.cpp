@@ -1,0 +1,110 @@
+// How many round trips, chunks and bytes queries take of a store behind a network, by the model of
+// store/container/announce/far_source.h.
+//
+// usage: isonest_round_trips STORE ISOVALUE [MEMORY_MIB]
+//
+// Read are the chunks that the traversal decodes, fetched those that it announces or asks for
+// without an announcement: what of them is not read was announced for nothing. A surface within a
+// distance begins with the full resolution, and reads no more than that.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <exception>
+
+#include "query/traverse/traversal.h"
+#include "store/container/announce/far_source.h"
+#include "store/container/reader.h"
+
+using namespace isonest;
+using namespace isonest::detail;
+
+namespace {
+
+class Queries {
+  public:
+    Queries(const StoreReader& store, double iso, std::uint64_t memory)
+        : store_(store), iso_(iso), memory_(memory) {
+        fmt::print("{} levels\n{:>22} {:>6} {:>6} {:>6} {:>8} {:>11} {:>8} {:>11} {:>6}\n",
+                   store.layout().lattice().top() + 1, "", "trips", "waves", "alone", "read",
+                   "bytes", "fetched", "bytes", "ratio");
+    }
+
+    /// `error`: of the range of the values.
+    [[nodiscard]] TraversalQuery surface(double error) const {
+        const StoreHeader& header = store_.layout().header();
+        TraversalQuery query;
+        query.iso = iso_;
+        query.waiting_lists = memory_ / 8;
+        query.tolerance = Tolerance(error * (store_.max_value() - store_.min_value()), {}, {},
+                                    header.spacing, header.origin);
+        for (int axis = 0; axis < 3; ++axis) {
+            query.box.hi[static_cast<std::size_t>(axis)] =
+                static_cast<double>(header.nodes[axis] - 1);
+        }
+        return query;
+    }
+    void print(const char* name, const TraversalQuery& query) const {
+        const FarSource source(store_);
+        ChunkCache cache(source, memory_ / 8 * 7,
+                         query.attributes.width() > 0 ? NodeSampler::kSides : ChunkSides{});
+        Progress quiet;
+        traverse(
+            cache, query, 65536, [](std::uint64_t, const MeshPart&) {}, quiet);
+        const FarCounts c = source.counts();
+        fmt::print("{:>22} {:>6} {:>6} {:>6} {:>8} {:>11} {:>8} {:>11} {:>6.2f}\n", name,
+                   c.round_trips, c.announcements, c.unannounced, c.decoded_chunks, c.decoded_bytes,
+                   c.announced_chunks, c.announced_bytes,
+                   static_cast<double>(c.announced_bytes) /
+                       static_cast<double>(std::max<std::uint64_t>(c.decoded_bytes, 1)));
+    }
+
+  private:
+    const StoreReader& store_;
+    double iso_;
+    std::uint64_t memory_;
+};
+
+int run(int argc, char** argv) {
+    if (argc < 3) {
+        fmt::print(stderr, "usage: isonest_round_trips STORE ISOVALUE [MEMORY_MIB]\n");
+        return 2;
+    }
+    const StoreReader store(argv[1]);
+    const Int3& nodes = store.layout().header().nodes;
+    const Queries queries(store, std::strtod(argv[2], nullptr),
+                          (argc > 3 ? std::strtoull(argv[3], nullptr, 10) : 512U) << 20U);
+    queries.print("surface, 5 %", queries.surface(0.05));
+    queries.print("surface, 1 %", queries.surface(0.01));
+    queries.print("surface, 0.2 %", queries.surface(0.002));
+    TraversalQuery query = queries.surface(0.01);
+    query.attributes.normal = true;
+    queries.print("1 %, normals", query);
+    for (const double error : {0.01, 0.0}) {
+        query = queries.surface(error);
+        query.plane = LatticePlane{{0, 0, 1}, static_cast<double>(nodes.z / 2) + 0.5};
+        queries.print(error > 0 ? "slice, 1 %" : "slice, full", query);
+    }
+    queries.print("full resolution", queries.surface(0));
+    query = queries.surface(0);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        query.box.lo[axis] = query.box.hi[axis] * 0.25;
+        query.box.hi[axis] *= 0.5;
+    }
+    queries.print("full resolution, box", query);
+    query = queries.surface(0.01);
+    query.vertices = VertexPlace::exact;
+    queries.print("1 %, exact vertices", query);
+    return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    try {
+        return run(argc, argv);
+    } catch (const std::exception& error) {
+        fmt::print(stderr, "isonest_round_trips: {}\n", error.what());
+        return 1;
+    }
+}
