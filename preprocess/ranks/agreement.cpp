@@ -3,16 +3,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <chrono>
-#include <cstddef>
-#include <cstdint>
-#include <fstream>
-#include <iterator>
-#include <optional>
-#include <random>
 #include <span>
-#include <thread>
-#include <utility>
+#include <string>
 #include <vector>
 
 #include <isonest/error.h>
@@ -21,7 +13,6 @@
 #include "store/base/label_text.h"
 #include "store/container/codec.h"
 #include "store/container/format.h"
-#include "store/files/output_file.h"
 #include "store/ranks/who_differs.h"
 
 namespace isonest::detail {
@@ -52,38 +43,6 @@ std::string options_text(const PreprocessOptions& options) {
                        options.force, options.resume, list_names(options.fields));
 }
 
-/// A text that nobody else has.
-std::string random_text() {
-    std::random_device device;
-    return fmt::format("{:08x}{:08x}{:08x}{:08x}", device(), device(), device(), device());
-}
-
-/// A file that is there as long as the object.
-class Token {
-  public:
-    Token(std::filesystem::path path, const std::string& text) : path_(std::move(path)) {
-        std::ofstream file(path_, std::ios::binary);
-        file << text << std::flush;
-        if (!file) {
-            throw Error(ErrorKind::io, {path_.string()}, "cannot write into the output's folder");
-        }
-    }
-    Token(const Token&) = delete;
-    Token& operator=(const Token&) = delete;
-    ~Token() {
-        std::error_code ignored;
-        std::filesystem::remove(path_, ignored);
-    }
-
-  private:
-    std::filesystem::path path_;
-};
-
-std::string text_in(const std::filesystem::path& path) {
-    std::ifstream file(path, std::ios::binary);
-    return {std::istreambuf_iterator<char>(file), {}};
-}
-
 }  // namespace
 
 void require_same_work(Communicator& ranks, const VolumeSource& source,
@@ -100,32 +59,6 @@ void require_same_work(Communicator& ranks, const VolumeSource& source,
         throw Error(
             ErrorKind::invalid_argument, {source.describe().name},
             "ranks have different options: not those of rank 0, have ranks " + other_choices);
-    }
-    ranks.meet();
-}
-
-void require_same_folder(Communicator& ranks, const std::filesystem::path& store) {
-    const std::string text = ranks.broadcast(ranks.rank() == 0 ? random_text() : "");
-    const std::filesystem::path path = (temporary_prefix(store) += "seen-" + text);
-    std::optional<Token> token;
-    if (ranks.rank() == 0) {
-        token.emplace(path, text);
-    }
-    ranks.meet();
-    constexpr int kTries = 50;
-    constexpr auto kPause = std::chrono::milliseconds(100);
-    bool seen = text_in(path) == text;
-    for (int i = 0; i < kTries && !seen; ++i) {
-        std::this_thread::sleep_for(kPause);
-        seen = text_in(path) == text;
-    }
-    const std::string others = who_differs(ranks, seen ? "seen" : "not seen", "seen");
-    if (!others.empty()) {
-        throw Error(ErrorKind::invalid_argument, {store.string()},
-                    "its folder is not the same for all ranks: what rank 0 writes there, do not "
-                    "see ranks " +
-                        others,
-                    {{RemedyKind::other_name}});
     }
     ranks.meet();
 }

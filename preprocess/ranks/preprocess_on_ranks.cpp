@@ -28,6 +28,7 @@
 #include "store/base/workers.h"
 #include "store/container/writer.h"
 #include "store/files/output_file.h"
+#include "store/ranks/same_folder.h"
 
 namespace isonest::detail {
 namespace {

@@ -12,14 +12,14 @@
 namespace isonest::detail {
 namespace {
 
-/// Those of a part.
-struct TouchedInPart {
-    std::vector<ElementCorners> triangles;
-    std::vector<std::array<std::array<float, 3>, 3>> at;  ///< where their corners are
+constexpr auto kPrecedesByNumber = [](const PlacedVertex& a, const PlacedVertex& b) {
+    return a.number < b.number;
 };
 
-TouchedInPart touched_in(const PartStore& parts, const PartRecord& r, const Weld& weld,
-                         const TouchedTriangles& touched) {
+}  // namespace
+
+TouchedInPart touched_in(const PartStore& parts, const PartRecord& r, const VertexNumbers& weld,
+                         const std::function<bool(std::uint64_t)>& touches) {
     TouchedInPart found;
     if (r.not_alone == 0) {
         return found;
@@ -27,28 +27,27 @@ TouchedInPart touched_in(const PartStore& parts, const PartRecord& r, const Weld
     std::vector<std::uint64_t> number;
     std::vector<bool> owned;
     weld.numbers(r, number, owned);
-    const auto watched = parts.not_alone(r);
-    if (std::none_of(watched.begin(), watched.end(),
-                     [&](std::uint32_t v) { return touched.touches(number[v]); })) {
+    std::vector<bool> touched(r.vertices);
+    bool any = false;
+    for (const std::uint32_t v : parts.not_alone(r)) {
+        touched[v] = touches(number[v]);
+        any = any || touched[v];
+    }
+    if (!any) {
         return found;
     }
     const auto positions = parts.vertices(r);
     for (const auto& t : parts.triangles(r)) {
-        const ElementCorners c{number[t[0]], number[t[1]], number[t[2]]};
-        if (touched.touches(c)) {
-            found.triangles.push_back(c);
+        if (touched[t[0]] || touched[t[1]] || touched[t[2]]) {
+            found.triangles.push_back({number[t[0]], number[t[1]], number[t[2]]});
             found.at.push_back({positions[t[0]], positions[t[1]], positions[t[2]]});
         }
     }
     return found;
 }
 
-/// Each part has its own copy of a vertex, and watches it as the others do.
-void put_back(PartStore& parts, const Weld& weld, std::span<PlacedVertex> vertices) {
-    const auto precedes = [](const PlacedVertex& a, const PlacedVertex& b) {
-        return a.number < b.number;
-    };
-    tbb::parallel_sort(vertices.begin(), vertices.end(), precedes);
+void put_back(PartStore& parts, const VertexNumbers& weld, std::span<PlacedVertex> vertices) {
+    tbb::parallel_sort(vertices.begin(), vertices.end(), kPrecedesByNumber);
     const auto records = parts.records();
     tbb::parallel_for(std::size_t{0}, records.size(), [&](std::size_t i) {
         const PartRecord& r = records[i];
@@ -62,7 +61,8 @@ void put_back(PartStore& parts, const Weld& weld, std::span<PlacedVertex> vertic
         for (const std::uint32_t v : parts.not_alone(r)) {
             PlacedVertex sought;
             sought.number = number[v];
-            const auto found = std::lower_bound(vertices.begin(), vertices.end(), sought, precedes);
+            const auto found =
+                std::lower_bound(vertices.begin(), vertices.end(), sought, kPrecedesByNumber);
             if (found != vertices.end() && found->number == number[v] &&
                 found->now != found->start) {
                 positions[v] = found->now;
@@ -71,9 +71,7 @@ void put_back(PartStore& parts, const Weld& weld, std::span<PlacedVertex> vertic
     });
 }
 
-}  // namespace
-
-ApartVertices keep_parts_apart(PartStore& parts, const Weld& weld, ApartRange range,
+ApartVertices keep_parts_apart(PartStore& parts, const VertexNumbers& weld, ApartRange range,
                                const ScratchFolder& folder, Progress& progress) {
     const PlacedVertices placed(parts, weld, range.turn, folder, progress);
     if (sort_by_place(placed.all()) == 0) {
@@ -87,7 +85,8 @@ ApartVertices keep_parts_apart(PartStore& parts, const Weld& weld, ApartRange ra
         parts.records().size(),
         [&](std::size_t i) {
             progress.check();
-            return touched_in(parts, parts.records()[i], weld, touched);
+            return touched_in(parts, parts.records()[i], weld,
+                              [&](std::uint64_t v) { return touched.touches(v); });
         },
         [&](const TouchedInPart& some) {
             for (std::size_t t = 0; t < some.triangles.size(); ++t) {

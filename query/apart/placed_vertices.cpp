@@ -14,7 +14,7 @@ constexpr std::uint64_t kOfOther = std::numeric_limits<std::uint64_t>::max();
 
 }  // namespace
 
-PlacedVertices::PlacedVertices(const PartStore& parts, const Weld& weld,
+PlacedVertices::PlacedVertices(const PartStore& parts, const VertexNumbers& weld,
                                const std::optional<Turn>& turn, const ScratchFolder& folder,
                                Progress& progress)
     : file_(folder) {

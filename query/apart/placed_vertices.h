@@ -17,8 +17,9 @@ class PlacedVertices {
   public:
     /// Those of PartStore::not_alone(), each once, with their numbers in the welded mesh. REQUIRES:
     /// PartStore::watch() was called. Throws Error{io, cancelled}.
-    PlacedVertices(const PartStore& parts, const Weld& weld, const std::optional<Turn>& turn,
-                   const ScratchFolder& folder, Progress& progress);
+    PlacedVertices(const PartStore& parts, const VertexNumbers& weld,
+                   const std::optional<Turn>& turn, const ScratchFolder& folder,
+                   Progress& progress);
     /// Those of a mesh in memory with these numbers.
     PlacedVertices(std::span<const std::array<float, 3>> positions,
                    std::span<const std::uint32_t> numbers, const ScratchFolder& folder);

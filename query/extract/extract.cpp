@@ -2,9 +2,9 @@
 
 #include "query/extract/combinations.h"
 #include "query/extract/error_budget.h"
+#include "query/extract/labels/smooth_labels.h"
 #include "query/extract/own_axes.h"
 #include "query/extract/run_extraction.h"
-#include "query/extract/labels/smooth_labels.h"
 #include "query/extract/volume_interval.h"
 #include "query/mesh/rotated_sink.h"
 

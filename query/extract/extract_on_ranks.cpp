@@ -2,12 +2,14 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <deque>
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <vector>
 
@@ -15,6 +17,7 @@
 
 #include "query/extract/extraction.h"
 #include "query/extract/find_parts.h"
+#include "query/ranks/mesh_on_ranks.h"
 #include "query/ranks/rank_mapping.h"
 #include "query/ranks/serve_blocks.h"
 #include "store/base/workers.h"
@@ -101,30 +104,60 @@ ExtractQuery query_of(const TraversalJob& job, const Store* values) {
     return q;
 }
 
+/// In place of a TraversalJob; the number of the mesh follows it.
+constexpr std::string_view kMeshToMake = "mesh";
+
+/// What a rank has of the last traversal.
+struct OwnShare {
+    std::optional<ScratchFolder> scratch;
+    int threads = 1;
+    std::deque<PartStore> parts;  ///< of each isovalue
+};
+
 /// A rank's share of one traversal of rank 0's.
 void help(RankTeam& team, const StoreReader& store, const ExtractQuery& asked,
-          std::span<const double> isovalues, const ExtractOptions& options, Progress& progress) {
-    const ScratchFolder scratch = ScratchFolder::metered(options.scratch);
+          std::span<const double> isovalues, const ExtractOptions& options, Progress& progress,
+          OwnShare& own) {
+    own.parts.clear();
+    const ScratchFolder& scratch = own.scratch.emplace(ScratchFolder::metered(options.scratch));
     const TraversalBudget budget = parts_budget(store, asked, options, isovalues.size());
-    std::deque<PartStore> stores;
+    own.threads = budget.threads;
     std::vector<ExtractReport> reports(isovalues.size());
     std::vector<FoundParts> found;
     for (std::size_t i = 0; i < isovalues.size(); ++i) {
-        PartStore& parts = stores.emplace_back(scratch, asked.spacing, asked.origin,
-                                               budget.parts / isovalues.size(),
-                                               asked.traversal.attributes.width());
+        PartStore& parts = own.parts.emplace_back(scratch, asked.spacing, asked.origin,
+                                                  budget.parts / isovalues.size(),
+                                                  asked.traversal.attributes.width());
         watch_places(asked, parts);
         found.push_back({isovalues[i], &parts, &reports[i]});
     }
     Workers(budget.threads).execute([&] {
         find_parts(store, asked, budget, found, scratch, progress, &team);
     });
+    if (std::none_of(found.begin(), found.end(), [](const FoundParts& f) { return f.stay; })) {
+        own.parts.clear();
+    }
+}
+
+void help_with_mesh_number(RankTeam& team, std::string_view text, OwnShare& own,
+                           Progress& progress) {
+    std::size_t i = 0;
+    std::memcpy(&i, text.data() + kMeshToMake.size(), sizeof(i));
+    Workers(own.threads).execute([&] {
+        help_with_mesh(team, own.parts[i], *own.scratch, progress);
+    });
 }
 
 void help_until_done(RankTeam& team, const Store& store, const Store* values,
                      const ExtractOptions& options, Progress& progress) {
+    OwnShare own;
     for (std::string text = team.ranks.broadcast({}); !text.empty();
          text = team.ranks.broadcast({})) {
+        if (text.size() == kMeshToMake.size() + sizeof(std::size_t) &&
+            text.starts_with(kMeshToMake)) {
+            help_with_mesh_number(team, text, own, progress);
+            continue;
+        }
         if (text == kBlocksToMap) {
             serve_blocks(team, store.path().string(), options, progress);
             continue;
@@ -141,7 +174,7 @@ void help_until_done(RankTeam& team, const Store& store, const Store* values,
         }
         ExtractQuery asked = query_of(job, values);
         asked.traversal.iso = isovalues.front();
-        help(team, store.reader(), asked, isovalues, options, progress);
+        help(team, store.reader(), asked, isovalues, options, progress, own);
     }
 }
 
@@ -160,6 +193,11 @@ void begin_shared_traversal(RankTeam& team, const StoreReader& store, const Extr
     std::memcpy(text.data(), &job, sizeof(job));
     std::memcpy(text.data() + sizeof(job), isovalues.data(), isovalues.size() * sizeof(double));
     team.ranks.broadcast(std::move(text));
+}
+
+void begin_shared_mesh(RankTeam& team, std::size_t i) {
+    team.ranks.broadcast(std::string(kMeshToMake) +
+                         std::string(reinterpret_cast<const char*>(&i), sizeof(i)));
 }
 
 RankWork extract_on_ranks(Communicator& ranks, const Store& store, const Store* values,

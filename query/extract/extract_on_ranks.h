@@ -5,12 +5,15 @@
 //                                          │ job                                   ▲ parts
 //     other ranks  wait for a job ◀────────┘──▶ their shares ────────────────────────┘
 //
-// Rank 0 alone has the query, the stages and the sink. Of the stages, simplification by successive
-// mappings is shared (query/ranks/rank_mapping.h): its blocks are another kind of job. All else that
-// does not go through find_parts() is made by rank 0 alone, while the others wait; so is what
-// is_shared() rules out.
+// Rank 0 alone has the query, the stages and the sink. A mesh that needs no stage and whose sink is
+// a file of rows at known places is welded and written by all ranks (query/ranks/mesh_on_ranks.h):
+// then parts stay where they were made, and the mesh is another kind of job. Of the stages,
+// simplification by successive mappings is shared (query/ranks/rank_mapping.h): its blocks are one
+// more kind of job. All else that does not go through find_parts() is made by rank 0 alone, while
+// the others wait; so is what is_shared() rules out.
 #pragma once
 
+#include <cstddef>
 #include <functional>
 #include <span>
 
@@ -40,5 +43,9 @@ bool is_shared(const ExtractQuery& asked);
 /// find_parts() with the same team follows.
 void begin_shared_traversal(RankTeam& team, const StoreReader& store, const ExtractQuery& asked,
                             std::span<const double> isovalues);
+
+/// Tells the other ranks that the mesh of isovalue number `i` of the last traversal is to be made
+/// of the parts that they have. REQUIRES: this is rank 0, and mesh_on_ranks() follows.
+void begin_shared_mesh(RankTeam& team, std::size_t i);
 
 }  // namespace isonest::detail

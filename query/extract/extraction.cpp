@@ -8,6 +8,7 @@
 #include "query/extract/stages/contour_lines.h"
 #include "query/extract/stages/distance_limits.h"
 #include "query/mesh/emit_mesh.h"
+#include "query/ranks/mesh_on_ranks.h"
 #include "store/base/workers.h"
 
 namespace isonest::detail {
@@ -35,7 +36,34 @@ FoundParts Extraction::begin_parts(std::uint64_t memory) {
     parts_.emplace(scratch_, asked_.spacing, asked_.origin, memory,
                    asked_.traversal.attributes.width());
     watch_places(asked_, *parts_);
-    return {asked_.traversal.iso, &*parts_, &report_};
+    FoundParts found{asked_.traversal.iso, &*parts_, &report_};
+    if (options_.team != nullptr && options_.team->ranks.size() > 1) {
+        found.may_stay = [this] { return goes_straight(); };
+    }
+    return found;
+}
+
+/// Whether nothing happens to the mesh as a whole, and all ranks can write it.
+bool Extraction::goes_straight() const {
+    return asked_.product != Product::contours && !asked_.turn && is_written_by_all(sink_) &&
+           row_->with_work(*parts_).empty();
+}
+
+ExtractReport Extraction::finish_on_ranks(const TraversalBudget& budget) {
+    Workers(budget.threads).execute([&] {
+        const MeshOnRanks mesh =
+            mesh_on_ranks(*options_.team, *parts_,
+                          asked_.keeps_apart() ? std::optional(apart_range(asked_)) : std::nullopt,
+                          layout_, sink_, scratch_, progress_);
+        if (asked_.keeps_apart()) {
+            count_apart(mesh.apart, asked_, report_);
+        }
+        report_.vertices = mesh.vertices;
+        report_.triangles = mesh.triangles;
+    });
+    parts_.reset();
+    end_report();
+    return report_;
 }
 
 ExtractReport Extraction::finish(const TraversalBudget& budget) {
@@ -89,13 +117,13 @@ void Extraction::begin_report() {
     }
 }
 
-void Extraction::emit(const PartStore& parts, const Weld& weld) {
+void Extraction::emit(const PartStore& parts, const VertexNumbers& weld) {
     emit_mesh(parts, weld, layout_, sink_, progress_);
     report_.vertices = weld.vertices();
     report_.triangles = weld.triangles();
 }
 
-void Extraction::emit_contours(const Weld& weld, const TraversalBudget& budget) {
+void Extraction::emit_contours(const VertexNumbers& weld, const TraversalBudget& budget) {
     const AttributeChoice& attributes = asked_.traversal.attributes;
     PartStore lines(scratch_, {1, 1, 1}, {0, 0, 0}, budget.cache / 2, attributes.width());
     contour_lines(

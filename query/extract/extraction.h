@@ -32,13 +32,17 @@ class Extraction {
     FoundParts begin_parts(std::uint64_t memory);
     /// From the parts, which are sealed, to the mesh in the sink.
     ExtractReport finish(const TraversalBudget& budget);
+    /// The same of parts that stay on the ranks that made them, while the others call
+    /// help_with_mesh().
+    ExtractReport finish_on_ranks(const TraversalBudget& budget);
     [[nodiscard]] const ExtractQuery& asked() const { return asked_; }
     [[nodiscard]] const ScratchFolder& scratch() const { return scratch_; }
 
   private:
+    [[nodiscard]] bool goes_straight() const;
     void begin_report();
-    void emit(const PartStore& parts, const Weld& weld);
-    void emit_contours(const Weld& weld, const TraversalBudget& budget);
+    void emit(const PartStore& parts, const VertexNumbers& weld);
+    void emit_contours(const VertexNumbers& weld, const TraversalBudget& budget);
     void run_stages(const std::vector<Stage*>& stages, std::shared_ptr<ScratchMesh> whole);
     void end_report();
 

@@ -160,7 +160,7 @@ TraversalBudget parts_budget(const StoreReader& store, const ExtractQuery& query
 }
 
 void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
-                std::span<const FoundParts> found, const ScratchFolder& scratch, Progress& progress,
+                std::span<FoundParts> found, const ScratchFolder& scratch, Progress& progress,
                 RankTeam* team) {
     TraversalQuery query = asked.traversal;
     query.waiting_lists = budget.waiting;
@@ -201,7 +201,10 @@ void find_parts(const StoreReader& store, const ExtractQuery& asked, const Trave
             team->work.leaves += counts[i].leaves;
             traversed = of_all(team->ranks, traversed);
             const auto before = Clock::now();
-            team->work.parts_bytes += gather_parts(team->ranks, *found[i].parts);
+            const SettledParts settled =
+                settle_parts(team->ranks, *found[i].parts, found[i].may_stay);
+            found[i].stay = settled.stay;
+            team->work.parts_bytes += settled.bytes;
             team->work.gathering_seconds += elapsed_since(before);
         } else {
             found[i].parts->seal();

@@ -1,6 +1,7 @@
 // What is extracted -> parts: the traversal that a product needs.
 #pragma once
 
+#include <functional>
 #include <span>
 
 #include "query/extract/extract_query.h"
@@ -21,6 +22,9 @@ struct FoundParts {
     double iso = 0;
     PartStore* parts = nullptr;
     ExtractReport* report = nullptr;
+    /// On rank 0 of several, see settle_parts(); none: parts of all ranks go to rank 0.
+    std::function<bool()> may_stay = {};
+    bool stay = false;  ///< set by find_parts(): each rank has its parts
 };
 
 /// The parts are to see which of their vertices may lie in one place, if the query keeps those
@@ -31,9 +35,9 @@ void watch_places(const ExtractQuery& asked, PartStore& parts);
 /// afterwards. Says in the reports what it did; chunks are counted in each. REQUIRES: only a
 /// surface or isolines of values have several isovalues; is called within an arena of
 /// budget.threads. `team`: ranks that share the traversal, or null; collective then: rank 0 gets
-/// the parts of all, and its reports count what all did. Throws what traverse() throws.
+/// the parts of all unless they stay, and its reports count what all did. Throws what traverse() throws.
 void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
-                std::span<const FoundParts> found, const ScratchFolder& scratch, Progress& progress,
+                std::span<FoundParts> found, const ScratchFolder& scratch, Progress& progress,
                 RankTeam* team = nullptr);
 
 }  // namespace isonest::detail

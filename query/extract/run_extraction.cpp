@@ -44,15 +44,19 @@ void run_together(std::span<const std::unique_ptr<Extraction>> extractions,
     if (team != nullptr) {
         begin_shared_traversal(*team, store, asked, isovalues_of(extractions));
     }
+    std::vector<FoundParts> found;
     Workers(budget.threads).execute([&] {
-        std::vector<FoundParts> found;
         for (const auto& e : extractions) {
             found.push_back(e->begin_parts(has_room ? budget.parts / extractions.size() : 0));
         }
         find_parts(store, asked, budget, found, extractions.front()->scratch(), progress, team);
     });
     for (std::size_t i = 0; i < extractions.size(); ++i) {
-        ExtractReport report = extractions[i]->finish(budget);
+        if (found[i].stay) {
+            begin_shared_mesh(*team, i);
+        }
+        ExtractReport report = found[i].stay ? extractions[i]->finish_on_ranks(budget)
+                                             : extractions[i]->finish(budget);
         report.seconds = std::chrono::duration<double>(Clock::now() - start).count();
         done(i, report);
     }

@@ -1,7 +1,14 @@
 #include "query/formats/mesh_sections.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstring>
+#include <memory>
+#include <type_traits>
+#include <utility>
+
+#include "store/base/vector3.h"
 
 namespace isonest::detail {
 namespace {
@@ -31,6 +38,159 @@ void fill(const VertexSection& section, const VertexBatch& batch, std::byte* out
     }
 }
 
+using Triangle = std::array<std::array<float, 3>, 3>;
+
+std::array<float, 3> normal_of(const Triangle& p) {
+    Double3 a{};
+    Double3 b{};
+    for (std::size_t i = 0; i < 3; ++i) {
+        a[i] = static_cast<double>(p[1][i]) - static_cast<double>(p[0][i]);
+        b[i] = static_cast<double>(p[2][i]) - static_cast<double>(p[0][i]);
+    }
+    const Double3 n = cross(a, b);
+    const double size = std::hypot(n[0], n[1], n[2]);
+    std::array<float, 3> out{};
+    for (std::size_t i = 0; i < 3 && size > 0; ++i) {
+        out[i] = static_cast<float>(n[i] / size);
+    }
+    return out;
+}
+
+void fill_ends(const ElementSection& section, const ElementBatch& batch, std::byte* out) {
+    std::uint64_t end = section.corners * batch.first;
+    for (std::size_t i = 0; i < batch.corners.size(); ++i) {
+        out = put(end += section.corners, out);
+    }
+}
+
+void fill_corners(const ElementSection& section, const ElementBatch& batch, std::byte* out) {
+    for (const auto& element : batch.corners) {
+        for (std::size_t i = 0; i < section.corners; ++i) {
+            out = put(element[i], out);
+        }
+    }
+}
+
+void fill_common(const ElementSection& section, const ElementBatch& batch, std::byte* out) {
+    const std::byte* const rows = batch.nearby.attributes.data() + section.first;
+    for (const auto& element : batch.nearby_corners) {
+        out = std::copy_n(rows + element[0] * batch.nearby.row_bytes, section.bytes, out);
+    }
+}
+
+void fill_corners32(const ElementSection& section, const ElementBatch& batch, std::byte* out) {
+    for (std::size_t i = 0; i < batch.corners.size(); ++i) {
+        if (section.has_prefix) {
+            *out++ = section.prefix;
+        }
+        for (const std::uint64_t corner : batch.corners[i]) {
+            out = put(static_cast<std::uint32_t>(corner), out);
+        }
+        if (section.has_sides) {
+            for (const std::int64_t label : batch.sides[i]) {
+                out = put(static_cast<std::int32_t>(label), out);
+            }
+        }
+    }
+}
+
+void fill_facets(const ElementBatch& batch, std::byte* out) {
+    for (const auto& t : batch.nearby_corners) {
+        const auto& positions = batch.nearby.positions;
+        const Triangle p{positions[t[0]], positions[t[1]], positions[t[2]]};
+        out = put(p, put(normal_of(p), out));
+        out = put(std::uint16_t{0}, out);
+    }
+}
+
+void fill(const ElementSection& section, const ElementBatch& batch, std::byte* out) {
+    switch (section.row) {
+        case ElementRow::corners:
+            return fill_corners(section, batch, out);
+        case ElementRow::end:
+            return fill_ends(section, batch, out);
+        case ElementRow::common:
+            return fill_common(section, batch, out);
+        case ElementRow::sides:
+            std::copy_n(std::as_bytes(batch.sides).data(), batch.sides.size_bytes(), out);
+            return;
+        case ElementRow::corners32:
+            return fill_corners32(section, batch, out);
+        case ElementRow::facet:
+            return fill_facets(batch, out);
+    }
+}
+
+/// Into OutputFile or SharedFile.
+template <class File>
+void write_rows(const File& file, const Sections& sections, const VertexBatch& batch) {
+    for (const VertexSection& section : sections.vertices) {
+        const std::uint64_t at = section.offset + batch.first * section.stride();
+        if (section.bytes == 0 && section.scale == 1) {
+            file.write_at(at, std::as_bytes(batch.positions));
+        } else if (!section.position && section.bytes == batch.row_bytes) {
+            file.write_at(at, batch.attributes);
+        } else {
+            const std::size_t bytes = batch.positions.size() * section.stride();
+            const auto rows = std::make_unique_for_overwrite<std::byte[]>(bytes);
+            fill(section, batch, rows.get());
+            file.write_at(at, {rows.get(), bytes});
+        }
+    }
+}
+
+template <class File>
+void write_rows(const File& file, const Sections& sections, const ElementBatch& batch) {
+    for (const ElementSection& section : sections.elements) {
+        const std::size_t bytes = batch.corners.size() * section.stride;
+        const auto rows = std::make_unique_for_overwrite<std::byte[]>(bytes);
+        fill(section, batch, rows.get());
+        file.write_at(section.offset + batch.first * section.stride, {rows.get(), bytes});
+    }
+}
+
+/// A shared file's tables and name, one behind the other.
+struct SharedHead {
+    std::uint64_t vertices = 0;
+    std::uint64_t elements = 0;
+};
+
+std::string packed(const Sections& sections, const std::string& name) {
+    const SharedHead head{sections.vertices.size(), sections.elements.size()};
+    std::string text(reinterpret_cast<const char*>(&head), sizeof(head));
+    const auto add = [&](const auto& rows) {
+        static_assert(std::is_trivially_copyable_v<std::decay_t<decltype(rows[0])>>);
+        text.append(reinterpret_cast<const char*>(rows.data()), rows.size() * sizeof(rows[0]));
+    };
+    add(sections.vertices);
+    add(sections.elements);
+    return text + name;
+}
+
+/// REQUIRES: of packed(). What is left of `text` is the name.
+Sections unpacked(std::string_view& text) {
+    SharedHead head;
+    std::memcpy(&head, text.data(), sizeof(head));
+    text.remove_prefix(sizeof(head));
+    Sections sections;
+    const auto take = [&](auto& rows, std::uint64_t count) {
+        rows.resize(count);
+        const std::size_t bytes = rows.size() * sizeof(rows[0]);
+        if (bytes > 0) {
+            std::memcpy(rows.data(), text.data(), bytes);
+        }
+        text.remove_prefix(bytes);
+    };
+    take(sections.vertices, head.vertices);
+    take(sections.elements, head.elements);
+    return sections;
+}
+
+std::filesystem::path name_in(std::string_view shared) {
+    unpacked(shared);
+    return shared;
+}
+
 }  // namespace
 
 VertexSection position_section(std::uint64_t offset, double scale) {
@@ -42,72 +202,42 @@ VertexSection attribute_section(std::uint64_t offset, const VertexAttribute& att
 }
 
 ElementSection connectivity_section(std::uint64_t offset, std::size_t corners) {
-    return {offset, corners * sizeof(std::int64_t),
-            [corners](const ElementBatch& batch, std::byte* out) {
-                for (const auto& element : batch.corners) {
-                    for (std::size_t i = 0; i < corners; ++i) {
-                        out = put(element[i], out);
-                    }
-                }
-            }};
+    return {offset, corners * sizeof(std::int64_t), ElementRow::corners, corners};
 }
 
 ElementSection ends_section(std::uint64_t offset, std::size_t corners) {
-    return {offset, sizeof(std::int64_t), [corners](const ElementBatch& batch, std::byte* out) {
-                std::uint64_t end = corners * batch.first;
-                for (std::size_t i = 0; i < batch.corners.size(); ++i) {
-                    out = put(end += corners, out);
-                }
-            }};
+    return {offset, sizeof(std::int64_t), ElementRow::end, corners};
 }
 
 ElementSection common_section(std::uint64_t offset, const VertexAttribute& attribute) {
-    return {offset, attribute.bytes(), [attribute](const ElementBatch& batch, std::byte* out) {
-                const std::byte* const rows = batch.nearby.attributes.data() + attribute.offset;
-                for (const auto& element : batch.nearby_corners) {
-                    out = std::copy_n(rows + element[0] * batch.nearby.row_bytes, attribute.bytes(),
-                                      out);
-                }
-            }};
+    return {offset, attribute.bytes(), ElementRow::common, 3, attribute.offset, attribute.bytes()};
 }
 
 ElementSection sides_section(std::uint64_t offset) {
-    return {offset, 2 * sizeof(std::int64_t), [](const ElementBatch& batch, std::byte* out) {
-                for (const auto& sides : batch.sides) {
-                    out = put(sides, out);
-                }
-            }};
+    return {offset, 2 * sizeof(std::int64_t), ElementRow::sides};
 }
 
 ElementSection sided_indices32_section(std::uint64_t offset) {
-    return {offset, 1 + 5 * sizeof(std::uint32_t), [](const ElementBatch& batch, std::byte* out) {
-                for (std::size_t i = 0; i < batch.corners.size(); ++i) {
-                    *out++ = std::byte{3};
-                    for (const std::uint64_t corner : batch.corners[i]) {
-                        out = put(static_cast<std::uint32_t>(corner), out);
-                    }
-                    for (const std::int64_t label : batch.sides[i]) {
-                        out = put(static_cast<std::int32_t>(label), out);
-                    }
-                }
-            }};
+    ElementSection section = indices32_section(offset, std::byte{3});
+    section.stride += 2 * sizeof(std::int32_t);
+    section.has_sides = true;
+    return section;
 }
 
 ElementSection indices32_section(std::uint64_t offset, std::optional<std::byte> prefix) {
-    return {offset, (prefix ? 1 : 0) + 3 * sizeof(std::uint32_t),
-            [prefix](const ElementBatch& batch, std::byte* out) {
-                for (const auto& element : batch.corners) {
-                    if (prefix) {
-                        *out++ = *prefix;
-                    }
-                    for (const std::uint64_t corner : element) {
-                        out = put(static_cast<std::uint32_t>(corner), out);
-                    }
-                }
-            }};
+    ElementSection section{offset, (prefix ? 1 : 0) + 3 * sizeof(std::uint32_t),
+                           ElementRow::corners32};
+    section.has_prefix = prefix.has_value();
+    section.prefix = prefix.value_or(std::byte{0});
+    return section;
 }
 
-void SectionedFile::Sections::shift(std::uint64_t by) {
+ElementSection facet_section(std::uint64_t offset) {
+    constexpr std::size_t kRow = 50;
+    return {offset, kRow, ElementRow::facet};
+}
+
+void Sections::shift(std::uint64_t by) {
     for (VertexSection& section : vertices) {
         section.offset += by;
     }
@@ -117,28 +247,28 @@ void SectionedFile::Sections::shift(std::uint64_t by) {
 }
 
 void SectionedFile::add_vertices(const VertexBatch& batch) {
-    for (const VertexSection& section : sections_.vertices) {
-        const std::uint64_t at = section.offset + batch.first * section.stride();
-        if (section.bytes == 0 && section.scale == 1) {
-            file().write_at(at, std::as_bytes(batch.positions));
-        } else if (!section.position && section.bytes == batch.row_bytes) {
-            file().write_at(at, batch.attributes);
-        } else {
-            const std::size_t bytes = batch.positions.size() * section.stride();
-            const auto rows = std::make_unique_for_overwrite<std::byte[]>(bytes);
-            fill(section, batch, rows.get());
-            file().write_at(at, {rows.get(), bytes});
-        }
-    }
+    write_rows(file(), sections_, batch);
 }
 
 void SectionedFile::add_elements(const ElementBatch& batch) {
-    for (const ElementSection& section : sections_.elements) {
-        const std::size_t bytes = batch.corners.size() * section.stride;
-        const auto rows = std::make_unique_for_overwrite<std::byte[]>(bytes);
-        section.fill(batch, rows.get());
-        file().write_at(section.offset + batch.first * section.stride, {rows.get(), bytes});
-    }
+    write_rows(file(), sections_, batch);
+}
+
+std::string SectionedFile::share() {
+    const std::filesystem::path& name = file().share();
+    return packed(sections_, std::filesystem::absolute(name).string());
+}
+
+RowWriter::RowWriter(std::string_view shared) : file_(name_in(shared)) {
+    sections_ = unpacked(shared);
+}
+
+void RowWriter::add_vertices(const VertexBatch& batch) {
+    write_rows(file_, sections_, batch);
+}
+
+void RowWriter::add_elements(const ElementBatch& batch) {
+    write_rows(file_, sections_, batch);
 }
 
 }  // namespace isonest::detail

@@ -3,11 +3,16 @@
 #pragma once
 
 #include <cstddef>
-#include <functional>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
 #include <span>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "query/formats/mesh_files.h"
+#include "store/files/shared_file.h"
 
 namespace isonest::detail {
 
@@ -26,11 +31,20 @@ struct VertexSection {
 VertexSection position_section(std::uint64_t offset, double scale = 1);
 VertexSection attribute_section(std::uint64_t offset, const VertexAttribute& attribute);
 
-/// A table with a row of `stride` bytes for every element: `fill` writes those of a batch.
+/// What an element's row has.
+enum class ElementRow : std::uint32_t { corners, end, common, sides, corners32, facet };
+
+/// A table with a row of `stride` bytes for every element.
 struct ElementSection {
     std::uint64_t offset = 0;
     std::size_t stride = 0;
-    std::function<void(const ElementBatch&, std::byte*)> fill;
+    ElementRow row = ElementRow::corners;
+    std::size_t corners = 3;
+    std::size_t first = 0;  ///< of the attributes' bytes that the vertices have in common
+    std::size_t bytes = 0;
+    bool has_prefix = false;  ///< corners32: behind the byte `prefix`
+    bool has_sides = false;   ///< corners32: before the labels of both sides, int32
+    std::byte prefix{};
 };
 /// The numbers of the first `corners` corners, int64; and for each cell how many there are so far.
 ElementSection connectivity_section(std::uint64_t offset, std::size_t corners);
@@ -43,6 +57,17 @@ ElementSection sides_section(std::uint64_t offset);
 ElementSection indices32_section(std::uint64_t offset, std::optional<std::byte> prefix = {});
 /// The same, behind a byte with the number of corners, and before the labels of both sides, int32.
 ElementSection sided_indices32_section(std::uint64_t offset);
+/// As in STL: normal, three corners, two bytes.
+ElementSection facet_section(std::uint64_t offset);
+
+/// The tables of a file, as plain numbers.
+struct Sections {
+    std::vector<VertexSection> vertices;
+    std::vector<ElementSection> elements;
+
+    /// Moves all by the length of what stands before them.
+    void shift(std::uint64_t by);
+};
 
 /// A file of sections; the format's begin() creates it, writes what is around them, and names them.
 class SectionedFile : public MeshFile {
@@ -51,18 +76,31 @@ class SectionedFile : public MeshFile {
     void add_vertices(const VertexBatch& batch) override;
     void add_elements(const ElementBatch& batch) override;
     [[nodiscard]] bool concurrent() const override { return true; }
+    /// After begin(): other processes write some of the rows, by RowWriter, until end(). Returns
+    /// what they need. Throws Error{io}.
+    std::string share();
 
   protected:
-    struct Sections {
-        std::vector<VertexSection> vertices;
-        std::vector<ElementSection> elements;
-
-        /// Moves all by the length of what stands before them.
-        void shift(std::uint64_t by);
-    };
     void use(Sections sections) { sections_ = std::move(sections); }
 
   private:
+    Sections sections_;
+};
+
+/// Writes rows of a file that another process has created and publishes. The layout that begin()
+/// gets means nothing; end() syncs the rows to disk.
+class RowWriter : public MeshSink {
+  public:
+    /// `shared`: of SectionedFile::share() there. Throws Error{io}.
+    explicit RowWriter(std::string_view shared);
+    void begin(const MeshLayout& /*layout*/) override {}
+    void add_vertices(const VertexBatch& batch) override;
+    void add_elements(const ElementBatch& batch) override;
+    void end() override { file_.close(); }
+    [[nodiscard]] bool concurrent() const override { return true; }
+
+  private:
+    SharedFile file_;
     Sections sections_;
 };
 

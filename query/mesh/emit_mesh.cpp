@@ -74,8 +74,8 @@ void hand_over(MeshSink& sink, const ElementBatch& all) {
 
 /// Batches from all threads. Calls done(record) after each part.
 template <class Done>
-void emit_at_once(const PartStore& parts, const Weld& weld, MeshSink& sink, Progress& progress,
-                  const Done& done) {
+void emit_at_once(const PartStore& parts, const VertexNumbers& weld, MeshSink& sink,
+                  Progress& progress, const Done& done) {
     const auto records = parts.records();
     struct Nothing {};
     in_order(
@@ -98,8 +98,8 @@ void emit_at_once(const PartStore& parts, const Weld& weld, MeshSink& sink, Prog
 
 /// Batches one after the other; `make`(record, number, owned, made) gives a part's.
 template <class Batch, class Make>
-void emit_in_order(const PartStore& parts, const Weld& weld, MeshSink& sink, Progress& progress,
-                   const Make& make) {
+void emit_in_order(const PartStore& parts, const VertexNumbers& weld, MeshSink& sink,
+                   Progress& progress, const Make& make) {
     struct Prepared {
         Made made;
         Batch batch;
@@ -123,7 +123,7 @@ void emit_in_order(const PartStore& parts, const Weld& weld, MeshSink& sink, Pro
         });
 }
 
-void count(const PartStore& parts, const Weld& weld, MeshLayout& layout) {
+void count(const PartStore& parts, const VertexNumbers& weld, MeshLayout& layout) {
     layout.vertices = weld.vertices();
     layout.elements = weld.triangles();
     layout.lo = parts.lo();
@@ -132,7 +132,7 @@ void count(const PartStore& parts, const Weld& weld, MeshLayout& layout) {
 
 }  // namespace
 
-void move_mesh(PartStore& parts, const Weld& weld, MeshLayout layout, ScratchMesh& mesh,
+void move_mesh(PartStore& parts, const VertexNumbers& weld, MeshLayout layout, ScratchMesh& mesh,
                Progress& progress) {
     count(parts, weld, layout);
     mesh.begin(layout);
@@ -154,7 +154,17 @@ MeshLayout layout_of(const AttributeChoice& attributes, int corners,
     return layout;
 }
 
-void emit_mesh(const PartStore& parts, const Weld& weld, MeshLayout layout, MeshSink& sink,
+void emit_parts(const PartStore& parts, const VertexNumbers& weld, MeshSink& sink,
+                Progress& progress) {
+    std::uint64_t triangles = 0;
+    for (const PartRecord& r : parts.records()) {
+        triangles += r.triangles;
+    }
+    progress.begin("write mesh", triangles, "triangles");
+    emit_at_once(parts, weld, sink, progress, [](const PartRecord& /*r*/) {});
+}
+
+void emit_mesh(const PartStore& parts, const VertexNumbers& weld, MeshLayout layout, MeshSink& sink,
                Progress& progress) {
     count(parts, weld, layout);
     sink.begin(layout);

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <functional>
 #include <numbers>
+#include <type_traits>
 
 #include "store/base/vector3.h"
 
@@ -59,6 +61,35 @@ void AngleCounts::add(const AngleCounts& other) {
     least_ = std::min(least_, other.least_);
 }
 
+std::string AngleCounts::packed() const {
+    std::string text;
+    const auto add = [&](const auto& number) {
+        text.append(reinterpret_cast<const char*>(&number), sizeof(number));
+    };
+    add(triangles_);
+    add(narrow_);
+    add(least_);
+    for (const std::uint64_t count : counts_) {
+        add(count);
+    }
+    return text;
+}
+
+AngleCounts AngleCounts::unpacked(std::string_view text) {
+    AngleCounts counts;
+    const auto take = [&](auto& number) {
+        std::memcpy(&number, text.data(), sizeof(number));
+        text.remove_prefix(sizeof(number));
+    };
+    take(counts.triangles_);
+    take(counts.narrow_);
+    take(counts.least_);
+    for (std::uint64_t& count : counts.counts_) {
+        take(count);
+    }
+    return counts;
+}
+
 double AngleCounts::quantile(double share) const {
     const auto wanted = static_cast<std::uint64_t>(share * static_cast<double>(triangles_));
     std::uint64_t below = 0;
@@ -108,6 +139,21 @@ void MeasuringSink::add_elements(const ElementBatch& batch) {
         }
     }
     sink_.add_elements(batch);
+}
+
+std::string MeasuringSink::sums() const {
+    static_assert(std::is_trivially_copyable_v<SurfaceSums>);
+    return std::string(reinterpret_cast<const char*>(&sums_), sizeof(sums_)) +
+           (counts_ ? counts_->packed() : std::string());
+}
+
+void MeasuringSink::include(std::string_view sums) {
+    SurfaceSums other;
+    std::memcpy(&other, sums.data(), sizeof(other));
+    sums_.add(other);
+    if (counts_) {
+        counts_->add(AngleCounts::unpacked(sums.substr(sizeof(other))));
+    }
 }
 
 bool MeasuringSink::again() {

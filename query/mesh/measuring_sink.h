@@ -4,6 +4,8 @@
 #include <array>
 #include <mutex>
 #include <optional>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include <isonest/extract.h>
@@ -23,6 +25,8 @@ class AngleCounts {
     AngleCounts();
     void add(double angle);
     void add(const AngleCounts& other);
+    [[nodiscard]] std::string packed() const;
+    static AngleCounts unpacked(std::string_view text);
     /// All 0 if there are no triangles.
     [[nodiscard]] TriangleQuality quality() const;
 
@@ -54,6 +58,13 @@ class MeasuringSink : public MeshSink {
     void end() override { sink_.end(); }
     [[nodiscard]] bool concurrent() const override { return sink_.concurrent(); }
     [[nodiscard]] bool holds_float64() const override { return sink_.holds_float64(); }
+
+    [[nodiscard]] MeshSink& inner() const { return sink_; }
+    [[nodiscard]] bool measures_angles() const { return counts_.has_value(); }
+    /// What was measured until now, for another one whose begin() had the same layout.
+    [[nodiscard]] std::string sums() const;
+    /// What another one has measured of the same mesh, too.
+    void include(std::string_view sums);
 
     /// Fills in what was measured. After end(), or where no mesh came.
     void report(ExtractReport& report) const;

@@ -91,7 +91,8 @@ void Weld::unite_cuts(const ScratchFolder& folder) {
     }
 }
 
-Weld::Weld(PartStore& parts, const ScratchFolder& folder) : parts_(parts), element_file_(folder) {
+Weld::Weld(PartStore& parts, const ScratchFolder& folder, Cuts cuts)
+    : parts_(parts), element_file_(folder) {
     std::uint64_t shared = 0;
     for (PartRecord& r : parts_.records()) {
         r.first_shared = shared;
@@ -109,7 +110,9 @@ Weld::Weld(PartStore& parts, const ScratchFolder& folder) : parts_(parts), eleme
         ++index;
     }
     unite_names(folder);
-    unite_cuts(folder);
+    if (cuts == Cuts::united) {
+        unite_cuts(folder);
+    }
 
     // The owner is the first element of the class that has a vertex.
     ScratchFile owner_file(folder);
@@ -134,16 +137,14 @@ Weld::Weld(PartStore& parts, const ScratchFolder& folder) : parts_(parts), eleme
         vertices_ += r.owned;
         triangles_ += r.triangles;
     }
-    // Roots are only looked up above; from here on `parent` is the owner.
+    // Roots are only looked up above; from here on `parent` is the representative. A root comes
+    // after the others of its class.
     for (std::uint64_t e = elements_.size(); e-- > 0;) {
-        if (elements_[e].vertex != MeshPart::kNoVertex) {
-            owner[e] = owner[root(e)];
-        }
+        const std::uint64_t r = root(e);
+        owner[e] = owner[r] == kUnset ? r : owner[r];
     }
     for (std::uint64_t e = 0; e < elements_.size(); ++e) {
-        if (elements_[e].vertex != MeshPart::kNoVertex) {
-            elements_[e].parent = owner[e];
-        }
+        elements_[e].parent = owner[e];
     }
 }
 

@@ -8,24 +8,45 @@
 
 namespace isonest::detail {
 
+/// The numbers that the vertices of some parts have in the whole mesh.
+class VertexNumbers {
+  public:
+    VertexNumbers() = default;
+    VertexNumbers(const VertexNumbers&) = delete;
+    VertexNumbers& operator=(const VertexNumbers&) = delete;
+    virtual ~VertexNumbers() = default;
+    /// Of the whole mesh.
+    [[nodiscard]] virtual std::uint64_t vertices() const = 0;
+    [[nodiscard]] virtual std::uint64_t triangles() const = 0;
+    /// The numbers of a part's vertices; `owned[i]` says that part `record` is the first to name i.
+    /// Thread-safe.
+    virtual void numbers(const PartRecord& record, std::vector<std::uint64_t>& number,
+                         std::vector<bool>& owned) const = 0;
+};
+
 /// Numbers in the order in which the triangles of the parts, taken in order, first name the
 /// vertices: so they do not depend on how the mesh was cut into parts. What grows with the mesh
 /// lies in temporary files.
-class Weld {
+class Weld : public VertexNumbers {
   public:
-    /// REQUIRES: parts.seal() was called. Throws Error{io}.
-    Weld(PartStore& parts, const ScratchFolder& folder);
+    enum class Cuts { united, apart };
+    /// `cuts`: whether elements that are alike as MeshPart::Cut says are one vertex, too. REQUIRES:
+    /// parts.seal() was called. Throws Error{io}.
+    Weld(PartStore& parts, const ScratchFolder& folder, Cuts cuts = Cuts::united);
 
-    [[nodiscard]] std::uint64_t vertices() const { return vertices_; }
-    [[nodiscard]] std::uint64_t triangles() const { return triangles_; }
-    /// The numbers of a part's vertices; `owned[i]` says that part `record` is the first to name i.
-    /// Thread-safe.
+    [[nodiscard]] std::uint64_t vertices() const override { return vertices_; }
+    [[nodiscard]] std::uint64_t triangles() const override { return triangles_; }
     void numbers(const PartRecord& record, std::vector<std::uint64_t>& number,
-                 std::vector<bool>& owned) const;
+                 std::vector<bool>& owned) const override;
+    /// Shared elements that are one vertex have one representative: the first of them that has a
+    /// vertex; if none has, any. Elements are counted over all parts (PartRecord::first_shared).
+    [[nodiscard]] std::uint64_t representative(std::uint64_t element) const {
+        return elements_[element].parent;
+    }
 
   private:
     struct Element {
-        std::uint64_t parent;  ///< union-find; after welding, the element that owns the vertex
+        std::uint64_t parent;  ///< union-find; after welding, the representative
         std::uint32_t part;
         std::uint32_t vertex;
         std::uint64_t skipped;  ///< vertices of the same part before this one that others own

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstring>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -117,44 +118,57 @@ class PartReceiver {
     std::uint64_t end_ = 0;
 };
 
-void send(Communicator& ranks, PartStore& parts) {
-    PartSender sender(parts);
-    const Announcement own{sender.count(), parts.totals()};
-    ranks.gather({reinterpret_cast<const char*>(&own), sizeof(own)});
+void send(Communicator& ranks, PartSender& sender) {
     ranks.exchange([&](Communicator::Message& message) { return sender.next(message); }, 0,
                    [](int, std::span<const std::byte>) {});
 }
 
-void receive(Communicator& ranks, PartStore& parts) {
-    const Announcement own{0, parts.totals()};
-    const std::vector<std::string> all =
-        ranks.gather({reinterpret_cast<const char*>(&own), sizeof(own)});
-    std::uint64_t messages = 0;
-    for (std::size_t rank = 1; rank < all.size(); ++rank) {
-        Announcement other;
-        std::memcpy(&other, all[rank].data(), sizeof(other));
-        parts.include(other.totals);
-        messages += other.messages;
-    }
-    std::vector<PartReceiver> receivers(all.size());
+void receive(Communicator& ranks, std::uint64_t messages, PartStore& parts) {
+    std::vector<PartReceiver> receivers(static_cast<std::size_t>(ranks.size()));
     ranks.exchange([](Communicator::Message&) { return false; }, messages,
                    [&](int from, std::span<const std::byte> bytes) {
                        receivers[static_cast<std::size_t>(from)].take(parts, bytes);
                    });
 }
 
+/// Of rank 0: includes what the others announce. Returns how many messages their parts are.
+std::uint64_t hear_announcements(Communicator& ranks, PartStore& parts) {
+    std::uint64_t messages = 0;
+    const std::vector<std::string> all = ranks.gather({});
+    for (std::size_t rank = 1; rank < all.size(); ++rank) {
+        Announcement other;
+        std::memcpy(&other, all[rank].data(), sizeof(other));
+        parts.include(other.totals);
+        messages += other.messages;
+    }
+    return messages;
+}
+
 }  // namespace
 
-std::uint64_t gather_parts(Communicator& ranks, PartStore& parts) {
+SettledParts settle_parts(Communicator& ranks, PartStore& parts,
+                          const std::function<bool()>& may_stay) {
     const std::uint64_t own = parts.bytes();
+    constexpr std::string_view kStay = "stay";
     if (ranks.rank() == 0) {
-        receive(ranks, parts);
+        const std::uint64_t messages = hear_announcements(ranks, parts);
+        const bool stay = may_stay && may_stay();
+        ranks.broadcast(std::string(stay ? kStay : ""));
+        if (!stay) {
+            receive(ranks, messages, parts);
+        }
         parts.seal();
-    } else {
-        parts.seal();
-        send(ranks, parts);
+        return {own, stay};
     }
-    return own;
+    parts.seal();
+    PartSender sender(parts);
+    const Announcement announcement{sender.count(), parts.totals()};
+    ranks.gather({reinterpret_cast<const char*>(&announcement), sizeof(announcement)});
+    const bool stay = ranks.broadcast({}) == kStay;
+    if (!stay) {
+        send(ranks, sender);
+    }
+    return {own, stay};
 }
 
 }  // namespace isonest::detail

@@ -21,6 +21,10 @@ struct RankWork {
     std::uint64_t mapped_blocks = 0;     ///< that it mapped, in all passes
     std::uint64_t mapped_triangles = 0;  ///< that these had before
     double mapping_seconds = 0;          ///< in which it mapped, rank 0 with what it did beside
+    std::uint64_t meshes = 0;            ///< that were welded and written by all ranks
+    std::uint64_t written_triangles = 0;  ///< of these, its own
+    double welding_seconds = 0;           ///< in which they were welded and kept apart
+    double writing_seconds = 0;           ///< in which its rows were written
 };
 
 /// Not thread-safe: of several extractions at once, one may use it.

@@ -13,6 +13,8 @@
 
 #include <isonest/error.h>
 
+#include "store/files/open_shared.h"
+
 namespace isonest::detail {
 namespace {
 
@@ -246,6 +248,20 @@ void OutputFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes
         offset += static_cast<std::uint64_t>(n);
         bytes = bytes.subspan(static_cast<std::size_t>(n));
     }
+}
+
+const std::filesystem::path& OutputFile::share() {
+    const int shared = open_shared(unfinished_.name().c_str(), O_WRONLY | O_CLOEXEC | O_NOFOLLOW);
+    if (shared < 0) {
+        fail_on(path_, "open", errno);
+    }
+    // What was written until now has to be there before others write beside it.
+    const bool is_written = ::fsync(fd_) == 0 && ::close(fd_) == 0;
+    fd_ = shared;
+    if (!is_written) {
+        fail_on(path_, "write to disk", errno);
+    }
+    return unfinished_.name();
 }
 
 void OutputFile::publish_as_named() {

@@ -66,6 +66,9 @@ class OutputFile {
     ~OutputFile();
     /// Throws Error{io}.
     void write_at(std::uint64_t offset, std::span<const std::byte> bytes) const;
+    /// From now on other processes write as well, at other places (SharedFile), until it is
+    /// published. Returns the temporary name. Not while another thread writes. Throws Error{io}.
+    const std::filesystem::path& share();
     /// Throws as UnfinishedFile::publish() does.
     void publish_as_named();
 

@@ -51,6 +51,24 @@ class ExtractRanks(unittest.TestCase):
                     self.assertEqual(len(report["ranks"]), count)
                     self.assertTrue(all(r["leaves"] > 0 for r in report["ranks"]))
 
+    def test_all_ranks_write_a_mesh_that_no_stage_changes(self):
+        for end in ("ply", "stl", "vtkhdf"):
+            plain, mesh = self.folder / f"plain.{end}", self.folder / f"ranks.{end}"
+            expected = self.extracted(0, plain, "--iso", "0.5", "--quality")
+            for count in (1, 2, 3, 4, 7):
+                with self.subTest(end=end, ranks=count):
+                    report = self.extracted(count, mesh, "--iso", "0.5", "--quality")
+                    self.assertEqual(mesh.read_bytes(), plain.read_bytes())
+                    for key in ("vertices", "triangles", "error_bound", "area", "volume", "smallest_angle"):
+                        self.assertEqual(report.get(key), expected.get(key), key)
+                    self.assertEqual([r["meshes"] for r in report["ranks"]], [int(count > 1)] * count)
+                    if count > 1:
+                        self.assertEqual(sum(r["written_triangles"] for r in report["ranks"]), report["triangles"])
+            self.assertEqual(sorted(path.name for path in self.folder.iterdir()),
+                             sorted({plain.name, mesh.name, "s.isonest", "v.h5"}))
+            plain.unlink()
+            mesh.unlink()
+
     def test_several_isovalues_are_shared(self):
         self.extracted(0, self.folder / "plain_{iso}.ply", "--iso", "0.3,0.5")
         self.extracted(3, self.folder / "ranks_{iso}.ply", "--iso", "0.3,0.5")

@@ -22,7 +22,7 @@ MAY_INCLUDE = {
 ROOMS = {
     "store": {"base": set(), "files": {"base"}, "bytes": {"base", "files"},
               "remote": {"base", "bytes"}, "lattice": {"base"},
-              "hdf5": {"base", "files", "bytes"}, "ranks": {"base"},
+              "hdf5": {"base", "files", "bytes"}, "ranks": {"base", "files"},
               "container": {"base", "files", "bytes", "remote", "lattice", "hdf5"},
               "exports": {"base", "files", "hdf5", "container"}},
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
@@ -33,7 +33,7 @@ ROOMS = {
               "traverse": {"view", "march"}, "check": {"view"}, "study": {"view", "traverse"},
               "finite_elements": {"view", "traverse"},
               "statistics": set(), "labels": set(), "surface_nets": {"labels", "mesh"},
-              "ranks": {"view", "march", "mesh", "simplify", "traverse"},
+              "ranks": {"view", "march", "mesh", "apart", "formats", "simplify", "traverse"},
               "neuroglancer": {"mesh", "simplify"},
               "slabs": {"view", "march", "mesh", "apart"},
               "distance": {"view", "march", "simplify", "traverse"},

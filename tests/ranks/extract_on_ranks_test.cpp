@@ -132,8 +132,66 @@ TEST_CASE("ranks give the bytes of one process, at full resolution and within er
         CAPTURE(error);
         require_same(*made.store, surface(0.2, error));
     }
-    require_same(*made.store, surface(0.2, 0.1), ".vtp");
-    require_same(*made.store, surface(0.2, 0.1), ".stl");
+    for (const char* const end : {".vtp", ".stl", ".vtkhdf", ".glb", ".ngmesh", ".obj"}) {
+        require_same(*made.store, surface(0.2, 0.1), end);
+    }
+}
+
+TEST_CASE("meshes that need no stage are welded and written by all ranks") {
+    // The isovalue of the second one is that of many nodes, so that vertices are moved apart.
+    const Made<float> made({67, 50, 41}, waves, chunk_8());
+    const Made<std::uint8_t> touching(
+        {33, 40, 37},
+        [](const Int3& p) {
+            return static_cast<std::uint8_t>(std::lround(4 + 2 * smooth(p) + noise(p)));
+        },
+        with_chunk(16));
+    const auto meshes = [](const Extracted& e) {
+        std::uint64_t triangles = 0;
+        for (const RankWork& work : e.work) {
+            CHECK(work.meshes == e.work.front().meshes);
+            triangles += work.written_triangles;
+        }
+        CHECK(triangles == (e.work.front().meshes > 0 ? e.report.triangles : 0));
+        return e.work.front().meshes;
+    };
+    for (const char* const end : {".ply", ".stl", ".vtp", ".vtkhdf", ".glb", ".ngmesh"}) {
+        CAPTURE(end);
+        CHECK(meshes(on_ranks(3, *made.store, surface(0.2), end)) == 1);
+    }
+    const Extracted moved = on_ranks(3, *touching.store, surface(5));
+    CHECK(meshes(moved) == 1);
+    CHECK(moved.report.apart.moved > 0);
+    CHECK(std::all_of(moved.work.begin(), moved.work.end(),
+                      [](const RankWork& w) { return w.written_triangles > 0; }));
+    // Text, components and one rank alone.
+    CHECK(meshes(on_ranks(3, *made.store, surface(0.2), ".obj")) == 0);
+    SurfaceQuery components = surface(0.2);
+    components.stages.components = ComponentChoice{};
+    components.stages.components->largest = 2;
+    CHECK(meshes(on_ranks(3, *made.store, components)) == 0);
+    CHECK(meshes(on_ranks(1, *made.store, surface(0.2))) == 0);
+}
+
+TEST_CASE("what all ranks write has the angles of one process") {
+    const Made<float> made({45, 60, 33}, waves, with_chunk(8));
+    const auto quality = [&](const ExtractOptions& options) {
+        const TemporaryFolder folder;
+        const auto sink = open_mesh_file(folder / "m.stl");
+        return extract(*made.store, surface(0.2, 0.1), *sink, options).quality.value();
+    };
+    const TriangleQuality expected = quality({kAmple, 1, {}, true});
+    TriangleQuality shared;
+    isonest::test::ThreadRanks(3).run([&](Communicator& ranks) {
+        extract_on_ranks(
+            ranks, *made.store, nullptr,
+            [&](const ExtractOptions& options) { shared = quality(options); },
+            {kAmple, 1, {}, true}, silent_progress());
+    });
+    CHECK(shared.least == expected.least);
+    CHECK(shared.per_mille == expected.per_mille);
+    CHECK(shared.median == expected.median);
+    CHECK(shared.narrow_share == expected.narrow_share);
 }
 
 TEST_CASE("ranks give the bytes of one process, whatever is asked for") {
@@ -360,6 +418,47 @@ TEST_CASE("a rank that fails ends all, and no file is left") {
             isonest::test::ThreadRanks(3).run([&](Communicator& ranks) {
                 try {
                     Stops progress(ranks.rank() == failing);
+                    extract_on_ranks(
+                        ranks, *made.store, nullptr,
+                        [&](const ExtractOptions& options) {
+                            const auto sink = open_mesh_file(folder / "m.ply");
+                            extract(*made.store, surface(0.2), *sink, options, progress);
+                        },
+                        {kAmple, 1, {}}, progress);
+                } catch (const Error& error) {
+                    failed += error.kind() == ErrorKind::cancelled ? 1 : 0;
+                    throw;
+                }
+            });
+        };
+        CHECK_THROWS_AS(run(), Error);
+        CHECK(failed == 3);
+        CHECK(folder.names().empty());
+    }
+}
+
+TEST_CASE("a rank that fails while all write ends all, and no file is left") {
+    const Made<float> made({67, 50, 41}, waves, with_chunk(8));
+    /// Stops one rank once it writes.
+    class StopsWriting : public Progress {
+      public:
+        explicit StopsWriting(bool ever) : ever_(ever) {}
+        void begin(std::string_view stage, std::uint64_t, std::string_view) override {
+            writes_ = writes_ || stage == "write mesh";
+        }
+        [[nodiscard]] bool cancelled() const override { return ever_ && writes_; }
+
+      private:
+        bool ever_;
+        std::atomic<bool> writes_ = false;
+    };
+    for (const int failing : {0, 1, 2}) {
+        const TemporaryFolder folder;
+        std::atomic<int> failed = 0;
+        const auto run = [&] {
+            isonest::test::ThreadRanks(3).run([&](Communicator& ranks) {
+                try {
+                    StopsWriting progress(ranks.rank() == failing);
                     extract_on_ranks(
                         ranks, *made.store, nullptr,
                         [&](const ExtractOptions& options) {

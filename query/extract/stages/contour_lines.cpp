@@ -81,7 +81,7 @@ class LinePart {
 
 }  // namespace
 
-void contour_lines(const PartStore& parts, const Weld& weld, std::span<const double> values,
+void contour_lines(const PartStore& parts, const VertexNumbers& weld, std::span<const double> values,
                    const AttributeChoice& attributes, std::size_t part_vertices,
                    const PartSink& sink, Progress& progress) {
     if (weld.vertices() >> kVertexBits != 0) {

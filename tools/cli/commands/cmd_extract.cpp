@@ -11,6 +11,7 @@
 #include <isonest/mesh_file.h>
 
 #include "query/extract/extract_on_ranks.h"
+#include "store/ranks/same_folder.h"
 #include "store/remote/open_location.h"
 #include "tools/cli/command.h"
 #include "tools/cli/commands/extract_command.h"
@@ -173,6 +174,7 @@ Result extract_store(const Store& store, ExtractCommand arguments, const Store* 
 Result extract_store_on_ranks(Communicator& ranks, const Store& store,
                               const ExtractCommand& arguments, const Store* values, bool has_iso,
                               Progress& progress) {
+    require_same_folder(ranks, arguments.extract.mesh);
     Result result;
     const RankWork work = extract_on_ranks(
         ranks, store, values,
@@ -195,7 +197,11 @@ Result extract_store_on_ranks(Communicator& ranks, const Store& store,
                    {"mappings", work.mappings},
                    {"mapped_blocks", work.mapped_blocks},
                    {"mapped_triangles", work.mapped_triangles},
-                   {"mapping_seconds", work.mapping_seconds}};
+                   {"mapping_seconds", work.mapping_seconds},
+                   {"meshes", work.meshes},
+                   {"written_triangles", work.written_triangles},
+                   {"welding_seconds", work.welding_seconds},
+                   {"writing_seconds", work.writing_seconds}};
     return result;
 }
 
