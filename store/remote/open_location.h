@@ -24,8 +24,8 @@ std::shared_ptr<const StoreBytes> open_location(
 /// For messages: a path as it is, a URL without userinfo, query and fragment.
 std::string shown_location(std::string_view location);
 
-/// Whether this can be one of RemoteAccess::headers: "Name: value" in one line, of a name that is not
-/// one of those by which ranges and states of objects are asked for.
+/// Whether this can be one of RemoteAccess::headers: "Name: value" in one line, of a name that is
+/// not one of those by which ranges and states of objects are asked for.
 bool is_header(std::string_view line);
 
 /// Heap of RemoteAccess::memory that is not for bytes of chunks: pages of the chunk table, and

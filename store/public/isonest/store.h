@@ -20,7 +20,7 @@ namespace isonest {
 namespace detail {
 class DiskCache;
 class StoreReader;
-}
+}  // namespace detail
 
 /// What preprocess() made: all levels of a volume and the indicators of every node, in one file
 /// that is mapped read-only, or in an object elsewhere of which what is asked for is fetched. Not
@@ -48,8 +48,8 @@ class Store {
     [[nodiscard]] bool is_remote() const;
     /// Until now, by all queries together.
     [[nodiscard]] FetchedCounts fetched() const;
-    /// Why the folder RemoteAccess::cache is not used, or why nothing is added to it any more; empty
-    /// if nothing is wrong with it.
+    /// Why the folder RemoteAccess::cache is not used, or why nothing is added to it any more;
+    /// empty if nothing is wrong with it.
     [[nodiscard]] std::string cache_warning() const;
     /// Nodes per axis (x, y, z) of the finest level.
     [[nodiscard]] Int3 nodes() const;
