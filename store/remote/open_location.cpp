@@ -11,13 +11,7 @@
 #include "store/remote/object_url.h"
 #include "store/remote/open_url.h"
 
-namespace isonest {
-
-bool is_url(std::string_view location) {
-    return detail::is_url(location);
-}
-
-namespace detail {
+namespace isonest::detail {
 namespace {
 
 RemoteOptions options_of(const RemoteAccess& remote,
@@ -87,5 +81,4 @@ std::string shown_location(std::string_view location) {
     }
 }
 
-}  // namespace detail
-}  // namespace isonest
+}  // namespace isonest::detail
