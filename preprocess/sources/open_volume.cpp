@@ -15,6 +15,7 @@
 #include "preprocess/sources/wrapping/described_source.h"
 #include "preprocess/sources/wrapping/missing_source.h"
 #include "preprocess/sources/wrapping/named_labels_source.h"
+#include "store/remote/open_location.h"
 
 namespace isonest {
 using namespace detail;
@@ -81,6 +82,13 @@ std::string first_unpacked(const std::filesystem::path& path) {
 VolumeInput look_at(const std::vector<std::filesystem::path>& paths) {
     if (paths.empty()) {
         throw Error(ErrorKind::invalid_argument, "no input is named");
+    }
+    for (const std::filesystem::path& path : paths) {
+        if (is_url(path.native())) {
+            throw Error(ErrorKind::unsupported, {shown_location(path.native())},
+                        "volumes are read from files; of what is elsewhere, stores alone are",
+                        {{RemedyKind::download}});
+        }
     }
     VolumeInput input{paths, false, {}, {}};
     std::error_code error;

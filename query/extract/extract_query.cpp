@@ -286,7 +286,7 @@ ExtractQuery extract_query(const StoreReader& store, const SurfaceQuery& query, 
     }
     if (query.analysis) {
         asked.analysis_folder =
-            query.analysis->folder.empty() ? folder_of(store.path()) : query.analysis->folder;
+            query.analysis->folder.empty() ? analysis_folder_of(store) : query.analysis->folder;
     }
     choose_stages(query.stages, asked);
     choose_attributes(store, query.attributes, false, float64, asked);

@@ -8,6 +8,8 @@
 #include <string>
 #include <utility>
 
+#include <isonest/remote.h>
+
 namespace isonest::detail {
 
 /// Bytes [offset, offset + size) of a store.
@@ -33,14 +35,6 @@ class HeldBytes {
   private:
     std::shared_ptr<const void> owner_;
     std::span<const std::byte> bytes_;
-};
-
-/// What was fetched until now; all 0 for a local file.
-struct FetchedCounts {
-    std::uint64_t remote_bytes = 0;  ///< of bodies that came over the network
-    std::uint64_t requests = 0;      ///< sent, repeated ones counted again
-    std::uint64_t round_trips = 0;   ///< times that somebody had to wait for the network
-    std::uint64_t cache_bytes = 0;   ///< that came from the cache on disk instead
 };
 
 /// Thread-safety: all methods from any thread.

@@ -1,18 +1,33 @@
 #include <isonest/store.h>
 
 #include "store/base/world_units.h"
+#include "store/bytes/disk_cache.h"
 #include "store/container/reader.h"
+#include "store/remote/open_location.h"
 
 namespace isonest {
 
-Store::Store(const std::filesystem::path& path)
-    : reader_(std::make_unique<const detail::StoreReader>(path)) {}
+Store::Store(const std::filesystem::path& location, const RemoteAccess& remote)
+    : cache_(!remote.cache.empty() && is_url(location.native())
+                 ? std::make_shared<const detail::DiskCache>(remote.cache, remote.cache_bytes)
+                 : nullptr),
+      reader_(std::make_unique<const detail::StoreReader>(
+          detail::open_location(location, remote, cache_))) {}
 Store::Store(Store&& other) noexcept = default;
 Store& Store::operator=(Store&& other) noexcept = default;
 Store::~Store() = default;
 
 const std::filesystem::path& Store::path() const {
     return reader_->path();
+}
+bool Store::is_remote() const {
+    return reader_->bytes().is_far();
+}
+FetchedCounts Store::fetched() const {
+    return reader_->bytes().fetched();
+}
+std::string Store::cache_warning() const {
+    return cache_ ? cache_->warning() : std::string();
 }
 Int3 Store::nodes() const {
     return reader_->layout().header().nodes;

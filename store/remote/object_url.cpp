@@ -213,10 +213,6 @@ ObjectUrl parse_s3(std::string_view rest, Environment environment) {
 
 }  // namespace
 
-bool is_url(std::string_view text) {
-    return !scheme_of(text).empty();
-}
-
 ObjectUrl parse_object_url(std::string_view text, Environment environment) {
     const std::string_view scheme = scheme_of(text);
     if (scheme.empty()) {
@@ -244,3 +240,7 @@ std::string origin_of(std::string_view url) {
 }
 
 }  // namespace isonest::detail
+
+bool isonest::is_url(std::string_view location) {
+    return !detail::scheme_of(location).empty();
+}

@@ -5,6 +5,8 @@
 #include <string>
 #include <string_view>
 
+#include <isonest/remote.h>
+
 namespace isonest::detail {
 
 /// Keys of Amazon's signatures. Source: "Signature Version 4", AWS documentation.
@@ -25,9 +27,6 @@ struct ObjectUrl {
     std::optional<SigningKeys> keys;
 };
 
-/// Whether this names an object elsewhere: https://, http:// or s3://.
-bool is_url(std::string_view text);
-
 /// `environment`: std::getenv, or a test's. What it says: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
 /// AWS_SESSION_TOKEN, AWS_REGION or AWS_DEFAULT_REGION, AWS_ENDPOINT_URL_S3 or AWS_ENDPOINT_URL,
 /// for s3 URLs alone; without keys, nobody signs. The key of an s3 URL is what follows the bucket,
@@ -35,7 +34,7 @@ bool is_url(std::string_view text);
 ObjectUrl parse_object_url(std::string_view text, const char* (*environment)(const char*));
 
 /// scheme://host:port, in lower case and with the scheme's port if there is none: of two URLs for
-/// the same server it is the same. REQUIRES: is_url(url).
+/// the same server it is the same. REQUIRES: is_url(url) (<isonest/remote.h>, defined here).
 std::string origin_of(std::string_view url);
 
 }  // namespace isonest::detail

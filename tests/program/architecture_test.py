@@ -23,7 +23,7 @@ ROOMS = {
     "store": {"base": set(), "files": {"base"}, "bytes": {"base", "files"},
               "remote": {"base", "bytes"}, "lattice": {"base"},
               "hdf5": {"base", "files", "bytes"}, "ranks": {"base", "files"},
-              "container": {"base", "files", "bytes", "lattice", "hdf5"},
+              "container": {"base", "files", "bytes", "remote", "lattice", "hdf5"},
               "exports": {"base", "files", "hdf5", "container"}},
     "preprocess": {"sources": set(), "indicators": set(), "levels": {"sources", "indicators"},
                    "ranks": {"levels", "sources", "indicators"},
@@ -46,7 +46,8 @@ SHARED = {"bytes": set(), "modules": set(), "numbers": {"bytes"}, "wrapping": se
 FORMATS = ("dicom", "hdf5", "meta_image", "mrc", "netcdf", "nifti", "nrrd", "numpy", "openvdb", "raw",
            "tiff", "vtk", "zarr")
 INNER_ROOMS = {
-    "store/container": {"footer": {"codec.h", "format.h", "hdf5_types.h", "label_table.h"}},
+    "store/container": {"footer": {"codec.h", "format.h", "hdf5_types.h", "label_table.h"},
+                        "announce": {"chunk_cache.h", "chunk_source.h"}},
     "preprocess/sources": SHARED | {name: {*SHARED, "volume_format.h"} for name in FORMATS},
     "query/extract": {
         "stages": {"extract_query.h"},

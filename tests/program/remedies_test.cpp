@@ -23,7 +23,7 @@ bool has_none(const std::string& /*option*/) {
 
 TEST_CASE("every remedy has a name of its own and a text for every command") {
     std::set<std::string> names;
-    const int last = static_cast<int>(RemedyKind::open_again);
+    const int last = static_cast<int>(RemedyKind::download);
     for (int i = 0; i <= last; ++i) {
         const auto kind = static_cast<RemedyKind>(i);
         names.insert(name_of(kind));

@@ -18,6 +18,7 @@
 #include "store/container/format.h"
 #include "store/container/writer.h"
 #include "store/ranks/communicator.h"
+#include "store/remote/open_location.h"
 #include "tools/cli/terminal/help_format.h"
 #include "tools/cli/terminal/interrupt.h"
 #include "tools/cli/terminal/suggestions.h"
@@ -127,6 +128,22 @@ std::optional<std::string> mistyped(const Program& program, const CLI::App& app,
     return std::nullopt;
 }
 
+/// URLs of the command line as they are shown.
+std::string without_credentials(std::string text, int argc, char** argv) {
+    for (int i = 1; i < argc; ++i) {
+        const std::string argument(argv[i]);
+        const std::string shown = shown_location(argument);
+        for (std::size_t at = 0; shown != argument; at += shown.size()) {
+            at = text.find(argument, at);
+            if (at == std::string::npos) {
+                break;
+            }
+            text.replace(at, argument.size(), shown);
+        }
+    }
+    return text;
+}
+
 /// Of one rank's view: progress on a terminal at rank 0, and an end as soon as another one fails.
 class RunProgress : public TerminalProgress {
   public:
@@ -197,8 +214,9 @@ Outcome parse_and_run(const Program& program, CLI::App& app, const Invocation& c
         const std::vector<CLI::App*> command = app.get_subcommands();
         const std::optional<std::string> typo = mistyped(program, app, argc, argv);
         throw Error(ErrorKind::invalid_argument,
-                    fmt::format("{}; see: {} {}{}--help", typo.value_or(e.what()), program.name,
-                                command.empty() ? "" : command.front()->get_name(),
+                    fmt::format("{}; see: {} {}{}--help",
+                                without_credentials(typo.value_or(e.what()), argc, argv),
+                                program.name, command.empty() ? "" : command.front()->get_name(),
                                 command.empty() ? "" : " "));
     }
     watch_signals();

@@ -4,13 +4,20 @@
 
 namespace isonest::detail::view {
 
-StoreWatch::StoreWatch(const std::filesystem::path& path) : path_(std::filesystem::absolute(path)) {
+StoreWatch::StoreWatch(const Store& store) {
+    if (store.is_remote()) {
+        return;
+    }
+    path_ = std::filesystem::absolute(store.path());
     if (::stat(path_.c_str(), &opened_) != 0) {
-        throw Error(ErrorKind::not_found, {path.string()}, "no such file");
+        throw Error(ErrorKind::not_found, {store.path().string()}, "no such file");
     }
 }
 
 StoreState StoreWatch::state() const {
+    if (path_.empty()) {
+        return StoreState::same;
+    }
     struct stat now {};
     if (::stat(path_.c_str(), &now) != 0 || now.st_dev != opened_.st_dev ||
         now.st_ino != opened_.st_ino) {

@@ -1,10 +1,13 @@
-// Whether the file of an open store is still the one that was opened.
+// Whether the file of an open store is still the one that was opened. An object elsewhere is
+// watched by who reads it: what is fetched of another one is an error.
 #pragma once
 
 #include <sys/stat.h>
 
 #include <cstdint>
 #include <filesystem>
+
+#include <isonest/store.h>
 
 namespace isonest::detail::view {
 
@@ -13,13 +16,14 @@ enum class StoreState : std::uint8_t { same, replaced, cut_off };
 /// Thread-safe.
 class StoreWatch {
   public:
-    /// Throws Error{not_found} if there is no such file.
-    explicit StoreWatch(const std::filesystem::path& path);
-    /// A file of that name that is another one, was written to, or is gone, is replaced.
+    /// Throws Error{not_found} if there is no such file any more.
+    explicit StoreWatch(const Store& store);
+    /// A store elsewhere is the same. A file of that name that is another one, was written to, or
+    /// is gone, is replaced.
     [[nodiscard]] StoreState state() const;
 
   private:
-    std::filesystem::path path_;
+    std::filesystem::path path_;  ///< empty: it is elsewhere
     struct stat opened_ {};
 };
 

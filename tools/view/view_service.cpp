@@ -151,7 +151,7 @@ ViewService::ViewService(const Store& store, const MemoryShares& shares, int thr
       threads_(threads),
       access_(std::move(access)),
       connections_(std::move(connections)),
-      watch_(store.path()),
+      watch_(store),
       surfaces_(store,
                 {shares.surface, shares.surface_message / MeshMessage::kTriangleHeap, threads},
                 range_of(store)),
@@ -382,16 +382,24 @@ HttpAnswer ViewService::describe() const {
 
 HttpAnswer ViewService::status() const {
     const struct mallinfo2 heap = ::mallinfo2();
-    return json_answer({{"heap_bytes", heap.uordblks + heap.hblkhd},
-                        {"memory", shares_.memory},
-                        {"surface", int{surface_lane_.busy()}},
-                        {"slice", int{slice_lane_.busy()}},
-                        {"waiting", surface_lane_.waiting() + slice_lane_.waiting() +
-                                        file_lane_.waiting() + small_lane_.waiting()},
-                        {"served", served_.load()},
-                        {"cancelled", cancelled_.load()},
-                        {"connections", connections_()},
-                        {"store", name_of(watch_.state())}});
+    Json json = {{"heap_bytes", heap.uordblks + heap.hblkhd},
+                 {"memory", shares_.memory},
+                 {"surface", int{surface_lane_.busy()}},
+                 {"slice", int{slice_lane_.busy()}},
+                 {"waiting", surface_lane_.waiting() + slice_lane_.waiting() +
+                                 file_lane_.waiting() + small_lane_.waiting()},
+                 {"served", served_.load()},
+                 {"cancelled", cancelled_.load()},
+                 {"connections", connections_()},
+                 {"store", name_of(watch_.state())}};
+    if (store_.is_remote()) {
+        const FetchedCounts counts = store_.fetched();
+        json["remote"] = {{"remote_bytes", counts.remote_bytes},
+                          {"requests", counts.requests},
+                          {"round_trips", counts.round_trips},
+                          {"cache_bytes", counts.cache_bytes}};
+    }
+    return json_answer(json);
 }
 
 HttpAnswer ViewService::command(RequestTarget& target) const {

@@ -69,7 +69,12 @@ std::string query_key(const StoreReader& store, const ExtractQuery& query) {
 }
 
 std::string prefix_of(const StoreReader& store) {
-    return store.path().filename().string() + ".iso";
+    const std::string name = store.path().filename().string();
+    return (name.empty() ? "store" : name) + ".iso";
+}
+
+std::filesystem::path folder_of(const std::filesystem::path& file) {
+    return file.has_parent_path() ? file.parent_path() : std::filesystem::path(".");
 }
 
 std::filesystem::path path_of(const StoreReader& store, const ExtractQuery& query) {
@@ -153,12 +158,12 @@ FoundAnalysis find_analysis(const StoreReader& store, const ExtractQuery& query)
     return found;
 }
 
-std::filesystem::path folder_of(const std::filesystem::path& file) {
-    return file.has_parent_path() ? file.parent_path() : std::filesystem::path(".");
+std::filesystem::path analysis_folder_of(const StoreReader& store) {
+    return store.is_far() ? std::filesystem::path(".") : folder_of(store.path());
 }
 
 std::vector<FoundAnalysis> all_analyses(const StoreReader& store, AnalysisDepth depth) {
-    const std::filesystem::path folder = folder_of(store.path());
+    const std::filesystem::path folder = analysis_folder_of(store);
     std::vector<std::filesystem::path> paths;
     std::error_code error;
     for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
@@ -167,7 +172,8 @@ std::vector<FoundAnalysis> all_analyses(const StoreReader& store, AnalysisDepth 
             paths.push_back(entry.path());
         }
     }
-    if (error) {
+    // That of a store elsewhere need not be readable for who keeps nothing in it.
+    if (error && !store.is_far()) {
         throw Error(ErrorKind::io, {folder.string()}, "cannot list it: " + error.message());
     }
     std::sort(paths.begin(), paths.end());

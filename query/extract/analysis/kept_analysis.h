@@ -28,11 +28,12 @@ FoundAnalysis find_analysis(const StoreReader& store, const ExtractQuery& query)
 /// How much of an analysis is looked at.
 enum class AnalysisDepth : std::uint8_t { attributes, bytes };
 
-/// All of a store that lie beside it, by name. Throws Error{io}.
+/// All of a store that lie in analysis_folder_of(store), by name. Throws Error{io}.
 std::vector<FoundAnalysis> all_analyses(const StoreReader& store, AnalysisDepth depth);
 
-/// Where the analyses of a file's store are if nobody says where.
-std::filesystem::path folder_of(const std::filesystem::path& file);
+/// Where the analyses of a store are if nobody says where: beside its file; of a store elsewhere,
+/// in the current folder.
+std::filesystem::path analysis_folder_of(const StoreReader& store);
 
 /// The query that an analysis is of, for people.
 std::string query_text(const AnalysisFile& analysis);

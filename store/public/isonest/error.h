@@ -67,7 +67,8 @@ enum class RemedyKind : std::uint8_t {
     set_variable,         ///< of the environment; `value`: "NAME=VALUE"
     serve_ranges,         ///< a server that answers ranges, or a local copy
     try_later,            ///< the server or the way to it is overloaded or broken
-    open_again            ///< the object has changed since it was opened
+    open_again,           ///< the object has changed since it was opened
+    download              ///< a copy of the object on this machine
 };
 struct Remedy {
     RemedyKind kind;

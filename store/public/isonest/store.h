@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -12,28 +13,44 @@
 #include <isonest/int3.h>
 #include <isonest/label_name.h>
 #include <isonest/length_unit.h>
+#include <isonest/remote.h>
 #include <isonest/value_type.h>
 
 namespace isonest {
 namespace detail {
+class DiskCache;
 class StoreReader;
-}
+}  // namespace detail
 
 /// What preprocess() made: all levels of a volume and the indicators of every node, in one file
-/// that is mapped read-only. Not to be used after it was moved from. Thread-safety: const methods,
-/// and any number of queries of the same Store, from any threads.
+/// that is mapped read-only, or in an object elsewhere of which what is asked for is fetched. Not
+/// to be used after it was moved from. Thread-safety: const methods, and any number of queries of
+/// the same Store, from any threads.
 class Store {
   public:
-    /// Throws Error{not_found}, Error{corrupt} (not a store, incomplete, damaged),
-    /// Error{unsupported} (a format that this version does not read), Error{io}.
-    explicit Store(const std::filesystem::path& path);
+    /// A file, or what is_url() takes for a URL: then `remote` says how it is reached. Throws
+    /// Error{not_found}, Error{corrupt} (not a store, incomplete, damaged), Error{unsupported} (a
+    /// format that this version does not read; a URL, where the library was built without libcurl),
+    /// Error{invalid_argument} (a URL or header that is none), Error{io}, and what remote.check
+    /// throws. Queries of a store elsewhere throw Error{io}, too, and Error{corrupt} if the object
+    /// is not the one any more that was opened.
+    explicit Store(const std::filesystem::path& location, const RemoteAccess& remote = {});
     Store(Store&& other) noexcept;
     Store& operator=(Store&& other) noexcept;
     Store(const Store&) = delete;
     Store& operator=(const Store&) = delete;
     ~Store();
 
+    /// The file; of a store elsewhere the URL without userinfo, query and fragment, which is for
+    /// messages: its last part is what files that go with the store are called.
     [[nodiscard]] const std::filesystem::path& path() const;
+    /// Whether it is read over a network.
+    [[nodiscard]] bool is_remote() const;
+    /// Until now, by all queries together.
+    [[nodiscard]] FetchedCounts fetched() const;
+    /// Why the folder RemoteAccess::cache is not used, or why nothing is added to it any more;
+    /// empty if nothing is wrong with it.
+    [[nodiscard]] std::string cache_warning() const;
     /// Nodes per axis (x, y, z) of the finest level.
     [[nodiscard]] Int3 nodes() const;
     [[nodiscard]] ValueType type() const;
@@ -69,6 +86,7 @@ class Store {
     [[nodiscard]] const detail::StoreReader& reader() const { return *reader_; }
 
   private:
+    std::shared_ptr<const detail::DiskCache> cache_;  ///< null: none
     std::unique_ptr<const detail::StoreReader> reader_;
 };
 

@@ -15,6 +15,7 @@
 #include "tools/cli/command.h"
 #include "tools/cli/commands/analyses.h"
 #include "tools/cli/commands/same_store.h"
+#include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
 
@@ -26,6 +27,7 @@ struct CheckArguments {
     std::vector<std::string> source;
     SourceOptions source_options;
     CheckOptions check;
+    RemoteArguments remote;
 };
 
 std::uint64_t stored_chunks(const StoreLayout& layout) {
@@ -50,9 +52,11 @@ void check_analyses(const StoreReader& store, Result& result) {
 }
 
 Result run(CheckArguments& a, Progress& progress) {
-    const StoreReader store(a.store);
+    const Store opened = open_store(a.store, a.remote, a.check.memory, progress);
+    const StoreReader& store = opened.reader();
+    const std::string path = store.path().string();
     if (a.check.ranks != nullptr) {
-        require_same_store(*a.check.ranks, &store, a.store);
+        require_same_store(*a.check.ranks, &store, path);
     }
     std::unique_ptr<VolumeSource> source;
     const bool is_first = a.check.ranks == nullptr || a.check.ranks->rank() == 0;
@@ -67,8 +71,12 @@ Result run(CheckArguments& a, Progress& progress) {
         return result;
     }
     result.exit_code = r.failures > 0 ? static_cast<int>(ErrorKind::corrupt) : 0;
-    result.json = {{"store", a.store},         {"ok", r.failures == 0}, {"chunks", r.chunks},
-                   {"nodes", r.nodes},         {"cubes", r.cubes},      {"failures", r.failures},
+    result.json = {{"store", path},
+                   {"ok", r.failures == 0},
+                   {"chunks", r.chunks},
+                   {"nodes", r.nodes},
+                   {"cubes", r.cubes},
+                   {"failures", r.failures},
                    {"findings", Json::array()}};
     check_analyses(store, result);
     for (const Finding& f : r.findings) {
@@ -96,7 +104,7 @@ Result run(CheckArguments& a, Progress& progress) {
     }
     const std::vector<std::string>& unknown = store.layout().header().unknown_fields;
     if (!unknown.empty()) {
-        result.warning = fmt::format("{}: of the newer format version {}; not checked: {}", a.store,
+        result.warning = fmt::format("{}: of the newer format version {}; not checked: {}", path,
                                      store.version().text(), fmt::join(unknown, ", "));
     }
     const std::uint64_t all = stored_chunks(store.layout());
@@ -105,14 +113,16 @@ Result run(CheckArguments& a, Progress& progress) {
         result.text += fmt::format(
             "{}: nothing is wrong in the table and in a sample of {} of {} chunks; without --quick "
             "all are read\n",
-            a.store, r.chunks, all);
+            path, r.chunks, all);
+        add_fetched(opened, result);
         return result;
     }
     result.text += fmt::format(
-        "{}: {} ({} chunks, {} nodes, {} cubes by brute force{})\n", a.store,
+        "{}: {} ({} chunks, {} nodes, {} cubes by brute force{})\n", path,
         r.failures == 0 ? std::string("all is well") : fmt::format("{} findings", r.failures),
         r.chunks, human_count(static_cast<double>(r.nodes)), r.cubes,
         a.source.empty() ? "" : ", values as in the source");
+    add_fetched(opened, result);
     return result;
 }
 
@@ -132,7 +142,7 @@ void add_check(CLI::App& app, Invocation& chosen) {
          "isonest check scan.isonest --quick\n"
          "isonest check scan.isonest --deep --json\n"
          "isonest check head.isonest --source head.raw.gz --dims 256,256,113 --type uint16"});
-    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    c->add_option("STORE", a->store, "made by isonest preprocess: a file or a URL")->required();
     CLI::Option* const quick = c->add_flag_callback(
         "--quick", [a] { a->check.depth = CheckDepth::quick; },
         "seconds for any size: the chunk table, and a sample of some\n"
@@ -146,9 +156,12 @@ void add_check(CLI::App& app, Invocation& chosen) {
     add_source_options(c, a->source_options);
     add_memory(c, a->check.memory);
     add_threads(c, a->check.threads);
+    add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
         a->check.ranks = chosen.ranks;
-        chosen.run = [a](Progress& progress) { return run(*a, progress); };
+        chosen.run = [a](Progress& progress) {
+            return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
+        };
     });
 }
 

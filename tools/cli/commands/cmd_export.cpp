@@ -8,6 +8,7 @@
 #include "query/study/export_computed.h"
 #include "tools/cli/command.h"
 #include "tools/cli/options/fields.h"
+#include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/terminal/leftovers.h"
 
@@ -19,10 +20,12 @@ struct ExportArguments {
     std::string output;
     ExportOptions options;
     std::optional<ComputedField> computed;  ///< in place of the options' field
+    RemoteArguments remote;
 };
 
 /// An indicator that the store does not hold.
-Result run_computed(const StoreReader& store, const ExportArguments& a, Progress& progress) {
+Result run_computed(const Store& opened, const ExportArguments& a, Progress& progress) {
+    const StoreReader& store = opened.reader();
     const ExportOptions& o = a.options;
     export_computed_field(store, a.output, {*a.computed, o.level, o.force, o.memory}, progress);
     const Int3 nodes = store.layout().header().nodes;
@@ -36,13 +39,15 @@ Result run_computed(const StoreReader& store, const ExportArguments& a, Progress
                    {"type", name_of(ValueType::f32)}};
     result.text = fmt::format("{}: {}, {} x {} x {} {}\n", a.output, name, nodes.x, nodes.y,
                               nodes.z, name_of(ValueType::f32));
+    add_fetched(opened, result);
     return result;
 }
 
-Result run(const ExportArguments& a, Progress& progress) {
-    const StoreReader store(a.store);
+Result run(ExportArguments& a, Progress& progress) {
+    const Store opened = open_store(a.store, a.remote, a.options.memory, progress);
+    const StoreReader& store = opened.reader();
     if (a.computed) {
-        return run_computed(store, a, progress);
+        return run_computed(opened, a, progress);
     }
     export_field(store, a.output, a.options, progress);
     const bool values = a.options.field == Field::values;
@@ -58,6 +63,7 @@ Result run(const ExportArguments& a, Progress& progress) {
                    {"type", type}};
     result.text = fmt::format("{}: {}, {} x {} x {} {}\n", a.output, name_of(a.options.field),
                               nodes.x, nodes.y, nodes.z, type);
+    add_fetched(opened, result);
     return result;
 }
 
@@ -78,7 +84,7 @@ void add_export(CLI::App& app, Invocation& chosen) {
          "isonest export scan.isonest --field deviation_bar -o deviation.h5\n"
          "isonest export scan.isonest --field lp:3 -o eta3.nrrd"});
     ExportOptions& e = a->options;
-    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    c->add_option("STORE", a->store, "made by isonest preprocess: a file or a URL")->required();
     add_parsed(
         c, "--field",
         [a](const std::string& text) {
@@ -103,8 +109,12 @@ void add_export(CLI::App& app, Invocation& chosen) {
     c->add_option("-o,--output", a->output, "the file to write")->required()->type_name("FILE");
     c->add_flag("--force", e.force, "replace an existing file");
     add_memory(c, e.memory);
-    c->callback(
-        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+    add_remote_options(c, a->remote);
+    c->callback([a, &chosen] {
+        chosen.run = [a](Progress& progress) {
+            return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
+        };
+    });
 }
 
 }  // namespace isonest::detail::cli

@@ -12,6 +12,7 @@
 
 #include "query/extract/extract_on_ranks.h"
 #include "store/ranks/same_folder.h"
+#include "store/remote/open_location.h"
 #include "tools/cli/command.h"
 #include "tools/cli/commands/extract_command.h"
 #include "tools/cli/commands/same_store.h"
@@ -20,6 +21,7 @@
 #include "tools/cli/options/component_options.h"
 #include "tools/cli/options/fields.h"
 #include "tools/cli/options/label_names.h"
+#include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
 
@@ -103,7 +105,7 @@ Result run_isovalues(const Store& store, const ExtractCommand& arguments, const 
 }
 
 /// The input, or nothing if it is no store.
-std::optional<Store> open_store(const ExtractCommand& a) {
+std::optional<Store> open_input_store(ExtractCommand& a, Progress& progress) {
     std::error_code ignored;
     if (a.input.size() > 1 || a.extract.store == "-" ||
         std::filesystem::is_directory(a.extract.store, ignored)) {
@@ -111,13 +113,14 @@ std::optional<Store> open_store(const ExtractCommand& a) {
     }
     std::optional<Store> store;
     try {
-        store.emplace(a.extract.store);
+        store.emplace(open_store(a.extract.store, a.remote, a.extract.options.memory, progress));
     } catch (const Error& error) {
         if (!is_no_store(error)) {
             throw;
         }
         return std::nullopt;
     }
+    a.extract.store = store->path().string();
     if (!a.source_option.empty()) {
         throw Error(
             ErrorKind::invalid_argument, {a.extract.store},
@@ -202,28 +205,31 @@ Result extract_store_on_ranks(Communicator& ranks, const Store& store,
     return result;
 }
 
-Result run(const ExtractCommand& given, bool has_iso, Communicator* ranks, Progress& progress) {
-    ExtractCommand arguments = given;
+Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progress& progress) {
     arguments.extract.store = arguments.input.front();
     require_suitable_cells(arguments.extract);
-    const std::optional<Store> store = open_store(arguments);
+    const std::optional<Store> store = open_input_store(arguments, progress);
     if (ranks != nullptr) {
-        require_same_store(*ranks, store ? &store->reader() : nullptr, arguments.extract.store);
+        require_same_store(*ranks, store ? &store->reader() : nullptr,
+                           shown_location(arguments.extract.store));
     }
     if (!store) {
         // A volume is read once, by one process.
         return ranks == nullptr || ranks->rank() == 0
-                   ? extract_volume_file(std::move(arguments), has_iso, progress)
+                   ? extract_volume_file(arguments, has_iso, progress)
                    : Result{};
     }
-    std::optional<Store> others;
-    if (!arguments.values.empty()) {
-        others.emplace(arguments.values);
-    }
+    const std::optional<Store> others = open_values(arguments, progress);
     const Store* const values = others ? &*others : nullptr;
-    return ranks == nullptr
-               ? extract_store(*store, std::move(arguments), values, has_iso, progress)
-               : extract_store_on_ranks(*ranks, *store, arguments, values, has_iso, progress);
+    Result result = ranks == nullptr ? extract_store(*store, arguments, values, has_iso, progress)
+                                     : extract_store_on_ranks(*ranks, *store, arguments, values,
+                                                              has_iso, progress);
+    add_fetched(*store, result);
+    if (others && others->is_remote()) {
+        result.json["remote_values"] = fetched_json(others->fetched());
+        result.text += "vertex values: " + fetched_text(others->fetched());
+    }
+    return result;
 }
 
 /// What usually comes, and how long it takes beside the rest.
@@ -278,6 +284,8 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "(one node along an axis) give isolines (.vtp .obj), or their graph.",
          "isonest extract scan.isonest --iso 120 -o full.ply\n"
          "isonest extract scan.nrrd --iso 120 -o full.ply\n"
+         "isonest extract https://example.org/scan.isonest --iso 120 --error-relative 0.01 -o "
+         "coarse.ply\n"
          "isonest extract scan.isonest --iso 120 --error-relative 0.01 -o coarse.glb --normals\n"
          "isonest extract scan.isonest --iso 80,120,160 -o surface_{iso}.ply\n"
          "isonest extract scan.isonest --iso 80,120,160 -o surfaces.vtp\n"
@@ -297,7 +305,8 @@ void add_extract(CLI::App& app, Invocation& chosen) {
          "isonest extract scan.isonest --iso 120 --stop normal_bar --threshold 0.2 -o smooth.vtp\n"
          "isonest extract map.isonest --iso 500 --error 2 -o contour.vtp\n"
          "isonest extract map.isonest --graph --scale 3 --error 5 -o relief.glb --normals"});
-    c->add_option("INPUT", a->input, "a store that isonest preprocess made, or a volume")
+    c->add_option("INPUT", a->input,
+                  "a store that isonest preprocess made, a file or a URL; or a volume file")
         ->required();
     add_extract_options(c, a->extract);
     CLI::Option* const iso = add_isovalue_option(c, a->isovalues);
@@ -365,11 +374,13 @@ void add_extract(CLI::App& app, Invocation& chosen) {
     c->add_option("-o,--output", a->extract.mesh, "the mesh to write")
         ->required()
         ->type_name("MESH");
+    add_remote_options(c, a->remote);
     add_source_options(c, a->source, false);
     c->callback([a, c, iso, &chosen] {
         a->source_option = given_source_option(*c);
         chosen.run = [a, ranks = chosen.ranks, has_iso = iso->count() > 0](Progress& progress) {
-            return run(*a, has_iso, ranks, progress);
+            return run_beside_fetching(a->remote,
+                                       [&] { return run(*a, has_iso, ranks, progress); });
         };
         chosen.stages = stages_of(*a);
     });

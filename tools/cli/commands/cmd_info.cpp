@@ -11,6 +11,7 @@
 #include "store/files/output_file.h"
 #include "tools/cli/command.h"
 #include "tools/cli/commands/analyses.h"
+#include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/terminal/histogram_text.h"
 #include "tools/cli/terminal/leftovers.h"
@@ -40,6 +41,7 @@ struct InfoArguments {
     std::string plot;
     bool histogram = false;
     HistogramOptions options;
+    RemoteArguments remote;
 };
 
 void add_histogram(const StoreReader& store, const InfoArguments& a, Result& result,
@@ -110,9 +112,10 @@ void add_analyses(const StoreReader& store, Result& result) {
     }
 }
 
-Result run(const InfoArguments& a, Progress& progress) {
-    const std::string& path = a.store;
-    const StoreReader store(path);
+Result run(InfoArguments& a, Progress& progress) {
+    const Store opened = open_store(a.store, a.remote, a.options.memory, progress);
+    const StoreReader& store = opened.reader();
+    const std::string path = store.path().string();
     if (!a.plot.empty()) {
         if (!is_canvas(a.plot)) {
             throw Error(ErrorKind::invalid_argument, {a.plot},
@@ -199,6 +202,7 @@ Result run(const InfoArguments& a, Progress& progress) {
     if (a.histogram) {
         add_histogram(store, a, result, progress);
     }
+    add_fetched(opened, result);
     return result;
 }
 
@@ -216,7 +220,7 @@ void add_info(CLI::App& app, Invocation& chosen) {
          "isonest info scan.isonest\n"
          "isonest info scan.isonest --histogram\n"
          "isonest info scan.isonest --histogram --json -o histogram.png"});
-    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    c->add_option("STORE", a->store, "made by isonest preprocess: a file or a URL")->required();
     CLI::Option* const histogram = c->add_flag(
         "--histogram", a->histogram, "the values, the surface of each isovalue, and suggestions");
     HistogramOptions& o = a->options;
@@ -236,8 +240,12 @@ void add_info(CLI::App& app, Invocation& chosen) {
     for (const char* const name : {"--level", "--output", "--memory", "--threads"}) {
         c->get_option(name)->needs(histogram);
     }
-    c->callback(
-        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+    add_remote_options(c, a->remote);
+    c->callback([a, &chosen] {
+        chosen.run = [a](Progress& progress) {
+            return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
+        };
+    });
 }
 
 }  // namespace isonest::detail::cli

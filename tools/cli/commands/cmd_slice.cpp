@@ -15,6 +15,7 @@
 #include "tools/cli/command.h"
 #include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/fields.h"
+#include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/units.h"
 #include "tools/drawing/png_writer.h"
 #include "tools/drawing/slice_picture.h"
@@ -27,6 +28,7 @@ struct SliceArguments {
     WorldPlane plane;
     SlicePictureOptions picture;  ///< its contours also if no picture is drawn
     bool has_range = false;
+    RemoteArguments remote;
 };
 
 /// Whether the plane has a point of the volume.
@@ -95,7 +97,7 @@ ExtractReport run_slice(const Store& store, const SliceArguments& a, MeshSink& s
 
 Result run(SliceArguments& a, Progress& progress) {
     require_suitable_cells(a.extract);
-    const Store store(a.extract.store);
+    const Store store = open_store(a.extract.store, a.remote, a.extract.options.memory, progress);
     if (!a.has_range) {
         a.picture.low = store.min_value();
         a.picture.high = store.max_value();
@@ -131,6 +133,7 @@ Result run(SliceArguments& a, Progress& progress) {
     if (r.triangles == 0) {
         result.text += empty_slice(store, a, lines);
     }
+    add_fetched(store, result);
     return result;
 }
 
@@ -160,7 +163,8 @@ void add_slice(CLI::App& app, Invocation& chosen) {
          "isonest slice scan.isonest --plane 1,1,0,90 --error-relative 0.02 -o oblique.vtp\n"
          "isonest slice scan.isonest --plane 0,1,0,40 -o lines.png --contours 80,120,160\n"
          "isonest slice scan.isonest --plane 0,1,0,40 -o lines.vtp --contours 80,120,160"});
-    c->add_option("STORE", a->extract.store, "made by isonest preprocess")->required();
+    c->add_option("STORE", a->extract.store, "made by isonest preprocess: a file or a URL")
+        ->required();
     add_extract_options(c, a->extract);
     a->extract.is_slice = true;
     add_cells_option(c, a->extract);
@@ -209,8 +213,11 @@ void add_slice(CLI::App& app, Invocation& chosen) {
     c->add_option("-o,--output", a->extract.mesh, "the mesh or picture to write")
         ->required()
         ->type_name("OUT");
+    add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
-        chosen.run = [a](Progress& progress) { return run(*a, progress); };
+        chosen.run = [a](Progress& progress) {
+            return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
+        };
         chosen.stages = {{"extract", "cutting", 0.6}, {"write mesh", "writing", 0.4}};
     });
 }

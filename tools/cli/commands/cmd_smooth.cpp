@@ -12,9 +12,11 @@
 
 #include "query/finite_elements/nonlinear_diffusion.h"
 #include "store/base/memory_budget.h"
+#include "store/remote/open_location.h"
 #include "tools/cli/command.h"
 #include "tools/cli/commands/smooth_outputs.h"
 #include "tools/cli/commands/volume_values.h"
+#include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/terminal/leftovers.h"
@@ -35,7 +37,21 @@ struct SmoothArguments {
     std::vector<int> size{800, 800};
     std::uint64_t memory = std::uint64_t{1} << 30U;
     bool force = false;
+    RemoteArguments remote;
 };
+
+/// A store, or a volume file.
+VolumeValues open_values(SmoothArguments& a, Progress& progress) {
+    try {
+        return VolumeValues(
+            std::make_shared<const Store>(open_store(a.input, a.remote, a.memory, progress)));
+    } catch (const Error& error) {
+        if (!is_no_store(error)) {
+            throw;
+        }
+    }
+    return {open_volume(a.input, a.source), a.input};
+}
 
 /// The names that will be written, before any work.
 std::vector<std::filesystem::path> names_of(const SmoothArguments& a) {
@@ -119,7 +135,8 @@ Result run(SmoothArguments& a, Progress& progress) {
     }
     const auto start = std::chrono::steady_clock::now();
     a.source.max_heap = a.memory / 4;
-    VolumeValues input(a.input, a.source);
+    VolumeValues input = open_values(a, progress);
+    a.input = shown_location(a.input);
     const VolumeDescription d = input.describe();
     SmoothedPlace place{Lattice(d.nodes), d.spacing, d.origin,  d.direction, 0,     1,
                         a.colors,         a.size[0], a.size[1], a.force,     d.unit};
@@ -173,6 +190,9 @@ Result run(SmoothArguments& a, Progress& progress) {
                         human_range(work.last().least, work.last().largest), work.last().mean);
     }
     result.text += '\n';
+    if (input.store() != nullptr) {
+        add_fetched(*input.store(), result);
+    }
     return result;
 }
 
@@ -213,7 +233,8 @@ void add_smooth(CLI::App& app, Invocation& chosen) {
          "isonest smooth scan.nrrd --steps 10 --tau 1 --lambda 20 -o smooth.nrrd\n"
          "isonest smooth map.raw --dims 2401,1201 --type float32 --steps 20 --tau 1 --lambda 5 \\\n"
          "    --threshold 1 --snapshots 0,5,10 --grid grid.png -o map.png"});
-    c->add_option("INPUT", a->input, "a volume that preprocess reads, or a store")->required();
+    c->add_option("INPUT", a->input, "a volume that preprocess reads, or a store, a file or a URL")
+        ->required();
     add_source_options(c, a->source);
     add_parsed(
         c, "--steps",
@@ -272,8 +293,12 @@ void add_smooth(CLI::App& app, Invocation& chosen) {
     c->add_flag("--force", a->force, "replace existing files");
     add_memory(c, a->memory);
     add_threads(c, a->diffusion.threads);
-    c->callback(
-        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+    add_remote_options(c, a->remote);
+    c->callback([a, &chosen] {
+        chosen.run = [a](Progress& progress) {
+            return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
+        };
+    });
 }
 
 }  // namespace isonest::detail::cli

@@ -15,6 +15,7 @@
 #include "tools/cli/command.h"
 #include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/fields.h"
+#include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/terminal/leftovers.h"
 #include "tools/drawing/plot.h"
@@ -26,6 +27,7 @@ struct StudyArguments {
     std::string store;
     std::string folder;
     StudyOptions study;
+    RemoteArguments remote;
 };
 
 using Value = double (*)(const StudyRow&);
@@ -223,7 +225,8 @@ std::vector<StudyField> parse_study_fields(const std::string& text) {
 }
 
 Result run(StudyArguments& a, Progress& progress) {
-    const StoreReader store(a.store);
+    const Store opened = open_store(a.store, a.remote, a.study.memory, progress);
+    const StoreReader& store = opened.reader();
     if (a.study.fields.empty()) {
         for (const Field field : store.layout().header().fields) {
             if (!is_of_cells(field) || suit_cells(store.layout(), a.study)) {
@@ -271,6 +274,7 @@ Result run(StudyArguments& a, Progress& progress) {
         "{}: study.csv and plots of {} fields at {} thresholds; the finest mesh "
         "has {} elements, the finest grid {} cells\n",
         a.folder, a.study.fields.size(), a.study.steps, s.all_elements, s.all_cells);
+    add_fetched(opened, result);
     return result;
 }
 
@@ -294,7 +298,7 @@ void add_study(CLI::App& app, Invocation& chosen) {
          "isonest study map.isonest --out map-study\n"
          "isonest study head.isonest --fields linf_bar,normal_bar --iso 120 --out head-study\n"
          "isonest study head.isonest --plane 0,0,1,40 --out slice-study"});
-    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    c->add_option("STORE", a->store, "made by isonest preprocess: a file or a URL")->required();
     c->add_option("-o,--out", a->folder, "the folder for the table and the plots")
         ->required()
         ->type_name("FOLDER");
@@ -336,8 +340,12 @@ void add_study(CLI::App& app, Invocation& chosen) {
         "the least threshold [1e-4]", "T");
     add_memory(c, s.memory);
     add_threads(c, s.threads);
-    c->callback(
-        [a, &chosen] { chosen.run = [a](Progress& progress) { return run(*a, progress); }; });
+    add_remote_options(c, a->remote);
+    c->callback([a, &chosen] {
+        chosen.run = [a](Progress& progress) {
+            return run_beside_fetching(a->remote, [&] { return run(*a, progress); });
+        };
+    });
 }
 
 }  // namespace isonest::detail::cli

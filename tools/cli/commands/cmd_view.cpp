@@ -12,7 +12,9 @@
 #include <isonest/error.h>
 #include <isonest/store.h>
 
+#include "store/remote/open_location.h"
 #include "tools/cli/command.h"
+#include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/terminal/interrupt.h"
 #include "tools/view/http_server.h"
@@ -37,6 +39,13 @@ struct ViewArguments {
     bool json = false;
     std::uint64_t memory = std::uint64_t{1} << 30U;
     int threads = 0;
+    RemoteArguments remote;
+};
+
+/// Ends with the server, and shows nothing: who waits for the network are the page's requests.
+class WhileServing : public Progress {
+  public:
+    [[nodiscard]] bool cancelled() const override { return interrupted(); }
 };
 
 bool is_own_machine(const std::string& address) {
@@ -90,24 +99,25 @@ bool open_browser(const std::string& url) {
 }
 
 void announce(const ViewArguments& a, const std::string& url) {
-    const std::string text = a.json
-                                 ? Json{{"url", url}, {"store", a.store}, {"pid", ::getpid()}}.dump(
-                                       -1, ' ', false, Json::error_handler_t::replace) +
-                                       "\n"
-                                 : fmt::format("{}\nCtrl-C ends it.\n", url);
+    const std::string text =
+        a.json ? Json{{"url", url}, {"store", shown_location(a.store)}, {"pid", ::getpid()}}.dump(
+                     -1, ' ', false, Json::error_handler_t::replace) +
+                     "\n"
+               : fmt::format("{}\nCtrl-C ends it.\n", url);
     if (std::fputs(text.c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
         throw Error(ErrorKind::io, "cannot write to standard output");
     }
 }
 
-Result run(const ViewArguments& a) {
+Result run(ViewArguments& a) {
     if (a.memory < kLeastMemory) {
-        throw Error(ErrorKind::limit, {a.store},
+        throw Error(ErrorKind::limit, {shown_location(a.store)},
                     fmt::format("{} of memory are too little for a window",
                                 human_bytes(static_cast<double>(a.memory))),
                     {{RemedyKind::more_memory, fmt::format("{}", kLeastMemory)}});
     }
-    const Store store(a.store);
+    WhileServing serving;
+    const Store store = open_store(a.store, a.remote, a.memory, serving);
     const view::MemoryShares shares(a.memory);
     view::HttpLimits limits;
     limits.answer_bytes = shares.sending;
@@ -139,6 +149,9 @@ Result run(const ViewArguments& a) {
     }
     Result result;
     result.json = {{"url", url}, {"ended", true}};
+    if (store.is_remote()) {
+        result.json["remote"] = fetched_json(store.fetched());
+    }
     return result;
 }
 
@@ -157,8 +170,9 @@ void add_view(CLI::App& app, Invocation& chosen) {
          "a signal, with exit code 0. With --json the first line says the URL.",
          "isonest view scan.isonest\n"
          "isonest view scan.isonest --open\n"
+         "isonest view https://example.org/scan.isonest --cache ~/.cache/isonest:2G\n"
          "isonest view scan.isonest --address 0.0.0.0 --port 8080 --memory 2G"});
-    c->add_option("STORE", a->store, "made by isonest preprocess")->required();
+    c->add_option("STORE", a->store, "made by isonest preprocess: a file or a URL")->required();
     add_parsed(
         c, "--port",
         [a](const std::string& text) {
@@ -175,6 +189,7 @@ void add_view(CLI::App& app, Invocation& chosen) {
     c->add_flag("--open", a->open, "open the page in the desktop's browser");
     add_memory(c, a->memory);
     add_threads(c, a->threads);
+    add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
         chosen.run = [a, &chosen](Progress& /*progress*/) {
             a->json = chosen.json;

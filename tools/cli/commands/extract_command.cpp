@@ -44,7 +44,8 @@ std::unique_ptr<VolumeSource> open_any_volume(const ExtractCommand& a,
         return open_input(a.input, scratch, a.source);
     } catch (const Error& error) {
         const bool is_unknown = !error.remedies().empty() &&
-                                error.remedies().front().kind == RemedyKind::describe_numbers;
+                                (error.remedies().front().kind == RemedyKind::describe_numbers ||
+                                 error.remedies().front().kind == RemedyKind::download);
         if (!is_unknown) {
             throw;
         }
@@ -104,20 +105,27 @@ SurfaceQuery ExtractCommand::surface_query(const Store* others) const {
     return query;
 }
 
+std::optional<Store> open_values(ExtractCommand& arguments, Progress& progress) {
+    std::optional<Store> others;
+    if (!arguments.values.empty()) {
+        others.emplace(open_store(arguments.values, arguments.remote,
+                                  arguments.extract.options.memory, progress,
+                                  arguments.input.front()));
+    }
+    return others;
+}
+
 Result extract_volume_file(ExtractCommand arguments, bool has_iso, Progress& progress) {
     require_no_store(arguments, has_iso);
     ExtractArguments& a = arguments.extract;
     a.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());
+    const std::optional<Store> others = open_values(arguments, progress);
     const ExtractOptions options = options_of(a);
     // As preprocess does: a quarter of the budget for chunks of the input.
     arguments.source.max_heap = options.memory / 4;
     const std::unique_ptr<VolumeSource> volume = open_any_volume(arguments, options.scratch);
     const VolumeDescription description = volume->describe();
     arguments.distance.resolve(description.unit, description.name);
-    std::optional<Store> others;
-    if (!arguments.values.empty()) {
-        others.emplace(arguments.values);
-    }
     const SurfaceQuery query = arguments.surface_query(others ? &*others : nullptr);
     const std::unique_ptr<MeshSink> sink = open_mesh_file(a.mesh, {.replace = true});
     const ExtractReport report = isonest::extract(*volume, query, *sink, options, progress);

@@ -13,6 +13,7 @@
 #include "tools/cli/options/extract_options.h"
 #include "tools/cli/options/isovalue_option.h"
 #include "tools/cli/options/label_options.h"
+#include "tools/cli/options/remote_options.h"
 
 namespace isonest::detail::cli {
 
@@ -33,6 +34,7 @@ struct ExtractCommand {
     std::vector<std::string> input;  ///< a store, or a volume
     SourceOptions source;            ///< how to read a volume
     std::string source_option = {};  ///< one of them that was given, or empty
+    RemoteArguments remote = {};
 
     /// What surfaces and graphs have. `values`: the store of vertex values, or null.
     template <class Query>
@@ -69,5 +71,9 @@ Result result_of(const ExtractOrigin& origin, const ExtractCommand& arguments,
 /// The surface of a volume file. Throws what open_volume() and extract() throw, and
 /// Error{invalid_argument} for what needs a store.
 Result extract_volume_file(ExtractCommand arguments, bool has_iso, Progress& progress);
+
+/// The store of vertex values, if one was asked for. It is open as long as `progress` is there.
+/// Throws what open_store() throws.
+std::optional<Store> open_values(ExtractCommand& arguments, Progress& progress);
 
 }  // namespace isonest::detail::cli

@@ -12,6 +12,7 @@
 #include "store/base/box.h"
 #include "store/container/chunk_cache.h"
 #include "store/container/gather.h"
+#include "store/container/reader.h"
 
 namespace isonest::detail::cli {
 namespace {
@@ -32,25 +33,17 @@ bool is_no_store(const Error& error) {
                        [](const Remedy& r) { return r.kind == RemedyKind::make_store; });
 }
 
-VolumeValues::VolumeValues(const std::string& path, const SourceOptions& options) : path_(path) {
-    try {
-        store_ = std::make_unique<StoreReader>(path);
-    } catch (const Error& error) {
-        if (!is_no_store(error)) {
-            throw;
-        }
-        source_ = open_volume(path, options);
-    }
-}
+VolumeValues::VolumeValues(std::shared_ptr<const Store> store)
+    : path_(store->path().string()), store_(std::move(store)) {}
 
-VolumeValues::VolumeValues(std::unique_ptr<VolumeSource> source)
-    : path_(source->describe().name), source_(std::move(source)) {}
+VolumeValues::VolumeValues(std::unique_ptr<VolumeSource> source, std::string name)
+    : path_(std::move(name)), source_(std::move(source)) {}
 
 VolumeDescription VolumeValues::describe() const {
     if (source_) {
         return source_->describe();
     }
-    const StoreHeader& h = store_->layout().header();
+    const StoreHeader& h = store_->reader().layout().header();
     return {h.nodes, h.type, h.spacing, h.origin, path_, h.direction, false, h.unit};
 }
 
@@ -64,7 +57,8 @@ std::uint64_t VolumeValues::heap() const {
     const std::uint64_t slab =
         static_cast<std::uint64_t>(d.nodes.x * d.nodes.y * planes_at_once(d, multiple)) *
         size_of(d.type);
-    return slab + (source_ ? source_->heap() : kSlab + 4 * largest_chunk_bytes(store_->layout()));
+    return slab +
+           (source_ ? source_->heap() : kSlab + 4 * largest_chunk_bytes(store_->reader().layout()));
 }
 
 std::vector<float> VolumeValues::read(Progress& progress) {
@@ -74,7 +68,7 @@ std::vector<float> VolumeValues::read(Progress& progress) {
     progress.begin("read", static_cast<std::uint64_t>(d.nodes.z), "planes");
     std::unique_ptr<ChunkCache> cache;
     if (store_) {
-        cache = std::make_unique<ChunkCache>(*store_, kSlab);
+        cache = std::make_unique<ChunkCache>(store_->reader(), kSlab);
     }
     dispatch(d.type, [&](auto tag) {
         using T = typename decltype(tag)::type;
@@ -86,7 +80,7 @@ std::vector<float> VolumeValues::read(Progress& progress) {
                 source_->read(z, count, 0, d.nodes.y,
                               reinterpret_cast<std::byte*>(slab.data.data()));
             } else {
-                gather_values(*cache, store_->layout().array(0, Field::values), slab);
+                gather_values(*cache, store_->reader().layout().array(0, Field::values), slab);
             }
             float* const to = values.data() + d.nodes.linear({0, 0, z});
             for (std::size_t i = 0; i < slab.data.size(); ++i) {

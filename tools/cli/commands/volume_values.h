@@ -10,8 +10,7 @@
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 #include <isonest/progress.h>
-
-#include "store/container/reader.h"
+#include <isonest/store.h>
 
 namespace isonest::detail::cli {
 
@@ -21,11 +20,13 @@ bool is_no_store(const Error& error);
 /// A volume file, or the finest level of a store.
 class VolumeValues {
   public:
-    /// Throws what open_volume() and StoreReader throw.
-    VolumeValues(const std::string& path, const SourceOptions& options);
-    explicit VolumeValues(std::unique_ptr<VolumeSource> source);
+    /// The finest level.
+    explicit VolumeValues(std::shared_ptr<const Store> store);
+    /// `name`: for messages.
+    VolumeValues(std::unique_ptr<VolumeSource> source, std::string name);
 
     [[nodiscard]] VolumeDescription describe() const;
+    [[nodiscard]] const Store* store() const { return store_.get(); }
     /// Files that are read.
     [[nodiscard]] std::vector<std::filesystem::path> files() const;
     /// Bytes that reading takes beside the values.
@@ -36,7 +37,7 @@ class VolumeValues {
 
   private:
     std::string path_;
-    std::unique_ptr<StoreReader> store_;
+    std::shared_ptr<const Store> store_;
     std::unique_ptr<VolumeSource> source_;
 };
 

@@ -150,6 +150,8 @@ Phrase phrase_of(RemedyKind kind) {
             return {"try_later", "", "try again later", "", ""};
         case RemedyKind::open_again:
             return {"open_again", "", "run again", "", ""};
+        case RemedyKind::download:
+            return {"download", "", "download it first (curl -O URL)", "", ""};
     }
     return {"unknown", "", "{}", "", ""};
 }

@@ -15,7 +15,7 @@ import tempfile
 from typing import Any, Optional, Sequence, Union, overload
 
 from . import _core, _marching, _sources
-from ._arguments import Bytes, Progress, reporting, to_bytes
+from ._arguments import Bytes, Headers, Progress, reporting, to_bytes
 from ._core import (Analysis, CheckReport, Finding, PreprocessReport, Report, SmoothStep, StoredArray, StudyRow,
                     TriangleQuality)
 from ._errors import (CancelledError, CorruptError, Error, InputOutputError, InvalidArgumentError, LimitError,
@@ -85,15 +85,23 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         return _core.preprocess(source, os.fspath(store), options, report)
 
 
-def open(path: "os.PathLike[str] | str") -> Store:
-    """Opens a store. It is mapped, not read: only what is asked for is read from it."""
-    return Store(path)
+def open(path: "os.PathLike[str] | str", *, headers: Headers = None,
+         cache: "os.PathLike[str] | str | None" = None, memory: Bytes = "64M") -> Store:
+    """Opens a store, a file or a URL (https://, http://, s3://bucket/key). A file is mapped, not read: only what is
+    asked for is read from it. Of an object at a URL only what is asked for is fetched.
+
+    Of a store at a URL: headers are sent with each request, to its own server alone. cache: a folder that keeps what
+    was fetched for other runs, "FOLDER:SIZE" with its largest size (else 4G). memory: bytes of what was fetched that
+    are kept, beside the memory of queries. :attr:`Store.fetched` says what was fetched.
+    """
+    return Store(path, headers=headers, cache=cache, memory=memory)
 
 
-def view(path: "os.PathLike[str] | str", *, port: int = 0, memory: Bytes = "1G", threads: int = 0,
+def view(path: "os.PathLike[str] | str", *, headers: Headers = None,
+         cache: "os.PathLike[str] | str | None" = None, port: int = 0, memory: Bytes = "1G", threads: int = 0,
          open: Optional[bool] = None, height: int = 600, program: "os.PathLike[str] | str | None" = None) -> View:
-    """Shows a store in a window of the browser; the arguments are those of :meth:`Store.view`."""
-    with Store(path) as store:
+    """Shows a store in a window of the browser; the arguments are those of :func:`open` and :meth:`Store.view`."""
+    with Store(path, headers=headers, cache=cache) as store:
         return store.view(port=port, memory=memory, threads=threads, open=open, height=height, program=program)
 
 

@@ -2,8 +2,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
-from typing import Any, Callable, Iterator, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Iterator, Mapping, Optional, Sequence, Tuple, Union
 
 Point = Sequence[float]
 """Three numbers, in the order of the array's axes (z, y, x) or, in world coordinates, (x, y, z)."""
@@ -14,8 +15,11 @@ Bytes = Union[int, str]
 ProgressFunction = Callable[[str, int, int, str], Any]
 """Called as ``function(phase, done, total, unit)`` with the unit "B" for bytes, else a plural noun."""
 Progress = Union[None, bool, ProgressFunction]
+Headers = Union[None, Mapping[str, str], Sequence[str]]
+"""A dict of names and values, or texts "Name: value"."""
 
 _BYTES = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?)\s*([KMGT]?)(?:I?B)?\s*", re.IGNORECASE)
+_HEADER = re.compile(r"[-!#$%&'*+.^_`|~0-9A-Za-z]+:[^\x00-\x08\x0a-\x1f\x7f]*")
 _LENGTH = re.compile(r"\s*([0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(\D+?)\s*")
 _DISTANCE = re.compile(r"\s*([0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(voxels?)?\s*")
 
@@ -30,6 +34,31 @@ def to_bytes(memory: Bytes) -> int:
     if memory < 0:
         raise ValueError(f"memory={memory!r}: give a number of bytes")
     return int(memory)
+
+
+def to_cache(cache: "os.PathLike[str] | str | None") -> "tuple[str, int]":
+    """A folder, empty without one, and the bytes that it holds at most. "FOLDER:SIZE" is a text."""
+    most = 2**30
+    folder = os.fspath(cache) if cache is not None else ""
+    if isinstance(cache, str):
+        name, colon, size = cache.rpartition(":")
+        if colon and _BYTES.fullmatch(size):
+            folder, most = name, to_bytes(size)
+        folder = os.path.expanduser(folder)
+    if cache is not None and (not folder or most == 0):
+        raise ValueError(f"cache={cache!r}: give a folder, or a text such as 'FOLDER:2G'")
+    return folder, most
+
+
+def to_header_lines(headers: Headers) -> "list[str]":
+    """Each as "Name: value". What is refused is not quoted, as it may be secret."""
+    if isinstance(headers, str):
+        raise TypeError("headers: give a dict of names and values, or a list of texts 'Name: value'")
+    lines = [f"{name}: {value}" for name, value in headers.items()] if isinstance(headers, Mapping) \
+        else list(headers or ())
+    if not all(isinstance(line, str) and _HEADER.fullmatch(line) for line in lines):
+        raise ValueError("headers: give a dict of names and values, or a list of texts 'Name: value'")
+    return lines
 
 
 def in_own_unit(distance: Union[None, float, str], store: Any) -> Union[None, float, str]:

@@ -3,12 +3,13 @@ from __future__ import annotations
 
 import os
 import pathlib
+import warnings
 from typing import Any, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
 from . import _core, _sources, _view
-from ._arguments import Bytes, Point, Progress, backwards, reporting, to_bytes
+from ._arguments import Bytes, Headers, Point, Progress, backwards, reporting, to_bytes, to_cache, to_header_lines
 from ._core import Analysis, CheckReport, StoredArray, StudyRow
 from ._extracting import Extracting
 from ._frame import Directions, Frame
@@ -59,11 +60,21 @@ class Study(NamedTuple):
     """Field by field, thresholds falling."""
 
 
+def _open_again(location: str, access: "dict[str, Any]") -> "Store":
+    return Store(location, **access)
+
+
 class Store(Extracting):
     """A store, open for reading; see :func:`isonest.open`. Any number of threads may use it at once."""
 
-    def __init__(self, path: "os.PathLike[str] | str") -> None:
-        self._core = _core.Store(os.fspath(path))
+    def __init__(self, path: "os.PathLike[str] | str", *, headers: Headers = None,
+                 cache: "os.PathLike[str] | str | None" = None, memory: Bytes = "64M") -> None:
+        lines = to_header_lines(headers)
+        self._core = _core.Store(os.fspath(path), lines, *to_cache(cache), to_bytes(memory))
+        if self._core.cache_warning:
+            warnings.warn(self._core.cache_warning, RuntimeWarning, stacklevel=3)
+        self._location = os.fspath(path)
+        self._access = {"headers": lines, "cache": cache, "memory": memory}
 
     def close(self) -> None:
         """Closes the file. Meshes and arrays that came from it stay."""
@@ -76,7 +87,8 @@ class Store(Extracting):
         self.close()
 
     def __reduce__(self) -> Any:
-        return Store, (str(self.path),)
+        # Of a store elsewhere with all that opens it, credentials among it.
+        return (_open_again, (self._location, self._access)) if self._core.is_remote else (Store, (str(self.path),))
 
     def __repr__(self) -> str:
         if self._core.closed:
@@ -84,9 +96,16 @@ class Store(Extracting):
         return f"<isonest.Store {str(self.path)!r}: {self.shape} {self.dtype}, {self.levels} levels>"
 
     @property
-    def path(self) -> pathlib.Path:
-        """The file."""
-        return pathlib.Path(self._core.path)
+    def path(self) -> "Union[pathlib.Path, str]":
+        """The file; of a store elsewhere the URL, without credentials and query."""
+        return self._core.name if self._core.is_remote else pathlib.Path(self._core.name)
+
+    @property
+    def fetched(self) -> "dict[str, int]":
+        """What was fetched over a network until now, by all queries together: ``remote_bytes``, ``requests``,
+        ``round_trips`` (times that somebody had to wait), and ``cache_bytes``, which came from the cache on disk
+        instead. All 0 for a file."""
+        return self._core.fetched
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -310,5 +329,7 @@ class Store(Extracting):
         Raises FileNotFoundError if there is no program, and what the program says as subclasses of
         :class:`isonest.Error`.
         """
-        return _view.start(self.path, port=port, memory=memory, threads=threads, open=open, height=height,
-                           program=program)
+        return _view.start(self._location if self._core.is_remote else self.path, shown=str(self.path), port=port,
+                           memory=memory, threads=threads, open=open, height=height, program=program,
+                           **({"headers": self._access["headers"], "cache": self._access["cache"]}
+                              if self._core.is_remote else {}))

@@ -18,7 +18,7 @@ import webbrowser
 from typing import IO, Any, Optional
 
 from . import _errors
-from ._arguments import Bytes, to_bytes
+from ._arguments import Bytes, to_bytes, to_cache
 
 _BESIDE = pathlib.Path(os.path.abspath(__file__)).parent / "bin" / "isonest"
 """Where a wheel and a build tree have the program. In the latter this file is a link."""
@@ -37,7 +37,7 @@ class View:
     block, when nothing refers to it any more, and with this process: keep it as long as it is looked at.
     """
 
-    def __init__(self, process: "subprocess.Popen[bytes]", errors: "IO[bytes]", store: pathlib.Path, url: str,
+    def __init__(self, process: "subprocess.Popen[bytes]", errors: "IO[bytes]", store: str, url: str,
                  height: int) -> None:
         self._process = process
         self._errors = errors
@@ -82,42 +82,53 @@ class View:
         self.close()
 
     def __repr__(self) -> str:
-        return f"<isonest.View of {str(self._store)!r}{', closed' if self.closed else f' at {self._url}'}>"
+        return f"<isonest.View of {self._store!r}{', closed' if self.closed else f' at {self._url}'}>"
 
     def _repr_html_(self) -> str:
         if self.closed:
             return f"<p>{html.escape(repr(self))}</p>"
-        url, name = html.escape(self._url), html.escape(self._store.name)
+        url, name = html.escape(self._url), html.escape(self._store.rpartition("/")[2])
         return (f'<iframe src="{url}" title="isonest: {name}" width="100%" height="{self._height}" '
                 f'style="border: 0" allow="clipboard-write"></iframe>'
                 f'<p><a href="{url}" target="_blank" rel="noopener">{name} in a tab of its own</a></p>')
 
 
-def start(store: "os.PathLike[str] | str", *, port: int, memory: Bytes, threads: int, open: Optional[bool],
-          height: int, program: "os.PathLike[str] | str | None") -> View:
-    """What :meth:`isonest.Store.view` does."""
+def start(store: "os.PathLike[str] | str", *, shown: str, port: int, memory: Bytes, threads: int, open: Optional[bool],
+          height: int, program: "os.PathLike[str] | str | None", headers: "Optional[list[str]]" = None,
+          cache: "os.PathLike[str] | str | None" = None) -> View:
+    """What :meth:`isonest.Store.view` does. ``headers``: None for a file."""
     for name, number, least, most in (("port", port, 0, 65535), ("threads", threads, 0, 4096),
                                       ("height", height, 1, 100_000)):
         if not least <= number <= most:
             raise ValueError(f"{name}={number!r}: give a number from {least} to {most}")
-    path = pathlib.Path(os.path.abspath(store))
+    location = os.path.abspath(store) if headers is None else os.fspath(store)
     found = _find_program(program)
-    command = [*_ending_with_us(), found, "view", str(path), "--json", "--token", "--port", str(int(port)),
+    command = [*_ending_with_us(), found, "view", location, "--json", "--token", "--port", str(int(port)),
                "--memory", str(to_bytes(memory)), "--threads", str(int(threads))]
+    if cache:
+        command += ["--cache", "{}:{}".format(*to_cache(cache))]
     errors = tempfile.TemporaryFile()
+    # Not on the command line, which other users may see.
+    secrets = tempfile.TemporaryFile()
+    if headers:
+        secrets.write("\n".join(headers).encode())
+        secrets.flush()
+        command += ["--header", f"@/dev/fd/{secrets.fileno()}"]
     try:
         # In a session of its own: Ctrl-C in a terminal, or a notebook's "interrupt", ends the work and not the window.
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors,
-                                   start_new_session=True)
+                                   start_new_session=True, pass_fds=[secrets.fileno()] if headers else [])
     except BaseException:
         errors.close()
         raise
+    finally:
+        secrets.close()
     try:
         url = _url(process, found, errors)
     except BaseException:
         _end(process, errors, os.getpid())
         raise
-    view = View(process, errors, path, url, int(height))
+    view = View(process, errors, shown if headers is not None else location, url, int(height))
     if (not _in_notebook() if open is None else open) and not webbrowser.open(url):
         warnings.warn(f"no browser could be opened: open {url} by hand", RuntimeWarning, stacklevel=3)
     return view

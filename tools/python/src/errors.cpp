@@ -97,7 +97,7 @@ std::string_view words_of(RemedyKind kind) {
         case RemedyKind::check_url:
             return "check the URL";
         case RemedyKind::give_credentials:
-            return "give credentials in {}";
+            return "give credentials in {} or with headers=";
         case RemedyKind::set_variable:
             return "set {} in the environment";
         case RemedyKind::serve_ranges:
@@ -107,6 +107,8 @@ std::string_view words_of(RemedyKind kind) {
             return "try again later";
         case RemedyKind::open_again:
             return "open it again";
+        case RemedyKind::download:
+            return "download it first";
     }
     return "";
 }

@@ -1,11 +1,13 @@
 #include "tools/python/src/progress.h"
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <exception>
 #include <mutex>
+#include <set>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -26,9 +28,32 @@ struct Phase {
     std::uint64_t done = 0;
 };
 
+class WatchedProgress;
+
+/// What is running, of all threads of Python.
+struct Running {
+    std::mutex mutex;
+    std::set<const WatchedProgress*> all;
+};
+
+Running& running() {
+    static Running instance;
+    return instance;
+}
+
 /// What the work says, for whoever looks now and then.
 class WatchedProgress : public Progress {
   public:
+    WatchedProgress() {
+        const std::lock_guard lock(running().mutex);
+        running().all.insert(this);
+    }
+    WatchedProgress(const WatchedProgress&) = delete;
+    WatchedProgress& operator=(const WatchedProgress&) = delete;
+    ~WatchedProgress() override {
+        const std::lock_guard lock(running().mutex);
+        running().all.erase(this);
+    }
     void begin(std::string_view phase, std::uint64_t total, std::string_view unit) override {
         const std::lock_guard lock(mutex_);
         const std::uint64_t done = done_.exchange(0);
@@ -131,6 +156,16 @@ class Worker {
 };
 
 }  // namespace
+
+void check_running() {
+    const std::lock_guard lock(running().mutex);
+    const auto& all = running().all;
+    if (!all.empty() && std::all_of(all.begin(), all.end(), [](const WatchedProgress* progress) {
+            return progress->cancelled();
+        })) {
+        (*all.begin())->check();
+    }
+}
 
 void run_watched(const py::object& report, const std::function<void(Progress&)>& work) {
     WatchedProgress progress;

@@ -18,4 +18,8 @@ namespace py = pybind11;
 /// what the work throws. REQUIRES: the GIL is held.
 void run_watched(const py::object& report, const std::function<void(Progress&)>& work);
 
+/// Throws Error{cancelled} if work is running and all of it was cancelled: for waits of a store
+/// that many may query at once. Thread-safe; without the GIL.
+void check_running();
+
 }  // namespace isonest::python

@@ -174,7 +174,9 @@ py::tuple as_tuple(Smoothed&& s) {
 }
 
 py::tuple smooth_source(Source& source, const SmoothOptions& options, const py::object& progress) {
-    VolumeValues input(source.take());
+    std::unique_ptr<VolumeSource> volume = source.take();
+    const std::string name = volume->describe().name;
+    VolumeValues input(std::move(volume), name);
     Smoothed result;
     run_watched(progress, [&](Progress& p) { result = smooth_values(input, options, p); });
     return as_tuple(std::move(result));
@@ -182,7 +184,7 @@ py::tuple smooth_source(Source& source, const SmoothOptions& options, const py::
 
 py::tuple smooth_store(const OpenStore& store, const SmoothOptions& options,
                        const py::object& progress) {
-    VolumeValues input(store.get()->path().string(), SourceOptions{});
+    VolumeValues input(store.get());
     Smoothed result;
     run_watched(progress, [&](Progress& p) { result = smooth_values(input, options, p); });
     return as_tuple(std::move(result));

@@ -37,6 +37,27 @@ namespace {
 
 using Numbers = std::array<std::int64_t, 3>;
 
+std::unique_ptr<OpenStore> open_store(const std::filesystem::path& location,
+                                      const std::vector<std::string>& headers,
+                                      const std::filesystem::path& cache, std::uint64_t cache_bytes,
+                                      std::uint64_t memory) {
+    if (!is_url(location.native())) {
+        const py::gil_scoped_release without;
+        return std::make_unique<OpenStore>(std::make_shared<const Store>(location));
+    }
+    RemoteAccess remote;
+    remote.headers = headers;
+    remote.cache = cache;
+    remote.cache_bytes = cache_bytes;
+    remote.memory = memory;
+    remote.check = check_running;
+    std::shared_ptr<const Store> store;
+    run_watched(py::none(), [&](Progress& /*progress*/) {
+        store = std::make_shared<const Store>(location, remote);
+    });
+    return std::make_unique<OpenStore>(std::move(store));
+}
+
 /// Those of the level's nodes that lie in the volume: every 2^level-th.
 Int3 nodes_of(const Store& store, int level) {
     if (level < 0 || level >= store.levels()) {
@@ -189,14 +210,24 @@ void add_histogram(py::module_& module) {
 void add_stores(py::module_& module) {
     using namespace py::literals;
     py::class_<OpenStore>(module, "Store")
-        .def(py::init([](const std::filesystem::path& path) {
-                 const py::gil_scoped_release without;
-                 return std::make_unique<OpenStore>(path);
-             }),
-             "path"_a)
+        .def(py::init(&open_store), "location"_a, "headers"_a, "cache"_a, "cache_bytes"_a,
+             "memory"_a)
         .def("close", &OpenStore::close)
         .def_property_readonly("closed", &OpenStore::closed)
-        .def_property_readonly("path", [](const OpenStore& s) { return s.get()->path(); })
+        .def_property_readonly("name", [](const OpenStore& s) { return s.get()->path().string(); })
+        .def_property_readonly("is_remote", [](const OpenStore& s) { return s.get()->is_remote(); })
+        .def_property_readonly("cache_warning",
+                               [](const OpenStore& s) { return s.get()->cache_warning(); })
+        .def_property_readonly("fetched",
+                               [](const OpenStore& s) {
+                                   const FetchedCounts counts = s.get()->fetched();
+                                   py::dict all;
+                                   all["remote_bytes"] = counts.remote_bytes;
+                                   all["requests"] = counts.requests;
+                                   all["round_trips"] = counts.round_trips;
+                                   all["cache_bytes"] = counts.cache_bytes;
+                                   return all;
+                               })
         .def_property_readonly("shape",
                                [](const OpenStore& s) { return shape_of(s.get()->nodes()); })
         .def_property_readonly("dtype",

@@ -3,8 +3,8 @@
 
 #include <pybind11/pybind11.h>
 
-#include <filesystem>
 #include <memory>
+#include <utility>
 
 #include <isonest/store.h>
 
@@ -15,8 +15,7 @@ namespace py = pybind11;
 /// A store that Python may close while another thread still queries it: the query keeps it open.
 class OpenStore {
   public:
-    explicit OpenStore(const std::filesystem::path& path)
-        : store_(std::make_shared<const Store>(path)) {}
+    explicit OpenStore(std::shared_ptr<const Store> store) : store_(std::move(store)) {}
     /// Throws py::value_error if it is closed.
     [[nodiscard]] std::shared_ptr<const Store> get() const;
     void close() { store_.reset(); }

@@ -1,0 +1,66 @@
+"""A query of a store behind a network with a delay and a rate: seconds, bytes, requests and round trips, without and with a
+cache on disk, beside the same query of the file.
+
+usage: remote.py ISONEST STORE --iso V [--error-relative R] [--delay MS] [--rate MBIT/S] [--runs N]
+The server is tests/support/range_server.py on this machine: the delay comes before each answer and once more for each
+new connection, and all connections share the rate. Runs take turns (cold, warm, local); all figures are medians, the seconds
+those of whole processes. The file is in the page cache.
+"""
+import argparse
+import hashlib
+import json
+import pathlib
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+SERVER = pathlib.Path(__file__).resolve().parents[2] / "tests" / "support" / "range_server.py"
+parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+parser.add_argument("isonest", type=pathlib.Path)
+parser.add_argument("store", type=pathlib.Path)
+parser.add_argument("--iso", required=True)
+parser.add_argument("--error-relative", default="0.05")
+parser.add_argument("--delay", type=float, default=50)
+parser.add_argument("--rate", type=float, default=50)
+parser.add_argument("--runs", type=int, default=5)
+options = parser.parse_args()
+
+with tempfile.TemporaryDirectory(prefix="isonest-bench-") as name:
+    here = pathlib.Path(name)
+    server = subprocess.Popen([sys.executable, SERVER, options.store.resolve().parent, "--delay", str(options.delay),
+                               "--rate", str(options.rate)], stdout=subprocess.PIPE, text=True)
+    url = server.stdout.readline().strip() + options.store.name
+
+    def run(location, *more):
+        mesh = here / "mesh.ply"
+        start = time.monotonic()
+        done = subprocess.run([options.isonest, "extract", location, "--iso", options.iso, "--error-relative",
+                               options.error_relative, "-o", mesh, "--json", *more], stdout=subprocess.PIPE, check=True)
+        seconds = time.monotonic() - start
+        return seconds, json.loads(done.stdout), hashlib.sha256(mesh.read_bytes()).hexdigest()
+
+    try:
+        run(options.store)
+        rows = {"cold": [], "cold, cache": [], "warm cache": [], "file": []}
+        for i in range(options.runs):
+            rows["cold"].append(run(url))
+            rows["cold, cache"].append(run(url, "--cache", here / f"cache{i}"))
+            rows["warm cache"].append(run(url, "--cache", here / f"cache{i}"))
+            rows["file"].append(run(options.store))
+    finally:
+        server.terminate()
+        server.wait()
+
+if len({digest for runs in rows.values() for _, _, digest in runs}) != 1:
+    sys.exit("the meshes differ")
+report = rows["file"][0][1]
+print(f"{report['triangles']} triangles; {report['chunks_read']} chunks of {report['bytes_read'] / 1e6:.3f} MB")
+print("| | seconds | fetched, MB | requests | round trips | from the cache, MB |\n|---|---|---|---|---|---|")
+for row, runs in rows.items():
+    seconds = statistics.median(seconds for seconds, _, _ in runs)
+    fetched = {name: statistics.median_high(said.get("remote", {}).get(name, 0) for _, said, _ in runs)
+               for name in ("remote_bytes", "requests", "round_trips", "cache_bytes")}
+    print(f"| {row} | {seconds:.3f} | {fetched['remote_bytes'] / 1e6:.3f} | {fetched['requests']} | "
+          f"{fetched['round_trips']} | {fetched['cache_bytes'] / 1e6:.3f} |")

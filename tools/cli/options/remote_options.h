@@ -1,0 +1,61 @@
+// The options of commands that read stores: how one is reached that is elsewhere, and what a report
+// says of it.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <isonest/error.h>
+#include <isonest/store.h>
+
+#include "tools/cli/command.h"
+
+namespace isonest::detail::cli {
+
+struct RemoteArguments {
+    std::vector<std::string> headers;  ///< "Name: value"; they may hold secrets
+    std::filesystem::path cache;
+    std::uint64_t cache_bytes = 0;
+    int opened = 0;    ///< stores elsewhere: each has a share of --memory
+    std::string note;  ///< about opening them
+};
+
+/// Adds --header and --cache.
+void add_remote_options(CLI::App* command, RemoteArguments& a);
+
+/// A file or a URL. Of a store elsewhere a quarter of `memory`, from 16 to 256 MiB, is set aside
+/// for what is fetched, and `memory` becomes the rest. `progress` ends its waits, as long as the
+/// store is open. `first`: of a second store, the one whose server the headers are for. Throws what
+/// Store throws.
+Store open_store(const std::string& location, RemoteArguments& a, std::uint64_t& memory,
+                 Progress& progress, const std::string& first = {});
+
+/// {"remote_bytes", "requests", "round_trips", "cache_bytes"}
+Json fetched_json(const FetchedCounts& counts);
+/// "fetched 5.2 MB in 31 requests, 9 round trips; 0 B from the cache", with a line's end.
+std::string fetched_text(const FetchedCounts& counts);
+/// Of a store elsewhere: "remote" and a line of text. Nothing for a file.
+void add_fetched(const Store& store, Result& result);
+
+/// An error that says how much memory is enough, with what is set aside on top.
+Error with_set_aside(const Error& error, const RemoteArguments& a);
+
+/// What run() returns, with the note, or throws; its errors say of --memory what holds with what is
+/// set aside.
+template <class Run>
+Result run_beside_fetching(const RemoteArguments& a, const Run& run) {
+    try {
+        Result result = run();
+        if (!a.note.empty() && !result.json.is_null()) {
+            result.text += "note: " + a.note + "\n";
+            result.json["remote_note"] = a.note;
+        }
+        return result;
+    } catch (const Error& error) {
+        throw with_set_aside(error, a);
+    }
+}
+
+}  // namespace isonest::detail::cli
