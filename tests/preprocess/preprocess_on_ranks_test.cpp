@@ -195,14 +195,14 @@ TEST_CASE("any number of ranks writes the bytes of one process, for all types") 
 }
 
 TEST_CASE("any number of ranks writes the bytes of one process, with missing values") {
-    require_same_bytes<float>(
-        {33, 50, 68},
-        [](const Int3& p) {
-            return noise(p, 3) < 0.01 || (p.y > 20 && p.z > 30)
-                       ? std::numeric_limits<float>::quiet_NaN()
-                       : rough(p);
-        },
-        with_chunk(8));
+    const auto with_holes = [](const Int3& p) {
+        return noise(p, 3) < 0.01 || (p.y > 20 && p.z > 30)
+                   ? std::numeric_limits<float>::quiet_NaN()
+                   : rough(p);
+    };
+    require_same_bytes<float>({33, 50, 68}, with_holes, with_chunk(8));
+    // Exact indicators, and whole chunks of them missing.
+    require_same_bytes<float>({33, 50, 68}, with_holes, with_chunk(8, true), {2, 7});
 }
 
 TEST_CASE("any number of ranks writes the bytes of one process, for all choices of indicators") {
