@@ -221,6 +221,11 @@ Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progres
     }
     const std::optional<Store> others = open_values(arguments, progress);
     const Store* const values = others ? &*others : nullptr;
+    if (ranks != nullptr) {
+        require_same_store(
+            *ranks, values != nullptr ? &values->reader() : nullptr,
+            values != nullptr ? shown_location(arguments.values) : "--vertex-values");
+    }
     Result result = ranks == nullptr ? extract_store(*store, arguments, values, has_iso, progress)
                                      : extract_store_on_ranks(*ranks, *store, arguments, values,
                                                               has_iso, progress);
