@@ -331,7 +331,12 @@ void run_all_passes(RankWork& work, VolumeSource& source) {
     const PassContext context{layout, work.centres};
     run_base<T>(work, source, context);
     if (work.earlier != nullptr) {
-        // The journals of this run have all of it by now, on whichever ranks.
+        // The journals of this run have all of it by now, on whichever ranks: on the disk, for the
+        // earlier ones go.
+        if (work.journal != nullptr && work.resumed_chunks > 0) {
+            work.chunks.sync();
+            work.journal->sync();
+        }
         work.ranks.meet();
         work.earlier->remove();
     }
