@@ -54,7 +54,7 @@ std::filesystem::path journal_name(const std::filesystem::path& scratch,
 }
 
 /// From the first pass to the finished store.
-RanksReport run_to_the_end(RankWork& work, VolumeSource& source, const std::filesystem::path& store,
+RanksReport run_to_the_end(PassWork& work, VolumeSource& source, const std::filesystem::path& store,
                            const std::filesystem::path& unfinished,
                            std::span<const LabelName> label_names, StoreWriter* writer,
                            std::chrono::steady_clock::time_point start) {
@@ -152,7 +152,7 @@ RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
     } else {
         chunks.emplace(folder);
     }
-    RankWork work{ranks,         layout,  pencils, budget,  workers,
+    PassWork work{ranks,         layout,  pencils, budget,  workers,
                   folder.path(), centres, levels,  *chunks, progress};
     work.earlier = earlier ? &*earlier : nullptr;
     work.journal = journal ? &*journal : nullptr;
