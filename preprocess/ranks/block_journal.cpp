@@ -179,7 +179,8 @@ EarlierBlocks::~EarlierBlocks() {
 }
 
 void EarlierBlocks::read_journal(const std::filesystem::path& name, const std::string& identity) {
-    Journal journal{name, ::open(name.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW), -1};
+    // On NFS only what may be written can be locked against others.
+    Journal journal{name, ::open(name.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW), -1};
     if (journal.blocks < 0) {
         return;
     }
@@ -316,8 +317,12 @@ std::vector<EncodedChunk> EarlierBlocks::load(const Int3& block, CentreStore& ce
 void EarlierBlocks::remove() const {
     std::error_code ignored;
     for (const Journal& journal : journals_) {
-        std::filesystem::remove(journal.name, ignored);
-        std::filesystem::remove(chunks_name(journal.name), ignored);
+        // A refused change of a lock need not give the old one up, and others wait for that.
+        ::flock(journal.blocks, LOCK_UN);
+        if (::flock(journal.blocks, LOCK_EX | LOCK_NB) == 0) {
+            std::filesystem::remove(journal.name, ignored);
+            std::filesystem::remove(chunks_name(journal.name), ignored);
+        }
     }
 }
 

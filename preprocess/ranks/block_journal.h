@@ -38,6 +38,8 @@ class BlockJournal {
     /// ranges of cubes are in the store of centres. Throws Error{io}.
     void add(const Int3& block, std::span<const EncodedChunk> chunks, std::uint64_t offset);
     void keep() { file_.keep(); }
+    /// Throws Error{io}.
+    void sync() const { file_.sync(); }
 
   private:
     const StoreLayout* layout_;
@@ -63,7 +65,8 @@ class EarlierBlocks {
     /// Its chunks; its centres and ranges of cubes go into `centres`. REQUIRES: has_whole().
     /// Throws Error{io}.
     std::vector<EncodedChunk> load(const Int3& block, CentreStore& centres) const;
-    /// Deletes the files.
+    /// Deletes the files that no other run reads. Called by all ranks that read them, the last one
+    /// finds them free.
     void remove() const;
 
   private:

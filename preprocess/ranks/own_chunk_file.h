@@ -22,6 +22,8 @@ class OwnChunkFile {
     OwnChunkFile(const ScratchFolder& folder, const std::filesystem::path& name)
         : bytes_(ScratchFile::named(name)), rows_(folder) {}
     void keep() { bytes_.keep(); }
+    /// The bytes; for those with a name. Throws Error{io}.
+    void sync() const { bytes_.sync(); }
     /// How many bytes there are.
     [[nodiscard]] std::uint64_t end() const { return end_; }
     /// Appends one whose row is whole but for the offset. Throws Error{io}.

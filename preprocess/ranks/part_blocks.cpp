@@ -63,15 +63,15 @@ EncodedChunk encode_indicator_rows(const PartialArray& from, const Int3& chunk) 
     if (n != array.chunk) {
         std::fill_n(raw.get(), size, Stored{0});
     }
-    Stored low = std::numeric_limits<Stored>::max();
-    Stored high = 0;
+    float low = std::numeric_limits<float>::infinity();
+    float high = 0;
     for (std::int64_t z = 0; z < n.z; ++z) {
         for (std::int64_t y = 0; y < n.y; ++y) {
             const auto row = std::span(reinterpret_cast<const Stored*>(from.at(lo + Int3{0, y, z})),
                                        static_cast<std::size_t>(n.x * array.components));
             const auto [least, most] = std::minmax_element(row.begin(), row.end());
-            low = std::min(low, *least);
-            high = std::max(high, *most);
+            low = std::min(low, decode_indicator(*least));
+            high = std::max(high, decode_indicator(*most));
             std::copy(row.begin(), row.end(),
                       raw.get() + array.chunk.linear({0, y, z}) * array.components);
         }
@@ -79,8 +79,8 @@ EncodedChunk encode_indicator_rows(const PartialArray& from, const Int3& chunk) 
     EncodedChunk out;
     out.array = &array;
     out.chunk = chunk;
-    out.row.min = decode_indicator(low);
-    out.row.max = decode_indicator(high);
+    out.row.min = low;
+    out.row.max = high;
     encode_chunk(std::as_bytes(std::span(raw.get(), size)), array.codec, out.bytes);
     return out;
 }

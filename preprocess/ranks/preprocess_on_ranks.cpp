@@ -54,7 +54,7 @@ std::filesystem::path journal_name(const std::filesystem::path& scratch,
 }
 
 /// From the first pass to the finished store.
-RanksReport run_to_the_end(RankWork& work, VolumeSource& source, const std::filesystem::path& store,
+RanksReport run_to_the_end(PassWork& work, VolumeSource& source, const std::filesystem::path& store,
                            const std::filesystem::path& unfinished,
                            std::span<const LabelName> label_names, StoreWriter* writer,
                            std::chrono::steady_clock::time_point start) {
@@ -77,7 +77,7 @@ RanksReport run_to_the_end(RankWork& work, VolumeSource& source, const std::file
     gather_cube_ranges(ranks, work.layout, work.pencils, work.centres);
     if (writer == nullptr) {
         // What is left is rank 0's; once it has this rank's sum, it does not ask again.
-        ranks.ignore_stop();
+        ranks.ignore_stop(true);
     }
     std::array<std::uint64_t, 2> sums{work.input_on_disk ? 1U : 0U, work.resumed_chunks};
     ranks.sum(sums);  // and by now all chunks are on the disk
@@ -92,7 +92,7 @@ RanksReport run_to_the_end(RankWork& work, VolumeSource& source, const std::file
         work.progress.check();
         describe_store(*writer, report.whole);
         report.whole.label_names = label_names.size();
-        ranks.ignore_stop();
+        ranks.ignore_stop(true);
         writer->finish();
         report.alone += seconds_since(ending);
         report.whole.store_bytes = std::filesystem::file_size(store);
@@ -152,7 +152,7 @@ RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
     } else {
         chunks.emplace(folder);
     }
-    RankWork work{ranks,         layout,  pencils, budget,  workers,
+    PassWork work{ranks,         layout,  pencils, budget,  workers,
                   folder.path(), centres, levels,  *chunks, progress};
     work.earlier = earlier ? &*earlier : nullptr;
     work.journal = journal ? &*journal : nullptr;

@@ -47,7 +47,7 @@ class PassClock {
 };
 
 /// Completes the rows of a block's chunks, and keeps what coarser levels need of them.
-void finish_chunks(const RankWork& work, int pass, const Int3& block,
+void finish_chunks(const PassWork& work, int pass, const Int3& block,
                    std::vector<EncodedChunk>& chunks) {
     const std::vector<ChunkPlace> expected = chunks_of(work.layout, pass, block);
     const bool is_kept = pass < last_pass(work.layout) && work.pencils.has_parts(pass);
@@ -70,7 +70,7 @@ void finish_chunks(const RankWork& work, int pass, const Int3& block,
 
 /// Blocks in parallel; their chunks go to the rank's file in the order of the blocks.
 template <class BlockAt>
-void run_own_blocks(RankWork& work, int pass, std::int64_t count, const BlockAt& block_at,
+void run_own_blocks(PassWork& work, int pass, std::int64_t count, const BlockAt& block_at,
                     const RankBlock& compute, std::uint64_t progress_per_block) {
     in_order(
         count, work.budget.tokens,
@@ -105,7 +105,7 @@ VolumePart part_of(const StoreLayout& layout, const PencilBox& box) {
 }
 
 /// The blocks of a row that an interrupted run has made.
-std::vector<bool> blocks_made(RankWork& work, const Int3& grid, const Int3& first) {
+std::vector<bool> blocks_made(PassWork& work, const Int3& grid, const Int3& first) {
     std::vector<bool> made(static_cast<std::size_t>(grid.product()));
     for (std::int64_t i = 0; i < grid.product() && work.earlier != nullptr; ++i) {
         const Int3 block = grid.unlinear(i) + first;
@@ -118,7 +118,7 @@ std::vector<bool> blocks_made(RankWork& work, const Int3& grid, const Int3& firs
 }
 
 template <class T>
-void run_box(RankWork& work, VolumeSource& source, const PassContext& context, const PencilBox& box,
+void run_box(PassWork& work, VolumeSource& source, const PassContext& context, const PencilBox& box,
              std::uint64_t progress_per_block) {
     const StoreLayout& layout = work.layout;
     std::optional<PlaneWindow> window;
@@ -165,7 +165,7 @@ void run_box(RankWork& work, VolumeSource& source, const PassContext& context, c
 }
 
 /// Space for the centres, and the ranges of cubes, that the rank's pencils make in a pass.
-void reserve_centres(const RankWork& work, int pass, std::span<const Pencil> pencils,
+void reserve_centres(const PassWork& work, int pass, std::span<const Pencil> pencils,
                      std::int64_t cells) {
     for (const Pencil& p : pencils) {
         if (pass < work.layout.lattice().top()) {
@@ -195,7 +195,7 @@ HaloArray node_rows(const PartialArray& array, const PencilCut& made, std::int64
 }
 
 /// The arrays that the cubes of a level read.
-std::vector<HaloArray> halo_arrays(const RankWork& work, int level) {
+std::vector<HaloArray> halo_arrays(const PassWork& work, int level) {
     const StoreLayout& layout = work.layout;
     std::vector<HaloArray> arrays;
     const auto add = [&](HaloArray halo, std::int64_t scale, std::int64_t before,
@@ -236,7 +236,7 @@ std::vector<HaloArray> halo_arrays(const RankWork& work, int level) {
 }
 
 /// What the chunks of a pass in parts are put together from.
-std::vector<HaloArray> part_arrays(const RankWork& work, int pass) {
+std::vector<HaloArray> part_arrays(const PassWork& work, int pass) {
     const PencilCut cut = work.pencils.part_cut(pass);
     std::vector<HaloArray> arrays;
     const auto add = [&](const PartialArray& array, std::int64_t scale) {
@@ -252,7 +252,7 @@ std::vector<HaloArray> part_arrays(const RankWork& work, int pass) {
 }
 
 template <class T>
-void run_base(RankWork& work, VolumeSource& source, const PassContext& context) {
+void run_base(PassWork& work, VolumeSource& source, const PassContext& context) {
     const PencilCut cut = work.pencils.part_cut(kBasePass);
     const std::vector<Pencil> pencils = work.pencils.of(work.ranks.rank(), cut);
     const auto volume_bytes =
@@ -271,7 +271,7 @@ void run_base(RankWork& work, VolumeSource& source, const PassContext& context) 
 
 /// A level from 3 on.
 template <class T>
-void run_level_pass(RankWork& work, const PassContext& context, int pass) {
+void run_level_pass(PassWork& work, const PassContext& context, int pass) {
     const bool in_parts = work.pencils.has_parts(pass);
     const PencilCut cut = work.pencils.part_cut(pass);
     const PencilCut chunk_cut = work.pencils.chunk_cut(pass);
@@ -326,12 +326,17 @@ void run_level_pass(RankWork& work, const PassContext& context, int pass) {
 }
 
 template <class T>
-void run_all_passes(RankWork& work, VolumeSource& source) {
+void run_all_passes(PassWork& work, VolumeSource& source) {
     const StoreLayout& layout = work.layout;
     const PassContext context{layout, work.centres};
     run_base<T>(work, source, context);
     if (work.earlier != nullptr) {
-        // The journals of this run have all of it by now, on whichever ranks.
+        // The journals of this run have all of it by now, on whichever ranks: on the disk, for the
+        // earlier ones go.
+        if (work.journal != nullptr && work.resumed_chunks > 0) {
+            work.chunks.sync();
+            work.journal->sync();
+        }
         work.ranks.meet();
         work.earlier->remove();
     }
@@ -354,7 +359,7 @@ void run_all_passes(RankWork& work, VolumeSource& source) {
 
 }  // namespace
 
-void run_rank_passes(RankWork& work, VolumeSource& source) {
+void run_rank_passes(PassWork& work, VolumeSource& source) {
     dispatch(work.layout.header().type,
              [&](auto tag) { run_all_passes<typename decltype(tag)::type>(work, source); });
 }

@@ -20,7 +20,7 @@
 namespace isonest::detail {
 
 /// What a rank works with, and where its work goes.
-struct RankWork {
+struct PassWork {
     Communicator& ranks;
     const StoreLayout& layout;
     const Pencils& pencils;
@@ -40,6 +40,6 @@ struct RankWork {
 };
 
 /// All levels of the rank's pencils. Collective. Throws what preprocess() throws.
-void run_rank_passes(RankWork& work, VolumeSource& source);
+void run_rank_passes(PassWork& work, VolumeSource& source);
 
 }  // namespace isonest::detail

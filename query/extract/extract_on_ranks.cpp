@@ -148,11 +148,19 @@ void help_with_mesh_number(RankTeam& team, std::string_view text, OwnShare& own,
     });
 }
 
+/// What rank 0 wants next; nothing if it is done. While a rank waits for that, it is not the one
+/// that ends the run when all are asked to stop: rank 0 may be publishing a mesh.
+std::string next_job(Communicator& ranks) {
+    ranks.ignore_stop(true);
+    std::string job = ranks.broadcast({});
+    ranks.ignore_stop(job.empty());
+    return job;
+}
+
 void help_until_done(RankTeam& team, const Store& store, const Store* values,
                      const ExtractOptions& options, Progress& progress) {
     OwnShare own;
-    for (std::string text = team.ranks.broadcast({}); !text.empty();
-         text = team.ranks.broadcast({})) {
+    for (std::string text = next_job(team.ranks); !text.empty(); text = next_job(team.ranks)) {
         if (text.size() == kMeshToMake.size() + sizeof(std::size_t) &&
             text.starts_with(kMeshToMake)) {
             help_with_mesh_number(team, text, own, progress);
@@ -208,6 +216,7 @@ RankWork extract_on_ranks(Communicator& ranks, const Store& store, const Store* 
         ExtractOptions own = options;
         own.team = &team;
         work(own);
+        ranks.ignore_stop(true);  // all outputs have their names
         ranks.broadcast({});
     } else {
         help_until_done(team, store, values, options, progress);

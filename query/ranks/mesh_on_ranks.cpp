@@ -140,6 +140,8 @@ void help_with_mesh(RankTeam& team, PartStore& parts, const ScratchFolder& folde
     measuring.begin(layout);
     emit_own(team, parts, welded.weld(), measuring, progress);
     measuring.end();
+    // What is left is rank 0's; once it has this rank's sums, it publishes the mesh.
+    team.ranks.ignore_stop(true);
     gather_sums(team.ranks, measuring);
     team.work.writing_seconds += seconds_since(start);
 }

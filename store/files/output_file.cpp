@@ -256,10 +256,13 @@ const std::filesystem::path& OutputFile::share() {
         fail_on(path_, "open", errno);
     }
     // What was written until now has to be there before others write beside it.
-    const bool is_written = ::fsync(fd_) == 0 && ::close(fd_) == 0;
+    int error = ::fsync(fd_) == 0 ? 0 : errno;
+    if (::close(fd_) != 0 && error == 0) {
+        error = errno;
+    }
     fd_ = shared;
-    if (!is_written) {
-        fail_on(path_, "write to disk", errno);
+    if (error != 0) {
+        fail_on(path_, "write to disk", error);
     }
     return unfinished_.name();
 }

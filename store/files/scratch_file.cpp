@@ -122,7 +122,23 @@ void ScratchFile::uncount(std::uint64_t bytes) const {
 }
 
 void ScratchFile::lock() const {
-    ::flock(fd_, LOCK_EX | LOCK_NB);
+    // Other errors: the file system has no locks, for other processes neither.
+    while (::flock(fd_, LOCK_EX) != 0 && errno == EINTR) {
+    }
+}
+
+void ScratchFile::sync() const {
+    int error = ::fdatasync(fd_) == 0 ? 0 : errno;
+    if (error == 0) {
+        const int folder = ::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+        error = folder >= 0 && ::fsync(folder) == 0 ? 0 : errno;
+        if (folder >= 0) {
+            ::close(folder);
+        }
+    }
+    if (error != 0) {
+        fail(folder_, "cannot write a file to disk", error);
+    }
 }
 
 void ScratchFile::unmap() {

@@ -55,9 +55,10 @@ class Communicator {
     virtual void exchange(const Next& next, std::uint64_t expected, const Take& take) = 0;
     /// Throws Error{cancelled} if another rank has failed.
     virtual void check() = 0;
-    /// From here on this rank waits for others even when it was asked to stop, for its part of the
-    /// work is done; only that another one fails ends its exchanges. For itself alone.
-    virtual void ignore_stop() {}
+    /// From here on, until it is called with false, this rank waits for others even when it was
+    /// asked to stop, for its part of the work is done; only that another one fails ends its
+    /// exchanges. For itself alone.
+    virtual void ignore_stop(bool /*is_ignored*/) {}
     [[nodiscard]] const RankTraffic& traffic() const { return traffic_; }
 
     /// Rank 0 gets the texts of all, in the order of the ranks; the others get none. REQUIRES:

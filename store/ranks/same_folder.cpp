@@ -1,6 +1,7 @@
 #include "store/ranks/same_folder.h"
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <fstream>
@@ -15,15 +16,20 @@
 #include <isonest/error.h>
 
 #include "store/files/output_file.h"
+#include "store/files/scratch_file.h"
 #include "store/ranks/who_differs.h"
 
 namespace isonest::detail {
 namespace {
 
-/// A text that nobody else has.
-std::string random_text() {
+constexpr char kInside = 'i';
+constexpr char kBeside = 'b';
+
+/// A name that nobody else has. It begins as those of temporary files do, so that the next run
+/// names what was left by one that was killed.
+std::string random_name() {
     std::random_device device;
-    return fmt::format("{:08x}{:08x}{:08x}{:08x}", device(), device(), device(), device());
+    return fmt::format("{}{}-{:08x}{:08x}", ScratchFile::kPrefix, ::getpid(), device(), device());
 }
 
 /// A file that is there as long as the object.
@@ -33,17 +39,20 @@ class Token {
         std::ofstream file(path_, std::ios::binary);
         file << text << std::flush;
         if (!file) {
+            remove();
             throw Error(ErrorKind::io, {path_.string()}, "cannot write into the output's folder");
         }
     }
     Token(const Token&) = delete;
     Token& operator=(const Token&) = delete;
-    ~Token() {
+    ~Token() { remove(); }
+
+  private:
+    void remove() const {
         std::error_code ignored;
         std::filesystem::remove(path_, ignored);
     }
 
-  private:
     std::filesystem::path path_;
 };
 
@@ -55,13 +64,24 @@ std::string text_in(const std::filesystem::path& path) {
 }  // namespace
 
 void require_same_folder(Communicator& ranks, const std::filesystem::path& output) {
-    const std::filesystem::path prefix = temporary_prefix(output);
-    const bool is_there = ranks.rank() == 0 && std::filesystem::is_directory(prefix.parent_path());
-    const std::string text = ranks.broadcast(is_there ? random_text() : "");
-    if (text.empty()) {
+    if (ranks.size() == 1) {
         return;
     }
-    const std::filesystem::path path = std::filesystem::path(prefix) += "seen-" + text;
+    std::error_code ignored;
+    const std::filesystem::path beside = temporary_prefix(output).parent_path();
+    // Rank 0 tells where to look: in the output or beside it, nowhere where it has no folder.
+    std::string where;
+    if (ranks.rank() == 0 && std::filesystem::is_directory(output, ignored)) {
+        where = kInside + random_name();
+    } else if (ranks.rank() == 0 && std::filesystem::is_directory(beside, ignored)) {
+        where = kBeside + random_name();
+    }
+    where = ranks.broadcast(where);
+    if (where.empty()) {
+        return;
+    }
+    const std::string text = where.substr(1);
+    const std::filesystem::path path = (where.front() == kInside ? output : beside) / text;
     std::optional<Token> token;
     if (ranks.rank() == 0) {
         token.emplace(path, text);

@@ -7,7 +7,8 @@
 
 namespace isonest::detail {
 
-/// Refuses on rank 0 if a rank does not see what rank 0 has written into the folder of `output`. A
+/// Refuses on rank 0 if a rank does not see what rank 0 has written into the folder of `output`, or
+/// into `output` itself where that is one. A
 /// network's file system gets some seconds to show it. Where rank 0 has
 /// no such folder, nothing is said: whoever creates the output does. Collective. Throws Error{io}
 /// and Error{invalid_argument}.

@@ -101,9 +101,28 @@ class ExtractRanks(unittest.TestCase):
             self.assertEqual(done.returncode, 2, done.stderr)
             self.assertIn(b"not the same to ranks 1 (", done.stderr)
             self.assertFalse(mesh.exists())
+        for pair in ((self.store, other), (other, self.store)):
+            done = ranks.launched_apart(*([program, "extract", self.store, "--iso", "0.5", "--vertex-values", path,
+                                           "-o", mesh] for path in pair))
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(f"{pair[0]}: is a store, but not the same to ranks 1 (".encode(), done.stderr)
+            self.assertFalse(mesh.exists())
         done = ranks.launched_apart(*([program, "check", path] for path in (self.store, other)))
         self.assertEqual(done.returncode, 2, done.stderr)
         self.assertIn(b"not the same to ranks 1 (", done.stderr)
+
+    def test_folders_that_are_not_one_to_all_ranks_are_refused(self):
+        program = ranks.beside(ISONEST, "isonest-mpi")
+        for choice, end in ((["--labels", "all"], ""), (["--iso", "0.5"], "{iso}/m.ply")):
+            folders = [self.folder / name for name in ("a", "b")]
+            for folder in folders:
+                (folder / "0.5").mkdir(parents=True, exist_ok=True)
+            done = ranks.launched_apart(*([program, "extract", self.store, *choice, "-o", folder / end]
+                                          for folder in folders))
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(b"its folder is not the same for all ranks", done.stderr)
+            for folder in folders:
+                self.assertEqual([path.name for path in folder.rglob("*")], ["0.5"])
 
     def test_findings_are_those_of_one_process(self):
         data = bytearray(self.store.read_bytes())

@@ -100,6 +100,30 @@ class KilledRanks(unittest.TestCase):
                 self.assertTrue(store.exists())
         self.assertGreater(reached, 0)
 
+    def test_a_signal_while_a_mesh_gets_its_name_is_too_late(self):
+        (self.folder / "out").mkdir()
+        mesh = self.folder / "out" / "m.ply"
+        volume, store = self.folder / "v.h5", self.folder / "s.isonest"
+        subprocess.run([sys.argv[1], "make-volume", "noise", "--size", "40,40,40", "-o", volume, "-q"], check=True)
+        subprocess.run([sys.argv[1], "preprocess", volume, "-o", store, "-q"], check=True)
+        reached = 0
+        for i in range(KILLS):
+            mesh.unlink(missing_ok=True)
+            process = ranks.started(3, self.program, "extract", store, "--iso", "0.5", "-o", mesh)
+            while not mesh.exists() and process.poll() is None:
+                pass
+            alive = ranks.processes_of(self.program)
+            for rank in alive if i % 2 == 0 else alive[-1:]:
+                try:
+                    os.kill(rank, signal.SIGTERM)
+                    reached += 1
+                except ProcessLookupError:
+                    pass  # it was done
+            with self.subTest(signal=i):
+                self.assertEqual(process.wait(timeout=120), 0)
+                self.assertEqual(list((self.folder / "out").iterdir()), [mesh])
+        self.assertGreater(reached, 0)
+
     def test_a_signal_at_a_random_moment(self):
         (self.folder / "out").mkdir()
         store = self.folder / "out" / "s.isonest"

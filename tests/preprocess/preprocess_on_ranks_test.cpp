@@ -195,14 +195,16 @@ TEST_CASE("any number of ranks writes the bytes of one process, for all types") 
 }
 
 TEST_CASE("any number of ranks writes the bytes of one process, with missing values") {
-    require_same_bytes<float>(
-        {33, 50, 68},
-        [](const Int3& p) {
-            return noise(p, 3) < 0.01 || (p.y > 20 && p.z > 30)
+    const auto with_holes = [](double share) {
+        return [share](const Int3& p) {
+            return noise(p, 3) < share || (p.y > 20 && p.z > 30)
                        ? std::numeric_limits<float>::quiet_NaN()
                        : rough(p);
-        },
-        with_chunk(8));
+        };
+    };
+    require_same_bytes<float>({33, 50, 68}, with_holes(0.01), with_chunk(8));
+    // No coarse cube is without missing values.
+    require_same_bytes<float>({33, 50, 68}, with_holes(0.3), with_chunk(8, true), {2, 7});
 }
 
 TEST_CASE("any number of ranks writes the bytes of one process, for all choices of indicators") {

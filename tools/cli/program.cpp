@@ -184,6 +184,7 @@ Outcome run(const Program& program, const Invocation& chosen) {
         return chosen.run(progress);
     }();
     if (program.ranks != nullptr) {
+        program.ranks->ignore_stop(true);  // this rank's work is done
         gather_ranks(*program.ranks, result);
     }
     if (!result.warning.empty()) {

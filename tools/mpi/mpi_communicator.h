@@ -30,7 +30,7 @@ class MpiCommunicator : public Communicator {
     [[nodiscard]] std::string host() const override { return host_; }
     void exchange(const Next& next, std::uint64_t expected, const Take& take) override;
     void check() override;
-    void ignore_stop() override { is_stop_ignored_ = true; }
+    void ignore_stop(bool is_ignored) override { is_stop_ignored_ = is_ignored; }
 
     /// How the run has ended for one rank.
     struct Ending {

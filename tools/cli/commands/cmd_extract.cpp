@@ -174,7 +174,10 @@ Result extract_store(const Store& store, ExtractCommand arguments, const Store* 
 Result extract_store_on_ranks(Communicator& ranks, const Store& store,
                               const ExtractCommand& arguments, const Store* values, bool has_iso,
                               Progress& progress) {
-    require_same_folder(ranks, arguments.extract.mesh);
+    // {iso} may be in the folder's name.
+    const std::vector<std::string>& texts = arguments.isovalues.texts;
+    const std::string& mesh = arguments.extract.mesh;
+    require_same_folder(ranks, texts.empty() ? mesh : mesh_name(mesh, texts.front()));
     Result result;
     const RankWork work = extract_on_ranks(
         ranks, store, values,
@@ -221,6 +224,11 @@ Result run(ExtractCommand& arguments, bool has_iso, Communicator* ranks, Progres
     }
     const std::optional<Store> others = open_values(arguments, progress);
     const Store* const values = others ? &*others : nullptr;
+    if (ranks != nullptr) {
+        require_same_store(
+            *ranks, values != nullptr ? &values->reader() : nullptr,
+            values != nullptr ? shown_location(arguments.values) : "--vertex-values");
+    }
     Result result = ranks == nullptr ? extract_store(*store, arguments, values, has_iso, progress)
                                      : extract_store_on_ranks(*ranks, *store, arguments, values,
                                                               has_iso, progress);
