@@ -137,6 +137,9 @@ ChunkRow StoreReader::row(const ArrayInfo& array, const Int3& chunk) const {
     if (!lies_within(row.offset, row.bytes, file_bytes())) {
         fail_corrupt(array.place(chunk), "lies outside the file; it was cut off");
     }
+    if (row.bytes > 2 * array.chunk_bytes() + 4096) {
+        fail_corrupt(array.place(chunk), "damaged: no chunk is stored in as many bytes as it says");
+    }
     return row;
 }
 
