@@ -151,6 +151,7 @@ void UrlBytes::load_from_cache(const std::vector<ExtentPointer>& wanted) const {
         is_urgent = is_urgent || extent->is_urgent;
         extent->state = Extent::State::replaced;
         extents_.erase(*extent);
+        extent->count_no_more();  // before there is made room for what replaces it
     }
     ask(absent, {missing[0]->round, missing[0]->generation}, is_urgent);
     changed_.notify_all();

@@ -311,10 +311,19 @@ TEST_CASE("extents know what is absent, and drop what was used least recently an
     held.reset();
     CHECK(extents.alive() == 0);
 
-    // For what is only announced, nothing is dropped that was announced with it and is not read.
+    // What has been read goes first, though it was used last.
     add(0, 60)->unread = 1;
+    add(70, 30);
+    CHECK(extents.make_room(20));
+    CHECK(are_same(extents.absent({0, 100}), {{60, 40}}));
+    // For what is only announced, nothing unread is dropped that was announced with it or before.
     CHECK_FALSE(extents.make_room_for_hint(50, 0));
-    CHECK(extents.make_room_for_hint(50, 1));
+    CHECK_FALSE(extents.make_room_for_hint(50, 1));
+    CHECK(extents.make_room_for_hint(50, 2));
+    const std::shared_ptr<Extent> replaced = extents.insert({100, 40});
+    extents.erase(*replaced);
+    replaced->count_no_more();
+    CHECK(extents.alive() == 0);
     extents.insert({200, 90});  // on its way
     CHECK_FALSE(extents.make_room(20));
 }
