@@ -513,6 +513,11 @@ TEST_CASE("a folder that cannot be made is an error, and one that cannot be used
     std::ofstream(taken / "isonest-cache-1") << "x";
     const DiskCache in_the_way(taken, kPlenty);
     CHECK(is_off(in_the_way));
+    // Others may write into it.
+    const auto open_to_all = folder / "open";
+    keep(*DiskCache(open_to_all, kPlenty).of(object_state()), {0, 10});
+    CHECK(::chmod((open_to_all / "isonest-cache-1").c_str(), 0722) == 0);
+    CHECK(is_off(DiskCache(open_to_all, kPlenty)));
     // It is taken away in the middle.
     const auto gone = folder / "gone";
     const DiskCache vanished(gone, kPlenty);
