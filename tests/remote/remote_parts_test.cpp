@@ -80,11 +80,14 @@ TEST_CASE("a URL's name has no userinfo, query or fragment; what is asked for ha
     CHECK(parsed_url("http://h/%41%2f?x").request == "http://h/%41%2f?x");
     CHECK(parsed_url("http://a@b@h/x").name == "http://h/x");
     CHECK(parsed_url("http://h?a/b@c").name == "http://h/");
+    CHECK(parsed_url("http://[::1]:80/x").name == "http://[::1]:80/x");
+    CHECK(parsed_url("http://[::1]/x").name == "http://[::1]/x");
     CHECK_FALSE(is_url("/data/http://x"));
     CHECK_FALSE(is_url("ftp://x/y"));
     CHECK_FALSE(is_url("https://"));
     for (const char* const wrong :
-         {"http://user:s3cret@/x", "http://:80/x", "http://a\nb/", "x", "http://h\"h/", "s3://b",
+         {"http://user:s3cret@/x", "http://user:s3cret/a@h/x", "http://user:12s3cret?a@h/x",
+          "http://h:/x", "http://:80/x", "http://a\nb/", "x", "http://h\"h/", "s3://b",
           "s3://bucket", "s3://bucket/", "s3:///key", "s3://b ucket/key"}) {
         INFO(wrong);
         try {
@@ -202,6 +205,8 @@ TEST_CASE("an answer is what was asked for, or says why not") {
     CHECK(verdict_of({"HTTP/2 200", "Content-Length: 9"}, end, nullptr) == Verdict::whole);
     CHECK(verdict_of({"HTTP/2 416", "Content-Range: bytes */0"}, end, nullptr) ==
           Verdict::no_such_range);
+    CHECK(verdict_of({"HTTP/2 416"}, end, nullptr) == Verdict::failed);
+    CHECK(verdict_of({"HTTP/2 416", "Content-Range: bytes */*"}, end, nullptr) == Verdict::failed);
 }
 
 TEST_CASE("waits grow, with jitter, and end") {
