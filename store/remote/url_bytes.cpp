@@ -271,12 +271,16 @@ std::shared_ptr<FetchJob> UrlBytes::next_job() const {
         if (queue.empty()) {
             return nullptr;
         }
-        ExtentPointer extent = std::move(queue.front());
-        queue.pop_front();
+        Extent& extent = *queue.front();
+        std::shared_ptr<FetchJob> job;
         // What somebody came to wait for stands in both.
-        if (!extent->is_started && broken_ == nullptr) {
-            extent->is_started = true;
-            return std::make_shared<ExtentJob>(*this, std::move(extent));
+        if (!extent.is_started && broken_ == nullptr) {
+            job = std::make_shared<ExtentJob>(*this, queue.front());
+            extent.is_started = true;
+        }
+        queue.pop_front();
+        if (job != nullptr) {
+            return job;
         }
     }
 }
