@@ -242,6 +242,7 @@ bool UrlBytes::wait_for(Lock& lock, const ExtentPointer& extent, std::uint64_t u
             urgent_.push_back(extent);
             loop_.wake();
         }
+        load_announced(lock, extent);
         wait_until(lock, is_there);
         if (extent->state != Extent::State::failed && extent->state != Extent::State::replaced) {
             rounds_ = std::max(rounds_, extent->round);
@@ -251,6 +252,21 @@ bool UrlBytes::wait_for(Lock& lock, const ExtentPointer& extent, std::uint64_t u
         throw_copy_of(*extent->failure);
     }
     return extent->state != Extent::State::replaced;
+}
+
+/// The loop may be waiting until the server wants to be asked again.
+void UrlBytes::load_announced(Lock& lock, const ExtentPointer& extent) const {
+    const auto batch = std::find_if(to_load_.begin(), to_load_.end(), [&](const auto& extents) {
+        return std::find(extents.begin(), extents.end(), extent) != extents.end();
+    });
+    if (batch == to_load_.end()) {
+        return;
+    }
+    const std::vector<ExtentPointer> wanted = std::move(*batch);
+    to_load_.erase(batch);
+    lock.unlock();
+    load_from_cache(wanted);
+    lock.lock();
 }
 
 std::shared_ptr<FetchJob> UrlBytes::next_job() const {
