@@ -17,6 +17,8 @@ constexpr int kMostRedirects = 5;
 /// Progress that makes earlier failures of a range count no more.
 constexpr std::uint64_t kMuch = 64U << 10U;
 constexpr std::chrono::milliseconds kLongSleep{60'000};
+/// Until memory may be free again.
+constexpr std::chrono::milliseconds kMemoryPause{100};
 
 bool is_https(const std::string& url) {
     return url.compare(0, 8, "https://") == 0;
@@ -111,7 +113,8 @@ void FetchLoop::take_new_jobs() {
         try {
             job = next_();
         } catch (const std::bad_alloc&) {
-            return;  // until the next event
+            pause_until_ = Clock::now() + kMemoryPause;
+            return;
         }
         if (job == nullptr) {
             return;

@@ -257,6 +257,47 @@ std::string origin_of(std::string_view url) {
                                            : ":80");
 }
 
+std::string query_without_signature(std::string_view url) {
+    // Of Amazon's and Google's signatures, CloudFront's, and Azure's shared access signatures.
+    constexpr std::array<std::string_view, 23> kSigning{"signature",
+                                                        "expires",
+                                                        "awsaccesskeyid",
+                                                        "googleaccessid",
+                                                        "key-pair-id",
+                                                        "policy",
+                                                        "sig",
+                                                        "se",
+                                                        "st",
+                                                        "sp",
+                                                        "sv",
+                                                        "sr",
+                                                        "sip",
+                                                        "spr",
+                                                        "si",
+                                                        "skoid",
+                                                        "sktid",
+                                                        "skt",
+                                                        "ske",
+                                                        "sks",
+                                                        "skv",
+                                                        "expiry",
+                                                        "expiration"};
+    std::string out;
+    std::string_view left = url.substr(0, url.find('#'));
+    left = left.substr(std::min(left.find('?'), left.size()));
+    while (!left.empty()) {
+        left = left.substr(1);
+        const std::string_view parameter = left.substr(0, left.find('&'));
+        left = left.substr(parameter.size());
+        const std::string name = lower_case(parameter.substr(0, parameter.find('=')));
+        if (!parameter.empty() && name.rfind("x-amz-", 0) != 0 && name.rfind("x-goog-", 0) != 0 &&
+            std::find(kSigning.begin(), kSigning.end(), name) == kSigning.end()) {
+            out += (out.empty() ? "" : "&") + std::string(parameter);
+        }
+    }
+    return out;
+}
+
 }  // namespace isonest::detail
 
 bool isonest::is_url(std::string_view location) {

@@ -1,5 +1,7 @@
 #include "store/remote/url_bytes.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cstddef>
 #include <cstring>
@@ -7,6 +9,8 @@
 #include <utility>
 
 #include <isonest/error.h>
+
+#include "store/base/checksum.h"
 
 namespace isonest::detail {
 namespace {
@@ -20,6 +24,13 @@ std::uint64_t end_of_range(const ByteRange& range) {
 /// Each thread gets an error of its own.
 [[noreturn]] void throw_copy_of(const Error& error) {
     throw Error(error.kind(), error.place(), error.problem(), error.remedies());
+}
+
+/// Nothing of it can be read in the checksum: queries may have secrets.
+std::string checksum_of_query(const std::string& url) {
+    const std::string query = query_without_signature(url);
+    return query.empty() ? ""
+                         : fmt::format("{:016x}", checksum_of(std::as_bytes(std::span(query))));
 }
 
 }  // namespace
@@ -71,10 +82,10 @@ class UrlBytes::OpeningJob : public FetchJob {
         const Validators opened{head.etag, head.last_modified, size};
         owner_.loop_.set_opened(opened);
         const Lock lock(owner_.mutex_);
-        owner_.state_ = {owner_.name_, "", size};
+        owner_.state_ = {owner_.name_, "", size, owner_.query_};
         if (opened.is_strong()) {
             owner_.state_.version = opened.etag;
-        } else if (!opened.last_modified.empty()) {
+        } else if (!opened.last_modified.empty() && !owner_.has_query_) {
             owner_.state_.version = "last-modified: " + opened.last_modified;
         }
         if (range.size > 0) {
@@ -108,6 +119,8 @@ class UrlBytes::OpeningJob : public FetchJob {
 
 UrlBytes::UrlBytes(ObjectUrl url, RemoteOptions options)
     : name_(url.name),
+      has_query_(url.request.find('?') != std::string::npos),
+      query_(checksum_of_query(url.request)),
       options_(std::move(options)),
       extents_(options_.budget_bytes),
       opening_(std::make_shared<OpeningJob>(*this)),

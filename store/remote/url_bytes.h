@@ -87,6 +87,8 @@ class UrlBytes : public StoreBytes {
                                            bool is_urgent) const;
 
     std::string name_;
+    bool has_query_;
+    std::string query_;  ///< of ObjectState
     RemoteOptions options_;
     ObjectState state_;
     std::shared_ptr<RangeCache> cache_;

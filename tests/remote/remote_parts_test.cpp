@@ -119,6 +119,15 @@ TEST_CASE("an s3 URL leads to Amazon or to the endpoint, with the keys of the en
     CHECK_THROWS_AS(parsed_url("s3://bucket/a", {{"AWS_ENDPOINT_URL", "localhost"}}), Error);
 }
 
+TEST_CASE("a query tells objects apart, the signature in it does not") {
+    CHECK(query_without_signature("http://h/x").empty());
+    CHECK(query_without_signature("http://h/x?").empty());
+    CHECK(query_without_signature("http://h/x?file=a&&n=1#b?c") == "file=a&n=1");
+    CHECK(query_without_signature("http://h/x?X-Amz-Date=1&x-amz-signature=2&file=a") == "file=a");
+    CHECK(query_without_signature("http://h/x?sv=1&se=2&sp=r&sig=3").empty());
+    CHECK(query_without_signature("http://h/x?Expires=1&Signature=2&Key-Pair-Id=3&v") == "v");
+}
+
 TEST_CASE("servers are the same by scheme, host and port") {
     CHECK(origin_of("https://Host/a") == origin_of("https://host:443/b?c"));
     CHECK(origin_of("http://h/a") == "http://h:80");

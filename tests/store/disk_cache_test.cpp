@@ -273,11 +273,12 @@ TEST_CASE("any ranges, by several threads at the same time: all of them are foun
 TEST_CASE("another ETag, size or URL has entries of its own, and no version has none") {
     const TemporaryFolder folder;
     const DiskCache cache(folder.path(), kPlenty);
-    std::vector<ObjectState> states{object_state("\"1\""), object_state("\"2\""),
-                                    object_state("last-modified: Thu"), object_state("\"1\""),
-                                    object_state("\"1\"")};
+    std::vector<ObjectState> states{
+        object_state("\"1\""), object_state("\"2\""), object_state("last-modified: Thu"),
+        object_state("\"1\""), object_state("\"1\""), object_state("\"1\"")};
     states[3].size += 1;
     states[4].url += "x";
+    states[5].query = "0123";
     for (unsigned i = 0; i < states.size(); ++i) {
         keep(*cache.of(states[i]), {100, 2 * kBlock}, i);
     }
