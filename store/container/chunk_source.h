@@ -37,10 +37,6 @@ class ChunkSource {
     }
     /// A hint that the chunk is needed soon. Throws what decode() throws for a bad table.
     virtual void prefetch(const ArrayInfo& /*array*/, const Int3& /*chunk*/) const {}
-    /// A hint that the rows of the chunks in [begin, end) are needed soon, and together; returns at
-    /// once. REQUIRES: the array's grid has them.
-    virtual void prefetch_rows(const ArrayInfo& /*array*/, const Int3& /*begin*/,
-                               const Int3& /*end*/) const {}
     /// Whether a chunk that nobody announced costs a round trip over a network: then it pays to
     /// find out what is needed next before any of it is decoded, and to announce all of it.
     [[nodiscard]] virtual bool is_far() const { return false; }
@@ -53,6 +49,10 @@ class ChunkSource {
             }
         }
     }
+    /// A hint that the rows of the chunks in [begin, end) are needed soon, and together; returns at
+    /// once. REQUIRES: the array's grid has them.
+    virtual void prefetch_rows(const ArrayInfo& /*array*/, const Int3& /*begin*/,
+                               const Int3& /*end*/) const {}
 };
 
 }  // namespace isonest::detail

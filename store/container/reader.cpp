@@ -67,7 +67,7 @@ void StoreReader::open_by_catalogue() {
 /// Of stores before 2.9, and of those that an HDF5 program has changed, whose footer is gone then.
 void StoreReader::open_by_hdf5() {
     if (is_far()) {
-        leave_hdf5_alone_at_exit();
+        close_nothing_at_exit();
     }
     const QuietHdf5 quiet;
     const FileHandle file = open_hdf5_of(*bytes_);

@@ -274,13 +274,13 @@ hid_t bytes_driver() {
 
 }  // namespace
 
-void leave_hdf5_alone_at_exit() {
+void close_nothing_at_exit() {
     static const herr_t left_alone = H5dont_atexit();
     static_cast<void>(left_alone);
 }
 
 FileHandle open_hdf5(std::shared_ptr<const StoreBytes> bytes) {
-    leave_hdf5_alone_at_exit();
+    close_nothing_at_exit();
     const std::string name = bytes->name();
     const auto reads = std::make_shared<ReadBytes>(std::move(bytes));
     const std::shared_ptr<ReadBytes>* const info = &reads;
