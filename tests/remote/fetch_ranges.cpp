@@ -165,7 +165,7 @@ class Session {
     }
 
     [[nodiscard]] Json counts() const {
-        const FetchedCounts counts = remote_->fetched();
+        const isonest::FetchedCounts counts = remote_->fetched();
         return {{"remote_bytes", counts.remote_bytes},
                 {"requests", counts.requests},
                 {"round_trips", counts.round_trips},
