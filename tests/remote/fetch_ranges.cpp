@@ -37,7 +37,6 @@ namespace {
 using namespace isonest::detail;
 using isonest::Error;
 using isonest::ErrorKind;
-using isonest::FetchedCounts;
 using Json = nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
