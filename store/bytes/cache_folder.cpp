@@ -64,6 +64,22 @@ CacheFolder::CacheFolder(const std::filesystem::path& folder, std::uint64_t most
         turn_off(Off::all, errno);
         return;
     }
+    struct stat status {};
+    if (::fstat(root_, &status) != 0) {
+        turn_off(Off::all, errno);
+        return;
+    }
+    // Others could give it bytes of their own choice.
+    if (status.st_uid != ::geteuid()) {
+        turn_off(Off::all, "the folder isonest-cache-1 in it belongs to another user");
+        return;
+    }
+    if ((status.st_mode & (S_IRWXG | S_IRWXO)) != 0) {
+        turn_off(Off::all,
+                 "other users may look into the folder isonest-cache-1 in it, or change it "
+                 "(chmod 700 ends that)");
+        return;
+    }
     if (!make_folder_below(root_, kTemporariesOfCache)) {
         turn_off(Off::writing, errno);
     }
@@ -85,6 +101,10 @@ std::string CacheFolder::warning() const {
 }
 
 void CacheFolder::turn_off(Off what, int error) {
+    turn_off(what, std::strerror(error));
+}
+
+void CacheFolder::turn_off(Off what, const std::string& why) {
     const std::lock_guard lock(mutex_);
     writes_ = false;
     reads_ = reads_ && what == Off::writing;
@@ -92,7 +112,7 @@ void CacheFolder::turn_off(Off what, int error) {
         warning_ = fmt::format("{}: {}: {}", folder_.string(),
                                what == Off::all ? "the cache in this folder is not used"
                                                 : "nothing more is kept in this cache",
-                               std::strerror(error));
+                               why);
     }
 }
 

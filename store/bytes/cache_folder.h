@@ -49,6 +49,7 @@ class CacheFolder {
     enum class Off { writing, all };
     enum class Room { taken, missing, unknown };
     void turn_off(Off what, int error);
+    void turn_off(Off what, const std::string& why);
     bool write_temporary(const std::string& name, std::span<const std::byte> bytes);
     Room take_room(std::uint64_t bytes);
     void make_room(std::uint64_t bytes, const std::string& temporary);

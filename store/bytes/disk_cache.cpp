@@ -20,7 +20,8 @@ class CachedObject : public RangeCache {
   public:
     CachedObject(std::shared_ptr<CacheFolder> folder, const ObjectState& object)
         : folder_(std::move(folder)),
-          name_(fmt::format("{}\n{}\n{}", object.url, object.version, object.size)),
+          name_(fmt::format("{}\n{}\n{}{}{}", object.url, object.version, object.size,
+                            object.query.empty() ? "" : "\n", object.query)),
           name_checksum_(checksum_of(std::as_bytes(std::span(name_)))),
           size_(object.size) {}
 

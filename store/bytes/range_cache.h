@@ -33,10 +33,12 @@ class RangeCache {
 /// An object in the state in which it was opened: what a cache is kept under.
 struct ObjectState {
     std::string url;  ///< without userinfo and query
-    /// Its strong ETag as the server wrote it, or "last-modified: ..." where it has none. Empty if
-    /// the server tells neither: then nothing may be kept beyond this opening.
+    /// Its strong ETag as the server wrote it, or "last-modified: ..." where it has none and the
+    /// URL no query. Empty without either: then nothing may be kept beyond this opening.
     std::string version;
     std::uint64_t size = 0;  ///< bytes
+    /// Tells apart what URLs with the same `url` name by their queries; has no secrets.
+    std::string query = {};
 };
 
 }  // namespace isonest::detail

@@ -49,6 +49,10 @@ class ChunkSource {
             }
         }
     }
+    /// A hint that the rows of the chunks in [begin, end) are needed soon, and together; returns at
+    /// once. REQUIRES: the array's grid has them.
+    virtual void prefetch_rows(const ArrayInfo& /*array*/, const Int3& /*begin*/,
+                               const Int3& /*end*/) const {}
 };
 
 }  // namespace isonest::detail

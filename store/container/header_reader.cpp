@@ -275,7 +275,9 @@ class Reader {
 
     /// Names that a newer minor version has added follow all older ones: the rows of the chunk
     /// table that belong to the older ones are then known.
+    /// They are few, so that their rows can be counted in 64 bits.
     void read_fields(const std::string& names) {
+        constexpr std::size_t kMostUnknown = 64;
         StoreHeader& header = out_.header;
         for (std::size_t at = 0; at < names.size();) {
             const std::size_t end = std::min(names.find(',', at), names.size());
@@ -284,6 +286,10 @@ class Reader {
             if (field && *field != Field::values && header.unknown_fields.empty()) {
                 header.fields.push_back(*field);
             } else if (!field && out_.version > kNewest) {
+                if (header.unknown_fields.size() == kMostUnknown) {
+                    unsupported(fmt::format("more than {} unknown fields", kMostUnknown),
+                                RemedyKind::newer_version);
+                }
                 header.unknown_fields.push_back(name);
             } else {
                 unsupported(

@@ -66,6 +66,9 @@ void StoreReader::open_by_catalogue() {
 
 /// Of stores before 2.9, and of those that an HDF5 program has changed, whose footer is gone then.
 void StoreReader::open_by_hdf5() {
+    if (is_far()) {
+        close_nothing_at_exit();
+    }
     const QuietHdf5 quiet;
     const FileHandle file = open_hdf5_of(*bytes_);
     if (!file.valid()) {
@@ -136,6 +139,9 @@ ChunkRow StoreReader::row(const ArrayInfo& array, const Int3& chunk) const {
     const ChunkRow row = table_.row(array.row_of(chunk));
     if (!lies_within(row.offset, row.bytes, file_bytes())) {
         fail_corrupt(array.place(chunk), "lies outside the file; it was cut off");
+    }
+    if (row.bytes > 2 * array.chunk_bytes() + 4096) {
+        fail_corrupt(array.place(chunk), "damaged: no chunk is stored in as many bytes as it says");
     }
     return row;
 }

@@ -60,6 +60,9 @@ class StoreReader : public ChunkSource {
     [[nodiscard]] bool is_far() const override { return bytes_->is_far(); }
     /// Of a store that is far: what of the chunk table is needed for it is waited for.
     void prefetch_all(std::span<const WantedChunk> chunks) const override;
+    void prefetch_rows(const ArrayInfo& array, const Int3& begin, const Int3& end) const override {
+        table_.want(array, begin, end);
+    }
     /// Of a store that is far, coarse levels' alone: see CubeRangeTable.
     [[nodiscard]] std::optional<CubeRange> cube_range(int level, const Int3& cube) const override;
     /// Compares the header's range and has_missing with the chunk table. Throws Error{corrupt}.

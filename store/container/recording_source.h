@@ -29,6 +29,9 @@ class RecordingSource : public ChunkSource {
     void prefetch(const ArrayInfo& array, const Int3& chunk) const override {
         source_.prefetch(array, chunk);
     }
+    void prefetch_rows(const ArrayInfo& array, const Int3& begin, const Int3& end) const override {
+        source_.prefetch_rows(array, begin, end);
+    }
     [[nodiscard]] bool is_far() const override { return source_.is_far(); }
     void prefetch_all(std::span<const WantedChunk> chunks) const override {
         source_.prefetch_all(chunks);

@@ -32,6 +32,7 @@
 #include "store/files/early_write_back.h"
 #include "store/files/output_file.h"
 #include "store/files/scratch_file.h"
+#include "store/hdf5/bytes_driver.h"
 #include "store/hdf5/handles.h"
 #include "store/hdf5/planned_writes.h"
 #include "store/hdf5/zstd_filter.h"
@@ -271,7 +272,7 @@ void pack(std::span<const CubeRange> ranges, ValueType type, std::vector<std::by
 }  // namespace
 
 void leave_hdf5_alone_at_exit() {
-    H5dont_atexit();
+    close_nothing_at_exit();
 }
 
 StoreWriter::StoreWriter(const std::filesystem::path& path, const StoreHeader& header, bool force,

@@ -267,10 +267,6 @@ H5FD_class_t bytes_driver_class() {
 }
 
 hid_t bytes_driver() {
-    // HDF5 1.10 loses memory where a read fails, and complains about that when the process ends,
-    // unless it does nothing then. Without effect where HDF5 is in use already.
-    static const herr_t left_alone = H5dont_atexit();
-    static_cast<void>(left_alone);
     static const H5FD_class_t kind = bytes_driver_class();
     static const hid_t driver = H5FDregister(&kind);
     return driver;
@@ -278,7 +274,13 @@ hid_t bytes_driver() {
 
 }  // namespace
 
+void close_nothing_at_exit() {
+    static const herr_t left_alone = H5dont_atexit();
+    static_cast<void>(left_alone);
+}
+
 FileHandle open_hdf5(std::shared_ptr<const StoreBytes> bytes) {
+    close_nothing_at_exit();
     const std::string name = bytes->name();
     const auto reads = std::make_shared<ReadBytes>(std::move(bytes));
     const std::shared_ptr<ReadBytes>* const info = &reads;

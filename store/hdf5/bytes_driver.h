@@ -19,6 +19,10 @@ namespace isonest::detail {
 inline constexpr std::size_t kDriverBlock = std::size_t{64} << 10U;
 inline constexpr std::size_t kDriverHolds = std::size_t{4} << 20U;
 
+/// HDF5 1.10 loses memory where a read fails, and complains about that when the process ends,
+/// unless it does nothing then. Without effect where HDF5 is in use already. Thread-safe.
+void close_nothing_at_exit();
+
 /// Opens for reading. Invalid where these bytes are no HDF5 file. Throws what StoreBytes::read()
 /// throws. Other files that this one names are never opened by the driver: external links and
 /// virtual datasets that lead to them fail or are empty.

@@ -215,9 +215,13 @@ Judgement judge(const AnswerHead& head, const Asked& asked, const Validators* op
             break;
         case 416: {
             const auto content = parse_content_range(head.content_range);
-            const std::uint64_t size = content && content->size ? *content->size : 0;
-            return of_verdict(opened != nullptr ? Verdict::changed : Verdict::no_such_range, {},
-                              size);
+            if (opened != nullptr) {
+                return of_verdict(Verdict::changed, {}, 0);
+            }
+            if (content && content->size) {
+                return of_verdict(Verdict::no_such_range, {}, *content->size);
+            }
+            break;
         }
         case 408:
         case 429:

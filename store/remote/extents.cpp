@@ -12,7 +12,14 @@ Extent::Extent(const ByteRange& of, std::shared_ptr<std::atomic<std::uint64_t>> 
 }
 
 Extent::~Extent() {
+    if (alive_ != nullptr) {
+        *alive_ -= range.size;
+    }
+}
+
+void Extent::count_no_more() {
     *alive_ -= range.size;
+    alive_ = nullptr;
 }
 
 std::vector<ByteRange> Extents::absent(const ByteRange& range) const {
@@ -69,8 +76,15 @@ void Extents::erase(Extent& extent) {
     }
 }
 
+/// What has been read first, then what else may go.
 template <class MayDrop>
 bool Extents::drop_until_fits(std::uint64_t bytes, const MayDrop& may_drop) {
+    return drop_those(bytes, [](const Extent& extent) { return extent.unread == 0; }) ||
+           drop_those(bytes, may_drop);
+}
+
+template <class MayDrop>
+bool Extents::drop_those(std::uint64_t bytes, const MayDrop& may_drop) {
     for (auto next = by_use_.begin(); next != by_use_.end() && alive() + bytes > budget_;) {
         Extent& extent = **next;
         ++next;
@@ -88,9 +102,8 @@ bool Extents::make_room(std::uint64_t bytes) {
 }
 
 bool Extents::make_room_for_hint(std::uint64_t bytes, std::uint64_t generation) {
-    return drop_until_fits(bytes, [generation](const Extent& extent) {
-        return extent.unread == 0 || extent.generation < generation;
-    });
+    return drop_until_fits(
+        bytes, [generation](const Extent& extent) { return extent.generation + 1 < generation; });
 }
 
 }  // namespace isonest::detail

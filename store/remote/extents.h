@@ -29,6 +29,10 @@ struct Extent {
     Extent& operator=(const Extent&) = delete;
     ~Extent();
 
+    /// It takes no memory, although somebody still holds it. REQUIRES: it has no bytes, and this
+    /// was not called before.
+    void count_no_more();
+
     const ByteRange range;
     State state = State::coming;
     std::vector<std::byte> bytes;  ///< empty until the first come
@@ -64,14 +68,17 @@ class Extents {
     /// Bytes of all extents that are alive, in the map or held by somebody.
     [[nodiscard]] std::uint64_t alive() const { return alive_->load(); }
     /// Drops what was used least recently, and nobody holds, until so many more bytes fit into the
-    /// budget, or nothing is left to drop. Whether they fit.
+    /// budget, or nothing is left to drop. What has not been read goes last. Whether they fit.
     bool make_room(std::uint64_t bytes);
-    /// The same, and what is dropped has been read, or was announced before this generation.
+    /// The same, and what has not been read goes only if it was announced before the announcement
+    /// that came before this generation's.
     bool make_room_for_hint(std::uint64_t bytes, std::uint64_t generation);
 
   private:
     template <class MayDrop>
     bool drop_until_fits(std::uint64_t bytes, const MayDrop& may_drop);
+    template <class MayDrop>
+    bool drop_those(std::uint64_t bytes, const MayDrop& may_drop);
 
     std::uint64_t budget_;
     std::shared_ptr<std::atomic<std::uint64_t>> alive_;

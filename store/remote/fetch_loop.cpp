@@ -17,6 +17,8 @@ constexpr int kMostRedirects = 5;
 /// Progress that makes earlier failures of a range count no more.
 constexpr std::uint64_t kMuch = 64U << 10U;
 constexpr std::chrono::milliseconds kLongSleep{60'000};
+/// Until memory may be free again.
+constexpr std::chrono::milliseconds kMemoryPause{100};
 
 bool is_https(const std::string& url) {
     return url.compare(0, 8, "https://") == 0;
@@ -107,7 +109,13 @@ void FetchLoop::take_new_jobs() {
     const int most = basis_.waits_for_stream ? basis_.options.parallel_streams
                                              : basis_.options.parallel_requests;
     while (active_.size() < static_cast<std::size_t>(most)) {
-        std::shared_ptr<FetchJob> job = next_();
+        std::shared_ptr<FetchJob> job;
+        try {
+            job = next_();
+        } catch (const std::bad_alloc&) {
+            pause_until_ = Clock::now() + kMemoryPause;
+            return;
+        }
         if (job == nullptr) {
             return;
         }
@@ -268,17 +276,22 @@ void FetchLoop::fail_or_retry(Active& active, Failure failure) {
         finish_with(active, [&active] { active.job->done(); });  // only its end went wrong
         return;
     }
+    const Clock::time_point now = Clock::now();
     // What an earlier redirect led to may serve for a while only: the URL itself knows a new place.
-    if (failure.failure == FailureClass::final && !failure.is_change && !active.tried_origin &&
-        active.redirects == 0 && active.url != basis_.url.request) {
+    const bool may_try_origin = !failure.is_change && !active.tried_origin &&
+                                active.redirects == 0 && active.url != basis_.url.request;
+    const bool is_final = failure.failure == FailureClass::final;
+    const auto wait = may_try_origin && is_final
+                          ? std::nullopt
+                          : active.retry.wait_after(failure.failure, failure.retry_after, now,
+                                                    basis_.options.retry);
+    if (!wait && may_try_origin) {
         active.tried_origin = true;
         target_ = basis_.url.request;
+        active.retry.got_on();
         send(active);
         return;
     }
-    const Clock::time_point now = Clock::now();
-    const auto wait =
-        active.retry.wait_after(failure.failure, failure.retry_after, now, basis_.options.retry);
     if (!wait) {
         give_up(active, failure);
         return;

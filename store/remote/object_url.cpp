@@ -115,6 +115,19 @@ bool is_host(std::string_view host) {
            });
 }
 
+/// Whether what follows a host's colon, if there is one, is the number of a port. An authority that
+/// ends at a slash of an unencoded password ends in a part of the password.
+bool has_port_or_none(std::string_view host) {
+    const std::size_t bracket = host.rfind(']');
+    const std::size_t colon = host.find(':', bracket == std::string_view::npos ? 0 : bracket);
+    if (colon == std::string_view::npos) {
+        return true;
+    }
+    const std::string_view port = host.substr(colon + 1);
+    return !port.empty() &&
+           std::all_of(port.begin(), port.end(), [](char c) { return c >= '0' && c <= '9'; });
+}
+
 [[noreturn]] void refuse(const std::string& name, const std::string& problem) {
     throw Error(ErrorKind::invalid_argument, {name}, problem, {{RemedyKind::check_url}});
 }
@@ -131,6 +144,11 @@ ObjectUrl parse_http(std::string_view scheme, std::string_view rest) {
     url.name = fmt::format("{}://{}{}", scheme, host, path.empty() ? "/" : path);
     if (!is_host(host)) {
         refuse(fmt::format("{}://", scheme), "the URL names no host");
+    }
+    if (!has_port_or_none(host)) {
+        refuse(fmt::format("{}://", scheme),
+               "what follows the colon of the URL's host is no number of a port; in a password, "
+               "write / as %2F, ? as %3F and # as %23");
     }
     url.request =
         fmt::format("{}://{}{}{}", scheme, host, path.empty() ? "/" : mended(path), mended(query));
@@ -237,6 +255,47 @@ std::string origin_of(std::string_view url) {
                        has_port            ? ""
                        : scheme == "https" ? ":443"
                                            : ":80");
+}
+
+std::string query_without_signature(std::string_view url) {
+    // Of Amazon's and Google's signatures, CloudFront's, and Azure's shared access signatures.
+    constexpr std::array<std::string_view, 23> kSigning{"signature",
+                                                        "expires",
+                                                        "awsaccesskeyid",
+                                                        "googleaccessid",
+                                                        "key-pair-id",
+                                                        "policy",
+                                                        "sig",
+                                                        "se",
+                                                        "st",
+                                                        "sp",
+                                                        "sv",
+                                                        "sr",
+                                                        "sip",
+                                                        "spr",
+                                                        "si",
+                                                        "skoid",
+                                                        "sktid",
+                                                        "skt",
+                                                        "ske",
+                                                        "sks",
+                                                        "skv",
+                                                        "expiry",
+                                                        "expiration"};
+    std::string out;
+    std::string_view left = url.substr(0, url.find('#'));
+    left = left.substr(std::min(left.find('?'), left.size()));
+    while (!left.empty()) {
+        left = left.substr(1);
+        const std::string_view parameter = left.substr(0, left.find('&'));
+        left = left.substr(parameter.size());
+        const std::string name = lower_case(parameter.substr(0, parameter.find('=')));
+        if (!parameter.empty() && name.rfind("x-amz-", 0) != 0 && name.rfind("x-goog-", 0) != 0 &&
+            std::find(kSigning.begin(), kSigning.end(), name) == kSigning.end()) {
+            out += (out.empty() ? "" : "&") + std::string(parameter);
+        }
+    }
+    return out;
 }
 
 }  // namespace isonest::detail

@@ -37,4 +37,7 @@ ObjectUrl parse_object_url(std::string_view text, const char* (*environment)(con
 /// the same server it is the same. REQUIRES: is_url(url) (<isonest/remote.h>, defined here).
 std::string origin_of(std::string_view url);
 
+/// The parameters of a URL's query, without those that only say who may read and how long.
+std::string query_without_signature(std::string_view url);
+
 }  // namespace isonest::detail

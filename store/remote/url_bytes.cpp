@@ -1,5 +1,7 @@
 #include "store/remote/url_bytes.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cstddef>
 #include <cstring>
@@ -7,6 +9,8 @@
 #include <utility>
 
 #include <isonest/error.h>
+
+#include "store/base/checksum.h"
 
 namespace isonest::detail {
 namespace {
@@ -20,6 +24,13 @@ std::uint64_t end_of_range(const ByteRange& range) {
 /// Each thread gets an error of its own.
 [[noreturn]] void throw_copy_of(const Error& error) {
     throw Error(error.kind(), error.place(), error.problem(), error.remedies());
+}
+
+/// Nothing of it can be read in the checksum: queries may have secrets.
+std::string checksum_of_query(const std::string& url) {
+    const std::string query = query_without_signature(url);
+    return query.empty() ? ""
+                         : fmt::format("{:016x}", checksum_of(std::as_bytes(std::span(query))));
 }
 
 }  // namespace
@@ -71,10 +82,10 @@ class UrlBytes::OpeningJob : public FetchJob {
         const Validators opened{head.etag, head.last_modified, size};
         owner_.loop_.set_opened(opened);
         const Lock lock(owner_.mutex_);
-        owner_.state_ = {owner_.name_, "", size};
+        owner_.state_ = {owner_.name_, "", size, owner_.query_};
         if (opened.is_strong()) {
             owner_.state_.version = opened.etag;
-        } else if (!opened.last_modified.empty()) {
+        } else if (!opened.last_modified.empty() && !owner_.has_query_) {
             owner_.state_.version = "last-modified: " + opened.last_modified;
         }
         if (range.size > 0) {
@@ -108,6 +119,8 @@ class UrlBytes::OpeningJob : public FetchJob {
 
 UrlBytes::UrlBytes(ObjectUrl url, RemoteOptions options)
     : name_(url.name),
+      has_query_(url.request.find('?') != std::string::npos),
+      query_(checksum_of_query(url.request)),
       options_(std::move(options)),
       extents_(options_.budget_bytes),
       opening_(std::make_shared<OpeningJob>(*this)),
@@ -242,6 +255,7 @@ bool UrlBytes::wait_for(Lock& lock, const ExtentPointer& extent, std::uint64_t u
             urgent_.push_back(extent);
             loop_.wake();
         }
+        load_announced(lock, extent);
         wait_until(lock, is_there);
         if (extent->state != Extent::State::failed && extent->state != Extent::State::replaced) {
             rounds_ = std::max(rounds_, extent->round);
@@ -251,6 +265,21 @@ bool UrlBytes::wait_for(Lock& lock, const ExtentPointer& extent, std::uint64_t u
         throw_copy_of(*extent->failure);
     }
     return extent->state != Extent::State::replaced;
+}
+
+/// The loop may be waiting until the server wants to be asked again.
+void UrlBytes::load_announced(Lock& lock, const ExtentPointer& extent) const {
+    const auto batch = std::find_if(to_load_.begin(), to_load_.end(), [&](const auto& extents) {
+        return std::find(extents.begin(), extents.end(), extent) != extents.end();
+    });
+    if (batch == to_load_.end()) {
+        return;
+    }
+    const std::vector<ExtentPointer> wanted = std::move(*batch);
+    to_load_.erase(batch);
+    lock.unlock();
+    load_from_cache(wanted);
+    lock.lock();
 }
 
 std::shared_ptr<FetchJob> UrlBytes::next_job() const {
@@ -271,12 +300,16 @@ std::shared_ptr<FetchJob> UrlBytes::next_job() const {
         if (queue.empty()) {
             return nullptr;
         }
-        ExtentPointer extent = std::move(queue.front());
-        queue.pop_front();
+        Extent& extent = *queue.front();
+        std::shared_ptr<FetchJob> job;
         // What somebody came to wait for stands in both.
-        if (!extent->is_started && broken_ == nullptr) {
-            extent->is_started = true;
-            return std::make_shared<ExtentJob>(*this, std::move(extent));
+        if (!extent.is_started && broken_ == nullptr) {
+            job = std::make_shared<ExtentJob>(*this, queue.front());
+            extent.is_started = true;
+        }
+        queue.pop_front();
+        if (job != nullptr) {
+            return job;
         }
     }
 }

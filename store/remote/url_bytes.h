@@ -75,6 +75,8 @@ class UrlBytes : public StoreBytes {
     /// All that have a part of the range; what is in none is asked for.
     std::vector<ExtentPointer> extents_for(Lock& lock, const ByteRange& range) const;
     void load_from_cache(const std::vector<ExtentPointer>& wanted) const;
+    /// If the extent is announced and its cache has not been looked at: that, with its batch.
+    void load_announced(Lock& lock, const ExtentPointer& extent) const;
     void end_extent(Extent& extent, Extent::State state,
                     std::shared_ptr<const Error> failure) const;
     static HeldBytes held(const std::vector<ExtentPointer>& extents, const ByteRange& range);
@@ -85,6 +87,8 @@ class UrlBytes : public StoreBytes {
                                            bool is_urgent) const;
 
     std::string name_;
+    bool has_query_;
+    std::string query_;  ///< of ObjectState
     RemoteOptions options_;
     ObjectState state_;
     std::shared_ptr<RangeCache> cache_;

@@ -2,6 +2,7 @@
 // waits for.
 #include <algorithm>
 #include <cstddef>
+#include <exception>
 #include <optional>
 #include <utility>
 
@@ -124,12 +125,16 @@ std::vector<UrlBytes::ExtentPointer> UrlBytes::hold_places(const std::vector<Byt
     return out;
 }
 
+/// Whatever fails here, no place is left that somebody may wait for and nobody fills.
 void UrlBytes::load_from_cache(const std::vector<ExtentPointer>& wanted) const {
-    std::vector<ExtentPointer> missing;
     for (const ExtentPointer& extent : wanted) {
-        std::optional<std::vector<std::byte>> bytes = cache_->load(extent->range);
+        std::optional<std::vector<std::byte>> bytes;
+        try {
+            bytes = cache_->load(extent->range);
+        } catch (const std::exception&) {
+            bytes.reset();  // as where the cache has none
+        }
         if (!bytes || bytes->size() != extent->range.size) {
-            missing.push_back(extent);
             continue;
         }
         cache_bytes_ += bytes->size();
@@ -140,20 +145,32 @@ void UrlBytes::load_from_cache(const std::vector<ExtentPointer>& wanted) const {
         extent->state = Extent::State::present;
         changed_.notify_all();
     }
-    if (missing.empty()) {
+    const Lock lock(mutex_);
+    Place place;
+    bool is_urgent = false;
+    std::size_t missing = 0;
+    for (const ExtentPointer& extent : wanted) {
+        if (extent->state == Extent::State::coming) {
+            place = {extent->round, extent->generation};
+            is_urgent = is_urgent || extent->is_urgent;
+            ++missing;
+            extent->state = Extent::State::replaced;
+            extents_.erase(*extent);
+            extent->count_no_more();  // before there is made room for what replaces it
+        }
+    }
+    if (missing == 0) {
         return;
     }
-    const Lock lock(mutex_);
-    std::vector<ByteRange> absent;
-    bool is_urgent = false;
-    for (const ExtentPointer& extent : missing) {
-        absent.push_back(extent->range);
-        is_urgent = is_urgent || extent->is_urgent;
-        extent->state = Extent::State::replaced;
-        extents_.erase(*extent);
-    }
-    ask(absent, {missing[0]->round, missing[0]->generation}, is_urgent);
     changed_.notify_all();
+    std::vector<ByteRange> absent;
+    absent.reserve(missing);
+    for (const ExtentPointer& extent : wanted) {
+        if (extent->state == Extent::State::replaced) {
+            absent.push_back(extent->range);
+        }
+    }
+    ask(absent, place, is_urgent);
 }
 
 }  // namespace isonest::detail

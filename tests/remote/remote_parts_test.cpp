@@ -80,11 +80,14 @@ TEST_CASE("a URL's name has no userinfo, query or fragment; what is asked for ha
     CHECK(parsed_url("http://h/%41%2f?x").request == "http://h/%41%2f?x");
     CHECK(parsed_url("http://a@b@h/x").name == "http://h/x");
     CHECK(parsed_url("http://h?a/b@c").name == "http://h/");
+    CHECK(parsed_url("http://[::1]:80/x").name == "http://[::1]:80/x");
+    CHECK(parsed_url("http://[::1]/x").name == "http://[::1]/x");
     CHECK_FALSE(is_url("/data/http://x"));
     CHECK_FALSE(is_url("ftp://x/y"));
     CHECK_FALSE(is_url("https://"));
     for (const char* const wrong :
-         {"http://user:s3cret@/x", "http://:80/x", "http://a\nb/", "x", "http://h\"h/", "s3://b",
+         {"http://user:s3cret@/x", "http://user:s3cret/a@h/x", "http://user:12s3cret?a@h/x",
+          "http://h:/x", "http://:80/x", "http://a\nb/", "x", "http://h\"h/", "s3://b",
           "s3://bucket", "s3://bucket/", "s3:///key", "s3://b ucket/key"}) {
         INFO(wrong);
         try {
@@ -114,6 +117,15 @@ TEST_CASE("an s3 URL leads to Amazon or to the endpoint, with the keys of the en
     CHECK(url.keys->session.empty());
     CHECK_THROWS_AS(parsed_url("s3://bucket/a", {{"AWS_ACCESS_KEY_ID", "id"}}), Error);
     CHECK_THROWS_AS(parsed_url("s3://bucket/a", {{"AWS_ENDPOINT_URL", "localhost"}}), Error);
+}
+
+TEST_CASE("a query tells objects apart, the signature in it does not") {
+    CHECK(query_without_signature("http://h/x").empty());
+    CHECK(query_without_signature("http://h/x?").empty());
+    CHECK(query_without_signature("http://h/x?file=a&&n=1#b?c") == "file=a&n=1");
+    CHECK(query_without_signature("http://h/x?X-Amz-Date=1&x-amz-signature=2&file=a") == "file=a");
+    CHECK(query_without_signature("http://h/x?sv=1&se=2&sp=r&sig=3").empty());
+    CHECK(query_without_signature("http://h/x?Expires=1&Signature=2&Key-Pair-Id=3&v") == "v");
 }
 
 TEST_CASE("servers are the same by scheme, host and port") {
@@ -202,6 +214,8 @@ TEST_CASE("an answer is what was asked for, or says why not") {
     CHECK(verdict_of({"HTTP/2 200", "Content-Length: 9"}, end, nullptr) == Verdict::whole);
     CHECK(verdict_of({"HTTP/2 416", "Content-Range: bytes */0"}, end, nullptr) ==
           Verdict::no_such_range);
+    CHECK(verdict_of({"HTTP/2 416"}, end, nullptr) == Verdict::failed);
+    CHECK(verdict_of({"HTTP/2 416", "Content-Range: bytes */*"}, end, nullptr) == Verdict::failed);
 }
 
 TEST_CASE("waits grow, with jitter, and end") {
@@ -311,10 +325,19 @@ TEST_CASE("extents know what is absent, and drop what was used least recently an
     held.reset();
     CHECK(extents.alive() == 0);
 
-    // For what is only announced, nothing is dropped that was announced with it and is not read.
+    // What has been read goes first, though it was used last.
     add(0, 60)->unread = 1;
+    add(70, 30);
+    CHECK(extents.make_room(20));
+    CHECK(are_same(extents.absent({0, 100}), {{60, 40}}));
+    // For what is only announced, nothing unread is dropped that was announced with it or before.
     CHECK_FALSE(extents.make_room_for_hint(50, 0));
-    CHECK(extents.make_room_for_hint(50, 1));
+    CHECK_FALSE(extents.make_room_for_hint(50, 1));
+    CHECK(extents.make_room_for_hint(50, 2));
+    const std::shared_ptr<Extent> replaced = extents.insert({100, 40});
+    extents.erase(*replaced);
+    replaced->count_no_more();
+    CHECK(extents.alive() == 0);
     extents.insert({200, 90});  // on its way
     CHECK_FALSE(extents.make_room(20));
 }

@@ -273,11 +273,12 @@ TEST_CASE("any ranges, by several threads at the same time: all of them are foun
 TEST_CASE("another ETag, size or URL has entries of its own, and no version has none") {
     const TemporaryFolder folder;
     const DiskCache cache(folder.path(), kPlenty);
-    std::vector<ObjectState> states{object_state("\"1\""), object_state("\"2\""),
-                                    object_state("last-modified: Thu"), object_state("\"1\""),
-                                    object_state("\"1\"")};
+    std::vector<ObjectState> states{
+        object_state("\"1\""), object_state("\"2\""), object_state("last-modified: Thu"),
+        object_state("\"1\""), object_state("\"1\""), object_state("\"1\"")};
     states[3].size += 1;
     states[4].url += "x";
+    states[5].query = "0123";
     for (unsigned i = 0; i < states.size(); ++i) {
         keep(*cache.of(states[i]), {100, 2 * kBlock}, i);
     }
@@ -513,6 +514,11 @@ TEST_CASE("a folder that cannot be made is an error, and one that cannot be used
     std::ofstream(taken / "isonest-cache-1") << "x";
     const DiskCache in_the_way(taken, kPlenty);
     CHECK(is_off(in_the_way));
+    // Others may write into it.
+    const auto open_to_all = folder / "open";
+    keep(*DiskCache(open_to_all, kPlenty).of(object_state()), {0, 10});
+    CHECK(::chmod((open_to_all / "isonest-cache-1").c_str(), 0722) == 0);
+    CHECK(is_off(DiskCache(open_to_all, kPlenty)));
     // It is taken away in the middle.
     const auto gone = folder / "gone";
     const DiskCache vanished(gone, kPlenty);

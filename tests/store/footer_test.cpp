@@ -260,6 +260,20 @@ TEST_CASE("chunks of a far store are announced together, after the pages that sa
         CHECK(wanted[i + 2].size == row.bytes);
     }
     CHECK(bytes->reads().size() == 2);
+    // Rows of a box are announced page by page, and what is there is not announced again.
+    const StoreReader another(bytes);
+    static_cast<void>(bytes->reads());
+    another.prefetch_rows(values, {0, 0, 9}, {1, 1, 10});
+    CHECK(bytes->wanted().size() == 1);
+    another.prefetch_rows(values, {0, 0, 0}, values.grid);
+    const std::vector<ByteRange> pages = bytes->wanted();
+    for (std::int64_t i = 0; i < values.grid.product(); ++i) {
+        static_cast<void>(another.row(values, values.grid.unlinear(i)));
+    }
+    CHECK(pages.size() > 2);
+    CHECK(bytes->reads().size() == pages.size());
+    another.prefetch_rows(values, {0, 0, 0}, values.grid);
+    CHECK(bytes->wanted().empty());
     // Ranges of coarse levels are read, all together; those of fine ones are not.
     CHECK(store.cube_range(4, {0, 0, 0}));
     CHECK(store.cube_range(5, {0, 0, 0}));

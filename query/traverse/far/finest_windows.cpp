@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -83,6 +84,7 @@ class FinestWindows {
     explicit FinestWindows(Runs runs) : runs_(runs), run_(*runs.front()), bricks_(runs) {}
 
     void traverse() {
+        announce_rows();
         // While the first is worked on, the second waits for what its values name, the third for
         // those.
         Window first;
@@ -98,6 +100,23 @@ class FinestWindows {
 
   private:
     static constexpr std::uint64_t kShare = 8;  ///< of the cache, for a window: 1 / 8
+
+    /// Those of the bricks in the box, and of their neighbours: they say which bricks are reached.
+    void announce_rows() {
+        const ArrayInfo& values = run_.layout().array(0, Field::values);
+        const auto chunk = static_cast<double>(run_.layout().header().chunk);
+        const ClipBox& box = run_.query.box;
+        Int3 begin;
+        Int3 end;
+        for (int axis = 0; axis < 3; ++axis) {
+            const auto most = static_cast<double>(values.grid[axis]);
+            const double low = std::clamp(std::floor(box.lo[axis] / chunk) - 1, 0.0, most);
+            const double high = std::clamp(std::floor(box.hi[axis] / chunk) + 2, 0.0, most);
+            begin[axis] = static_cast<std::int64_t>(low);
+            end[axis] = static_cast<std::int64_t>(high);
+        }
+        run_.cache.source().prefetch_rows(values, begin, end);
+    }
 
     /// A new window, and what says whether it faces a viewer; without one, what the chunk table
     /// names.

@@ -121,4 +121,26 @@ void ChunkTable::want(std::span<const std::uint64_t> rows) const {
     }
 }
 
+void ChunkTable::want(const ArrayInfo& array, const Int3& begin, const Int3& end) const {
+    if (pages_ == nullptr || pages_->seen != nullptr || begin.x >= end.x) {
+        return;
+    }
+    const std::uint64_t of_page = pages_->found->catalogue.table->rows_of_page;
+    const std::size_t most = pages_->held.size();
+    std::vector<std::uint64_t> rows;  // one of each page
+    for (std::int64_t z = begin.z; z < end.z && rows.size() < most; ++z) {
+        for (std::int64_t y = begin.y; y < end.y && rows.size() < most; ++y) {
+            std::uint64_t page = array.row_of({begin.x, y, z}) / of_page;
+            const std::uint64_t last = array.row_of({end.x - 1, y, z}) / of_page;
+            if (!rows.empty()) {
+                page = std::max(page, rows.back() / of_page + 1);
+            }
+            for (; page <= last && rows.size() < most; ++page) {
+                rows.push_back(page * of_page);
+            }
+        }
+    }
+    want(rows);
+}
+
 }  // namespace isonest::detail

@@ -35,6 +35,9 @@ class ChunkTable {
     [[nodiscard]] ChunkRow row(std::uint64_t number) const;
     /// Tells a store that is far that these rows are needed soon, and together.
     void want(std::span<const std::uint64_t> rows) const;
+    /// The same of the chunks in [begin, end) of an array, as far as their pages are kept: first
+    /// come first. REQUIRES: its grid has them.
+    void want(const ArrayInfo& array, const Int3& begin, const Int3& end) const;
 
   private:
     struct Held {

@@ -17,6 +17,8 @@ namespace isonest::detail {
 namespace {
 
 constexpr std::uint32_t kFooterVersion = 1;
+/// A catalogue has a few bytes for each page of the chunk table.
+constexpr std::uint64_t kMostCatalogueBytes = std::uint64_t{64} << 20U;
 constexpr std::array<char, 8> kFooterMagic{'I', 's', 'o', 'N', 'e', 's', 't', '\n'};
 
 /// As they are stored.
@@ -102,6 +104,9 @@ std::optional<FoundCatalogue> find_catalogue(const StoreBytes& bytes) {
     if (footer.file_bytes != size || footer.catalogue > end ||
         footer.catalogue_bytes > end - footer.catalogue || footer.hdf5_end > footer.catalogue) {
         fail_footer(bytes, "it is not this file's: bytes of it are missing, or there are others");
+    }
+    if (footer.catalogue_bytes > kMostCatalogueBytes) {
+        fail_footer(bytes, "damaged: no catalogue is as long as it says");
     }
     found.bytes =
         footer.catalogue >= found.tail_begin
