@@ -201,7 +201,7 @@ class Refused(Case):
         self.works("preprocess", self.nrrd(waves((9, 10, 11))), "-o", store)
         self.assertIn("is a store", self.fails(2, "extract", store, "--iso", "100", "--crop", ":,:,2:"))
         self.assertIn("surplus", self.fails(3, "extract", store, "surplus", "--iso", "100"))
-        store.write_bytes(store.read_bytes()[:-1000])
+        store.write_bytes(store.read_bytes()[:store.stat().st_size // 2])
         self.assertNotIn("volume file", self.fails(4, "extract", store, "--iso", "100"))
 
     def test_the_volume_is_not_replaced(self):
