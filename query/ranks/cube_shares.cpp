@@ -154,7 +154,9 @@ std::string text_of(const Numbers& numbers) {
 
 Numbers numbers_of(const std::string& text) {
     Numbers numbers(text.size() / sizeof(std::uint64_t));
-    std::memcpy(numbers.data(), text.data(), text.size());
+    if (!numbers.empty()) {
+        std::memcpy(numbers.data(), text.data(), numbers.size() * sizeof(std::uint64_t));
+    }
     return numbers;
 }
 

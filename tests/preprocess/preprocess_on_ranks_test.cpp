@@ -480,7 +480,9 @@ TEST_CASE("what ranks have left is taken over by as many ranks or by others") {
                 const bool same = read_file(folder / "s") == expected;
                 CHECK(same);
                 CHECK(scratch.names().empty());
-                CHECK(all.front().whole.resumed_chunks > 0);
+                if (!damaged) {
+                    CHECK(all.front().whole.resumed_chunks > 0);
+                }
                 most = std::max(most, all.front().whole.resumed_chunks);
                 std::filesystem::remove(folder / "s");
             }

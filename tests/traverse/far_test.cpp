@@ -1,5 +1,6 @@
 // A store behind a network gives the same mesh as a local one, in few round trips and with little
 // that was announced for nothing.
+#include <algorithm>
 #include <catch2/catch.hpp>
 
 #include "query/mesh/emit_mesh.h"
@@ -202,8 +203,9 @@ PreprocessOptions with_gradients(int chunk) {
 TEST_CASE("a far store is read in a round trip for each level, and gives the same mesh") {
     const TemporaryFolder folder;
     const Int3 n{97, 129, 110};
-    FunctionVolume<std::uint8_t> bytes(
-        n, [](const Int3& p) { return static_cast<std::uint8_t>(110 + 40 * smooth(p)); });
+    FunctionVolume<std::uint8_t> bytes(n, [](const Int3& p) {
+        return static_cast<std::uint8_t>(std::clamp(110 + 40 * smooth(p), 0.0, 255.0));
+    });
     FunctionVolume<float> reals(n, [](const Int3& p) {
         const Int3 d = p - Int3{40, 60, 50};
         return static_cast<float>(std::sqrt(d.x * d.x + d.y * d.y + d.z * d.z) + 2 * smooth(p));
