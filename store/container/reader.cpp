@@ -183,10 +183,6 @@ void StoreReader::prefetch(const ArrayInfo& array, const Int3& chunk) const {
 }
 
 void StoreReader::prefetch_all(std::span<const WantedChunk> chunks) const {
-    if (!is_far()) {
-        ChunkSource::prefetch_all(chunks);
-        return;
-    }
     std::vector<std::uint64_t> rows;
     std::vector<const WantedChunk*> inside;
     for (const WantedChunk& wanted : chunks) {

@@ -6,10 +6,6 @@
 namespace isonest::detail {
 namespace {
 
-std::uint64_t end_of(const ByteRange& range) {
-    return range.offset + range.size;
-}
-
 /// For each range but the first, whether the gap before it is bridged.
 std::vector<bool> bridged_gaps(const std::vector<ByteRange>& ranges, const JoinLimits& limits,
                                const std::function<bool(const ByteRange&)>& may_fetch) {

@@ -9,6 +9,11 @@
 
 namespace isonest::detail {
 
+/// The first byte behind it.
+inline std::uint64_t end_of(const ByteRange& range) {
+    return range.offset + range.size;
+}
+
 struct JoinLimits {
     std::uint64_t gap = 16U << 10U;     ///< bytes between two ranges that a request may have beside
     std::uint64_t largest = 8U << 20U;  ///< bytes of one request

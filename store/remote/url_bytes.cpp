@@ -11,15 +11,12 @@
 #include <isonest/error.h>
 
 #include "store/base/checksum.h"
+#include "store/remote/join_ranges.h"
 
 namespace isonest::detail {
 namespace {
 
 constexpr std::chrono::milliseconds kCheckEvery{50};
-
-std::uint64_t end_of_range(const ByteRange& range) {
-    return range.offset + range.size;
-}
 
 /// Each thread gets an error of its own.
 [[noreturn]] void throw_copy_of(const Error& error) {
@@ -176,7 +173,7 @@ HeldBytes UrlBytes::held(const std::vector<ExtentPointer>& extents, const ByteRa
     auto whole = std::make_shared<std::vector<std::byte>>(range.size);
     for (const ExtentPointer& extent : extents) {
         const std::uint64_t from = std::max(range.offset, extent->range.offset);
-        const std::uint64_t until = std::min(end_of_range(range), end_of_range(extent->range));
+        const std::uint64_t until = std::min(end_of(range), end_of(extent->range));
         std::memcpy(whole->data() + (from - range.offset),
                     extent->bytes.data() + (from - extent->range.offset), until - from);
     }
@@ -197,9 +194,9 @@ HeldBytes UrlBytes::read(std::uint64_t offset, std::uint64_t size) const {
         const std::vector<ExtentPointer> extents = extents_for(lock, range);
         const bool all_there =
             std::all_of(extents.begin(), extents.end(), [&](const ExtentPointer& extent) {
-                return wait_for(lock, extent,
-                                std::min(end_of_range(range), end_of_range(extent->range)) -
-                                    extent->range.offset);
+                return wait_for(
+                    lock, extent,
+                    std::min(end_of(range), end_of(extent->range)) - extent->range.offset);
             });
         if (!all_there) {
             continue;
@@ -208,7 +205,7 @@ HeldBytes UrlBytes::read(std::uint64_t offset, std::uint64_t size) const {
         std::uint64_t covered = 0;
         for (const ExtentPointer& extent : extents) {
             const std::uint64_t from = std::max(offset, extent->range.offset);
-            const std::uint64_t until = std::min(end_of_range(range), end_of_range(extent->range));
+            const std::uint64_t until = std::min(end_of(range), end_of(extent->range));
             const std::uint64_t read_now = std::min(extent->unread, until - from);
             extent->unread -= read_now;
             was_read_up = was_read_up || (read_now > 0 && extent->unread == 0);

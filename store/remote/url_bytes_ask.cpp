@@ -15,10 +15,6 @@ namespace {
 constexpr std::size_t kMostAnnouncements = 8;
 constexpr JoinLimits kJoinLimits{};
 
-std::uint64_t end_of_announced(const ByteRange& range) {
-    return range.offset + range.size;
-}
-
 /// Without what lies outside, by offset, and without overlap; ranges that only touch stay apart.
 std::vector<ByteRange> tidied(std::span<const ByteRange> ranges, std::uint64_t size) {
     std::vector<ByteRange> sorted;
@@ -31,9 +27,8 @@ std::vector<ByteRange> tidied(std::span<const ByteRange> ranges, std::uint64_t s
               [](const ByteRange& a, const ByteRange& b) { return a.offset < b.offset; });
     std::vector<ByteRange> out;
     for (const ByteRange& range : sorted) {
-        if (!out.empty() && range.offset < end_of_announced(out.back())) {
-            out.back().size =
-                std::max(end_of_announced(out.back()), end_of_announced(range)) - out.back().offset;
+        if (!out.empty() && range.offset < end_of(out.back())) {
+            out.back().size = std::max(end_of(out.back()), end_of(range)) - out.back().offset;
         } else {
             out.push_back(range);
         }

@@ -399,6 +399,38 @@ TEST_CASE("several isovalues at once are shared as well, and labels") {
     require_same(store, label);
 }
 
+namespace {
+
+/// Three ranks, of which `failing` is cancelled when `Stopping` says so: all are, and nothing is
+/// left.
+template <class Stopping>
+void require_all_cancelled(const Made<float>& made, int failing) {
+    const TemporaryFolder folder;
+    std::atomic<int> failed = 0;
+    const auto run = [&] {
+        isonest::test::ThreadRanks(3).run([&](Communicator& ranks) {
+            try {
+                Stopping progress(ranks.rank() == failing);
+                extract_on_ranks(
+                    ranks, *made.store, nullptr,
+                    [&](const ExtractOptions& options) {
+                        const auto sink = open_mesh_file(folder / "m.ply");
+                        extract(*made.store, surface(0.2), *sink, options, progress);
+                    },
+                    {kAmple, 1, {}}, progress);
+            } catch (const Error& error) {
+                failed += error.kind() == ErrorKind::cancelled ? 1 : 0;
+                throw;
+            }
+        });
+    };
+    CHECK_THROWS_AS(run(), Error);
+    CHECK(failed == 3);
+    CHECK(folder.names().empty());
+}
+
+}  // namespace
+
 TEST_CASE("a rank that fails ends all, and no file is left") {
     const Made<float> made({67, 50, 41}, waves, with_chunk(8));
     /// Stops one rank in the middle of its traversal.
@@ -412,28 +444,7 @@ TEST_CASE("a rank that fails ends all, and no file is left") {
         mutable std::atomic<int> asked_ = 0;
     };
     for (const int failing : {0, 2}) {
-        const TemporaryFolder folder;
-        std::atomic<int> failed = 0;
-        const auto run = [&] {
-            isonest::test::ThreadRanks(3).run([&](Communicator& ranks) {
-                try {
-                    Stops progress(ranks.rank() == failing);
-                    extract_on_ranks(
-                        ranks, *made.store, nullptr,
-                        [&](const ExtractOptions& options) {
-                            const auto sink = open_mesh_file(folder / "m.ply");
-                            extract(*made.store, surface(0.2), *sink, options, progress);
-                        },
-                        {kAmple, 1, {}}, progress);
-                } catch (const Error& error) {
-                    failed += error.kind() == ErrorKind::cancelled ? 1 : 0;
-                    throw;
-                }
-            });
-        };
-        CHECK_THROWS_AS(run(), Error);
-        CHECK(failed == 3);
-        CHECK(folder.names().empty());
+        require_all_cancelled<Stops>(made, failing);
     }
 }
 
@@ -453,28 +464,7 @@ TEST_CASE("a rank that fails while all write ends all, and no file is left") {
         std::atomic<bool> writes_ = false;
     };
     for (const int failing : {0, 1, 2}) {
-        const TemporaryFolder folder;
-        std::atomic<int> failed = 0;
-        const auto run = [&] {
-            isonest::test::ThreadRanks(3).run([&](Communicator& ranks) {
-                try {
-                    StopsWriting progress(ranks.rank() == failing);
-                    extract_on_ranks(
-                        ranks, *made.store, nullptr,
-                        [&](const ExtractOptions& options) {
-                            const auto sink = open_mesh_file(folder / "m.ply");
-                            extract(*made.store, surface(0.2), *sink, options, progress);
-                        },
-                        {kAmple, 1, {}}, progress);
-                } catch (const Error& error) {
-                    failed += error.kind() == ErrorKind::cancelled ? 1 : 0;
-                    throw;
-                }
-            });
-        };
-        CHECK_THROWS_AS(run(), Error);
-        CHECK(failed == 3);
-        CHECK(folder.names().empty());
+        require_all_cancelled<StopsWriting>(made, failing);
     }
 }
 
