@@ -74,7 +74,14 @@ class CachedObject : public RangeCache {
         }
         each_piece(range, [&](const Piece& piece) {
             const std::lock_guard lock(adding_.at(piece.block % adding_.size()));
+            std::optional<CachedBlock> block = stored(piece.block);
+            if (block) {
+                block->remove(piece.from, piece.size);
+            }
             folder_->remove(number_of(piece.block));
+            if (block && !block->empty()) {
+                folder_->write(number_of(piece.block), block->encode(name_, piece.block));
+            }
             let_go(piece.block);
             return true;
         });

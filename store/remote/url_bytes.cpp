@@ -49,8 +49,8 @@ class UrlBytes::ExtentJob : public FetchJob {
         owner_.changed_.notify_all();
     }
     void done() override {
+        owner_.keep_later(extent_);  // before anybody can find that its bytes are wrong
         owner_.end_extent(*extent_, Extent::State::present, nullptr);
-        owner_.keep_later(extent_);
     }
     void failed(const Error& error, bool is_change) override {
         const auto failure = std::make_shared<const Error>(error);
@@ -156,9 +156,11 @@ void UrlBytes::use_cache() {
     std::optional<std::vector<std::byte>> tail;
     if (known_ && options_.make_cache) {
         known_cache = options_.make_cache(*known_);
-        const std::uint64_t bytes = std::min(kTailBytes, known_->size);
-        if (known_cache != nullptr) {
-            tail = known_cache->load({known_->size - bytes, bytes});
+        for (const std::uint64_t most : {kTailBytes, kKnownTailBytes}) {
+            const std::uint64_t bytes = std::min(most, known_->size);
+            if (known_cache != nullptr && !tail) {
+                tail = known_cache->load({known_->size - bytes, bytes});
+            }
         }
     }
     Lock lock(mutex_);
@@ -220,15 +222,14 @@ void UrlBytes::keep_later(const ExtentPointer& extent) const {
     if (keeping_ == nullptr) {
         return;
     }
+    {
+        const Lock lock(mutex_);
+        if (extent->is_forgotten) {
+            return;
+        }
+    }
     keeping_->add(extent->range.size, [this, held = extent]() mutable {
-        bool is_wrong = false;
-        {
-            const Lock lock(mutex_);
-            is_wrong = held->is_forgotten;
-        }
-        if (!is_wrong) {
-            cache_->keep(held->range, held->bytes);
-        }
+        cache_->keep(held->range, held->bytes);
         held.reset();
         const Lock lock(mutex_);
         ask_for_announced();
@@ -241,7 +242,7 @@ void UrlBytes::forget(const ByteRange& range) const {
     for (const ExtentPointer& extent : extents_.use(range)) {
         // Places that wait for the cache have no bytes yet.
         if (extent->state == Extent::State::present || extent->received > 0) {
-            extent->is_forgotten = true;
+            extent->is_forgotten = extent->state != Extent::State::present;
             extents_.erase(*extent);
         }
     }

@@ -189,10 +189,15 @@ TEST_CASE("what is forgotten is not given any more, and other bytes may be kept 
     const auto object = cache.of(object_state());
     keep(*object, {100, 3 * kBlock}, 1);
     CHECK(has(*object, {200, kBlock}, 1));
-    object->forget({kBlock + 5, 10});
-    CHECK_FALSE(object->load({kBlock, 100}));
-    CHECK(has(*object, {100, 1000}, 1));  // another block
-    object->forget({kObjectBytes, 5});    // nothing
+    object->forget({kBlock + 50, 100});
+    CHECK_FALSE(object->load({kBlock, 51}));
+    CHECK_FALSE(object->load({kBlock + 149, 10}));
+    CHECK(has(*object, {100, kBlock - 50}, 1));
+    CHECK(has(*object, {kBlock + 150, 1000}, 1));
+    object->forget({kObjectBytes, 5});  // nothing
+    object->forget({kBlock, kBlock});   // a whole block
+    CHECK_FALSE(object->load({2 * kBlock - 1, 1}));
+    CHECK(has(*object, {2 * kBlock, 100}, 1));
     keep(*object, {kBlock, 1000});
     CHECK(has(*object, {kBlock, 1000}));
     CHECK_FALSE(object->load({kBlock + 900, 200}));

@@ -6,6 +6,21 @@
 
 namespace isonest::detail::view {
 
+namespace {
+
+/// Those that a traversal reads of a store that is far.
+void want_ranges(const StoreReader& store) {
+    const StoreLayout& layout = store.layout();
+    for (int level = kFirstRangeLevel; layout.has_cube_ranges(level); ++level) {
+        const auto cubes = static_cast<std::uint64_t>(layout.lattice().cells_at(level).product());
+        if (cubes * cube_range_bytes(layout.header().type) <= CubeRangeTable::kMostFar) {
+            store.prefetch_cube_ranges(level);
+        }
+    }
+}
+
+}  // namespace
+
 std::optional<FirstLevels> fetch_first_levels(const StoreReader& store) {
     const StoreLayout& layout = store.layout();
     const std::optional<Field> bound = layout.tightest_bound();
@@ -33,6 +48,7 @@ std::optional<FirstLevels> fetch_first_levels(const StoreReader& store) {
     }
     if (first) {
         store.prefetch_all(chunks);
+        want_ranges(store);
     }
     return first;
 }
