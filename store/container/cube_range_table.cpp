@@ -79,6 +79,11 @@ void CubeRangeTable::add(const StoreLayout& layout, int level, std::optional<std
     l.seen = std::make_unique<std::atomic<bool>[]>(planes);
     if (!bytes_->is_far()) {
         l.ranges = bytes_->read(l.offset, l.bytes());
+        if (l.bytes() <= kMostFar) {
+            // Beside a page that is missing, the system would read far more.
+            const ByteRange all{l.offset, l.bytes()};
+            bytes_->want({&all, 1});
+        }
     } else {
         l.is_read = l.bytes() <= kMostFar;
         read_ = std::make_unique<std::once_flag>();
