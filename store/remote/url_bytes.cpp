@@ -136,17 +136,9 @@ UrlBytes::~UrlBytes() {
     if (keeping_ == nullptr) {
         return;
     }
-    constexpr std::chrono::hours kUntilAllIsKept{1};
+    constexpr std::chrono::milliseconds kUntilAllIsKept = std::chrono::hours(1);
     constexpr std::chrono::milliseconds kOfCancelled{200};
-    std::chrono::milliseconds at_most = kUntilAllIsKept;
-    try {
-        if (options_.check) {
-            options_.check();
-        }
-    } catch (...) {
-        at_most = kOfCancelled;
-    }
-    keeping_->finish(at_most);
+    keeping_->finish(was_cancelled_ ? kOfCancelled : kUntilAllIsKept);
 }
 
 /// Waits until the object is open. What the cache has of its end is loaded meanwhile, and used if
@@ -275,7 +267,12 @@ void UrlBytes::wait_until(Lock& lock, const std::function<bool()>& is_over) cons
             next_check = std::chrono::steady_clock::now() + kCheckEvery;
             if (options_.check) {
                 lock.unlock();
-                options_.check();
+                try {
+                    options_.check();
+                } catch (...) {
+                    was_cancelled_ = true;
+                    throw;
+                }
                 lock.lock();
             }
         }

@@ -44,7 +44,8 @@ class UrlBytes : public StoreBytes {
 
     /// Throws as open_url().
     UrlBytes(ObjectUrl url, RemoteOptions options);
-    /// Waits until what is to be kept is in the cache; if options.check throws, for 0.2 s at most.
+    /// Waits until what is to be kept is in the cache; where options.check has thrown, for 0.2 s at
+    /// most.
     ~UrlBytes() override;
 
     [[nodiscard]] const std::string& name() const override { return name_; }
@@ -124,6 +125,7 @@ class UrlBytes : public StoreBytes {
     mutable std::uint64_t rounds_ = 0;
     mutable std::uint64_t generation_ = 0;
     mutable std::atomic<std::uint64_t> cache_bytes_{0};
+    mutable std::atomic<bool> was_cancelled_{false};
     mutable std::shared_ptr<FetchJob> opening_;
     // Their threads use the others.
     mutable FetchLoop loop_;

@@ -203,11 +203,12 @@ class Reading(unittest.TestCase):
             self.assertLess(answer["cache_bytes"], 25 * 90_000 // 2)
 
     def test_after_ctrl_c_the_cache_is_not_waited_for(self):
-        with RangeServer(FOLDER) as server, Client() as client:
+        with RangeServer(FOLDER, fault_of=lambda number, *_: "silent" if number > 21 else None) as server, Client() as client:
             client.open(server.url("a.bin"), cache=True, keep_ms=300)
-            client.read(*([i * 100_000, 9_000] for i in range(20)))
+            client.read(*([i * 100_000, 9_000] for i in range(20)))  # 6 s to keep
             client.do("cancel", after_ms=0)
             start = time.monotonic()
+            self.assertEqual(client.read([50_000, 1000])["errors"][0]["kind"], "cancelled")
             client.do("close")
             self.assertLess(time.monotonic() - start, 1.5)
 
