@@ -8,7 +8,7 @@
 #include "query/mesh/weld.h"
 #include "query/traverse/traversal.h"
 #include "store/base/workers.h"
-#include "store/container/announce/far_source.h"
+#include "store/container/wrapping/far_source.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
