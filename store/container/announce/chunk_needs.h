@@ -31,6 +31,9 @@ class ChunkNeeds {
             add(*c.array, c.chunk, c.whole);
         }
     }
+    [[nodiscard]] bool contains(const ArrayInfo& array, const Int3& chunk) const {
+        return places_.contains(array.row_of(chunk));
+    }
     /// What `others` would add to bytes().
     [[nodiscard]] std::uint64_t more_bytes(const ChunkNeeds& others) const {
         std::uint64_t more = 0;
