@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <initializer_list>
 #include <utility>
 
@@ -79,18 +80,46 @@ std::string first_unpacked(const std::filesystem::path& path) {
     return text;
 }
 
-VolumeInput look_at(const std::vector<std::filesystem::path>& paths) {
+/// What a URL names: an object, or, where there is no object of that name, what is taken for a
+/// folder, of which only the names of its objects are known, not which there are.
+VolumeInput look_at_url(const std::vector<std::filesystem::path>& paths,
+                        const RemoteAccess& remote) {
+    const std::string shown = shown_location(paths[0].native());
+    if (paths.size() > 1) {
+        throw Error(ErrorKind::unsupported, {shown},
+                    "of what is elsewhere, one object or one Zarr folder is read, not several",
+                    {{RemedyKind::download}});
+    }
+    VolumeInput input{.paths = paths, .far = true};
+    if (shown.ends_with('/') || shown.ends_with(".zarr")) {
+        input.folder = true;
+        return input;
+    }
+    try {
+        input.bytes = open_location(paths[0], remote);
+    } catch (const Error& error) {
+        if (error.kind() != ErrorKind::not_found) {
+            throw;
+        }
+        input.folder = true;
+        return input;
+    }
+    const HeldBytes head =
+        input.bytes->read(0, std::min<std::uint64_t>(VolumeInput::kHeadBytes, input.bytes->size()));
+    input.head.assign(reinterpret_cast<const char*>(head.bytes().data()), head.bytes().size());
+    input.unpacked = input.head;
+    return input;
+}
+
+VolumeInput look_at(const std::vector<std::filesystem::path>& paths, const RemoteAccess& remote) {
     if (paths.empty()) {
         throw Error(ErrorKind::invalid_argument, "no input is named");
     }
-    for (const std::filesystem::path& path : paths) {
-        if (is_url(path.native())) {
-            throw Error(ErrorKind::unsupported, {shown_location(path.native())},
-                        "volumes are read from files; of what is elsewhere, stores alone are",
-                        {{RemedyKind::download}});
-        }
+    if (std::any_of(paths.begin(), paths.end(),
+                    [](const std::filesystem::path& path) { return is_url(path.native()); })) {
+        return look_at_url(paths, remote);
     }
-    VolumeInput input{paths, false, {}, {}};
+    VolumeInput input{.paths = paths};
     std::error_code error;
     input.folder = paths.size() == 1 && std::filesystem::is_directory(paths[0], error);
     if (!input.folder) {
@@ -105,9 +134,13 @@ VolumeInput look_at(const std::vector<std::filesystem::path>& paths) {
 
 const VolumeFormat& format_of(const VolumeInput& input) {
     for (const VolumeFormat& format : volume_formats()) {
-        if (format.recognises(input)) {
+        if ((!input.far || format.reads_urls) && format.recognises(input)) {
             return format;
         }
+    }
+    if (input.far) {
+        throw Error(ErrorKind::unsupported, {shown_location(input.path().native())},
+                    "of what is elsewhere, this format is not read", {{RemedyKind::download}});
     }
     std::string names;
     for (const VolumeFormat& format : volume_formats()) {
@@ -133,7 +166,7 @@ std::vector<InputFormat> input_formats() {
 
 std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::path>& paths,
                                           const SourceOptions& options) {
-    const VolumeInput input = look_at(paths);
+    const VolumeInput input = look_at(paths, options.remote);
     const VolumeFormat& format = format_of(input);
     if (format.open == nullptr) {
         throw Error(ErrorKind::unsupported, {input.path().string()},
