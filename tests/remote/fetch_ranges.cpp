@@ -18,6 +18,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <random>
@@ -49,6 +50,9 @@ class MemoryCache : public RangeCache {
   public:
     std::optional<std::vector<std::byte>> load(ByteRange range) override {
         const std::lock_guard lock(mutex_);
+        if (!has_memory_) {
+            throw std::bad_alloc();
+        }
         for (const auto& [offset, bytes] : kept_) {
             if (offset <= range.offset && range.offset + range.size <= offset + bytes.size()) {
                 const auto first =
@@ -58,6 +62,11 @@ class MemoryCache : public RangeCache {
         }
         return std::nullopt;
     }
+    /// Without memory it can load nothing.
+    void set_memory(bool has_memory) {
+        const std::lock_guard lock(mutex_);
+        has_memory_ = has_memory;
+    }
     void keep(ByteRange range, std::span<const std::byte> bytes) override {
         const std::lock_guard lock(mutex_);
         kept_.emplace(range.offset, std::vector(bytes.begin(), bytes.end()));
@@ -65,6 +74,7 @@ class MemoryCache : public RangeCache {
 
   private:
     std::mutex mutex_;
+    bool has_memory_ = true;
     std::multimap<std::uint64_t, std::vector<std::byte>> kept_;
 };
 
@@ -126,13 +136,15 @@ class Session {
             }
         };
         if (command.value("cache", false)) {
-            options.make_cache = [this](const ObjectState& state) {
-                std::shared_ptr<MemoryCache>& cache = caches_[state.url + " " + state.version];
-                if (cache == nullptr) {
-                    cache = std::make_shared<MemoryCache>();
-                }
-                return cache;
-            };
+            options.make_cache =
+                [this, has_memory = command.value("cache_memory", true)](const ObjectState& state) {
+                    std::shared_ptr<MemoryCache>& cache = caches_[state.url + " " + state.version];
+                    if (cache == nullptr) {
+                        cache = std::make_shared<MemoryCache>();
+                    }
+                    cache->set_memory(has_memory);
+                    return cache;
+                };
         }
         return options;
     }
