@@ -22,7 +22,8 @@ struct VolumeInput {
     bool far = false;                          ///< paths are URLs
     /// How URLs are read; null for files.
     std::shared_ptr<FarObjects> elsewhere = nullptr;
-    /// paths[0], or of a URL the object that it names; none of what is taken for a folder elsewhere.
+    /// paths[0], or of a URL the object that it names; none of what is taken for a folder
+    /// elsewhere.
     InputFile file = {};
     /// Why a URL that is taken for a folder names no object; null where its name says a folder.
     std::shared_ptr<const Error> missing = nullptr;

@@ -241,8 +241,8 @@ herr_t hand_out(H5FD_t* file, hid_t /*access*/, void** handle) {
     return 0;
 }
 
-herr_t read_bytes(H5FD_t* file, H5FD_mem_t kind, hid_t /*transfer*/, haddr_t from,
-                  std::size_t size, void* to) {
+herr_t read_bytes(H5FD_t* file, H5FD_mem_t kind, hid_t /*transfer*/, haddr_t from, std::size_t size,
+                  void* to) {
     if (kind == H5FD_MEM_DRAW && bytes_file(file).bytes->noted(from, size)) {
         return 0;
     }

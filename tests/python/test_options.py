@@ -33,13 +33,14 @@ COMMANDS_LEFT_OUT = {
 }
 RENAMED = {  # the command, the option: the argument
     ("*", "force"): "replace", ("*", "dims"): "shape", ("*", "type"): "dtype", ("*", "endian"): "dtype",
+    ("*", "header"): "headers",
     ("preprocess", "output"): "store", ("extract", "output"): "path", ("slice", "output"): "path",
     ("slice", "plane"): "normal",
 }
 PICTURES = "pictures and plots are drawn by other packages"
 LEFT_OUT = {  # the command, the option: why there is no such argument
     ("*", "help"): "help() says it", ("*", "json"): "what is found is returned", ("*", "quiet"): "nothing is printed",
-    ("*", "header"): "headers, of isonest.open", ("*", "cache"): "of isonest.open", ("preprocess", "header"): "headers",
+    ("*", "header"): "headers, of isonest.open", ("*", "cache"): "of isonest.open",
     ("extract", "graph"): "a method", ("extract", "interfaces"): "a method", ("extract", "format"): "the end of the name that Mesh.save is given",
     ("slice", "size"): PICTURES, ("slice", "colors"): PICTURES, ("slice", "plain"): PICTURES,
     ("slice", "range"): PICTURES, ("slice", "grid"): PICTURES, ("study", "out"): PICTURES,

@@ -306,8 +306,8 @@ std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std:
     return std::make_unique<ZlibBlocks>(std::move(packed), std::move(name), packed_sizes, block,
                                         size);
 }
-std::unique_ptr<ByteReader> text_numbers(const InputFile& file, std::uint64_t start,
-                                         ValueType type, std::uint64_t count) {
+std::unique_ptr<ByteReader> text_numbers(const InputFile& file, std::uint64_t start, ValueType type,
+                                         std::uint64_t count) {
     return std::make_unique<TextNumbers>(file, start, type, count);
 }
 

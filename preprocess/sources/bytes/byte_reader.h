@@ -43,7 +43,7 @@ std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std:
                                         std::uint64_t block, std::uint64_t size);
 /// `count` numbers of a type in text, white space between them, from byte `start` of a file on.
 /// Sequential. Throws Error{io}; read() Error{corrupt}.
-std::unique_ptr<ByteReader> text_numbers(const InputFile& file, std::uint64_t start,
-                                         ValueType type, std::uint64_t count);
+std::unique_ptr<ByteReader> text_numbers(const InputFile& file, std::uint64_t start, ValueType type,
+                                         std::uint64_t count);
 
 }  // namespace isonest::detail

@@ -45,7 +45,7 @@ class GzipStream {
     DeflateWrapper wrapper_;
     int fd_ = -1;
     std::unique_ptr<ReadAhead> far_;  ///< in the place of `fd_`
-    std::uint64_t file_at_;  ///< of the bytes behind those in `in_`
+    std::uint64_t file_at_;           ///< of the bytes behind those in `in_`
     std::vector<std::byte> in_;
     z_stream stream_{};
     bool ended_ = false;

@@ -79,9 +79,8 @@ FarChunks::Place FarChunks::look_up(const Int3& chunk) {
         return place;
     }
     if (size > most_stored_) {
-        throw Error(
-            ErrorKind::corrupt, where,
-            fmt::format("takes {} bytes, at most {} would be right", size, most_stored_));
+        throw Error(ErrorKind::corrupt, where,
+                    fmt::format("takes {} bytes, at most {} would be right", size, most_stored_));
     }
     unread_.resize(size);
     herr_t done = 0;

@@ -23,8 +23,8 @@ namespace isonest::detail {
 class FarChunks {
   public:
     struct Place {
-        std::uint64_t offset = 0;  ///< of the object
-        std::uint64_t size = 0;    ///< 0: it was never written
+        std::uint64_t offset = 0;   ///< of the object
+        std::uint64_t size = 0;     ///< 0: it was never written
         std::uint32_t skipped = 0;  ///< filters that it did not go through
     };
     /// `dataset`: not owned. `chunk`: nodes per chunk and axis of the file.

@@ -148,8 +148,8 @@ std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
         heap / each, 1, std::max(std::thread::hardware_concurrency(), 1U)));
     c.heap_ = each * static_cast<std::uint64_t>(c.decoders_);
     if (file.is_far()) {
-        c.far_ = std::make_unique<FarChunks>(file, dataset, shape, chunk,
-                                             most_stored(c.chunk_bytes_));
+        c.far_ =
+            std::make_unique<FarChunks>(file, dataset, shape, chunk, most_stored(c.chunk_bytes_));
         c.heap_ += most_stored(c.chunk_bytes_);
     }
     return c;
@@ -224,8 +224,7 @@ std::uint32_t Hdf5Chunks::load(const Int3& chunk, std::vector<std::byte>& stored
                     fmt::format("takes {} bytes, its numbers only {}", size, chunk_bytes_));
     }
     stored.resize(size);
-    if (size > 0 &&
-        H5Dread_chunk(dataset_, H5P_DEFAULT, at.data(), &skipped, stored.data()) < 0) {
+    if (size > 0 && H5Dread_chunk(dataset_, H5P_DEFAULT, at.data(), &skipped, stored.data()) < 0) {
         throw Error(ErrorKind::io, place(chunk), "cannot be read: " + hdf5_message());
     }
     return skipped;

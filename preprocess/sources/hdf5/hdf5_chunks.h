@@ -24,10 +24,10 @@ namespace isonest::detail {
 /// Thread-safety: none; read() itself uses many threads.
 class Hdf5Chunks {
   public:
-    /// `chunk`: nodes per chunk and axis of the file. `file`: that of the dataset; of one elsewhere,
-    /// chunks are announced ahead and read without HDF5. Up to `heap` bytes are used for decoding, and
-    /// more only if one thread needs more. None if HDF5 has to decode (other filters or another
-    /// order of them, numbers that are not stored as `memory_type` has them).
+    /// `chunk`: nodes per chunk and axis of the file. `file`: that of the dataset; of one
+    /// elsewhere, chunks are announced ahead and read without HDF5. Up to `heap` bytes are used for
+    /// decoding, and more only if one thread needs more. None if HDF5 has to decode (other filters
+    /// or another order of them, numbers that are not stored as `memory_type` has them).
     static std::optional<Hdf5Chunks> open(hid_t dataset, std::string name,
                                           const DatasetShape& shape,
                                           const std::vector<hsize_t>& chunk, hid_t memory_type,

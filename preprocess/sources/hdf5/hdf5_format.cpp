@@ -17,11 +17,11 @@
 #include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/hdf5/far_chunks.h"
+#include "preprocess/sources/hdf5/far_contiguous.h"
 #include "preprocess/sources/hdf5/hdf5_axes.h"
 #include "preprocess/sources/hdf5/hdf5_chunks.h"
 #include "preprocess/sources/hdf5/hdf5_datasets.h"
 #include "preprocess/sources/hdf5/hdf5_files.h"
-#include "preprocess/sources/numbers/far_numbers.h"
 #include "preprocess/sources/numbers/raw_rows.h"
 #include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/placement/axis_units.h"
@@ -211,7 +211,9 @@ class Hdf5Source : public VolumeSource {
             unit_ = unit;
         }
         if (input_.is_far()) {
-            find_contiguous();
+            far_numbers_ = open_far_contiguous(input_, dataset_.get(), shape_,
+                                               {memory_type_.get(), type_}, name_);
+            heap_ += far_numbers_ ? far_numbers_->heap() : 0;
         } else {
             map_contiguous();
         }
@@ -314,8 +316,7 @@ class Hdf5Source : public VolumeSource {
         const std::int64_t z0 = part.z0;
         const std::int64_t nz = part.nz;
         if (unwritten_is_undefined_ && part.y0 == slab.y0) {
-            std::memset(dst, 0,
-                        static_cast<std::size_t>(nz * slab.ny * nodes_.x) * size_of(type_));
+            std::memset(dst, 0, static_cast<std::size_t>(nz * slab.ny * nodes_.x) * size_of(type_));
         }
         const std::vector<hsize_t> start = shape_.place_of({0, part.y0, z0});
         const std::vector<hsize_t> count = shape_.along_dims({nodes_.x, part.ny, nz}, 1);
@@ -513,41 +514,6 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-    /// The same of a file elsewhere, by ranges; numbers of the other byte order, too.
-    void find_contiguous() {
-        const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
-        const TypeHandle stored(H5Dget_type(dataset_.get()));
-        const haddr_t offset = H5Dget_offset(dataset_.get());
-        const TypeHandle swapped(H5Tcopy(memory_type_.get()));
-        H5Tset_order(swapped.get(), H5T_ORDER_BE);
-        const bool big_endian = H5Tequal(stored.get(), swapped.get()) > 0;
-        if (H5Pget_layout(creation.get()) != H5D_CONTIGUOUS || offset == HADDR_UNDEF ||
-            (!big_endian && H5Tequal(stored.get(), memory_type_.get()) <= 0)) {
-            return;
-        }
-        std::vector<hsize_t> strides(shape_.dims.size());
-        hsize_t values = 1;
-        RawLayout layout;
-        for (std::size_t i = shape_.dims.size(); i-- > 0;) {
-            strides[i] = values;
-            layout.first += shape_.at.empty() ? 0 : shape_.at[i] * values;
-            values *= shape_.dims[i];
-        }
-        if (!lies_within(offset, values * size_of(type_), input_.bytes()->size())) {
-            throw Error(ErrorKind::corrupt, {name_}, "the object ends before the dataset does");
-        }
-        layout.nodes = nodes_;
-        layout.type = type_;
-        layout.big_endian = big_endian;
-        layout.offset = offset;
-        if (values != static_cast<hsize_t>(nodes_.product())) {
-            layout.strides = shape_.along_axes(strides);
-            layout.whole = values;
-        }
-        far_numbers_ = open_far_numbers(input_, name_, layout);
-        heap_ += far_numbers_->heap();
-    }
-
     bool shows_row(std::int64_t z, std::int64_t y) {
         std::vector<std::byte> row(static_cast<std::size_t>(nodes_.x) * size_of(type_));
         read_by_hdf5({z, 1, y, 1}, {z, 1, y, 1}, row.data());
@@ -603,14 +569,13 @@ bool is_hdf5(const InputFile& file) {
 }
 
 VolumeFormat hdf5_format() {
-    return {.about = {"HDF5", ".h5 .hdf5 .nc .mat", ""},
-            .takes = {.dataset = true, .index = true},
-            .reads_urls = true,
-            .recognises =
-                [](const VolumeInput& input) { return !input.folder && is_hdf5(input.file); },
-            .open = [](const VolumeInput& input, const SourceOptions& options) {
-                return open_hdf5_volume(input.file, options);
-            }};
+    return {
+        .about = {"HDF5", ".h5 .hdf5 .nc .mat", ""},
+        .takes = {.dataset = true, .index = true},
+        .reads_urls = true,
+        .recognises = [](const VolumeInput& input) { return !input.folder && is_hdf5(input.file); },
+        .open = [](const VolumeInput& input,
+                   const SourceOptions& options) { return open_hdf5_volume(input.file, options); }};
 }
 
 }  // namespace isonest::detail

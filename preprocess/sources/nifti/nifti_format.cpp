@@ -97,9 +97,8 @@ InputFile first_beside(const InputFile& file, const std::vector<std::string>& na
         } catch (const Error& error) {
             // S3 denies what is not there to those who may not list the bucket.
             const bool is_denied =
-                std::any_of(error.remedies().begin(), error.remedies().end(), [](const Remedy& r) {
-                    return r.kind == RemedyKind::give_credentials;
-                });
+                std::any_of(error.remedies().begin(), error.remedies().end(),
+                            [](const Remedy& r) { return r.kind == RemedyKind::give_credentials; });
             if (error.kind() != ErrorKind::not_found && !is_denied) {
                 throw;
             }
@@ -286,8 +285,7 @@ FoundLabels labels_of(const NiftiHeader& h, const InputFile& header, bool first,
 std::unique_ptr<VolumeSource> open_nifti(const VolumeInput& input, const SourceOptions& options) {
     const InputFile header = header_file(input.file);
     const std::string name = header.name();
-    const std::string head =
-        header.path() == input.file.path() ? input.unpacked : head_of(header);
+    const std::string head = header.path() == input.file.path() ? input.unpacked : head_of(header);
     const NiftiHeader h = parse(head, name);
     PlacedArray array;
     array.name = name;

@@ -23,8 +23,7 @@ namespace {
 constexpr std::uint64_t kMostExtensionBytes = std::uint64_t{1} << 24U;
 
 /// Bytes [begin, end) of the unpacked file, or fewer where it ends.
-std::string unpacked_bytes(const InputFile& file, std::uint64_t begin,
-                           std::uint64_t end) {
+std::string unpacked_bytes(const InputFile& file, std::uint64_t begin, std::uint64_t end) {
     if (!is_gzip(file)) {
         return first_bytes(file, static_cast<std::size_t>(end - begin), begin);
     }

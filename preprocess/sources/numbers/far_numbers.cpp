@@ -60,8 +60,7 @@ class FarStrides : public VolumeSource {
         const auto rank = [&](int axis) {
             return std::pair(layout_.nodes[axis] == 1, (*layout_.strides)[axis]);
         };
-        std::sort(order_.begin(), order_.end(),
-                  [&](int a, int b) { return rank(a) < rank(b); });
+        std::sort(order_.begin(), order_.end(), [&](int a, int b) { return rank(a) < rank(b); });
         require_few_ranges();
     }
     [[nodiscard]] VolumeDescription describe() const override {
@@ -91,8 +90,8 @@ class FarStrides : public VolumeSource {
         std::vector<std::byte> line(line_bytes(size[fast]));
         for (std::int64_t s = 0; s < size[slow]; ++s) {
             for (std::int64_t m = 0; m < size[middle]; ++m) {
-                ahead_.bytes().read(start(slab) + static_cast<std::uint64_t>(
-                                                      s * strides[slow] + m * strides[middle]) *
+                ahead_.bytes().read(start(slab) + static_cast<std::uint64_t>(s * strides[slow] +
+                                                                             m * strides[middle]) *
                                                       value_,
                                     line.data(), line.size());
                 std::byte* const to =

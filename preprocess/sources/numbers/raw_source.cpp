@@ -132,8 +132,8 @@ class GzipSource : public RawBase {
 };
 
 /// The place behind `lines` lines from byte `at` on.
-std::uint64_t behind_lines(const InputFile& file, const std::string& name,
-                           std::uint64_t at, std::uint64_t lines) {
+std::uint64_t behind_lines(const InputFile& file, const std::string& name, std::uint64_t at,
+                           std::uint64_t lines) {
     constexpr std::size_t kPart = std::size_t{1} << 16U;
     std::uint64_t found = 0;
     while (found < lines) {

@@ -33,9 +33,7 @@ class StridedFile : public VolumeSource {
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return local_files({path_, layout_.header});
     }
-    [[nodiscard]] std::string identity() const override {
-        return identity_of_raw(path_, layout_);
-    }
+    [[nodiscard]] std::string identity() const override { return identity_of_raw(path_, layout_); }
     /// What lies together in the file is best read together.
     [[nodiscard]] Granularity granularity() const override {
         return layout_.strides->z < layout_.strides->y ? Granularity{layout_.nodes.z, 1}

@@ -32,8 +32,7 @@ struct FreeParser {
 
 class VtiReader {
   public:
-    explicit VtiReader(const InputFile& file)
-        : file_(file), parser_(XML_ParserCreate(nullptr)) {
+    explicit VtiReader(const InputFile& file) : file_(file), parser_(XML_ParserCreate(nullptr)) {
         if (!parser_) {
             throw std::bad_alloc();
         }
@@ -77,10 +76,9 @@ class VtiReader {
 
   private:
     [[noreturn]] void corrupt(const std::string& what) const {
-        throw Error(
-            ErrorKind::corrupt,
-            {file_.name(), fmt::format("line {}", XML_GetCurrentLineNumber(parser_.get()))},
-            what);
+        throw Error(ErrorKind::corrupt,
+                    {file_.name(), fmt::format("line {}", XML_GetCurrentLineNumber(parser_.get()))},
+                    what);
     }
     /// The parser's C code cannot be left by an exception.
     void stop(const std::string& problem, bool unsupported = false) {

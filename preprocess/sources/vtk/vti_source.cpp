@@ -257,7 +257,8 @@ namespace isonest::detail {
 VolumeFormat vti_format() {
     return {
         .about = {"VTI", ".vti", "libexpat1-dev"}, .takes = {.dataset = true, .index = true},
-        .reads_urls = true, .recognises =
+        .reads_urls = true,
+        .recognises =
             [](const VolumeInput& input) {
                 return input.head.find("<VTKFile") != std::string::npos &&
                        input.head.find("ImageData") != std::string::npos;

@@ -113,7 +113,8 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
         app, chosen, "preprocess",
         {"Turn a volume into a store: all levels, with the error of every node",
          "INPUT is a file, a folder of slices, the slices themselves (scan/*.tif), a URL (of some\n"
-         "formats), or - for standard input. What it is, its first bytes tell; `isonest --version` lists the formats that are "
+         "formats), or - for standard input. What it is, its first bytes tell; `isonest --version` "
+         "lists the formats that are "
          "read.\n"
          "Raw numbers (also gzip) need --dims and --type. NaN means missing data. Every input byte "
          "is\n"

@@ -197,8 +197,7 @@ void add_source_options(py::module_& module) {
 Source source_of_files(const std::vector<Path>& paths, const SourceOptions& options) {
     std::unique_ptr<VolumeSource> volume;
     // What is elsewhere may take its time.
-    run_watched(py::none(),
-                [&](Progress& /*progress*/) { volume = open_volume(paths, options); });
+    run_watched(py::none(), [&](Progress& /*progress*/) { volume = open_volume(paths, options); });
     return Source(std::move(volume));
 }
 
