@@ -34,7 +34,7 @@ ENVIRONMENT["HOME"] = str(FOLDER)
 SECRET = "s3cret"
 SHAPE = (100, 90, 80)  # [z, y, x]: 2.9 MB of float32, more than the window of the least memory
 RAW = ["--dims", "80,90,100", "--type", "float32"]
-STORE = ["--chunk", "16", "--memory", "48M", "--indicators", "deviation"]
+STORE = ["--chunk", "16", "--indicators", "deviation_bar"]
 
 
 def run(*arguments, **environment):
@@ -105,8 +105,8 @@ def make_files():
     write("a.nrrd", nrrd, "encoding: raw\n\n", data)
     write("gz.nrrd", nrrd, "encoding: gzip\n\n", gzip.compress(data, 1))
     (FOLDER / "below").mkdir()
-    write("below/of a%2Fb?.raw", b"two\nlines\n", data)
-    write("apart.nhdr", nrrd, "encoding: raw\nline skip: 2\ndata file: below/of a%2Fb?.raw\n")
+    write("below/of a #b?.raw", b"two\nlines\n", data)
+    write("apart.nhdr", nrrd, "encoding: raw\nline skip: 2\ndata file: below/of a #b?.raw\n")
     write("a.nii", nifti(values, True, 352), data)
     write("a.nii.gz", gzip.compress(nifti(values, True, 352) + data, 1))
     write("pair.hdr", nifti(values, False, 0))
@@ -136,9 +136,9 @@ def make_files():
     with h5py.File(FOLDER / "times.h5", "w") as file:
         file["a"] = np.stack([values, values + 1])
     for name, options in {"gzip": {"compression": "gzip", "shuffle": True, "fletcher32": True},
-                          "none": {}, "lzf": {"compression": "lzf"}}.items():
+                          "none": {}, "offset": {"dtype": "<i2", "scaleoffset": 0}}.items():
         with h5py.File(FOLDER / f"{name}.h5", "w", userblock_size=512 if name == "none" else 0) as file:
-            file.create_dataset("g/a", data=values, chunks=(17, 30, 40), **options)
+            file.create_dataset("g/a", data=values * 100, chunks=(17, 30, 40), **options)
     with h5py.File(FOLDER / "holes.h5", "w") as file:
         some = file.create_dataset("a", SHAPE, "<f4", chunks=(20, 20, 20), fillvalue=3)
         some[30:70, 10:60, 5:60] = values[30:70, 10:60, 5:60]
@@ -147,12 +147,12 @@ def make_files():
             "a.mha": [], "z.mha": [], "apart.mhd": [], "a.mrc": [], "a.vti": [], "a.vtk": [], "c.npy": [],
             "fortran.npy": [], "colours.npy": ["--index", ":,:,:,1"], "times.npy": ["--index", "1,:,:,:"],
             "plain.h5": [], "block.h5": [], "big.h5": [], "long.h5": [], "times.h5": ["--index", "1,:,:,:"],
-            "gzip.h5": [], "none.h5": ["--dataset", "g/a"], "lzf.h5": [], "holes.h5": []}
+            "gzip.h5": [], "none.h5": ["--dataset", "g/a"], "offset.h5": [], "holes.h5": []}
 
 
 # Of these, less or more than the object is read: one of several volumes, or two objects.
 PARTS = {"times.npy": 0.6, "times.h5": 0.6}
-DATA_OF = {"apart.nhdr": "below/of a%2Fb?.raw", "pair.hdr": "pair.img", "packed.hdr.gz": "packed.img.gz",
+DATA_OF = {"apart.nhdr": "below/of a #b?.raw", "pair.hdr": "pair.img", "packed.hdr.gz": "packed.img.gz",
            "apart.mhd": "a.raw"}
 
 
@@ -174,7 +174,8 @@ class Volumes(unittest.TestCase):
 
     def store_of(self, source, *options):
         """The store's bytes, and the report."""
-        said = report("preprocess", source, "-o", "out.isonest", "--force", *STORE, *options)
+        memory = [] if "--memory" in options else ["--memory", "48M"]
+        said = report("preprocess", source, "-o", "out.isonest", "--force", *STORE, *memory, *options)
         stored = (FOLDER / "out.isonest").read_bytes()
         (FOLDER / "out.isonest").unlink()
         return stored, said
@@ -189,7 +190,7 @@ class Volumes(unittest.TestCase):
         return error
 
     def preprocess_fails(self, code, words, url, *options):
-        return self.failed(code, words, "preprocess", url, "-o", "out.isonest", *STORE, *options)
+        return self.failed(code, words, "preprocess", url, "-o", "out.isonest", *STORE, "--memory", "48M", *options)
 
     def test_stores_are_those_of_the_files(self):
         with RangeServer(FOLDER, delay=0.01) as server:
@@ -209,18 +210,18 @@ class Volumes(unittest.TestCase):
                     self.assertLessEqual(remote["round_trips"], remote["requests"])
                     size = PARTS.get(name, 1) * (FOLDER / DATA_OF.get(name, name)).stat().st_size
                     # The ends come when the object is opened.
-                    self.assertLessEqual(fetched, 1.03 * size + (192 << 10), name)
+                    self.assertLessEqual(fetched, 1.05 * size + (192 << 10), name)
                     self.assertLessEqual(requests, size / (200 << 10) + 24, name)
 
     def test_a_part_of_a_volume_is_fetched_alone(self):
         with RangeServer(FOLDER) as server:
-            for name in ("a.nrrd", "gzip.h5"):
+            for name, most in (("a.nrrd", 0.5), ("gzip.h5", 0.85)):
                 options = ["--crop", ":,:,30:45"]
                 local, _ = self.store_of(name, *options)
                 before = server.bytes
                 far, _ = self.store_of(server.url(name), *options)
                 self.assertEqual(far, local)
-                self.assertLess(server.bytes - before, 0.6 * (FOLDER / name).stat().st_size)
+                self.assertLess(server.bytes - before, most * (FOLDER / name).stat().st_size)
 
     def test_threads_memory_and_cache_change_nothing(self):
         with RangeServer(FOLDER) as server:
@@ -259,11 +260,13 @@ class Volumes(unittest.TestCase):
 
     def test_a_store_names_no_secret(self):
         with RangeServer(FOLDER, password=("me", SECRET)) as server:
-            url = server.url("a.nrrd", f"me:{SECRET}@") + f"?key={SECRET}"
+            self.make_long()
+            url = server.url("long.nrrd", f"me:{SECRET}@") + f"?key={SECRET}"
             stored, _ = self.store_of(url)
             self.assertNotIn(SECRET.encode(), stored)
             # A run that is interrupted leaves files beside the store.
-            server.fault_of = lambda number, *_: "status:404" if server.bytes > 1_500_000 else None
+            end = server.bytes + 8_000_000
+            server.fault_of = lambda *_: "status:404" if server.bytes > end else None
             self.preprocess_fails(3, "what is done is kept", url, "--resume")
             left = [path for path in FOLDER.iterdir() if "out.isonest" in path.name]
             self.assertTrue(left)
@@ -285,14 +288,17 @@ class Volumes(unittest.TestCase):
             self.preprocess_fails(2, "--dims", server.url("a.raw"))
 
     def test_scattered_numbers_are_not_read(self):
-        """Pieces of a kilobyte, megabytes apart."""
-        nz, ny, nx = 400, 4, 400
-        np.save(FOLDER / "scattered.npy", np.zeros((nx, nz, ny), np.float64).transpose(1, 2, 0))
-        with open(FOLDER / "scattered.npy", "wb") as file:
-            np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": (nx, nz, ny)})
-            file.truncate(file.tell() + 8 * nx * ny * nz)
-        with RangeServer(FOLDER) as server:
-            self.preprocess_fails(5, "download it first", server.url("scattered.npy"), "--index", "x=:,z=:,y=:")
+        """A slab of planes lies in pieces of 256 bytes, 6400 bytes apart; the same within the window is read."""
+        for sections, is_read in ((600, False), (100, True)):
+            columns, rows = 4, 400
+            head = bytearray(mrc(np.zeros((sections, rows, columns), np.float32)))
+            struct.pack_into("<3i", head, 64, 2, 3, 1)  # columns along y, rows along z, sections along x
+            write("scattered.mrc", bytes(head), np.random.default_rng(1).random(sections * rows * columns, np.float32).tobytes())
+            with RangeServer(FOLDER) as server:
+                if is_read:
+                    self.assertEqual(self.store_of(server.url("scattered.mrc"))[0], self.store_of("scattered.mrc")[0])
+                else:
+                    self.preprocess_fails(5, ["order", "download it first"], server.url("scattered.mrc"))
 
     def test_only_what_lies_beside_is_opened(self):
         head = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 4 4 4\nencoding: raw\ndata file: "
@@ -331,8 +337,8 @@ class Volumes(unittest.TestCase):
                                         name, "-o", FOLDER / "out.isonest"], capture_output=True, text=True,
                                        env=ENVIRONMENT) if shutil.which("strace") else None
                 if trace:
-                    self.assertNotIn("local.bin", trace.stderr)
-                    self.assertNotIn("other.h5", trace.stderr)
+                    self.assertRegex(trace.stderr, "open.*libhdf5")
+                    self.assertNotRegex(trace.stderr, r"open(at)?\(.*(local\.bin|other\.h5)")
             # Coordinates in another file are as if there were none.
             local.unlink()
             said = report("preprocess", url, "--dataset", "scaled", "-o", "c.isonest", "--force")
@@ -369,33 +375,44 @@ class Volumes(unittest.TestCase):
             far, _ = self.store_of(server.url("moved.nrrd"))
             self.assertEqual(far, local)
 
+    def make_long(self):
+        """Several windows, and several rows of blocks."""
+        values = np.random.default_rng(7).random((400, 90, 80)).astype(np.float32)
+        write("long.nrrd", "NRRD0004\ntype: float\ndimension: 3\nsizes: 80 90 400\nendian: little\nencoding: raw\n\n",
+              values.tobytes())
+        write("long.nii.gz", gzip.compress(nifti(values, True, 352) + values.tobytes(), 1))
+        with h5py.File(FOLDER / "packed.h5", "w") as file:
+            file.create_dataset("g/a", data=values, chunks=(17, 30, 40), compression="gzip")
+
     def test_resume(self):
-        for name in ("a.nrrd", "gzip.h5", "a.nii.gz"):
+        self.make_long()
+        for name in ("long.nrrd", "packed.h5", "long.nii.gz"):
             with self.subTest(input=name), RangeServer(FOLDER) as server:
                 size = (FOLDER / name).stat().st_size
                 local, _ = self.store_of(name)
-                server.fault_of = lambda *_: "status:404" if server.bytes > 0.75 * size else None
+                server.fault_of = lambda *_: "status:404" if server.bytes > 0.7 * size else None
                 self.preprocess_fails(3, "what is done is kept", server.url(name), "--resume")
                 server.fault_of = lambda *_: None
                 before = server.bytes
                 far, said = self.store_of(server.url(name), "--resume")
                 self.assertEqual(far, local)
                 self.assertGreater(said["resumed_chunks"], 0)
-                if name != "a.nii.gz":  # a stream is read from its front
+                if name != "long.nii.gz":  # a stream is read from its front
                     self.assertLess(server.bytes - before, 0.85 * size)
 
     def test_another_object_is_not_resumed(self):
-        write("changing.nrrd", (FOLDER / "a.nrrd").read_bytes())
+        self.make_long()
+        write("changing.nrrd", (FOLDER / "long.nrrd").read_bytes())
         with RangeServer(FOLDER) as server:
             url = server.url("changing.nrrd")
-            server.fault_of = lambda *_: "status:404" if server.bytes > 2_000_000 else None
+            server.fault_of = lambda *_: "status:404" if server.bytes > 8_000_000 else None
             self.preprocess_fails(3, "what is done is kept", url, "--resume")
             server.fault_of = lambda *_: None
             data = bytearray((FOLDER / "changing.nrrd").read_bytes())
             data[len(data) // 2] ^= 1
             write("changing.nrrd", bytes(data))
             local, _ = self.store_of("changing.nrrd")
-            done = run("preprocess", url, "-o", "out.isonest", *STORE, "--resume", "--json")
+            done = run("preprocess", url, "-o", "out.isonest", *STORE, "--memory", "48M", "--resume", "--json")
             if done.returncode == 0:
                 self.assertEqual(json.loads(done.stdout)["resumed_chunks"], 0)
                 self.assertEqual((FOLDER / "out.isonest").read_bytes(), local)
@@ -416,7 +433,7 @@ class Volumes(unittest.TestCase):
             file.truncate(nodes)
         with RangeServer(FOLDER) as server:
             done = subprocess.run(["prlimit", f"--data={(64 + 64) << 20}", ISONEST, "preprocess", server.url("large.raw"), "--dims",
-                                   "512,512,1024", "--type", "uint8", "--memory", "64M", "--indicators", "deviation", "-o",
+                                   "512,512,1024", "--type", "uint8", "--memory", "64M", "--indicators", "deviation_bar", "-o",
                                    FOLDER / "large.isonest", "--json"], capture_output=True, text=True, env=ENVIRONMENT)
             self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
             self.assertLess(server.bytes, 1.02 * nodes)

@@ -394,7 +394,7 @@ DatasetHandle open_far_dataset(hid_t file, const std::string& path, const Proper
     H5Pset_elink_cb(links.get(), &refuse_link, &other);
     const ObjectHandle object(H5Oopen(file, path.c_str(), links.get()));
     if (!other.empty()) {
-        throw Error(ErrorKind::unsupported, {path},
+        throw Error(ErrorKind::unsupported, {file_of(file).string(), path},
                     fmt::format("an external link leads to another file, {:.200}, which is not "
                                 "opened where the first is elsewhere",
                                 other),
