@@ -356,7 +356,7 @@ class Volumes(unittest.TestCase):
                     self.preprocess_fails(code, words, server.url(name, f"me:{SECRET}@") + f"?key={SECRET}",
                                           "--header", f"X-Token: {SECRET}")
         with RangeServer(FOLDER, knows_ranges=False) as server:
-            self.preprocess_fails(5, "ranges", server.url("a.nrrd"))
+            self.preprocess_fails(5, "requests for a part", server.url("a.nrrd"))
         with RangeServer(FOLDER) as server:
             self.preprocess_fails(3, "404", server.url("not there.nrrd"))
 

@@ -79,7 +79,7 @@ std::string FarObjects::cache_warning() const {
 }
 
 std::uint64_t FarObjects::window() const {
-    return (std::max(remote_.memory, RemoteAccess::kLeastMemory) - kRemoteHeap) / 2;
+    return (std::max(remote_.memory, RemoteAccess::kLeastMemory) - kRemoteHeap) * 3 / 8;
 }
 
 std::string url_beside(std::string_view url, std::string_view name, const std::string& shown) {

@@ -29,8 +29,8 @@ class FarObjects {
     [[nodiscard]] FetchedCounts fetched() const;
     /// See VolumeSource::cache_warning().
     [[nodiscard]] std::string cache_warning() const;
-    /// How many bytes of an object are announced ahead of who reads them: half of what is kept of
-    /// it.
+    /// How many bytes of an object are announced ahead of who reads them: less than half of what is
+    /// kept of it, so that nothing that was not read is dropped for what is announced.
     [[nodiscard]] std::uint64_t window() const;
 
   private:

@@ -90,10 +90,13 @@ class FarStrides : public VolumeSource {
         std::vector<std::byte> line(line_bytes(size[fast]));
         for (std::int64_t s = 0; s < size[slow]; ++s) {
             for (std::int64_t m = 0; m < size[middle]; ++m) {
-                ahead_.bytes().read(start(slab) + static_cast<std::uint64_t>(s * strides[slow] +
-                                                                             m * strides[middle]) *
-                                                      value_,
-                                    line.data(), line.size());
+                const std::uint64_t at =
+                    start(slab) +
+                    static_cast<std::uint64_t>(s * strides[slow] + m * strides[middle]) * value_;
+                // Behind the object's last value there may be nothing.
+                ahead_.bytes().read(
+                    at, line.data(),
+                    std::min<std::uint64_t>(line.size(), ahead_.bytes().size() - at));
                 std::byte* const to =
                     dst + static_cast<std::size_t>(s * steps[slow] + m * steps[middle]) * value_;
                 for (std::int64_t f = 0; f < size[fast]; ++f) {
@@ -118,8 +121,10 @@ class FarStrides : public VolumeSource {
                (layout_.first + static_cast<std::uint64_t>(s.z0 * strides.z + s.y0 * strides.y)) *
                    value_;
     }
+    /// With what lies between its last value and the next line: bytes that nobody reads would be
+    /// kept for who does.
     [[nodiscard]] std::size_t line_bytes(std::int64_t nodes) const {
-        return static_cast<std::size_t>((nodes - 1) * (*layout_.strides)[order_[0]] + 1) * value_;
+        return static_cast<std::size_t>(nodes * (*layout_.strides)[order_[0]]) * value_;
     }
 
     /// Lines, or where these lie close together planes, or all, as one range each.
