@@ -80,6 +80,7 @@ class UrlBytes::OpeningJob : public FetchJob {
         owner_.loop_.set_opened(opened);
         const Lock lock(owner_.mutex_);
         owner_.state_ = {owner_.name_, "", size, owner_.query_};
+        owner_.version_ = !opened.etag.empty() ? opened.etag : opened.last_modified;
         if (opened.is_strong()) {
             owner_.state_.version = opened.etag;
         } else if (!opened.last_modified.empty() && !owner_.has_query_) {
