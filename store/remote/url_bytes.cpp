@@ -12,16 +12,10 @@
 
 #include "store/base/checksum.h"
 #include "store/remote/join_ranges.h"
+#include "store/remote/waiting.h"
 
 namespace isonest::detail {
 namespace {
-
-constexpr std::chrono::milliseconds kCheckEvery{50};
-
-/// Each thread gets an error of its own.
-[[noreturn]] void throw_copy_of(const Error& error) {
-    throw Error(error.kind(), error.place(), error.problem(), error.remedies());
-}
 
 /// Nothing of it can be read in the checksum: queries may have secrets.
 std::string checksum_of_query(const std::string& url) {
@@ -37,7 +31,8 @@ class UrlBytes::ExtentJob : public FetchJob {
     ExtentJob(const UrlBytes& owner, ExtentPointer extent)
         : owner_(owner), extent_(std::move(extent)) {}
 
-    [[nodiscard]] Asked asked() const override { return {extent_->range, 0}; }
+    [[nodiscard]] Asked asked() const override { return {.range = extent_->range}; }
+    [[nodiscard]] FetchObject& object() const override { return owner_.object_; }
     void begin(const AnswerHead& /*head*/, const ByteRange& /*range*/,
                std::uint64_t /*size*/) override {
         extent_->bytes.resize(extent_->range.size);
@@ -54,10 +49,10 @@ class UrlBytes::ExtentJob : public FetchJob {
             owner_.cache_->keep(extent_->range, extent_->bytes);
         }
     }
-    void failed(const Error& error, bool is_change) override {
+    void failed(const Error& error, const Failure& why) override {
         const auto failure = std::make_shared<const Error>(error);
         owner_.end_extent(*extent_, Extent::State::failed, failure);
-        if (is_change) {
+        if (why.is_change) {
             const Lock lock(owner_.mutex_);
             owner_.broken_ = failure;
             owner_.changed_.notify_all();
@@ -74,12 +69,13 @@ class UrlBytes::OpeningJob : public FetchJob {
   public:
     explicit OpeningJob(UrlBytes& owner) : owner_(owner) {}
 
-    [[nodiscard]] Asked asked() const override { return {{}, kTailBytes}; }
+    [[nodiscard]] Asked asked() const override { return {.tail = kTailBytes}; }
+    [[nodiscard]] FetchObject& object() const override { return owner_.object_; }
     void begin(const AnswerHead& head, const ByteRange& range, std::uint64_t size) override {
         const Validators opened{head.etag, head.last_modified, size};
-        owner_.loop_.set_opened(opened);
+        owner_.object_.opened = opened;
         const Lock lock(owner_.mutex_);
-        owner_.state_ = {owner_.name_, "", size, owner_.query_};
+        owner_.state_ = {owner_.object_.name, "", size, owner_.query_};
         if (opened.is_strong()) {
             owner_.state_.version = opened.etag;
         } else if (!opened.last_modified.empty() && !owner_.has_query_) {
@@ -103,7 +99,7 @@ class UrlBytes::OpeningJob : public FetchJob {
         owner_.is_open_ = true;
         owner_.changed_.notify_all();
     }
-    void failed(const Error& error, bool /*is_change*/) override {
+    void failed(const Error& error, const Failure& /*why*/) override {
         const Lock lock(owner_.mutex_);
         owner_.broken_ = std::make_shared<const Error>(error);
         owner_.changed_.notify_all();
@@ -115,7 +111,7 @@ class UrlBytes::OpeningJob : public FetchJob {
 };
 
 UrlBytes::UrlBytes(ObjectUrl url, RemoteOptions options)
-    : name_(url.name),
+    : object_{url.name, url.request},
       has_query_(url.request.find('?') != std::string::npos),
       query_(checksum_of_query(url.request)),
       options_(std::move(options)),
@@ -133,24 +129,12 @@ UrlBytes::UrlBytes(ObjectUrl url, RemoteOptions options)
 }
 
 void UrlBytes::wait_until(Lock& lock, const std::function<bool()>& is_over) const {
-    auto next_check = std::chrono::steady_clock::now() + kCheckEvery;
-    while (true) {
+    wait_and_check(lock, changed_, options_.check, [&] {
         if (broken_ != nullptr) {
             throw_copy_of(*broken_);
         }
-        if (is_over()) {
-            return;
-        }
-        changed_.wait_until(lock, next_check);
-        if (std::chrono::steady_clock::now() >= next_check) {
-            next_check = std::chrono::steady_clock::now() + kCheckEvery;
-            if (options_.check) {
-                lock.unlock();
-                options_.check();
-                lock.lock();
-            }
-        }
-    }
+        return is_over();
+    });
 }
 
 void UrlBytes::end_extent(Extent& extent, Extent::State state,

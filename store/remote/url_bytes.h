@@ -38,7 +38,7 @@ class UrlBytes : public StoreBytes {
     UrlBytes(ObjectUrl url, RemoteOptions options);
     ~UrlBytes() override = default;
 
-    [[nodiscard]] const std::string& name() const override { return name_; }
+    [[nodiscard]] const std::string& name() const override { return object_.name; }
     [[nodiscard]] std::uint64_t size() const override { return state_.size; }
     [[nodiscard]] bool is_far() const override { return true; }
     [[nodiscard]] HeldBytes read(std::uint64_t offset, std::uint64_t size) const override;
@@ -86,7 +86,7 @@ class UrlBytes : public StoreBytes {
     std::vector<ExtentPointer> hold_places(const std::vector<ByteRange>& absent, const Place& place,
                                            bool is_urgent) const;
 
-    std::string name_;
+    mutable FetchObject object_;
     bool has_query_;
     std::string query_;  ///< of ObjectState
     RemoteOptions options_;
