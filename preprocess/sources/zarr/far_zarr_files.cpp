@@ -1,5 +1,6 @@
-// Sources: https://zarr-specs.readthedocs.io (versions 2 and 3); consolidated metadata as zarr-python
-// writes them: ".zmetadata" of version 2, "consolidated_metadata" of a group of version 3.
+// Sources: https://zarr-specs.readthedocs.io (versions 2 and 3); consolidated metadata as
+// zarr-python writes them: ".zmetadata" of version 2, "consolidated_metadata" of a group of
+// version 3.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -37,12 +38,22 @@ class FarZarrFiles : public ZarrFiles {
         is_v3_ = is_there("zarr.json");
         is_v2_ = is_there(".zarray") || is_there(".zgroup") || is_there(kConsolidated);
         take_consolidated();
+        for (const char* const name : kDescriptions) {
+            Found& found = found_.at(name);
+            const auto said = consolidated_.find(name);
+            if (!found.json && said != consolidated_.end()) {
+                found.json = said->second;
+            }
+        }
     }
 
     [[nodiscard]] const Path& root() const override { return root_; }
     [[nodiscard]] bool is_far() const override { return true; }
 
     std::optional<nlohmann::json> json(const Path& file) override {
+        if (!is_below_root(file)) {
+            return std::nullopt;
+        }
         const std::string path = inner(file);
         const auto known = found_.find(path);
         if (known != found_.end()) {
@@ -81,7 +92,7 @@ class FarZarrFiles : public ZarrFiles {
         return names;
     }
     [[nodiscard]] bool is_same(const Path& a, const Path& b) override {
-        return inner(a.lexically_normal()) == inner(b.lexically_normal());
+        return Path(inner(a)).lexically_normal() == Path(inner(b)).lexically_normal();
     }
     /// What is not there, or refused, but consolidated, stays as it is.
     void read_anew(const Path& folder) override {
@@ -151,8 +162,8 @@ class FarZarrFiles : public ZarrFiles {
         for (const ZarrPart& part : parts) {
             switch (part.kind) {
                 case ZarrPart::Kind::chunk:
-                    wanted.push_back({inner(part.file), ObjectPart::Kind::whole,
-                                      most_packed(part.range.size)});
+                    wanted.push_back(
+                        {inner(part.file), ObjectPart::Kind::whole, most_packed(part.range.size)});
                     break;
                 case ZarrPart::Kind::index_at_start:
                 case ZarrPart::Kind::index_at_end:
@@ -203,20 +214,19 @@ class FarZarrFiles : public ZarrFiles {
     static ObjectPart description(const std::string& path) {
         return {path, ObjectPart::Kind::whole, kMostJsonBytes};
     }
-    static ObjectPart index_part(const Path& file, std::uint64_t size, bool at_end,
-                                 std::string path) {
-        static_cast<void>(file);
-        return {std::move(path), at_end ? ObjectPart::Kind::last : ObjectPart::Kind::first, size};
-    }
     [[nodiscard]] ObjectPart index_part(const Path& file, std::uint64_t size, bool at_end) const {
         return {inner(file), at_end ? ObjectPart::Kind::last : ObjectPart::Kind::first, size};
     }
 
-    /// Below the root.
+    [[nodiscard]] bool is_below_root(const Path& file) const {
+        const std::string& text = file.native();
+        const std::size_t size = root_.native().size();
+        return text.starts_with(root_.native()) && (text.size() == size || text[size] == '/');
+    }
+    /// REQUIRES: it is below the root.
     [[nodiscard]] std::string inner(const Path& file) const {
         std::string_view text = file.native();
-        const std::string& root = root_.native();
-        text.remove_prefix(text.starts_with(root) ? root.size() : 0);
+        text.remove_prefix(root_.native().size());
         while (text.starts_with('/')) {
             text.remove_prefix(1);
         }
