@@ -24,8 +24,8 @@ constexpr std::array<const char*, 4> kDescriptions{"zarr.json", ".zarray", ".zat
 
 class FarZarrFiles : public ZarrFiles {
   public:
-    FarZarrFiles(std::shared_ptr<ObjectFolder> objects, std::uint64_t memory)
-        : objects_(std::move(objects)), memory_(memory), root_(objects_->name()) {
+    explicit FarZarrFiles(std::shared_ptr<ObjectFolder> objects)
+        : objects_(std::move(objects)), root_(objects_->name()) {
         std::vector<ObjectPart> parts;
         for (const char* const name : kDescriptions) {
             parts.push_back(description(name));
@@ -200,7 +200,6 @@ class FarZarrFiles : public ZarrFiles {
         }
         return text;
     }
-    [[nodiscard]] std::uint64_t heap() const override { return memory_; }
     [[nodiscard]] FetchedCounts fetched() const override { return objects_->fetched(); }
 
   private:
@@ -254,6 +253,11 @@ class FarZarrFiles : public ZarrFiles {
         found_[path] = std::move(found);
     }
 
+    void consolidate(const Path& path, const nlohmann::json& described) {
+        if (std::none_of(path.begin(), path.end(), [](const Path& part) { return part == ".."; })) {
+            consolidated_[path.native()] = described;
+        }
+    }
     /// They leave out none of what is below the root.
     void take_consolidated() {
         const auto members = [](nlohmann::json& object, const char* key) {
@@ -267,7 +271,7 @@ class FarZarrFiles : public ZarrFiles {
             nlohmann::json& root = *found_.at("zarr.json").json;
             const nlohmann::json list = members(root, "consolidated_metadata");
             for (const auto& [path, described] : list.items()) {
-                consolidated_[path + "/zarr.json"] = described;
+                consolidate(path + "/zarr.json", described);
             }
             has_consolidated_ = list.is_object();
             if (root.is_object()) {
@@ -278,7 +282,7 @@ class FarZarrFiles : public ZarrFiles {
         if (!is_v3_ && v2 && v2->is_object()) {
             const nlohmann::json list = v2->value("metadata", nlohmann::json());
             for (const auto& [path, described] : list.items()) {
-                consolidated_[path] = described;
+                consolidate(path, described);
             }
             has_consolidated_ = list.is_object();
         }
@@ -309,7 +313,6 @@ class FarZarrFiles : public ZarrFiles {
     }
 
     std::shared_ptr<ObjectFolder> objects_;
-    std::uint64_t memory_;
     Path root_;
     std::map<std::string, Found> found_;
     std::map<std::string, nlohmann::json> consolidated_;
@@ -324,8 +327,7 @@ class FarZarrFiles : public ZarrFiles {
 
 std::shared_ptr<ZarrFiles> far_zarr_files(const std::filesystem::path& url,
                                           const RemoteAccess& remote) {
-    return std::make_shared<FarZarrFiles>(open_folder_location(url, remote),
-                                          std::max(remote.memory, RemoteAccess::kLeastMemory));
+    return std::make_shared<FarZarrFiles>(open_folder_location(url, remote));
 }
 
 }  // namespace isonest::detail

@@ -84,7 +84,7 @@ class ZarrSource : public VolumeSource {
         return {along(2), along(1)};
     }
     [[nodiscard]] std::uint64_t heap() const override {
-        return (1U << 20U) + packed_.index_bytes() + packed_.files().heap() +
+        return (1U << 20U) + packed_.index_bytes() +
                3 * packed_.chunk_bytes() * static_cast<std::uint64_t>(at_once_);
     }
 

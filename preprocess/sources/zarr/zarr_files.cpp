@@ -104,7 +104,6 @@ class LocalZarrFiles : public ZarrFiles {
         looked_at.insert(looked_at.end(), chunks.begin(), chunks.end());
         return identity_of(looked_at);
     }
-    [[nodiscard]] std::uint64_t heap() const override { return 0; }
     [[nodiscard]] FetchedCounts fetched() const override { return {}; }
 
   private:

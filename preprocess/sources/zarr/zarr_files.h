@@ -95,8 +95,6 @@ class ZarrFiles {
     /// Lines for VolumeSource::identity(). `chunks`: some of the array's, which need not be there.
     [[nodiscard]] virtual std::string identity(const std::vector<Path>& descriptions,
                                                const std::vector<Path>& chunks) const = 0;
-    /// Bytes that they hold at most.
-    [[nodiscard]] virtual std::uint64_t heap() const = 0;
     [[nodiscard]] virtual FetchedCounts fetched() const = 0;
 };
 
