@@ -17,7 +17,7 @@ namespace {
 /// Of memory, for each entry beside its bytes; about.
 constexpr std::uint64_t kEntryBytes = 1024;
 /// Announcements after which what nobody has read is taken for a mistake.
-constexpr std::uint64_t kOldAnnouncement = 16;
+constexpr std::uint64_t kOldAnnouncement = 4096;
 
 }  // namespace
 

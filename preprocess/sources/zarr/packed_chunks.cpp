@@ -57,9 +57,11 @@ PackedChunks::ShardIndex PackedChunks::unpacked(std::filesystem::path file,
     ShardIndex index;
     index.size = bytes.file_size;
     index.state = std::move(bytes.state);
+    const std::string shown =
+        files_->is_far() ? file.native().substr(name_.size() + 1) : file.filename().string();
     const std::vector<std::byte> entries =
         decode_zarr(std::move(bytes.bytes), array_.shard->index_codecs, index_bytes_,
-                    name_ + ": index of " + file.filename().string());
+                    name_ + ": index of " + shown);
     index.entries.assign(reinterpret_cast<const char*>(entries.data()), entries.size());
     index.file = std::move(file);
     return index;
