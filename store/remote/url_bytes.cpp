@@ -76,6 +76,7 @@ class UrlBytes::OpeningJob : public FetchJob {
         owner_.object_.opened = opened;
         const Lock lock(owner_.mutex_);
         owner_.state_ = {owner_.object_.name, "", size, owner_.query_};
+        owner_.version_ = !opened.etag.empty() ? opened.etag : opened.last_modified;
         if (opened.is_strong()) {
             owner_.state_.version = opened.etag;
         } else if (!opened.last_modified.empty() && !owner_.has_query_) {

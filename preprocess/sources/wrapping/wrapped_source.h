@@ -31,6 +31,8 @@ class WrappedSource : public VolumeSource {
     [[nodiscard]] std::vector<LabelName> label_names() const override {
         return inner_->label_names();
     }
+    [[nodiscard]] FetchedCounts fetched() const override { return inner_->fetched(); }
+    [[nodiscard]] std::string cache_warning() const override { return inner_->cache_warning(); }
 
   protected:
     explicit WrappedSource(std::unique_ptr<VolumeSource> inner) : inner_(std::move(inner)) {}

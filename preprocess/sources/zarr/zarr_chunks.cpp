@@ -63,6 +63,7 @@ class ZarrSource : public VolumeSource {
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return packed_.files().files(image_.files);
     }
+    [[nodiscard]] FetchedCounts fetched() const override { return packed_.files().fetched(); }
     /// Of the chunks in a folder the first and the last are looked at.
     [[nodiscard]] std::string identity() const override {
         const Lengths& outer = array().shard ? array().shard->shape : array().chunk.shape;

@@ -13,6 +13,7 @@
 #include <isonest/int3.h>
 #include <isonest/label_name.h>
 #include <isonest/length_unit.h>
+#include <isonest/remote.h>
 #include <isonest/value_type.h>
 
 namespace isonest {
@@ -92,6 +93,14 @@ class VolumeSource {
     /// What labels are called and how they are drawn, by rising ids, where the input says so and
     /// was opened for labels. preprocess() refuses what a store cannot hold (label_name.h).
     [[nodiscard]] virtual std::vector<LabelName> label_names() const { return {}; }
+
+    /// What was fetched until now of a volume that is elsewhere, from opening it on; all 0 for
+    /// others.
+    [[nodiscard]] virtual FetchedCounts fetched() const { return {}; }
+
+    /// One line that says why RemoteAccess::cache is off, or why nothing is added to it. Empty: it
+    /// works, or there is none.
+    [[nodiscard]] virtual std::string cache_warning() const { return {}; }
 
     /// The whole volume as read() would give it, where it lies in memory or in a map of a file,
     /// aligned for its type; empty where it does not.
