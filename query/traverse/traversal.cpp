@@ -97,7 +97,7 @@ void run_finest_bricks(Runs runs, const Int3& first, std::int64_t size,
     for (std::size_t octant = 0; octant < 8; ++octant) {
         const Int3 child = part_of(octant);
         const Int3 low = child * chunk;
-        active[octant] = max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
+        active[octant] = values.has_chunk(child) &&
                          common.query.share.meets(
                              child_level, {child.x / half, child.y / half, child.z / half}) &&
                          overlap_of(common.query.box, low,

@@ -141,7 +141,7 @@ ChunkRow StoreReader::row(const ArrayInfo& array, const Int3& chunk) const {
     if (!lies_within(row.offset, row.bytes, file_bytes())) {
         fail_corrupt(array.place(chunk), "lies outside the file; it was cut off");
     }
-    if (row.bytes > 2 * array.chunk_bytes() + 4096) {
+    if (row.bytes > array.most_stored_bytes()) {
         fail_corrupt(array.place(chunk), "damaged: no chunk is stored in as many bytes as it says");
     }
     return row;
@@ -187,7 +187,7 @@ void StoreReader::prefetch_all(std::span<const WantedChunk> chunks) const {
     std::vector<std::uint64_t> rows;
     std::vector<const WantedChunk*> inside;
     for (const WantedChunk& wanted : chunks) {
-        if (wanted.array->grid == max(wanted.array->grid, wanted.chunk + Int3{1, 1, 1})) {
+        if (wanted.array->has_chunk(wanted.chunk)) {
             rows.push_back(wanted.array->row_of(wanted.chunk));
             inside.push_back(&wanted);
         }

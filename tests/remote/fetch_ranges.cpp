@@ -19,6 +19,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <random>
@@ -56,6 +57,9 @@ class MemoryCache : public RangeCache {
     std::optional<std::vector<std::byte>> load(ByteRange range) override {
         std::this_thread::sleep_for(loading_.load());
         const std::lock_guard lock(mutex_);
+        if (!has_memory_) {
+            throw std::bad_alloc();
+        }
         for (const auto& [offset, bytes] : kept_) {
             if (offset <= range.offset && range.offset + range.size <= offset + bytes.size()) {
                 const auto first =
@@ -64,6 +68,11 @@ class MemoryCache : public RangeCache {
             }
         }
         return std::nullopt;
+    }
+    /// Without memory it can load nothing.
+    void set_memory(bool has_memory) {
+        const std::lock_guard lock(mutex_);
+        has_memory_ = has_memory;
     }
     void keep(ByteRange range, std::span<const std::byte> bytes) override {
         std::this_thread::sleep_for(keeping_.load());
@@ -83,6 +92,7 @@ class MemoryCache : public RangeCache {
     std::atomic<std::chrono::milliseconds> keeping_{};
     std::atomic<std::chrono::milliseconds> loading_{};
     std::mutex mutex_;
+    bool has_memory_ = true;
     std::multimap<std::uint64_t, std::vector<std::byte>> kept_;
 };
 
@@ -159,16 +169,18 @@ class Session {
             };
         }
         if (command.value("cache", false)) {
-            const std::chrono::milliseconds keeping(command.value("keep_ms", 0));
-            const std::chrono::milliseconds loading(command.value("load_ms", 0));
-            options.make_cache = [this, keeping, loading](const ObjectState& state) {
-                std::shared_ptr<MemoryCache>& cache = caches_[state.url + " " + state.version];
-                if (cache == nullptr) {
-                    cache = std::make_shared<MemoryCache>();
-                }
-                cache->be_slow(keeping, loading);
-                return cache;
-            };
+            options.make_cache =
+                [this, keeping = std::chrono::milliseconds(command.value("keep_ms", 0)),
+                 loading = std::chrono::milliseconds(command.value("load_ms", 0)),
+                 has_memory = command.value("cache_memory", true)](const ObjectState& state) {
+                    std::shared_ptr<MemoryCache>& cache = caches_[state.url + " " + state.version];
+                    if (cache == nullptr) {
+                        cache = std::make_shared<MemoryCache>();
+                    }
+                    cache->be_slow(keeping, loading);
+                    cache->set_memory(has_memory);
+                    return cache;
+                };
         }
         return options;
     }

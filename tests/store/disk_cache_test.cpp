@@ -3,6 +3,7 @@
 #include "store/bytes/disk_cache.h"
 
 #include <fcntl.h>
+#include <malloc.h>
 #include <signal.h>
 #include <sys/file.h>
 #include <sys/resource.h>
@@ -18,6 +19,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <new>
 #include <optional>
 #include <random>
 #include <string>
@@ -27,6 +29,7 @@
 #include <isonest/error.h>
 
 #include "store/bytes/cached_block.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -536,6 +539,51 @@ TEST_CASE("a process that stands still with the locks does not stop others") {
     keep(*ranges, {kBlock, kBlock});
     CHECK(has(*ranges, {0, 2 * kBlock}));
 }
+
+#ifndef SANITIZED
+TEST_CASE("what there is no memory to load is still there afterwards") {
+    const TemporaryFolder folder;
+    const ByteRange range{kBlock / 2, 5 * kBlock};
+    keep(*DiskCache(folder.path(), kPlenty).of(object_state()), range);
+    const std::size_t entries = entries_below(folder.path()).size();
+    const int status = wait_for(start_process([&] {
+        // Nothing comes from what was given back before.
+        ::mallopt(M_MMAP_THRESHOLD, 4096);
+        const DiskCache cache(folder.path(), kPlenty);
+        const auto ranges = cache.of(object_state());
+        std::uint64_t pages = 0;
+        std::ifstream statm("/proc/self/statm");
+        for (int i = 0; i < 6; ++i) {  // the sixth: data
+            statm >> pages;
+        }
+        rlimit before{};
+        ::getrlimit(RLIMIT_DATA, &before);
+        int failed = 0;
+        int loaded = 0;
+        for (std::uint64_t more = 0; more < 40 * kBlock; more += kBlock / 2) {
+            const rlimit limit{pages * static_cast<rlim_t>(::getpagesize()) + more,
+                               before.rlim_max};
+            ::setrlimit(RLIMIT_DATA, &limit);
+            bool is_wrong = false;
+            try {
+                const auto found = ranges->load(range);
+                ::setrlimit(RLIMIT_DATA, &before);
+                is_wrong = !found || *found != object_bytes(range);
+                ++loaded;
+            } catch (const std::bad_alloc&) {
+                ::setrlimit(RLIMIT_DATA, &before);
+                ++failed;
+            }
+            if (is_wrong) {
+                return false;
+            }
+        }
+        return failed > 0 && loaded > 0 && has(*ranges, range) && cache.warning().empty();
+    }));
+    CHECK(status == 0);
+    CHECK(entries_below(folder.path()).size() == entries);
+}
+#endif
 
 TEST_CASE("a folder that cannot be made is an error, and one that cannot be used a warning") {
     const TemporaryFolder folder;

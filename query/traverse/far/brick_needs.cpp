@@ -282,7 +282,7 @@ void add_brick_needs(Runs runs, int level, const Int3& brick, const ParentsOfRun
 }
 
 bool has_node_needs(const TraversalRun& run, int level) {
-    return run.query.attributes.normal && !run.query.plane && level > 0;
+    return run.query.attributes.normal && level > 0;
 }
 
 void add_node_needs(Runs runs, int level, const Int3& brick, const ParentsOfRuns& parents,
@@ -303,10 +303,14 @@ void add_node_needs(Runs runs, int level, const Int3& brick, const ParentsOfRuns
                 continue;
             }
             CubeNodes nodes;
+            const std::optional<LatticePlane>& plane = runs[r]->query.plane;
             values.load(nodes, cube);
             for (int position = 0; position < 27; ++position) {
-                if (nodes.value[static_cast<std::size_t>(position)] == runs[r]->query.iso) {
-                    const Int3 node = (nodes.low + node_offset(position, nodes.mirror)) * at.stride;
+                const Int3 node = (nodes.low + node_offset(position, nodes.mirror)) * at.stride;
+                const bool is_vertex =
+                    plane ? plane->distance(node) == 0
+                          : nodes.value[static_cast<std::size_t>(position)] == runs[r]->query.iso;
+                if (is_vertex) {
                     add_around_node(finest, min(node, finest.nodes - Int3{1, 1, 1}), needs.own);
                 }
             }
