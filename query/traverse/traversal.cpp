@@ -12,6 +12,7 @@
 #include "query/march/clip.h"
 #include "query/traverse/brick_tree.h"
 #include "query/traverse/bricks/brick_traversal.h"
+#include "query/traverse/far/brick_needs.h"
 #include "query/traverse/far/finest_windows.h"
 #include "query/traverse/far/waves.h"
 #include "query/traverse/hexahedra/traverse_hexahedra.h"
@@ -124,6 +125,10 @@ void run_bricks(Runs runs) {
     if (runs.front()->cache.source().is_far()) {
         Waves<Brick>(runs).traverse(kWholeProgress);
     } else {
+        // What is not in the page cache comes together, and not page by page.
+        TraversalNeeds top;
+        add_top_needs(runs, kTopBytesNear, top);
+        announce(*runs.front(), top);
         run_brick<Brick>(runs, runs.front()->layout().lattice().top(), {0, 0, 0}, {},
                          kWholeProgress);
     }

@@ -11,6 +11,7 @@
 #include <isonest/error.h>
 
 #include "store/bytes/file_bytes.h"
+#include "store/bytes/read_whole.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_reader.h"
 #include "store/hdf5/bytes_driver.h"
@@ -169,11 +170,11 @@ HeldBytes StoreReader::stored(const ArrayInfo& array, const Int3& chunk) const {
 void StoreReader::decode(const ArrayInfo& array, const Int3& chunk,
                          std::span<std::byte> raw) const {
     const ChunkRow r = row(array, chunk);
-    const HeldBytes held = bytes_->read(r.offset, r.bytes);
-    if (checksum_of(held.bytes()) != r.checksum) {
+    const auto held = read_whole(*bytes_, {r.offset, r.bytes}, r.checksum);
+    if (!held) {
         fail_corrupt(array.place(chunk), "damaged: its bytes are not those that were written");
     }
-    decode_chunk(held.bytes(), array.codec, raw, {path_.string(), array.place(chunk)});
+    decode_chunk(held->bytes(), array.codec, raw, {path_.string(), array.place(chunk)});
 }
 
 void StoreReader::prefetch(const ArrayInfo& array, const Int3& chunk) const {

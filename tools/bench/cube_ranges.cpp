@@ -21,6 +21,7 @@
 #include "query/traverse/traversal.h"
 #include "store/container/reader.h"
 #include "store/container/wrapping/forwarding_source.h"
+#include "tools/bench/run_program.h"
 
 using namespace isonest;
 using namespace isonest::detail;
@@ -112,10 +113,5 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    try {
-        return run(argc, argv);
-    } catch (const std::exception& error) {
-        fmt::print(stderr, "isonest_cube_ranges: {}\n", error.what());
-        return 1;
-    }
+    return bench::run_program("isonest_cube_ranges", [&] { return run(argc, argv); });
 }

@@ -318,7 +318,7 @@ void add_node_needs(Runs runs, int level, const Int3& brick, const ParentsOfRuns
     }
 }
 
-void add_top_needs(Runs runs, TraversalNeeds& needs) {
+void add_top_needs(Runs runs, std::uint64_t most_bytes, TraversalNeeds& needs) {
     const TraversalRun& run = *runs.front();
     const StoreLayout& layout = run.layout();
     for (int level = layout.lattice().top(); level >= 0; --level) {
@@ -337,9 +337,8 @@ void add_top_needs(Runs runs, TraversalNeeds& needs) {
                 of_level.own.add(array, array.grid.unlinear(i));
             }
         }
-        constexpr std::uint64_t kMostBytes = 512U << 10U;
         if (level < layout.lattice().top() &&
-            needs.own.bytes() + of_level.own.bytes() > kMostBytes) {
+            needs.own.bytes() + of_level.own.bytes() > most_bytes) {
             return;
         }
         needs.add(of_level);

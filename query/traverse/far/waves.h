@@ -54,7 +54,7 @@ class Waves {
     /// Throws what the chunk source and the sinks throw, and Error{cancelled}.
     void traverse(std::uint64_t progress_share) {
         TraversalNeeds top;
-        add_top_needs(runs_, top);
+        add_top_needs(runs_, kTopBytesFar, top);
         announce(run_, top);
         Wave root;
         root.push_back({{0, 0, 0}, {}});

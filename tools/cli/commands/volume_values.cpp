@@ -7,6 +7,7 @@
 #include <utility>
 
 #include <isonest/error.h>
+#include <isonest/remote.h>
 
 #include "query/view/indicator_box.h"
 #include "store/base/box.h"
@@ -32,6 +33,10 @@ std::int64_t planes_at_once(const VolumeDescription& d, std::int64_t multiple) {
 bool is_no_store(const Error& error) {
     return std::any_of(error.remedies().begin(), error.remedies().end(),
                        [](const Remedy& r) { return r.kind == RemedyKind::make_store; });
+}
+
+bool may_be_folder(const Error& error, const std::string& location) {
+    return is_url(location) && error.kind() == ErrorKind::not_found;
 }
 
 VolumeValues::VolumeValues(std::shared_ptr<const Store> store)
