@@ -48,6 +48,7 @@ FORMATS = ("dicom", "hdf5", "meta_image", "mrc", "netcdf", "nifti", "nrrd", "num
 INNER_ROOMS = {
     "store/container": {"footer": {"codec.h", "format.h", "hdf5_types.h", "label_table.h"},
                         "announce": {"chunk_cache.h", "chunk_source.h"},
+                        "wrapping": {"chunk_source.h"},
                         "writing": {"codec.h", "cube_range.h", "format.h", "hdf5_types.h", "label_table.h"}},
     "preprocess/sources": SHARED | {name: {*SHARED, "volume_format.h"} for name in FORMATS},
     "query/extract": {

@@ -85,6 +85,25 @@ class Faults(unittest.TestCase):
                 error = self.failed(code, words, "extract", server.url("s.isonest"), *EXTRACT)
                 self.assertTrue(error["remedies"])
 
+    def test_bytes_that_are_wrong_once_are_fetched_again(self):
+        run("extract", "s.isonest", "--iso", "120", "--error", "3", "-o", "local.ply")
+        truth = (FOLDER / "local.ply").read_bytes()
+        with RangeServer(FOLDER) as server:
+            done = run("extract", server.url("s.isonest"), "--iso", "120", "--error", "3", "-o", "mesh.ply", "--json")
+            requests = json.loads(done.stdout)["remote"]["requests"]
+        self.assertGreater(requests, 2)
+        for wrong in range(2, requests + 1):
+            with self.subTest(request=wrong), RangeServer(
+                    FOLDER, fault_of=lambda number, *_, wrong=wrong: "wrong_bytes" if number == wrong else None) as server:
+                cache = FOLDER / f"cache{wrong}"
+                for state in ("cold", "warm"):
+                    done = run("extract", server.url("s.isonest"), "--iso", "120", "--error", "3", "-o", "mesh.ply", "--json",
+                               "--cache", cache)
+                    self.assertEqual(done.returncode, 0, done.stdout)
+                    self.assertEqual((FOLDER / "mesh.ply").read_bytes(), truth, state)
+                # Nothing wrong was kept.
+                self.assertEqual(json.loads(done.stdout)["remote"]["requests"], 1)
+
     def test_what_passes_is_tried_again(self):
         faults = ["status:503:0", "reset", "status:429:0", "broken", "status:500"]
         with RangeServer(FOLDER, fault_of=lambda number, *_: faults[number // 2 % 5] if number % 2 == 0 else None) as server:

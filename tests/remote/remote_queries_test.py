@@ -213,9 +213,21 @@ class Queries(unittest.TestCase):
                     remote = said["remote"]
                     if state in (warm, mended):
                         # The end of the object, by which the server says what state it is in.
-                        self.assertEqual((remote["requests"], remote["round_trips"]), (1, 1), state)
+                        self.assertEqual((remote["requests"], remote["round_trips"], remote["remote_bytes"]), (1, 1, 64), state)
                     else:
                         self.assertLess(remote["cache_bytes"], 1 + remote["remote_bytes"], state)
+
+    def test_the_histogram_reads_ranges_that_traversals_leave_alone(self):
+        # Those of level 3 are more than 256 KiB, and what is announced more than the memory for it.
+        report("make-volume", "bucky", "--size", "273", "-o", "large.h5")
+        report("preprocess", "large.h5", "-o", "large.isonest")
+        query = "info --histogram --level 2"
+        local, _ = ask(query, "", "large.isonest")
+        self.assertEqual(local["histogram"]["cube_level"], 3)
+        for options in ([], ["--memory", "64M", "--threads", "1"]):
+            remote, _ = self.counted(query, "", self.server.url("large.isonest"), *options)
+            self.assertEqual(stripped(remote), stripped(local))
+            self.assertLessEqual(remote["remote"]["round_trips"], 6)
 
     def test_the_text_says_what_was_fetched(self):
         url = self.server.url("bucky.isonest")
@@ -257,10 +269,11 @@ class Queries(unittest.TestCase):
         enough = int(remedy["value"])
         report("extract", url, "--iso", "120", "-o", "m.ply", "--memory", enough)
 
-    def test_volumes_are_not_read_over_a_network(self):
-        for arguments in (["preprocess", self.server.url("bucky.h5", "user:secret@"), "-o", "x.isonest"],
-                          ["extract", self.server.url("bucky.h5", "user:secret@"), "--iso", "120", "-o", "x.ply"],
-                          ["smooth", self.server.url("bucky.h5", "user:secret@"), "--steps", "1", "--tau", "1", "--lambda", "2",
+    def test_some_volumes_are_not_read_over_a_network(self):
+        (FOLDER / "pages.tif").write_bytes(b"II*\0" + bytes(5000))
+        for arguments in (["preprocess", self.server.url("pages.tif", "user:secret@"), "-o", "x.isonest"],
+                          ["extract", self.server.url("pages.tif", "user:secret@"), "--iso", "120", "-o", "x.ply"],
+                          ["smooth", self.server.url("pages.tif", "user:secret@"), "--steps", "1", "--tau", "1", "--lambda", "2",
                            "-o", "x.nrrd"]):
             done = run(*arguments, "--json")
             self.assertEqual(done.returncode, 5, done.stdout)

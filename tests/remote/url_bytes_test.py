@@ -103,6 +103,85 @@ class Reading(unittest.TestCase):
             answer = client.read(*ranges, threads=4)
             self.assertEqual((answer["errors"], answer["cache_bytes"], answer["requests"]), ([], 400_000, 1))
 
+    def test_of_a_known_object_only_its_last_bytes_are_asked_for(self):
+        end = [SIZE - TAIL, TAIL]
+        with RangeServer(FOLDER) as server, Client() as client:
+            def opened():
+                requests, sent = server.requests, server.bytes
+                client.open(server.url("a.bin?v=1"), cache=True, known=True)
+                answer = client.read(end, [SIZE - 10, 10])
+                self.assertEqual(answer["errors"], [])
+                return server.requests - requests, server.bytes - sent, answer["round_trips"], answer["cache_bytes"]
+
+            self.assertEqual(opened(), (1, TAIL, 1, 0))
+            for _ in range(2):
+                self.assertEqual(opened(), (1, 64, 1, TAIL - 64))
+            os.utime(FOLDER / "a.bin", (1e9, 1e9))  # another ETag: nothing of the cache is used
+            self.assertEqual(opened(), (2, TAIL, 2, 0))
+            self.assertEqual(opened(), (1, 64, 1, TAIL - 64))
+            # What is not what it says it is: other bytes under the same ETag.
+            server.validators = lambda path, data, same=server.validators(FOLDER / "a.bin", bytes(SIZE)): same
+            before = (FOLDER / "a.bin").read_bytes()
+            (FOLDER / "a.bin").write_bytes(bytes(SIZE))
+            try:
+                self.assertEqual(opened(), (2, TAIL, 2, 0))
+            finally:
+                (FOLDER / "a.bin").write_bytes(before)
+
+    def test_a_slow_cache_holds_up_no_transfer(self):
+        ranges = [[i * 100_000, 20_000] for i in range(25)]
+        with RangeServer(FOLDER) as server, Client() as client:
+            for _ in range(2):  # what the cache has not is looked for while others are read
+                client.open(server.url("a.bin"), cache=True, keep_ms=300, load_ms=0)
+                client.do("want", ranges=ranges)
+                start = time.monotonic()
+                answer = client.read(*ranges, threads=2)
+                self.assertEqual(answer["errors"], [])
+                self.assertLess(time.monotonic() - start, 5)  # to keep them all takes 7.5 s
+                start = time.monotonic()
+                client.do("close")  # which waits until they are kept
+                kept = time.monotonic() - start
+            self.assertLess(kept, 5)
+            self.assertEqual((answer["requests"], answer["cache_bytes"]), (1, 25 * 20_000))
+
+    def test_what_does_not_fit_into_the_queue_is_not_kept_and_not_waited_for(self):
+        ranges = [[i * 100_000, 90_000] for i in range(25)]
+        with RangeServer(FOLDER) as server, Client() as client:
+            client.open(server.url("a.bin"), cache=True, keep_ms=1000, budget=1 << 20)
+            start = time.monotonic()
+            self.assertEqual(client.read(*ranges)["errors"], [])
+            self.assertLess(time.monotonic() - start, 10)  # to keep them all takes 25 s
+            client.open(server.url("a.bin"), cache=True)
+            answer = client.read(*ranges)
+            self.assertGreater(answer["cache_bytes"], 0)
+            self.assertLess(answer["cache_bytes"], 25 * 90_000 // 2)
+
+    def test_after_ctrl_c_the_cache_is_not_waited_for(self):
+        with RangeServer(FOLDER, fault_of=lambda number, *_: "silent" if number > 21 else None) as server, Client() as client:
+            client.open(server.url("a.bin"), cache=True, keep_ms=1000)
+            client.read(*([i * 100_000, 9_000] for i in range(20)))  # 20 s to keep
+            client.do("cancel", after_ms=0)
+            start = time.monotonic()
+            self.assertEqual(client.read([50_000, 1000])["errors"][0]["kind"], "cancelled")
+            client.do("close")
+            self.assertLess(time.monotonic() - start, 8)
+
+    def test_what_is_forgotten_is_fetched_again_and_not_taken_from_the_cache(self):
+        faults = iter(["wrong_bytes"])
+        with RangeServer(FOLDER, fault_of=lambda number, *_: next(faults, None) if number == 2 else None) as server, \
+                Client() as client:
+            client.open(server.url("a.bin"), cache=True)
+            self.assertEqual(client.do("read", ranges=[[5000, 1000]])["wrong"], 1)
+            self.assertEqual(client.do("read", ranges=[[5000, 1000]])["wrong"], 1)
+            client.do("forget", ranges=[[5000, 10]])
+            for want in (False, True):
+                if want:
+                    client.do("want", ranges=[[5000, 1000]])
+                self.assertEqual(client.do("read", ranges=[[5000, 1000]])["wrong"], 0)
+            self.assertEqual(server.requests, 3)
+            client.open(server.url("a.bin"), cache=True)
+            self.assertEqual(client.read([5000, 1000])["cache_bytes"], 1000)
+
     def test_ctrl_c_ends_a_wait_at_once(self):
         with RangeServer(FOLDER, fault_of=from_second("silent")) as server, Client() as client:
             client.open(server.url("a.bin"), slow_ms=20_000)

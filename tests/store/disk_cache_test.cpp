@@ -20,6 +20,7 @@
 #include <fstream>
 #include <functional>
 #include <new>
+#include <optional>
 #include <random>
 #include <string>
 #include <thread>
@@ -160,6 +161,53 @@ std::chrono::steady_clock::time_point in(std::chrono::milliseconds time) {
 }
 
 }  // namespace
+
+TEST_CASE("the state in which an object was found last is known, until it is damaged") {
+    const TemporaryFolder dir;
+    const DiskCache cache(dir.path(), kPlenty);
+    const ObjectState asked{object_state().url, "", 0};
+    CHECK_FALSE(cache.last_of(asked));
+    cache.remember(object_state());
+    cache.remember(object_state("\"later\""));
+    const std::optional<ObjectState> found = DiskCache(dir.path(), kPlenty).last_of(asked);
+    REQUIRE(found);
+    CHECK(found->version == "\"later\"");
+    CHECK(found->size == kObjectBytes);
+    CHECK(found->url == asked.url);
+    CHECK_FALSE(cache.last_of({asked.url + "x", "", 0}));
+    CHECK_FALSE(cache.last_of({asked.url, "", 0, "a query"}));
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(dir.path())) {
+        if (entry.is_regular_file() && entry.file_size() > 16) {
+            std::fstream file(entry.path(), std::ios::in | std::ios::out | std::ios::binary);
+            file.seekp(-1, std::ios::end);
+            file.put('~');
+        }
+    }
+    CHECK_FALSE(cache.last_of(asked));
+}
+
+TEST_CASE("what is forgotten is not given any more, and other bytes may be kept in its place") {
+    const TemporaryFolder dir;
+    const DiskCache cache(dir.path(), kPlenty);
+    const auto object = cache.of(object_state());
+    keep(*object, {100, 3 * kBlock}, 1);
+    CHECK(has(*object, {200, kBlock}, 1));
+    object->forget({kBlock + 50, 100});
+    CHECK_FALSE(object->load({kBlock, 51}));
+    CHECK_FALSE(object->load({kBlock + 149, 10}));
+    CHECK(has(*object, {100, kBlock - 50}, 1));
+    CHECK(has(*object, {kBlock + 150, 1000}, 1));
+    object->forget({kObjectBytes, 5});  // nothing
+    object->forget({kBlock, kBlock});   // a whole block
+    CHECK_FALSE(object->load({2 * kBlock - 1, 1}));
+    CHECK(has(*object, {2 * kBlock, 100}, 1));
+    keep(*object, {kBlock, 1000});
+    CHECK(has(*object, {kBlock, 1000}));
+    CHECK_FALSE(object->load({kBlock + 900, 200}));
+    // What is added to a block that was just read is there.
+    keep(*object, {kBlock + 1000, 1000});
+    CHECK(has(*object, {kBlock, 2000}));
+}
 
 TEST_CASE("a block has what was added, as a set of bytes has it") {
     std::mt19937_64 random(5);

@@ -17,7 +17,7 @@
 
 #include "query/traverse/traversal.h"
 #include "store/container/reader.h"
-#include "store/container/recording_source.h"
+#include "store/container/wrapping/recording_source.h"
 #include "tools/bench/run_program.h"
 
 using namespace isonest;

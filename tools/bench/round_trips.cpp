@@ -1,5 +1,5 @@
 // How many round trips, chunks and bytes queries take of a store behind a network, by the model of
-// store/container/announce/far_source.h.
+// store/container/wrapping/far_source.h.
 //
 // usage: isonest_round_trips STORE ISOVALUE [MEMORY_MIB]
 //
@@ -12,8 +12,8 @@
 #include <cstdlib>
 
 #include "query/traverse/traversal.h"
-#include "store/container/announce/far_source.h"
 #include "store/container/reader.h"
+#include "store/container/wrapping/far_source.h"
 #include "tools/bench/run_program.h"
 
 using namespace isonest;
