@@ -58,6 +58,9 @@ class StoreBytes {
     /// A hint that these ranges are needed soon, and together: returns at once. Parts outside
     /// size() are left out. Those who ask later wait for what is under way.
     virtual void want(std::span<const ByteRange> ranges) const = 0;
+    /// These bytes are not those that were written: who reads them next gets them anew, if they
+    /// came from elsewhere. What somebody holds of them stays as it is.
+    virtual void forget(const ByteRange& /*range*/) const {}
     [[nodiscard]] virtual FetchedCounts fetched() const { return {}; }
 };
 

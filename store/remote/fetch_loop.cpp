@@ -57,10 +57,16 @@ FetchLoop::FetchLoop(RequestBasis basis, Next next)
     }
 }
 
-FetchLoop::~FetchLoop() {
+void FetchLoop::stop() {
     stops_ = true;
     wake();
-    thread_.join();
+    if (thread_.joinable()) {
+        thread_.join();
+    }
+}
+
+FetchLoop::~FetchLoop() {
+    stop();
     for (const auto& active : active_) {
         detach(*active);
     }

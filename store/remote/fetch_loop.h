@@ -71,8 +71,11 @@ class FetchLoop {
     FetchLoop(RequestBasis basis, Next next);
     FetchLoop(const FetchLoop&) = delete;
     FetchLoop& operator=(const FetchLoop&) = delete;
-    /// Ends all requests. Their jobs hear nothing of it.
+    /// Ends all requests, as stop() does.
     ~FetchLoop();
+
+    /// No request goes on, and no job hears anything any more.
+    void stop();
 
     void wake();
     [[nodiscard]] RequestCounts counts() const { return {bytes_, requests_}; }

@@ -27,6 +27,8 @@ RemoteOptions options_of(const RemoteAccess& remote,
         options.make_cache = [cache](const ObjectState& object) -> std::shared_ptr<RangeCache> {
             return cache->of(object);
         };
+        options.recall = [cache](const ObjectState& object) { return cache->last_of(object); };
+        options.remember = [cache](const ObjectState& object) { cache->remember(object); };
     }
     return options;
 }
