@@ -46,6 +46,17 @@ std::shared_ptr<const StoreBytes> open_location(const std::filesystem::path& loc
     return open_url(location.native(), options_of(remote, cache));
 }
 
+std::shared_ptr<const DiskCache> open_cache(const std::filesystem::path& location,
+                                            const RemoteAccess& remote) {
+    return !remote.cache.empty() && is_url(location.native())
+               ? std::make_shared<const DiskCache>(remote.cache, remote.cache_bytes)
+               : nullptr;
+}
+
+std::string cache_warning(const DiskCache* cache) {
+    return cache != nullptr ? cache->warning() : std::string();
+}
+
 bool is_header(std::string_view line) {
     constexpr std::string_view kOthers = "!#$%&'*+-.^_`|~";
     constexpr std::array<std::string_view, 8> kOurs{

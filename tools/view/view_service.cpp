@@ -11,7 +11,7 @@
 
 #include <isonest/error.h>
 
-#include "tools/view/answers.h"
+#include "tools/view/answers/answers.h"
 #include "tools/view/mesh_message.h"
 #include "tools/view/page_files.h"
 

@@ -12,7 +12,7 @@
 #include "tools/view/access.h"
 #include "tools/view/mesh_answers.h"
 #include "tools/view/request_target.h"
-#include "tools/view/store_answers.h"
+#include "tools/view/answers/store_answers.h"
 #include "tools/view/store_watch.h"
 #include "tools/view/streams.h"
 #include "tools/view/work_lane.h"

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <memory>
+#include <new>
 #include <string>
 #include <utility>
 #include <variant>
@@ -19,9 +20,10 @@
 
 // The worker's function `fetchNow(offset, size)` gives a Uint8Array of `size` bytes or a text that
 // says what went wrong. Returned: malloc'ed bytes, or, with *is_text = 1, text that ends in 0.
+// clang-format off
 EM_JS(char*, isonest_fetch_now, (double offset, double size, int* is_text), {
     const got = Module["fetchNow"](offset, size);
-    const failed = typeof got == = "string";
+    const failed = typeof got == "string";
     const bytes = failed ? new TextEncoder().encode(got) : got;
     const at = _malloc(bytes.length + 1);
     if (!at) return 0;
@@ -30,13 +32,13 @@ EM_JS(char*, isonest_fetch_now, (double offset, double size, int* is_text), {
     HEAP32[is_text >> 2] = failed ? 1 : 0;
     return at;
 });
+// clang-format on
 
 namespace isonest::detail::web {
 namespace {
 
-/// Of the memory, what is for bytes that were fetched; the queries of the time use half of it, at
-/// most, and what they keep in files lies in the rest.
-constexpr std::uint64_t kFetchedPart = 5;
+/// Sixteenths of the memory that are for bytes that were fetched: see MemoryShares.
+constexpr std::uint64_t kFetched = 3;
 
 struct State {
     std::unique_ptr<PageQueries> queries;
@@ -103,7 +105,7 @@ extern "C" {
 EMSCRIPTEN_KEEPALIVE void isonest_begin(const char* url, double size, double memory) {
     const auto most = static_cast<std::uint64_t>(memory);
     auto bytes = std::make_shared<WebBytes>(url, static_cast<std::uint64_t>(size),
-                                            most / kFetchedPart, fetch_now);
+                                            most / 16 * kFetched, fetch_now);
     state().queries = std::make_unique<PageQueries>(std::move(bytes), url, most);
 }
 

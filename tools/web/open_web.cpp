@@ -29,4 +29,13 @@ std::shared_ptr<const StoreBytes> open_location(const std::filesystem::path& /*l
     return web::current();
 }
 
+std::shared_ptr<const DiskCache> open_cache(const std::filesystem::path& /*location*/,
+                                            const RemoteAccess& /*remote*/) {
+    return nullptr;
+}
+
+std::string cache_warning(const DiskCache* /*cache*/) {
+    return {};
+}
+
 }  // namespace isonest::detail

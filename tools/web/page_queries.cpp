@@ -8,7 +8,7 @@
 
 #include <isonest/progress.h>
 
-#include "tools/view/answers.h"
+#include "tools/view/answers/answers.h"
 #include "tools/view/mesh_message.h"
 #include "tools/view/request_target.h"
 #include "tools/web/open_web.h"
@@ -22,7 +22,7 @@ PageQueries::PageQueries(std::shared_ptr<WebBytes> bytes, std::string name, std:
 
 PageQueries::Opened::Opened(const std::string& name, std::uint64_t memory)
     : store(name),
-      shares(memory),
+      shares(view::MemoryShares::of_page(memory)),
       answers(store, shares, 1),
       surfaces(store,
                {shares.surface, shares.surface_message / view::MeshMessage::kTriangleHeap, 1},
@@ -56,7 +56,7 @@ HttpAnswer PageQueries::answer(const std::string& target) {
     view::RequestTarget request(target);
     const std::string path = request.path();
     request.text("stream");
-    NoProgress progress;
+    Progress& progress = silent_progress();
     if (path == "/api/surface" || path == "/api/slice") {
         const view::MeshRequest mesh = opened_->answers.take_mesh(request, path);
         return (mesh.is_slice() ? opened_->slices : opened_->surfaces).message(mesh, progress);

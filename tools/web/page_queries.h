@@ -13,7 +13,7 @@
 
 #include "tools/view/http_messages.h"
 #include "tools/view/mesh_answers.h"
-#include "tools/view/store_answers.h"
+#include "tools/view/answers/store_answers.h"
 #include "tools/web/web_bytes.h"
 
 namespace isonest::detail::web {

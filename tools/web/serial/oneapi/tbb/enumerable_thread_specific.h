@@ -2,7 +2,7 @@
 #pragma once
 
 #include <functional>
-#include <optional>
+#include <memory>
 #include <type_traits>
 #include <utility>
 
@@ -12,19 +12,19 @@ namespace tbb {
 template <class T>
 class enumerable_thread_specific {
   public:
-    enumerable_thread_specific() : make_([] { return T(); }) {}
+    enumerable_thread_specific() : make_([] { return new T(); }) {}
     template <class Make>
-    requires std::is_invocable_r_v<T, Make>
-    explicit enumerable_thread_specific(Make make) : make_(std::move(make)) {}
+        requires std::is_invocable_v<Make>
+    explicit enumerable_thread_specific(Make make)
+        : make_([make = std::move(make)] { return new T(make()); }) {}
     template <class Exemplar>
-    requires(std::is_constructible_v<T, Exemplar> &&
-             !std::is_invocable_r_v<
-                 T, Exemplar>) explicit enumerable_thread_specific(const Exemplar& exemplar)
-        : make_([exemplar] { return T(exemplar); }) {}
+        requires(!std::is_invocable_v<Exemplar>)
+    explicit enumerable_thread_specific(const Exemplar& exemplar)
+        : make_([exemplar] { return new T(exemplar); }) {}
 
     T& local() {
         if (!object_) {
-            object_.emplace(Made{make_});
+            object_.reset(make_());
         }
         return *object_;
     }
@@ -34,18 +34,14 @@ class enumerable_thread_specific {
             use(*object_);
         }
     }
-    T* begin() { return object_ ? &*object_ : nullptr; }
-    T* end() { return object_ ? &*object_ + 1 : nullptr; }
+    T* begin() { return object_.get(); }
+    T* end() { return object_ ? object_.get() + 1 : nullptr; }
+    const T* begin() const { return object_.get(); }
+    const T* end() const { return object_ ? object_.get() + 1 : nullptr; }
 
   private:
-    /// What `make` returns is made in its place: a T need not be movable.
-    struct Made {
-        const std::function<T()>& make;
-        operator T() const { return make(); }  // NOLINT(google-explicit-constructor)
-    };
-
-    std::function<T()> make_;
-    std::optional<T> object_;
+    std::function<T*()> make_;
+    std::unique_ptr<T> object_;
 };
 
 }  // namespace tbb

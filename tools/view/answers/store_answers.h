@@ -17,6 +17,10 @@ namespace isonest::detail::view {
 /// 1, files 2, values and histogram 1, answers that are being sent 2.
 struct MemoryShares {
     explicit MemoryShares(std::uint64_t memory_);
+    /// Of a page without a server, which does one thing at a time: an extraction (of anything), or
+    /// values and histogram, 6; the message 3. The rest is for what is fetched and for temporary
+    /// files.
+    static MemoryShares of_page(std::uint64_t memory);
     std::uint64_t memory;
     std::uint64_t surface, surface_message, slice, slice_message, file, small, sending;
 };

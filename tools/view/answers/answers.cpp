@@ -1,4 +1,4 @@
-#include "tools/view/answers.h"
+#include "tools/view/answers/answers.h"
 
 #include "tools/cli/terminal/remedies.h"
 

@@ -1,4 +1,4 @@
-#include "tools/view/store_answers.h"
+#include "tools/view/answers/store_answers.h"
 
 #include <algorithm>
 #include <array>
@@ -15,7 +15,7 @@
 #include "query/statistics/histogram.h"
 #include "store/container/reader.h"
 #include "tools/cli/terminal/histogram_json.h"
-#include "tools/view/answers.h"
+#include "tools/view/answers/answers.h"
 #include "tools/view/mesh_message.h"
 #include "tools/view/point_value.h"
 
@@ -72,6 +72,13 @@ MemoryShares::MemoryShares(std::uint64_t memory_)
       file(memory / 8),
       small(memory / 16),
       sending(memory / 8) {}
+
+MemoryShares MemoryShares::of_page(std::uint64_t memory) {
+    MemoryShares shares(memory);
+    shares.surface = shares.slice = shares.file = shares.small = memory / 16 * 6;
+    shares.surface_message = shares.slice_message = memory / 16 * 3;
+    return shares;
+}
 
 bool StoreAnswers::are_labels() const {
     return store_.reader().layout().header().labels || store_.reader().label_names().size() > 0;
