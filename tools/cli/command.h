@@ -11,6 +11,7 @@
 #include <isonest/length_unit.h>
 #include <isonest/progress.h>
 
+#include "tools/cli/terminal/json.h"
 #include "tools/cli/terminal/terminal_progress.h"
 
 namespace isonest::detail {
@@ -18,8 +19,6 @@ class Communicator;
 }
 
 namespace isonest::detail::cli {
-
-using Json = nlohmann::ordered_json;  // keeps the order in which it was filled
 
 /// "mm", or null where it is not known.
 Json unit_json(std::optional<LengthUnit> unit);

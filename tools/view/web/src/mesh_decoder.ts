@@ -5,7 +5,7 @@ type Answer = { readonly id: number; readonly mesh?: Mesh; readonly error?: stri
 type Waiting = { readonly resolve: (mesh: Mesh) => void; readonly reject: (error: Error) => void };
 
 export class MeshDecoder {
-  private readonly worker = new Worker("worker.js");
+  private readonly worker = new Worker("mesh_worker.js");
   private readonly waiting = new Map<number, Waiting>();
   private next = 0;
 
