@@ -22,8 +22,7 @@ std::filesystem::path without_last_slash(std::filesystem::path path) {
     return path.has_filename() ? path : path.parent_path();
 }
 
-[[noreturn]] void fail_with_folder(const std::filesystem::path& path, const char* what,
-                                   int error) {
+[[noreturn]] void fail_with_folder(const std::filesystem::path& path, const char* what, int error) {
     throw Error(ErrorKind::io, {path.string()},
                 fmt::format("cannot {}: {}", what, std::strerror(error)));
 }

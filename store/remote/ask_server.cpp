@@ -74,10 +74,10 @@ std::size_t take_header(char* data, std::size_t /*one*/, std::size_t size, void*
         line.remove_prefix(colon + 1);
         const std::size_t first = std::min(line.find_first_not_of(" \t"), line.size());
         const std::size_t last = line.find_last_not_of(" \t\r\n");
-        asking.reply.headers.emplace_back(
-            std::move(name), last == std::string_view::npos || last < first
-                                 ? ""
-                                 : std::string(line.substr(first, last + 1 - first)));
+        asking.reply.headers.emplace_back(std::move(name),
+                                          last == std::string_view::npos || last < first
+                                              ? ""
+                                              : std::string(line.substr(first, last + 1 - first)));
         return size;
     } catch (...) {
         asking.thrown = std::current_exception();

@@ -1,4 +1,5 @@
-// One question to a server as a browser puts it, and all that it answers: for what looks at servers.
+// One question to a server as a browser puts it, and all that it answers: for what looks at
+// servers.
 #pragma once
 
 #include <cstddef>
@@ -31,8 +32,8 @@ struct ServerReply {
 };
 
 /// Any status is an answer. `check` is called about once a second while it waits; what it throws
-/// ends the wait. Throws Error{io} if nobody answers, Error{unsupported} where the library was built
-/// without libcurl, Error{invalid_argument} if it is no URL. Thread-safety: none is shared.
+/// ends the wait. Throws Error{io} if nobody answers, Error{unsupported} where the library was
+/// built without libcurl, Error{invalid_argument} if it is no URL. Thread-safety: none is shared.
 ServerReply ask_server(const ServerQuestion& question, const std::function<void()>& check);
 
 }  // namespace isonest::detail

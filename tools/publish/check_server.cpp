@@ -201,12 +201,13 @@ class Checker {
         const std::uint64_t from = size - std::min<std::uint64_t>(size, kPart);
         const ServerReply end = ask_part(url, fmt::format("{}-{}", from, size - 1));
         const bool is_part = end.status == 206 && end.body.size() == size - from;
-        const bool is_footer = is_part && end.body.find("ISONEST") != std::string::npos;
+        const bool is_footer = is_part && end.body.ends_with(std::string_view(
+                                              kFooterMagic.data(), kFooterMagic.size()));
         note(url, "store", is_footer, ServerFault::missing,
-             is_footer   ? fmt::format("{} bytes, with a footer", size)
-             : !is_part  ? fmt::format("{} in place of its last {} bytes", end.status, kPart)
-                         : "the file has no footer of a store: it is none, is cut off, or is older "
-                           "than version 2.9 of the format");
+             is_footer  ? fmt::format("{} bytes, with a footer", size)
+             : !is_part ? fmt::format("{} in place of its last {} bytes", end.status, kPart)
+                        : "the file has no footer of a store: it is none, is cut off, or is older "
+                          "than version 2.9 of the format");
     }
 
     void check_sharing(const std::string& url, const ServerReply& part) {
@@ -219,12 +220,12 @@ class Checker {
                          quoted(part.header("access-control-allow-origin")), origin_));
         const std::string exposed = part.header("access-control-expose-headers");
         note(url, "CORS headers", lists(exposed, "content-range") && lists(exposed, "etag"),
-             ServerFault::exposed, fmt::format("Access-Control-Expose-Headers: {}", quoted(exposed)));
-        const ServerReply before =
-            ask({url,
-                 "OPTIONS",
-                 {"Origin: " + origin_, "Access-Control-Request-Method: GET",
-                  "Access-Control-Request-Headers: if-match,range"}});
+             ServerFault::exposed,
+             fmt::format("Access-Control-Expose-Headers: {}", quoted(exposed)));
+        const ServerReply before = ask({url,
+                                        "OPTIONS",
+                                        {"Origin: " + origin_, "Access-Control-Request-Method: GET",
+                                         "Access-Control-Request-Headers: if-match,range"}});
         const std::string headers = before.header("access-control-allow-headers");
         note(url, "CORS preflight",
              before.status >= 200 && before.status < 300 && allows(before) &&

@@ -95,8 +95,7 @@ ServerLines s3_lines(const ServerCheck& check) {
         text += "aws s3 cp STORE s3://BUCKET/STORE    # without --content-encoding\n";
     }
     if (check.has(ServerFault::wasm_type)) {
-        text +=
-            "aws s3 cp isonest.wasm s3://BUCKET/isonest.wasm --content-type application/wasm\n";
+        text += "aws s3 cp isonest.wasm s3://BUCKET/isonest.wasm --content-type application/wasm\n";
     }
     if (check.has(ServerFault::script_type)) {
         text +=
@@ -115,7 +114,8 @@ ServerLines s3_lines(const ServerCheck& check) {
 
 std::vector<ServerLines> lines_to_add(const ServerCheck& check) {
     std::vector<ServerLines> all;
-    for (ServerLines& lines : std::vector{nginx_lines(check), apache_lines(check), s3_lines(check)}) {
+    for (ServerLines& lines :
+         std::vector{nginx_lines(check), apache_lines(check), s3_lines(check)}) {
         if (!lines.lines.empty()) {
             all.push_back(std::move(lines));
         }

@@ -19,6 +19,9 @@ struct PageFile {
     std::string_view bytes;  ///< live as long as the program
 };
 
+/// Whether the library that runs in a page is there.
+bool has_library(const std::vector<PageFile>& page);
+
 /// What a publisher says of a site or a store; any of it may be empty.
 struct About {
     std::string title;
@@ -27,7 +30,7 @@ struct About {
 };
 
 struct SiteStore {
-    std::string name;            ///< what links call it by; of other characters than a file's: none
+    std::string name;            ///< what links call it by, and its file in the site
     std::filesystem::path file;  ///< empty: it is only named
     std::string url;             ///< where it is, percent-encoded; empty: in the site's own folder
     About about;
@@ -51,7 +54,8 @@ std::string url_in_site(const SiteStore& store);
 /// The list that the page reads. `files`: all of the folder, which isonest may replace.
 std::string site_list(const Site& site, const std::vector<std::string>& files);
 /// The page of the viewer with the list's name, the site's title and a policy: no script but the
-/// site's own, no request but to the servers of its stores. Throws Error{corrupt} if `page` is none.
+/// site's own, no request but to the servers of its stores. Throws Error{corrupt} if `page` is
+/// none.
 std::string site_page(std::string_view page, const Site& site);
 /// The policy alone.
 std::string content_policy(const Site& site);
@@ -59,8 +63,9 @@ std::string content_policy(const Site& site);
 /// Throws Error{invalid_argument} if `folder` holds anything that was not written by write_site().
 void require_own_site(const std::filesystem::path& folder);
 
-/// The folder appears whole or not at all; one that exists is replaced with `force`, if isonest made
-/// it. Returns the names of its files. Throws Error{invalid_argument, not_found, io, cancelled}.
+/// The folder appears whole or not at all; one that exists is replaced with `force`, if isonest
+/// made it. Returns the names of its files. Throws Error{invalid_argument, not_found, io,
+/// cancelled}.
 std::vector<std::string> write_site(const std::filesystem::path& folder, const Site& site,
                                     const std::vector<PageFile>& page, bool force,
                                     Progress& progress);

@@ -1,7 +1,10 @@
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <system_error>
 
 #include <isonest/error.h>
 
@@ -63,6 +66,11 @@ void replace_once(std::string& text, std::string_view from, const std::string& t
 }
 
 }  // namespace
+
+bool has_library(const std::vector<PageFile>& page) {
+    return std::any_of(page.begin(), page.end(),
+                       [](const PageFile& file) { return file.name == "isonest.wasm"; });
+}
 
 std::string url_in_site(const SiteStore& store) {
     return store.url.empty() ? fmt::format("stores/{}.isonest", percent_encoded(store.name))

@@ -143,8 +143,9 @@ std::vector<std::string> write_site(const std::filesystem::path& folder, const S
     }
     for (const PageFile& file : page) {
         files.emplace_back(file.name);
-        write_text(output.name() / file.name,
-                   file.name == "index.html" ? site_page(file.bytes, site) : std::string(file.bytes));
+        write_text(output.name() / file.name, file.name == "index.html"
+                                                  ? site_page(file.bytes, site)
+                                                  : std::string(file.bytes));
     }
     progress.check();
     files.emplace_back("site.json");
