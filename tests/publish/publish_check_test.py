@@ -155,6 +155,7 @@ class Site(unittest.TestCase):
                 code, report, wrong = check(page)
                 self.assertEqual((code, report["kind"], wrong), (0, "site", set()), report)
                 self.assertNotIn("CORS", json.dumps(report), "on its own server a store needs none")
+                self.assertTrue(all(note.get("accept-encoding") == "identity" for note in server.notes if "site.json" in note["path"]))
                 self.assertIn("compression", {finding["fault"] for finding in report["findings"]})
                 with RangeServer(folder / "site") as other:
                     (folder / "site" / "site.json").write_text(json.dumps({"isonest_site": 1, "stores": [{"url": other.url("s.isonest")}]}))

@@ -91,8 +91,8 @@ class Publish(unittest.TestCase):
         run("publish", self.store, self.other, self.other, "-o", self.site, "--title", "All", "--license", "CC0", "--license", "MIT", "--license", "")
         listed = self.list_of()
         self.assertEqual([(store["name"], store["url"], store["title"], store["license"], store["unit"]) for store in listed["stores"]],
-                         [("scan", "stores/scan.isonest", "scan", "CC0", "um"), ("a-b", "stores/a-b.isonest", "a-b", "MIT", None),
-                          ("a-b-2", "stores/a-b-2.isonest", "a-b-2", "", None)])
+                         [("scan", "stores/scan.isonest", "scan", "CC0", "um"), ("a-b", "stores/a-b.isonest", "a b", "MIT", None),
+                          ("a-b-2", "stores/a-b-2.isonest", "a b", "", None)])
         self.assertEqual((listed["title"], listed["license"]), ("All", ""))
         run("publish", self.store, self.other, "-o", self.site, "--force", "--title", "a", "--title", "b", "--title", "c", code=2)
 
@@ -150,12 +150,12 @@ class Publish(unittest.TestCase):
         run("make-volume", "noise", "--size", "257", "-o", self.folder / "big.h5")
         run("preprocess", self.folder / "big.h5", "-o", big)
         stopped = 0
-        for wait in (0.02, 0.04, 0.06, 0.08, 0.1, 0.15):
+        for wait in (0.05, 0.1, 0.15, 0.2, 0.3, 0.4):
             process = subprocess.Popen([ISONEST, "publish", *[big] * 8, "-o", self.site, "-q"], stderr=subprocess.DEVNULL)
             time.sleep(wait)
             process.send_signal(signal.SIGINT)
             code = process.wait(60)
-            self.assertIn(code, (0, 130))
+            self.assertIn(code, (0, 130, -signal.SIGINT))  # it may have come before the program listens
             stopped += code == 130
             self.assertEqual(self.site.exists(), code == 0)
             self.assertEqual([path.name for path in self.folder.iterdir() if path.name.startswith(".")], [])

@@ -19,6 +19,7 @@ namespace {
 
 constexpr std::size_t kPart = kFooterBytes;
 constexpr const char* kBrowserEncodings = "Accept-Encoding: gzip, deflate, br";
+constexpr const char* kAsItIs = "Accept-Encoding: identity";
 
 std::string lower_case_of(std::string text) {
     std::transform(text.begin(), text.end(), text.begin(), [](char c) {
@@ -63,7 +64,7 @@ class Checker {
         : origin_(std::move(origin)), progress_(progress) {}
 
     ServerCheck check(const std::string& url) {
-        const ServerReply page = ask({url, "GET", {kBrowserEncodings}});
+        const ServerReply page = ask({url, "GET", {kAsItIs}});
         if (page.is_whole && page.body.find("name=\"isonest-site\"") != std::string::npos) {
             check_site(url);
         } else {
@@ -99,7 +100,7 @@ class Checker {
         const std::string without_query = url.substr(0, url.find_first_of("?#"));
         const std::string folder = without_query.substr(0, without_query.rfind('/') + 1);
         origin_ = origin_of_page(folder);
-        const ServerReply list = ask({folder + "site.json", "GET", {kBrowserEncodings}});
+        const ServerReply list = ask({folder + "site.json", "GET", {kAsItIs}});
         const nlohmann::json site = nlohmann::json::parse(list.body, nullptr, false);
         if (list.status != 200 || !site.is_object() || !site["stores"].is_array()) {
             add(folder + "site.json", "list of stores", ServerFault::missing,
@@ -153,9 +154,7 @@ class Checker {
 
     ServerReply ask_part(const std::string& url, const std::string& range) {
         // A browser that asks for a part takes it as it is.
-        return ask({url,
-                    "GET",
-                    {"Range: bytes=" + range, "Accept-Encoding: identity", "Origin: " + origin_}});
+        return ask({url, "GET", {"Range: bytes=" + range, kAsItIs, "Origin: " + origin_}});
     }
 
     void check_store(const std::string& url, bool is_elsewhere) {
@@ -201,8 +200,8 @@ class Checker {
         const std::uint64_t from = size - std::min<std::uint64_t>(size, kPart);
         const ServerReply end = ask_part(url, fmt::format("{}-{}", from, size - 1));
         const bool is_part = end.status == 206 && end.body.size() == size - from;
-        const bool is_footer = is_part && end.body.ends_with(std::string_view(
-                                              kFooterMagic.data(), kFooterMagic.size()));
+        const bool is_footer = is_part && end.body.ends_with(std::string_view(kFooterMagic.data(),
+                                                                              kFooterMagic.size()));
         note(url, "store", is_footer, ServerFault::missing,
              is_footer  ? fmt::format("{} bytes, with a footer", size)
              : !is_part ? fmt::format("{} in place of its last {} bytes", end.status, kPart)

@@ -42,7 +42,7 @@ ServerLines nginx_lines(const ServerCheck& check) {
     if (check.has(ServerFault::compression)) {
         text += "gzip on;\ngzip_types application/wasm text/javascript;\n";
     }
-    return {"nginx", "in the server block, then: nginx -s reload", text};
+    return {"nginx", "in the server block; nginx -s reload takes them", text};
 }
 
 ServerLines apache_lines(const ServerCheck& check) {
@@ -78,7 +78,9 @@ ServerLines apache_lines(const ServerCheck& check) {
     if (check.has(ServerFault::compression)) {
         text += "AddOutputFilterByType DEFLATE application/wasm text/javascript\n";
     }
-    return {"Apache", "in .htaccess of the folder, after: a2enmod headers env deflate", text};
+    return {"Apache",
+            "in .htaccess of the folder, with the modules headers, env and deflate (a2enmod)",
+            text};
 }
 
 ServerLines s3_lines(const ServerCheck& check) {

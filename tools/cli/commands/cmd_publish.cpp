@@ -42,14 +42,19 @@ struct PublishArguments {
     std::vector<publish::PageFile> page;
 };
 
-/// Of a file or URL, for links: letters, digits and "._-" alone.
-std::string name_in_links(const std::string& location) {
+/// Of a file or URL, without folder and ending.
+std::string short_name(const std::string& location) {
     const std::string path =
         location.substr(0, is_url(location) ? location.find_first_of("?#") : std::string::npos);
     std::string name = path.substr(path.rfind('/') + 1);
     if (name.ends_with(".isonest")) {
         name.resize(name.size() - std::string_view(".isonest").size());
     }
+    return name;
+}
+
+/// For links: letters, digits and "._-" alone.
+std::string name_in_links(std::string name) {
     for (char& c : name) {
         const bool is_plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
                               (c >= '0' && c <= '9') || c == '.' || c == '_' || c == '-';
@@ -133,7 +138,7 @@ SiteStore described(const PublishArguments& a, std::size_t i, Progress& progress
     if (store.url.empty()) {
         store.file = a.stores[i];
     }
-    store.name = name_in_links(a.stores[i]);
+    store.name = name_in_links(short_name(a.stores[i]));
     // What is said once of several stores is said of the site.
     const bool each = a.stores.size() == 1;
     const auto own = [&](const std::vector<std::string>& values) {
@@ -141,12 +146,12 @@ SiteStore described(const PublishArguments& a, std::size_t i, Progress& progress
     };
     store.about = {own(a.titles), own(a.descriptions), own(a.licenses)};
     if (store.about.title.empty()) {
-        store.about.title = store.name;
+        store.about.title = short_name(a.stores[i]);
     }
     store.bytes = reader.file_bytes();
     store.nodes = opened.nodes();
     store.type = name_of(opened.type());
-    store.unit = opened.unit() ? std::string(name_of(*opened.unit())) : "";
+    store.unit = opened.unit() ? std::string(symbol_of(*opened.unit())) : "";
     return store;
 }
 
