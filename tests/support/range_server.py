@@ -143,7 +143,19 @@ class Handler(http.server.BaseHTTPRequestHandler):
         except (OSError, ValueError):
             self.close_connection = True
 
-    do_HEAD = None
+    def do_HEAD(self):
+        owner = self.server.owner
+        number = owner.count(1, 0)
+        owner.note({"method": "HEAD", "path": self.path, **{name.lower(): value for name, value in self.headers.items()}})
+        path = owner.folder / urllib.parse.unquote(self.path.partition("?")[0]).lstrip("/")
+        if not path.is_file() or owner.fault_of(number, self.path, self.headers) == "no_head":
+            return self.answer(405 if path.is_file() else 404)
+        data = owner.data_of(path)
+        self.send_response(200)
+        for name, value in {**owner.extra(self.command, self.path), **owner.validators(path, data)}.items():
+            self.send_header(name, value)
+        self.send_header("Content-Length", str(len(data)))
+        return self.end_headers()
 
     def do_OPTIONS(self):
         owner = self.server.owner

@@ -10,7 +10,7 @@ const kTypes = {
   ".json": "application/json", ".txt": "text/plain",
 };
 export const kShared = {
-  "Access-Control-Allow-Origin": "*", "Access-Control-Expose-Headers": "Content-Range, ETag", "Access-Control-Allow-Headers": "Range, If-Match",
+  "Access-Control-Allow-Origin": "*", "Access-Control-Expose-Headers": "ETag", "Access-Control-Allow-Headers": "Range",
 };
 
 /**

@@ -71,7 +71,7 @@ void add_make_volume(CLI::App& app, Invocation& chosen);
 void add_picture(CLI::App& app, Invocation& chosen);
 void add_view(CLI::App& app, Invocation& chosen);  ///< of the library isonest_view
 /// What a build needs for more of `publish` than its --check.
-inline constexpr const char* kPublishNeeds = "emscripten";
+inline constexpr const char* kPublishNeeds = "emscripten and node-acorn";
 /// `page`: of a site; without the library that runs in it, sites are only checked.
 void add_publish(CLI::App& app, Invocation& chosen, const std::vector<publish::PageFile>& page);
 

@@ -1,4 +1,5 @@
-// Source: WHATWG, "Fetch" (CORS protocol, forbidden and safelisted headers); RFC 9110, section 14.
+// Source: WHATWG, "Fetch" (CORS protocol; a range from a first to a last byte is among the
+// safelisted headers, and only browsers that are older than that ask first); RFC 9110, section 14.
 #include "tools/publish/check_server.h"
 
 #include <fmt/format.h>
@@ -163,10 +164,12 @@ class Checker {
             add(url, "file", ServerFault::missing, said_status(part.status));
             return;
         }
+        shares_parts_ = shares(part);
         const std::optional<std::uint64_t> size = check_first_part(url, part);
         if (size) {
             check_end(url, *size);
         }
+        check_head(url, size, is_elsewhere);
         const std::string encoding = part.header("content-encoding");
         note(url, "encoding", encoding.empty() || encoding == "identity", ServerFault::encoding,
              fmt::format("Content-Encoding: {}", quoted(encoding)));
@@ -196,6 +199,28 @@ class Checker {
         return is_right ? range->size : std::nullopt;
     }
 
+    [[nodiscard]] bool shares(const ServerReply& reply) const {
+        const std::string allowed = reply.header("access-control-allow-origin");
+        return allowed == "*" || lower_case_of(allowed) == lower_case_of(origin_);
+    }
+
+    /// A page first asks how long the store is, as browsers ask: they take it compressed.
+    void check_head(const std::string& url, std::optional<std::uint64_t> size, bool is_elsewhere) {
+        const ServerReply head = ask({url, "HEAD", {kBrowserEncodings, "Origin: " + origin_}});
+        const std::string length = head.header("content-length");
+        const std::string encoding = head.header("content-encoding");
+        if (head.status == 200 && !encoding.empty() && encoding != "identity") {
+            add(url, "length", ServerFault::encoding,
+                fmt::format("HEAD: Content-Encoding: {}", quoted(encoding)));
+            return;
+        }
+        const bool is_right = head.status == 200 && !length.empty() &&
+                              (!size || length == std::to_string(*size)) &&
+                              (!is_elsewhere || shares(head) || !shares_parts_);
+        note(url, "length", is_right, ServerFault::length,
+             fmt::format("HEAD: {}, Content-Length: {}", head.status, quoted(length)));
+    }
+
     void check_end(const std::string& url, std::uint64_t size) {
         const std::uint64_t from = size - std::min<std::uint64_t>(size, kPart);
         const ServerReply end = ask_part(url, fmt::format("{}-{}", from, size - 1));
@@ -210,11 +235,7 @@ class Checker {
     }
 
     void check_sharing(const std::string& url, const ServerReply& part) {
-        const auto allows = [&](const ServerReply& reply) {
-            const std::string allowed = reply.header("access-control-allow-origin");
-            return allowed == "*" || lower_case_of(allowed) == lower_case_of(origin_);
-        };
-        note(url, "CORS origin", allows(part), ServerFault::origin,
+        note(url, "CORS origin", shares(part), ServerFault::origin,
              fmt::format("Access-Control-Allow-Origin: {} for {}",
                          quoted(part.header("access-control-allow-origin")), origin_));
         const std::string exposed = part.header("access-control-expose-headers");
@@ -224,18 +245,20 @@ class Checker {
         const ServerReply before = ask({url,
                                         "OPTIONS",
                                         {"Origin: " + origin_, "Access-Control-Request-Method: GET",
-                                         "Access-Control-Request-Headers: if-match,range"}});
+                                         "Access-Control-Request-Headers: range"}});
         const std::string headers = before.header("access-control-allow-headers");
         note(url, "CORS preflight",
-             before.status >= 200 && before.status < 300 && allows(before) &&
-                 lists(headers, "range") && lists(headers, "if-match"),
+             before.status >= 200 && before.status < 300 && shares(before) &&
+                 lists(headers, "range"),
              ServerFault::preflight,
              fmt::format("OPTIONS: {}, Access-Control-Allow-Headers: {}", before.status,
-                         quoted(headers)));
+                         quoted(headers)),
+             false);
     }
 
     std::string origin_;
     Progress& progress_;
+    bool shares_parts_ = true;  ///< what is wrong with that is said once
     ServerCheck check_;
 };
 
@@ -258,6 +281,8 @@ std::string_view name_of(ServerFault fault) {
             return "none";
         case ServerFault::missing:
             return "missing";
+        case ServerFault::length:
+            return "length";
         case ServerFault::ranges:
             return "ranges";
         case ServerFault::encoding:

@@ -13,12 +13,13 @@ namespace isonest::detail::publish {
 enum class ServerFault {
     none,
     missing,      ///< there is no such file, or it is none of isonest's
+    length,       ///< HEAD does not say how long the store is
     ranges,       ///< a part of the store is not what comes
     encoding,     ///< the store comes compressed
     etag,         ///< nothing tells one state of the store from another
     origin,       ///< CORS: pages of other servers may not read it
-    exposed,      ///< CORS: they may not read where a part lies
-    preflight,    ///< CORS: they may not ask for a part
+    exposed,      ///< CORS: they do not see the ETag
+    preflight,    ///< CORS: they may not ask for a part, where browsers ask first
     wasm_type,    ///< the library has another media type
     script_type,  ///< a script has one that browsers do not run
     compression   ///< the library comes as it is: three times as many bytes

@@ -15,10 +15,10 @@ ServerLines nginx_lines(const ServerCheck& check) {
         if (shares) {
             text +=
                 "    add_header Access-Control-Allow-Origin \"*\" always;\n"
-                "    add_header Access-Control-Expose-Headers \"Content-Range, ETag\" always;\n"
+                "    add_header Access-Control-Expose-Headers \"ETag\" always;\n"
                 "    if ($request_method = OPTIONS) {\n"
                 "        add_header Access-Control-Allow-Origin \"*\";\n"
-                "        add_header Access-Control-Allow-Headers \"Range, If-Match\";\n"
+                "        add_header Access-Control-Allow-Headers \"Range\";\n"
                 "        add_header Access-Control-Max-Age 86400;\n"
                 "        return 204;\n"
                 "    }\n";
@@ -57,8 +57,8 @@ ServerLines apache_lines(const ServerCheck& check) {
         if (shares) {
             text +=
                 "    Header always set Access-Control-Allow-Origin \"*\"\n"
-                "    Header always set Access-Control-Expose-Headers \"Content-Range, ETag\"\n"
-                "    Header always set Access-Control-Allow-Headers \"Range, If-Match\"\n"
+                "    Header always set Access-Control-Expose-Headers \"ETag\"\n"
+                "    Header always set Access-Control-Allow-Headers \"Range\"\n"
                 "    Header always set Access-Control-Max-Age \"86400\"\n";
         }
         text += "</FilesMatch>\n";
@@ -90,8 +90,8 @@ ServerLines s3_lines(const ServerCheck& check) {
         text +=
             "aws s3api put-bucket-cors --bucket BUCKET --cors-configuration '{\"CORSRules\": "
             "[{\"AllowedOrigins\": [\"*\"], \"AllowedMethods\": [\"GET\", \"HEAD\"], "
-            "\"AllowedHeaders\": [\"Range\", \"If-Match\"], \"ExposeHeaders\": [\"Content-Range\", "
-            "\"ETag\"], \"MaxAgeSeconds\": 86400}]}'\n";
+            "\"AllowedHeaders\": [\"Range\"], \"ExposeHeaders\": [\"ETag\"], \"MaxAgeSeconds\": "
+            "86400}]}'\n";
     }
     if (check.has(ServerFault::encoding)) {
         text += "aws s3 cp STORE s3://BUCKET/STORE    # without --content-encoding\n";
