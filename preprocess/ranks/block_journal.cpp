@@ -6,7 +6,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cstring>
 #include <system_error>
 #include <utility>
@@ -19,6 +18,7 @@
 #include "preprocess/ranks/own_chunks.h"
 #include "store/container/codec.h"
 #include "store/container/cube_range.h"
+#include "store/files/read_at.h"
 
 namespace isonest::detail {
 namespace {
@@ -83,19 +83,14 @@ void take_first(std::span<const std::byte>& from, std::span<T> numbers) {
     from = from.subspan(numbers.size_bytes());
 }
 
-bool read_whole(int fd, std::uint64_t offset, std::span<std::byte> to) {
-    while (!to.empty()) {
-        const ssize_t n = ::pread(fd, to.data(), to.size(), static_cast<off_t>(offset));
-        if (n < 0 && errno == EINTR) {
-            continue;
-        }
-        if (n <= 0) {
-            return false;
-        }
-        to = to.subspan(static_cast<std::size_t>(n));
-        offset += static_cast<std::uint64_t>(n);
-    }
-    return true;
+/// The file of a journal's chunks.
+std::filesystem::path chunks_name(const std::filesystem::path& journal) {
+    std::filesystem::path name = journal;
+    return name.replace_extension(".chunks");
+}
+
+Error changed(const std::filesystem::path& journal) {
+    return {ErrorKind::io, {journal.string()}, "changed while it was read"};
 }
 
 }  // namespace
@@ -110,29 +105,42 @@ std::filesystem::path rank_files_prefix(const std::filesystem::path& scratch,
     return scratch / fmt::format(".{}.ranks-", store.filename().string());
 }
 
-std::filesystem::path chunks_name(const std::filesystem::path& journal) {
-    std::filesystem::path name = journal;
-    return name.replace_extension(".chunks");
-}
-
-BlockJournal::BlockJournal(const std::filesystem::path& name, const std::string& identity,
+BlockJournal::BlockJournal(std::filesystem::path name, std::string identity,
                            const StoreLayout& layout, const CentreStore& centres)
-    : layout_(&layout), centres_(&centres), file_(ScratchFile::named(name)) {
-    file_.lock();
-    const JournalHead head{kJournalMark, identity.size()};
-    std::vector<std::byte> bytes;
-    append(bytes, std::span(&head, 1));
-    append(bytes, std::span(identity));
-    file_.write_at(0, bytes);
-    end_ = bytes.size();
+    : name_(std::move(name)),
+      identity_(std::move(identity)),
+      layout_(&layout),
+      centres_(&centres) {}
+
+BlockJournal::Files& BlockJournal::files() {
+    if (!files_) {
+        files_.emplace(Files{ScratchFile::named(name_), ScratchFile::named(chunks_name(name_))});
+        files_->blocks.lock();
+        const JournalHead head{kJournalMark, identity_.size()};
+        std::vector<std::byte> bytes;
+        append(bytes, std::span(&head, 1));
+        append(bytes, std::span<const char>(identity_));
+        files_->blocks.write_at(0, bytes);
+        blocks_end_ = bytes.size();
+    }
+    return *files_;
 }
 
-void BlockJournal::add(const Int3& block, std::span<const EncodedChunk> chunks,
-                       std::uint64_t offset) {
-    BlockHead head{0, block, offset, 0};
+void BlockJournal::keep() {
+    if (files_) {
+        files_->blocks.keep();
+        files_->chunks.keep();
+    }
+}
+
+ChunkRun BlockJournal::add(const Int3& block, std::span<const EncodedChunk> chunks) {
+    Files& files = this->files();
+    BlockHead head{0, block, chunks_end_, 0};
     std::vector<std::byte> bytes;
     append(bytes, std::span<const BlockHead>(&head, 1));
     for (const EncodedChunk& chunk : chunks) {
+        files.chunks.write_at(chunks_end_, chunk.bytes);
+        chunks_end_ += chunk.bytes.size();
         append(bytes, std::span(&chunk.row, 1));
     }
     each_centre_box(*layout_, block, [&](Field field, Box<float> box) {
@@ -152,8 +160,9 @@ void BlockJournal::add(const Int3& block, std::span<const EncodedChunk> chunks,
     std::memcpy(bytes.data(), &head, sizeof(head));
     head.check = checksum_of(std::span(bytes).subspan(sizeof(head.check)));
     std::memcpy(bytes.data(), &head, sizeof(head));
-    file_.write_at(end_, bytes);
-    end_ += bytes.size();
+    files.blocks.write_at(blocks_end_, bytes);
+    blocks_end_ += bytes.size();
+    return {files.chunks.descriptor(), head.offset};
 }
 
 EarlierBlocks::EarlierBlocks(const std::filesystem::path& scratch,
@@ -249,11 +258,11 @@ std::optional<EarlierBlocks::Record> EarlierBlocks::record(const Journal& journa
 }
 
 bool EarlierBlocks::has_whole(const Int3& block) const {
-    const Place place = table_.as<Place>()[static_cast<std::size_t>(grid_.linear(block))];
+    const Place place = place_in_table(block);
     if (place.journal == 0) {
         return false;
     }
-    const Journal& journal = journals_[place.journal - 1];
+    const Journal& journal = journal_of(block);
     const std::optional<Record> found = record(journal, place.offset);
     if (!found) {
         return false;
@@ -276,18 +285,28 @@ bool EarlierBlocks::has_whole(const Int3& block) const {
     return true;
 }
 
-std::vector<EncodedChunk> EarlierBlocks::load(const Int3& block, CentreStore& centres) const {
-    const Place place = table_.as<Place>()[static_cast<std::size_t>(grid_.linear(block))];
-    const Journal& journal = journals_[place.journal - 1];
-    const std::optional<Record> found = record(journal, place.offset);
-    const auto fail = [&]() -> Error {
-        return {ErrorKind::io, {journal.name.string()}, "changed while it was read"};
-    };
+const EarlierBlocks::Journal& EarlierBlocks::journal_of(const Int3& block) const {
+    return journals_[place_in_table(block).journal - 1];
+}
+
+EarlierBlocks::Record EarlierBlocks::known_record(const Int3& block) const {
+    const Journal& journal = journal_of(block);
+    std::optional<Record> found = record(journal, place_in_table(block).offset);
     if (!found) {
-        throw fail();
+        throw changed(journal.name);
     }
-    std::span<const std::byte> body = found->body;
-    std::uint64_t offset = found->head.offset;
+    return std::move(*found);
+}
+
+ChunkRun EarlierBlocks::place_of(const Int3& block) const {
+    return {journal_of(block).chunks, known_record(block).head.offset};
+}
+
+std::vector<EncodedChunk> EarlierBlocks::load(const Int3& block, CentreStore& centres) const {
+    const Journal& journal = journal_of(block);
+    const Record found = known_record(block);
+    std::span<const std::byte> body = found.body;
+    std::uint64_t offset = found.head.offset;
     std::vector<EncodedChunk> chunks;
     for (const ChunkPlace& place_of_chunk : chunks_of(*layout_, kBasePass, block)) {
         EncodedChunk chunk;
@@ -297,7 +316,7 @@ std::vector<EncodedChunk> EarlierBlocks::load(const Int3& block, CentreStore& ce
         chunk.bytes.resize(chunk.row.bytes);
         if (!read_whole(journal.chunks, offset, chunk.bytes) ||
             checksum_of(chunk.bytes) != chunk.row.checksum) {
-            throw fail();
+            throw changed(journal.name);
         }
         offset += chunk.row.bytes;
         chunks.push_back(std::move(chunk));

@@ -14,6 +14,7 @@
 
 #include "preprocess/levels/centre_store.h"
 #include "preprocess/levels/indicator_chunks.h"
+#include "preprocess/ranks/own_chunk_file.h"
 #include "store/container/format.h"
 #include "store/files/scratch_file.h"
 
@@ -22,30 +23,35 @@ namespace isonest::detail {
 /// ".STORE.ranks-" in `scratch`, the beginning of the names of all files of all ranks.
 std::filesystem::path rank_files_prefix(const std::filesystem::path& scratch,
                                         const std::filesystem::path& store);
-/// The file of a journal's chunks.
-std::filesystem::path chunks_name(const std::filesystem::path& journal);
 
-/// Beside a rank's chunks: a record of each block of the base pass, with what the chunks do not
-/// tell. Locked as long as it lives; removed at the end unless keep() was called. Thread-safety:
-/// one thread.
+/// The blocks of the base pass that a rank has made: a file of their chunks, and one with a record
+/// of each, which has what the chunks do not tell. Made with the first block; locked as long as
+/// the journal lives; removed at its end unless keep() was called. Thread-safety: one thread.
 class BlockJournal {
   public:
     /// `name`: with the prefix above, that of no file. `identity`: what must be the same for a run
-    /// that goes on. `layout` and `centres` are borrowed. Throws Error{io}.
-    BlockJournal(const std::filesystem::path& name, const std::string& identity,
-                 const StoreLayout& layout, const CentreStore& centres);
-    /// A block whose chunks lie from `offset` on in the file of chunks, and whose centres and
-    /// ranges of cubes are in the store of centres. Throws Error{io}.
-    void add(const Int3& block, std::span<const EncodedChunk> chunks, std::uint64_t offset);
-    void keep() { file_.keep(); }
-    /// Throws Error{io}.
-    void sync() const { file_.sync(); }
+    /// that goes on. `layout` and `centres` are borrowed.
+    BlockJournal(std::filesystem::path name, std::string identity, const StoreLayout& layout,
+                 const CentreStore& centres);
+    /// A block whose centres and ranges of cubes are in the store of centres. Returns where its
+    /// chunks lie. Throws Error{io}.
+    ChunkRun add(const Int3& block, std::span<const EncodedChunk> chunks);
+    void keep();
 
   private:
+    struct Files {
+        ScratchFile blocks;
+        ScratchFile chunks;
+    };
+    Files& files();
+
+    std::filesystem::path name_;
+    std::string identity_;
     const StoreLayout* layout_;
     const CentreStore* centres_;
-    ScratchFile file_;
-    std::uint64_t end_ = 0;
+    std::optional<Files> files_;
+    std::uint64_t blocks_end_ = 0;
+    std::uint64_t chunks_end_ = 0;
 };
 
 /// The blocks in all journals that a rank sees. Thread-safety: load() from any thread; the rest
@@ -65,6 +71,8 @@ class EarlierBlocks {
     /// Its chunks; its centres and ranges of cubes go into `centres`. REQUIRES: has_whole().
     /// Throws Error{io}.
     std::vector<EncodedChunk> load(const Int3& block, CentreStore& centres) const;
+    /// Where its chunks lie, as long as this object lives. REQUIRES: has_whole(). Throws Error{io}.
+    [[nodiscard]] ChunkRun place_of(const Int3& block) const;
     /// Deletes the files that no other run reads. Called by all ranks that read them, the last one
     /// finds them free.
     void remove() const;
@@ -82,6 +90,11 @@ class EarlierBlocks {
     struct Record;
     void read_journal(const std::filesystem::path& name, const std::string& identity);
     [[nodiscard]] std::optional<Record> record(const Journal& journal, std::uint64_t offset) const;
+    [[nodiscard]] Record known_record(const Int3& block) const;
+    [[nodiscard]] const Journal& journal_of(const Int3& block) const;
+    [[nodiscard]] Place place_in_table(const Int3& block) const {
+        return table_.as<Place>()[static_cast<std::size_t>(grid_.linear(block))];
+    }
 
     const StoreLayout* layout_;
     Int3 grid_;

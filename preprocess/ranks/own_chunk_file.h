@@ -1,7 +1,6 @@
 // The encoded chunks that a rank has made, until their places in the store are known.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <span>
@@ -13,21 +12,22 @@
 
 namespace isonest::detail {
 
+/// Where chunks lie one behind the other in a file.
+struct ChunkRun {
+    int descriptor = -1;
+    std::uint64_t offset = 0;
+};
+
 /// Two temporary files: the chunks' bytes one behind the other, and their rows of the chunk table
-/// in the same order. Thread-safety: one thread.
+/// in the same order. Some chunks may lie in other files. Thread-safety: one thread.
 class OwnChunkFile {
   public:
     explicit OwnChunkFile(const ScratchFolder& folder) : bytes_(folder), rows_(folder) {}
-    /// With a name for the bytes, which keep() leaves there.
-    OwnChunkFile(const ScratchFolder& folder, const std::filesystem::path& name)
-        : bytes_(ScratchFile::named(name)), rows_(folder) {}
-    void keep() { bytes_.keep(); }
-    /// The bytes; for those with a name. Throws Error{io}.
-    void sync() const { bytes_.sync(); }
-    /// How many bytes there are.
-    [[nodiscard]] std::uint64_t end() const { return end_; }
-    /// Appends one whose row is whole but for the offset. Throws Error{io}.
-    void add(const EncodedChunk& chunk);
+    /// Appends chunks whose rows are whole but for the offset. Throws Error{io}.
+    void add(std::span<const EncodedChunk> chunks);
+    /// As that, of chunks that lie elsewhere, in a file that is open until write_into() is done.
+    /// Throws Error{io}.
+    void add(std::span<const EncodedChunk> chunks, const ChunkRun& place);
     /// All rows, mapped; after that none may be added. Throws Error{io}.
     std::span<ChunkRow> rows();
     /// Writes all chunks to where their rows say, and syncs the file to disk. Returns how many
@@ -35,6 +35,12 @@ class OwnChunkFile {
     std::uint64_t write_into(const std::filesystem::path& store) const;
 
   private:
+    /// Rows whose chunks lie one behind the other.
+    struct Run {
+        ChunkRun place;
+        std::uint64_t rows = 0;
+        std::uint64_t bytes = 0;
+    };
     void flush();
 
     ScratchFile bytes_;
@@ -42,6 +48,7 @@ class OwnChunkFile {
     std::uint64_t end_ = 0;    ///< of bytes_
     std::uint64_t count_ = 0;  ///< rows in rows_
     std::vector<ChunkRow> pending_;
+    std::vector<Run> runs_;
 };
 
 }  // namespace isonest::detail

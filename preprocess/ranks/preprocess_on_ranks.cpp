@@ -140,30 +140,31 @@ RanksReport preprocess_on_ranks(Communicator& ranks, VolumeSource& source,
     PartialLevels levels(layout, folder);
     std::optional<EarlierBlocks> earlier;
     std::optional<BlockJournal> journal;
-    std::optional<OwnChunkFile> chunks;
+    OwnChunkFile chunks(folder);
     if (options.resume) {
         const std::string identity = identity_of(header, source, true);
         earlier.emplace(folder.path(), store, identity, layout);
         // Nobody takes the files of this run for old ones.
         ranks.meet();
-        const std::filesystem::path name = journal_name(folder.path(), store, ranks.rank());
-        chunks.emplace(folder, chunks_name(name));
-        journal.emplace(name, identity, layout, centres);
-    } else {
-        chunks.emplace(folder);
+        journal.emplace(journal_name(folder.path(), store, ranks.rank()), identity, layout,
+                        centres);
     }
-    PassWork work{ranks,         layout,  pencils, budget,  workers,
-                  folder.path(), centres, levels,  *chunks, progress};
+    PassWork work{ranks,         layout,  pencils, budget, workers,
+                  folder.path(), centres, levels,  chunks, progress};
     work.earlier = earlier ? &*earlier : nullptr;
     work.journal = journal ? &*journal : nullptr;
     const auto keep = [&] {
         if (journal) {
             journal->keep();
-            chunks->keep();
         }
     };
     try {
-        return run_to_the_end(work, source, store, unfinished, label_names, table, start);
+        RanksReport report =
+            run_to_the_end(work, source, store, unfinished, label_names, table, start);
+        if (earlier) {
+            earlier->remove();
+        }
+        return report;
     } catch (const Error& error) {
         keep();
         if (!journal) {

@@ -68,10 +68,10 @@ void finish_chunks(const PassWork& work, int pass, const Int3& block,
     }
 }
 
-/// Blocks in parallel; their chunks go to the rank's file in the order of the blocks.
-template <class BlockAt>
+/// Blocks in parallel; `keep` gets their chunks in the order of the blocks.
+template <class BlockAt, class Keep>
 void run_own_blocks(PassWork& work, int pass, std::int64_t count, const BlockAt& block_at,
-                    const RankBlock& compute, std::uint64_t progress_per_block) {
+                    const RankBlock& compute, const Keep& keep, std::uint64_t progress_per_block) {
     in_order(
         count, work.budget.tokens,
         [&](std::int64_t i) {
@@ -83,16 +83,21 @@ void run_own_blocks(PassWork& work, int pass, std::int64_t count, const BlockAt&
             return chunks;
         },
         [&](std::int64_t i, std::vector<EncodedChunk>& chunks) {
-            const std::uint64_t offset = work.chunks.end();
-            for (EncodedChunk& chunk : chunks) {
-                work.chunks.add(chunk);
-                chunk.bytes = {};
-            }
-            if (work.journal != nullptr && pass == kBasePass) {
-                work.journal->add(block_at(i), chunks, offset);
-            }
+            keep(block_at(i), std::span<const EncodedChunk>(chunks));
             work.progress.advance(progress_per_block);
         });
+}
+
+/// As that; their chunks go to the rank's file.
+template <class BlockAt>
+void run_own_blocks(PassWork& work, int pass, std::int64_t count, const BlockAt& block_at,
+                    const RankBlock& compute, std::uint64_t progress_per_block) {
+    run_own_blocks(
+        work, pass, count, block_at, compute,
+        [&](const Int3& /*block*/, std::span<const EncodedChunk> chunks) {
+            work.chunks.add(chunks);
+        },
+        progress_per_block);
 }
 
 /// Rows and planes of the volume that a box of pencils needs.
@@ -138,14 +143,25 @@ void run_box(PassWork& work, VolumeSource& source, const PassContext& context, c
                 reading.run([&] { window->prefetch(base_planes(layout, z + 1).second); });
             }
         }
+        const auto is_made = [&](const Int3& block) {
+            return made[static_cast<std::size_t>(grid.linear(block - first))];
+        };
         try {
             run_own_blocks(
                 work, kBasePass, grid.product(),
                 [&](std::int64_t i) { return grid.unlinear(i) + first; },
                 [&](const Int3& block) {
-                    return made[static_cast<std::size_t>(grid.linear(block - first))]
-                               ? work.earlier->load(block, work.centres)
-                               : base_block<T>(context, *window, block);
+                    return is_made(block) ? work.earlier->load(block, work.centres)
+                                          : base_block<T>(context, *window, block);
+                },
+                [&](const Int3& block, std::span<const EncodedChunk> chunks) {
+                    if (is_made(block)) {
+                        work.chunks.add(chunks, work.earlier->place_of(block));
+                    } else if (work.journal != nullptr) {
+                        work.chunks.add(chunks, work.journal->add(block, chunks));
+                    } else {
+                        work.chunks.add(chunks);
+                    }
                 },
                 progress_per_block);
         } catch (...) {
@@ -330,16 +346,6 @@ void run_all_passes(PassWork& work, VolumeSource& source) {
     const StoreLayout& layout = work.layout;
     const PassContext context{layout, work.centres};
     run_base<T>(work, source, context);
-    if (work.earlier != nullptr) {
-        // The journals of this run have all of it by now, on whichever ranks: on the disk, for the
-        // earlier ones go.
-        if (work.journal != nullptr && work.resumed_chunks > 0) {
-            work.chunks.sync();
-            work.journal->sync();
-        }
-        work.ranks.meet();
-        work.earlier->remove();
-    }
     const int last = last_pass(layout);
     for (int pass = kBasePass + 1; pass < last; ++pass) {
         run_level_pass<T>(work, context, pass);

@@ -1,12 +1,16 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <initializer_list>
+#include <memory>
 #include <utility>
 
 #include <isonest/error.h>
 #include <isonest/open_volume.h>
 
+#include "preprocess/sources/bytes/far_objects.h"
 #include "preprocess/sources/bytes/gzip_stream.h"
+#include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/label_names/label_file.h"
 #include "preprocess/sources/volume_format.h"
@@ -46,6 +50,29 @@ class Placed : public DescribedSource {
     std::optional<LengthUnit> unit_;
 };
 
+/// A source with what was fetched for it.
+class Elsewhere : public DescribedSource {
+  public:
+    Elsewhere(std::unique_ptr<VolumeSource> inner, std::shared_ptr<const FarObjects> objects)
+        : DescribedSource(std::move(inner)), objects_(std::move(objects)) {}
+    [[nodiscard]] FetchedCounts fetched() const override {
+        FetchedCounts all = objects_->fetched();
+        const FetchedCounts own = inner_source().fetched();
+        all.remote_bytes += own.remote_bytes;
+        all.requests += own.requests;
+        all.round_trips += own.round_trips;
+        all.cache_bytes += own.cache_bytes;
+        return all;
+    }
+    [[nodiscard]] std::string cache_warning() const override {
+        const std::string warning = objects_->cache_warning();
+        return warning.empty() ? inner_source().cache_warning() : warning;
+    }
+
+  private:
+    std::shared_ptr<const FarObjects> objects_;
+};
+
 /// Options that were given but mean nothing for the format are refused.
 void refuse_options(const VolumeInput& input, const VolumeFormat& format, const SourceOptions& o) {
     const FormatOptions& takes = format.takes;
@@ -60,7 +87,7 @@ void refuse_options(const VolumeInput& input, const VolumeFormat& format, const 
     for (const auto& [option, refused] : given) {
         if (refused) {
             throw Error(
-                ErrorKind::invalid_argument, {input.path().string()},
+                ErrorKind::invalid_argument, {input.name()},
                 fmt::format("the option '{}' does not go with {}", option, format.about.name),
                 {{RemedyKind::leave_out, option}});
         }
@@ -68,46 +95,100 @@ void refuse_options(const VolumeInput& input, const VolumeFormat& format, const 
 }
 
 /// Less where the stream is damaged: who reads it on will say so.
-std::string first_unpacked(const std::filesystem::path& path) {
+std::string first_unpacked(const InputFile& file) {
     std::string text(VolumeInput::kHeadBytes, '\0');
     try {
-        GzipStream stream(path, path.string(), 0);
+        GzipStream stream(file, file.name(), 0);
         text.resize(stream.read(reinterpret_cast<std::byte*>(text.data()), text.size()));
-    } catch (const Error&) {
+    } catch (const Error& error) {
+        if (error.kind() != ErrorKind::corrupt) {
+            throw;
+        }
         text.clear();
     }
     return text;
 }
 
-VolumeInput look_at(const std::vector<std::filesystem::path>& paths) {
+void read_head(VolumeInput& input) {
+    input.head = first_bytes(input.file, VolumeInput::kHeadBytes);
+    input.unpacked = is_gzip(input.file) ? first_unpacked(input.file) : input.head;
+}
+
+/// What a URL names: an object, or, where there is no object of that name, what is taken for a
+/// folder, of which only the names of its objects are known, not which there are.
+VolumeInput look_at_url(const std::vector<std::filesystem::path>& paths,
+                        const RemoteAccess& remote) {
+    const std::string shown = shown_location(paths[0].native());
+    if (paths.size() > 1) {
+        throw Error(ErrorKind::unsupported, {shown},
+                    "of what is elsewhere, one object or one Zarr folder is read, not several",
+                    {{RemedyKind::download}});
+    }
+    VolumeInput input{
+        .paths = paths, .far = true, .elsewhere = std::make_shared<FarObjects>(remote)};
+    if (shown.ends_with('/') || shown.ends_with(".zarr")) {
+        input.folder = true;
+        return input;
+    }
+    try {
+        input.file = {paths[0].native(), input.elsewhere};
+    } catch (const Error& error) {
+        if (error.kind() != ErrorKind::not_found) {
+            throw;
+        }
+        input.folder = true;
+        input.missing = std::make_shared<const Error>(error);
+        return input;
+    }
+    read_head(input);
+    return input;
+}
+
+VolumeInput look_at(const std::vector<std::filesystem::path>& paths, const RemoteAccess& remote) {
     if (paths.empty()) {
         throw Error(ErrorKind::invalid_argument, "no input is named");
     }
-    for (const std::filesystem::path& path : paths) {
-        if (is_url(path.native())) {
-            throw Error(ErrorKind::unsupported, {shown_location(path.native())},
-                        "volumes are read from files; of what is elsewhere, stores alone are",
-                        {{RemedyKind::download}});
-        }
+    if (std::any_of(paths.begin(), paths.end(),
+                    [](const std::filesystem::path& path) { return is_url(path.native()); })) {
+        return look_at_url(paths, remote);
     }
-    VolumeInput input{paths, false, {}, {}};
+    VolumeInput input{.paths = paths, .file = paths[0]};
     std::error_code error;
     input.folder = paths.size() == 1 && std::filesystem::is_directory(paths[0], error);
     if (!input.folder) {
         for (const std::filesystem::path& path : paths) {
             regular_file_size(path);
         }
-        input.head = first_bytes(paths[0], VolumeInput::kHeadBytes);
-        input.unpacked = is_gzip(paths[0]) ? first_unpacked(paths[0]) : input.head;
+        read_head(input);
     }
     return input;
 }
 
+[[noreturn]] void refuse_far(const VolumeInput& input, const std::string& name) {
+    throw Error(ErrorKind::unsupported, {input.name()},
+                fmt::format("of what is elsewhere, {} is not read", name),
+                {{RemedyKind::download}});
+}
+
 const VolumeFormat& format_of(const VolumeInput& input) {
     for (const VolumeFormat& format : volume_formats()) {
-        if (format.recognises(input)) {
+        // Those that are not read from URLs look at an object's first bytes, and at no folder
+        // there.
+        if ((format.reads_urls || !input.far || !input.folder) && format.recognises(input)) {
+            if (input.far && !format.reads_urls) {
+                refuse_far(input, format.about.name);
+            }
             return format;
         }
+    }
+    if (input.missing != nullptr) {
+        throw Error(*input.missing);
+    }
+    if (input.far) {
+        throw Error(ErrorKind::not_found, {input.name()},
+                    "there is no Zarr array or image in this folder, and of folders elsewhere no "
+                    "others are read",
+                    {{RemedyKind::download}});
     }
     std::string names;
     for (const VolumeFormat& format : volume_formats()) {
@@ -133,10 +214,10 @@ std::vector<InputFormat> input_formats() {
 
 std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::path>& paths,
                                           const SourceOptions& options) {
-    const VolumeInput input = look_at(paths);
+    const VolumeInput input = look_at(paths, options.remote);
     const VolumeFormat& format = format_of(input);
     if (format.open == nullptr) {
-        throw Error(ErrorKind::unsupported, {input.path().string()},
+        throw Error(ErrorKind::unsupported, {input.name()},
                     fmt::format("this is {}, which this build does not read", format.about.name),
                     {{RemedyKind::install_package, format.about.package}});
     }
@@ -161,6 +242,9 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
     }
     if (options.spacing || options.origin || options.unit) {
         source = std::make_unique<Placed>(std::move(source), options);
+    }
+    if (input.elsewhere) {
+        source = std::make_unique<Elsewhere>(std::move(source), input.elsewhere);
     }
     source = cropped(std::move(source), options.crop, options.every);
     if (options.missing) {

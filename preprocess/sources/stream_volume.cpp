@@ -104,7 +104,7 @@ std::unique_ptr<VolumeSource> open_volume_stream(int descriptor,
     copy_all(descriptor, copy);
     std::string path = fmt::format("/proc/self/fd/{}", copy.descriptor());
     std::optional<ShortName> name;
-    if (is_hdf5(path)) {
+    if (is_hdf5(std::filesystem::path(path))) {
         name.emplace(copy, scratch_folder);
         path = name->path().string();
     }

@@ -13,8 +13,13 @@
 #include "preprocess/sources/volume_format.h"
 #include "preprocess/sources/vtk/vtk_format.h"
 #include "preprocess/sources/zarr/zarr_format.h"
+#include "store/remote/open_location.h"
 
 namespace isonest::detail {
+
+std::string VolumeInput::name() const {
+    return shown_location(paths.front().native());
+}
 
 const std::vector<VolumeFormat>& volume_formats() {
     static const std::vector<VolumeFormat> formats{

@@ -75,6 +75,7 @@ class Checker {
         const auto all = static_cast<std::int64_t>(layout_.rows());
         const std::int64_t every =
             quick ? std::max<std::int64_t>(1, (all + kQuickChunks - 1) / kQuickChunks) : 1;
+        announce_rows();
         for_each_chunk(
             "table", 1, [&](const ArrayInfo& a, const Int3& c) { row(a, c); }, Reads::rows);
         for_each_chunk("checksums", every,
@@ -107,6 +108,18 @@ class Checker {
     }
 
   private:
+    /// All of the table that this rank reads.
+    void announce_rows() {
+        for (const ArrayInfo& array : layout_.arrays()) {
+            const auto [low, high] = share_.of(array.grid.product());
+            if (!array.alias && low < high) {
+                const std::int64_t layer = array.grid.x * array.grid.y;
+                store_.prefetch_rows(array, {0, 0, low / layer},
+                                     {array.grid.x, array.grid.y, (high + layer - 1) / layer});
+            }
+        }
+    }
+
     /// What is read for a chunk: its row of the table alone, itself, or others as well.
     enum class Reads { rows, itself, others };
 
@@ -125,6 +138,9 @@ class Checker {
                 const Int3 chunk = array.grid.unlinear(i * every);
                 if (reads != Reads::rows && !findings_.is_damaged(array, chunk)) {
                     chunks.push_back({&array, chunk});
+                    if (reads == Reads::others) {
+                        want_compared(array, chunk, chunks);
+                    }
                 }
             };
             Announcer announcer = reads == Reads::others
@@ -148,6 +164,32 @@ class Checker {
                 }
                 progress_.advance(1);
             });
+        }
+    }
+
+    /// The chunks with which check_levels() compares one.
+    void want_compared(const ArrayInfo& array, const Int3& chunk,
+                       std::vector<WantedChunk>& chunks) const {
+        constexpr Int3 kOne{1, 1, 1};
+        const Int3 first = array.first_node(chunk);
+        const Int3 end = first + array.chunk;
+        if (array.field == Field::values) {
+            if (array.level > 0) {
+                want_box(layout_.array(array.level - 1, Field::values), first * 2,
+                         end * 2 - kOne * 2, chunks);
+            }
+            return;
+        }
+        if (array.level == 1 && centre_suffices_at_level_1(array.field)) {
+            want_box(layout_.array(0, Field::values), first * 2, end * 2, chunks);
+            return;
+        }
+        if (!is_of_cells(array.field)) {
+            want_box(array, first, end, chunks);
+        }
+        if (array.level > 1) {
+            want_box(layout_.array(array.level - 1, array.field), first * 2 - kOne, end * 2,
+                     chunks);
         }
     }
 

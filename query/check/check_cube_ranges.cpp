@@ -9,6 +9,7 @@
 
 #include <isonest/error.h>
 
+#include "store/container/announce/announcer.h"
 #include "store/container/gather.h"
 
 namespace isonest::detail {
@@ -74,7 +75,15 @@ class RangeChecks {
     void against_values() {
         const Int3 cells = layout_.lattice().cells_at(kFirstRangeLevel);
         const Int3 groups = ceil_div(cells, kOne * kGroup);
+        const auto [begin, end] = share_.of(groups.product());
+        const ArrayInfo& values = layout_.array(0, Field::values);
+        Announcer announcer(
+            cache_, begin, end, [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
+                const Int3 low = groups.unlinear(i) * (kGroup * kFirstRangeEdge);
+                want_box(values, low, low + kOne * (kGroup * kFirstRangeEdge), chunks);
+            });
         for_all("cube ranges", groups.product(), "groups", [&](std::int64_t i) {
+            announcer.reach(i);
             const Int3 first = groups.unlinear(i) * kGroup;
             try {
                 dispatch(layout_.header().type, [&](auto tag) {

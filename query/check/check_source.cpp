@@ -11,6 +11,7 @@
 
 #include "query/check/brute_force.h"
 #include "query/view/brick_view.h"
+#include "store/container/announce/announcer.h"
 #include "store/container/gather.h"
 
 namespace isonest::detail {
@@ -113,10 +114,24 @@ class SourceChecks {
         return {planes, rows < least ? rows : multiple(rows, order.rows, n.y)};
     }
 
+    void announce(const ArrayInfo& array, const Part& part) {
+        if (!cache_.source().is_far()) {
+            return;
+        }
+        std::vector<WantedChunk> chunks;
+        want_box(array, part.low, part.low + part.size - Int3{1, 1, 1}, chunks);
+        ChunkNeeds needs;
+        for (const WantedChunk& chunk : chunks) {
+            needs.add(*chunk.array, chunk.chunk);
+        }
+        cache_.announce(needs.chunks());
+    }
+
     template <class T>
     void compare(const Part& part, const std::vector<T>& original) {
         const ArrayInfo& array = layout_.array(0, Field::values);
         Box<T> ours(part.low, part.size);
+        announce(array, part);
         try {
             gather_values(cache_, array, ours);
         } catch (const Error& error) {

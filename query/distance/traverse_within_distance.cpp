@@ -5,6 +5,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include <algorithm>
+#include <span>
 #include <vector>
 
 #include "query/distance/element_error.h"
@@ -12,6 +13,7 @@
 #include "query/march/local_mesh.h"
 #include "query/march/vertex_key.h"
 #include "query/traverse/each_leaf.h"
+#include "query/traverse/far/element_scout.h"
 #include "store/base/in_order.h"
 #include "store/container/indicator_code.h"
 
@@ -68,25 +70,44 @@ struct Grid {
     }
 };
 
-/// Calls visit(blocks) for the blocks with surface, group by group, from one thread.
-template <class Visit>
-void for_groups(const Grid& grid, const char* phase, Progress& progress, const Visit& visit) {
+/// Calls visit(blocks) for the blocks with surface, group by group, from one thread. Where the
+/// store is far, look(elements, coarsest, finest) announces what elements need, as look_ahead().
+template <class Look, class Visit>
+void for_groups(const Grid& grid, const char* phase, Progress& progress, const Look& look,
+                const Visit& visit) {
     const int top = grid.lattice().top();
+    const int group_level = std::min(top, kBlockLevel + kGroupLevels);
+    const int block_level = std::min(top, kBlockLevel);
+    const bool is_far = grid.cache.source().is_far();
+    const auto looked_at = [&](std::span<const Element<3>> elements, int coarsest, int finest) {
+        return is_far ? look(elements, coarsest, finest) : elements.size();
+    };
     StoreNumbers numbers(grid.cache);
     AdaptTraverse<3, StoreNumbers, InBox, HoldsIsovalue, NothingStops> traversal(
         numbers, grid.region, grid.interest, NothingStops{});
     const auto nothing = [](const Element<3>&, double, Overlap) {};
     std::vector<Element<3>> groups;
-    for (const Element<3>& t : traversal.roots(grid.lattice())) {
-        traversal.above(t, std::min(top, kBlockLevel + kGroupLevels), nothing, groups);
+    const std::vector<Element<3>> roots = traversal.roots(grid.lattice());
+    looked_at(roots, top, group_level + 1);
+    for (const Element<3>& t : roots) {
+        traversal.above(t, group_level, nothing, groups);
     }
     progress.begin(phase, groups.size(), "");
     std::vector<Element<3>> blocks;
-    for (const Element<3>& group : groups) {
+    std::size_t ahead = 0;
+    for (std::size_t g = 0; g < groups.size(); ++g) {
         progress.check();
+        if (g == ahead) {
+            ahead += looked_at(std::span(groups).subspan(g), group_level, block_level + 1);
+        }
         blocks.clear();
-        traversal.above(group, std::min(top, kBlockLevel), nothing, blocks);
-        visit(blocks);
+        traversal.above(groups[g], block_level, nothing, blocks);
+        for (std::size_t first = 0; first < blocks.size();) {
+            const auto left = std::span<const Element<3>>(blocks).subspan(first);
+            const std::size_t count = looked_at(left, block_level, 0);
+            visit(left.first(count));
+            first += count;
+        }
         progress.advance(1);
     }
 }
@@ -153,10 +174,41 @@ class BlockMeasure {
     BlockErrors found_;
 };
 
+/// See ElementScout.
+struct NoLeaves {
+    void operator()(const Element<3>& /*leaf*/, Wants& /*wants*/) const {}
+};
+using MeasureScout = ElementScout<3, StoreNumbers, InBox, HoldsIsovalue, NothingStops, NoLeaves>;
+
+/// What the vertices of a leaf are made from.
+class LeafNeeds {
+  public:
+    LeafNeeds(ChunkCache& cache, const TraversalQuery& query) : needs_(cache, query) {}
+    void operator()(const Element<3>& leaf, Wants& wants) {
+        for (std::size_t i = 0; leaf.is_complete() && i < 4; ++i) {
+            for (std::size_t j = i + 1; j < 4; ++j) {
+                needs_.edge(leaf.v[i], leaf.value[i], leaf.v[j], leaf.value[j], wants);
+            }
+        }
+    }
+
+  private:
+    EdgeNeeds needs_;
+};
+using MarchScout = ElementScout<3, DistanceNumbers, InBox, HoldsIsovalue, StopsWithin, LeafNeeds>;
+
 void measure(const Grid& grid, double limit, NodeErrors& errors, Progress& progress) {
     tbb::enumerable_thread_specific<BlockMeasure> measures(
         [&] { return BlockMeasure(grid, limit); });
-    for_groups(grid, "distances", progress, [&](const std::vector<Element<3>>& blocks) {
+    const auto look = [&](std::span<const Element<3>> elements, int coarsest, int finest) {
+        // Nobody else holds chunks meanwhile.
+        measures.clear();
+        return look_ahead(grid.cache, nullptr, elements, coarsest, finest, false, [&] {
+            return MeasureScout(grid.cache.source().layout(), StoreNumbers(grid.cache), grid.region,
+                                grid.interest, NothingStops{}, {grid.query.bound}, NoLeaves{});
+        });
+    };
+    for_groups(grid, "distances", progress, look, [&](std::span<const Element<3>> blocks) {
         in_order(
             static_cast<std::int64_t>(blocks.size()), tbb::this_task_arena::max_concurrency() + 1,
             [&](std::int64_t i) {
@@ -259,17 +311,29 @@ TraversalCounts traverse_within_distance(ChunkCache& cache, const TraversalQuery
     // Numbers of parts: by group, block, and part of the block.
     constexpr unsigned kPartBits = 20;
     std::uint64_t number = 0;
-    for_groups(grid, "extract", progress, [&](const std::vector<Element<3>>& blocks) {
+    TraversalCounts counts;
+    const auto add_counts = [&] {
+        for (const BlockMarch& march : marches) {
+            counts.add(march.counts());
+        }
+    };
+    const auto look = [&](std::span<const Element<3>> elements, int coarsest, int finest) {
+        add_counts();
+        marches.clear();
+        return look_ahead(cache, query.attribute_values, elements, coarsest, finest, true, [&] {
+            return MarchScout(cache.source().layout(), DistanceNumbers(cache, errors), grid.region,
+                              grid.interest, StopsWithin{limit}, {query.bound},
+                              LeafNeeds(cache, query));
+        });
+    };
+    for_groups(grid, "extract", progress, look, [&](std::span<const Element<3>> blocks) {
         tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t i) {
             progress.check();
             marches.local().block(blocks[i], (number + i) << kPartBits);
         });
         number += blocks.size();
     });
-    TraversalCounts counts;
-    for (const BlockMarch& march : marches) {
-        counts.add(march.counts());
-    }
+    add_counts();
     counts.bricks = number;
     return counts;
 }

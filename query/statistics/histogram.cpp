@@ -51,10 +51,12 @@ Shares share(const StoreReader& store, const ArrayInfo& array, const HistogramOp
 
 class Counting {
   public:
-    Counting(const StoreReader& store, const ArrayInfo& array, const ValueBins& bins,
-             const Shares& shares, Progress& progress)
+    /// `own_cubes`: they are counted with the nodes.
+    Counting(const StoreReader& store, const ArrayInfo& array, bool own_cubes,
+             const ValueBins& bins, const Shares& shares, Progress& progress)
         : store_(store),
           array_(array),
+          own_cubes_(own_cubes),
           bins_(bins),
           shares_(shares),
           progress_(progress),
@@ -76,10 +78,12 @@ class Counting {
 
     void ranges(int level) {
         const Int3 cubes = store_.layout().lattice().cells_at(level);
+        if (bins_.count() > 0) {
+            store_.prefetch_cube_ranges(level);
+        }
         for_all("cube ranges", bins_.count() > 0 ? cubes.z : 0, "planes", [&](std::int64_t z) {
             const BinFinder bin_of(bins_);
-            for (std::int64_t i = 0; i < cubes.x * cubes.y; ++i) {
-                const CubeRange range = *store_.cube_range(level, {i % cubes.x, i / cubes.x, z});
+            for (const CubeRange& range : store_.cube_ranges(level, z)) {
                 if (range.low <= range.high) {
                     counts_.local().add_cube(bin_of(static_cast<double>(range.low)),
                                              bin_of(static_cast<double>(range.high)));
@@ -98,7 +102,7 @@ class Counting {
     /// The last chunk in order of those that a block reaches into.
     [[nodiscard]] std::int64_t last_needed(std::int64_t i) const {
         const Int3& grid = array_.grid;
-        return array_.level > 0 ? i : i + 1 + grid.x + grid.x * grid.y;
+        return !own_cubes_ ? i : i + 1 + grid.x + grid.x * grid.y;
     }
     /// In order, so that neighbours are still in the cache.
     template <class F>
@@ -119,8 +123,7 @@ class Counting {
         const Int3 first = array_.first_node(chunk);
         const Int3 nodes = nodes_in_volume(store_.layout().lattice(), array_.level);
         const Int3 own = max(min(array_.chunk, nodes - first), {0, 0, 0});
-        const bool finest = array_.level == 0;
-        const Int3 size = finest ? min(own + kOne, nodes - first) : own;
+        const Int3 size = own_cubes_ ? min(own + kOne, nodes - first) : own;
         if (size.product() == 0) {
             return;  // beyond the volume
         }
@@ -137,7 +140,7 @@ class Counting {
         }
         ValueCounts& counts = counts_.local();
         counts.add_nodes(codes, own);
-        if (finest) {
+        if (own_cubes_) {
             // None begins in the last node; along a flat axis they have no extent.
             Int3 cells = size - kOne;
             for (int axis = 0; axis < 3; ++axis) {
@@ -149,6 +152,7 @@ class Counting {
 
     const StoreReader& store_;
     const ArrayInfo& array_;
+    bool own_cubes_;
     const ValueBins& bins_;
     const Shares& shares_;
     Progress& progress_;
@@ -163,14 +167,15 @@ Histogram histogram(const StoreReader& store, const HistogramOptions& options, P
     const ArrayInfo& array = layout.array(level, Field::values);
     const ValueBins bins(layout.header().type, store.min_value(), store.max_value());
     const Shares shares = share(store, array, options);
+    const bool own_cubes = level == 0 || options.own_cubes;
     std::optional<int> cube_level;
-    if (level == 0 || layout.has_cube_ranges(kFirstRangeLevel)) {
-        cube_level = level == 0 ? 0 : kFirstRangeLevel;
+    if (own_cubes || layout.has_cube_ranges(kFirstRangeLevel)) {
+        cube_level = own_cubes ? level : kFirstRangeLevel;
     }
-    Counting counting(store, array, bins, shares, progress);
+    Counting counting(store, array, own_cubes, bins, shares, progress);
     Workers(shares.threads).execute([&] {
         counting.values();
-        if (cube_level && level > 0) {
+        if (!own_cubes && cube_level) {
             counting.ranges(*cube_level);
         }
     });

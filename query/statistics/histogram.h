@@ -18,6 +18,8 @@ inline constexpr std::int64_t kMostHistogramNodes = std::int64_t{1} << 28;
 
 struct HistogramOptions {
     std::optional<int> level = {};  ///< whose values are counted
+    /// Cubes are those between the nodes that are looked at, whatever ranges the store has.
+    bool own_cubes = false;
     std::uint64_t memory = std::uint64_t{512} << 20U;
     int threads = 0;
 };
@@ -30,9 +32,9 @@ struct Histogram {
     std::uint64_t missing = 0;  ///< of which so many are missing
     ValueBins bins;             ///< between the smallest and the largest value of all levels
     std::vector<std::uint64_t> nodes;  ///< of each bin
-    /// Of which level the cubes below are (squares or edges, where axes are flat): 0 if the nodes
-    /// are, counted from their corners that are not missing; else that of the finest stored ranges;
-    /// nothing if the store has none.
+    /// Of which level the cubes below are (squares or edges, where axes are flat): that of the
+    /// nodes if it is 0 or own_cubes was asked for, counted from their corners that are not
+    /// missing; else that of the finest stored ranges; nothing if the store has none.
     std::optional<int> cube_level;
     /// Of each bin, the cubes that the isosurface at its smallest value passes through; more are
     /// counted only where values are missing, or ranges of 32- and 64-bit numbers are rounded.

@@ -10,6 +10,7 @@
 #include "query/view/blocks.h"
 #include "query/view/indicator_box.h"
 #include "query/view/node_sampler.h"
+#include "store/container/announce/announcer.h"
 #include "store/container/gather.h"
 
 namespace isonest::detail {
@@ -88,9 +89,19 @@ std::uint64_t WholeLattice::heap(const StoreLayout& layout) {
 
 void WholeLattice::load_values(ChunkCache& cache) {
     const ArrayInfo& array = layout_.array(0, Field::values);
+    const Int3 grid = ceil_div(number_.dense(), array.chunk);
+    // Beyond the last chunk there are the nearest nodes.
+    Announcer announcer(cache, 0, grid.product(),
+                        [&](std::int64_t i, std::vector<WantedChunk>& chunks) {
+                            const Int3 chunk = grid.unlinear(i);
+                            if (array.has_chunk(chunk)) {
+                                chunks.push_back({&array, chunk});
+                            }
+                        });
     dispatch(layout_.header().type, [&](auto tag) {
         using T = typename decltype(tag)::type;
         const auto block = [&](const Int3& lo, const Int3& size) {
+            announcer.reach(grid.linear(array.chunk_of(lo)));
             Box<T> box(lo, size);
             gather_values(cache, array, box);
             for (std::int64_t i = 0; i < size.product(); ++i) {
@@ -112,7 +123,21 @@ double WholeLattice::load_indicator(ChunkCache& cache, Field field, Progress& pr
         eta_[at(p)] = static_cast<float>(eta);
         most = std::isfinite(eta) ? std::max(most, eta) : most;
     };
-    tbb::parallel_for(std::int64_t{0}, grid.product(), [&](std::int64_t c) {
+    const auto wanted = [&](std::int64_t c, std::vector<WantedChunk>& chunks) {
+        const Int3 i = grid.unlinear(c);
+        const Int3 first{i.x * chunk.x, i.y * chunk.y, i.z * chunk.z};
+        want_box(layout_.array(0, Field::values), first - Int3{1, 1, 1},
+                 first + chunk + Int3{1, 1, 1}, chunks);
+        for (int level = 1; level <= lattice_.top(); ++level) {
+            const std::int64_t stride = std::int64_t{1} << level;
+            const Int3 end = first + chunk;
+            want_box(layout_.array(level, field),
+                     {first.x / stride, first.y / stride, first.z / stride},
+                     {end.x / stride, end.y / stride, end.z / stride}, chunks);
+        }
+    };
+    Announcer announcer(cache, 0, grid.product(), wanted);
+    for_each_announced(cache.source(), announcer, 0, grid.product(), [&](std::int64_t c) {
         progress.check();
         const Int3 i = grid.unlinear(c);
         const Int3 first{i.x * chunk.x, i.y * chunk.y, i.z * chunk.z};

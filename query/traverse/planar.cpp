@@ -5,10 +5,13 @@
 #include <cmath>
 #include <cstdint>
 #include <optional>
+#include <span>
+#include <type_traits>
 #include <vector>
 
 #include "query/traverse/adapt_traverse.h"
 #include "query/traverse/element_tests.h"
+#include "query/traverse/far/element_scout.h"
 #include "query/traverse/height_rounding.h"
 #include "query/traverse/subtree_walk.h"
 #include "query/view/node_sampler.h"
@@ -120,6 +123,9 @@ class PlanarWorker {
         action_.flush();
         progress_.advance(traversal_.counts().finished - finished_);
     }
+    [[nodiscard]] std::vector<Element<2>> roots(const Lattice& lattice) {
+        return traversal_.roots(lattice);
+    }
     void above(const Lattice& lattice, int level_left, std::vector<Element<2>>& left) {
         for (const Element<2>& t : traversal_.roots(lattice)) {
             traversal_.above(t, level_left, action_, left);
@@ -140,6 +146,46 @@ class PlanarWorker {
     std::uint64_t finished_ = 0;  ///< before the subtree
 };
 
+/// What the vertices of a leaf are made from.
+class LeafEdges {
+  public:
+    LeafEdges(ChunkCache& cache, const TraversalQuery& query, bool is_graph)
+        : needs_(cache, query), is_graph_(is_graph) {}
+    void operator()(const Element<2>& leaf, Wants& wants) {
+        if (!leaf.is_complete()) {
+            return;
+        }
+        for (std::size_t i = 0; i < 3; ++i) {
+            const std::size_t next = (i + 1) % 3;
+            if (is_graph_) {
+                needs_.node(leaf.v[i], wants);
+            } else {
+                needs_.edge(leaf.v[i], leaf.value[i], leaf.v[next], leaf.value[next], wants);
+            }
+        }
+    }
+
+  private:
+    EdgeNeeds needs_;
+    bool is_graph_;
+};
+
+/// The store's fields that the tests ask for.
+template <class Interest>
+std::vector<Field> asked_fields(const Interest& interest, const TraversalQuery& query) {
+    std::vector<Field> fields;
+    if (const auto field = interest.field()) {
+        fields.push_back(*field);
+    }
+    if (!query.tolerance.is_zero()) {
+        fields.push_back(query.stop);
+    }
+    return fields;
+}
+
+template <class Interest>
+using PlanarScout = ElementScout<2, NodeSampler, InBox, Interest, StopsBelow, LeafEdges>;
+
 /// Levels below the coarsest at which the subtrees begin that are the threads' work: at most 2 *
 /// 4^5 of them.
 constexpr int kTopLevels = 5;
@@ -148,13 +194,29 @@ template <class Action, class Interest>
 TraversalCounts run(ChunkCache& cache, const TraversalQuery& query, const Interest& interest,
                     std::size_t part_vertices, const PartSink& sink, Progress& progress) {
     const Lattice& lattice = cache.source().layout().lattice();
+    const int level_left = std::max(lattice.top() - kTopLevels, 0);
+    const bool is_graph = std::is_same_v<Action, AddGraph>;
     using Worker = PlanarWorker<Interest, Action>;
+    const auto look = [&](std::span<const Element<2>> subtrees, int coarsest, int finest) {
+        return look_ahead(cache, query.attribute_values, subtrees, coarsest, finest, true, [&] {
+            return PlanarScout<Interest>(
+                cache.source().layout(), NodeSampler(cache), InBox{query.box}, interest,
+                StopsBelow{query.tolerance, query.stop}, asked_fields(interest, query),
+                LeafEdges(cache, query, is_graph));
+        });
+    };
     return walk_subtrees<Element<2>>(
+        cache.source().is_far(),
         [&] { return Worker(cache, query, interest, part_vertices, sink, progress); },
         [&](Worker& worker, std::vector<Element<2>>& left) {
-            worker.above(lattice, std::max(lattice.top() - kTopLevels, 0), left);
+            if (cache.source().is_far()) {
+                const std::vector<Element<2>> roots = worker.roots(lattice);
+                look(roots, lattice.top(), level_left + 1);
+            }
+            worker.above(lattice, level_left, left);
         },
-        [](Worker& worker, const Element<2>& t) { worker.subtree(t); });
+        [](Worker& worker, const Element<2>& t) { worker.subtree(t); },
+        [&](std::span<const Element<2>> subtrees) { return look(subtrees, level_left, 0); });
 }
 
 }  // namespace

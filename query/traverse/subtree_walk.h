@@ -6,7 +6,10 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
+#include <span>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include <isonest/progress.h>
@@ -53,26 +56,41 @@ class SubtreeParts {
 
 /// Subtree 0, what is coarse, is above(worker, left), which leaves the subtrees that follow, each
 /// of them below(worker, subtree). make() makes a thread's worker: its begin(number) and flush()
-/// stand around each subtree, its counts() are added up.
-template <class Subtree, class Make, class Above, class Below>
-TraversalCounts walk_subtrees(const Make& make, const Above& above, const Below& below) {
+/// stand around each subtree, its counts() are added up. Where the store is far, ahead(subtrees)
+/// announces what the first of them need, and returns how many that are; workers are made anew
+/// after it, so that nobody holds chunks meanwhile.
+template <class Subtree, class Make, class Above, class Below, class Ahead>
+TraversalCounts walk_subtrees(bool is_far, const Make& make, const Above& above, const Below& below,
+                              const Ahead& ahead) {
     using Worker = std::invoke_result_t<Make>;
-    tbb::enumerable_thread_specific<Worker> workers(make);
+    std::optional<tbb::enumerable_thread_specific<Worker>> workers(std::in_place, make);
+    TraversalCounts counts;
+    const auto add_counts = [&] {
+        for (const Worker& worker : *workers) {
+            counts.add(worker.counts());
+        }
+    };
     const auto in_subtree = [&](std::uint64_t number, const auto& walk) {
-        Worker& worker = workers.local();
+        Worker& worker = workers->local();
         worker.begin(number);
         walk(worker);
         worker.flush();
     };
     std::vector<Subtree> left;
     in_subtree(0, [&](Worker& worker) { above(worker, left); });
-    tbb::parallel_for(std::size_t{0}, left.size(), [&](std::size_t i) {
-        in_subtree(i + 1, [&](Worker& worker) { below(worker, left[i]); });
-    });
-    TraversalCounts counts;
-    for (const Worker& worker : workers) {
-        counts.add(worker.counts());
+    for (std::size_t first = 0; first < left.size();) {
+        std::size_t end = left.size();
+        if (is_far) {
+            add_counts();
+            workers.emplace(make);
+            end = first + ahead(std::span<const Subtree>(left).subspan(first));
+        }
+        tbb::parallel_for(first, end, [&](std::size_t i) {
+            in_subtree(i + 1, [&](Worker& worker) { below(worker, left[i]); });
+        });
+        first = end;
     }
+    add_counts();
     return counts;
 }
 

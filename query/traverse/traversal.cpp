@@ -12,6 +12,7 @@
 #include "query/march/clip.h"
 #include "query/traverse/brick_tree.h"
 #include "query/traverse/bricks/brick_traversal.h"
+#include "query/traverse/far/brick_needs.h"
 #include "query/traverse/far/finest_windows.h"
 #include "query/traverse/far/waves.h"
 #include "query/traverse/hexahedra/traverse_hexahedra.h"
@@ -96,7 +97,7 @@ void run_finest_bricks(Runs runs, const Int3& first, std::int64_t size,
     for (std::size_t octant = 0; octant < 8; ++octant) {
         const Int3 child = part_of(octant);
         const Int3 low = child * chunk;
-        active[octant] = max(child + Int3{1, 1, 1}, values.grid) == values.grid &&
+        active[octant] = values.has_chunk(child) &&
                          common.query.share.meets(
                              child_level, {child.x / half, child.y / half, child.z / half}) &&
                          overlap_of(common.query.box, low,
@@ -124,6 +125,10 @@ void run_bricks(Runs runs) {
     if (runs.front()->cache.source().is_far()) {
         Waves<Brick>(runs).traverse(kWholeProgress);
     } else {
+        // What is not in the page cache comes together, and not page by page.
+        TraversalNeeds top;
+        add_top_needs(runs, kTopBytesNear, top);
+        announce(*runs.front(), top);
         run_brick<Brick>(runs, runs.front()->layout().lattice().top(), {0, 0, 0}, {},
                          kWholeProgress);
     }

@@ -27,13 +27,13 @@ double value_of_label(const StoreHeader& header, std::int64_t label) {
 
 LabelView::LabelView(const ChunkSource& source, std::int64_t label, const Int3& low,
                      const Int3& high)
-    : source_(source),
+    : ForwardingSource(source),
       value_(value_of_label(source.layout().header(), label)),
       low_(low),
       high_(high) {}
 
 ChunkRow LabelView::row(const ArrayInfo& array, const Int3& chunk) const {
-    ChunkRow row = source_.row(array, chunk);
+    ChunkRow row = source().row(array, chunk);
     const Int3 first = array.first_node(chunk);
     const Int3 last = min(first + array.chunk, array.nodes) - Int3{1, 1, 1};
     const bool apart = max(first, low_) != min(max(first, low_), min(last, high_));
@@ -50,7 +50,7 @@ ChunkRow LabelView::row(const ArrayInfo& array, const Int3& chunk) const {
 }
 
 void LabelView::decode(const ArrayInfo& array, const Int3& chunk, std::span<std::byte> raw) const {
-    source_.decode(array, chunk, raw);
+    source().decode(array, chunk, raw);
     dispatch(layout().header().type, [&](auto tag) {
         using T = typename decltype(tag)::type;
         T* const values = reinterpret_cast<T*>(raw.data());

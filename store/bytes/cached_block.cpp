@@ -135,4 +135,19 @@ bool CachedBlock::add(std::size_t from, std::span<const std::byte> bytes) {
     return true;
 }
 
+void CachedBlock::remove(std::size_t from, std::size_t size) {
+    std::vector<Part> left;
+    const auto add_part = [&](std::size_t begin, std::size_t end) {
+        if (begin < end) {
+            left.push_back(
+                {static_cast<std::uint32_t>(begin), static_cast<std::uint32_t>(end - begin)});
+        }
+    };
+    for (const Part& part : parts_) {
+        add_part(part.from, std::min(part.end(), from));
+        add_part(std::max<std::size_t>(part.from, from + size), part.end());
+    }
+    parts_ = std::move(left);
+}
+
 }  // namespace isonest::detail

@@ -33,6 +33,9 @@ class CachedBlock {
     [[nodiscard]] bool copy(std::size_t from, std::span<std::byte> to) const;
     /// False if all of it was there already.
     bool add(std::size_t from, std::span<const std::byte> bytes);
+    /// Nothing of [from, from + size) is there any more. REQUIRES: it lies within the block.
+    void remove(std::size_t from, std::size_t size);
+    [[nodiscard]] bool empty() const { return parts_.empty(); }
 
   private:
     struct Part {

@@ -4,10 +4,14 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
 #include <mutex>
 #include <new>
+#include <optional>
 #include <span>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "store/base/checksum.h"
 #include "store/bytes/cache_folder.h"
@@ -31,7 +35,7 @@ class CachedObject : public RangeCache {
         }
         std::vector<std::byte> bytes;
         const bool all = each_piece(range, [&](const Piece& piece) {
-            const auto block = stored(piece.block);
+            const auto block = last_read(piece.block);
             if (!block) {
                 return false;
             }
@@ -54,6 +58,7 @@ class CachedObject : public RangeCache {
                     const std::vector<std::byte> file = block.encode(name_, piece.block);
                     if (!file.empty()) {
                         folder_->write(number_of(piece.block), file);
+                        let_go(piece.block);
                     }
                 }
                 return true;
@@ -61,6 +66,25 @@ class CachedObject : public RangeCache {
         } catch (const std::bad_alloc&) {
             return;  // not kept
         }
+    }
+
+    void forget(ByteRange range) override {
+        if (!is_inside(range)) {
+            return;
+        }
+        each_piece(range, [&](const Piece& piece) {
+            const std::lock_guard lock(adding_.at(piece.block % adding_.size()));
+            std::optional<CachedBlock> block = stored(piece.block);
+            if (block) {
+                block->remove(piece.from, piece.size);
+            }
+            folder_->remove(number_of(piece.block));
+            if (block && !block->empty()) {
+                folder_->write(number_of(piece.block), block->encode(name_, piece.block));
+            }
+            let_go(piece.block);
+            return true;
+        });
     }
 
   private:
@@ -111,14 +135,97 @@ class CachedObject : public RangeCache {
         return found;
     }
 
+    using BlockPointer = std::shared_ptr<const CachedBlock>;
+
+    /// Ranges that lie beside each other are asked for one after the other: their block is read
+    /// once.
+    [[nodiscard]] BlockPointer last_read(std::uint64_t number) {
+        Kept& kept = kept_.at(number % kept_.size());
+        {
+            const std::lock_guard lock(kept.mutex);
+            if (kept.block != nullptr && kept.number == number) {
+                return kept.block;
+            }
+        }
+        std::optional<CachedBlock> found = stored(number);
+        if (!found) {
+            return nullptr;
+        }
+        auto block = std::make_shared<const CachedBlock>(std::move(*found));
+        const std::lock_guard lock(kept.mutex);
+        kept.number = number;
+        kept.block = block;
+        return block;
+    }
+    void let_go(std::uint64_t number) {
+        Kept& kept = kept_.at(number % kept_.size());
+        const std::lock_guard lock(kept.mutex);
+        if (kept.number == number) {
+            kept.block = nullptr;
+        }
+    }
+
+    struct Kept {
+        std::mutex mutex;
+        std::uint64_t number = 0;
+        BlockPointer block;
+    };
     std::shared_ptr<CacheFolder> folder_;
     std::string name_;
     std::uint64_t name_checksum_;
     std::uint64_t size_;
     std::array<std::mutex, 16> adding_;  ///< by the block's number
+    std::array<Kept, 8> kept_;           ///< the same: 512 KiB
+};
+
+/// Under which the state of an object is kept.
+std::string name_of_state(const ObjectState& object) {
+    return fmt::format("state of\n{}{}{}", object.url, object.query.empty() ? "" : "\n",
+                       object.query);
+}
+
+/// Of the entry.
+std::uint64_t number_of_state(const std::string& name) {
+    return checksum_of(std::as_bytes(std::span(name)));
+}
+
+/// In front of the version, in a block's bytes.
+struct StateHead {
+    std::uint64_t size = 0;  ///< of the object
+    std::uint64_t version_bytes = 0;
 };
 
 }  // namespace
+
+std::optional<ObjectState> DiskCache::last_of(const ObjectState& object) const {
+    const std::string name = name_of_state(object);
+    const auto file = folder_->read(number_of_state(name), CachedBlock::kMostFileBytes);
+    const auto block = file ? CachedBlock::decode(*file, name, 0) : std::nullopt;
+    StateHead head;
+    if (!block || !block->copy(0, std::as_writable_bytes(std::span(&head, 1))) ||
+        head.version_bytes > CachedBlock::kBytes - sizeof(head)) {
+        return std::nullopt;
+    }
+    ObjectState state{object.url, std::string(head.version_bytes, ' '), head.size, object.query};
+    return block->copy(sizeof(head), std::as_writable_bytes(std::span(state.version)))
+               ? std::optional(std::move(state))
+               : std::nullopt;
+}
+
+void DiskCache::remember(const ObjectState& object) const {
+    const StateHead head{object.size, object.version.size()};
+    if (object.version.size() > CachedBlock::kBytes - sizeof(head)) {
+        return;
+    }
+    CachedBlock block;
+    block.add(0, std::as_bytes(std::span(&head, 1)));
+    block.add(sizeof(head), std::as_bytes(std::span(object.version)));
+    const std::string name = name_of_state(object);
+    const std::vector<std::byte> file = block.encode(name, 0);
+    if (!file.empty()) {
+        folder_->write(number_of_state(name), file);
+    }
+}
 
 DiskCache::DiskCache(const std::filesystem::path& folder, std::uint64_t most_bytes)
     : folder_(std::make_shared<CacheFolder>(folder, most_bytes)) {}

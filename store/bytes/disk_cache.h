@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "store/bytes/range_cache.h"
@@ -30,6 +31,10 @@ class DiskCache {
     /// What is kept of an object in this state; it may outlive the cache. Null where the state has
     /// no version: then nobody could tell whether the object has changed.
     [[nodiscard]] std::unique_ptr<RangeCache> of(const ObjectState& object) const;
+    /// The state in which the object with this `url` and `query` was found last, by remember(). Not
+    /// that it still is in it. Nothing if that is not known.
+    [[nodiscard]] std::optional<ObjectState> last_of(const ObjectState& object) const;
+    void remember(const ObjectState& object) const;
     /// One line that says why the cache is off, or why nothing is added to it. Empty: it works.
     [[nodiscard]] std::string warning() const;
 

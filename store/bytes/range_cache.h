@@ -28,6 +28,8 @@ class RangeCache {
     /// Offers the bytes of this range, range.size of them. What cannot be kept is left out without
     /// a word: the cache only saves time.
     virtual void keep(ByteRange range, std::span<const std::byte> bytes) = 0;
+    /// What is kept of this range is not what was written, and is kept no longer.
+    virtual void forget(ByteRange range) = 0;
 };
 
 /// An object in the state in which it was opened: what a cache is kept under.

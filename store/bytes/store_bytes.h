@@ -48,6 +48,9 @@ class StoreBytes {
     /// For messages: a path, or a URL without credentials.
     [[nodiscard]] virtual const std::string& name() const = 0;
     [[nodiscard]] virtual std::uint64_t size() const = 0;
+    /// What the server says that tells the object's state from others, its ETag or its time of
+    /// change. Empty for a local file, and where the server says nothing.
+    [[nodiscard]] virtual std::string version() const { return {}; }
     /// Whether bytes that nobody announced by want() cost a round trip.
     [[nodiscard]] virtual bool is_far() const = 0;
     /// REQUIRES: the range lies within size(). May wait for the network. Throws Error{io}.
@@ -55,6 +58,9 @@ class StoreBytes {
     /// A hint that these ranges are needed soon, and together: returns at once. Parts outside
     /// size() are left out. Those who ask later wait for what is under way.
     virtual void want(std::span<const ByteRange> ranges) const = 0;
+    /// These bytes are not those that were written: who reads them next gets them anew, if they
+    /// came from elsewhere. What somebody holds of them stays as it is.
+    virtual void forget(const ByteRange& /*range*/) const {}
     [[nodiscard]] virtual FetchedCounts fetched() const { return {}; }
 };
 

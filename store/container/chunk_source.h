@@ -44,7 +44,7 @@ class ChunkSource {
     /// outside the array's grid are left out. Throws what prefetch() throws.
     virtual void prefetch_all(std::span<const WantedChunk> chunks) const {
         for (const WantedChunk& wanted : chunks) {
-            if (wanted.array->grid == max(wanted.array->grid, wanted.chunk + Int3{1, 1, 1})) {
+            if (wanted.array->has_chunk(wanted.chunk)) {
                 prefetch(*wanted.array, wanted.chunk);
             }
         }

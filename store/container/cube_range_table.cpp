@@ -10,6 +10,7 @@
 
 #include <isonest/error.h>
 
+#include "store/bytes/read_whole.h"
 #include "store/container/hdf5_types.h"
 #include "store/hdf5/handles.h"
 
@@ -78,6 +79,11 @@ void CubeRangeTable::add(const StoreLayout& layout, int level, std::optional<std
     l.seen = std::make_unique<std::atomic<bool>[]>(planes);
     if (!bytes_->is_far()) {
         l.ranges = bytes_->read(l.offset, l.bytes());
+        if (l.bytes() <= kMostFar) {
+            // Beside a page that is missing, the system would read far more.
+            const ByteRange all{l.offset, l.bytes()};
+            bytes_->want({&all, 1});
+        }
     } else {
         l.is_read = l.bytes() <= kMostFar;
         read_ = std::make_unique<std::once_flag>();
@@ -93,14 +99,61 @@ void CubeRangeTable::read_far() const {
         }
     }
     bytes_->want(wanted);
-    for (Level& l : levels_) {
-        if (l.is_read) {
-            const HeldBytes held = bytes_->read(l.offset, l.bytes());
-            auto copy =
-                std::make_shared<std::vector<std::byte>>(held.bytes().begin(), held.bytes().end());
-            l.ranges = HeldBytes(copy, *copy);
+    for (std::size_t i = 0; i < levels_.size(); ++i) {
+        Level& l = levels_[i];
+        if (!l.is_read) {
+            continue;
         }
+        const int level = kFirstRangeLevel + static_cast<int>(i);
+        auto copy = std::make_shared<std::vector<std::byte>>();
+        copy->reserve(l.bytes());
+        for (std::int64_t z = 0; z < l.cells.z; ++z) {
+            const HeldBytes plane = read_plane(l, level, z);
+            copy->insert(copy->end(), plane.bytes().begin(), plane.bytes().end());
+        }
+        l.ranges = HeldBytes(copy, *copy);
     }
+}
+
+HeldBytes CubeRangeTable::read_plane(const Level& l, int level, std::int64_t z) const {
+    auto held = read_whole(*bytes_, l.plane(z), sum_of(l, z));
+    if (!held) {
+        fail_plane(level, z);
+    }
+    return std::move(*held);
+}
+
+std::vector<CubeRange> CubeRangeTable::plane(int level, std::int64_t z) const {
+    const Level& l = levels_.at(static_cast<std::size_t>(level - kFirstRangeLevel));
+    const HeldBytes held = read_plane(l, level, z);
+    std::vector<CubeRange> ranges;
+    ranges.reserve(static_cast<std::size_t>(l.cells.x * l.cells.y));
+    for (std::int64_t i = 0; i < l.cells.x * l.cells.y; ++i) {
+        ranges.push_back(range_in(held.bytes(), i));
+    }
+    return ranges;
+}
+
+void CubeRangeTable::want(int level) const {
+    if (!bytes_->is_far()) {
+        return;
+    }
+    const Level& l = levels_.at(static_cast<std::size_t>(level - kFirstRangeLevel));
+    std::vector<ByteRange> planes;
+    for (std::int64_t z = 0; z < l.cells.z; ++z) {
+        planes.push_back(l.plane(z));
+    }
+    bytes_->want(planes);
+}
+
+CubeRange CubeRangeTable::range_in(std::span<const std::byte> bytes, std::int64_t cube) const {
+    return dispatch(type_, [&](auto tag) {
+        using T = typename decltype(tag)::type;
+        std::array<T, 2> both{};
+        std::memcpy(both.data(), bytes.data() + static_cast<std::size_t>(cube) * sizeof(both),
+                    sizeof(both));
+        return CubeRange{static_cast<float>(both[0]), static_cast<float>(both[1])};
+    });
 }
 
 std::optional<CubeRange> CubeRangeTable::at(int level, const Int3& cube) const {
@@ -119,15 +172,21 @@ std::optional<CubeRange> CubeRangeTable::at(int level, const Int3& cube) const {
         std::call_once(*read_, [&] { read_far(); });
     }
     require_whole(l, level, cube.z);
-    return dispatch(type_, [&](auto tag) {
-        using T = typename decltype(tag)::type;
-        std::array<T, 2> both{};
-        std::memcpy(
-            both.data(),
-            l.ranges.bytes().data() + static_cast<std::size_t>(l.cells.linear(cube)) * sizeof(both),
-            sizeof(both));
-        return CubeRange{static_cast<float>(both[0]), static_cast<float>(both[1])};
-    });
+    return range_in(l.ranges.bytes(), l.cells.linear(cube));
+}
+
+std::uint64_t CubeRangeTable::sum_of(const Level& l, std::int64_t z) {
+    std::uint64_t sum = 0;
+    std::memcpy(&sum, l.sums.bytes().data() + static_cast<std::size_t>(z) * sizeof(sum),
+                sizeof(sum));
+    return sum;
+}
+
+void CubeRangeTable::fail_plane(int level, std::int64_t z) const {
+    throw Error(ErrorKind::corrupt,
+                {bytes_->name(), fmt::format("level {}, ranges of the cubes, plane {}", level, z)},
+                "the bytes are not those that were written",
+                {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
 }
 
 void CubeRangeTable::require_whole(const Level& l, int level, std::int64_t z) const {
@@ -135,14 +194,9 @@ void CubeRangeTable::require_whole(const Level& l, int level, std::int64_t z) co
     if (l.seen[plane].load(std::memory_order_relaxed)) {
         return;
     }
-    std::uint64_t sum = 0;
-    std::memcpy(&sum, l.sums.bytes().data() + plane * sizeof(sum), sizeof(sum));
-    if (checksum_of(l.ranges.bytes().subspan(plane * l.plane_bytes, l.plane_bytes)) != sum) {
-        throw Error(
-            ErrorKind::corrupt,
-            {bytes_->name(), fmt::format("level {}, ranges of the cubes, plane {}", level, z)},
-            "the bytes are not those that were written",
-            {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
+    if (checksum_of(l.ranges.bytes().subspan(plane * l.plane_bytes, l.plane_bytes)) !=
+        sum_of(l, z)) {
+        fail_plane(level, z);
     }
     l.seen[plane].store(true, std::memory_order_relaxed);
 }

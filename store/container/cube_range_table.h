@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -36,6 +37,11 @@ class CubeRangeTable {
     /// Nothing where the level has no ranges, where they are not read, and outside of the volume.
     /// Throws Error{corrupt, io}.
     [[nodiscard]] std::optional<CubeRange> at(int level, const Int3& cube) const;
+    /// Of all cubes of a plane, x fastest, also where at() reads none. REQUIRES: the level has
+    /// ranges and such a plane. Throws Error{corrupt, io}.
+    [[nodiscard]] std::vector<CubeRange> plane(int level, std::int64_t z) const;
+    /// Tells a store that is far that all planes of a level are needed soon.
+    void want(int level) const;
 
   private:
     struct Level {
@@ -50,11 +56,18 @@ class CubeRangeTable {
         [[nodiscard]] std::uint64_t bytes() const {
             return static_cast<std::uint64_t>(cells.z) * plane_bytes;
         }
+        [[nodiscard]] ByteRange plane(std::int64_t z) const {
+            return {offset + static_cast<std::uint64_t>(z) * plane_bytes, plane_bytes};
+        }
     };
     /// `offset`: of the ranges; nothing if they are not as the layout says.
     void add(const StoreLayout& layout, int level, std::optional<std::uint64_t> offset,
              HeldBytes sums);
     void require_whole(const Level& l, int level, std::int64_t z) const;
+    [[noreturn]] void fail_plane(int level, std::int64_t z) const;
+    static std::uint64_t sum_of(const Level& l, std::int64_t z);
+    [[nodiscard]] CubeRange range_in(std::span<const std::byte> bytes, std::int64_t cube) const;
+    [[nodiscard]] HeldBytes read_plane(const Level& l, int level, std::int64_t z) const;
     void read_far() const;
 
     const StoreBytes* bytes_ = nullptr;

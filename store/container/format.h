@@ -91,6 +91,12 @@ struct ArrayInfo {
     [[nodiscard]] std::uint64_t row_of(const Int3& c) const {
         return first_row + static_cast<std::uint64_t>(grid.linear(c));
     }
+    /// A chunk that zstd cannot shrink takes a little more than its bytes; what takes more than
+    /// this is none.
+    [[nodiscard]] std::size_t most_stored_bytes() const { return 2 * chunk_bytes() + 4096; }
+    [[nodiscard]] bool has_chunk(const Int3& c) const {
+        return min(c, {0, 0, 0}) == Int3{0, 0, 0} && max(c + Int3{1, 1, 1}, grid) == grid;
+    }
     /// The first lattice node of chunk c.
     [[nodiscard]] Int3 first_node(const Int3& c) const {
         return {c.x * chunk.x, c.y * chunk.y, c.z * chunk.z};

@@ -64,8 +64,7 @@ std::string Hdf5View::Impl::read(const ArrayInfo& array, const Int3& chunk,
     }
     const auto at = dims_of(array.first_node(chunk), 0);
     hsize_t size = 0;
-    if (H5Dget_chunk_storage_size(data, at.data(), &size) < 0 ||
-        size > 2 * array.chunk_bytes() + 4096) {
+    if (H5Dget_chunk_storage_size(data, at.data(), &size) < 0 || size > array.most_stored_bytes()) {
         return "HDF5 does not find the chunk: " + hdf5_message();
     }
     out.resize(size);

@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <utility>
 
 #include <isonest/error.h>
 
 #include "store/base/label_text.h"
+#include "store/bytes/read_whole.h"
 #include "store/container/codec.h"
 #include "store/container/hdf5_types.h"
 #include "store/hdf5/handles.h"
@@ -52,10 +54,11 @@ LabelTable::LabelTable(const CatalogueNames& place, const StoreBytes& bytes)
         !lies_within(place.offset, place.rows * place.row_bytes, bytes.size())) {
         names_damaged(name, kOtherForm);
     }
-    held_ = bytes.read(place.offset, place.rows * place.row_bytes);
-    if (checksum_of(rows()) != place.xxh64) {
+    auto held = read_whole(bytes, {place.offset, place.rows * place.row_bytes}, place.xxh64);
+    if (!held) {
         names_damaged(name, "its bytes are not those that were written");
     }
+    held_ = std::move(*held);
     std::int64_t before = 0;
     for (std::size_t i = 0; i < size(); ++i) {
         const LabelName label = at(i);

@@ -11,6 +11,7 @@
 #include <isonest/error.h>
 
 #include "store/bytes/file_bytes.h"
+#include "store/bytes/read_whole.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_reader.h"
 #include "store/hdf5/bytes_driver.h"
@@ -140,7 +141,7 @@ ChunkRow StoreReader::row(const ArrayInfo& array, const Int3& chunk) const {
     if (!lies_within(row.offset, row.bytes, file_bytes())) {
         fail_corrupt(array.place(chunk), "lies outside the file; it was cut off");
     }
-    if (row.bytes > 2 * array.chunk_bytes() + 4096) {
+    if (row.bytes > array.most_stored_bytes()) {
         fail_corrupt(array.place(chunk), "damaged: no chunk is stored in as many bytes as it says");
     }
     return row;
@@ -169,11 +170,11 @@ HeldBytes StoreReader::stored(const ArrayInfo& array, const Int3& chunk) const {
 void StoreReader::decode(const ArrayInfo& array, const Int3& chunk,
                          std::span<std::byte> raw) const {
     const ChunkRow r = row(array, chunk);
-    const HeldBytes held = bytes_->read(r.offset, r.bytes);
-    if (checksum_of(held.bytes()) != r.checksum) {
+    const auto held = read_whole(*bytes_, {r.offset, r.bytes}, r.checksum);
+    if (!held) {
         fail_corrupt(array.place(chunk), "damaged: its bytes are not those that were written");
     }
-    decode_chunk(held.bytes(), array.codec, raw, {path_.string(), array.place(chunk)});
+    decode_chunk(held->bytes(), array.codec, raw, {path_.string(), array.place(chunk)});
 }
 
 void StoreReader::prefetch(const ArrayInfo& array, const Int3& chunk) const {
@@ -186,7 +187,7 @@ void StoreReader::prefetch_all(std::span<const WantedChunk> chunks) const {
     std::vector<std::uint64_t> rows;
     std::vector<const WantedChunk*> inside;
     for (const WantedChunk& wanted : chunks) {
-        if (wanted.array->grid == max(wanted.array->grid, wanted.chunk + Int3{1, 1, 1})) {
+        if (wanted.array->has_chunk(wanted.chunk)) {
             rows.push_back(wanted.array->row_of(wanted.chunk));
             inside.push_back(&wanted);
         }

@@ -8,6 +8,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "store/bytes/store_bytes.h"
 #include "store/container/chunk_source.h"
@@ -65,6 +66,13 @@ class StoreReader : public ChunkSource {
     }
     /// Of a store that is far, coarse levels' alone: see CubeRangeTable.
     [[nodiscard]] std::optional<CubeRange> cube_range(int level, const Int3& cube) const override;
+    /// Of a plane of cubes, x fastest, also where cube_range() says nothing. REQUIRES: the level
+    /// has ranges and such a plane. Throws Error{corrupt, io}.
+    [[nodiscard]] std::vector<CubeRange> cube_ranges(int level, std::int64_t z) const {
+        return ranges_.plane(level, z);
+    }
+    /// Tells a store that is far that all ranges of a level are needed soon.
+    void prefetch_cube_ranges(int level) const { ranges_.want(level); }
     /// Compares the header's range and has_missing with the chunk table. Throws Error{corrupt}.
     void compare_range() const;
 

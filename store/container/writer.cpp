@@ -23,12 +23,13 @@
 #include <isonest/field.h>
 #include <isonest/value_type.h>
 
-#include "store/base/label_text.h"
-#include "store/container/footer/footer.h"
+#include "store/container/footer/append_footer.h"
 #include "store/container/footer/make_catalogue.h"
 #include "store/container/hdf5_types.h"
 #include "store/container/header_writer.h"
-#include "store/container/label_table.h"
+#include "store/container/writing/cube_range_writer.h"
+#include "store/container/writing/label_name_writer.h"
+#include "store/container/writing/written_file.h"
 #include "store/files/early_write_back.h"
 #include "store/files/output_file.h"
 #include "store/files/scratch_file.h"
@@ -69,31 +70,14 @@ struct StoreWriter::Impl {
         rows = rows_file.as<ChunkRow>();
     }
 
-    [[noreturn]] void fail(const std::string& what) const {
-        const std::string detail = hdf5_message();
-        throw Error(ErrorKind::io, {path.string()},
-                    fmt::format("cannot {}{}{}", what, detail.empty() ? "" : ": ", detail));
-    }
-    template <class H>
-    H made(H handle, const char* what) const {
-        if (!handle.valid()) {
-            fail(what);
-        }
-        return handle;
-    }
+    [[noreturn]] void fail(const std::string& what) const { fail_writing(path, what); }
+    /// Valid as long as the file is open.
+    [[nodiscard]] WrittenFile written_file() const { return {file.get(), path}; }
 
     void create();
-    GroupHandle create_group(const std::string& name) const;
     void create_array(const ArrayInfo& array);
     void write_vtk_group() const;
     void write_table() const;
-    /// Behind HDF5's end of the file, which is closed.
-    void append_footer(const std::vector<std::byte>& catalogue) const;
-    /// In one piece.
-    DatasetHandle create_whole(const std::string& name, hid_t type,
-                               std::span<const hsize_t> dims) const;
-    DatasetHandle write_whole(const std::string& name, hid_t type, std::span<const hsize_t> dims,
-                              const void* numbers) const;
 };
 
 void StoreWriter::Impl::create() {
@@ -105,12 +89,16 @@ void StoreWriter::Impl::create() {
     if (is_planned) {
         use_planned_writes(access, planned);
     }
-    file = made(create_hdf5(unfinished.name(), access), "create the file");
+    file = create_hdf5(unfinished.name(), access);
+    if (!file.valid()) {
+        fail("create the file");
+    }
     unfinished.created();
     datasets.resize(layout.arrays().size());
-    create_group("/levels");
+    const WrittenFile out = written_file();
+    out.create_group("/levels");
     for (int level = 0; level <= layout.lattice().top(); ++level) {
-        create_group(fmt::format("/levels/{}", level));
+        out.create_group(fmt::format("/levels/{}", level));
     }
     for (const ArrayInfo& array : layout.arrays()) {
         create_array(array);
@@ -122,15 +110,6 @@ void StoreWriter::Impl::create() {
         throw Error(ErrorKind::io, {unfinished.name().string()},
                     fmt::format("cannot read back: {}", std::strerror(errno)));
     }
-}
-
-/// Without times, which would make every run's bytes differ.
-GroupHandle StoreWriter::Impl::create_group(const std::string& name) const {
-    const PropertyHandle creation(H5Pcreate(H5P_GROUP_CREATE));
-    H5Pset_obj_track_times(creation.get(), false);
-    return made(
-        GroupHandle(H5Gcreate2(file.get(), name.c_str(), H5P_DEFAULT, creation.get(), H5P_DEFAULT)),
-        "create a group");
 }
 
 void StoreWriter::Impl::create_array(const ArrayInfo& array) {
@@ -159,17 +138,19 @@ void StoreWriter::Impl::create_array(const ArrayInfo& array) {
     const TypeHandle type = array.field == Field::values ? file_type(layout.header().type)
                             : layout.header().exact      ? file_type(ValueType::f32)
                                                          : indicator_code_type();
-    DatasetHandle dataset =
-        made(DatasetHandle(H5Dcreate2(file.get(), name.c_str(), type.get(), space.get(),
-                                      H5P_DEFAULT, creation.get(), H5P_DEFAULT)),
-             "create a dataset");
+    DatasetHandle dataset(H5Dcreate2(file.get(), name.c_str(), type.get(), space.get(), H5P_DEFAULT,
+                                     creation.get(), H5P_DEFAULT));
+    if (!dataset.valid()) {
+        fail("create a dataset");
+    }
     write_attribute(dataset.get(), "first_chunk_row", array.first_row);
     datasets[static_cast<std::size_t>(&array - layout.arrays().data())] = std::move(dataset);
 }
 
 void StoreWriter::Impl::write_vtk_group() const {
-    const GroupHandle group = create_group("/VTKHDF");
-    const GroupHandle points = create_group("/VTKHDF/PointData");
+    const WrittenFile out = written_file();
+    const GroupHandle group = out.create_group("/VTKHDF");
+    const GroupHandle points = out.create_group("/VTKHDF/PointData");
     write_vtk_attributes(group.get(), layout.header());
     write_attribute(points.get(), "Scalars", std::string("values"));
     if (H5Lcreate_hard(file.get(), "/levels/0/values", points.get(), "values", H5P_DEFAULT,
@@ -201,75 +182,11 @@ void StoreWriter::Impl::write_table() const {
     }
     write_attribute(file.get(), "xxh64", *digest);
     const std::array<hsize_t, 1> count{rows.size()};
-    const DatasetHandle table = write_whole("/chunks", chunk_row_type().get(), count, rows.data());
+    const DatasetHandle table =
+        written_file().write_whole("/chunks", chunk_row_type().get(), count, rows.data());
     write_attribute(table.get(), "xxh64", checksum_of(std::as_bytes(rows)));
     write_attribute(file.get(), "complete", std::uint32_t{1});
 }
-
-void StoreWriter::Impl::append_footer(const std::vector<std::byte>& catalogue) const {
-    const int fd = ::open(unfinished.name().c_str(), O_WRONLY | O_CLOEXEC | O_NOFOLLOW);
-    const off_t end = fd < 0 ? -1 : ::lseek(fd, 0, SEEK_END);
-    bool good = end >= 0;
-    if (good) {
-        const std::vector<std::byte> bytes =
-            bytes_behind_hdf5(static_cast<std::uint64_t>(end), catalogue);
-        for (std::size_t done = 0; good && done < bytes.size();) {
-            const ssize_t n = ::write(fd, bytes.data() + done, bytes.size() - done);
-            good = n > 0 || (n < 0 && errno == EINTR);
-            errno = n == 0 ? ENOSPC : errno;
-            done += n > 0 ? static_cast<std::size_t>(n) : 0;
-        }
-    }
-    const int error = errno;
-    if (fd >= 0) {
-        good = ::close(fd) == 0 && good;
-    }
-    if (!good) {
-        throw Error(ErrorKind::io, {path.string()},
-                    fmt::format("cannot write the footer: {}", std::strerror(error)));
-    }
-}
-
-DatasetHandle StoreWriter::Impl::create_whole(const std::string& name, const hid_t type,
-                                              std::span<const hsize_t> dims) const {
-    const SpaceHandle space(H5Screate_simple(static_cast<int>(dims.size()), dims.data(), nullptr));
-    const PropertyHandle creation(H5Pcreate(H5P_DATASET_CREATE));
-    H5Pset_obj_track_times(creation.get(), false);
-    return made(DatasetHandle(H5Dcreate2(file.get(), name.c_str(), type, space.get(), H5P_DEFAULT,
-                                         creation.get(), H5P_DEFAULT)),
-                ("create " + name).c_str());
-}
-
-DatasetHandle StoreWriter::Impl::write_whole(const std::string& name, const hid_t type,
-                                             std::span<const hsize_t> dims,
-                                             const void* numbers) const {
-    DatasetHandle dataset = create_whole(name, type, dims);
-    if (H5Dwrite(dataset.get(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT, numbers) < 0) {
-        fail("write " + name);
-    }
-    return dataset;
-}
-
-namespace {
-
-/// How many are packed and written together.
-constexpr std::int64_t kRangesAtOnce = 65536;
-
-/// The ranges as they are stored.
-void pack(std::span<const CubeRange> ranges, ValueType type, std::vector<std::byte>& out) {
-    dispatch(type, [&](auto tag) {
-        using T = typename decltype(tag)::type;
-        out.resize(ranges.size() * 2 * sizeof(T));
-        std::byte* to = out.data();
-        for (const CubeRange& range : ranges) {
-            const std::array<T, 2> both{static_cast<T>(range.low), static_cast<T>(range.high)};
-            std::memcpy(to, both.data(), sizeof(both));
-            to += sizeof(both);
-        }
-    });
-}
-
-}  // namespace
 
 void leave_hdf5_alone_at_exit() {
     close_nothing_at_exit();
@@ -396,74 +313,14 @@ void StoreWriter::decode(const ArrayInfo& array, const Int3& chunk,
 void StoreWriter::write_cube_ranges(int level, std::span<const CubeRange> ranges) {
     const QuietHdf5 quiet;
     const std::lock_guard lock(impl_->hdf5);
-    const ValueType type = cube_range_type(impl_->layout.header().type);
-    const Int3 cells = impl_->layout.lattice().cells_at(level);
-    const std::string name = StoreLayout::cube_ranges_path(level);
-    const TypeHandle stored = file_type(type);
-    const auto dims = dims_of(cells, 2);
-    const DatasetHandle dataset = impl_->create_whole(name, stored.get(), dims);
-    const SpaceHandle space(H5Screate_simple(dims.size(), dims.data(), nullptr));
-    const std::int64_t most = std::max<std::int64_t>(1, kRangesAtOnce / cells.x);  // rows
-    std::vector<std::byte> packed;
-    std::vector<std::uint64_t> sums;
-    sums.reserve(static_cast<std::size_t>(cells.z));
-    for (std::int64_t z = 0; z < cells.z; ++z) {
-        Checksum sum;
-        for (std::int64_t y = 0; y < cells.y; y += most) {
-            const Int3 rows{cells.x, std::min(most, cells.y - y), 1};
-            pack(ranges.subspan(static_cast<std::size_t>(cells.linear({0, y, z})),
-                                static_cast<std::size_t>(rows.product())),
-                 type, packed);
-            sum.add(packed);
-            const auto at = dims_of({0, y, z}, 0);
-            const auto count = dims_of(rows, 2);
-            const SpaceHandle memory(H5Screate_simple(count.size(), count.data(), nullptr));
-            if (H5Sselect_hyperslab(space.get(), H5S_SELECT_SET, at.data(), nullptr, count.data(),
-                                    nullptr) < 0 ||
-                H5Dwrite(dataset.get(), stored.get(), memory.get(), space.get(), H5P_DEFAULT,
-                         packed.data()) < 0) {
-                impl_->fail("write " + name);
-            }
-        }
-        sums.push_back(sum.value());
-    }
-    const std::array<hsize_t, 1> count{sums.size()};
-    const DatasetHandle checksums = impl_->write_whole(StoreLayout::cube_range_sums_path(level),
-                                                       H5T_STD_U64LE, count, sums.data());
-    write_attribute(checksums.get(), "xxh64", checksum_of(std::as_bytes(std::span(sums))));
+    write_ranges_of_cubes(impl_->written_file(), impl_->layout, level, ranges);
     impl_->ranged = level + 1;
 }
 
-/// A few rows at a time, so that they are not in memory twice.
 void StoreWriter::write_label_names(std::span<const LabelName> names) {
-    if (const std::string why = why_no_label_names(names); !why.empty() || names.empty()) {
-        throw Error(ErrorKind::invalid_argument, {impl_->path.string()},
-                    names.empty() ? "no names of labels" : why);
-    }
     const QuietHdf5 quiet;
     const std::lock_guard lock(impl_->hdf5);
-    const std::size_t name_bytes = name_bytes_of(names);
-    const TypeHandle type = label_row_type(name_bytes);
-    const std::array<hsize_t, 1> all{names.size()};
-    const DatasetHandle table = impl_->create_whole(LabelTable::kPath, type.get(), all);
-    const SpaceHandle space(H5Screate_simple(1, all.data(), nullptr));
-    Checksum sum;
-    constexpr std::size_t kAtOnce = 1024;
-    for (std::size_t i = 0; i < names.size(); i += kAtOnce) {
-        const std::vector<std::byte> rows =
-            label_rows(names.subspan(i, std::min(kAtOnce, names.size() - i)), name_bytes);
-        sum.add(rows);
-        const std::array<hsize_t, 1> at{i};
-        const std::array<hsize_t, 1> count{std::min(kAtOnce, names.size() - i)};
-        const SpaceHandle memory(H5Screate_simple(1, count.data(), nullptr));
-        if (H5Sselect_hyperslab(space.get(), H5S_SELECT_SET, at.data(), nullptr, count.data(),
-                                nullptr) < 0 ||
-            H5Dwrite(table.get(), type.get(), memory.get(), space.get(), H5P_DEFAULT, rows.data()) <
-                0) {
-            impl_->fail(std::string("write ") + LabelTable::kPath);
-        }
-    }
-    write_attribute(table.get(), "xxh64", sum.value());
+    write_names_of_labels(impl_->written_file(), names);
     impl_->named = true;
 }
 
@@ -505,7 +362,7 @@ void StoreWriter::finish() {
     if (!closed) {
         impl_->fail("close the file");
     }
-    impl_->append_footer(*catalogue);
+    append_footer(impl_->unfinished.name(), *catalogue, impl_->path);
     impl_->unfinished.publish();
 }
 

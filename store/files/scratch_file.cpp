@@ -15,6 +15,8 @@
 
 #include <isonest/error.h>
 
+#include "store/files/read_at.h"
+
 namespace isonest::detail {
 namespace {
 
@@ -127,20 +129,6 @@ void ScratchFile::lock() const {
     }
 }
 
-void ScratchFile::sync() const {
-    int error = ::fdatasync(fd_) == 0 ? 0 : errno;
-    if (error == 0) {
-        const int folder = ::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-        error = folder >= 0 && ::fsync(folder) == 0 ? 0 : errno;
-        if (folder >= 0) {
-            ::close(folder);
-        }
-    }
-    if (error != 0) {
-        fail(folder_, "cannot write a file to disk", error);
-    }
-}
-
 void ScratchFile::unmap() {
     if (map_ != nullptr) {
         ::munmap(map_, mapped_);
@@ -165,16 +153,8 @@ void ScratchFile::write_at(std::uint64_t offset, std::span<const std::byte> byte
 }
 
 void ScratchFile::read_at(std::uint64_t offset, std::span<std::byte> bytes) const {
-    while (!bytes.empty()) {
-        const ssize_t n = ::pread(fd_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
-        if (n < 0 && errno == EINTR) {
-            continue;
-        }
-        if (n <= 0) {
-            fail(folder_, "cannot read", n == 0 ? EIO : errno);
-        }
-        bytes = bytes.subspan(static_cast<std::size_t>(n));
-        offset += static_cast<std::uint64_t>(n);
+    if (!read_whole(fd_, offset, bytes)) {
+        fail(folder_, "cannot read", errno == 0 ? EIO : errno);
     }
 }
 

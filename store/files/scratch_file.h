@@ -64,9 +64,6 @@ class ScratchFile {
     /// Marks the file as in use for other processes, where the file system can; waits for those
     /// that look at it meanwhile.
     void lock() const;
-    /// Puts a named file with its name on the disk, so that it outlives the machine's end. Throws
-    /// Error{io}.
-    void sync() const;
     ScratchFile(ScratchFile&& other) noexcept;
     ScratchFile& operator=(ScratchFile&& other) noexcept;
     ScratchFile(const ScratchFile&) = delete;

@@ -11,6 +11,7 @@
 #include <mutex>
 #include <new>
 #include <string>
+#include <thread>
 #include <unordered_map>
 #include <vector>
 #if H5_VERSION_GE(1, 13, 0)
@@ -114,6 +115,20 @@ class ReadBytes {
 
     [[nodiscard]] std::uint64_t size() const { return bytes_->size(); }
 
+    /// What this thread reads of raw data is only noted; null: it is read.
+    void note(std::vector<ByteRange>* noted) {
+        noted_ = noted;
+        noting_ = std::this_thread::get_id();
+    }
+    /// Whether it was noted.
+    bool noted(std::uint64_t from, std::size_t size) {
+        if (noted_ == nullptr || noting_ != std::this_thread::get_id()) {
+            return false;
+        }
+        noted_->push_back({from, size});
+        return true;
+    }
+
     /// Zeros past the end, as HDF5's own driver reads. False: it failed.
     bool read(std::uint64_t from, std::size_t size, std::byte* to) noexcept {
         if (failure() != nullptr) {
@@ -148,6 +163,8 @@ class ReadBytes {
   private:
     std::shared_ptr<const StoreBytes> bytes_;
     HeldBlocks blocks_;
+    std::vector<ByteRange>* noted_ = nullptr;
+    std::thread::id noting_;
     std::mutex mutex_;
     std::exception_ptr failure_;
 };
@@ -224,8 +241,11 @@ herr_t hand_out(H5FD_t* file, hid_t /*access*/, void** handle) {
     return 0;
 }
 
-herr_t read_bytes(H5FD_t* file, H5FD_mem_t /*kind*/, hid_t /*transfer*/, haddr_t from,
-                  std::size_t size, void* to) {
+herr_t read_bytes(H5FD_t* file, H5FD_mem_t kind, hid_t /*transfer*/, haddr_t from, std::size_t size,
+                  void* to) {
+    if (kind == H5FD_MEM_DRAW && bytes_file(file).bytes->noted(from, size)) {
+        return 0;
+    }
     if (bytes_file(file).bytes->read(from, size, static_cast<std::byte*>(to))) {
         return 0;
     }
@@ -293,18 +313,45 @@ FileHandle open_hdf5(std::shared_ptr<const StoreBytes> bytes) {
     return file;
 }
 
-void rethrow_failed_read(hid_t file) {
+namespace {
+
+/// What an object is read from; null if its file was opened by a path.
+ReadBytes* reads_of(hid_t object) {
     const QuietHdf5 quiet;
-    const FileHandle whole(H5Iget_file_id(file));
+    const FileHandle whole(H5Iget_file_id(object));
     const PropertyHandle access(whole.valid() ? H5Fget_access_plist(whole.get()) : H5I_INVALID_HID);
     if (!access.valid() || H5Pget_driver(access.get()) != bytes_driver()) {
-        return;
+        return nullptr;
     }
     void* handle = nullptr;
-    if (H5Fget_vfd_handle(whole.get(), H5P_DEFAULT, &handle) < 0 || handle == nullptr) {
-        return;
+    return H5Fget_vfd_handle(whole.get(), H5P_DEFAULT, &handle) < 0
+               ? nullptr
+               : static_cast<ReadBytes*>(handle);
+}
+
+}  // namespace
+
+bool is_of_bytes(hid_t object) {
+    return reads_of(object) != nullptr;
+}
+
+std::vector<ByteRange> raw_reads_of(hid_t file, const std::function<void()>& f) {
+    std::vector<ByteRange> ranges;
+    ReadBytes& reads = *reads_of(file);
+    reads.note(&ranges);
+    try {
+        f();
+    } catch (...) {
+        reads.note(nullptr);
+        throw;
     }
-    const std::exception_ptr failure = static_cast<ReadBytes*>(handle)->failure();
+    reads.note(nullptr);
+    return ranges;
+}
+
+void rethrow_failed_read(hid_t file) {
+    ReadBytes* const reads = reads_of(file);
+    const std::exception_ptr failure = reads == nullptr ? nullptr : reads->failure();
     if (failure != nullptr) {
         std::rethrow_exception(failure);
     }

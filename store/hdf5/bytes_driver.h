@@ -3,10 +3,12 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 #include "store/bytes/store_bytes.h"
 #include "store/hdf5/handles.h"
@@ -35,6 +37,16 @@ FileHandle open_hdf5(std::shared_ptr<const StoreBytes> bytes);
 /// there, and remembers it, so that the file has to be opened again. Does nothing where no read has
 /// failed, and for files opened by a path. `file` may be any object in the file, too. Thread-safe.
 void rethrow_failed_read(hid_t file);
+
+/// Whether the file, or what the object lies in, was opened by open_hdf5(bytes).
+bool is_of_bytes(hid_t object);
+
+/// Which bytes of the file's raw data HDF5 would read for f(), in its order: they are noted and not
+/// read, and what f() gets in their place is what was in its memory before. Metadata are read.
+/// Chunks are found so, by H5Dread_chunk(), which looks each one up; what HDF5 1.10 offers for it
+/// walks over all chunks each time. `file` may be any object in the file. REQUIRES:
+/// is_of_bytes(file); nothing of what f() reads is kept by HDF5 (no sieve buffer, no chunk cache).
+std::vector<ByteRange> raw_reads_of(hid_t file, const std::function<void()>& f);
 
 /// f(), which reads from `file` and may throw because HDF5 could not: if reading the bytes has
 /// failed, that is thrown instead, also where f() took it for something that is missing.

@@ -43,6 +43,7 @@ struct Extent {
     std::uint64_t generation = 0;  ///< of the announcement that it belongs to
     bool is_started = false;       ///< it is no longer in a queue
     bool is_urgent = false;        ///< somebody waits for it
+    bool is_forgotten = false;     ///< on its way, and some of its bytes are wrong
     std::list<Extent*>::iterator place = {};  ///< in the order of use
 
   private:

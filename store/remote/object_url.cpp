@@ -132,10 +132,19 @@ bool has_port_or_none(std::string_view host) {
     throw Error(ErrorKind::invalid_argument, {name}, problem, {{RemedyKind::check_url}});
 }
 
+/// Whether "HOST:PORT" before an @ further on could as well be a user and the beginning of a
+/// password that has a slash: http://user:12/x@host.
+bool may_be_userinfo(std::string_view authority, std::string_view behind) {
+    return authority.find_first_of("@[") == std::string_view::npos &&
+           authority.find(':') != std::string_view::npos &&
+           behind.find('@') != std::string_view::npos;
+}
+
 ObjectUrl parse_http(std::string_view scheme, std::string_view rest) {
-    rest = rest.substr(0, rest.find('#'));
-    const std::size_t path_at = std::min(rest.find_first_of("/?"), rest.size());
+    const std::size_t path_at = std::min(rest.find_first_of("/?#"), rest.size());
     const auto [userinfo, host] = authority_in(rest.substr(0, path_at));
+    const bool is_ambiguous = may_be_userinfo(rest.substr(0, path_at), rest.substr(path_at));
+    rest = rest.substr(0, rest.find('#'));
     std::string_view path = rest.substr(path_at);
     const std::size_t query_at = std::min(path.find('?'), path.size());
     const std::string_view query = path.substr(query_at);
@@ -149,6 +158,11 @@ ObjectUrl parse_http(std::string_view scheme, std::string_view rest) {
         refuse(fmt::format("{}://", scheme),
                "what follows the colon of the URL's host is no number of a port; in a password, "
                "write / as %2F, ? as %3F and # as %23");
+    }
+    if (is_ambiguous) {
+        refuse(fmt::format("{}://", scheme),
+               "the URL has an @ behind a colon and a slash: in a path or a query, write @ as %40; "
+               "in a password, / as %2F, ? as %3F and # as %23");
     }
     url.request =
         fmt::format("{}://{}{}{}", scheme, host, path.empty() ? "/" : mended(path), mended(query));
@@ -242,6 +256,21 @@ ObjectUrl parse_object_url(std::string_view text, Environment environment) {
         refuse(std::string(scheme) + "://", "the URL has a control character");
     }
     return scheme == "s3" ? parse_s3(rest, environment) : parse_http(scheme, rest);
+}
+
+ObjectUrl object_below(const ObjectUrl& folder, std::string_view path) {
+    const auto joined = [path](std::string_view start, bool is_encoded) {
+        while (start.ends_with('/')) {
+            start.remove_suffix(1);
+        }
+        return fmt::format("{}/{}", start, is_encoded ? encoded_key(path) : std::string(path));
+    };
+    ObjectUrl object = folder;
+    const std::size_t query_at = std::min(folder.request.find('?'), folder.request.size());
+    object.name = joined(folder.name, false);
+    object.request = joined(std::string_view(folder.request).substr(0, query_at), true) +
+                     folder.request.substr(query_at);
+    return object;
 }
 
 std::string origin_of(std::string_view url) {

@@ -27,8 +27,17 @@ RemoteOptions options_of(const RemoteAccess& remote,
         options.make_cache = [cache](const ObjectState& object) -> std::shared_ptr<RangeCache> {
             return cache->of(object);
         };
+        options.recall = [cache](const ObjectState& object) { return cache->last_of(object); };
+        options.remember = [cache](const ObjectState& object) { cache->remember(object); };
     }
     return options;
+}
+
+void check_headers(const std::filesystem::path& location, const RemoteAccess& remote) {
+    if (!std::all_of(remote.headers.begin(), remote.headers.end(), is_header)) {
+        throw Error(ErrorKind::invalid_argument, {shown_location(location.native())},
+                    "a header has to be one line, 'Name: value', and none about ranges");
+    }
 }
 
 }  // namespace
@@ -39,11 +48,14 @@ std::shared_ptr<const StoreBytes> open_location(const std::filesystem::path& loc
     if (!is_url(location.native())) {
         return std::make_shared<FileBytes>(location);
     }
-    if (!std::all_of(remote.headers.begin(), remote.headers.end(), is_header)) {
-        throw Error(ErrorKind::invalid_argument, {shown_location(location.native())},
-                    "a header has to be one line, 'Name: value', and none about ranges");
-    }
+    check_headers(location, remote);
     return open_url(location.native(), options_of(remote, cache));
+}
+
+std::shared_ptr<ObjectFolder> open_folder_location(const std::filesystem::path& location,
+                                                   const RemoteAccess& remote) {
+    check_headers(location, remote);
+    return open_url_folder(location.native(), options_of(remote, nullptr));
 }
 
 bool is_header(std::string_view line) {

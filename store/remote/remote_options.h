@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -40,6 +41,11 @@ struct RemoteOptions {
     /// Where ranges are kept beyond this opening, for the object in the state that was found; null,
     /// or a call that gives null: nowhere.
     std::function<std::shared_ptr<RangeCache>(const ObjectState&)> make_cache = {};
+    /// The state in which an object was found last, of which `url` and `query` are given, and what
+    /// is told of that. Where it is known, opening asks for the last few bytes alone, and takes the
+    /// others from the cache if the object still is in that state.
+    std::function<std::optional<ObjectState>(const ObjectState&)> recall = {};
+    std::function<void(const ObjectState&)> remember = {};
 };
 
 }  // namespace isonest::detail

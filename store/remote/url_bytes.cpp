@@ -12,16 +12,10 @@
 
 #include "store/base/checksum.h"
 #include "store/remote/join_ranges.h"
+#include "store/remote/waiting.h"
 
 namespace isonest::detail {
 namespace {
-
-constexpr std::chrono::milliseconds kCheckEvery{50};
-
-/// Each thread gets an error of its own.
-[[noreturn]] void throw_copy_of(const Error& error) {
-    throw Error(error.kind(), error.place(), error.problem(), error.remedies());
-}
 
 /// Nothing of it can be read in the checksum: queries may have secrets.
 std::string checksum_of_query(const std::string& url) {
@@ -37,7 +31,8 @@ class UrlBytes::ExtentJob : public FetchJob {
     ExtentJob(const UrlBytes& owner, ExtentPointer extent)
         : owner_(owner), extent_(std::move(extent)) {}
 
-    [[nodiscard]] Asked asked() const override { return {extent_->range, 0}; }
+    [[nodiscard]] Asked asked() const override { return {.range = extent_->range}; }
+    [[nodiscard]] FetchObject& object() const override { return owner_.object_; }
     void begin(const AnswerHead& /*head*/, const ByteRange& /*range*/,
                std::uint64_t /*size*/) override {
         extent_->bytes.resize(extent_->range.size);
@@ -49,15 +44,13 @@ class UrlBytes::ExtentJob : public FetchJob {
         owner_.changed_.notify_all();
     }
     void done() override {
+        owner_.keep_later(extent_);  // before anybody can find that its bytes are wrong
         owner_.end_extent(*extent_, Extent::State::present, nullptr);
-        if (owner_.cache_ != nullptr) {
-            owner_.cache_->keep(extent_->range, extent_->bytes);
-        }
     }
-    void failed(const Error& error, bool is_change) override {
+    void failed(const Error& error, const Failure& why) override {
         const auto failure = std::make_shared<const Error>(error);
         owner_.end_extent(*extent_, Extent::State::failed, failure);
-        if (is_change) {
+        if (why.is_change) {
             const Lock lock(owner_.mutex_);
             owner_.broken_ = failure;
             owner_.changed_.notify_all();
@@ -74,12 +67,16 @@ class UrlBytes::OpeningJob : public FetchJob {
   public:
     explicit OpeningJob(UrlBytes& owner) : owner_(owner) {}
 
-    [[nodiscard]] Asked asked() const override { return {{}, kTailBytes}; }
+    [[nodiscard]] Asked asked() const override {
+        return {.tail = owner_.known_ ? kKnownTailBytes : kTailBytes};
+    }
+    [[nodiscard]] FetchObject& object() const override { return owner_.object_; }
     void begin(const AnswerHead& head, const ByteRange& range, std::uint64_t size) override {
         const Validators opened{head.etag, head.last_modified, size};
-        owner_.loop_.set_opened(opened);
+        owner_.object_.opened = opened;
         const Lock lock(owner_.mutex_);
-        owner_.state_ = {owner_.name_, "", size, owner_.query_};
+        owner_.state_ = {owner_.object_.name, "", size, owner_.query_};
+        owner_.version_ = !opened.etag.empty() ? opened.etag : opened.last_modified;
         if (opened.is_strong()) {
             owner_.state_.version = opened.etag;
         } else if (!opened.last_modified.empty() && !owner_.has_query_) {
@@ -103,7 +100,7 @@ class UrlBytes::OpeningJob : public FetchJob {
         owner_.is_open_ = true;
         owner_.changed_.notify_all();
     }
-    void failed(const Error& error, bool /*is_change*/) override {
+    void failed(const Error& error, const Failure& /*why*/) override {
         const Lock lock(owner_.mutex_);
         owner_.broken_ = std::make_shared<const Error>(error);
         owner_.changed_.notify_all();
@@ -115,42 +112,161 @@ class UrlBytes::OpeningJob : public FetchJob {
 };
 
 UrlBytes::UrlBytes(ObjectUrl url, RemoteOptions options)
-    : name_(url.name),
+    : object_{url.name, url.request},
       has_query_(url.request.find('?') != std::string::npos),
       query_(checksum_of_query(url.request)),
       options_(std::move(options)),
+      known_(options_.recall ? options_.recall({object_.name, "", 0, query_}) : std::nullopt),
       extents_(options_.budget_bytes),
       opening_(std::make_shared<OpeningJob>(*this)),
       loop_({std::move(url), options_}, [this] { return next_job(); }) {
-    Lock lock(mutex_);
-    wait_until(lock, [this] { return is_open_; });
-    rounds_ = 1;
-    lock.unlock();
-    // Of an object in an unknown state, nothing may be kept.
-    if (options_.make_cache && !state_.version.empty()) {
-        cache_ = options_.make_cache(state_);
-    }
+    use_cache();
 }
 
-void UrlBytes::wait_until(Lock& lock, const std::function<bool()>& is_over) const {
-    auto next_check = std::chrono::steady_clock::now() + kCheckEvery;
-    while (true) {
-        if (broken_ != nullptr) {
-            throw_copy_of(*broken_);
-        }
-        if (is_over()) {
-            return;
-        }
-        changed_.wait_until(lock, next_check);
-        if (std::chrono::steady_clock::now() >= next_check) {
-            next_check = std::chrono::steady_clock::now() + kCheckEvery;
-            if (options_.check) {
-                lock.unlock();
-                options_.check();
-                lock.lock();
+UrlBytes::~UrlBytes() {
+    {
+        const Lock lock(mutex_);
+        is_closing_ = true;
+    }
+    loop_.stop();
+    loading_.reset();
+    if (keeping_ == nullptr) {
+        return;
+    }
+    constexpr std::chrono::milliseconds kUntilAllIsKept = std::chrono::hours(1);
+    constexpr std::chrono::milliseconds kOfCancelled{200};
+    keeping_->finish(was_cancelled_ ? kOfCancelled : kUntilAllIsKept);
+}
+
+/// Waits until the object is open. What the cache has of its end is loaded meanwhile, and used if
+/// the object is in the state in which it was.
+void UrlBytes::use_cache() {
+    std::shared_ptr<RangeCache> known_cache;
+    std::optional<std::vector<std::byte>> tail;
+    if (known_ && options_.make_cache) {
+        known_cache = options_.make_cache(*known_);
+        for (const std::uint64_t most : {kTailBytes, kKnownTailBytes}) {
+            const std::uint64_t bytes = std::min(most, known_->size);
+            if (known_cache != nullptr && !tail) {
+                tail = known_cache->load({known_->size - bytes, bytes});
             }
         }
     }
+    Lock lock(mutex_);
+    wait_until(lock, [this] { return is_open_; });
+    rounds_ = 1;
+    // Of an object in an unknown state, nothing may be kept.
+    if (!options_.make_cache || state_.version.empty()) {
+        return;
+    }
+    const bool is_known =
+        known_ && known_->version == state_.version && known_->size == state_.size;
+    if (is_known && tail && !take_known_tail(*tail)) {
+        return;  // another object of the same ETag
+    }
+    lock.unlock();
+    cache_ = is_known && known_cache != nullptr ? known_cache : options_.make_cache(state_);
+    if (cache_ == nullptr) {
+        return;
+    }
+    loading_ = std::make_unique<Background>(~std::uint64_t{0}, object_.name);
+    keeping_ = std::make_unique<Background>(options_.budget_bytes / 4, object_.name);
+    lock.lock();
+    const std::vector<ExtentPointer> end =
+        extents_.use({state_.size - std::min(state_.size, kKnownTailBytes), kKnownTailBytes});
+    lock.unlock();
+    if (!(is_known && tail)) {
+        for (const ExtentPointer& extent : end) {
+            keep_later(extent);
+        }
+    }
+    if (!is_known && options_.remember) {
+        keeping_->add(0, [this] { options_.remember(state_); });
+    }
+}
+
+/// The end of the object as the cache has it, if the part of it that the server sent is the same.
+bool UrlBytes::take_known_tail(const std::vector<std::byte>& tail) {
+    const ByteRange range{state_.size - tail.size(), tail.size()};
+    for (const ExtentPointer& extent : extents_.use(range)) {
+        if (!std::equal(extent->bytes.begin(), extent->bytes.end(),
+                        tail.end() - static_cast<std::ptrdiff_t>(extent->bytes.size()))) {
+            return false;
+        }
+    }
+    for (const ByteRange& absent : extents_.absent(range)) {
+        const ExtentPointer extent = extents_.insert(absent);
+        const auto first = tail.begin() + static_cast<std::ptrdiff_t>(absent.offset - range.offset);
+        extent->bytes.assign(first, first + static_cast<std::ptrdiff_t>(absent.size));
+        extent->received = absent.size;
+        extent->is_started = true;
+        extent->state = Extent::State::present;
+        cache_bytes_ += absent.size;
+    }
+    return true;
+}
+
+/// When it is kept, and no longer held, there may be room for what was announced.
+void UrlBytes::keep_later(const ExtentPointer& extent) const {
+    if (keeping_ == nullptr) {
+        return;
+    }
+    {
+        const Lock lock(mutex_);
+        if (extent->is_forgotten) {
+            return;
+        }
+    }
+    keeping_->add(extent->range.size, [this, held = extent]() mutable {
+        cache_->keep(held->range, held->bytes);
+        held.reset();
+        const Lock lock(mutex_);
+        ask_for_announced();
+    });
+}
+
+void UrlBytes::forget(const ByteRange& range) const {
+    constexpr std::size_t kMostDistrusted = 4096;
+    const Lock lock(mutex_);
+    for (const ExtentPointer& extent : extents_.use(range)) {
+        // Places that wait for the cache have no bytes yet.
+        if (extent->state == Extent::State::present || extent->received > 0) {
+            extent->is_forgotten = extent->state != Extent::State::present;
+            extents_.erase(*extent);
+        }
+    }
+    if (keeping_ != nullptr) {
+        distrusted_.push_back(range);
+        if (distrusted_.size() > kMostDistrusted) {
+            distrusted_.pop_front();
+        }
+        keeping_->add(0, [this, range] { cache_->forget(range); });
+    }
+}
+
+bool UrlBytes::is_distrusted(const ByteRange& range) const {
+    return std::any_of(distrusted_.begin(), distrusted_.end(), [&](const ByteRange& wrong) {
+        return wrong.offset < end_of(range) && range.offset < end_of(wrong);
+    });
+}
+
+void UrlBytes::wait_until(Lock& lock, const std::function<bool()>& is_over) const {
+    const std::function<void()> check = [this] {
+        if (options_.check) {
+            try {
+                options_.check();
+            } catch (...) {
+                was_cancelled_ = true;
+                throw;
+            }
+        }
+    };
+    wait_and_check(lock, changed_, check, [&] {
+        if (broken_ != nullptr) {
+            throw_copy_of(*broken_);
+        }
+        return is_over();
+    });
 }
 
 void UrlBytes::end_extent(Extent& extent, Extent::State state,
@@ -264,7 +380,7 @@ bool UrlBytes::wait_for(Lock& lock, const ExtentPointer& extent, std::uint64_t u
     return extent->state != Extent::State::replaced;
 }
 
-/// The loop may be waiting until the server wants to be asked again.
+/// Batches before it may be of no use to who waits.
 void UrlBytes::load_announced(Lock& lock, const ExtentPointer& extent) const {
     const auto batch = std::find_if(to_load_.begin(), to_load_.end(), [&](const auto& extents) {
         return std::find(extents.begin(), extents.end(), extent) != extents.end();
@@ -279,20 +395,23 @@ void UrlBytes::load_announced(Lock& lock, const ExtentPointer& extent) const {
     lock.lock();
 }
 
-std::shared_ptr<FetchJob> UrlBytes::next_job() const {
+void UrlBytes::load_next_batch() const {
     Lock lock(mutex_);
+    if (to_load_.empty() || is_closing_) {
+        return;
+    }
+    const std::vector<ExtentPointer> wanted = std::move(to_load_.front());
+    to_load_.pop_front();
+    lock.unlock();
+    load_from_cache(wanted);
+}
+
+std::shared_ptr<FetchJob> UrlBytes::next_job() const {
+    const Lock lock(mutex_);
     if (opening_ != nullptr) {
         return std::exchange(opening_, nullptr);
     }
     while (true) {
-        if (urgent_.empty() && !to_load_.empty()) {
-            const std::vector<ExtentPointer> wanted = std::move(to_load_.front());
-            to_load_.pop_front();
-            lock.unlock();
-            load_from_cache(wanted);
-            lock.lock();
-            continue;
-        }
         std::deque<ExtentPointer>& queue = urgent_.empty() ? hinted_ : urgent_;
         if (queue.empty()) {
             return nullptr;

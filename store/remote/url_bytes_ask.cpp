@@ -54,7 +54,7 @@ void UrlBytes::want(std::span<const ByteRange> ranges) const {
 }
 
 void UrlBytes::ask_for_announced() const {
-    while (!announced_.empty()) {
+    while (!announced_.empty() && !is_closing_) {
         Announced& announced = announced_.front();
         std::vector<ByteRange> batch;
         std::uint64_t bytes = 0;
@@ -76,7 +76,7 @@ void UrlBytes::ask_for_announced() const {
         }
         if (!batch.empty() && cache_ != nullptr) {
             to_load_.push_back(hold_places(batch, announced.place, false));
-            loop_.wake();
+            loading_->add(0, [this] { load_next_batch(); });
         } else if (!batch.empty()) {
             ask(batch, announced.place, false);
         }
@@ -125,7 +125,12 @@ void UrlBytes::load_from_cache(const std::vector<ExtentPointer>& wanted) const {
     for (const ExtentPointer& extent : wanted) {
         std::optional<std::vector<std::byte>> bytes;
         try {
-            bytes = cache_->load(extent->range);
+            Lock lock(mutex_);
+            const bool may_be_wrong = is_distrusted(extent->range);
+            lock.unlock();
+            if (!may_be_wrong) {
+                bytes = cache_->load(extent->range);
+            }
         } catch (const std::exception&) {
             bytes.reset();  // as where the cache has none
         }

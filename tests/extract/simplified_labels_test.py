@@ -71,10 +71,10 @@ class SimplifiedLabels(unittest.TestCase):
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
 
-    def store(self, labels, spacing):
+    def store(self, labels, spacing, origin=(0, 0, 0)):
         np.save(self.folder / "v.npy", labels.astype("u2"))
         run("preprocess", self.folder / "v.npy", "-o", self.folder / "s", "--labels", "--spacing",
-            ",".join(map(str, spacing)), "--force")
+            ",".join(map(str, spacing)), "--origin", ",".join(map(str, origin)), "--force")
         return self.folder / "s"
 
     def interfaces(self, store, *more):
@@ -83,8 +83,8 @@ class SimplifiedLabels(unittest.TestCase):
                                 out, "--json").stdout)
         return (*read(out), report)
 
-    def check(self, labels, spacing, distance, keeps):
-        store = self.store(labels + 1, spacing)
+    def check(self, labels, spacing, distance, keeps, origin=(0, 0, 0)):
+        store = self.store(labels + 1, spacing, origin)
         full_points, full_faces, full_sides, _ = self.interfaces(store)
         points, faces, sides, report = self.interfaces(store, "--distance", distance,
                                                        *(["--keep-nodes"] if keeps else []))
@@ -105,7 +105,7 @@ class SimplifiedLabels(unittest.TestCase):
                  "--epsilon", "0.01"], check=True, capture_output=True).stdout)
             for side in ("a_to_b", "b_to_a"):
                 self.assertLessEqual(found[side]["max"], report["distance_bound"] * (1 + 1e-6))
-        lattice = points.astype(float) / spacing
+        lattice = (points.astype(float) - origin) / spacing
         wrong = np.zeros(labels.shape, bool)
         for label in np.unique(labels + 1):
             own = cut(faces, sides, label)
@@ -117,7 +117,8 @@ class SimplifiedLabels(unittest.TestCase):
         if keeps:
             self.assertEqual(wrong.sum(), 0)
         else:
-            self.require_near(np.argwhere(wrong)[:, ::-1] * spacing, full_points[full_faces], report["distance_bound"])
+            self.require_near(np.argwhere(wrong)[:, ::-1] * spacing + origin, full_points[full_faces],
+                              report["distance_bound"])
         return len(faces), int(wrong.sum())
 
     def require_near(self, nodes, triangles, most):
@@ -139,6 +140,14 @@ class SimplifiedLabels(unittest.TestCase):
                     self.assertLessEqual(fewest, 1.05 * more + 20)
                     changed += wrong
         self.assertGreater(changed, 0)  # so that keeping nodes does something
+
+    def test_nodes_are_on_their_sides_far_from_the_origin_too(self):
+        labels = cells(RANDOM, (24, 26, 28), 30, 8)
+        for origin in ((1000, -2000, 500), (30_000, -70_000, 110_000)):
+            with self.subTest(origin=origin):
+                more, _ = self.check(labels, (0.5, 1, 1.5), 1.1, True, origin)
+                fewest, _ = self.check(labels, (0.5, 1, 1.5), 1.1, False, origin)
+                self.assertLess(fewest, more)
 
     def test_labels_are_cut_from_their_interfaces_and_are_the_same_for_any_threads_and_memory(self):
         store = self.store(cells(RANDOM, (40, 90, 75), 60, 30) + 1, (1, 1, 2))

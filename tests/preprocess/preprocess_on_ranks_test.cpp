@@ -16,6 +16,7 @@
 
 #include "preprocess/ranks/own_chunks.h"
 #include "preprocess/ranks/pencils.h"
+#include "tests/support/rank_runs.h"
 #include "tests/support/test_support.h"
 #include "tests/support/thread_ranks.h"
 
@@ -25,24 +26,6 @@ using namespace isonest::detail::test;
 using isonest::test::ThreadRanks;
 
 namespace {
-
-float rough(const Int3& p) {
-    return static_cast<float>(smooth(p) + 0.1 * noise(p));
-}
-
-/// Runs on so many ranks, each with the source that `open` gives for its number; all reports.
-template <class Open>
-std::vector<RanksReport> on_ranks(int ranks, const Open& open, const std::filesystem::path& store,
-                                  const PreprocessOptions& options,
-                                  const std::filesystem::path& scratch = {}) {
-    std::vector<RanksReport> reports(static_cast<std::size_t>(ranks));
-    ThreadRanks(ranks).run([&](Communicator& all) {
-        const std::unique_ptr<VolumeSource> source = open(all.rank());
-        reports[static_cast<std::size_t>(all.rank())] =
-            preprocess_on_ranks(all, *source, store, options, scratch, silent_progress());
-    });
-    return reports;
-}
 
 /// Whether several numbers of ranks all write what preprocess() writes, and leave nothing else.
 template <class T>
@@ -240,40 +223,11 @@ class NamedLabels : public FunctionVolume<double> {
     }
 };
 
-/// Counts what is read of it, and fails where it is told to.
-class CountedVolume : public FunctionVolume<float> {
-  public:
-    CountedVolume(const Int3& n, std::atomic<std::uint64_t>& bytes)
-        : FunctionVolume(n, rough), bytes_(bytes) {}
-    void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-              std::byte* dst) override {
-        bytes_ += static_cast<std::uint64_t>(nz * ny * nodes().x) * sizeof(float);
-        if (z0 + nz > fails_at_) {
-            throw Error(ErrorKind::io, "the disk is broken");
-        }
-        FunctionVolume::read(z0, nz, y0, ny, dst);
-    }
-    std::int64_t fails_at_ = std::numeric_limits<std::int64_t>::max();
-
-  private:
-    std::atomic<std::uint64_t>& bytes_;
-};
-
 class SequentialVolume : public FunctionVolume<float> {
   public:
     using FunctionVolume<float>::FunctionVolume;
     [[nodiscard]] bool sequential() const override { return true; }
 };
-
-template <class Run>
-Error error_of(const Run& run) {
-    try {
-        run();
-    } catch (const Error& error) {
-        return error;
-    }
-    return {ErrorKind::io, "nothing was thrown"};
-}
 
 }  // namespace
 
@@ -422,143 +376,4 @@ TEST_CASE("an input that can only be read in order is for one rank") {
     FunctionVolume<float> volume(nodes, rough);
     preprocess(volume, folder / "alone", with_chunk(8));
     CHECK(read_file(folder / "s") == read_file(folder / "alone"));
-}
-
-namespace {
-
-/// A run of so many ranks of which one fails when it reads plane `plane`.
-void leave_interrupted(int ranks, const Int3& nodes, std::int64_t plane,
-                       const std::filesystem::path& store, const PreprocessOptions& options,
-                       const std::filesystem::path& scratch) {
-    std::atomic<std::uint64_t> read = 0;
-    const Error error = error_of([&] {
-        on_ranks(
-            ranks,
-            [&](int rank) {
-                auto volume = std::make_unique<CountedVolume>(nodes, read);
-                volume->fails_at_ = rank == ranks - 1 ? plane : volume->fails_at_;
-                return volume;
-            },
-            store, options, scratch);
-    });
-    CHECK(error.problem() == "the disk is broken; what is done is kept");
-    CHECK(error.remedies().back().kind == RemedyKind::resume);
-}
-
-}  // namespace
-
-TEST_CASE("what ranks have left is taken over by as many ranks or by others") {
-    const Int3 nodes{40, 70, 90};
-    PreprocessOptions options = with_chunk(8);
-    const TemporaryFolder folder;
-    FunctionVolume<float> alone(nodes, rough);
-    preprocess(alone, folder / "alone", options);
-    const std::string expected = read_file(folder / "alone");
-    options.resume = true;
-    std::uint64_t most = 0;
-    for (const int before : {1, 4}) {
-        for (const int after : {1, 3, 4, 7}) {
-            for (const bool damaged : {false, true}) {
-                CAPTURE(before, after, damaged);
-                const TemporaryFolder scratch;
-                leave_interrupted(before, nodes, 80, folder / "s", options, scratch.path());
-                CHECK(!std::filesystem::exists(folder / "s"));
-                CHECK(scratch.names().size() == static_cast<std::size_t>(2 * before));
-                for (const std::string& name : scratch.names()) {
-                    const std::filesystem::path file = scratch / name.c_str();
-                    const std::uint64_t size = std::filesystem::file_size(file);
-                    if (damaged && size > 2000) {
-                        std::fstream(file, std::ios::in | std::ios::out | std::ios::binary)
-                            .seekp(static_cast<std::streamoff>(size / 2))
-                            .write("damage", 6);
-                    }
-                }
-                std::atomic<std::uint64_t> read = 0;
-                const auto all = on_ranks(
-                    after, [&](int) { return std::make_unique<CountedVolume>(nodes, read); },
-                    folder / "s", options, scratch.path());
-                const bool same = read_file(folder / "s") == expected;
-                CHECK(same);
-                CHECK(scratch.names().empty());
-                if (!damaged) {
-                    CHECK(all.front().whole.resumed_chunks > 0);
-                }
-                most = std::max(most, all.front().whole.resumed_chunks);
-                std::filesystem::remove(folder / "s");
-            }
-        }
-    }
-    CHECK(most > 500);
-    CHECK(folder.names().size() == 1);
-}
-
-namespace {
-
-/// Stops a run where a phase begins.
-class StoppedAt : public Progress {
-  public:
-    explicit StoppedAt(std::string phase) : phase_(std::move(phase)) {}
-    void begin(std::string_view phase, std::uint64_t /*total*/,
-               std::string_view /*unit*/) override {
-        is_reached_ = is_reached_ || phase == phase_;
-    }
-    [[nodiscard]] bool cancelled() const override { return is_reached_; }
-
-  private:
-    std::string phase_;
-    std::atomic<bool> is_reached_ = false;
-};
-
-}  // namespace
-
-TEST_CASE("a resumed run that is interrupted behind the base pass leaves its own files alone") {
-    const Int3 nodes{40, 70, 90};
-    PreprocessOptions options = with_chunk(8);
-    const TemporaryFolder folder;
-    const TemporaryFolder scratch;
-    FunctionVolume<float> alone(nodes, rough);
-    preprocess(alone, folder / "alone", options);
-    options.resume = true;
-    leave_interrupted(4, nodes, 80, folder / "s", options, scratch.path());
-    const std::vector<std::string> first = scratch.names();
-    CHECK(first.size() == 8);
-    for (int i = 0; i < 2; ++i) {
-        const Error error = error_of([&] {
-            StoppedAt progress("level 4");
-            ThreadRanks(3).run([&](Communicator& ranks) {
-                FunctionVolume<float> volume(nodes, rough);
-                preprocess_on_ranks(ranks, volume, folder / "s", options, scratch.path(), progress);
-            });
-        });
-        CHECK(error.kind() == ErrorKind::cancelled);
-        CHECK(scratch.names().size() == 6);
-        for (const std::string& name : scratch.names()) {
-            CHECK(std::find(first.begin(), first.end(), name) == first.end());
-        }
-    }
-    std::atomic<std::uint64_t> read = 0;
-    const auto all = on_ranks(
-        2, [&](int) { return std::make_unique<CountedVolume>(nodes, read); }, folder / "s", options,
-        scratch.path());
-    CHECK(read == 0);  // all of the base pass was there
-    CHECK(all.front().whole.resumed_chunks > 500);
-    CHECK(read_file(folder / "s") == read_file(folder / "alone"));
-    CHECK(scratch.names().empty());
-}
-
-TEST_CASE("what ranks have left of another input or of other options is not taken") {
-    const Int3 nodes{40, 70, 90};
-    PreprocessOptions options = with_chunk(8);
-    options.resume = true;
-    const TemporaryFolder folder;
-    leave_interrupted(2, nodes, 80, folder / "s", options, {});
-    options.compression = 2;
-    const Error error = error_of([&] {
-        on_ranks(
-            2, [&](int) { return std::make_unique<FunctionVolume<float>>(nodes, rough); },
-            folder / "s", options);
-    });
-    CHECK(error.kind() == ErrorKind::invalid_argument);
-    CHECK(error.remedies().front().kind == RemedyKind::same_options);
-    CHECK(folder.names().size() == 4);
 }

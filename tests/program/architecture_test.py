@@ -47,7 +47,9 @@ FORMATS = ("dicom", "hdf5", "meta_image", "mrc", "netcdf", "nifti", "nrrd", "num
            "tiff", "vtk", "zarr")
 INNER_ROOMS = {
     "store/container": {"footer": {"codec.h", "format.h", "hdf5_types.h", "label_table.h"},
-                        "announce": {"chunk_cache.h", "chunk_source.h"}},
+                        "announce": {"chunk_cache.h", "chunk_source.h"},
+                        "wrapping": {"chunk_source.h"},
+                        "writing": {"codec.h", "cube_range.h", "format.h", "hdf5_types.h", "label_table.h"}},
     "preprocess/sources": SHARED | {name: {*SHARED, "volume_format.h"} for name in FORMATS},
     "query/extract": {
         "stages": {"extract_query.h"},

@@ -277,14 +277,22 @@ class Stopped(unittest.TestCase):
         temporary = tempfile.TemporaryDirectory(prefix="isonest-outputs-")
         cls.addClassCleanup(temporary.cleanup)
         cls.here = here = pathlib.Path(temporary.name)
+        edge, period = 60, 23
+        (here / "l.raw").write_bytes(bytes(1 + (x // 5 + y // 6 + z // 7) % period for z in range(edge)
+                                           for y in range(edge) for x in range(edge)))
         for command in (["make-volume", "noise", "--size", "60", "-o", "v.h5"],
                         ["preprocess", "v.h5", "-o", "s.isonest", "--chunk", "16"],
+                        ["preprocess", "l.raw", "--dims", f"{edge},{edge},{edge}", "--type", "uint8", "--labels", "-o",
+                         "l.isonest", "--chunk", "16"],
                         ["extract", "s.isonest", "--iso", "0.05", "-o", "m.ply"]):
             served.run([ISONEST, *command], cwd=here, check=True, capture_output=True)
         store, extract = here / "s.isonest", ["extract", here / "s.isonest", "--iso", "0.05"]
+        interfaces = ["extract", here / "l.isonest", "--labels", "all", "--smooth", "--interfaces"]
         cls.cases = [
             Case("preprocess", "o.isonest", ["preprocess", here / "v.h5", "--chunk", "8"], [], True),
             Case("extract", "o.ply", extract, []), Case("extract to vtkhdf", "o.vtkhdf", extract, []),
+            Case("interfaces", "o.vtp", interfaces, []),
+            Case("simplified interfaces", "o.vtp", [*interfaces, "--distance", "0.5voxel"], []),
             Case("slice", "o.vtp", ["slice", store, "--plane", "1,2,3,150"], []),
             Case("slice, picture", "o.png", ["slice", store, "--plane", "1,2,3,150"], []),
             Case("picture", "o.png", ["picture", here / "m.ply"], []),

@@ -140,7 +140,7 @@ class Store(unittest.TestCase):
 
 
 class Site(unittest.TestCase):
-    """A folder with what isonest publish writes, as far as a server is looked at."""
+    """A page with the list of its stores, as far as a server is looked at."""
 
     def test_types(self):
         types = {".wasm": "application/wasm", ".mjs": "text/javascript; charset=utf-8", ".js": "application/javascript"}

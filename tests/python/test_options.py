@@ -33,6 +33,7 @@ COMMANDS_LEFT_OUT = {
 }
 RENAMED = {  # the command, the option: the argument
     ("*", "force"): "replace", ("*", "dims"): "shape", ("*", "type"): "dtype", ("*", "endian"): "dtype",
+    ("*", "header"): "headers",
     ("preprocess", "output"): "store", ("extract", "output"): "path", ("slice", "output"): "path",
     ("slice", "plane"): "normal",
 }

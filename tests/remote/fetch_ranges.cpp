@@ -4,6 +4,7 @@
 //     {"do": "open", "url": URL, "file": PATH, ...}    the options: see options_of()
 //     {"do": "want", "ranges": [[offset, size], ...]}
 //     {"do": "read", "ranges": [[offset, size], ...], "threads": N}
+//     {"do": "forget", "ranges": [[offset, size], ...]}
 //     {"do": "random", "reads": N, "threads": N, "seed": N, "most": BYTES}   opens again after
 //     errors
 //     {"do": "cancel", "after_ms": N}                  for the reads that follow
@@ -18,6 +19,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <random>
@@ -47,8 +49,17 @@ Json said(const Error& error) {
 /// Ranges as they were kept, for the states of objects that were seen.
 class MemoryCache : public RangeCache {
   public:
+    /// How long it takes to keep a range, or to load one.
+    void be_slow(std::chrono::milliseconds keeping, std::chrono::milliseconds loading) {
+        keeping_ = keeping;
+        loading_ = loading;
+    }
     std::optional<std::vector<std::byte>> load(ByteRange range) override {
+        std::this_thread::sleep_for(loading_.load());
         const std::lock_guard lock(mutex_);
+        if (!has_memory_) {
+            throw std::bad_alloc();
+        }
         for (const auto& [offset, bytes] : kept_) {
             if (offset <= range.offset && range.offset + range.size <= offset + bytes.size()) {
                 const auto first =
@@ -58,13 +69,30 @@ class MemoryCache : public RangeCache {
         }
         return std::nullopt;
     }
+    /// Without memory it can load nothing.
+    void set_memory(bool has_memory) {
+        const std::lock_guard lock(mutex_);
+        has_memory_ = has_memory;
+    }
     void keep(ByteRange range, std::span<const std::byte> bytes) override {
+        std::this_thread::sleep_for(keeping_.load());
         const std::lock_guard lock(mutex_);
         kept_.emplace(range.offset, std::vector(bytes.begin(), bytes.end()));
     }
+    void forget(ByteRange range) override {
+        const std::lock_guard lock(mutex_);
+        for (auto next = kept_.begin(); next != kept_.end();) {
+            const std::uint64_t end = next->first + next->second.size();
+            const bool touches = next->first < range.offset + range.size && range.offset < end;
+            next = touches ? kept_.erase(next) : std::next(next);
+        }
+    }
 
   private:
+    std::atomic<std::chrono::milliseconds> keeping_{};
+    std::atomic<std::chrono::milliseconds> loading_{};
     std::mutex mutex_;
+    bool has_memory_ = true;
     std::multimap<std::uint64_t, std::vector<std::byte>> kept_;
 };
 
@@ -86,6 +114,12 @@ class Session {
             }
             if (what == "want") {
                 remote_->want(ranges_of(command));
+                return counts();
+            }
+            if (what == "forget") {
+                for (const ByteRange& range : ranges_of(command)) {
+                    remote_->forget(range);
+                }
                 return counts();
             }
             if (what == "read") {
@@ -125,14 +159,28 @@ class Session {
                 throw Error(ErrorKind::cancelled, "interrupted");
             }
         };
-        if (command.value("cache", false)) {
-            options.make_cache = [this](const ObjectState& state) {
-                std::shared_ptr<MemoryCache>& cache = caches_[state.url + " " + state.version];
-                if (cache == nullptr) {
-                    cache = std::make_shared<MemoryCache>();
-                }
-                return cache;
+        if (command.value("known", false)) {
+            options.recall = [this](const ObjectState& object) -> std::optional<ObjectState> {
+                const auto found = states_.find(object.url + " " + object.query);
+                return found != states_.end() ? std::optional(found->second) : std::nullopt;
             };
+            options.remember = [this](const ObjectState& object) {
+                states_[object.url + " " + object.query] = object;
+            };
+        }
+        if (command.value("cache", false)) {
+            options.make_cache =
+                [this, keeping = std::chrono::milliseconds(command.value("keep_ms", 0)),
+                 loading = std::chrono::milliseconds(command.value("load_ms", 0)),
+                 has_memory = command.value("cache_memory", true)](const ObjectState& state) {
+                    std::shared_ptr<MemoryCache>& cache = caches_[state.url + " " + state.version];
+                    if (cache == nullptr) {
+                        cache = std::make_shared<MemoryCache>();
+                    }
+                    cache->be_slow(keeping, loading);
+                    cache->set_memory(has_memory);
+                    return cache;
+                };
         }
         return options;
     }
@@ -254,6 +302,7 @@ class Session {
 
     Json opening_;
     std::map<std::string, std::shared_ptr<MemoryCache>> caches_;
+    std::map<std::string, ObjectState> states_;
     std::atomic<Clock::rep> cancel_at_{0};
     std::optional<FileBytes> local_;
     std::unique_ptr<StoreBytes> remote_;

@@ -6,6 +6,7 @@ usage: remote_faults_test.py ISONEST PLUGIN_FOLDER
 import json
 import os
 import pathlib
+import resource
 import shutil
 import signal
 import subprocess
@@ -84,6 +85,25 @@ class Faults(unittest.TestCase):
                 error = self.failed(code, words, "extract", server.url("s.isonest"), *EXTRACT)
                 self.assertTrue(error["remedies"])
 
+    def test_bytes_that_are_wrong_once_are_fetched_again(self):
+        run("extract", "s.isonest", "--iso", "120", "--error", "3", "-o", "local.ply")
+        truth = (FOLDER / "local.ply").read_bytes()
+        with RangeServer(FOLDER) as server:
+            done = run("extract", server.url("s.isonest"), "--iso", "120", "--error", "3", "-o", "mesh.ply", "--json")
+            requests = json.loads(done.stdout)["remote"]["requests"]
+        self.assertGreater(requests, 2)
+        for wrong in range(2, requests + 1):
+            with self.subTest(request=wrong), RangeServer(
+                    FOLDER, fault_of=lambda number, *_, wrong=wrong: "wrong_bytes" if number == wrong else None) as server:
+                cache = FOLDER / f"cache{wrong}"
+                for state in ("cold", "warm"):
+                    done = run("extract", server.url("s.isonest"), "--iso", "120", "--error", "3", "-o", "mesh.ply", "--json",
+                               "--cache", cache)
+                    self.assertEqual(done.returncode, 0, done.stdout)
+                    self.assertEqual((FOLDER / "mesh.ply").read_bytes(), truth, state)
+                # Nothing wrong was kept.
+                self.assertEqual(json.loads(done.stdout)["remote"]["requests"], 1)
+
     def test_what_passes_is_tried_again(self):
         faults = ["status:503:0", "reset", "status:429:0", "broken", "status:500"]
         with RangeServer(FOLDER, fault_of=lambda number, *_: faults[number // 2 % 5] if number % 2 == 0 else None) as server:
@@ -153,6 +173,56 @@ class Faults(unittest.TestCase):
             self.assertEqual(json.loads(done.stdout)["store"], "s3://bucket/s.isonest")
             self.failed(6, ["403", "AWS_ACCESS_KEY_ID"], "info", "s3://bucket/s.isonest",
                         **{**keys, "AWS_SECRET_ACCESS_KEY": "other"})
+
+    def test_a_cache_that_takes_nothing_changes_no_answer_and_is_said(self):
+        """On a full disk, where the file system lets files grow no further, and in a folder of somebody else."""
+        def counted(url, *options, code=0, **how):
+            done = subprocess.run([ISONEST, "info", url, "--histogram", "--json", *options], cwd=FOLDER, env=ENVIRONMENT,
+                                  capture_output=True, text=True, timeout=200, **how)
+            self.assertEqual(done.returncode, code, done.stdout + done.stderr)
+            return json.loads(done.stdout)
+
+        places = FOLDER / "places"
+        places.mkdir()
+        self.addCleanup(shutil.rmtree, places)
+        is_root = os.geteuid() == 0
+        small = places / "small"
+        small.mkdir()
+        if is_root and subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", small],
+                                      capture_output=True).returncode == 0:
+            self.addCleanup(subprocess.run, ["umount", small], check=True)
+            cases = [(small, {})]
+        else:
+            cases = []
+        least = 2000
+        cases.append((places / "short", {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (least, least))}))
+        foreign = places / "foreign"
+        foreign.mkdir()
+        if is_root:
+            places.chmod(0o777)
+            FOLDER.chmod(0o755)
+            self.addCleanup(FOLDER.chmod, 0o700)
+            reachable = subprocess.run(["test", "-x", ISONEST], user=65534, group=65534, extra_groups=[]).returncode == 0
+            cases += [(foreign, {"user": 65534, "group": 65534, "extra_groups": []})] if reachable else []
+        else:
+            foreign.chmod(0o500)
+            cases.append((foreign, {}))
+        with RangeServer(FOLDER) as server:
+            url = server.url("s.isonest")
+            plain = counted(url)
+            self.assertNotIn("warning", plain)
+            for folder, how in cases:
+                for turn in range(2):
+                    with self.subTest(folder=folder.name, turn=turn):
+                        if folder == foreign:
+                            # No folder can be made there: that is an error, as it is with any other output.
+                            error = counted(url, "--cache", folder / "c", code=6, **how)["error"]
+                            self.assertIn(str(folder / "c"), error["file"])
+                            continue
+                        report = counted(url, "--cache", folder, **how)
+                        self.assertEqual(report["histogram"], plain["histogram"])
+                        self.assertIn(str(folder), report["warning"])
+                        self.assertEqual([file for file in folder.rglob("new/*")], [])
 
     def test_wrong_options(self):
         (FOLDER / "bad").write_text(f"X-Token: a\n{SECRET}\n")

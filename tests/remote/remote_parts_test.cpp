@@ -3,18 +3,22 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <chrono>
+#include <condition_variable>
 #include <cstddef>
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <random>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include <isonest/error.h>
 
 #include "store/remote/answer.h"
+#include "store/remote/background.h"
 #include "store/remote/extents.h"
 #include "store/remote/join_ranges.h"
 #include "store/remote/object_url.h"
@@ -81,14 +85,20 @@ TEST_CASE("a URL's name has no userinfo, query or fragment; what is asked for ha
     CHECK(parsed_url("http://a@b@h/x").name == "http://h/x");
     CHECK(parsed_url("http://h?a/b@c").name == "http://h/");
     CHECK(parsed_url("http://[::1]:80/x").name == "http://[::1]:80/x");
+    CHECK(parsed_url("http://[::1]:80/x@y").name == "http://[::1]:80/x@y");
+    CHECK(parsed_url("http://h/x@y").name == "http://h/x@y");
+    CHECK(parsed_url("http://h:80/x%40y").request == "http://h:80/x%40y");
+    CHECK(parsed_url("http://u:12%2Fx@h:80/x@y").password == "12/x");
     CHECK(parsed_url("http://[::1]/x").name == "http://[::1]/x");
     CHECK_FALSE(is_url("/data/http://x"));
     CHECK_FALSE(is_url("ftp://x/y"));
     CHECK_FALSE(is_url("https://"));
     for (const char* const wrong :
-         {"http://user:s3cret@/x", "http://user:s3cret/a@h/x", "http://user:12s3cret?a@h/x",
-          "http://h:/x", "http://:80/x", "http://a\nb/", "x", "http://h\"h/", "s3://b",
-          "s3://bucket", "s3://bucket/", "s3:///key", "s3://b ucket/key"}) {
+         {"http://user:12/s3cret@host", "https://user:12?s3cret@host/x",
+          "http://user:12#s3cret@host", "http://host:80/a@s3cret/x", "http://user:s3cret@/x",
+          "http://user:s3cret/a@h/x", "http://user:12s3cret?a@h/x", "http://h:/x", "http://:80/x",
+          "http://a\nb/", "x", "http://h\"h/", "s3://b", "s3://bucket", "s3://bucket/", "s3:///key",
+          "s3://b ucket/key"}) {
         INFO(wrong);
         try {
             parsed_url(wrong);
@@ -294,6 +304,64 @@ TEST_CASE("ranges are joined across the smallest gaps, as far as the waste allow
                   first + static_cast<std::ptrdiff_t>(range.size));
         }
     }
+}
+
+TEST_CASE("work in the background is done in order, as much of it as may wait") {
+    std::mutex mutex;
+    std::vector<int> done;
+    std::condition_variable changed;
+    bool may_go = false;
+    {
+        Background background(100, "x");
+        const auto add = [&](int number, std::uint64_t bytes) {
+            return background.add(bytes, [&, number] {
+                std::unique_lock lock(mutex);
+                changed.wait(lock, [&] { return may_go; });
+                done.push_back(number);
+                if (number == 2) {
+                    throw Error(ErrorKind::io, "lost");
+                }
+            });
+        };
+        CHECK(add(1, 1000));  // more than may wait, but alone
+        CHECK_FALSE(add(9, 1));
+        {
+            const std::lock_guard lock(mutex);
+            may_go = true;
+        }
+        changed.notify_all();
+        while (!add(2, 60)) {
+            std::this_thread::yield();
+        }
+        background.finish(1h);
+        CHECK(done == std::vector<int>{1, 2});
+        CHECK_FALSE(add(3, 1));
+    }
+    may_go = false;
+    bool has_begun = false;
+    std::thread release;
+    {
+        Background background(100, "x");
+        CHECK(background.add(1, [&] {
+            std::unique_lock lock(mutex);
+            has_begun = true;
+            changed.notify_all();
+            changed.wait(lock, [&] { return may_go; });
+            done.push_back(4);
+        }));
+        CHECK(background.add(1, [&] { done.push_back(5); }));
+        std::unique_lock lock(mutex);
+        changed.wait(lock, [&] { return has_begun; });
+        release = std::thread([&] {
+            std::this_thread::sleep_for(50ms);
+            const std::lock_guard releasing(mutex);
+            may_go = true;
+            changed.notify_all();
+        });
+    }
+    release.join();
+    // What was under way was waited for; what had not been begun was let go.
+    CHECK(done == std::vector<int>{1, 2, 4});
 }
 
 TEST_CASE("extents know what is absent, and drop what was used least recently and nobody holds") {

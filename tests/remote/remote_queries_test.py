@@ -168,6 +168,28 @@ class Queries(unittest.TestCase):
                         for count in READ:
                             self.assertLessEqual(remote.get(count, 0), 1.1 * local.get(count, 0), options)
 
+    def test_what_is_not_made_by_levels_is_announced_too(self):
+        report("preprocess", "bucky.h5", "-o", "fine.isonest", "--chunk", "8")
+        edge, names = 48, 23
+        (FOLDER / "cells.raw").write_bytes(bytes(1 + (x // 5 + 3 * (y // 5) + 7 * (z // 5)) % names for z in range(edge)
+                                                 for y in range(edge) for x in range(edge)))
+        report("preprocess", "cells.raw", "--dims", f"{edge},{edge},{edge}", "--type", "uint8", "--labels", "--chunk", "8",
+               "-o", "cells.isonest")
+        # The end of the file, pages of the table, ranges of cubes, chunks; and what is asked for after a first look.
+        for store, most, queries in (
+                ("fine", 3, [("info --histogram", ""), ("export --field values --level 0 -o {}", ".npy"),
+                             ("export --field values --level 1 -o {}", ".npy"), ("export --field deviation_bar -o {}", ".npy")]),
+                ("cells", 3, [("info --histogram", ""), ("extract --labels all -o {}", "/"),
+                              ("extract --labels all --smooth -o {}", "/"), ("extract --labels 1-3 --smooth -o {}", "/"),
+                              ("extract --labels all --smooth --interfaces -o {}", ".vtp")]),
+                ("cells", 5, [("extract --label 3 -o {}", ".ply"), ("extract --label 3 --smooth -o {}", ".ply")])):
+            for query, ending in queries:
+                for options in ([], ["--threads", "1"])[:1 if query.startswith("export") else 2]:
+                    with self.subTest(store=store, query=query, options=options):
+                        said, _ = ask(query, ending, self.server.url(f"{store}.isonest"), *options)
+                        self.assertLessEqual(said["remote"]["round_trips"], most)
+                        self.assertGreater(said["remote"]["requests"], 4 * most)  # it is not all in what is read first
+
     def test_a_cache_changes_no_answer_and_is_used(self):
         url, cache = self.server.url("bucky.isonest"), FOLDER / "cache"
         for query, ending in QUERIES["bucky"]:
@@ -191,9 +213,21 @@ class Queries(unittest.TestCase):
                     remote = said["remote"]
                     if state in (warm, mended):
                         # The end of the object, by which the server says what state it is in.
-                        self.assertEqual((remote["requests"], remote["round_trips"]), (1, 1), state)
+                        self.assertEqual((remote["requests"], remote["round_trips"], remote["remote_bytes"]), (1, 1, 64), state)
                     else:
                         self.assertLess(remote["cache_bytes"], 1 + remote["remote_bytes"], state)
+
+    def test_the_histogram_reads_ranges_that_traversals_leave_alone(self):
+        # Those of level 3 are more than 256 KiB, and what is announced more than the memory for it.
+        report("make-volume", "bucky", "--size", "273", "-o", "large.h5")
+        report("preprocess", "large.h5", "-o", "large.isonest")
+        query = "info --histogram --level 2"
+        local, _ = ask(query, "", "large.isonest")
+        self.assertEqual(local["histogram"]["cube_level"], 3)
+        for options in ([], ["--memory", "64M", "--threads", "1"]):
+            remote, _ = self.counted(query, "", self.server.url("large.isonest"), *options)
+            self.assertEqual(stripped(remote), stripped(local))
+            self.assertLessEqual(remote["remote"]["round_trips"], 6)
 
     def test_the_text_says_what_was_fetched(self):
         url = self.server.url("bucky.isonest")
@@ -235,10 +269,11 @@ class Queries(unittest.TestCase):
         enough = int(remedy["value"])
         report("extract", url, "--iso", "120", "-o", "m.ply", "--memory", enough)
 
-    def test_volumes_are_not_read_over_a_network(self):
-        for arguments in (["preprocess", self.server.url("bucky.h5", "user:secret@"), "-o", "x.isonest"],
-                          ["extract", self.server.url("bucky.h5", "user:secret@"), "--iso", "120", "-o", "x.ply"],
-                          ["smooth", self.server.url("bucky.h5", "user:secret@"), "--steps", "1", "--tau", "1", "--lambda", "2",
+    def test_some_volumes_are_not_read_over_a_network(self):
+        (FOLDER / "pages.tif").write_bytes(b"II*\0" + bytes(5000))
+        for arguments in (["preprocess", self.server.url("pages.tif", "user:secret@"), "-o", "x.isonest"],
+                          ["extract", self.server.url("pages.tif", "user:secret@"), "--iso", "120", "-o", "x.ply"],
+                          ["smooth", self.server.url("pages.tif", "user:secret@"), "--steps", "1", "--tau", "1", "--lambda", "2",
                            "-o", "x.nrrd"]):
             done = run(*arguments, "--json")
             self.assertEqual(done.returncode, 5, done.stdout)

@@ -89,7 +89,7 @@ class RemoteView(unittest.TestCase):
                     if path == "store":
                         # A share of the memory is for what is fetched.
                         here, there = ({key: value for key, value in json.loads(body).items()
-                                        if key not in ("memory", "most_triangles")} for _, body in (here, there))
+                                        if key not in ("memory", "most_triangles", "first_error")} for _, body in (here, there))
                     elif here[1][:4] == there[1][:4] == b"ISOV":
                         here, there = without_times(here[1]), without_times(there[1])
                     self.assertEqual(here, there, path)
@@ -108,6 +108,37 @@ class RemoteView(unittest.TestCase):
             status, _ = view.ask("surface", iso=120, triangles=2000)
             self.assertEqual(status, 200)
             self.assertLessEqual(json.loads(view.ask("status")[1])["remote"]["round_trips"], 5)
+
+    def test_the_first_picture_takes_three_round_trips(self):
+        for arguments in (["make-volume", "bucky", "--size", "257", "--type", "uint8", "-o", "c.h5"],
+                          ["preprocess", "c.h5", "-o", "large.isonest", "--chunk", "32"]):
+            subprocess.run([ISONEST, *arguments], cwd=FOLDER, check=True, capture_output=True)
+        with RangeServer(FOLDER, delay=0.02) as server, View("large.isonest") as local, \
+                View(server.url("large.isonest")) as remote:
+            self.assertIsNone(json.loads(local.ask("store")[1])["first_error"])
+            # As the page asks: what is suggested, then the surface.
+            store = json.loads(remote.ask("store")[1])
+            self.assertGreater(store["first_error"], 0)
+            self.assertLess(store["first_error"], 0.1 * store["max_value"])
+            histogram = json.loads(remote.ask("histogram", coarse=1)[1])
+            self.assertGreater(histogram["level"], 0)
+            self.assertEqual(histogram["cube_level"], histogram["level"])
+            asked = {"iso": histogram["suggested"][0]["isovalue"], "error": store["first_error"], "limit": 100000}
+            _, mesh = remote.ask("surface", **asked)
+            fetched = json.loads(remote.ask("status")[1])["remote"]
+            self.assertLessEqual(fetched["round_trips"], 2)
+            self.assertLess(fetched["remote_bytes"], 1.3 * 2**20)
+            header, rest = without_times(mesh)
+            self.assertGreater(header["triangles"], 1000)
+            self.assertLessEqual(header["error_bound"], store["first_error"])
+            self.assertEqual((header, rest), without_times(local.ask("surface", **asked)[1]))
+            # A slice likewise, and another isovalue, without anything more.
+            self.assertEqual(remote.ask("slice", plane="0,0,1,128", error=store["first_error"], limit=30000)[0], 200)
+            self.assertEqual(remote.ask("surface", **{**asked, "iso": asked["iso"] + 20})[0], 200)
+            self.assertLessEqual(json.loads(remote.ask("status")[1])["remote"]["round_trips"], 2)
+            # Of a file, coarse says nothing.
+            self.assertEqual(local.ask("histogram", coarse=1), local.ask("histogram"))
+            self.assertEqual(local.ask("histogram", coarse=2)[0], 400)
 
     def test_an_object_that_changes_is_an_error(self):
         shutil.copy(FOLDER / "b.isonest", FOLDER / "c.isonest")

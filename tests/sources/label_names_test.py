@@ -266,7 +266,12 @@ class LabelNames(unittest.TestCase):
         whole = caret({0: [(1, 0, 0, 0, "one")]})
         laughs = ('<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">'
                   '<!ENTITY c "&b;&b;&b;&b;">]>')
-        for xml, words in ((whole[:-30], "Caret's XML"), (whole.replace(b"one", b"\xff"), "Caret's XML"),
+        def nested(depth):
+            return whole.replace(b"<Date>", b"<a>" * depth + b"</a>" * depth + b"<Date>")
+
+        self.assertEqual(self.preprocess(self.nifti((30, nested(31)))), ({1: ("one", (0, 0, 0))}, []))
+        for xml, words in ((nested(32), "nested too deeply"), (nested(100_000), "nested too deeply"),
+                           (whole[:-30], "Caret's XML"), (whole.replace(b"one", b"\xff"), "Caret's XML"),
                            (caret({0: [(1, 0, 0, 0, "one")]}, laughs), "declares entities")):
             names, notes = self.preprocess(self.nifti((30, xml)))
             self.assertEqual(names, {})
@@ -317,6 +322,7 @@ class LabelNames(unittest.TestCase):
                 ("1 a 1 2 3\n\n2 left lung 1 2 3 4\n", 3, "not of the form"), ("# x\n1 a 1 2\n", 2, "not of the form"),
                 ("1 a 1 2 256 0\n", 1, "from 0 to 255"), ("1 a 1 2 0.5 0\n", 1, "'0.5' is no whole number"),
                 ("x a 1 2 3\n", 1, "'x' is no whole number"), ("1 a\n2 b\n1 c\n", 3, "label 1 comes a second time"),
+                ("1 a\n2" + " " * 4095 + "b\n", 2, "not of the form"), ("3 " + "n" * 2**20, 1, "not of the form"),
                 (b"1 \xff\n", 1, "UTF-8"), (f"1 {'n' * 256}\n", 1, "255 at most"), (f"{2**62} a\n", 1, "2^62"),
                 ("1 1 2 3 1 1 1 \"a\n", 1, "not of the form"), ("1 1 2 3 \"a\"\n", 1, "not of the form"),
                 (f"{2**70} a\n", 1, "no whole number"), ("".join(f"{i} a\n" for i in range(2**16 + 1)), 2**16 + 1, "65536")):
@@ -325,6 +331,10 @@ class LabelNames(unittest.TestCase):
             self.assertEqual((error["file"], error["inside"]), (str(table), f"line {line}"), text[:80])
             self.assertIn(words, error["message"])
         self.assertFalse(self.out.exists())
+        # A line of 4 KiB is none too long.
+        self.assertEqual(self.preprocess(volume, "--label-names", self.write("1 a\n2" + " " * 4094 + "b\n")),
+                         ({1: ("a", None), 2: ("b", None)}, []))
+        self.out.unlink()
         for text, code, words in (("", 2, "empty"), ("# nothing\n", 4, "no label in this table")):
             self.assertIn(words, run("preprocess", volume, "-o", self.out, "--labels", "--label-names", self.write(text),
                                      code=code)["error"]["message"])

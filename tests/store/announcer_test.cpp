@@ -5,8 +5,8 @@
 #include <catch2/catch.hpp>
 
 #include "store/base/workers.h"
-#include "store/container/announce/far_source.h"
 #include "store/container/reader.h"
+#include "store/container/wrapping/far_source.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;

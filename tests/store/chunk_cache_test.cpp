@@ -9,7 +9,7 @@
 #include "query/traverse/traversal.h"
 #include "query/view/node_sampler.h"
 #include "store/base/workers.h"
-#include "store/container/recording_source.h"
+#include "store/container/wrapping/recording_source.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;

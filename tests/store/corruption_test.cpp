@@ -11,16 +11,8 @@
 
 #include "query/check/check.h"
 #include "query/extract/info.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/test_support.h"
-
-// Sanitizers take address space that a limit would forbid.
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define SANITIZED
-#endif
-#endif
 
 using namespace isonest;
 using namespace isonest::detail;

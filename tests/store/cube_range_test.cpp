@@ -7,7 +7,7 @@
 
 #include "query/check/check.h"
 #include "query/traverse/traversal.h"
-#include "store/container/recording_source.h"
+#include "store/container/wrapping/recording_source.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;

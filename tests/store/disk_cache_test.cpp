@@ -3,6 +3,7 @@
 #include "store/bytes/disk_cache.h"
 
 #include <fcntl.h>
+#include <malloc.h>
 #include <signal.h>
 #include <sys/file.h>
 #include <sys/resource.h>
@@ -18,6 +19,8 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <new>
+#include <optional>
 #include <random>
 #include <string>
 #include <thread>
@@ -26,6 +29,7 @@
 #include <isonest/error.h>
 
 #include "store/bytes/cached_block.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -157,6 +161,53 @@ std::chrono::steady_clock::time_point in(std::chrono::milliseconds time) {
 }
 
 }  // namespace
+
+TEST_CASE("the state in which an object was found last is known, until it is damaged") {
+    const TemporaryFolder dir;
+    const DiskCache cache(dir.path(), kPlenty);
+    const ObjectState asked{object_state().url, "", 0};
+    CHECK_FALSE(cache.last_of(asked));
+    cache.remember(object_state());
+    cache.remember(object_state("\"later\""));
+    const std::optional<ObjectState> found = DiskCache(dir.path(), kPlenty).last_of(asked);
+    REQUIRE(found);
+    CHECK(found->version == "\"later\"");
+    CHECK(found->size == kObjectBytes);
+    CHECK(found->url == asked.url);
+    CHECK_FALSE(cache.last_of({asked.url + "x", "", 0}));
+    CHECK_FALSE(cache.last_of({asked.url, "", 0, "a query"}));
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(dir.path())) {
+        if (entry.is_regular_file() && entry.file_size() > 16) {
+            std::fstream file(entry.path(), std::ios::in | std::ios::out | std::ios::binary);
+            file.seekp(-1, std::ios::end);
+            file.put('~');
+        }
+    }
+    CHECK_FALSE(cache.last_of(asked));
+}
+
+TEST_CASE("what is forgotten is not given any more, and other bytes may be kept in its place") {
+    const TemporaryFolder dir;
+    const DiskCache cache(dir.path(), kPlenty);
+    const auto object = cache.of(object_state());
+    keep(*object, {100, 3 * kBlock}, 1);
+    CHECK(has(*object, {200, kBlock}, 1));
+    object->forget({kBlock + 50, 100});
+    CHECK_FALSE(object->load({kBlock, 51}));
+    CHECK_FALSE(object->load({kBlock + 149, 10}));
+    CHECK(has(*object, {100, kBlock - 50}, 1));
+    CHECK(has(*object, {kBlock + 150, 1000}, 1));
+    object->forget({kObjectBytes, 5});  // nothing
+    object->forget({kBlock, kBlock});   // a whole block
+    CHECK_FALSE(object->load({2 * kBlock - 1, 1}));
+    CHECK(has(*object, {2 * kBlock, 100}, 1));
+    keep(*object, {kBlock, 1000});
+    CHECK(has(*object, {kBlock, 1000}));
+    CHECK_FALSE(object->load({kBlock + 900, 200}));
+    // What is added to a block that was just read is there.
+    keep(*object, {kBlock + 1000, 1000});
+    CHECK(has(*object, {kBlock, 2000}));
+}
 
 TEST_CASE("a block has what was added, as a set of bytes has it") {
     std::mt19937_64 random(5);
@@ -488,6 +539,51 @@ TEST_CASE("a process that stands still with the locks does not stop others") {
     keep(*ranges, {kBlock, kBlock});
     CHECK(has(*ranges, {0, 2 * kBlock}));
 }
+
+#ifndef SANITIZED
+TEST_CASE("what there is no memory to load is still there afterwards") {
+    const TemporaryFolder folder;
+    const ByteRange range{kBlock / 2, 5 * kBlock};
+    keep(*DiskCache(folder.path(), kPlenty).of(object_state()), range);
+    const std::size_t entries = entries_below(folder.path()).size();
+    const int status = wait_for(start_process([&] {
+        // Nothing comes from what was given back before.
+        ::mallopt(M_MMAP_THRESHOLD, 4096);
+        const DiskCache cache(folder.path(), kPlenty);
+        const auto ranges = cache.of(object_state());
+        std::uint64_t pages = 0;
+        std::ifstream statm("/proc/self/statm");
+        for (int i = 0; i < 6; ++i) {  // the sixth: data
+            statm >> pages;
+        }
+        rlimit before{};
+        ::getrlimit(RLIMIT_DATA, &before);
+        int failed = 0;
+        int loaded = 0;
+        for (std::uint64_t more = 0; more < 40 * kBlock; more += kBlock / 2) {
+            const rlimit limit{pages * static_cast<rlim_t>(::getpagesize()) + more,
+                               before.rlim_max};
+            ::setrlimit(RLIMIT_DATA, &limit);
+            bool is_wrong = false;
+            try {
+                const auto found = ranges->load(range);
+                ::setrlimit(RLIMIT_DATA, &before);
+                is_wrong = !found || *found != object_bytes(range);
+                ++loaded;
+            } catch (const std::bad_alloc&) {
+                ::setrlimit(RLIMIT_DATA, &before);
+                ++failed;
+            }
+            if (is_wrong) {
+                return false;
+            }
+        }
+        return failed > 0 && loaded > 0 && has(*ranges, range) && cache.warning().empty();
+    }));
+    CHECK(status == 0);
+    CHECK(entries_below(folder.path()).size() == entries);
+}
+#endif
 
 TEST_CASE("a folder that cannot be made is an error, and one that cannot be used a warning") {
     const TemporaryFolder folder;

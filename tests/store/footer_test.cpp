@@ -3,13 +3,13 @@
 
 #include <atomic>
 #include <catch2/catch.hpp>
-#include <mutex>
 #include <thread>
 
 #include <isonest/error.h>
 
 #include "query/check/check.h"
 #include "store/container/footer/chunk_table.h"
+#include "tests/support/far_bytes.h"
 #include "tests/support/test_support.h"
 
 using namespace isonest;
@@ -18,54 +18,8 @@ using namespace isonest::detail::test;
 
 namespace {
 
-/// A store as it would come over a network, and what was read of it.
-class FarBytes : public StoreBytes {
-  public:
-    explicit FarBytes(std::string bytes) : bytes_(std::move(bytes)) {}
-
-    [[nodiscard]] const std::string& name() const override { return name_; }
-    [[nodiscard]] std::uint64_t size() const override { return bytes_.size(); }
-    [[nodiscard]] bool is_far() const override { return true; }
-    [[nodiscard]] HeldBytes read(std::uint64_t offset, std::uint64_t size) const override {
-        REQUIRE(lies_within(offset, size, bytes_.size()));
-        const std::lock_guard lock(mutex_);
-        reads_.push_back({offset, size});
-        // Of its own, so that what is used after it was given back is found.
-        auto copy = std::make_shared<std::string>(bytes_, offset, size);
-        return {copy, std::as_bytes(std::span(*copy))};
-    }
-    void want(std::span<const ByteRange> ranges) const override {
-        const std::lock_guard lock(mutex_);
-        wanted_.insert(wanted_.end(), ranges.begin(), ranges.end());
-    }
-    [[nodiscard]] std::vector<ByteRange> reads() const {
-        const std::lock_guard lock(mutex_);
-        return std::exchange(reads_, {});
-    }
-    [[nodiscard]] std::vector<ByteRange> wanted() const {
-        const std::lock_guard lock(mutex_);
-        return std::exchange(wanted_, {});
-    }
-
-  private:
-    std::string name_ = "far";
-    std::string bytes_;
-    mutable std::mutex mutex_;
-    mutable std::vector<ByteRange> reads_;
-    mutable std::vector<ByteRange> wanted_;
-};
-
 void write_file(const std::filesystem::path& path, const std::string& bytes) {
     std::ofstream(path, std::ios::binary) << bytes;
-}
-
-std::optional<ErrorKind> failure(const std::function<void()>& f) {
-    try {
-        f();
-    } catch (const Error& e) {
-        return e.kind();
-    }
-    return std::nullopt;
 }
 
 std::string surface(const StoreReader& store, const TemporaryFolder& folder, double error = 0) {
@@ -83,13 +37,6 @@ std::string store_of_pages(const TemporaryFolder& folder) {
                                  [](const Int3& p) { return static_cast<float>(smooth(p)); });
     make_store(volume, folder / "s", with_chunk(8));
     return read_file(folder / "s");
-}
-
-/// The footer of these bytes as they are.
-FoundCatalogue found_in(const FarBytes& bytes) {
-    auto found = find_catalogue(bytes);
-    REQUIRE(found);
-    return std::move(*found);
 }
 
 std::vector<ChunkRow> all_rows(const std::string& bytes, const CatalogueTable& table) {

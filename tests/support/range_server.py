@@ -25,6 +25,7 @@ import time
 import urllib.parse
 
 PIECE = 16384
+PAGE = b"<!DOCTYPE html><html><title>Please log in</title></html>\n"
 
 
 def certificate(folder, host="127.0.0.1"):
@@ -207,6 +208,10 @@ class Handler(http.server.BaseHTTPRequestHandler):
         if fault == "gzip":
             headers["Content-Encoding"] = "gzip"
         asked = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", ""))
+        if fault in ("page", "long_page"):
+            return self.answer(200, headers, PAGE * (1 if fault == "page" else 20_000_000 // len(PAGE)))
+        if "Range" not in self.headers:
+            return self.send_whole(headers, data, fault)
         if not asked or not owner.knows_ranges or fault == "whole" or (not asked[1] and not owner.knows_tails):
             return self.answer(200, headers, bytes(data))
         first = int(asked[1]) if asked[1] else max(size - int(asked[2]), 0)
@@ -255,8 +260,23 @@ class Handler(http.server.BaseHTTPRequestHandler):
             raise AssertionError(fault)
         return self.answer(206, headers, body)
 
-    def send_chunked(self, headers, body):
-        self.send_response(206)
+    def send_whole(self, headers, data, fault):
+        body = bytes(data)
+        if fault in ("short", "broken"):
+            self.send_response(200)
+            for name, value in {**headers, "Content-Length": len(body)}.items():
+                self.send_header(name, str(value))
+            self.end_headers()
+            self.write_body(body[:len(body) // 2])
+            return self.reset() if fault == "broken" else setattr(self, "close_connection", True)
+        if fault == "chunked":
+            return self.send_chunked(headers, body, 200)
+        if fault == "wrong_bytes":
+            body = bytes([body[0] ^ 1]) + body[1:]
+        return self.answer(200, headers, body)
+
+    def send_chunked(self, headers, body, status=206):
+        self.send_response(status)
         for name, value in {**headers, "Transfer-Encoding": "chunked"}.items():
             self.send_header(name, value)
         self.end_headers()

@@ -4,7 +4,7 @@
 #include <set>
 
 #include "query/traverse/traversal.h"
-#include "store/container/recording_source.h"
+#include "store/container/wrapping/recording_source.h"
 #include "store/lattice/bisection.h"
 #include "tests/support/test_support.h"
 

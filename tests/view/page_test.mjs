@@ -4,6 +4,8 @@
 // command that the page prints, `isonest picture`, and the volume's own values.
 // Exit code 77: there is no browser to drive, and why.
 import assert from "node:assert/strict";
+import { spawn } from "node:child_process";
+import { once } from "node:events";
 import { copyFile, readFile, rename, stat, writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { after, before, test as anyTest } from "node:test";
@@ -101,6 +103,38 @@ test("the first picture has the surface of the suggested isovalue, and says how 
     const without = await canvas(page);
     assert.ok(differing(shown, without) > 0.02, "the surface fills less than 2 % of the picture");
   });
+});
+
+test("of a store elsewhere the page first shows what comes with its opening", async (t) => {
+  const script = new URL("../support/range_server.py", import.meta.url).pathname;
+  const ranges = spawn("python3", [script, folder.path], { stdio: ["ignore", "pipe", "inherit"] });
+  let far = null;
+  try {
+    const [line] = await once(ranges.stdout, "data");
+    far = await startServer(program, `${String(line).trim()}bucky.isonest`, "--port", "0").catch((error) => {
+      if (!/libcurl/.test(error.message)) throw error;
+      t.skip("this build reads no URLs");
+      return null;
+    });
+    if (far === null) return;
+    const { page, faults, close } = await openPage(browser, far.url);
+    await idle(page);
+    assert.deepEqual(faults, []);
+    const asked = await page.evaluate(() => performance.getEntriesByType("resource").map(({ name }) => name));
+    const of = (path) => asked.filter((url) => url.includes(`/api/${path}?`)).map((url) => new URL(url).searchParams);
+    const { first_error: error } = await page.evaluate(() => fetch("api/store").then((answer) => answer.json()));
+    assert.ok(error > 0);
+    assert.deepEqual(of("histogram").map((query) => query.get("coarse")), ["1"]);
+    assert.equal(asked.filter((url) => url.endsWith("/api/histogram")).length, 0, "the whole histogram was asked for");
+    const [first, ...finer] = of("surface");
+    assert.equal(Number(first.get("error")), error);
+    assert.ok(finer.length > 0, "the first surface was not refined");
+    assert.ok((await header(page)).triangles > 1000);
+    await close();
+  } finally {
+    ranges.kill();
+    if (far !== null) assert.equal((await far.end()).code, 0);
+  }
 });
 
 test("the slider changes the mesh, and every number on it is the server's", async () => {

@@ -1,9 +1,10 @@
 // A server of files as any web server is one: ranges, media types, and nothing that runs. It counts what it is asked.
 import { createReadStream } from "node:fs";
-import { stat } from "node:fs/promises";
+import { readFile, stat } from "node:fs/promises";
 import { createServer } from "node:http";
 import { extname, join, normalize } from "node:path";
 import { Readable } from "node:stream";
+import { gzipSync } from "node:zlib";
 
 const kTypes = {
   ".html": "text/html; charset=utf-8", ".js": "text/javascript", ".mjs": "text/javascript", ".css": "text/css", ".wasm": "application/wasm",
@@ -13,12 +14,18 @@ export const kShared = {
   "Access-Control-Allow-Origin": "*", "Access-Control-Expose-Headers": "ETag", "Access-Control-Allow-Headers": "Range",
 };
 
+const kPiece = 16384;
+
+function* piecesOf(bytes) {
+  for (let at = 0; at < bytes.length; at += kPiece) yield bytes.subarray(at, at + kPiece);
+}
+
 /**
  * Serves `folder`; with .url, .requests (a list of {method, path, range, host, closed}), and end(). `headers`: of all answers;
- * `ranges`: whether it knows them; `delay`: milliseconds before each answer; `rate`: bytes per second of all answers together;
+ * `ranges`: whether it knows them; `compressed`: whether files of known types are sent as gzip; `delay`: milliseconds before each answer; `rate`: bytes per second of all answers together;
  * `handle(request, response)`: true if it has answered in its place.
  */
-export async function serveFiles(folder, { headers = {}, ranges = true, delay = 0, rate = 0, handle } = {}) {
+export async function serveFiles(folder, { headers = {}, ranges = true, compressed = false, delay = 0, rate = 0, handle } = {}) {
   const requests = [];
   let free = 0; // when the line is
   const pass = async (bytes) => {
@@ -45,9 +52,12 @@ export async function serveFiles(folder, { headers = {}, ranges = true, delay = 
       if (first > last) return response.writeHead(416, { "Content-Range": `bytes */${found.size}` }).end();
       response.setHeader("Content-Range", `bytes ${first}-${last}/${found.size}`);
     }
-    response.writeHead(from === undefined ? 200 : 206, { "Content-Length": last + 1 - first });
+    const packed = compressed && from === undefined && kTypes[extname(file)] && /gzip/.test(request.headers["accept-encoding"] ?? "") ? gzipSync(await readFile(file)) : null;
+    if (packed) response.setHeader("Content-Encoding", "gzip");
+    response.writeHead(from === undefined ? 200 : 206, { "Content-Length": packed?.length ?? last + 1 - first });
     if (request.method === "HEAD") return response.end();
-    for await (const piece of Readable.from(createReadStream(file, { start: first, end: last, highWaterMark: 16384 }))) {
+    const pieces = packed ? piecesOf(packed) : createReadStream(file, { start: first, end: last, highWaterMark: kPiece });
+    for await (const piece of Readable.from(pieces)) {
       if (response.destroyed) return;
       await pass(piece.length);
       note.bytes += piece.length;

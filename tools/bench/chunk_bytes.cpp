@@ -17,7 +17,8 @@
 
 #include "query/traverse/traversal.h"
 #include "store/container/reader.h"
-#include "store/container/recording_source.h"
+#include "store/container/wrapping/recording_source.h"
+#include "tools/bench/run_program.h"
 
 using namespace isonest;
 using namespace isonest::detail;
@@ -159,10 +160,5 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    try {
-        return run(argc, argv);
-    } catch (const std::exception& error) {
-        fmt::print(stderr, "isonest_chunk_bytes: {}\n", error.what());
-        return 1;
-    }
+    return bench::run_program("isonest_chunk_bytes", [&] { return run(argc, argv); });
 }

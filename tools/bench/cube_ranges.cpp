@@ -13,12 +13,15 @@
 #include <chrono>
 #include <cstdlib>
 #include <limits>
+#include <optional>
 #include <vector>
 
 #include <isonest/error.h>
 
 #include "query/traverse/traversal.h"
 #include "store/container/reader.h"
+#include "store/container/wrapping/forwarding_source.h"
+#include "tools/bench/run_program.h"
 
 using namespace isonest;
 using namespace isonest::detail;
@@ -26,26 +29,19 @@ using namespace isonest::detail;
 namespace {
 
 /// A store that does not say which values there are in a cube or in a chunk.
-class WithoutRanges : public ChunkSource {
+class WithoutRanges : public ForwardingSource {
   public:
-    explicit WithoutRanges(const ChunkSource& source) : source_(source) {}
-    [[nodiscard]] const StoreLayout& layout() const override { return source_.layout(); }
+    using ForwardingSource::ForwardingSource;
     [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override {
-        ChunkRow row = source_.row(array, chunk);
+        ChunkRow row = source().row(array, chunk);
         row.min = -std::numeric_limits<double>::infinity();
         row.max = std::numeric_limits<double>::infinity();
         return row;
     }
-    void decode(const ArrayInfo& array, const Int3& chunk,
-                std::span<std::byte> raw) const override {
-        source_.decode(array, chunk, raw);
+    [[nodiscard]] std::optional<CubeRange> cube_range(int /*level*/,
+                                                      const Int3& /*cube*/) const override {
+        return std::nullopt;
     }
-    void prefetch(const ArrayInfo& array, const Int3& chunk) const override {
-        source_.prefetch(array, chunk);
-    }
-
-  private:
-    const ChunkSource& source_;
 };
 
 struct Measured {
@@ -117,10 +113,5 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    try {
-        return run(argc, argv);
-    } catch (const std::exception& error) {
-        fmt::print(stderr, "isonest_cube_ranges: {}\n", error.what());
-        return 1;
-    }
+    return bench::run_program("isonest_cube_ranges", [&] { return run(argc, argv); });
 }

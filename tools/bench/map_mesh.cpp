@@ -17,7 +17,6 @@
 #include <chrono>
 #include <cstdio>
 #include <ctime>
-#include <exception>
 #include <optional>
 #include <span>
 #include <string>
@@ -26,6 +25,7 @@
 #include "store/base/workers.h"
 #include "tools/bench/meshes/ply_mesh.h"
 #include "tools/bench/meshes/ply_write.h"
+#include "tools/bench/run_program.h"
 
 using namespace isonest;
 using namespace isonest::detail;
@@ -238,10 +238,7 @@ int run(std::span<char*> arguments) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    try {
+    return bench::run_program("isonest_map_mesh", [&] {
         return run({argv, static_cast<std::size_t>(argc)});
-    } catch (const std::exception& error) {
-        std::fprintf(stderr, "isonest_map_mesh: %s\n", error.what());
-        return 1;
-    }
+    });
 }

@@ -19,6 +19,7 @@
 #include "store/container/format.h"
 #include "store/container/hdf5_types.h"
 #include "store/hdf5/zstd_filter.h"
+#include "tools/bench/run_program.h"
 
 namespace {
 
@@ -111,10 +112,5 @@ int main(int argc, char** argv) {
         fmt::print(stderr, "usage: isonest_recode IN.h5 OUT.h5 [ZSTD_LEVEL]\n");
         return 2;
     }
-    try {
-        return run(argc, argv);
-    } catch (const std::exception& error) {
-        fmt::print(stderr, "isonest_recode: {}\n", error.what());
-        return 1;
-    }
+    return bench::run_program("isonest_recode", [&] { return run(argc, argv); });
 }

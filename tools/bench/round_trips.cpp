@@ -1,5 +1,5 @@
 // How many round trips, chunks and bytes queries take of a store behind a network, by the model of
-// store/container/announce/far_source.h.
+// store/container/wrapping/far_source.h.
 //
 // usage: isonest_round_trips STORE ISOVALUE [MEMORY_MIB]
 //
@@ -10,11 +10,11 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <exception>
 
 #include "query/traverse/traversal.h"
-#include "store/container/announce/far_source.h"
 #include "store/container/reader.h"
+#include "store/container/wrapping/far_source.h"
+#include "tools/bench/run_program.h"
 
 using namespace isonest;
 using namespace isonest::detail;
@@ -101,10 +101,5 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    try {
-        return run(argc, argv);
-    } catch (const std::exception& error) {
-        fmt::print(stderr, "isonest_round_trips: {}\n", error.what());
-        return 1;
-    }
+    return bench::run_program("isonest_round_trips", [&] { return run(argc, argv); });
 }

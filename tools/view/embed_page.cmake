@@ -4,7 +4,6 @@ file(GLOB files ${FOLDER}/*)
 list(SORT files)
 set(type_html "text/html; charset=utf-8")
 set(type_js "text/javascript; charset=utf-8")
-set(type_mjs "text/javascript; charset=utf-8")
 set(type_css "text/css; charset=utf-8")
 set(type_txt "text/plain; charset=utf-8")
 set(type_svg "image/svg+xml")
@@ -59,14 +58,6 @@ std::optional<PageFile> page_file(std::string_view path) {
         }
     }
     return std::nullopt;
-}
-
-std::vector<NamedPageFile> page_files() {
-    std::vector<NamedPageFile> files;
-    for (const Row& row : kRows) {
-        files.push_back({row.path, {row.type, {row.begin, static_cast<std::size_t>(row.end - row.begin)}}});
-    }
-    return files;
 }
 
 }  // namespace isonest::detail::view

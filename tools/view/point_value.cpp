@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "store/base/memory_budget.h"
+#include "store/container/announce/announcer.h"
 #include "store/container/reader.h"
 
 namespace isonest::detail::view {
@@ -112,6 +113,14 @@ PointValue value_at(const Store& store, const Double3& world, std::uint64_t memo
     }
     if (!result.inside) {
         return result;
+    }
+    // All that may be read, in one round trip.
+    std::vector<WantedChunk> wanted;
+    const Int3 low{static_cast<std::int64_t>(place[0]), static_cast<std::int64_t>(place[1]),
+                   static_cast<std::int64_t>(place[2])};
+    want_box(array, low, low + Int3{1, 1, 1}, wanted);
+    if (reader.is_far()) {
+        reader.prefetch_all(wanted);
     }
     Nodes nodes(reader);
     result.value = finite(linear_value(nodes, last, place));

@@ -147,6 +147,7 @@ MemoryShares::MemoryShares(std::uint64_t memory_)
 ViewService::ViewService(const Store& store, const MemoryShares& shares, int threads, Access access,
                          std::function<std::size_t()> connections)
     : store_(store),
+      first_(fetch_first_levels(store.reader())),
       shares_(shares),
       threads_(threads),
       access_(std::move(access)),
@@ -255,13 +256,7 @@ std::shared_ptr<Waiting> ViewService::answer(const HttpRequest& request, Request
         return start_value(target, stream, reply);
     }
     if (path == "/api/histogram") {
-        return start(
-            small_lane_, stream,
-            [this](Progress& progress) {
-                return json_answer(cli::histogram_json(
-                    histogram(store_.reader(), {{}, shares_.small, threads_}, progress)));
-            },
-            reply);
+        return start_histogram(target, stream, reply);
     }
     return at_once(plain_error(404, "not_found", fmt::format("there is nothing at {}", path)));
 }
@@ -352,6 +347,26 @@ std::shared_ptr<Waiting> ViewService::start_value(RequestTarget& target, const s
         reply);
 }
 
+std::shared_ptr<Waiting> ViewService::start_histogram(RequestTarget& target,
+                                                      const std::string& stream,
+                                                      const Reply& reply) {
+    const bool coarse = target.integer("coarse", 0, 1).value_or(0) == 1;
+    target.require_all_taken();
+    HistogramOptions options;
+    options.memory = shares_.small;
+    options.threads = threads_;
+    if (coarse && first_) {
+        options.level = first_->level;
+        options.own_cubes = true;
+    }
+    return start(
+        small_lane_, stream,
+        [this, options](Progress& progress) {
+            return json_answer(cli::histogram_json(histogram(store_.reader(), options, progress)));
+        },
+        reply);
+}
+
 HttpAnswer ViewService::describe() const {
     const bool any = store_.min_value() <= store_.max_value();
     const Int3 nodes = store_.nodes();
@@ -374,6 +389,7 @@ HttpAnswer ViewService::describe() const {
                  {"dimension", dimension},
                  {"file_bytes", store_.reader().file_bytes()},
                  {"largest_error", 2 * range_of(store_)},
+                 {"first_error", first_ ? number(first_->error) : Json()},
                  {"most_triangles", shares_.surface_message / MeshMessage::kTriangleHeap},
                  {"memory", shares_.memory},
                  {"version", ISONEST_VERSION}};

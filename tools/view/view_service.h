@@ -5,11 +5,13 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include <isonest/store.h>
 
 #include "tools/view/access.h"
+#include "tools/view/first_levels.h"
 #include "tools/view/mesh_answers.h"
 #include "tools/view/request_target.h"
 #include "tools/view/store_watch.h"
@@ -28,7 +30,8 @@ struct MemoryShares {
 
 class ViewService : public HttpHandler {
   public:
-    /// `connections`: how many there are, for the status; called from the server's thread.
+    /// Of a store elsewhere, the coarsest levels are asked for at once. `connections`: how many
+    /// there are, for the status; called from the server's thread.
     ViewService(const Store& store, const MemoryShares& shares, int threads, Access access,
                 std::function<std::size_t()> connections);
     std::shared_ptr<Waiting> handle(const HttpRequest& request, Reply reply) override;
@@ -45,6 +48,8 @@ class ViewService : public HttpHandler {
                                         const Reply& reply);
     std::shared_ptr<Waiting> start_value(RequestTarget& target, const std::string& stream,
                                          const Reply& reply);
+    std::shared_ptr<Waiting> start_histogram(RequestTarget& target, const std::string& stream,
+                                             const Reply& reply);
     [[nodiscard]] HttpAnswer describe() const;
     [[nodiscard]] HttpAnswer status() const;
     [[nodiscard]] HttpAnswer command(RequestTarget& target) const;
@@ -52,6 +57,7 @@ class ViewService : public HttpHandler {
     MeshRequest take_mesh(RequestTarget& target, const std::string& path) const;
 
     const Store& store_;
+    std::optional<FirstLevels> first_;
     MemoryShares shares_;
     int threads_;
     Access access_;

@@ -11,6 +11,7 @@
 
 #include <isonest/int3.h>
 #include <isonest/length_unit.h>
+#include <isonest/remote.h>
 #include <isonest/value_type.h>
 #include <isonest/volume_source.h>
 
@@ -57,6 +58,8 @@ struct SourceOptions {
     /// descriptions, or of 'ID NAME'. Needs `labels`.
     std::filesystem::path label_names = {};
     std::uint64_t max_heap = 256u << 20;  ///< a source may not hold more than this many bytes
+    /// Of volumes at URLs: how they are reached. Its memory is beside max_heap.
+    RemoteAccess remote = {};
 };
 
 /// Opens one file, a folder, or several files that are one volume (slices). What they are is told

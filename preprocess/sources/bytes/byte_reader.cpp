@@ -10,18 +10,21 @@
 #include <cerrno>
 #include <charconv>
 #include <cstring>
+#include <filesystem>
+#include <memory>
 #include <utility>
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/bytes/read_ahead.h"
 #include "preprocess/sources/bytes/regular_file.h"
 
 namespace isonest::detail {
 namespace {
 
-class FileBytes : public ByteReader {
+class BytesOfFile : public ByteReader {
   public:
-    FileBytes(std::filesystem::path path, std::uint64_t start, std::uint64_t size)
+    BytesOfFile(std::filesystem::path path, std::uint64_t start, std::uint64_t size)
         : path_(std::move(path)),
           start_(start),
           size_(size),
@@ -31,9 +34,9 @@ class FileBytes : public ByteReader {
                         fmt::format("cannot open: {}", std::strerror(errno)));
         }
     }
-    FileBytes(const FileBytes&) = delete;
-    FileBytes& operator=(const FileBytes&) = delete;
-    ~FileBytes() override { ::close(fd_); }
+    BytesOfFile(const BytesOfFile&) = delete;
+    BytesOfFile& operator=(const BytesOfFile&) = delete;
+    ~BytesOfFile() override { ::close(fd_); }
     [[nodiscard]] std::uint64_t size() const override { return size_; }
     void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
         at += start_;
@@ -61,11 +64,32 @@ class FileBytes : public ByteReader {
     int fd_;
 };
 
+class BytesOfObject : public ByteReader {
+  public:
+    BytesOfObject(const InputFile& file, std::uint64_t start, std::uint64_t size)
+        : name_(file.name()), start_(start), size_(size), ahead_(file) {}
+    [[nodiscard]] std::uint64_t size() const override { return size_; }
+    void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
+        at += start_;
+        if (!lies_within(at, bytes, ahead_.size())) {
+            throw Error(ErrorKind::corrupt, {name_, fmt::format("byte {}", ahead_.size())},
+                        "the object ends here; was it cut short?");
+        }
+        ahead_.read(at, dst, bytes);
+    }
+
+  private:
+    std::string name_;
+    std::uint64_t start_;
+    std::uint64_t size_;
+    ReadAhead ahead_;
+};
+
 /// Source: RFC 4648, section 4.
 class Base64Bytes : public ByteReader {
   public:
-    Base64Bytes(const std::filesystem::path& path, std::uint64_t start, std::uint64_t size)
-        : name_(path.string()), size_(size), text_(path, start, (size + 2) / 3 * 4) {}
+    Base64Bytes(const InputFile& file, std::uint64_t start, std::uint64_t size)
+        : name_(file.name()), size_(size), text_(file_bytes(file, start, (size + 2) / 3 * 4)) {}
     [[nodiscard]] std::uint64_t size() const override { return size_; }
     [[nodiscard]] std::uint64_t heap() const override { return kGroups * 7; }
     void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
@@ -88,7 +112,7 @@ class Base64Bytes : public ByteReader {
 
     void decode(std::uint64_t first, std::uint64_t groups) {
         letters_.resize(4 * groups);
-        text_.read(4 * first, letters_.data(), letters_.size());
+        text_->read(4 * first, letters_.data(), letters_.size());
         decoded_.resize(3 * groups);
         for (std::uint64_t g = 0; g < groups; ++g) {
             unsigned word = 0;
@@ -123,7 +147,7 @@ class Base64Bytes : public ByteReader {
 
     std::string name_;
     std::uint64_t size_;
-    FileBytes text_;
+    std::unique_ptr<ByteReader> text_;
     std::vector<std::byte> letters_;
     std::vector<std::byte> decoded_;
 };
@@ -191,14 +215,13 @@ class ZlibBlocks : public ByteReader {
 
 class TextNumbers : public ByteReader {
   public:
-    TextNumbers(const std::filesystem::path& path, std::uint64_t start, ValueType type,
-                std::uint64_t count)
-        : name_(path.string()),
+    TextNumbers(const InputFile& file, std::uint64_t start, ValueType type, std::uint64_t count)
+        : name_(file.name()),
           type_(type),
           count_(count),
-          end_(regular_file_size(path)),
+          end_(regular_file_size(file)),
           at_(start),
-          text_(path, 0, end_) {}
+          text_(file_bytes(file, 0, end_)) {}
     [[nodiscard]] std::uint64_t size() const override { return count_ * size_of(type_); }
     [[nodiscard]] bool sequential() const override { return true; }
     [[nodiscard]] std::uint64_t heap() const override { return kPart + kLongest; }
@@ -247,7 +270,7 @@ class TextNumbers : public ByteReader {
             const std::uint64_t more = std::min<std::uint64_t>(kPart, end_ - at_);
             part_.assign(rest);
             part_.resize(rest.size() + more);
-            text_.read(at_, reinterpret_cast<std::byte*>(part_.data()) + rest.size(), more);
+            text_->read(at_, reinterpret_cast<std::byte*>(part_.data()) + rest.size(), more);
             at_ += more;
             used_ = 0;
         }
@@ -258,7 +281,7 @@ class TextNumbers : public ByteReader {
     std::uint64_t count_;
     std::uint64_t end_;
     std::uint64_t at_;  ///< of what follows the part
-    FileBytes text_;
+    std::unique_ptr<ByteReader> text_;
     std::string part_;
     std::ptrdiff_t used_ = 0;
     std::uint64_t done_ = 0;
@@ -266,13 +289,16 @@ class TextNumbers : public ByteReader {
 
 }  // namespace
 
-std::unique_ptr<ByteReader> file_bytes(const std::filesystem::path& path, std::uint64_t start,
+std::unique_ptr<ByteReader> file_bytes(const InputFile& file, std::uint64_t start,
                                        std::uint64_t size) {
-    return std::make_unique<FileBytes>(path, start, size);
+    if (file.is_far()) {
+        return std::make_unique<BytesOfObject>(file, start, size);
+    }
+    return std::make_unique<BytesOfFile>(file.path(), start, size);
 }
-std::unique_ptr<ByteReader> base64_bytes(const std::filesystem::path& path, std::uint64_t start,
+std::unique_ptr<ByteReader> base64_bytes(const InputFile& file, std::uint64_t start,
                                          std::uint64_t size) {
-    return std::make_unique<Base64Bytes>(path, start, size);
+    return std::make_unique<Base64Bytes>(file, start, size);
 }
 std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std::string name,
                                         const std::vector<std::uint64_t>& packed_sizes,
@@ -280,9 +306,9 @@ std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std:
     return std::make_unique<ZlibBlocks>(std::move(packed), std::move(name), packed_sizes, block,
                                         size);
 }
-std::unique_ptr<ByteReader> text_numbers(const std::filesystem::path& path, std::uint64_t start,
-                                         ValueType type, std::uint64_t count) {
-    return std::make_unique<TextNumbers>(path, start, type, count);
+std::unique_ptr<ByteReader> text_numbers(const InputFile& file, std::uint64_t start, ValueType type,
+                                         std::uint64_t count) {
+    return std::make_unique<TextNumbers>(file, start, type, count);
 }
 
 }  // namespace isonest::detail

@@ -3,12 +3,13 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include <isonest/value_type.h>
+
+#include "preprocess/sources/bytes/input_file.h"
 
 namespace isonest::detail {
 
@@ -29,11 +30,11 @@ class ByteReader {
     [[nodiscard]] virtual std::uint64_t heap() const { return 0; }
 };
 
-/// Bytes [start, start + size) of a file. Throws Error{io}.
-std::unique_ptr<ByteReader> file_bytes(const std::filesystem::path& path, std::uint64_t start,
+/// Bytes [start, start + size) of a file, or of an object elsewhere. Throws Error{io}.
+std::unique_ptr<ByteReader> file_bytes(const InputFile& file, std::uint64_t start,
                                        std::uint64_t size);
 /// `size` bytes in base64 without line breaks, from byte `start` of a file on. Throws Error{io}.
-std::unique_ptr<ByteReader> base64_bytes(const std::filesystem::path& path, std::uint64_t start,
+std::unique_ptr<ByteReader> base64_bytes(const InputFile& file, std::uint64_t start,
                                          std::uint64_t size);
 /// Blocks of zlib, one after the other in `packed`, of these packed sizes; each makes `block`
 /// bytes, but the last one the rest of `size`.
@@ -42,7 +43,7 @@ std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std:
                                         std::uint64_t block, std::uint64_t size);
 /// `count` numbers of a type in text, white space between them, from byte `start` of a file on.
 /// Sequential. Throws Error{io}; read() Error{corrupt}.
-std::unique_ptr<ByteReader> text_numbers(const std::filesystem::path& path, std::uint64_t start,
-                                         ValueType type, std::uint64_t count);
+std::unique_ptr<ByteReader> text_numbers(const InputFile& file, std::uint64_t start, ValueType type,
+                                         std::uint64_t count);
 
 }  // namespace isonest::detail

@@ -39,14 +39,23 @@ std::string state_of(const std::filesystem::path& path) {
 }  // namespace
 
 std::string identity_of(const std::vector<std::filesystem::path>& files) {
+    return identity_of_inputs({files.begin(), files.end()});
+}
+
+std::string identity_of_inputs(const std::vector<InputFile>& files) {
     constexpr std::size_t kOwnLine = 32;
     std::string text;
     std::string others;
     for (std::size_t i = 0; i < files.size(); ++i) {
+        const bool is_far = files[i].is_far();
+        if (is_far && files[i].state().empty()) {
+            return "";
+        }
+        const std::string state = is_far ? files[i].state() : state_of(files[i].path());
         if (i < kOwnLine) {
-            text += fmt::format("{} {}\n", i == 0 ? "input" : "data", state_of(files[i]));
+            text += fmt::format("{} {}\n", i == 0 ? "input" : "data", state);
         } else {
-            others += state_of(files[i]) + "\n";
+            others += state + "\n";
         }
     }
     if (!others.empty()) {

@@ -15,7 +15,7 @@
 
 namespace isonest::detail {
 
-GzipStream::GzipStream(const std::filesystem::path& path, std::string name, std::uint64_t start,
+GzipStream::GzipStream(const InputFile& file, std::string name, std::uint64_t start,
                        DeflateWrapper wrapper)
     : name_(std::move(name)), wrapper_(wrapper), file_at_(start), in_(std::size_t{1} << 18U) {
     constexpr int kGzipOnly = 16;
@@ -25,7 +25,11 @@ GzipStream::GzipStream(const std::filesystem::path& path, std::string name, std:
     if (::inflateInit2(&stream_, bits) != Z_OK) {
         throw Error(ErrorKind::io, {name_}, "zlib does not start: too little memory?");
     }
-    fd_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (file.is_far()) {
+        far_ = std::make_unique<ReadAhead>(file);
+        return;
+    }
+    fd_ = ::open(file.path().c_str(), O_RDONLY | O_CLOEXEC);
     if (fd_ < 0) {
         const int error = errno;
         ::inflateEnd(&stream_);
@@ -35,7 +39,9 @@ GzipStream::GzipStream(const std::filesystem::path& path, std::string name, std:
 
 GzipStream::~GzipStream() {
     ::inflateEnd(&stream_);
-    ::close(fd_);
+    if (fd_ >= 0) {
+        ::close(fd_);
+    }
 }
 
 void GzipStream::corrupt(const std::string& what) const {
@@ -46,9 +52,15 @@ void GzipStream::corrupt(const std::string& what) const {
 
 bool GzipStream::refill() {
     ssize_t n = 0;
-    do {
-        n = ::pread(fd_, in_.data(), in_.size(), static_cast<off_t>(file_at_));
-    } while (n < 0 && errno == EINTR);
+    if (far_ != nullptr) {
+        const std::uint64_t left = far_->size() - std::min(far_->size(), file_at_);
+        n = static_cast<ssize_t>(std::min<std::uint64_t>(in_.size(), left));
+        far_->read(file_at_, in_.data(), static_cast<std::uint64_t>(n));
+    } else {
+        do {
+            n = ::pread(fd_, in_.data(), in_.size(), static_cast<off_t>(file_at_));
+        } while (n < 0 && errno == EINTR);
+    }
     if (n < 0) {
         throw Error(ErrorKind::io, {name_, fmt::format("byte {}", file_at_)},
                     fmt::format("cannot read: {}", std::strerror(errno)));
@@ -103,9 +115,9 @@ std::uint64_t GzipStream::read(std::byte* dst, std::uint64_t bytes) {
     return done;
 }
 
-bool is_gzip(const std::filesystem::path& path, std::uint64_t at) {
+bool is_gzip(const InputFile& file, std::uint64_t at) {
     constexpr unsigned kReservedFlags = 0xE0;
-    const std::string head = first_bytes(path, 4, at);
+    const std::string head = first_bytes(file, 4, at);
     return head.size() == 4 && head.starts_with("\x1F\x8B\x08") &&
            (static_cast<unsigned char>(head[3]) & kReservedFlags) == 0;
 }

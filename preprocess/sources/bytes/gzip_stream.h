@@ -5,9 +5,12 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
+#include <memory>
 #include <string>
 #include <vector>
+
+#include "preprocess/sources/bytes/input_file.h"
+#include "preprocess/sources/bytes/read_ahead.h"
 
 namespace isonest::detail {
 
@@ -22,7 +25,7 @@ enum class DeflateWrapper { gzip, zlib, none };
 class GzipStream {
   public:
     /// `name` is used in messages. Throws Error{io}.
-    GzipStream(const std::filesystem::path& path, std::string name, std::uint64_t start,
+    GzipStream(const InputFile& file, std::string name, std::uint64_t start,
                DeflateWrapper wrapper = DeflateWrapper::gzip);
     GzipStream(const GzipStream&) = delete;
     GzipStream& operator=(const GzipStream&) = delete;
@@ -41,7 +44,8 @@ class GzipStream {
     std::string name_;
     DeflateWrapper wrapper_;
     int fd_ = -1;
-    std::uint64_t file_at_;  ///< of the bytes behind those in `in_`
+    std::unique_ptr<ReadAhead> far_;  ///< in the place of `fd_`
+    std::uint64_t file_at_;           ///< of the bytes behind those in `in_`
     std::vector<std::byte> in_;
     z_stream stream_{};
     bool ended_ = false;
@@ -49,6 +53,6 @@ class GzipStream {
 
 /// True if a gzip stream starts at this byte of the file: its magic, the only method there is, and
 /// no reserved flag. Throws Error{io}.
-bool is_gzip(const std::filesystem::path& path, std::uint64_t at = 0);
+bool is_gzip(const InputFile& file, std::uint64_t at = 0);
 
 }  // namespace isonest::detail

@@ -5,14 +5,20 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
 
 #include <isonest/error.h>
 
 namespace isonest::detail {
 
-std::uint64_t regular_file_size(const std::filesystem::path& path) {
+std::uint64_t regular_file_size(const InputFile& file) {
+    if (file.is_far()) {
+        return file.bytes()->size();
+    }
+    const std::filesystem::path& path = file.path();
     struct stat status {};
     if (::stat(path.c_str(), &status) != 0) {
         throw Error(errno == ENOENT ? ErrorKind::not_found : ErrorKind::io, {path.string()},
@@ -27,7 +33,14 @@ std::uint64_t regular_file_size(const std::filesystem::path& path) {
     return static_cast<std::uint64_t>(status.st_size);
 }
 
-std::string first_bytes(const std::filesystem::path& path, std::size_t count, std::uint64_t at) {
+std::string first_bytes(const InputFile& file, std::size_t count, std::uint64_t at) {
+    if (file.is_far()) {
+        const std::uint64_t size = file.bytes()->size();
+        const HeldBytes held = file.bytes()->read(
+            std::min(at, size), std::min<std::uint64_t>(count, size - std::min(at, size)));
+        return {reinterpret_cast<const char*>(held.bytes().data()), held.bytes().size()};
+    }
+    const std::filesystem::path& path = file.path();
     std::string text(count, '\0');
     const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
     if (fd < 0) {

@@ -3,16 +3,17 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 #include <string>
+
+#include "preprocess/sources/bytes/input_file.h"
 
 namespace isonest::detail {
 
 /// `count` bytes from byte `at` on, or all where the file ends before. Throws Error{io}.
-std::string first_bytes(const std::filesystem::path& path, std::size_t count, std::uint64_t at = 0);
+std::string first_bytes(const InputFile& file, std::size_t count, std::uint64_t at = 0);
 
-/// Throws Error{not_found, invalid_argument, io} unless `path` is a readable regular file; gives
-/// its size.
-std::uint64_t regular_file_size(const std::filesystem::path& path);
+/// Throws Error{not_found, invalid_argument, io} unless `file` is a readable regular file, or an
+/// object; gives its size.
+std::uint64_t regular_file_size(const InputFile& file);
 
 }  // namespace isonest::detail

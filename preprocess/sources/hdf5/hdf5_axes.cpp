@@ -3,7 +3,9 @@
 #include <algorithm>
 
 #include "preprocess/sources/bytes/lower_case.h"
+#include "preprocess/sources/hdf5/hdf5_files.h"
 #include "store/container/hdf5_types.h"
+#include "store/hdf5/bytes_driver.h"
 #include "store/hdf5/handles.h"
 #include "store/lattice/lattice.h"
 
@@ -29,7 +31,9 @@ std::vector<double> coordinates_of(hid_t scale, hsize_t length) {
     const TypeHandle type(H5Dget_type(scale));
     const H5T_class_t kind = H5Tget_class(type.get());
     // NetCDF's dimensions without coordinates say so in the scale's name.
-    if (text_of_attribute(scale, "NAME").starts_with("This is a netCDF dimension but not") ||
+    // Values in other files are not read where this one is elsewhere.
+    if ((is_of_bytes(scale) && !holds_its_values(scale)) ||
+        text_of_attribute(scale, "NAME").starts_with("This is a netCDF dimension but not") ||
         (kind != H5T_INTEGER && kind != H5T_FLOAT) ||
         H5Sget_simple_extent_ndims(space.get()) != 1 ||
         H5Sget_simple_extent_npoints(space.get()) != static_cast<hssize_t>(length) ||

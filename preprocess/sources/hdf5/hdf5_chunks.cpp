@@ -97,7 +97,7 @@ bool take_checksum(std::vector<std::byte>& bytes) {
 std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
                                            const DatasetShape& shape,
                                            const std::vector<hsize_t>& chunk, hid_t memory_type,
-                                           std::uint64_t heap) {
+                                           std::uint64_t heap, const InputFile& file) {
     const QuietHdf5 quiet;
     const PropertyHandle creation(H5Dget_create_plist(dataset));
     const TypeHandle stored(H5Dget_type(dataset));
@@ -147,6 +147,11 @@ std::optional<Hdf5Chunks> Hdf5Chunks::open(hid_t dataset, std::string name,
     c.decoders_ = static_cast<int>(std::clamp<std::uint64_t>(
         heap / each, 1, std::max(std::thread::hardware_concurrency(), 1U)));
     c.heap_ = each * static_cast<std::uint64_t>(c.decoders_);
+    if (file.is_far()) {
+        c.far_ =
+            std::make_unique<FarChunks>(file, dataset, shape, chunk, most_stored(c.chunk_bytes_));
+        c.heap_ += most_stored(c.chunk_bytes_);
+    }
     return c;
 }
 
@@ -195,7 +200,13 @@ bool Hdf5Chunks::is_plain(const Int3& chunk) const {
            (long_chunks_ || end.x > nodes_.x || end.y > nodes_.y || end.z > nodes_.z);
 }
 
-std::span<const std::byte> Hdf5Chunks::decode(const Int3& chunk, Buffers& buffers) const {
+std::uint32_t Hdf5Chunks::load(const Int3& chunk, std::vector<std::byte>& stored) const {
+    if (far_ != nullptr) {
+        const FarChunks::Place& place = far_->find(chunk);
+        stored.resize(place.size);
+        far_->bytes().read(place.offset, stored.data(), stored.size());
+        return place.skipped;
+    }
     std::vector<hsize_t> at =
         shape_.along_dims({chunk.x * chunk_.x, chunk.y * chunk_.y, chunk.z * chunk_.z}, 0);
     std::transform(at.begin(), at.end(), fixed_.begin(), at.begin(), std::plus<>());
@@ -208,20 +219,25 @@ std::span<const std::byte> Hdf5Chunks::decode(const Int3& chunk, Buffers& buffer
         H5Dget_chunk_info_by_coord(dataset_, at.data(), &skipped, &address, &size) < 0) {
         throw Error(ErrorKind::io, place(chunk), "cannot be found: " + hdf5_message());
     }
-    if (size == 0) {
+    if (size > most_stored(chunk_bytes_)) {
+        throw Error(ErrorKind::corrupt, place(chunk),
+                    fmt::format("takes {} bytes, its numbers only {}", size, chunk_bytes_));
+    }
+    stored.resize(size);
+    if (size > 0 && H5Dread_chunk(dataset_, H5P_DEFAULT, at.data(), &skipped, stored.data()) < 0) {
+        throw Error(ErrorKind::io, place(chunk), "cannot be read: " + hdf5_message());
+    }
+    return skipped;
+}
+
+std::span<const std::byte> Hdf5Chunks::decode(const Int3& chunk, Buffers& buffers) const {
+    const std::uint32_t skipped = load(chunk, buffers.stored);
+    if (buffers.stored.empty()) {
         buffers.stored.resize(chunk_bytes_);
         for (std::size_t i = 0; i < chunk_bytes_; i += element_) {
             std::memcpy(buffers.stored.data() + i, fill_.data(), element_);
         }
         return buffers.stored;
-    }
-    if (size > most_stored(chunk_bytes_)) {
-        throw Error(ErrorKind::corrupt, place(chunk),
-                    fmt::format("takes {} bytes, its numbers only {}", size, chunk_bytes_));
-    }
-    buffers.stored.resize(size);
-    if (H5Dread_chunk(dataset_, H5P_DEFAULT, at.data(), &skipped, buffers.stored.data()) < 0) {
-        throw Error(ErrorKind::io, place(chunk), "cannot be read: " + hdf5_message());
     }
     for (std::size_t i = is_plain(chunk) ? 0 : filters_.size(); i-- > 0;) {
         if ((skipped >> i & 1U) == 0) {
@@ -239,6 +255,9 @@ void Hdf5Chunks::read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::in
     const Int3 first{0, y0 / chunk_.y, z0 / chunk_.z};
     const Int3 end = ceil_div(Int3{nodes_.x, y0 + ny, z0 + nz}, chunk_);
     const Int3 count = end - first;
+    if (far_ != nullptr) {
+        far_->begin({z0, nz, y0, ny});
+    }
     std::atomic<std::int64_t> next{0};
     tbb::parallel_for(0, decoders_, [&](int /*decoder*/) {
         const QuietHdf5 quiet;

@@ -5,6 +5,7 @@
 
 #include <hdf5.h>
 
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -13,6 +14,8 @@
 #include <isonest/error.h>
 #include <isonest/int3.h>
 
+#include "preprocess/sources/bytes/input_file.h"
+#include "preprocess/sources/hdf5/far_chunks.h"
 #include "preprocess/sources/hdf5/hdf5_datasets.h"
 
 namespace isonest::detail {
@@ -21,13 +24,14 @@ namespace isonest::detail {
 /// Thread-safety: none; read() itself uses many threads.
 class Hdf5Chunks {
   public:
-    /// `chunk`: nodes per chunk and axis of the file. Up to `heap` bytes are used for decoding, and
-    /// more only if one thread needs more. None if HDF5 has to decode (other filters or another
-    /// order of them, numbers that are not stored as `memory_type` has them).
+    /// `chunk`: nodes per chunk and axis of the file. `file`: that of the dataset; of one
+    /// elsewhere, chunks are announced ahead and read without HDF5. Up to `heap` bytes are used for
+    /// decoding, and more only if one thread needs more. None if HDF5 has to decode (other filters
+    /// or another order of them, numbers that are not stored as `memory_type` has them).
     static std::optional<Hdf5Chunks> open(hid_t dataset, std::string name,
                                           const DatasetShape& shape,
                                           const std::vector<hsize_t>& chunk, hid_t memory_type,
-                                          std::uint64_t heap);
+                                          std::uint64_t heap, const InputFile& file);
 
     [[nodiscard]] std::uint64_t heap() const { return heap_; }
     /// See VolumeSource::read(). Throws Error{io, corrupt}.
@@ -40,6 +44,9 @@ class Hdf5Chunks {
     };
     Hdf5Chunks() = default;
     [[nodiscard]] ErrorPlace place(const Int3& chunk) const;
+    /// The stored bytes of a chunk; none if it was never written. Gives the filters that it did not
+    /// go through.
+    std::uint32_t load(const Int3& chunk, std::vector<std::byte>& stored) const;
     /// The numbers of a chunk, in one of the buffers.
     std::span<const std::byte> decode(const Int3& chunk, Buffers& buffers) const;
     /// Whether the filters of a chunk were left out because it reaches beyond the dataset.
@@ -62,6 +69,7 @@ class Hdf5Chunks {
     std::vector<std::byte> fill_;        ///< one element
     std::uint64_t heap_ = 0;
     int decoders_ = 1;
+    std::unique_ptr<FarChunks> far_;
 };
 
 }  // namespace isonest::detail

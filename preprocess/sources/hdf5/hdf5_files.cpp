@@ -372,6 +372,52 @@ DatasetHandle open_dataset(hid_t file, const std::string& path, const PropertyHa
     return dataset;
 }
 
+namespace {
+
+herr_t refuse_link(const char* /*parent*/, const char* /*group*/, const char* file,
+                   const char* /*object*/, unsigned* /*flags*/, hid_t /*access*/, void* data) {
+    // Exceptions do not pass through HDF5.
+    try {
+        *static_cast<std::string*>(data) = file;
+    } catch (...) {
+        return -1;
+    }
+    return -1;
+}
+
+}  // namespace
+
+DatasetHandle open_far_dataset(hid_t file, const std::string& path, const PropertyHandle& access,
+                               std::string* reason) {
+    std::string other;
+    const PropertyHandle links(H5Pcreate(H5P_LINK_ACCESS));
+    H5Pset_elink_cb(links.get(), &refuse_link, &other);
+    const ObjectHandle object(H5Oopen(file, path.c_str(), links.get()));
+    if (!other.empty()) {
+        throw Error(ErrorKind::unsupported, {file_of(file).string(), path},
+                    fmt::format("an external link leads to another file, {:.200}, which is not "
+                                "opened where the first is elsewhere",
+                                other),
+                    {{RemedyKind::download}});
+    }
+    DatasetHandle dataset;
+    std::string message = object.valid() ? "it is not a dataset" : hdf5_message();
+    if (object.valid() && H5Iget_type(object.get()) == H5I_DATASET) {
+        dataset = DatasetHandle(H5Dopen2(file, path.c_str(), access.get()));
+        message = hdf5_message();
+    }
+    if (reason != nullptr) {
+        *reason = message;
+    }
+    return dataset;
+}
+
+bool holds_its_values(hid_t dataset) {
+    const PropertyHandle creation(H5Dget_create_plist(dataset));
+    return creation.valid() && H5Pget_external_count(creation.get()) == 0 &&
+           H5Pget_layout(creation.get()) != H5D_VIRTUAL;
+}
+
 fs::path file_of(hid_t dataset) {
     return text_from([&](char* out, std::size_t size) { return H5Fget_name(dataset, out, size); });
 }

@@ -24,6 +24,14 @@ DatasetHandle open_dataset(hid_t file, const std::string& path, const PropertyHa
                            std::vector<std::filesystem::path>& files,
                            std::string* reason = nullptr);
 
+/// The same of a file elsewhere (is_of_bytes()): throws Error{unsupported} where a link leads to
+/// another file, which is not opened, neither here nor there.
+DatasetHandle open_far_dataset(hid_t file, const std::string& path, const PropertyHandle& access,
+                               std::string* reason = nullptr);
+
+/// Whether a dataset's values lie in its own file: it has no external storage, and is not virtual.
+bool holds_its_values(hid_t dataset);
+
 /// The file that holds a dataset, which external links may have led to.
 std::filesystem::path file_of(hid_t dataset);
 

@@ -7,17 +7,22 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <memory>
 #include <string_view>
 #include <vector>
 
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/file_identity.h"
+#include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/hdf5/far_chunks.h"
+#include "preprocess/sources/hdf5/far_contiguous.h"
 #include "preprocess/sources/hdf5/hdf5_axes.h"
 #include "preprocess/sources/hdf5/hdf5_chunks.h"
 #include "preprocess/sources/hdf5/hdf5_datasets.h"
 #include "preprocess/sources/hdf5/hdf5_files.h"
+#include "preprocess/sources/numbers/raw_rows.h"
 #include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/placement/axis_units.h"
 #include "preprocess/sources/placement/cf_convention.h"
@@ -26,6 +31,7 @@
 #include "preprocess/sources/wrapping/scaled_source.h"
 #include "store/container/hdf5_types.h"
 #include "store/files/mapped_file.h"
+#include "store/hdf5/bytes_driver.h"
 #include "store/hdf5/handles.h"
 #include "store/hdf5/zstd_filter.h"
 #include "store/lattice/lattice.h"
@@ -36,11 +42,13 @@ namespace {
 constexpr std::array<char, 8> kSignature{'\x89', 'H', 'D', 'F', '\r', '\n', '\x1a', '\n'};
 
 /// Where HDF5 begins in a file, behind a user block of 0 or 512 2^k bytes.
-std::optional<std::uint64_t> start_of_hdf5(const std::filesystem::path& path) {
+std::optional<std::uint64_t> start_of_hdf5(const InputFile& file) {
     constexpr std::uint64_t kLeast = 512;
-    const std::uint64_t size = regular_file_size(path);
+    constexpr std::uint64_t kFar = std::uint64_t{64} << 10U;
+    const std::uint64_t size =
+        file.is_far() ? std::min(regular_file_size(file), kFar) : regular_file_size(file);
     for (std::uint64_t at = 0; at + kSignature.size() <= size; at = at == 0 ? kLeast : 2 * at) {
-        if (first_bytes(path, kSignature.size(), at) ==
+        if (first_bytes(file, kSignature.size(), at) ==
             std::string_view(kSignature.data(), kSignature.size())) {
             return at;
         }
@@ -49,78 +57,35 @@ std::optional<std::uint64_t> start_of_hdf5(const std::filesystem::path& path) {
 }
 
 /// Whether the file says that a program has it open for writing, or died having it.
-bool is_being_written(const std::filesystem::path& path) {
+bool is_being_written(const InputFile& file) {
     constexpr std::size_t kVersion = 8;
     constexpr std::size_t kFlags = 11;
     constexpr int kWriting = 1 | 4;
-    const auto start = start_of_hdf5(path);
-    const std::string bytes = start ? first_bytes(path, kFlags + 1, *start) : "";
+    const auto start = start_of_hdf5(file);
+    const std::string bytes = start ? first_bytes(file, kFlags + 1, *start) : "";
     return bytes.size() > kFlags && bytes[kVersion] == 3 && (bytes[kFlags] & kWriting) != 0;
 }
 
 class Hdf5Source : public VolumeSource {
   public:
-    Hdf5Source(const std::filesystem::path& path, const SourceOptions& options) {
+    Hdf5Source(const InputFile& input, const SourceOptions& options) : input_(input) {
         const QuietHdf5 quiet;
         register_zstd_filter();
-        file_ = open_hdf5(path);
-        if (!file_.valid() && is_being_written(path)) {
-            throw Error(ErrorKind::io, {path.string()},
+        file_ = input.is_far() ? open_hdf5(input.bytes()) : open_hdf5(input.path());
+        if (!file_.valid() && is_being_written(input)) {
+            throw Error(ErrorKind::io, {input.name()},
                         "another program writes it, or died before it closed it; wait until it is "
                         "closed, or if nothing writes it, run h5clear -s");
         }
         if (!file_.valid()) {
-            throw Error(ErrorKind::corrupt, {path.string()}, hdf5_cannot_open());
+            throw Error(ErrorKind::corrupt, {input.name()}, hdf5_cannot_open());
         }
-        files_ = {path};
-        dataset_name_ = options.dataset.empty()
-                            ? choose_dataset(file_.get(), path, !options.index.empty())
-                            : options.dataset;
-        name_ = path.string() + ":" + dataset_name_;
-        std::string reason;
-        dataset_ = open_dataset(file_.get(), dataset_name_, access_, files_, &reason);
-        if (!dataset_.valid()) {
-            throw Error(ErrorKind::not_found, {path.string()},
-                        fmt::format("there is no dataset {} ({}); the file has:{}", dataset_name_,
-                                    reason, list_of_datasets(file_.get(), path)));
+        files_ = local_files({input});
+        if (input.is_far()) {
+            reading(file_.get(), [&] { open(options); });
+        } else {
+            open(options);
         }
-        shape_ = shape_of(dataset_.get());
-        const auto type = value_type_of(dataset_.get());
-        axes_ = hdf5_axes(dataset_.get(), shape_.dims);
-        if (type && (shape_.axes.empty() || !options.index.empty()) && !shape_.dims.empty()) {
-            choose_part(options);
-        }
-        if (!type || shape_.axes.empty()) {
-            throw Error(
-                ErrorKind::unsupported, {name_},
-                fmt::format("volumes of one scalar (integers and floating point numbers of up to "
-                            "64 bits) on 1 to 3 axes are read, this is [{}] {}",
-                            shape_.text(), type ? name_of(*type) : "of another type"));
-        }
-        type_ = *type;
-        memory_type_ = file_type(type_);
-        take_unsigned();
-        if (std::any_of(shape_.dims.begin(), shape_.dims.end(), [](hsize_t n) {
-                return n < 1 || n > static_cast<hsize_t>(kMaxNodesPerAxis);
-            })) {
-            throw Error(ErrorKind::unsupported, {name_},
-                        fmt::format("[{}] nodes: each axis must have 1 to {}", shape_.text(),
-                                    kMaxNodesPerAxis));
-        }
-        nodes_ = shape_.along_axes(shape_.dims);
-        add_files_of(dataset_.get(), name_, files_);
-        unwritten_is_undefined_ = is_unwritten_undefined();
-        set_chunks(options);
-        read_coordinates();
-        read_element_size();
-        read_place("spacing", spacing_);
-        read_place("origin", origin_);
-        read_direction();
-        if (const auto unit = length_unit_from(text_of_attribute(dataset_.get(), "unit"))) {
-            unit_ = unit;
-        }
-        map_contiguous();
-        take_labels(options.labels);
     }
     /// What the dataset's attributes say of its numbers.
     [[nodiscard]] Scaling scaling() const {
@@ -146,8 +111,11 @@ class Hdf5Source : public VolumeSource {
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
     [[nodiscard]] std::string identity() const override {
-        return fmt::format("{}dataset {}\n", identity_of(files_), dataset_name_) +
-               (shape_.at.empty() ? "" : fmt::format("at {}\n", fmt::join(shape_.at, " ")));
+        const std::string inputs =
+            input_.is_far() ? identity_of_inputs({input_}) : identity_of(files_);
+        return inputs.empty()
+                   ? inputs
+                   : fmt::format("{}dataset {}\n", inputs, dataset_name_) + text_of_place();
     }
     [[nodiscard]] Granularity granularity() const override { return granularity_; }
     [[nodiscard]] std::uint64_t heap() const override { return heap_; }
@@ -155,14 +123,117 @@ class Hdf5Source : public VolumeSource {
 
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
-        if (chunks_) {
+        if (far_numbers_) {
+            far_numbers_->read(z0, nz, y0, ny, dst);
+        } else if (input_.is_far()) {
+            reading(dataset_.get(), [&] { read_far({z0, nz, y0, ny}, dst); });
+        } else if (chunks_) {
             chunks_->read(z0, nz, y0, ny, dst);
-            return;
+        } else {
+            read_by_hdf5({z0, nz, y0, ny}, {z0, nz, y0, ny}, dst);
         }
-        read_by_hdf5(z0, nz, y0, ny, dst);
     }
 
   private:
+    [[nodiscard]] std::string text_of_place() const {
+        return shape_.at.empty() ? "" : fmt::format("at {}\n", fmt::join(shape_.at, " "));
+    }
+
+    /// HDF5 reads what was announced: in parts, so that the next ones are under way meanwhile.
+    void read_far(const Slab& slab, std::byte* dst) {
+        if (chunks_) {
+            chunks_->read(slab.z0, slab.nz, slab.y0, slab.ny, dst);
+            return;
+        }
+        if (far_chunks_ == nullptr) {
+            read_by_hdf5(slab, slab, dst);
+            return;
+        }
+        const std::int64_t step = far_chunks_->chunk().y;
+        for (std::int64_t y = slab.y0; y < slab.y0 + slab.ny;) {
+            const std::int64_t end = std::min((y / step + 1) * step, slab.y0 + slab.ny);
+            const Slab part{slab.z0, slab.nz, y, end - y};
+            far_chunks_->begin(part);
+            read_by_hdf5(part, slab, dst);
+            y = end;
+        }
+    }
+
+    void open(const SourceOptions& options) {
+        dataset_name_ = options.dataset.empty()
+                            ? choose_dataset(file_.get(), input_.path(), !options.index.empty())
+                            : options.dataset;
+        name_ = input_.name() + ":" + dataset_name_;
+        std::string reason;
+        dataset_ = open_named(&reason);
+        if (!dataset_.valid()) {
+            throw Error(ErrorKind::not_found, {input_.name()},
+                        fmt::format("there is no dataset {} ({}); the file has:{}", dataset_name_,
+                                    reason, list_of_datasets(file_.get(), input_.path())));
+        }
+        shape_ = shape_of(dataset_.get());
+        const auto type = value_type_of(dataset_.get());
+        axes_ = hdf5_axes(dataset_.get(), shape_.dims);
+        if (type && (shape_.axes.empty() || !options.index.empty()) && !shape_.dims.empty()) {
+            choose_part(options);
+        }
+        if (!type || shape_.axes.empty()) {
+            throw Error(
+                ErrorKind::unsupported, {name_},
+                fmt::format("volumes of one scalar (integers and floating point numbers of up to "
+                            "64 bits) on 1 to 3 axes are read, this is [{}] {}",
+                            shape_.text(), type ? name_of(*type) : "of another type"));
+        }
+        type_ = *type;
+        memory_type_ = file_type(type_);
+        take_unsigned();
+        if (std::any_of(shape_.dims.begin(), shape_.dims.end(), [](hsize_t n) {
+                return n < 1 || n > static_cast<hsize_t>(kMaxNodesPerAxis);
+            })) {
+            throw Error(ErrorKind::unsupported, {name_},
+                        fmt::format("[{}] nodes: each axis must have 1 to {}", shape_.text(),
+                                    kMaxNodesPerAxis));
+        }
+        nodes_ = shape_.along_axes(shape_.dims);
+        if (input_.is_far()) {
+            require_own_values();
+        } else {
+            add_files_of(dataset_.get(), name_, files_);
+        }
+        unwritten_is_undefined_ = is_unwritten_undefined();
+        set_chunks(options);
+        read_coordinates();
+        read_element_size();
+        read_place("spacing", spacing_);
+        read_place("origin", origin_);
+        read_direction();
+        if (const auto unit = length_unit_from(text_of_attribute(dataset_.get(), "unit"))) {
+            unit_ = unit;
+        }
+        if (input_.is_far()) {
+            far_numbers_ = open_far_contiguous(input_, dataset_.get(), shape_,
+                                               {memory_type_.get(), type_}, name_);
+            heap_ += far_numbers_ ? far_numbers_->heap() : 0;
+        } else {
+            map_contiguous();
+        }
+        take_labels(options.labels);
+    }
+
+    DatasetHandle open_named(std::string* reason = nullptr) {
+        return input_.is_far() ? open_far_dataset(file_.get(), dataset_name_, access_, reason)
+                               : open_dataset(file_.get(), dataset_name_, access_, files_, reason);
+    }
+
+    void require_own_values() const {
+        if (!holds_its_values(dataset_.get())) {
+            throw Error(ErrorKind::unsupported, {name_},
+                        "its values are those of other files or datasets (external storage, or a "
+                        "virtual dataset), which are not opened where the first is elsewhere",
+                        {{RemedyKind::download}});
+        }
+    }
+
     void choose_part(const SourceOptions& options) {
         std::vector<ArrayAxis> axes;
         for (std::size_t i = 0; i < shape_.dims.size(); ++i) {
@@ -239,19 +310,23 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-    void read_by_hdf5(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
-                      std::byte* dst) {
+    /// A part of a slab, to its place in the slab. What is not in the part is left as it is.
+    void read_by_hdf5(const Slab& part, const Slab& slab, std::byte* dst) {
         const QuietHdf5 quiet;
-        if (unwritten_is_undefined_) {
-            std::memset(dst, 0, static_cast<std::size_t>(nz * ny * nodes_.x) * size_of(type_));
+        const std::int64_t z0 = part.z0;
+        const std::int64_t nz = part.nz;
+        if (unwritten_is_undefined_ && part.y0 == slab.y0) {
+            std::memset(dst, 0, static_cast<std::size_t>(nz * slab.ny * nodes_.x) * size_of(type_));
         }
-        const std::vector<hsize_t> start = shape_.place_of({0, y0, z0});
-        const std::vector<hsize_t> count = shape_.along_dims({nodes_.x, ny, nz}, 1);
+        const std::vector<hsize_t> start = shape_.place_of({0, part.y0, z0});
+        const std::vector<hsize_t> count = shape_.along_dims({nodes_.x, part.ny, nz}, 1);
         const SpaceHandle from(H5Dget_space(dataset_.get()));
         H5Sselect_hyperslab(from.get(), H5S_SELECT_SET, start.data(), nullptr, count.data(),
                             nullptr);
-        const SpaceHandle to(
-            H5Screate_simple(static_cast<int>(count.size()), count.data(), nullptr));
+        const std::vector<hsize_t> size = shape_.along_dims({nodes_.x, slab.ny, nz}, 1);
+        const SpaceHandle to(H5Screate_simple(static_cast<int>(size.size()), size.data(), nullptr));
+        const std::vector<hsize_t> at = shape_.along_dims({0, part.y0 - slab.y0, 0}, 0);
+        H5Sselect_hyperslab(to.get(), H5S_SELECT_SET, at.data(), nullptr, count.data(), nullptr);
         const PropertyHandle transfer(H5Pcreate(H5P_DATASET_XFER));
         bool lossy = false;
         H5Pset_type_conv_cb(transfer.get(), &stop_if_lossy, &lossy);
@@ -265,8 +340,8 @@ class Hdf5Source : public VolumeSource {
             throw Error(ErrorKind::io, {name_, planes},
                         fmt::format("cannot read: {}", hdf5_message()));
         }
-        if (labels_) {
-            to_labels(name_, static_cast<std::size_t>(nz * ny * nodes_.x), dst);
+        if (labels_ && part.y0 + part.ny == slab.y0 + slab.ny) {
+            to_labels(name_, static_cast<std::size_t>(nz * slab.ny * nodes_.x), dst);
         }
     }
 
@@ -368,7 +443,7 @@ class Hdf5Source : public VolumeSource {
         const Int3 chunk = shape_.along_axes(dims);
         granularity_ = {std::min(nodes_.z, chunk.z), std::min(nodes_.y, chunk.y)};
         chunks_ = Hdf5Chunks::open(dataset_.get(), name_, shape_, dims, memory_type_.get(),
-                                   options.max_heap / 3);
+                                   options.max_heap / 3, input_);
         if (chunks_) {
             heap_ += chunks_->heap();
             return;
@@ -378,9 +453,14 @@ class Hdf5Source : public VolumeSource {
         heap_ += 3 * bytes;
         H5Pset_chunk_cache(access_.get(), 521, std::max<std::uint64_t>(bytes, 1U << 20U), 1.0);
         dataset_.reset();
-        dataset_ = open_dataset(file_.get(), dataset_name_, access_, files_);
+        dataset_ = open_named();
         if (!dataset_.valid()) {
             throw Error(ErrorKind::io, {name_}, fmt::format("cannot open: {}", hdf5_message()));
+        }
+        if (input_.is_far()) {
+            far_chunks_ = std::make_unique<FarChunks>(input_, dataset_.get(), shape_, dims,
+                                                      bytes + bytes / 8 + 4096);
+            heap_ += 2 * bytes;
         }
     }
 
@@ -436,12 +516,13 @@ class Hdf5Source : public VolumeSource {
 
     bool shows_row(std::int64_t z, std::int64_t y) {
         std::vector<std::byte> row(static_cast<std::size_t>(nodes_.x) * size_of(type_));
-        read_by_hdf5(z, 1, y, 1, row.data());
+        read_by_hdf5({z, 1, y, 1}, {z, 1, y, 1}, row.data());
         const auto at = static_cast<std::size_t>(z * nodes_.y + y) * row.size();
         return std::equal(row.begin(), row.end(),
                           mapped_.begin() + static_cast<std::ptrdiff_t>(at));
     }
 
+    InputFile input_;
     std::vector<std::filesystem::path> files_;
     FileHandle file_;
     PropertyHandle access_{H5Pcreate(H5P_DATASET_ACCESS)};
@@ -463,15 +544,18 @@ class Hdf5Source : public VolumeSource {
     Granularity granularity_;
     bool unwritten_is_undefined_ = false;
     std::optional<Hdf5Chunks> chunks_;
+    /// Of a file elsewhere, a contiguous dataset; or chunks that HDF5 has to decode.
+    std::unique_ptr<VolumeSource> far_numbers_;
+    std::unique_ptr<FarChunks> far_chunks_;
     std::optional<MappedFile> map_;
     std::span<const std::byte> mapped_;
     std::uint64_t heap_ = 2U << 20U;
     TypeHandle memory_type_;  ///< of read()'s values; little endian, as memory is
 };
 
-std::unique_ptr<VolumeSource> open_hdf5(const std::filesystem::path& path,
-                                        const SourceOptions& options) {
-    auto source = std::make_unique<Hdf5Source>(path, options);
+std::unique_ptr<VolumeSource> open_hdf5_volume(const InputFile& file,
+                                               const SourceOptions& options) {
+    auto source = std::make_unique<Hdf5Source>(file, options);
     const Scaling scaling = source->scaling();
     const std::array<bool, 3> back = source->backward();
     std::unique_ptr<VolumeSource> volume = mirrored(std::move(source), back);
@@ -480,17 +564,18 @@ std::unique_ptr<VolumeSource> open_hdf5(const std::filesystem::path& path,
 
 }  // namespace
 
-bool is_hdf5(const std::filesystem::path& path) {
-    return start_of_hdf5(path).has_value();
+bool is_hdf5(const InputFile& file) {
+    return start_of_hdf5(file).has_value();
 }
 
 VolumeFormat hdf5_format() {
-    return {.about = {"HDF5", ".h5 .hdf5 .nc .mat", ""},
-            .takes = {.dataset = true, .index = true},
-            .recognises =
-                [](const VolumeInput& input) { return !input.folder && is_hdf5(input.path()); },
-            .open = [](const VolumeInput& input,
-                       const SourceOptions& options) { return open_hdf5(input.path(), options); }};
+    return {
+        .about = {"HDF5", ".h5 .hdf5 .nc .mat", ""},
+        .takes = {.dataset = true, .index = true},
+        .reads_urls = true,
+        .recognises = [](const VolumeInput& input) { return !input.folder && is_hdf5(input.file); },
+        .open = [](const VolumeInput& input,
+                   const SourceOptions& options) { return open_hdf5_volume(input.file, options); }};
 }
 
 }  // namespace isonest::detail

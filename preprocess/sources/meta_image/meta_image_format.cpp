@@ -191,11 +191,10 @@ void set_axes(const Header& header, PlacedArray& array) {
 
 std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
                                               const SourceOptions& options) {
-    const std::filesystem::path& path = input.path();
-    const Header header(first_bytes(path, kMostHeader), path.string());
+    const Header header(first_bytes(input.file, kMostHeader), input.name());
     PlacedArray array;
-    array.file = path;
-    array.name = path.string();
+    array.file = input.file;
+    array.name = input.name();
     set_type(header, array);
     set_axes(header, array);
     if (options.spacing) {
@@ -220,9 +219,9 @@ std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
     if (file == "LOCAL" || file == "Local" || file == "local") {
         layout.start = header.bytes();
     } else {
-        array.file = path.parent_path() / file;
-        array.name = array.file.string();
-        layout.header = path;
+        array.file = input.file.beside(file);
+        array.name = array.file.name();
+        layout.header = input.file;
         const std::int64_t skip = header.integer("HeaderSize", 0);
         layout.offset_from_end = skip == -1;
         layout.start = static_cast<std::uint64_t>(std::max<std::int64_t>(skip, 0));
@@ -240,6 +239,7 @@ std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
 VolumeFormat meta_image_format() {
     return {.about = {"MetaImage", ".mha .mhd", ""},
             .takes = {.index = true},
+            .reads_urls = true,
             .recognises = is_meta_image,
             .open = open_meta_image};
 }

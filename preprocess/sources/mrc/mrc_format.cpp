@@ -51,8 +51,8 @@ void set_type(int mode, bool unsigned_bytes, const std::string& name, PlacedArra
 std::unique_ptr<VolumeSource> open_mrc(const VolumeInput& input, const SourceOptions& options) {
     const std::string_view head = input.unpacked;
     PlacedArray array;
-    array.file = input.path();
-    array.name = input.path().string();
+    array.file = input.file;
+    array.name = input.name();
     constexpr char kBig = 0x11;
     const bool big = head[212] == kBig;
     const auto whole = [&](std::size_t word) {
@@ -145,6 +145,7 @@ std::unique_ptr<VolumeSource> open_mrc(const VolumeInput& input, const SourceOpt
 VolumeFormat mrc_format() {
     return {.about = {"MRC", ".mrc .map .ccp4 .rec .st", ""},
             .takes = {.index = true},
+            .reads_urls = true,
             .recognises = is_mrc,
             .open = open_mrc};
 }

@@ -2,17 +2,22 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <initializer_list>
 #include <limits>
 #include <map>
 #include <span>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/gzip_stream.h"
 #include "preprocess/sources/bytes/header_number.h"
+#include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/nifti/nifti_labels.h"
 #include "preprocess/sources/placement/placed_array.h"
@@ -47,13 +52,13 @@ int version_of(std::string_view head, bool& big) {
 }
 
 /// The start of a file, unpacked where it is gzip; empty if it cannot be read.
-std::string head_of(const std::filesystem::path& path) {
+std::string head_of(const InputFile& file) {
     std::string text(VolumeInput::kHeadBytes, '\0');
     try {
-        if (!is_gzip(path)) {
-            return first_bytes(path, text.size());
+        if (!is_gzip(file)) {
+            return first_bytes(file, text.size());
         }
-        GzipStream stream(path, path.string(), 0);
+        GzipStream stream(file, file.name(), 0);
         text.resize(stream.read(reinterpret_cast<std::byte*>(text.data()), text.size()));
     } catch (const Error&) {
         text.clear();
@@ -61,38 +66,69 @@ std::string head_of(const std::filesystem::path& path) {
     return text;
 }
 
+/// The names of a file beside another one: its ending, less ".gz", replaced by these.
+std::vector<std::string> neighbours(const std::filesystem::path& named,
+                                    std::initializer_list<const char*> endings) {
+    std::filesystem::path path = named.filename();
+    if (path.extension() == ".gz") {
+        path.replace_extension();
+    }
+    const std::string stem = path.replace_extension().string();
+    std::vector<std::string> names;
+    for (const char* const ending : endings) {
+        names.push_back(stem + ending);
+    }
+    return names;
+}
+
+/// The first of these names that there is beside a file; none if there is none.
+InputFile first_beside(const InputFile& file, const std::vector<std::string>& names) {
+    for (const std::string& name : names) {
+        if (!file.is_far()) {
+            std::error_code error;
+            InputFile there = file.beside(name);
+            if (std::filesystem::is_regular_file(there.path(), error)) {
+                return there;
+            }
+            continue;
+        }
+        try {
+            return file.beside(name);
+        } catch (const Error& error) {
+            // S3 denies what is not there to those who may not list the bucket.
+            const bool is_denied =
+                std::any_of(error.remedies().begin(), error.remedies().end(),
+                            [](const Remedy& r) { return r.kind == RemedyKind::give_credentials; });
+            if (error.kind() != ErrorKind::not_found && !is_denied) {
+                throw;
+            }
+        }
+    }
+    return {};
+}
+
 /// The file with the header: that of an image (.img, .img.gz) is its neighbour.
-std::filesystem::path header_file(const std::filesystem::path& named) {
-    std::filesystem::path path = named;
-    const bool packed = path.extension() == ".gz";
-    if (packed) {
+InputFile header_file(const InputFile& named) {
+    std::filesystem::path path = named.path();
+    if (path.extension() == ".gz") {
         path.replace_extension();
     }
     if (path.extension() != ".img") {
         return named;
     }
-    for (const char* const ending : {".hdr", ".hdr.gz"}) {
-        std::filesystem::path header = path;
-        header.replace_extension(ending);
-        std::error_code error;
-        if (std::filesystem::is_regular_file(header, error)) {
-            return header;
-        }
-    }
-    return named;
+    InputFile header = first_beside(named, neighbours(named.path(), {".hdr", ".hdr.gz"}));
+    return header.empty() ? named : header;
 }
 
-std::filesystem::path image_file(const std::filesystem::path& header) {
-    std::filesystem::path path = header;
-    if (path.extension() == ".gz") {
-        path.replace_extension();
+/// `named`: what the caller named, the header or the image. Where neither image is there, the
+/// message is about the one that is not packed.
+InputFile image_file(const InputFile& header, const InputFile& named) {
+    if (named.path() != header.path()) {
+        return named;
     }
-    std::filesystem::path packed = path;
-    path.replace_extension(".img");
-    packed.replace_extension(".img.gz");
-    std::error_code error;
-    return std::filesystem::exists(packed, error) && !std::filesystem::exists(path, error) ? packed
-                                                                                           : path;
+    const std::vector<std::string> names = neighbours(header.path(), {".img", ".img.gz"});
+    InputFile image = first_beside(header, names);
+    return image.empty() ? header.beside(names.front()) : image;
 }
 
 bool is_nifti(const VolumeInput& input) {
@@ -103,8 +139,8 @@ bool is_nifti(const VolumeInput& input) {
     if (version_of(input.unpacked, big) != 0) {
         return true;
     }
-    const std::filesystem::path header = header_file(input.path());
-    return header != input.path() && version_of(head_of(header), big) != 0;
+    const InputFile header = header_file(input.file);
+    return header.path() != input.file.path() && version_of(head_of(header), big) != 0;
 }
 
 struct NiftiHeader {
@@ -235,7 +271,7 @@ void set_place(const NiftiHeader& h, PlacedArray& array) {
 }
 
 /// Those in the header's extensions.
-FoundLabels labels_of(const NiftiHeader& h, const std::filesystem::path& header, bool first,
+FoundLabels labels_of(const NiftiHeader& h, const InputFile& header, bool first,
                       const PlacedArray& array, std::span<const AxisIndex> index) {
     constexpr std::size_t kTime = 4;  // the fourth axis from the end of the list
     const ChosenAxes chosen = choose_axes(array.axes, index, array.name);
@@ -247,16 +283,16 @@ FoundLabels labels_of(const NiftiHeader& h, const std::filesystem::path& header,
 }
 
 std::unique_ptr<VolumeSource> open_nifti(const VolumeInput& input, const SourceOptions& options) {
-    const std::filesystem::path header = header_file(input.path());
-    const std::string name = header.string();
-    const std::string head = header == input.path() ? input.unpacked : head_of(header);
+    const InputFile header = header_file(input.file);
+    const std::string name = header.name();
+    const std::string head = header.path() == input.file.path() ? input.unpacked : head_of(header);
     const NiftiHeader h = parse(head, name);
     PlacedArray array;
     array.name = name;
-    array.file = h.single ? header : image_file(header);
+    array.file = h.single ? header : image_file(header, input.file);
     if (!h.single) {
         array.layout.header = header;
-        array.name = array.file.string();
+        array.name = array.file.name();
     }
     const std::size_t least = h.single ? kBytes1 : 0;
     if (!(h.offset >= static_cast<double>(least)) || h.offset > 1e15 ||
@@ -294,6 +330,7 @@ std::unique_ptr<VolumeSource> open_nifti(const VolumeInput& input, const SourceO
 VolumeFormat nifti_format() {
     return {.about = {"NIfTI", ".nii .nii.gz .hdr .img", ""},
             .takes = {.index = true},
+            .reads_urls = true,
             .recognises = is_nifti,
             .open = open_nifti};
 }

@@ -23,12 +23,11 @@ namespace {
 constexpr std::uint64_t kMostExtensionBytes = std::uint64_t{1} << 24U;
 
 /// Bytes [begin, end) of the unpacked file, or fewer where it ends.
-std::string unpacked_bytes(const std::filesystem::path& path, std::uint64_t begin,
-                           std::uint64_t end) {
-    if (!is_gzip(path)) {
-        return first_bytes(path, static_cast<std::size_t>(end - begin), begin);
+std::string unpacked_bytes(const InputFile& file, std::uint64_t begin, std::uint64_t end) {
+    if (!is_gzip(file)) {
+        return first_bytes(file, static_cast<std::size_t>(end - begin), begin);
     }
-    GzipStream stream(path, path.string(), 0);
+    GzipStream stream(file, file.name(), 0);
     std::string text(static_cast<std::size_t>(end), '\0');
     text.resize(stream.read(reinterpret_cast<std::byte*>(text.data()), text.size()));
     return text.substr(std::min<std::size_t>(begin, text.size()));

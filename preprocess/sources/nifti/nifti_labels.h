@@ -3,15 +3,15 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 
+#include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/label_names/found_labels.h"
 
 namespace isonest::detail {
 
 /// Where the extensions of a header lie, in the unpacked file.
 struct NiftiExtensions {
-    std::filesystem::path file;
+    InputFile file;
     std::uint64_t begin = 0;  ///< of the four bytes that say whether there are any
     std::uint64_t end = 0;    ///< the numbers begin here, or the file ends before
     bool big_endian = false;

@@ -7,6 +7,7 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/nrrd/nrrd_header.h"
 #include "preprocess/sources/numbers/raw_source.h"
@@ -23,23 +24,22 @@ bool is_nrrd(const VolumeInput& input) {
 }
 
 /// The file's start, with at least the whole header.
-std::string read_nrrd_header(const std::filesystem::path& path) {
+std::string read_nrrd_header(const InputFile& file) {
     constexpr std::size_t kUsual = std::size_t{1} << 16U;
     constexpr std::size_t kLongest = std::size_t{1} << 22U;
     for (const std::size_t most : {kUsual, kLongest}) {
-        std::string text = first_bytes(path, most);
+        std::string text = first_bytes(file, most);
         if (text.size() < most || nrrd_header_ends(text)) {
             return text;
         }
     }
-    throw Error(ErrorKind::unsupported, {path.string(), "NRRD header"},
+    throw Error(ErrorKind::unsupported, {file.name(), "NRRD header"},
                 fmt::format("no empty line ends it within the first {} bytes", kLongest));
 }
 
 std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOptions& options) {
-    const std::filesystem::path& path = input.path();
-    const std::string name = path.string();
-    NrrdHeader header = parse_nrrd_header(read_nrrd_header(path), name, options.spacing);
+    const std::string name = input.name();
+    NrrdHeader header = parse_nrrd_header(read_nrrd_header(input.file), name, options.spacing);
     if (header.oblique && !options.spacing) {
         const Placement place =
             place_in_world(header.layout.nodes, header.steps, header.layout.origin, name);
@@ -48,14 +48,14 @@ std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOp
         header.layout.direction = place.direction;
         header.backward = place.backward;
     }
-    std::filesystem::path data = path;
+    InputFile data = input.file;
     if (!header.data_file.empty()) {
-        data = path.parent_path() / header.data_file;
-        header.layout.header = path;
+        data = input.file.beside(header.data_file);
+        header.layout.header = input.file;
     } else {
         header.layout.start = header.header_bytes;
     }
-    std::unique_ptr<VolumeSource> source = open_raw(data, data.string(), header.layout);
+    std::unique_ptr<VolumeSource> source = open_raw(data, data.name(), header.layout);
     if (options.labels) {
         source = with_label_names(with_notes(std::move(source), header.labels.notes()),
                                   header.labels.names());
@@ -68,6 +68,7 @@ std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOp
 VolumeFormat nrrd_format() {
     return {.about = {"NRRD", ".nrrd .nhdr", ""},
             .takes = {},
+            .reads_urls = true,
             .recognises = is_nrrd,
             .open = open_nrrd};
 }

@@ -14,11 +14,8 @@ namespace {
 class ReaderSource : public RawBase {
   public:
     ReaderSource(std::unique_ptr<ByteReader> bytes, const std::string& name,
-                 const RawLayout& layout, std::vector<std::filesystem::path> files)
-        : RawBase(files.front(), name, layout),
-          bytes_(std::move(bytes)),
-          files_(std::move(files)) {}
-    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
+                 const RawLayout& layout, const InputFile& file)
+        : RawBase(file, name, layout), bytes_(std::move(bytes)) {}
     [[nodiscard]] bool sequential() const override { return bytes_->sequential(); }
     [[nodiscard]] std::uint64_t heap() const override { return RawBase::heap() + bytes_->heap(); }
 
@@ -27,14 +24,12 @@ class ReaderSource : public RawBase {
         bytes_->read(at, dst, bytes);
     }
     std::unique_ptr<ByteReader> bytes_;
-    std::vector<std::filesystem::path> files_;
 };
 
 }  // namespace
 
 std::unique_ptr<VolumeSource> open_bytes(std::unique_ptr<ByteReader> bytes, const std::string& name,
-                                         const RawLayout& layout,
-                                         std::vector<std::filesystem::path> files) {
+                                         const RawLayout& layout, const InputFile& file) {
     check_nodes(name, layout);
     const std::uint64_t need = layout.offset + data_bytes(layout);
     if (bytes->size() < need) {
@@ -46,7 +41,7 @@ std::unique_ptr<VolumeSource> open_bytes(std::unique_ptr<ByteReader> bytes, cons
         throw Error(ErrorKind::unsupported, {name},
                     "its axes are stored in another order, which a stream cannot be read in");
     }
-    return std::make_unique<ReaderSource>(std::move(bytes), name, layout, std::move(files));
+    return std::make_unique<ReaderSource>(std::move(bytes), name, layout, file);
 }
 
 }  // namespace isonest::detail

@@ -2,10 +2,11 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <optional>
 
 #include <isonest/volume_source.h>
+
+#include "preprocess/sources/bytes/input_file.h"
 
 namespace isonest::detail {
 
@@ -34,7 +35,7 @@ struct RawLayout {
     Double3 origin{0, 0, 0};
     Directions direction = kAlongWorld;
     std::optional<LengthUnit> unit = {};  ///< of spacing and origin
-    std::filesystem::path header;         ///< what describes them, if it is another file
+    InputFile header;                     ///< what describes them, if it is another file
 };
 
 }  // namespace isonest::detail

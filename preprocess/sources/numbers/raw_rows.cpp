@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <vector>
 
 #include <isonest/error.h>
 
@@ -58,12 +59,19 @@ std::string identity_of_layout(const RawLayout& layout) {
     return layout.first > 0 ? fmt::format("{}first value {}\n", text, layout.first) : text;
 }
 
+std::string identity_of_raw(const InputFile& file, const RawLayout& layout) {
+    const std::string inputs = identity_of_inputs(
+        layout.header.empty() ? std::vector{file} : std::vector{file, layout.header});
+    return inputs.empty() ? inputs : inputs + identity_of_layout(layout);
+}
+
 std::string RawBase::identity() const {
-    return identity_of(files()) + identity_of_layout(layout_);
+    return identity_of_raw(file_, layout_);
 }
 
 void RawBase::read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
                    std::byte* dst) {
+    before_rows({z0, nz, y0, ny});
     const std::size_t value = size_of(layout_.type);
     const std::uint64_t row = static_cast<std::uint64_t>(layout_.nodes.x) * value;
     if (layout_.strides) {

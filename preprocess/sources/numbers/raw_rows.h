@@ -10,6 +10,7 @@
 
 #include <isonest/volume_source.h>
 
+#include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/numbers/raw_layout.h"
 
 namespace isonest::detail {
@@ -28,17 +29,29 @@ bool is_nested(const RawLayout& layout);
 /// What tells a layout from others, as lines of VolumeSource::identity().
 std::string identity_of_layout(const RawLayout& layout);
 
+/// Rows [y0, y0 + ny) of planes [z0, z0 + nz): what VolumeSource::read() reads.
+struct Slab {
+    std::int64_t z0 = 0;
+    std::int64_t nz = 0;
+    std::int64_t y0 = 0;
+    std::int64_t ny = 0;
+};
+
+/// identity_of_inputs() of a file and what describes it, and what tells the layout; empty where the
+/// inputs cannot be told from others.
+std::string identity_of_raw(const InputFile& file, const RawLayout& layout);
+
 /// Rows by reads of bytes at any place.
 class RawBase : public VolumeSource {
   public:
-    RawBase(std::filesystem::path path, std::string name, RawLayout layout)
-        : path_(std::move(path)), name_(std::move(name)), layout_(std::move(layout)) {}
+    RawBase(InputFile file, std::string name, RawLayout layout)
+        : file_(std::move(file)), name_(std::move(name)), layout_(std::move(layout)) {}
     [[nodiscard]] VolumeDescription describe() const override {
         return {layout_.nodes, layout_.type,      layout_.spacing, layout_.origin,
                 name_,         layout_.direction, false,           layout_.unit};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
-        return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};
+        return local_files({file_, layout_.header});
     }
     [[nodiscard]] std::string identity() const override;
 
@@ -46,6 +59,8 @@ class RawBase : public VolumeSource {
               std::byte* dst) final;
 
   protected:
+    /// What read() is going to read.
+    virtual void before_rows(const Slab& /*slab*/) {}
     virtual void read_bytes(std::uint64_t at, std::byte* dst, std::uint64_t bytes) = 0;
     /// The last node was read.
     virtual void after_last() {}
@@ -53,7 +68,7 @@ class RawBase : public VolumeSource {
     [[nodiscard]] std::uint64_t start() const {
         return layout_.offset + layout_.first * size_of(layout_.type);
     }
-    std::filesystem::path path_;
+    InputFile file_;
     std::string name_;
     RawLayout layout_;
 

@@ -14,6 +14,7 @@
 
 #include "preprocess/sources/bytes/gzip_stream.h"
 #include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/numbers/far_numbers.h"
 #include "preprocess/sources/numbers/raw_rows.h"
 #include "preprocess/sources/numbers/strided_file.h"
 #include "store/files/mapped_file.h"
@@ -73,9 +74,9 @@ DeflateWrapper wrapper_of(Packing packing) {
 class GzipSource : public RawBase {
   public:
     /// The stream starts at layout.start.
-    GzipSource(const std::filesystem::path& path, std::string name, const RawLayout& layout)
-        : RawBase(path, std::move(name), layout),
-          stream_(path, name_, layout.start, wrapper_of(layout.packing)) {}
+    GzipSource(const InputFile& file, std::string name, const RawLayout& layout)
+        : RawBase(file, std::move(name), layout),
+          stream_(file, name_, layout.start, wrapper_of(layout.packing)) {}
     [[nodiscard]] bool sequential() const override { return true; }
 
   private:
@@ -131,12 +132,12 @@ class GzipSource : public RawBase {
 };
 
 /// The place behind `lines` lines from byte `at` on.
-std::uint64_t behind_lines(const std::filesystem::path& path, const std::string& name,
-                           std::uint64_t at, std::uint64_t lines) {
+std::uint64_t behind_lines(const InputFile& file, const std::string& name, std::uint64_t at,
+                           std::uint64_t lines) {
     constexpr std::size_t kPart = std::size_t{1} << 16U;
     std::uint64_t found = 0;
     while (found < lines) {
-        const std::string part = first_bytes(path, kPart, at);
+        const std::string part = first_bytes(file, kPart, at);
         if (part.empty()) {
             throw Error(
                 ErrorKind::corrupt, {name},
@@ -178,13 +179,13 @@ void place_plain(const std::string& name, std::uint64_t size, RawLayout& layout)
 
 }  // namespace
 
-std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const std::string& name,
+std::unique_ptr<VolumeSource> open_raw(const InputFile& file, const std::string& name,
                                        const RawLayout& given) {
     RawLayout layout = given;
     check_nodes(name, layout);
-    const std::uint64_t size = regular_file_size(path);
-    layout.start = behind_lines(path, name, layout.start, layout.lines);
-    const bool gzip = is_gzip(path, layout.start);
+    const std::uint64_t size = regular_file_size(file);
+    layout.start = behind_lines(file, name, layout.start, layout.lines);
+    const bool gzip = is_gzip(file, layout.start);
     const bool deflated = layout.packing == Packing::zlib || layout.packing == Packing::deflate;
     if (deflated || layout.packing == Packing::gzip ||
         (layout.packing == Packing::recognised && gzip)) {
@@ -202,17 +203,20 @@ std::unique_ptr<VolumeSource> open_raw(const std::filesystem::path& path, const 
                         "its axes are stored in another order, which a compressed stream cannot be "
                         "read in; decompress it");
         }
-        return std::make_unique<GzipSource>(path, name, layout);
+        return std::make_unique<GzipSource>(file, name, layout);
     }
     place_plain(name, size, layout);
     if (gzip && size - layout.start != given.offset + data_bytes(layout)) {
         throw Error(ErrorKind::corrupt, {name, fmt::format("byte {}", layout.start)},
                     "the header says encoding raw, but a gzip stream starts here");
     }
-    if (layout.strides) {
-        return open_strided(path, name, layout);
+    if (file.is_far()) {
+        return open_far_numbers(file, name, layout);
     }
-    return std::make_unique<PlainSource>(path, name, layout);
+    if (layout.strides) {
+        return open_strided(file.path(), name, layout);
+    }
+    return std::make_unique<PlainSource>(file.path(), name, layout);
 }
 
 }  // namespace isonest::detail

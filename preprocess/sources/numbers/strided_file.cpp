@@ -7,7 +7,7 @@
 
 #include <isonest/memory_volume.h>
 
-#include "preprocess/sources/bytes/file_identity.h"
+#include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/numbers/raw_rows.h"
 #include "store/files/mapped_file.h"
 
@@ -31,11 +31,9 @@ class StridedFile : public VolumeSource {
                 name_,         layout_.direction, false,           layout_.unit};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
-        return layout_.header.empty() ? std::vector{path_} : std::vector{path_, layout_.header};
+        return local_files({path_, layout_.header});
     }
-    [[nodiscard]] std::string identity() const override {
-        return identity_of(files()) + identity_of_layout(layout_);
-    }
+    [[nodiscard]] std::string identity() const override { return identity_of_raw(path_, layout_); }
     /// What lies together in the file is best read together.
     [[nodiscard]] Granularity granularity() const override {
         return layout_.strides->z < layout_.strides->y ? Granularity{layout_.nodes.z, 1}

@@ -43,10 +43,10 @@ bool is_npy(const VolumeInput& input) {
 
 std::unique_ptr<VolumeSource> open_npy(const VolumeInput& input, const SourceOptions& options) {
     PlacedArray array;
-    array.file = input.path();
-    array.name = input.path().string();
+    array.file = input.file;
+    array.name = input.name();
     const NpyHeader header = parse_npy_header(
-        input.gzip() ? input.unpacked : first_bytes(input.path(), kMostNpyHeader), array.name);
+        input.gzip() ? input.unpacked : first_bytes(input.file, kMostNpyHeader), array.name);
     array.layout.offset = header.bytes;
     array.layout.packing = input.gzip() ? Packing::gzip : Packing::plain;
     return open_array(header, std::move(array), options);
@@ -131,6 +131,7 @@ std::unique_ptr<VolumeSource> open_npz(const VolumeInput& input, const SourceOpt
 VolumeFormat npy_format() {
     return {.about = {"NumPy", ".npy", ""},
             .takes = {.index = true},
+            .reads_urls = true,
             .recognises = is_npy,
             .open = open_npy};
 }

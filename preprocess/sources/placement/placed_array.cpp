@@ -42,7 +42,7 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
         layout.direction = world.direction;
         backward = world.backward;
     }
-    auto source = bytes ? open_bytes(std::move(bytes), array.name, layout, {array.file})
+    auto source = bytes ? open_bytes(std::move(bytes), array.name, layout, array.file)
                         : open_raw(array.file, array.name, layout);
     source = mirrored(std::move(source), backward);
     return array.stored ? converted(std::move(source), *array.stored) : std::move(source);

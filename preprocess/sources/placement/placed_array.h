@@ -3,7 +3,6 @@
 #pragma once
 
 #include <array>
-#include <filesystem>
 #include <memory>
 #include <optional>
 #include <span>
@@ -14,6 +13,7 @@
 #include <isonest/volume_source.h>
 
 #include "preprocess/sources/bytes/byte_reader.h"
+#include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/numbers/raw_layout.h"
 #include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/wrapping/converted_source.h"
@@ -21,7 +21,7 @@
 namespace isonest::detail {
 
 struct PlacedArray {
-    std::filesystem::path file;   ///< with the numbers
+    InputFile file;               ///< with the numbers
     std::string name;             ///< for messages
     std::vector<ArrayAxis> axes;  ///< slowest first
     /// Values from a position to the next on each axis; empty: the last axis is the fastest.

@@ -10,14 +10,13 @@ namespace isonest::detail {
 namespace {
 
 std::unique_ptr<VolumeSource> open_numbers(const VolumeInput& input, const SourceOptions& options) {
-    const std::filesystem::path& path = input.path();
     if (!options.dims || !options.type) {
         std::string names;
         for (const InputFormat& format : input_formats()) {
             names += fmt::format("{}{}{}", names.empty() ? "" : ", ", format.name,
                                  format.package.empty() ? "" : " (not in this build)");
         }
-        throw Error(ErrorKind::invalid_argument, {path.string()},
+        throw Error(ErrorKind::invalid_argument, {input.name()},
                     fmt::format("none of the formats that are recognised ({}); raw numbers have to "
                                 "be described",
                                 names),
@@ -28,7 +27,7 @@ std::unique_ptr<VolumeSource> open_numbers(const VolumeInput& input, const Sourc
     layout.type = *options.type;
     layout.big_endian = options.big_endian.value_or(false);
     layout.offset = options.offset.value_or(0);
-    return open_raw(path, path.string(), layout);
+    return open_raw(input.file, input.name(), layout);
 }
 
 }  // namespace
@@ -36,6 +35,7 @@ std::unique_ptr<VolumeSource> open_numbers(const VolumeInput& input, const Sourc
 VolumeFormat raw_format() {
     return {.about = {"raw numbers", ".raw .bin .gz", ""},
             .takes = {.numbers = true},
+            .reads_urls = true,
             .recognises = [](const VolumeInput& input) { return !input.folder; },
             .open = open_numbers};
 }

@@ -21,6 +21,8 @@ namespace {
 
 constexpr std::size_t kPart = std::size_t{1} << 18U;
 constexpr std::size_t kMostArrays = 10000;
+/// Of a file elsewhere, how much is read for its header.
+constexpr std::uint64_t kMostFar = std::uint64_t{4} << 20U;
 
 using Attributes = std::map<std::string, std::string, std::less<>>;
 
@@ -30,8 +32,7 @@ struct FreeParser {
 
 class VtiReader {
   public:
-    explicit VtiReader(const std::filesystem::path& path)
-        : path_(path), parser_(XML_ParserCreate(nullptr)) {
+    explicit VtiReader(const InputFile& file) : file_(file), parser_(XML_ParserCreate(nullptr)) {
         if (!parser_) {
             throw std::bad_alloc();
         }
@@ -40,9 +41,15 @@ class VtiReader {
     VtiHeader read() {
         XML_SetUserData(parser_.get(), this);
         XML_SetElementHandler(parser_.get(), &VtiReader::on_start, &VtiReader::on_end);
-        const std::uint64_t size = regular_file_size(path_);
+        const std::uint64_t size = regular_file_size(file_);
         for (std::uint64_t at = 0; at < size && !stopped_;) {
-            const std::string part = first_bytes(path_, kPart, at);
+            if (file_.is_far() && at > kMostFar) {
+                throw Error(ErrorKind::unsupported, {file_.name()},
+                            "its numbers stand within the XML, so that all of it would be fetched "
+                            "twice",
+                            {{RemedyKind::download}});
+            }
+            const std::string part = first_bytes(file_, kPart, at);
             at += part.size();
             const bool last = at >= size || part.empty();
             if (XML_Parse(parser_.get(), part.data(), static_cast<int>(part.size()), last) !=
@@ -56,7 +63,7 @@ class VtiReader {
         }
         if (!problem_.empty()) {
             throw Error(unsupported_ ? ErrorKind::unsupported : ErrorKind::corrupt,
-                        {path_.string(), "VTI header"}, problem_);
+                        {file_.name(), "VTI header"}, problem_);
         }
         if (!image_) {
             corrupt("there is no ImageData");
@@ -69,10 +76,9 @@ class VtiReader {
 
   private:
     [[noreturn]] void corrupt(const std::string& what) const {
-        throw Error(
-            ErrorKind::corrupt,
-            {path_.string(), fmt::format("line {}", XML_GetCurrentLineNumber(parser_.get()))},
-            what);
+        throw Error(ErrorKind::corrupt,
+                    {file_.name(), fmt::format("line {}", XML_GetCurrentLineNumber(parser_.get()))},
+                    what);
     }
     /// The parser's C code cannot be left by an exception.
     void stop(const std::string& problem, bool unsupported = false) {
@@ -186,16 +192,16 @@ class VtiReader {
     /// Appended data begin behind an underscore.
     void find_mark() {
         constexpr std::size_t kBlanks = 4096;
-        const std::string part = first_bytes(path_, kBlanks, header_.appended);
+        const std::string part = first_bytes(file_, kBlanks, header_.appended);
         const std::size_t mark = part.find_first_not_of(" \t\r\n");
         if (mark == std::string::npos || part[mark] != '_') {
-            throw Error(ErrorKind::corrupt, {path_.string(), "AppendedData"},
+            throw Error(ErrorKind::corrupt, {file_.name(), "AppendedData"},
                         "it does not begin with an underscore");
         }
         header_.appended += mark + 1;
     }
 
-    const std::filesystem::path& path_;
+    const InputFile& file_;
     std::unique_ptr<std::remove_pointer_t<XML_Parser>, FreeParser> parser_;
     VtiHeader header_;
     std::string section_;
@@ -208,8 +214,8 @@ class VtiReader {
 
 }  // namespace
 
-VtiHeader read_vti_header(const std::filesystem::path& path) {
-    return VtiReader(path).read();
+VtiHeader read_vti_header(const InputFile& file) {
+    return VtiReader(file).read();
 }
 
 }  // namespace isonest::detail

@@ -3,11 +3,12 @@
 
 #include <array>
 #include <cstdint>
-#include <filesystem>
 #include <string>
 #include <vector>
 
 #include <isonest/int3.h>
+
+#include "preprocess/sources/bytes/input_file.h"
 
 namespace isonest::detail {
 
@@ -35,6 +36,6 @@ struct VtiHeader {
 };
 
 /// Reads the XML up to the appended data. Throws Error{corrupt, unsupported, io}.
-VtiHeader read_vti_header(const std::filesystem::path& path);
+VtiHeader read_vti_header(const InputFile& file);
 
 }  // namespace isonest::detail

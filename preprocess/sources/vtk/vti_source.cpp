@@ -202,9 +202,9 @@ std::unique_ptr<ByteReader> packed_numbers(const PlacedArray& array, const VtiHe
 
 std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOptions& options) {
     PlacedArray array;
-    array.file = input.path();
-    const std::string file = input.path().string();
-    const VtiHeader header = read_vti_header(input.path());
+    array.file = input.file;
+    const std::string file = input.name();
+    const VtiHeader header = read_vti_header(input.file);
     const VtiArray& given = choose(header, options, file);
     array.name = file + ":" + given.name;
     set_type(given, array);
@@ -257,6 +257,7 @@ namespace isonest::detail {
 VolumeFormat vti_format() {
     return {
         .about = {"VTI", ".vti", "libexpat1-dev"}, .takes = {.dataset = true, .index = true},
+        .reads_urls = true,
         .recognises =
             [](const VolumeInput& input) {
                 return input.head.find("<VTKFile") != std::string::npos &&

@@ -27,15 +27,15 @@ bool is_vtk(const VolumeInput& input) {
 /// Words of the file's text from a place on, line by line.
 class Lines {
   public:
-    Lines(const std::filesystem::path& path, std::string name)
-        : path_(path), name_(std::move(name)), size_(regular_file_size(path)) {}
+    Lines(const InputFile& file, std::string name)
+        : file_(file), name_(std::move(name)), size_(regular_file_size(file)) {}
 
     /// The words of the next line that has some; none at the end of the file.
     std::vector<std::string> next() {
         constexpr std::size_t kLongest = 4096;
         std::vector<std::string> words;
         while (words.empty() && at_ < size_) {
-            const std::string part = first_bytes(path_, kLongest, at_);
+            const std::string part = first_bytes(file_, kLongest, at_);
             const std::size_t end = part.find('\n');
             if (end == std::string::npos && part.size() == kLongest) {
                 throw Error(ErrorKind::corrupt, {name_, fmt::format("byte {}", at_)},
@@ -56,7 +56,7 @@ class Lines {
     void skip(std::uint64_t bytes) { at_ += std::min(bytes, size_ - at_); }
 
   private:
-    const std::filesystem::path& path_;
+    const InputFile& file_;
     std::string name_;
     std::uint64_t size_;
     std::uint64_t at_ = 0;
@@ -85,8 +85,8 @@ const std::map<std::string, ValueType>& types() {
 
 class LegacyHeader {
   public:
-    LegacyHeader(const std::filesystem::path& path, const std::string& wanted)
-        : name_(path.string()), wanted_(wanted), lines_(path, name_) {
+    LegacyHeader(const InputFile& file, const std::string& wanted)
+        : name_(file.name()), wanted_(wanted), lines_(file, name_) {
         lines_.next();
         // The title may be empty, which next() would skip: it is followed by ASCII or BINARY.
         std::vector<std::string> words = lines_.next();
@@ -224,11 +224,11 @@ class LegacyHeader {
 };
 
 std::unique_ptr<VolumeSource> open_vtk(const VolumeInput& input, const SourceOptions& options) {
-    const LegacyHeader header(input.path(), options.dataset);
+    const LegacyHeader header(input.file, options.dataset);
     const Found& found = header.found();
     PlacedArray array;
-    array.file = input.path();
-    array.name = input.path().string() + ":" + found.name;
+    array.file = input.file;
+    array.name = input.name() + ":" + found.name;
     const bool wide = found.type == "long" || found.type == "vtktypeint64" ||
                       found.type == "unsigned_long" || found.type == "vtktypeuint64";
     if (const auto it = types().find(found.type); it != types().end()) {
@@ -275,6 +275,7 @@ std::unique_ptr<VolumeSource> open_vtk(const VolumeInput& input, const SourceOpt
 VolumeFormat vtk_format() {
     return {.about = {"VTK legacy image", ".vtk", ""},
             .takes = {.dataset = true, .index = true},
+            .reads_urls = true,
             .recognises = is_vtk,
             .open = open_vtk};
 }

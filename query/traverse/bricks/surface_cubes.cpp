@@ -20,7 +20,7 @@ constexpr Int3 kTwo{2, 2, 2};
 /// Sides on which a chunk has values; none where it does not exist or has no finite value.
 std::uint8_t sides_of_chunk(const ChunkSource& source, const ArrayInfo& array, const Int3& chunk,
                             double iso) {
-    if (max(chunk + Int3{1, 1, 1}, array.grid) != array.grid) {
+    if (!array.has_chunk(chunk)) {
         return 0;
     }
     const ChunkRow row = source.row(array, chunk);

@@ -282,7 +282,7 @@ void add_brick_needs(Runs runs, int level, const Int3& brick, const ParentsOfRun
 }
 
 bool has_node_needs(const TraversalRun& run, int level) {
-    return run.query.attributes.normal && !run.query.plane && level > 0;
+    return run.query.attributes.normal && level > 0;
 }
 
 void add_node_needs(Runs runs, int level, const Int3& brick, const ParentsOfRuns& parents,
@@ -303,10 +303,14 @@ void add_node_needs(Runs runs, int level, const Int3& brick, const ParentsOfRuns
                 continue;
             }
             CubeNodes nodes;
+            const std::optional<LatticePlane>& plane = runs[r]->query.plane;
             values.load(nodes, cube);
             for (int position = 0; position < 27; ++position) {
-                if (nodes.value[static_cast<std::size_t>(position)] == runs[r]->query.iso) {
-                    const Int3 node = (nodes.low + node_offset(position, nodes.mirror)) * at.stride;
+                const Int3 node = (nodes.low + node_offset(position, nodes.mirror)) * at.stride;
+                const bool is_vertex =
+                    plane ? plane->distance(node) == 0
+                          : nodes.value[static_cast<std::size_t>(position)] == runs[r]->query.iso;
+                if (is_vertex) {
                     add_around_node(finest, min(node, finest.nodes - Int3{1, 1, 1}), needs.own);
                 }
             }
@@ -314,7 +318,7 @@ void add_node_needs(Runs runs, int level, const Int3& brick, const ParentsOfRuns
     }
 }
 
-void add_top_needs(Runs runs, TraversalNeeds& needs) {
+void add_top_needs(Runs runs, std::uint64_t most_bytes, TraversalNeeds& needs) {
     const TraversalRun& run = *runs.front();
     const StoreLayout& layout = run.layout();
     for (int level = layout.lattice().top(); level >= 0; --level) {
@@ -333,9 +337,8 @@ void add_top_needs(Runs runs, TraversalNeeds& needs) {
                 of_level.own.add(array, array.grid.unlinear(i));
             }
         }
-        constexpr std::uint64_t kMostBytes = 512U << 10U;
         if (level < layout.lattice().top() &&
-            needs.own.bytes() + of_level.own.bytes() > kMostBytes) {
+            needs.own.bytes() + of_level.own.bytes() > most_bytes) {
             return;
         }
         needs.add(of_level);

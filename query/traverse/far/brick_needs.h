@@ -2,6 +2,8 @@
 // there.
 #pragma once
 
+#include <cstdint>
+
 #include "query/traverse/brick_tree.h"
 #include "store/container/announce/chunk_needs.h"
 
@@ -38,9 +40,13 @@ bool has_node_needs(const TraversalRun& run, int level);
 void add_node_needs(Runs runs, int level, const Int3& brick, const ParentsOfRuns& parents,
                     TraversalNeeds& needs);
 
+/// Of add_top_needs(), decoded: for a store that is far less than what comes in the time of a round
+/// trip, and for a file less than what the system reads beside a page that is missing.
+inline constexpr std::uint64_t kTopBytesFar = 512U << 10U;
+inline constexpr std::uint64_t kTopBytesNear = 4U << 20U;
 /// What the coarsest levels, of one chunk of values each, have of all this, from the top down, as
-/// far as it is little: less than what comes in the time of a round trip.
-void add_top_needs(Runs runs, TraversalNeeds& needs);
+/// far as it is little.
+void add_top_needs(Runs runs, std::uint64_t most_bytes, TraversalNeeds& needs);
 
 /// Without a tolerance: what a brick of level 0 needs for its cubes of level 1 in `cubes`.
 void add_finest_needs(const TraversalRun& run, const Int3& brick, const MaskList& cubes,

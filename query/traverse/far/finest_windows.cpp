@@ -55,8 +55,7 @@ class ReachedBricks {
         const int level = chunk_level_ + std::countr_zero(static_cast<std::uint64_t>(part.size));
         const Int3 low = part.first * chunk;
         const Int3 at{part.first.x / part.size, part.first.y / part.size, part.first.z / part.size};
-        return max(part.first + Int3{1, 1, 1}, values_.grid) == values_.grid &&
-               query_.share.meets(level, at) &&
+        return values_.has_chunk(part.first) && query_.share.meets(level, at) &&
                overlap_of(query_.box, low, low + Int3{chunk, chunk, chunk} * part.size) !=
                    Overlap::outside &&
                (part.size > 1 || std::any_of(runs_.begin(), runs_.end(), [&](const auto& run) {

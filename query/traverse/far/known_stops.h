@@ -41,7 +41,7 @@ class KnownStops {
         array_ = &layout.array(level + 1, run.query.stop);
         for (std::size_t slot = 0; slot < 8; ++slot) {
             const Int3 chunk = brick + kOctants.unlinear(static_cast<std::int64_t>(slot));
-            if (max(chunk + Int3{1, 1, 1}, array_->grid) == array_->grid) {
+            if (array_->has_chunk(chunk)) {
                 chunks_[slot] = run.cache.peek(*array_, chunk);
             }
         }

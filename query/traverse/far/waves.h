@@ -27,6 +27,7 @@
 #include <vector>
 
 #include "query/traverse/far/brick_needs.h"
+#include "query/traverse/far/crossing_rehearsal.h"
 #include "query/traverse/far/from_last.h"
 
 namespace isonest::detail {
@@ -48,7 +49,7 @@ class Waves {
     /// Throws what the chunk source and the sinks throw, and Error{cancelled}.
     void traverse(std::uint64_t progress_share) {
         TraversalNeeds top;
-        add_top_needs(runs_, top);
+        add_top_needs(runs_, kTopBytesFar, top);
         announce(run_, top);
         Wave root;
         root.push_back({{0, 0, 0}, {}});
@@ -58,7 +59,10 @@ class Waves {
   private:
     void descend(int level, Wave wave, std::uint64_t progress_share) {
         while (!wave.empty()) {
-            const std::size_t first = begin_of_window(level, wave);
+            std::size_t first = begin_of_window(level, wave);
+            if (run_.query.vertices == VertexPlace::exact && level > 0) {
+                first = announce_crossings(level, wave, first);
+            }
             const auto size = static_cast<std::uint64_t>(wave.size() - first);
             const std::uint64_t share =
                 first == 0 ? progress_share : progress_share / wave.size() * size;
@@ -106,6 +110,38 @@ class Waves {
         }
         announce(run_, needs);
         return first;
+    }
+
+    /// And where the exact vertices of its leaves may be, of as many of its last bricks as fit: the
+    /// window's begin.
+    std::size_t announce_crossings(int level, const Wave& wave, std::size_t first) {
+        const std::uint64_t most = run_.cache.budget() / 4;
+        CrossingRehearsal<Brick> rehearsal(runs_);
+        TraversalNeeds announced;
+        for (;;) {
+            std::vector<Wants> wants(wave.size() - first, Wants(announced));
+            from_last(wants.size(), [&](std::size_t i) {
+                run_.progress.check();
+                const WaitingBrick& waiting = wave[first + i];
+                rehearsal(level, waiting.brick, waiting.parents, wants[i]);
+            });
+            TraversalNeeds fresh;
+            for (std::size_t i = wants.size(); i > 0; --i) {
+                const TraversalNeeds& found = wants[i - 1].found();
+                if (i < wants.size() &&
+                    announced.own.bytes() + fresh.own.bytes() + fresh.own.more_bytes(found.own) >
+                        most) {
+                    first += i;
+                    break;
+                }
+                fresh.add(found);
+            }
+            if (fresh.own.chunks().empty()) {
+                return first;
+            }
+            announce(run_, fresh);
+            announced.add(fresh);
+        }
     }
 
     /// And what their values say.

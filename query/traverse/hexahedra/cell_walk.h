@@ -4,7 +4,6 @@
 // of simplices that are bisected.
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -12,7 +11,6 @@
 
 #include "query/march/clip.h"
 #include "query/traverse/cube_share.h"
-#include "query/traverse/subtree_walk.h"
 #include "query/view/topology.h"
 #include "store/lattice/lattice.h"
 
@@ -91,22 +89,5 @@ class CellWalk {
     int level_left_ = 0;
     std::uint64_t visited_ = 0;
 };
-
-/// The leaves of all cells, by workers that make() makes, each with a CellWalk<D> `walk`. The
-/// subtrees that are the threads' work begin `top_levels` below the coarsest level.
-template <class Make>
-TraversalCounts walk_cells(const Lattice& lattice, int top_levels, Progress& progress,
-                           const Make& make) {
-    return walk_subtrees<Cell>(
-        make,
-        [&](auto& worker, std::vector<Cell>& left) {
-            worker.walk.above(std::max(lattice.top() - top_levels, 0), worker, left);
-            progress.begin("extract", left.size(), "");
-        },
-        [&](auto& worker, const Cell& cell) {
-            worker.walk.subtree(cell, worker);
-            progress.advance(1);
-        });
-}
 
 }  // namespace isonest::detail

@@ -4,9 +4,7 @@
 #include <cmath>
 
 #include "query/march/hex_cell.h"
-#include "query/traverse/hexahedra/cell_walk.h"
-#include "query/traverse/hexahedra/hex_projection.h"
-#include "query/traverse/interest.h"
+#include "query/traverse/hexahedra/cell_scout.h"
 
 namespace isonest::detail {
 namespace {
@@ -34,7 +32,7 @@ class HexWorker {
     /// See CellWalk.
     bool refines(const Cell& cell, Overlap where) {
         const double number = cell.level > 0 ? projection_.number(cell.level, cell.at) : 0;
-        if (!is_of_interest(cell, number)) {
+        if (!is_of_interest(query_, projection_, cell, number)) {
             return false;
         }
         if (cell.level > 0 && !projection_.stops(number)) {
@@ -53,30 +51,6 @@ class HexWorker {
     CellWalk<3> walk;
 
   private:
-    static Int3 corner(const Cell& cell, unsigned number) {
-        return cell.low() + corner_offset(number) * cell.edge();
-    }
-
-    [[nodiscard]] bool is_of_interest(const Cell& cell, double number) {
-        double low = std::numeric_limits<double>::infinity();
-        double high = -low;
-        for (unsigned i = 0; i < 8; ++i) {
-            const Int3 node = corner(cell, i);
-            const double value =
-                query_.plane ? query_.plane->distance(node) : projection_.exact(node, cell.level);
-            if (!std::isfinite(value)) {
-                return cell.level > 0;
-            }
-            low = std::min(low, value);
-            high = std::max(high, value);
-        }
-        if (query_.plane) {
-            return low < 0 && high >= 0;
-        }
-        // |U - P U| is below the threshold, |U - U_C| at most the number.
-        return may_reach(low, high, number + query_.tolerance.threshold(), query_.iso);
-    }
-
     void march(const Cell& cell, double number, bool cut) {
         if (walk.is_for_others()) {
             return;
@@ -117,8 +91,8 @@ constexpr int kTopLevels = 3;
 TraversalCounts traverse_hexahedra(ChunkCache& cache, const TraversalQuery& query,
                                    std::size_t part_vertices, const PartSink& sink,
                                    Progress& progress) {
-    return walk_cells(cache.source().layout().lattice(), kTopLevels, progress,
-                      [&] { return HexWorker(cache, query, part_vertices, sink, progress); });
+    return walk_cells<3>(cache, query, kTopLevels, progress,
+                         [&] { return HexWorker(cache, query, part_vertices, sink, progress); });
 }
 
 }  // namespace isonest::detail

@@ -5,8 +5,7 @@
 #include <cmath>
 
 #include "query/traverse/height_rounding.h"
-#include "query/traverse/hexahedra/cell_walk.h"
-#include "query/traverse/hexahedra/hex_projection.h"
+#include "query/traverse/hexahedra/cell_scout.h"
 
 namespace isonest::detail {
 namespace {
@@ -125,8 +124,8 @@ constexpr int kTopQuadLevels = 5;
 TraversalCounts traverse_quadrilaterals(ChunkCache& cache, const TraversalQuery& query,
                                         std::size_t part_vertices, const PartSink& sink,
                                         Progress& progress) {
-    return walk_cells(cache.source().layout().lattice(), kTopQuadLevels, progress,
-                      [&] { return QuadWorker(cache, query, part_vertices, sink, progress); });
+    return walk_cells<2>(cache, query, kTopQuadLevels, progress,
+                         [&] { return QuadWorker(cache, query, part_vertices, sink, progress); });
 }
 
 }  // namespace isonest::detail

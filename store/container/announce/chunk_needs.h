@@ -15,8 +15,7 @@ class ChunkNeeds {
   public:
     /// Chunks outside the array's grid are left out. `whole`: not only nodes in its sides.
     void add(const ArrayInfo& array, const Int3& chunk, bool whole = true) {
-        const Int3 end = chunk + Int3{1, 1, 1};
-        if (min(chunk, {0, 0, 0}) != Int3{0, 0, 0} || max(end, array.grid) != array.grid) {
+        if (!array.has_chunk(chunk)) {
             return;
         }
         const auto [found, is_new] = places_.try_emplace(array.row_of(chunk), chunks_.size());
@@ -31,6 +30,9 @@ class ChunkNeeds {
         for (const NeededChunk& c : others.chunks_) {
             add(*c.array, c.chunk, c.whole);
         }
+    }
+    [[nodiscard]] bool contains(const ArrayInfo& array, const Int3& chunk) const {
+        return places_.contains(array.row_of(chunk));
     }
     /// What `others` would add to bytes().
     [[nodiscard]] std::uint64_t more_bytes(const ChunkNeeds& others) const {

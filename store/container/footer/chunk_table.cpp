@@ -4,10 +4,12 @@
 
 #include <algorithm>
 #include <cstring>
+#include <optional>
 #include <utility>
 
 #include <isonest/error.h>
 
+#include "store/bytes/read_whole.h"
 #include "store/container/codec.h"
 
 namespace isonest::detail {
@@ -34,16 +36,18 @@ ByteRange ChunkTable::range_of(std::uint64_t page) const {
             std::min(table.rows_of_page, table.rows - first) * sizeof(ChunkRow)};
 }
 
-void ChunkTable::require_whole(std::uint64_t page, std::span<const std::byte> bytes) const {
+std::uint64_t ChunkTable::sum_of(std::uint64_t page) const {
     std::uint64_t sum = 0;
     std::memcpy(&sum, pages_->found->catalogue.table->sums.data() + page * sizeof(sum),
                 sizeof(sum));
-    if (checksum_of(bytes) != sum) {
-        throw Error(ErrorKind::corrupt,
-                    {pages_->bytes->name(), fmt::format("chunk table, page {}", page)},
-                    "damaged: its bytes are not those that were written",
-                    {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
-    }
+    return sum;
+}
+
+void ChunkTable::fail_page(std::uint64_t page) const {
+    throw Error(ErrorKind::corrupt,
+                {pages_->bytes->name(), fmt::format("chunk table, page {}", page)},
+                "damaged: its bytes are not those that were written",
+                {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
 }
 
 ChunkRow ChunkTable::row(std::uint64_t number) const {
@@ -55,7 +59,9 @@ ChunkRow ChunkTable::row(std::uint64_t number) const {
         if (!pages_->seen[page].load(std::memory_order_relaxed)) {
             const ByteRange range = range_of(page);
             const std::uint64_t begin = range.offset - pages_->found->catalogue.table->offset;
-            require_whole(page, rows_.bytes().subspan(begin, range.size));
+            if (checksum_of(rows_.bytes().subspan(begin, range.size)) != sum_of(page)) {
+                fail_page(page);
+            }
             pages_->seen[page].store(true, std::memory_order_relaxed);
         }
     }
@@ -79,14 +85,19 @@ ChunkRow ChunkTable::far_row(std::uint64_t number) const {
     }
     const ByteRange range = range_of(page);
     const FoundCatalogue& found = *pages_->found;
-    const HeldBytes read =
-        range.offset >= found.tail_begin
-            ? HeldBytes(nullptr,
-                        found.tail.bytes().subspan(range.offset - found.tail_begin, range.size))
-            : pages_->bytes->read(range.offset, range.size);
-    require_whole(page, read.bytes());
+    std::optional<HeldBytes> read;
+    if (range.offset >= found.tail_begin) {
+        read.emplace(nullptr,
+                     found.tail.bytes().subspan(range.offset - found.tail_begin, range.size));
+    }
+    if (!read || checksum_of(read->bytes()) != sum_of(page)) {
+        read = read_whole(*pages_->bytes, range, sum_of(page));
+    }
+    if (!read) {
+        fail_page(page);
+    }
     auto copy = std::make_unique_for_overwrite<std::byte[]>(range.size);
-    std::copy(read.bytes().begin(), read.bytes().end(), copy.get());
+    std::copy(read->bytes().begin(), read->bytes().end(), copy.get());
     std::memcpy(&row, copy.get() + at, sizeof(row));
     const std::lock_guard lock(pages_->mutex);
     held.page = page;

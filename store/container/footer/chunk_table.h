@@ -52,7 +52,8 @@ class ChunkTable {
         std::vector<Held> held;  ///< of one that is far: page p in place p % held.size()
     };
     [[nodiscard]] ByteRange range_of(std::uint64_t page) const;
-    void require_whole(std::uint64_t page, std::span<const std::byte> bytes) const;
+    [[nodiscard]] std::uint64_t sum_of(std::uint64_t page) const;
+    [[noreturn]] void fail_page(std::uint64_t page) const;
     [[nodiscard]] ChunkRow far_row(std::uint64_t number) const;
 
     HeldBytes rows_;                ///< of a store that is far and has a footer: none

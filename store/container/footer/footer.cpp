@@ -17,6 +17,8 @@ namespace isonest::detail {
 namespace {
 
 constexpr std::uint32_t kFooterVersion = 1;
+/// Of HDF5, version 2 or 3.
+constexpr std::uint64_t kSuperblockBytes = 48;
 /// A catalogue has a few bytes for each page of the chunk table.
 constexpr std::uint64_t kMostCatalogueBytes = std::uint64_t{64} << 20U;
 
@@ -59,15 +61,14 @@ std::vector<std::byte> bytes_behind_hdf5(std::uint64_t hdf5_end,
 
 /// See "Disk Format: Level 0A" of HDF5's file format specification: superblocks 2 and 3.
 std::optional<std::uint64_t> hdf5_end_of(const StoreBytes& bytes) {
-    constexpr std::size_t kSuperblock = 48;
     constexpr std::array<unsigned char, 8> kSignature{0x89, 'H', 'D', 'F', '\r', '\n', 0x1A, '\n'};
     constexpr std::size_t kVersionAt = 8;
     constexpr std::size_t kSizeOfOffsetsAt = 9;
     constexpr std::size_t kEndAt = 28;
-    if (bytes.size() < kSuperblock) {
+    if (bytes.size() < kSuperblockBytes) {
         return std::nullopt;
     }
-    const HeldBytes held = bytes.read(0, kSuperblock);
+    const HeldBytes held = bytes.read(0, kSuperblockBytes);
     const std::byte* const block = held.bytes().data();
     const auto version = std::to_integer<int>(block[kVersionAt]);
     if (std::memcmp(block, kSignature.data(), kSignature.size()) != 0 || version < 2 ||
@@ -85,6 +86,13 @@ std::optional<FoundCatalogue> find_catalogue(const StoreBytes& bytes) {
         return std::nullopt;
     }
     FoundCatalogue found;
+    if (!bytes.is_far()) {
+        // Both at once, and of a file that is not in the page cache no more than these.
+        const std::uint64_t tail = std::min(size, kFarTail);
+        const std::array<ByteRange, 2> first{
+            {{0, std::min(size, kSuperblockBytes)}, {size - tail, tail}}};
+        bytes.want(first);
+    }
     found.tail_begin = size - std::min(size, bytes.is_far() ? kFarTail : kFooterBytes);
     found.tail = bytes.read(found.tail_begin, size - found.tail_begin);
     StoredFooter stored;

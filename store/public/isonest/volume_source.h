@@ -13,6 +13,7 @@
 #include <isonest/int3.h>
 #include <isonest/label_name.h>
 #include <isonest/length_unit.h>
+#include <isonest/remote.h>
 #include <isonest/value_type.h>
 
 namespace isonest {
@@ -58,6 +59,14 @@ class VolumeSource {
     virtual void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
                       std::byte* dst) = 0;
 
+    /// A hint: from the next read() on these rows of these planes are read, in pieces and in
+    /// ascending order. Takes the place of the hint before, and returns at once. REQUIRES: as
+    /// read().
+    virtual void will_read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny) {
+        static_cast<void>(z0), static_cast<void>(nz);
+        static_cast<void>(y0), static_cast<void>(ny);
+    }
+
     /// All files that it reads, also those that only say where others are: none of them may be the
     /// output. The one that was opened comes first.
     [[nodiscard]] virtual std::vector<std::filesystem::path> files() const { return {}; }
@@ -84,6 +93,14 @@ class VolumeSource {
     /// What labels are called and how they are drawn, by rising ids, where the input says so and
     /// was opened for labels. preprocess() refuses what a store cannot hold (label_name.h).
     [[nodiscard]] virtual std::vector<LabelName> label_names() const { return {}; }
+
+    /// What was fetched until now of a volume that is elsewhere, from opening it on; all 0 for
+    /// others.
+    [[nodiscard]] virtual FetchedCounts fetched() const { return {}; }
+
+    /// One line that says why RemoteAccess::cache is off, or why nothing is added to it. Empty: it
+    /// works, or there is none.
+    [[nodiscard]] virtual std::string cache_warning() const { return {}; }
 
     /// The whole volume as read() would give it, where it lies in memory or in a map of a file,
     /// aligned for its type; empty where it does not.

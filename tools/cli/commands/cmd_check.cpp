@@ -61,6 +61,8 @@ Result run(CheckArguments& a, Progress& progress) {
     std::unique_ptr<VolumeSource> source;
     const bool is_first = a.check.ranks == nullptr || a.check.ranks->rank() == 0;
     if (!a.source.empty() && is_first) {
+        reach_volume(a.source, a.remote, a.check.memory, a.source_options, progress,
+                     is_url(a.store) ? a.store : "");
         a.source_options.max_heap = a.check.memory / 4;
         source = open_input(a.source, std::filesystem::temp_directory_path(), a.source_options);
         a.check.source = source.get();
@@ -79,6 +81,12 @@ Result run(CheckArguments& a, Progress& progress) {
                    {"failures", r.failures},
                    {"findings", Json::array()}};
     check_analyses(store, result);
+    const auto add_counts = [&] {
+        add_fetched(opened, result);
+        if (source != nullptr) {
+            add_fetched(*source, result, "remote_source");
+        }
+    };
     for (const Finding& f : r.findings) {
         Json finding{{"test", f.test},   {"level", f.level},
                      {"field", f.field}, {"chunk", {f.chunk.x, f.chunk.y, f.chunk.z}},
@@ -114,7 +122,7 @@ Result run(CheckArguments& a, Progress& progress) {
             "{}: nothing is wrong in the table and in a sample of {} of {} chunks; without --quick "
             "all are read\n",
             path, r.chunks, all);
-        add_fetched(opened, result);
+        add_counts();
         return result;
     }
     result.text += fmt::format(
@@ -122,7 +130,7 @@ Result run(CheckArguments& a, Progress& progress) {
         r.failures == 0 ? std::string("all is well") : fmt::format("{} findings", r.failures),
         r.chunks, human_count(static_cast<double>(r.nodes)), r.cubes,
         a.source.empty() ? "" : ", values as in the source");
-    add_fetched(opened, result);
+    add_counts();
     return result;
 }
 
@@ -151,7 +159,7 @@ void add_check(CLI::App& app, Invocation& chosen) {
          "--deep", [a] { a->check.depth = CheckDepth::deep; },
          "everything: also that HDF5 finds the same chunks by its own index")
         ->excludes(quick);
-    c->add_option("--source", a->source, "the volume that the store was made from")
+    c->add_option("--source", a->source, "the volume that the store was made from; may be at a URL")
         ->type_name("INPUT");
     add_source_options(c, a->source_options);
     add_memory(c, a->check.memory);

@@ -112,12 +112,15 @@ std::optional<Store> open_input_store(ExtractCommand& a, Progress& progress) {
         return std::nullopt;
     }
     std::optional<Store> store;
+    const std::uint64_t memory = a.extract.options.memory;
     try {
         store.emplace(open_store(a.extract.store, a.remote, a.extract.options.memory, progress));
     } catch (const Error& error) {
-        if (!is_no_store(error)) {
+        if (!is_no_store(error) && !may_be_folder(error, a.extract.store)) {
             throw;
         }
+        a.extract.options.memory = memory;
+        a.remote.opened = 0;
         return std::nullopt;
     }
     a.extract.store = store->path().string();

@@ -15,6 +15,7 @@
 #include "store/ranks/communicator.h"
 #include "tools/cli/command.h"
 #include "tools/cli/options/fields.h"
+#include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/source_options.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/terminal/leftovers.h"
@@ -29,6 +30,7 @@ struct PreprocessArguments {
     SourceOptions source;
     PreprocessOptions preprocess;
     std::string scratch;  ///< of one of several ranks
+    RemoteArguments remote;
 };
 
 /// On several ranks, the report is whole at rank 0; `rank`: what this one has done.
@@ -48,8 +50,13 @@ PreprocessReport run_on(Communicator* ranks, VolumeSource& source, const Preproc
 }
 
 Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
+    reach_volume(a.input, a.remote, a.preprocess.memory, a.source, progress);
     // A quarter of the budget is enough for the chunks of the input, and the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
+    a.source.remote.check = [&progress] {
+        progress.advance(0);  // so that what is shown goes on
+        progress.check();
+    };
     const std::unique_ptr<VolumeSource> source =
         open_input(a.input, std::filesystem::path(a.store).parent_path(), a.source);
     const ValueType type = source->describe().type;
@@ -90,6 +97,10 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     for (const std::string& note : source->notes()) {
         result.text += fmt::format("note: {}\n", note);
     }
+    add_fetched(*source, result);
+    if (ranks != nullptr && result.json.contains("remote")) {
+        result.rank["remote"] = result.json["remote"];
+    }
     result.text += paraview_hint(a.store);
     if (r.resumed_chunks > 0) {
         result.text +=
@@ -105,9 +116,9 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
     CLI::App* const c = add_command(
         app, chosen, "preprocess",
         {"Turn a volume into a store: all levels, with the error of every node",
-         "INPUT is a file, a folder of slices, the slices themselves (scan/*.tif), or - for "
-         "standard\n"
-         "input. What it is, its first bytes tell; `isonest --version` lists the formats that are "
+         "INPUT is a file, a folder of slices, the slices themselves (scan/*.tif), a URL (of some\n"
+         "formats), or - for standard input. What it is, its first bytes tell; `isonest --version` "
+         "lists the formats that are "
          "read.\n"
          "Raw numbers (also gzip) need --dims and --type. NaN means missing data. Every input byte "
          "is\n"
@@ -117,7 +128,7 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
          "isonest preprocess organs.seg.nrrd --labels -o organs.isonest\n"
          "isonest preprocess head.raw.gz --dims 256,256,113 --type uint16 --endian big "
          "--spacing 1,1,2 -o head.isonest"});
-    c->add_option("INPUT", a->input, "the volume: a file, a folder, or slices")->required();
+    c->add_option("INPUT", a->input, "the volume: a file, a folder, slices, or a URL")->required();
     c->add_option("-o,--output", a->store, "the store to write")->required()->type_name("STORE");
     add_source_options(c, a->source);
     add_parsed(
@@ -160,9 +171,10 @@ void add_preprocess(CLI::App& app, Invocation& chosen) {
                       "the size of its part of the store and a third of that [the store's folder]")
             ->type_name("FOLDER");
     }
+    add_remote_options(c, a->remote);
     c->callback([a, &chosen] {
         chosen.run = [a, ranks = chosen.ranks](Progress& progress) {
-            return run(*a, ranks, progress);
+            return run_beside_fetching(a->remote, [&] { return run(*a, ranks, progress); });
         };
         chosen.stages = {{"check the interrupted run", "checking the interrupted run", 0.1},
                          {"resume", "taking over what is done", 0.1},

@@ -42,15 +42,19 @@ struct SmoothArguments {
 
 /// A store, or a volume file.
 VolumeValues open_values(SmoothArguments& a, Progress& progress) {
+    const std::uint64_t memory = a.memory;
     try {
         return VolumeValues(
             std::make_shared<const Store>(open_store(a.input, a.remote, a.memory, progress)));
     } catch (const Error& error) {
-        if (!is_no_store(error)) {
+        if (!is_no_store(error) && !may_be_folder(error, a.input)) {
             throw;
         }
     }
-    return {open_volume(a.input, a.source), a.input};
+    a.memory = memory;
+    a.remote.opened = 0;
+    reach_volume({a.input}, a.remote, a.memory, a.source, progress);
+    return {open_volume(a.input, a.source), shown_location(a.input)};
 }
 
 /// The names that will be written, before any work.
@@ -192,6 +196,8 @@ Result run(SmoothArguments& a, Progress& progress) {
     result.text += '\n';
     if (input.store() != nullptr) {
         add_fetched(*input.store(), result);
+    } else {
+        add_fetched(*input.source(), result);
     }
     return result;
 }

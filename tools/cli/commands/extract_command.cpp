@@ -120,6 +120,7 @@ Result extract_volume_file(ExtractCommand arguments, bool has_iso, Progress& pro
     ExtractArguments& a = arguments.extract;
     a.mesh = mesh_name(a.mesh, arguments.isovalues.texts.front());
     const std::optional<Store> others = open_values(arguments, progress);
+    reach_volume(arguments.input, arguments.remote, a.options.memory, arguments.source, progress);
     const ExtractOptions options = options_of(a);
     // As preprocess does: a quarter of the budget for chunks of the input.
     arguments.source.max_heap = options.memory / 4;
@@ -133,7 +134,12 @@ Result extract_volume_file(ExtractCommand arguments, bool has_iso, Progress& pro
     if (report.triangles == 0) {
         origin.why_empty = empty_volume(*volume, query.iso, options, progress);
     }
-    return result_of(origin, arguments, report);
+    Result result = result_of(origin, arguments, report);
+    add_fetched(*volume, result);
+    if (others && others->is_remote()) {
+        result.json["remote_values"] = fetched_json(others->fetched());
+    }
+    return result;
 }
 
 }  // namespace isonest::detail::cli

@@ -7,9 +7,11 @@
 #include <utility>
 
 #include <isonest/error.h>
+#include <isonest/remote.h>
 
 #include "query/view/indicator_box.h"
 #include "store/base/box.h"
+#include "store/container/announce/announcer.h"
 #include "store/container/chunk_cache.h"
 #include "store/container/gather.h"
 #include "store/container/reader.h"
@@ -31,6 +33,10 @@ std::int64_t planes_at_once(const VolumeDescription& d, std::int64_t multiple) {
 bool is_no_store(const Error& error) {
     return std::any_of(error.remedies().begin(), error.remedies().end(),
                        [](const Remedy& r) { return r.kind == RemedyKind::make_store; });
+}
+
+bool may_be_folder(const Error& error, const std::string& location) {
+    return is_url(location) && error.kind() == ErrorKind::not_found;
 }
 
 VolumeValues::VolumeValues(std::shared_ptr<const Store> store)
@@ -67,8 +73,22 @@ std::vector<float> VolumeValues::read(Progress& progress) {
     const std::int64_t planes = planes_at_once(d, source_ ? source_->granularity().planes : 1);
     progress.begin("read", static_cast<std::uint64_t>(d.nodes.z), "planes");
     std::unique_ptr<ChunkCache> cache;
+    std::unique_ptr<Announcer> announcer;
     if (store_) {
         cache = std::make_unique<ChunkCache>(store_->reader(), kSlab);
+        const ArrayInfo& array = store_->reader().layout().array(0, Field::values);
+        announcer = std::make_unique<Announcer>(
+            store_->reader(), 0, (d.nodes.z + planes - 1) / planes,
+            [&array, planes](std::int64_t i, std::vector<WantedChunk>& chunks) {
+                // A chunk goes with the first of the slabs that it is in.
+                const std::int64_t depth = array.chunk.z;
+                const Int3 begin{0, 0, (i * planes + depth - 1) / depth};
+                const std::int64_t last = std::min((i + 1) * planes, array.nodes.z) - 1;
+                const Int3 size{array.grid.x, array.grid.y, last / depth + 1 - begin.z};
+                for (std::int64_t c = 0; size.z > 0 && c < size.product(); ++c) {
+                    chunks.push_back({&array, begin + size.unlinear(c)});
+                }
+            });
     }
     dispatch(d.type, [&](auto tag) {
         using T = typename decltype(tag)::type;
@@ -80,6 +100,7 @@ std::vector<float> VolumeValues::read(Progress& progress) {
                 source_->read(z, count, 0, d.nodes.y,
                               reinterpret_cast<std::byte*>(slab.data.data()));
             } else {
+                announcer->reach(z / planes);
                 gather_values(*cache, store_->reader().layout().array(0, Field::values), slab);
             }
             float* const to = values.data() + d.nodes.linear({0, 0, z});

@@ -16,6 +16,8 @@ namespace isonest::detail::cli {
 
 /// Whether opening a store failed because the file is none.
 bool is_no_store(const Error& error);
+/// Whether a store at a URL was not found, so that it may be the name of a folder with a volume.
+bool may_be_folder(const Error& error, const std::string& location);
 
 /// A volume file, or the finest level of a store.
 class VolumeValues {
@@ -27,6 +29,7 @@ class VolumeValues {
 
     [[nodiscard]] VolumeDescription describe() const;
     [[nodiscard]] const Store* store() const { return store_.get(); }
+    [[nodiscard]] const VolumeSource* source() const { return source_.get(); }
     /// Files that are read.
     [[nodiscard]] std::vector<std::filesystem::path> files() const;
     /// Bytes that reading takes beside the values.

@@ -61,39 +61,9 @@ std::uint64_t share_for_fetching(std::uint64_t memory) {
     return std::clamp(memory / 4, RemoteAccess::kLeastMemory, kMostAside);
 }
 
-}  // namespace
-
-void add_remote_options(CLI::App* command, RemoteArguments& a) {
-    command
-        ->add_option_function<std::vector<std::string>>(
-            "--header",
-            [&a](const std::vector<std::string>& texts) {
-                for (const std::string& text : texts) {
-                    take_headers(text, a.headers);
-                }
-            },
-            "of a store at a URL: sent with each request, to its own server\n"
-            "alone ('Authorization: Bearer ...'); @FILE has one in each line,\n"
-            "so that no other user sees it; may be given several times")
-        ->type_name("HEADER")
-        ->allow_extra_args(false);
-    add_parsed(
-        command, "--cache",
-        [&a](const std::string& text) {
-            const CacheChoice choice = parse_cache("--cache", text);
-            a.cache = choice.folder;
-            a.cache_bytes = choice.bytes;
-        },
-        "of a store at a URL: keep what was fetched in this folder, up to\n"
-        "SIZE [1G]; other runs use it as long as the object is the same",
-        "FOLDER[:SIZE]");
-}
-
-Store open_store(const std::string& location, RemoteArguments& a, std::uint64_t& memory,
-                 Progress& progress, const std::string& first) {
-    if (!is_url(location)) {
-        return Store(location);
-    }
+/// Sets a share of the memory aside.
+RemoteAccess access_to(const std::string& location, RemoteArguments& a, std::uint64_t& memory,
+                       Progress& progress, const std::string& first) {
     const std::uint64_t share = share_for_fetching(memory);
     ++a.opened;
     memory -= std::min(memory, share);
@@ -110,6 +80,47 @@ Store open_store(const std::string& location, RemoteArguments& a, std::uint64_t&
     };
     progress.begin("opening", 0, "");
     progress.check();
+    return remote;
+}
+
+void add_warning(const std::string& warning, Result& result) {
+    result.warning += result.warning.empty() || warning.empty() ? warning : "\n" + warning;
+}
+
+}  // namespace
+
+void add_remote_options(CLI::App* command, RemoteArguments& a) {
+    command
+        ->add_option_function<std::vector<std::string>>(
+            "--header",
+            [&a](const std::vector<std::string>& texts) {
+                for (const std::string& text : texts) {
+                    take_headers(text, a.headers);
+                }
+            },
+            "of an input at a URL: sent with each request, to its own server\n"
+            "alone ('Authorization: Bearer ...'); @FILE has one in each line,\n"
+            "so that no other user sees it; may be given several times")
+        ->type_name("HEADER")
+        ->allow_extra_args(false);
+    add_parsed(
+        command, "--cache",
+        [&a](const std::string& text) {
+            const CacheChoice choice = parse_cache("--cache", text);
+            a.cache = choice.folder;
+            a.cache_bytes = choice.bytes;
+        },
+        "of an input at a URL: keep what was fetched in this folder, up to\n"
+        "SIZE [1G]; other runs use it as long as the object is the same",
+        "FOLDER[:SIZE]");
+}
+
+Store open_store(const std::string& location, RemoteArguments& a, std::uint64_t& memory,
+                 Progress& progress, const std::string& first) {
+    if (!is_url(location)) {
+        return Store(location);
+    }
+    const RemoteAccess remote = access_to(location, a, memory, progress, first);
     Store store(location, remote);
     if (store.reader().catalogue() == nullptr) {
         const FetchedCounts counts = store.fetched();
@@ -121,6 +132,15 @@ Store open_store(const std::string& location, RemoteArguments& a, std::uint64_t&
             counts.requests);
     }
     return store;
+}
+
+void reach_volume(const std::vector<std::string>& input, RemoteArguments& a, std::uint64_t& memory,
+                  SourceOptions& options, Progress& progress, const std::string& first) {
+    const auto far = std::find_if(input.begin(), input.end(),
+                                  [](const std::string& name) { return is_url(name); });
+    if (far != input.end()) {
+        options.remote = access_to(*far, a, memory, progress, first);
+    }
 }
 
 Json fetched_json(const FetchedCounts& counts) {
@@ -142,8 +162,16 @@ void add_fetched(const Store& store, Result& result) {
     if (store.is_remote()) {
         result.json["remote"] = fetched_json(store.fetched());
         result.text += fetched_text(store.fetched());
-        const std::string warning = store.cache_warning();
-        result.warning += result.warning.empty() || warning.empty() ? warning : "\n" + warning;
+        add_warning(store.cache_warning(), result);
+    }
+}
+
+void add_fetched(const VolumeSource& volume, Result& result, const char* key) {
+    const FetchedCounts counts = volume.fetched();
+    if (counts.requests > 0) {
+        result.json[key] = fetched_json(counts);
+        result.text += fetched_text(counts);
+        add_warning(volume.cache_warning(), result);
     }
 }
 

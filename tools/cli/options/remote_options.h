@@ -8,7 +8,9 @@
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/open_volume.h>
 #include <isonest/store.h>
+#include <isonest/volume_source.h>
 
 #include "tools/cli/command.h"
 
@@ -18,7 +20,7 @@ struct RemoteArguments {
     std::vector<std::string> headers;  ///< "Name: value"; they may hold secrets
     std::filesystem::path cache;
     std::uint64_t cache_bytes = 0;
-    int opened = 0;    ///< stores elsewhere: each has a share of --memory
+    int opened = 0;    ///< stores and volumes elsewhere: each has a share of --memory
     std::string note;  ///< about opening them
 };
 
@@ -32,12 +34,19 @@ void add_remote_options(CLI::App* command, RemoteArguments& a);
 Store open_store(const std::string& location, RemoteArguments& a, std::uint64_t& memory,
                  Progress& progress, const std::string& first = {});
 
+/// Of a volume elsewhere: sets aside the same share of `memory`, and says in `options` how it is
+/// reached. Nothing for files. `first`: as in open_store().
+void reach_volume(const std::vector<std::string>& input, RemoteArguments& a, std::uint64_t& memory,
+                  SourceOptions& options, Progress& progress, const std::string& first = {});
+
 /// {"remote_bytes", "requests", "round_trips", "cache_bytes"}
 Json fetched_json(const FetchedCounts& counts);
 /// "fetched 5.2 MB in 31 requests, 9 round trips; 0 B from the cache", with a line's end.
 std::string fetched_text(const FetchedCounts& counts);
 /// Of a store elsewhere: "remote" and a line of text. Nothing for a file.
 void add_fetched(const Store& store, Result& result);
+/// The same of a volume, under this key.
+void add_fetched(const VolumeSource& volume, Result& result, const char* key = "remote");
 
 /// An error that says how much memory is enough, with what is set aside on top.
 Error with_set_aside(const Error& error, const RemoteArguments& a);

@@ -40,13 +40,13 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
                crop: Optional[Sequence[slice]] = None, every: Union[int, Sequence[int]] = 1,
                shape: Optional[Sequence[int]] = None, dtype: Any = None, offset: Optional[int] = None,
                indicators: Union[None, str, Sequence[str]] = None, exact: bool = False, chunk: int = 64,
-               compression: int = 1, replace: bool = False, resume: bool = False,
-               memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> PreprocessReport:
+               compression: int = 1, replace: bool = False, resume: bool = False, headers: Headers = None,
+               cache: "os.PathLike[str] | str | None" = None, memory: Bytes = "1G", threads: int = 0, progress: Progress = None) -> PreprocessReport:
     """Turns a volume into the file ``store``, which appears whole or not at all.
 
     volume: an array [z, y, x], or [y, x] for a map, of integers, truth values, float16, float32 or float64; anything
         with shape, dtype and slices (a dataset of h5py, zarr); or the name of a file or folder, or the names of files
-        that are slices of one volume.
+        that are slices of one volume; or a URL (https://, http://, s3://bucket/key), of some formats.
         A NumPy array of any strides, mapped ones among them, is read where it lies; of other things one slab is in
         memory at a time. 64-bit integers become float64 and have to be within 2**53, float16 becomes float32. NaN
         and what is masked are missing data. Nobody may change the volume meanwhile.
@@ -64,6 +64,7 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         hexahedral cells too; exact: not rounded up to 16 bits.
     chunk: nodes per axis, a power of two from 8 to 256. compression: zstd level, 1 to 19.
     replace: an existing store. resume: go on with what an interrupted run left, and leave what this one has done.
+    headers, cache: of a volume at a URL, as in :func:`open`; a quarter of the memory is for what is fetched.
     memory: bytes of heap, at most, beside the volume. threads: 0 is all cores.
     progress: a function ``(phase, done, total, unit)``, or True for bars of tqdm. What it raises ends the work.
     """
@@ -80,7 +81,8 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     source = _sources.of_volume(volume, identified=resume, memory=options.memory, spacing=spacing, origin=origin,
                                 unit=unit, missing=missing, dataset=dataset, series=series, labels=labels,
                                 label_names=label_names, index=index, crop=crop, every=every, shape=shape, dtype=dtype,
-                                offset=offset)
+                                offset=offset, headers=headers, cache=cache)
+    options.memory -= _sources.for_fetching(volume, options.memory)
     with reporting(progress) as report:
         return _core.preprocess(source, os.fspath(store), options, report)
 

@@ -32,7 +32,7 @@ def smooth(volume: Any, *, steps: int, tau: float, lambda_: float, sigma: Option
     """Smooths a volume or an image and keeps its edges: nonlinear diffusion by linear finite elements.
 
     volume: an array or files as of :func:`isonest.preprocess`, or a :class:`isonest.Store`. reading: how it is read,
-        the arguments of :func:`isonest.preprocess` from ``spacing`` to ``offset``. All values have to be numbers.
+        the arguments of :func:`isonest.preprocess` from ``spacing`` to ``offset``, ``headers`` and ``cache``. All values have to be numbers.
     steps: how many. tau: time of a step, in squares of world units: without edges, N steps smooth as a Gaussian of
         standard deviation ``sqrt(2 * N * tau)`` does.
     lambda_: the gradient at which half flows, in values per world unit; well above it little does.
@@ -57,6 +57,7 @@ def smooth(volume: Any, *, steps: int, tau: float, lambda_: float, sigma: Option
         source = volume._core
     else:
         source = _sources.of_volume(volume, identified=False, memory=options.memory, **reading)
+        options.memory -= _sources.for_fetching(volume, options.memory)
     with reporting(progress) as report:
         values, nodes, done, kept = _core.smooth(source, options, report)
     shape = values.shape if isinstance(volume, Store) else tuple(getattr(volume, "shape", values.shape))

@@ -2,16 +2,19 @@
 from __future__ import annotations
 
 import os
+import re
+import warnings
 from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 
 from . import _core
-from ._arguments import per_axis
+from ._arguments import Headers, per_axis, to_cache, to_header_lines
 
 _TYPES = frozenset("uint8 int8 uint16 int16 uint32 int32 float32 float64".split())
 _EXACT = 2**53
 """Integers up to this one are exact in float64."""
+_URL = re.compile("(https?|s3)://", re.IGNORECASE)
 _PIECE = 8 << 20
 """Bytes that are sliced off at a time, where the input's chunks allow it."""
 
@@ -136,16 +139,17 @@ def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[S
               missing: Optional[float] = None, dataset: str = "", series: str = "", labels: bool = False,
               label_names: Any = None, index: Any = None, crop: Optional[Sequence[slice]] = None,
               every: Union[int, Sequence[int]] = 1, shape: Optional[Sequence[int]] = None, dtype: Any = None,
-              offset: Optional[int] = None) -> Any:
-    """A source of an array or of files. ``memory``: of the work that reads it."""
+              offset: Optional[int] = None, headers: Headers = None, cache: Any = None) -> Any:
+    """A source of an array or of files. ``memory``: of the work that reads it, with what :func:`for_fetching` says."""
     if is_files(volume):
         return of_files(volume, spacing=spacing, origin=origin, unit=unit, missing=missing, dataset=dataset,
                         series=series, labels=labels, label_names=label_names, index=index, shape=shape, dtype=dtype,
-                        offset=offset, crop=crop, every=every, max_heap=memory // 4)
+                        offset=offset, crop=crop, every=every, max_heap=(memory - for_fetching(volume, memory)) // 4,
+                        headers=headers, cache=cache, fetching=for_fetching(volume, memory))
     of_files_alone = {"dataset": dataset or None, "series": series or None, "labels": labels or None,
                       "label_names": label_names, "index": index,
                       "shape": shape, "dtype": dtype, "offset": offset, "crop": crop,
-                      "every": None if every == 1 else every}
+                      "every": None if every == 1 else every, "headers": headers, "cache": cache}
     given = [name for name, value in of_files_alone.items() if value is not None]
     if given:
         raise ValueError(f"{given[0]}= is for files; this volume is an array, which can be sliced")
@@ -159,12 +163,27 @@ def is_files(volume: Any) -> bool:
     return isinstance(volume, (str, os.PathLike))
 
 
+def is_elsewhere(volume: Any) -> bool:
+    """Whether this names a volume at a URL."""
+    names = volume if isinstance(volume, (list, tuple)) else [volume]
+    return is_files(volume) and any(_URL.match(os.fspath(name)) for name in names)
+
+
+def for_fetching(volume: Any, memory: int) -> int:
+    """Bytes of the memory that are set aside for what is fetched; 0 for what is here."""
+    return min(memory, max(memory // 4, 16 << 20), 256 << 20) if is_elsewhere(volume) else 0
+
+
 def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional[Sequence[float]],
              unit: Optional[str], missing: Optional[float], dataset: str, series: str, labels: bool,
              label_names: Any, index: Any, shape: Optional[Sequence[int]], dtype: Any, offset: Optional[int],
-             crop: Optional[Sequence[slice]], every: Union[int, Sequence[int]], max_heap: int) -> Any:
-    """A source of one file, a folder, or several files."""
+             crop: Optional[Sequence[slice]], every: Union[int, Sequence[int]], max_heap: int,
+             headers: Headers, cache: Any, fetching: int) -> Any:
+    """A source of one file, a folder, several files, or what is at a URL."""
     options = _core.SourceOptions()
+    lines, folder = to_header_lines(headers), to_cache(cache)
+    if fetching > 0:
+        options.set_remote(lines, *folder, fetching)
     options.dataset, options.series, options.labels = dataset, series, labels
     options.label_names = os.fspath(label_names or "")
     options.offset, options.missing, options.max_heap = offset, missing, max_heap
@@ -194,4 +213,7 @@ def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional
     if isinstance(every, (int, np.integer)):
         every = (int(every),) * ndim
     options.set_every(per_axis("every", every, len(every), 1))
-    return _core.source_of_files([paths] if isinstance(paths, (str, os.PathLike)) else list(paths), options)
+    source = _core.source_of_files([paths] if isinstance(paths, (str, os.PathLike)) else list(paths), options)
+    if fetching > 0 and source.cache_warning:
+        warnings.warn(source.cache_warning, RuntimeWarning, stacklevel=4)
+    return source

@@ -182,12 +182,23 @@ void add_source_options(py::module_& module) {
                      o.crop.at(axis) = {crop.at(axis).first, crop.at(axis).second};
                  }
              })
+        .def("set_remote",
+             [](O& o, std::vector<std::string> headers, const Path& cache,
+                std::uint64_t cache_bytes, std::uint64_t memory) {
+                 o.remote.headers = std::move(headers);
+                 o.remote.cache = cache;
+                 o.remote.cache_bytes = cache_bytes;
+                 o.remote.memory = memory;
+                 o.remote.check = check_running;
+             })
         .def("set_every", [](O& o, const Numbers& every) { o.every = int3_of(every); });
 }
 
 Source source_of_files(const std::vector<Path>& paths, const SourceOptions& options) {
-    const py::gil_scoped_release without;
-    return Source(open_volume(paths, options));
+    std::unique_ptr<VolumeSource> volume;
+    // What is elsewhere may take its time.
+    run_watched(py::none(), [&](Progress& /*progress*/) { volume = open_volume(paths, options); });
+    return Source(std::move(volume));
 }
 
 Source source_of_array(py::array array, const Double3& spacing, const Double3& origin,
@@ -240,6 +251,16 @@ void add_sources(py::module_& module) {
                                [](const Source& s) { return s.volume().describe().origin; })
         .def_property_readonly("direction",
                                [](const Source& s) { return s.volume().describe().direction; })
+        .def_property_readonly("fetched",
+                               [](const Source& s) {
+                                   const FetchedCounts counts = s.volume().fetched();
+                                   return py::dict("remote_bytes"_a = counts.remote_bytes,
+                                                   "requests"_a = counts.requests,
+                                                   "round_trips"_a = counts.round_trips,
+                                                   "cache_bytes"_a = counts.cache_bytes);
+                               })
+        .def_property_readonly("cache_warning",
+                               [](const Source& s) { return s.volume().cache_warning(); })
         .def(
             "world_units",
             [](const Source& s, double length, const std::string& unit) {

@@ -45,8 +45,9 @@ export class Api {
   store(): Promise<StoreInfo> {
     return this.json("store");
   }
-  histogram(): Promise<HistogramInfo> {
-    return this.json("histogram");
+  /** Coarse: of the levels that are there soon after the opening. */
+  histogram(coarse: boolean): Promise<HistogramInfo> {
+    return this.json("histogram", coarse ? { coarse: 1 } : {});
   }
   status(): Promise<StatusInfo> {
     return this.json("status");

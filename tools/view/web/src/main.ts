@@ -74,7 +74,7 @@ async function start(): Promise<void> {
   const name = published?.store.title ?? store.name;
   byId("store").textContent = name;
   document.title = `${name} – isonest`;
-  const histogram: Promise<HistogramInfo | null> = store.labels ? Promise.resolve(null) : api.histogram();
+  const histogram: Promise<HistogramInfo | null> = store.labels ? Promise.resolve(null) : api.histogram(store.first_error !== null);
   const wanted = new URLSearchParams(location.hash.slice(1)).has("iso");
   // The first surface is the one that is suggested, unless finding it takes long, or the URL says another.
   const info = wanted || store.dimension === 2 ? null : await within(histogram, 1500);
@@ -88,7 +88,9 @@ function within<T>(promise: Promise<T>, time: number): Promise<T | null> {
 }
 
 function run({ api, server, published }: Origin, store: StoreInfo, histogram: Promise<HistogramInfo | null>, info: HistogramInfo | null): void {
-  const middle = ((store.min_value ?? 0) + (store.max_value ?? 1)) / 2;
+  // Between the integers: where many nodes have the isovalue, the normals in them need the finest level.
+  const half = ((store.min_value ?? 0) + (store.max_value ?? 1)) / 2;
+  const middle = store.integer && !store.labels && half < (store.max_value ?? 1) ? Math.floor(half) + 0.5 : half;
   const isovalue = store.labels ? 1 : (info?.suggested[0]?.isovalue ?? middle);
   const canvas = byId("canvas") as HTMLCanvasElement;
   const initial = defaults(store, isovalue, canvas.clientWidth / Math.max(canvas.clientHeight, 1));

@@ -23,6 +23,8 @@ export interface StoreInfo {
   readonly dimension: number;
   readonly file_bytes: number;
   readonly largest_error: number;
+  /** Of a store elsewhere: what is within this error is there soon after the opening. */
+  readonly first_error: number | null;
   readonly most_triangles: number;
   readonly memory: number;
   readonly version: string;

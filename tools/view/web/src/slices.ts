@@ -36,7 +36,11 @@ export class Slice {
     this.refiner = new Refiner(api, {
       kind: "slice",
       stream: `slice-${name}`,
-      coarse: () => (views.state.slices[name].on && !store.labels ? { ...this.basis(), triangles: kMovingTriangles } : null),
+      coarse: () => {
+        if (!views.state.slices[name].on || store.labels) return null;
+        if (store.first_error !== null) return { ...this.basis(), error: store.first_error, limit: kMovingTriangles };
+        return { ...this.basis(), triangles: kMovingTriangles };
+      },
       steps: () => this.steps(),
       enough: (shown) => this.enough(shown),
       show: (mesh) => {

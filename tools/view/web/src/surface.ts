@@ -41,7 +41,10 @@ export class Surface {
       coarse: () => {
         if (!views.state.surface) return null;
         // Labels have no errors among which one could be chosen for a number of triangles.
-        return { ...this.basis(), ...(store.labels || this.isSmooth() ? { error: 0 } : { triangles: views.state.moving }) };
+        if (store.labels || this.isSmooth()) return { ...this.basis(), error: 0 };
+        // Of a store elsewhere, what needs nothing more from the network.
+        if (store.first_error !== null) return { ...this.basis(), error: store.first_error, limit: views.state.moving };
+        return { ...this.basis(), triangles: views.state.moving };
       },
       steps: () => this.steps(),
       enough: (shown) => this.enough(shown),

@@ -5,10 +5,9 @@
 #include <cstdint>
 #include <map>
 #include <mutex>
-#include <optional>
 #include <span>
 
-#include "store/container/chunk_source.h"
+#include "store/container/wrapping/forwarding_source.h"
 
 namespace isonest::detail {
 
@@ -23,20 +22,18 @@ struct FarCounts {
     std::uint64_t announced_chunks = 0;
 };
 
-/// Passes everything on to `source`, which must outlive it. The model: a chunk's bytes are there
-/// once, for the next decode(). Who decodes a chunk that is not there waits one round trip, in
-/// which all that was announced before arrives, too. A chunk that is announced and was not decoded
-/// since is not announced again.
-class FarSource : public ChunkSource {
+/// The model: a chunk's bytes are there once, for the next decode(). Who decodes a chunk that is not
+/// there waits one round trip, in which all that was announced before arrives, too. A chunk that is
+/// announced and was not decoded since is not announced again.
+class FarSource : public ForwardingSource {
   public:
-    explicit FarSource(const ChunkSource& source) : source_(source) {}
-    [[nodiscard]] const StoreLayout& layout() const override { return source_.layout(); }
+    using ForwardingSource::ForwardingSource;
     [[nodiscard]] ChunkRow row(const ArrayInfo& array, const Int3& chunk) const override {
         {
             const std::lock_guard lock(mutex_);
             ++rows_of_level_[array.level];
         }
-        return source_.row(array, chunk);
+        return source().row(array, chunk);
     }
     void decode(const ArrayInfo& array, const Int3& chunk,
                 std::span<std::byte> raw) const override {
@@ -44,10 +41,7 @@ class FarSource : public ChunkSource {
             const std::lock_guard lock(mutex_);
             arrive(array, chunk);
         }
-        source_.decode(array, chunk, raw);
-    }
-    [[nodiscard]] std::optional<CubeRange> cube_range(int level, const Int3& cube) const override {
-        return source_.cube_range(level, cube);
+        source().decode(array, chunk, raw);
     }
     void prefetch(const ArrayInfo& array, const Int3& chunk) const override {
         const WantedChunk wanted{&array, chunk};
@@ -59,11 +53,11 @@ class FarSource : public ChunkSource {
         bool is_new = false;
         for (const WantedChunk& wanted : chunks) {
             const ArrayInfo& array = *wanted.array;
-            if (array.grid != max(array.grid, wanted.chunk + Int3{1, 1, 1})) {
+            if (!array.has_chunk(wanted.chunk)) {
                 continue;
             }
             if (under_way_.try_emplace(array.row_of(wanted.chunk), time_).second) {
-                counts_.announced_bytes += source_.row(array, wanted.chunk).bytes;
+                counts_.announced_bytes += source().row(array, wanted.chunk).bytes;
                 ++counts_.announced_chunks;
                 is_new = true;
             }
@@ -85,7 +79,7 @@ class FarSource : public ChunkSource {
 
   private:
     void arrive(const ArrayInfo& array, const Int3& chunk) const {
-        const std::uint64_t bytes = source_.row(array, chunk).bytes;
+        const std::uint64_t bytes = source().row(array, chunk).bytes;
         ++counts_.decoded_chunks;
         counts_.decoded_bytes += bytes;
         const auto found = under_way_.find(array.row_of(chunk));
@@ -101,7 +95,6 @@ class FarSource : public ChunkSource {
         under_way_.erase(found);
     }
 
-    const ChunkSource& source_;
     mutable std::mutex mutex_;
     mutable FarCounts counts_;
     mutable std::uint64_t time_ = 0;  ///< round trips that somebody waited for

@@ -1,0 +1,108 @@
+#include "preprocess/sources/bytes/far_objects.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+#include <isonest/error.h>
+
+#include "store/bytes/disk_cache.h"
+#include "store/remote/open_location.h"
+
+namespace isonest::detail {
+namespace {
+
+/// Whether a name can only be of something in the folder, or below it.
+bool stays_below(std::string_view name) {
+    if (name.empty() || name.front() == '/' || name.find("://") != std::string_view::npos ||
+        std::any_of(name.begin(), name.end(), [](char c) {
+            return static_cast<unsigned char>(c) < 0x20 || c == 0x7F || c == '\\';
+        })) {
+        return false;
+    }
+    while (true) {
+        const std::size_t slash = std::min(name.find('/'), name.size());
+        const std::string_view part = name.substr(0, slash);
+        if (part.empty() || part == "." || part == "..") {
+            return false;
+        }
+        if (slash == name.size()) {
+            return true;
+        }
+        name = name.substr(slash + 1);
+    }
+}
+
+/// As a part of a path: what means something in a URL, and what may not stand there, is encoded.
+std::string as_path(std::string_view name) {
+    constexpr std::string_view kPlain = "-._~/!$&'()*+,;=:@";
+    std::string out;
+    for (const char c : name) {
+        const bool plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
+                           (c >= '0' && c <= '9') || kPlain.find(c) != std::string_view::npos;
+        out += plain ? std::string(1, c) : fmt::format("%{:02X}", static_cast<unsigned char>(c));
+    }
+    return out;
+}
+
+}  // namespace
+
+FarObjects::FarObjects(RemoteAccess remote)
+    : remote_(std::move(remote)),
+      cache_(remote_.cache.empty()
+                 ? nullptr
+                 : std::make_shared<const DiskCache>(remote_.cache, remote_.cache_bytes)) {}
+
+std::shared_ptr<const StoreBytes> FarObjects::open(const std::string& url) {
+    std::shared_ptr<const StoreBytes> bytes = open_location(url, remote_, cache_);
+    const std::lock_guard lock(mutex_);
+    opened_.push_back(bytes);
+    return bytes;
+}
+
+FetchedCounts FarObjects::fetched() const {
+    const std::lock_guard lock(mutex_);
+    FetchedCounts all;
+    for (const std::shared_ptr<const StoreBytes>& bytes : opened_) {
+        const FetchedCounts one = bytes->fetched();
+        all.remote_bytes += one.remote_bytes;
+        all.requests += one.requests;
+        all.round_trips += one.round_trips;
+        all.cache_bytes += one.cache_bytes;
+    }
+    return all;
+}
+
+std::string FarObjects::cache_warning() const {
+    return cache_ ? cache_->warning() : std::string();
+}
+
+std::uint64_t FarObjects::window() const {
+    return (std::max(remote_.memory, RemoteAccess::kLeastMemory) - kRemoteHeap) * 3 / 8;
+}
+
+std::string url_beside(std::string_view url, std::string_view name, const std::string& shown) {
+    if (!stays_below(name)) {
+        throw Error(ErrorKind::unsupported, {shown},
+                    fmt::format("its numbers are said to be in '{:.200}': of what is elsewhere, "
+                                "only an object beside it, or below its folder, is read",
+                                name),
+                    {{RemedyKind::download}});
+    }
+    const std::size_t host = url.find("://") + 3;
+    const bool is_s3 = std::string_view("sS").find(url.front()) != std::string_view::npos;
+    std::string_view query;
+    if (!is_s3) {
+        // A key of S3 has no query: all characters are its own.
+        url = url.substr(0, url.find('#'));
+        const std::size_t mark = std::min(url.find('?'), url.size());
+        query = url.substr(mark);
+        url = url.substr(0, mark);
+    }
+    const std::size_t slash = url.rfind('/');
+    const std::string_view folder = slash < host ? url : url.substr(0, slash);
+    return fmt::format("{}/{}{}", folder, is_s3 ? std::string(name) : as_path(name), query);
+}
+
+}  // namespace isonest::detail

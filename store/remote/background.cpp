@@ -1,0 +1,80 @@
+#include "store/remote/background.h"
+
+#include <pthread.h>
+
+#include <algorithm>
+#include <csignal>
+#include <system_error>
+#include <utility>
+
+#include <isonest/error.h>
+
+namespace isonest::detail {
+
+Background::Background(std::uint64_t most_bytes, const std::string& name)
+    : most_bytes_(most_bytes) {
+    try {
+        thread_ = std::thread([this] { run(); });
+    } catch (const std::system_error&) {
+        throw Error(ErrorKind::limit, {name}, "the system lets no further thread start",
+                    {{RemedyKind::raise_limit, "ulimit -u"}});
+    }
+}
+
+Background::~Background() {
+    finish(std::chrono::milliseconds(0));
+}
+
+bool Background::add(std::uint64_t bytes, std::function<void()> work) {
+    const std::lock_guard lock(mutex_);
+    if (ends_ || (bytes_ > 0 && bytes > most_bytes_ - std::min(bytes_, most_bytes_))) {
+        return false;
+    }
+    entries_.push_back({bytes, std::move(work)});
+    bytes_ += bytes;
+    changed_.notify_all();
+    return true;
+}
+
+void Background::finish(std::chrono::milliseconds at_most) {
+    std::deque<Entry> left;
+    {
+        std::unique_lock lock(mutex_);
+        changed_.wait_for(lock, at_most, [this] { return entries_.empty() && !is_working_; });
+        ends_ = true;
+        left.swap(entries_);
+    }
+    changed_.notify_all();
+    if (thread_.joinable()) {
+        thread_.join();
+    }
+}
+
+void Background::run() {
+    // Signals are for the threads of the program.
+    sigset_t all;
+    ::sigfillset(&all);
+    ::pthread_sigmask(SIG_SETMASK, &all, nullptr);
+    std::unique_lock lock(mutex_);
+    while (true) {
+        changed_.wait(lock, [this] { return ends_ || !entries_.empty(); });
+        if (ends_) {
+            return;
+        }
+        Entry entry = std::move(entries_.front());
+        entries_.pop_front();
+        is_working_ = true;
+        lock.unlock();
+        try {
+            entry.work();
+        } catch (...) {  // NOLINT(bugprone-empty-catch): nobody waits for it
+        }
+        entry.work = nullptr;
+        lock.lock();
+        bytes_ -= entry.bytes;
+        is_working_ = false;
+        changed_.notify_all();
+    }
+}
+
+}  // namespace isonest::detail
