@@ -10,7 +10,6 @@
 
 #include <isonest/error.h>
 
-#include "store/container/footer/footer.h"
 #include "store/remote/answer.h"
 #include "store/remote/ask_server.h"
 #include "store/remote/object_url.h"
@@ -18,7 +17,9 @@
 namespace isonest::detail::publish {
 namespace {
 
-constexpr std::size_t kPart = kFooterBytes;
+/// Of a store's footer, which ends so: store/FORMAT.md, "Footer and catalogue".
+constexpr std::size_t kPart = 64;
+constexpr std::string_view kFooterEnd = "IsoNest\n";
 constexpr const char* kBrowserEncodings = "Accept-Encoding: gzip, deflate, br";
 constexpr const char* kAsItIs = "Accept-Encoding: identity";
 
@@ -225,8 +226,7 @@ class Checker {
         const std::uint64_t from = size - std::min<std::uint64_t>(size, kPart);
         const ServerReply end = ask_part(url, fmt::format("{}-{}", from, size - 1));
         const bool is_part = end.status == 206 && end.body.size() == size - from;
-        const bool is_footer = is_part && end.body.ends_with(std::string_view(kFooterMagic.data(),
-                                                                              kFooterMagic.size()));
+        const bool is_footer = is_part && end.body.ends_with(kFooterEnd);
         note(url, "store", is_footer, ServerFault::missing,
              is_footer  ? fmt::format("{} bytes, with a footer", size)
              : !is_part ? fmt::format("{} in place of its last {} bytes", end.status, kPart)

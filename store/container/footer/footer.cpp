@@ -21,6 +21,7 @@ constexpr std::uint32_t kFooterVersion = 1;
 constexpr std::uint64_t kSuperblockBytes = 48;
 /// A catalogue has a few bytes for each page of the chunk table.
 constexpr std::uint64_t kMostCatalogueBytes = std::uint64_t{64} << 20U;
+constexpr std::array<char, 8> kFooterMagic{'I', 's', 'o', 'N', 'e', 's', 't', '\n'};
 
 /// As they are stored.
 struct StoredFooter {

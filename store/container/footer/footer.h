@@ -1,7 +1,6 @@
 // The last bytes of a store, which lead to its catalogue: FORMAT.md, "Footer and catalogue".
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -14,8 +13,6 @@
 namespace isonest::detail {
 
 inline constexpr std::size_t kFooterBytes = 64;
-/// It ends with these.
-inline constexpr std::array<char, 8> kFooterMagic{'I', 's', 'o', 'N', 'e', 's', 't', '\n'};
 /// What is read of a store that is far away before anything is known of it.
 inline constexpr std::uint64_t kFarTail = 65536;
 
