@@ -65,6 +65,7 @@ void add_export(CLI::App& app, Invocation& chosen);
 void add_check(CLI::App& app, Invocation& chosen);
 void add_make_volume(CLI::App& app, Invocation& chosen);
 void add_picture(CLI::App& app, Invocation& chosen);
+void add_publish(CLI::App& app, Invocation& chosen);
 void add_view(CLI::App& app, Invocation& chosen);  ///< of the library isonest_view
 
 /// Adds an option whose text is handed to `parse`, which throws Error{invalid_argument}.

@@ -17,6 +17,7 @@ void declare(CLI::App& app, Invocation& chosen) {
     add_check(app, chosen);
     add_make_volume(app, chosen);
     add_picture(app, chosen);
+    add_publish(app, chosen);
 #if ISONEST_WITH_VIEW
     add_view(app, chosen);
 #endif
