@@ -87,6 +87,16 @@ void WebBytes::want(std::span<const ByteRange> ranges) const {
     }
 }
 
+void WebBytes::forget(const ByteRange& range) const {
+    for (std::uint64_t number = range.offset / kBlock; number * kBlock < range.offset + range.size;
+         ++number) {
+        if (const auto found = blocks_.find(number); found != blocks_.end()) {
+            order_.erase(found->second.use);
+            blocks_.erase(found);
+        }
+    }
+}
+
 void WebBytes::begin_run(bool may_unwind, const WebTimes& times) {
     may_unwind_ = may_unwind;
     times_ = times;

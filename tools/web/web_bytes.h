@@ -50,6 +50,7 @@ class WebBytes : public StoreBytes {
     /// Throws BytesAreMissing, Error{io, corrupt}, and Error{limit} beyond the budget.
     [[nodiscard]] HeldBytes read(std::uint64_t offset, std::uint64_t size) const override;
     void want(std::span<const ByteRange> ranges) const override;
+    void forget(const ByteRange& range) const override;
     [[nodiscard]] FetchedCounts fetched() const override { return counts_; }
 
     /// Another request, or the same again. `may_unwind`: false if it has to go on to its end.
