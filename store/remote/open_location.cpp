@@ -58,6 +58,17 @@ std::shared_ptr<ObjectFolder> open_folder_location(const std::filesystem::path& 
     return open_url_folder(location.native(), options_of(remote, nullptr));
 }
 
+std::shared_ptr<const DiskCache> open_cache(const std::filesystem::path& location,
+                                            const RemoteAccess& remote) {
+    return !remote.cache.empty() && is_url(location.native())
+               ? std::make_shared<const DiskCache>(remote.cache, remote.cache_bytes)
+               : nullptr;
+}
+
+std::string cache_warning(const DiskCache* cache) {
+    return cache != nullptr ? cache->warning() : std::string();
+}
+
 bool is_header(std::string_view line) {
     constexpr std::string_view kOthers = "!#$%&'*+-.^_`|~";
     constexpr std::array<std::string_view, 8> kOurs{

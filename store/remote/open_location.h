@@ -26,6 +26,12 @@ std::shared_ptr<const StoreBytes> open_location(
 std::shared_ptr<ObjectFolder> open_folder_location(const std::filesystem::path& location,
                                                    const RemoteAccess& remote);
 
+/// That of remote.cache; null if none is asked for, or `location` is no URL.
+std::shared_ptr<const DiskCache> open_cache(const std::filesystem::path& location,
+                                            const RemoteAccess& remote);
+/// What is wrong with it, empty if nothing is or it is null.
+std::string cache_warning(const DiskCache* cache);
+
 /// For messages: a path as it is, a URL without userinfo, query and fragment.
 std::string shown_location(std::string_view location);
 

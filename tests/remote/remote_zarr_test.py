@@ -385,8 +385,8 @@ class Faults(Case):
                 error = self.failed(code, words, server.url("v.zarr"))
                 self.assertEqual(error["file"], server.url("v.zarr/zarr.json"))
         with RangeServer(FOLDER) as server:
-            for name in ("none.zarr", "none/", "c"):
-                error = self.failed(3, "no Zarr array or group", server.url(name))
+            for name, words in (("none.zarr", "no Zarr array or group"), ("none/", "no Zarr array or group"), ("c", "404")):
+                error = self.failed(3, words, server.url(name))
                 self.assertEqual(error["remedies"][0]["kind"], "check_url")
         with RangeServer(FOLDER, fault_of=lambda *_: "status:401") as server:
             self.failed(6, "401", server.url("v.zarr"))

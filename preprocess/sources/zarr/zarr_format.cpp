@@ -200,10 +200,22 @@ void place_by_coordinates(const std::shared_ptr<ZarrFiles>& files, const ChosenA
     }
 }
 
+/// A URL may name an object that is not there, and no folder either.
+ZarrImage find_image(ZarrFiles& files, const VolumeInput& input, const std::string& dataset) {
+    try {
+        return find_zarr_image(files, files.root(), dataset);
+    } catch (const Error& error) {
+        if (input.missing != nullptr && error.kind() == ErrorKind::not_found && dataset.empty()) {
+            throw Error(*input.missing);
+        }
+        throw;
+    }
+}
+
 std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOptions& options) {
     const std::shared_ptr<ZarrFiles> files =
         input.far ? far_zarr_files(input.path(), options.remote) : local_zarr_files(input.path());
-    ZarrImage image = find_zarr_image(*files, files->root(), options.dataset);
+    ZarrImage image = find_image(*files, input, options.dataset);
     const std::string name = image.array.folder.string();
     for (const ArrayAxis& axis : image.axes) {
         if (axis.of_volume && axis.length > kMaxNodesPerAxis) {

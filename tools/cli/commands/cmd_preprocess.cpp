@@ -53,10 +53,6 @@ Result run(PreprocessArguments& a, Communicator* ranks, Progress& progress) {
     reach_volume(a.input, a.remote, a.preprocess.memory, a.source, progress);
     // A quarter of the budget is enough for the chunks of the input, and the passes need the rest.
     a.source.max_heap = a.preprocess.memory / 4;
-    a.source.remote.check = [&progress] {
-        progress.advance(0);  // so that what is shown goes on
-        progress.check();
-    };
     const std::unique_ptr<VolumeSource> source =
         open_input(a.input, std::filesystem::path(a.store).parent_path(), a.source);
     const ValueType type = source->describe().type;
