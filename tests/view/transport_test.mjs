@@ -2,7 +2,7 @@
 // usage: transport_test.mjs ISONEST
 //
 // The worker here is a stand-in: it passes requests on to `isonest view`, and fails where it is told to. So the page's own part is
-// tested by itself.
+// tested by itself. publish_test.mjs has the real one.
 // Exit code 77: there is no browser to drive, and why.
 import assert from "node:assert/strict";
 import { mkdir, readFile, writeFile } from "node:fs/promises";
@@ -187,7 +187,7 @@ test("several stores are listed, links name one of them and nothing else, and th
 });
 
 test("a list that is none, or damaged, is told", async () => {
-  for (const [text, told] of [["{", /no list of stores/], ["{}", /no list/], [JSON.stringify({ isonest_site: 2 }), /has to be made anew/],
+  for (const [text, told] of [["{", /no list of stores/], ["{}", /no list/], [JSON.stringify({ isonest_site: 2 }), /publish the folder anew/],
     [JSON.stringify({ isonest_site: 1, title: "", description: "", license: "", memory: 1, stores: [description("x", { url: "javascript:alert(1)" })] }), /damaged/]]) {
     await writeFile(join(folder.path, "site", "site.json"), text);
     const { page, close } = await openPage(browser, site.url);

@@ -17,6 +17,9 @@
 namespace isonest::detail {
 class Communicator;
 }
+namespace isonest::detail::publish {
+struct PageFile;
+}
 
 namespace isonest::detail::cli {
 
@@ -65,8 +68,11 @@ void add_export(CLI::App& app, Invocation& chosen);
 void add_check(CLI::App& app, Invocation& chosen);
 void add_make_volume(CLI::App& app, Invocation& chosen);
 void add_picture(CLI::App& app, Invocation& chosen);
-void add_publish(CLI::App& app, Invocation& chosen);
 void add_view(CLI::App& app, Invocation& chosen);  ///< of the library isonest_view
+/// What a build needs for more of `publish` than its --check.
+inline constexpr const char* kPublishNeeds = "emscripten and node-acorn";
+/// `page`: of a site; without the library that runs in it, sites are only checked.
+void add_publish(CLI::App& app, Invocation& chosen, const std::vector<publish::PageFile>& page);
 
 /// Adds an option whose text is handed to `parse`, which throws Error{invalid_argument}.
 CLI::Option* add_parsed(CLI::App* command, const std::string& name,

@@ -1,6 +1,6 @@
 // A published site: which stores it shows. Its page names its list, site.json, in a <meta>; the page of `isonest view` names none.
 
-/** As it stands in the list. */
+/** `isonest publish` writes it. */
 export interface SiteStore {
   /** What a link calls it by. */
   readonly name: string;
@@ -36,7 +36,7 @@ export async function readSite(): Promise<Site | null> {
   const response = await fetch(list, { cache: "no-cache" }).catch(() => null);
   if (!response?.ok) throw new Error(`The list of stores, ${list}, cannot be read${response ? `: the server answers ${response.status}` : ""}.`);
   const site = (await response.json().catch(() => null)) as { isonest_site?: unknown } | null;
-  if (!site || site.isonest_site !== kVersion) throw new Error(`${list} is no list of stores that this page knows: it has to be made anew.`);
+  if (!site || site.isonest_site !== kVersion) throw new Error(`${list} is no list of stores that this page knows: publish the folder anew.`);
   return checked(site as unknown as Site, list);
 }
 
@@ -46,7 +46,7 @@ function checked(site: Site, list: string): Site {
     text(store.name, store.url, store.title, store.description, store.license, store.type) && Number.isFinite(store.bytes) &&
     Array.isArray(store.nodes) && /^https?:$/.test(new URL(store.url, document.baseURI).protocol);
   const whole = text(site.title, site.description, site.license) && Number.isFinite(site.memory) && Array.isArray(site.stores) && site.stores.length > 0;
-  if (!whole || !site.stores.every(right)) throw new Error(`${list} is damaged: it has to be made anew.`);
+  if (!whole || !site.stores.every(right)) throw new Error(`${list} is damaged: publish the folder anew.`);
   return site;
 }
 
