@@ -110,7 +110,7 @@ class UrlBytes : public StoreBytes {
     RemoteOptions options_;
     ObjectState state_;
     std::optional<ObjectState> known_;  ///< of an earlier opening
-    std::string version_;  ///< also a weak one, or a time, which a cache cannot go by
+    std::string version_;               ///< also a weak one, or a time, which a cache cannot go by
     std::shared_ptr<RangeCache> cache_;
     bool is_open_ = false;
 

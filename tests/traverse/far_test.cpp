@@ -202,7 +202,7 @@ std::vector<Case> cases(double iso, double range, const Int3& n) {
         {"two isovalues", fine, {iso, b}},
         {"two isovalues, full", full, {iso, b}},
         {"hexahedra, fine", adaptive_hexahedra, {iso}, 1.5, 2},
-        {"slice by hexahedra", hexahedra_slice, {iso}, 1.5, 2},
+        {"slice by hexahedra", hexahedra_slice, {iso}, 1.8, 2},
         {"exact vertices", exact, {iso}, 1.5, 3},
         {"coarse, exact vertices", coarse_exact, {iso}, 1.5, 3},
         {"exact vertices, two isovalues", exact, {iso, b}, 1.5, 3},

@@ -25,8 +25,10 @@ let folder, open, servers;
 function parsed(answer) {
   const bytes = Buffer.from(answer.body);
   if (answer.type !== "application/octet-stream") {
-    // What depends on the memory, which is another one.
-    return { status: answer.status, text: bytes.toString().replace(/"(most_triangles|memory)":\d+/g, "") };
+    const said = JSON.parse(bytes.toString());
+    // What depends on the memory, which is another one, and on whether the store is a file.
+    for (const name of ["most_triangles", "memory", "first_error"]) delete said[name];
+    return { status: answer.status, said, text: bytes.toString() };
   }
   const size = bytes.readUInt32LE(8);
   const header = JSON.parse(bytes.subarray(16, 16 + size).toString());
@@ -46,6 +48,7 @@ async function fromServer(server, target) {
 async function same(server, store, target) {
   const [theirs, ours] = [parsed(await fromServer(server, target)), parsed(await store.ask(`/api/${target}`))];
   assert.deepEqual(ours.header, theirs.header, target);
+  assert.deepEqual(ours.said, theirs.said, target);
   assert.equal(ours.status, theirs.status, `${target}: ${ours.text}`);
   if (ours.sections) assert.ok(ours.sections.equals(theirs.sections), `${target}: other bytes`);
   return ours.header ?? ours.text;
@@ -132,9 +135,9 @@ test("ranges are fetched together, and a query ends whatever the memory for them
   const none = await open(bucky.store, kMemory, { roundTrip: 0 }); // it never does
   assert.deepEqual(parsed(await none.ask(`/api/surface?iso=${iso}&error=0`)), first);
   assert.ok(none.counts.runs <= 3);
-  const little = await open(bucky.store, 64 * MB, { roundTrip: 1e9 });
+  const little = await open(bucky.store, 128 * MB, { roundTrip: 1e9 });
   assert.deepEqual(parsed(await little.ask(`/api/surface?iso=${iso}&error=0`)).sections, first.sections);
-  assert.ok(little.memory.buffer.byteLength <= 64 * MB);
+  assert.ok(little.memory.buffer.byteLength <= 128 * MB);
 });
 
 test("a memory that is too small is an answer", async () => {

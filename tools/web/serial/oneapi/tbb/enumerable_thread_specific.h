@@ -28,6 +28,7 @@ class enumerable_thread_specific {
         }
         return *object_;
     }
+    void clear() { object_.reset(); }
     template <class Use>
     void combine_each(const Use& use) {
         if (object_) {
