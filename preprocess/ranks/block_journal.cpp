@@ -197,11 +197,11 @@ void EarlierBlocks::read_journal(const std::filesystem::path& name, const std::s
     std::string found(identity.size(), '\0');
     const bool is_dead = ::flock(journal.blocks, LOCK_SH | LOCK_NB) == 0;
     const bool is_journal =
-        is_dead && read_whole(journal.blocks, 0, std::as_writable_bytes(std::span(&head, 1))) &&
+        is_dead && pread_whole(journal.blocks, 0, std::as_writable_bytes(std::span(&head, 1))) &&
         head.mark == kJournalMark;
     const bool is_same =
         is_journal && head.identity_bytes == identity.size() &&
-        read_whole(journal.blocks, sizeof(head), std::as_writable_bytes(std::span(found))) &&
+        pread_whole(journal.blocks, sizeof(head), std::as_writable_bytes(std::span(found))) &&
         found == identity;
     if (is_same) {
         journal.chunks = ::open(chunks_name(name).c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
@@ -229,7 +229,7 @@ void EarlierBlocks::read_journal(const std::filesystem::path& name, const std::s
 std::optional<EarlierBlocks::Record> EarlierBlocks::record(const Journal& journal,
                                                            std::uint64_t offset) const {
     Record found;
-    if (!read_whole(journal.blocks, offset, std::as_writable_bytes(std::span(&found.head, 1)))) {
+    if (!pread_whole(journal.blocks, offset, std::as_writable_bytes(std::span(&found.head, 1)))) {
         return std::nullopt;
     }
     const Int3& block = found.head.block;
@@ -248,8 +248,8 @@ std::optional<EarlierBlocks::Record> EarlierBlocks::record(const Journal& journa
     }
     std::vector<std::byte> all(sizeof(found.head) + bytes);
     std::memcpy(all.data(), &found.head, sizeof(found.head));
-    if (!read_whole(journal.blocks, offset + sizeof(found.head),
-                    std::span(all).subspan(sizeof(found.head))) ||
+    if (!pread_whole(journal.blocks, offset + sizeof(found.head),
+                     std::span(all).subspan(sizeof(found.head))) ||
         checksum_of(std::span(all).subspan(sizeof(found.head.check))) != found.head.check) {
         return std::nullopt;
     }
@@ -277,7 +277,7 @@ bool EarlierBlocks::has_whole(const Int3& block) const {
             return false;
         }
         bytes.resize(row.bytes);
-        if (!read_whole(journal.chunks, offset, bytes) || checksum_of(bytes) != row.checksum) {
+        if (!pread_whole(journal.chunks, offset, bytes) || checksum_of(bytes) != row.checksum) {
             return false;
         }
         offset += row.bytes;
@@ -314,7 +314,7 @@ std::vector<EncodedChunk> EarlierBlocks::load(const Int3& block, CentreStore& ce
         chunk.chunk = place_of_chunk.chunk;
         take_first(body, std::span(&chunk.row, 1));
         chunk.bytes.resize(chunk.row.bytes);
-        if (!read_whole(journal.chunks, offset, chunk.bytes) ||
+        if (!pread_whole(journal.chunks, offset, chunk.bytes) ||
             checksum_of(chunk.bytes) != chunk.row.checksum) {
             throw changed(journal.name);
         }

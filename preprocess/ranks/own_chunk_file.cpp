@@ -27,7 +27,7 @@ void copy_chunks(ChunkRun from, const SharedFile& to, std::uint64_t offset, std:
         if (n == 0) {
             buffer.resize(kBytesAtOnce);
             const auto piece = std::span(buffer).first(static_cast<std::size_t>(most));
-            if (!read_whole(from.descriptor, from.offset, piece)) {
+            if (!pread_whole(from.descriptor, from.offset, piece)) {
                 throw Error(ErrorKind::io, {store.string()},
                             fmt::format("cannot read chunks of it back: {}",
                                         errno == 0 ? "the file was cut" : std::strerror(errno)));

@@ -20,7 +20,7 @@
 #include "store/base/memory_budget.h"
 #include "store/base/workers.h"
 #include "store/container/announce/announcer.h"
-#include "store/container/hdf5_view.h"
+#include "store/container/by_hdf5/hdf5_view.h"
 #include "store/container/indicator_code.h"
 
 namespace isonest::detail {

@@ -11,7 +11,7 @@
 
 #include "store/container/codec.h"
 #include "store/container/footer/footer.h"
-#include "store/container/hdf5_view.h"
+#include "store/container/by_hdf5/hdf5_view.h"
 
 namespace isonest::detail {
 namespace {

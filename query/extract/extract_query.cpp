@@ -14,6 +14,7 @@
 #include "query/extract/stages/error_stage.h"
 #include "query/mesh/coordinate_rounding.h"
 #include "query/slabs/slab_plan.h"
+#include "store/base/hypot3.h"
 #include "store/container/extent.h"
 
 namespace isonest::detail {
@@ -42,7 +43,7 @@ Field bound_of(const StoreReader& store, const std::optional<Field>& asked) {
 
 Culling culling_of(const StoreReader& store, const BackfaceCulling& asked) {
     const Double3& v = asked.direction;
-    if (!(std::hypot(v[0], v[1], v[2]) > 0) || !std::isfinite(v[0] + v[1] + v[2])) {
+    if (!(hypot3(v[0], v[1], v[2]) > 0) || !std::isfinite(v[0] + v[1] + v[2])) {
         throw Error(ErrorKind::invalid_argument,
                     fmt::format("view {},{},{}: give a direction, not zero", v[0], v[1], v[2]));
     }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "store/base/hypot3.h"
 #include "store/container/indicator_code.h"
 
 namespace isonest::detail {
@@ -144,7 +145,7 @@ VertexAttributes AttributeSampler::sample(const Int3& a, const Int3& b, double t
         if (choice_.graph_scale) {
             n = {n[0] * *choice_.graph_scale, n[1] * *choice_.graph_scale, 1};
         }
-        const double size = std::hypot(n[0], n[1], n[2]);
+        const double size = hypot3(n[0], n[1], n[2]);
         for (std::size_t i = 0; i < 3; ++i) {
             out[at++] = word_of(size > 0 && std::isfinite(size) ? n[i] / size : 0.0);
         }
@@ -225,7 +226,7 @@ VertexAttributes AttributeSampler::mean(const VertexAttributes& a, const VertexA
 VertexAttributes AttributeSampler::with_unit_normal(const VertexAttributes& a) const {
     VertexAttributes out = a;
     if (choice_.normal) {
-        const double size = std::hypot(float_of(a[0]), float_of(a[1]), float_of(a[2]));
+        const double size = hypot3(float_of(a[0]), float_of(a[1]), float_of(a[2]));
         for (std::size_t i = 0; i < 3 && size > 0; ++i) {
             out[i] = word_of(float_of(a[i]) / size);
         }

@@ -22,8 +22,8 @@ std::uint64_t BorderCount::vertices() const {
         balance_.begin(), balance_.end(), [](std::uint64_t balance) { return balance != 0; }));
 }
 
-std::uint64_t border_vertices(const PartStore& parts, const VertexNumbers& weld, const ScratchFolder& folder,
-                              Progress& progress) {
+std::uint64_t border_vertices(const PartStore& parts, const VertexNumbers& weld,
+                              const ScratchFolder& folder, Progress& progress) {
     progress.begin("count borders", weld.triangles(), "triangles");
     BorderCount count(weld.vertices(), folder);
     std::vector<std::uint64_t> number;

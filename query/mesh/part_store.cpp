@@ -129,7 +129,7 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     include({zero, lo, hi});
     const std::uint64_t number = reserve(record, pieces.end);
     if (record.in_memory == 0) {
-        file_.write_at(record.offset, {bytes.get(), pieces.end});
+        file_.write_at(record.offset, {bytes.get(), static_cast<std::size_t>(pieces.end)});
     } else {
         keep(record, std::move(bytes));
     }
@@ -217,7 +217,7 @@ std::uint64_t PartStore::count_bytes(const PartRecord& r) const {
 std::span<const std::byte> PartStore::all_bytes(const PartRecord& r) const {
     const std::byte* const part =
         r.in_memory != 0 ? kept_[r.offset].get() : data_.data() + r.offset;
-    return {part, count_bytes(r)};
+    return {part, static_cast<std::size_t>(count_bytes(r))};
 }
 std::span<const MeshPart::Name> PartStore::names(const PartRecord& r) const {
     return slice<MeshPart::Name>(r, 0, r.names);

@@ -43,7 +43,7 @@ class UsedVertices {
         return number_file_.as<std::uint64_t>()[vertex] - 1;
     }
     [[nodiscard]] std::span<const std::uint64_t> vertices() const {
-        return {vertex_file_.as<std::uint64_t>().data(), count_};
+        return {vertex_file_.as<std::uint64_t>().data(), static_cast<std::size_t>(count_)};
     }
 
   private:

@@ -30,7 +30,8 @@ class ScratchMesh : public MeshSink {
 
     [[nodiscard]] const MeshLayout& layout() const { return layout_; }
     [[nodiscard]] std::span<const std::array<float, 3>> positions() const {
-        return {position_file_.as<std::array<float, 3>>().data(), layout_.vertices};
+        return {position_file_.as<std::array<float, 3>>().data(),
+                static_cast<std::size_t>(layout_.vertices)};
     }
     /// The attributes of vertex `v`.
     [[nodiscard]] std::span<const std::byte> row(std::uint64_t v) const {
@@ -50,7 +51,8 @@ class ScratchMesh : public MeshSink {
     static constexpr std::uint64_t kNoVertex = CornerFile::kNoVertex;
     /// For whoever changes the mesh; the box of its layout stays as it is.
     [[nodiscard]] std::span<std::array<float, 3>> changeable_positions() {
-        return {position_file_.as<std::array<float, 3>>().data(), layout_.vertices};
+        return {position_file_.as<std::array<float, 3>>().data(),
+                static_cast<std::size_t>(layout_.vertices)};
     }
     [[nodiscard]] CornerFile& changeable_corners() { return corners_; }
     /// A further vertex: a copy of one of the mesh, at another place.

@@ -33,7 +33,8 @@ class Packer {
         const std::size_t begin = bytes_.size();
         bytes_.resize(begin + (bits.size() + 7) / 8);
         for (std::size_t i = 0; i < bits.size(); ++i) {
-            bytes_[begin + i / 8] |= std::byte{bits[i]} << (i % 8);
+            bytes_[begin + i / 8] |= std::byte{bits[i] ? std::uint8_t{1} : std::uint8_t{0}}
+                                     << (i % 8);
         }
     }
     /// Numbers of vertices, of which there are `vertices`.

@@ -19,6 +19,7 @@
 #include "query/slabs/slab_place.h"
 #include "query/slabs/slab_values.h"
 #include "query/view/topology.h"
+#include "store/base/hypot3.h"
 
 namespace isonest::detail {
 
@@ -187,7 +188,7 @@ class SlabVertices {
     }
     [[nodiscard]] static std::array<float, 3> normalized(const Double3& n) {
         std::array<float, 3> unit{};
-        const double size = std::hypot(n[0], n[1], n[2]);
+        const double size = hypot3(n[0], n[1], n[2]);
         if (size > 0 && std::isfinite(size)) {
             for (std::size_t i = 0; i < 3; ++i) {
                 unit[i] = static_cast<float>(n[i] / size);

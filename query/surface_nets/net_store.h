@@ -97,7 +97,7 @@ class NetStore {
   private:
     template <class T>
     [[nodiscard]] std::span<const T> slice(std::uint64_t at, std::uint64_t count) const {
-        return {reinterpret_cast<const T*>(data_.data() + at), count};
+        return {reinterpret_cast<const T*>(data_.data() + at), static_cast<std::size_t>(count)};
     }
     Int3 pieces_;
     bool has_sides_;

@@ -43,7 +43,8 @@ struct CubeShare {
         const std::uint64_t high =
             (end + (std::uint64_t{1} << cell_bits(level)) - 1) >> cell_bits(level);
         const auto within = [&](std::uint64_t code) {
-            return std::min<std::size_t>(code > first ? code - first : 0, count);
+            return static_cast<std::size_t>(
+                std::min<std::uint64_t>(code > first ? code - first : 0, count));
         };
         return {within(low), within(high)};
     }

@@ -18,6 +18,7 @@
 
 #include "query/view/finest_indicators.h"
 #include "query/view/topology.h"
+#include "store/base/hypot3.h"
 
 namespace isonest::detail {
 
@@ -42,7 +43,7 @@ inline double bound_scale(Field bound, int level, const Double3& spacing) {
     }
     // U - U^l is 0 in an element's vertices, and changes by at most the gradient's bound along the
     // way to any other point; none is further than the longest edge of the element's box.
-    return std::ldexp(std::hypot(spacing[0], spacing[1], spacing[2]), level);
+    return std::ldexp(hypot3(spacing[0], spacing[1], spacing[2]), level);
 }
 
 /// Smallest and largest value in a tetrahedron's vertices.

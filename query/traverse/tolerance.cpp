@@ -5,6 +5,8 @@
 #include <limits>
 #include <numbers>
 
+#include "store/base/hypot3.h"
+
 namespace isonest::detail {
 
 Tolerance::Tolerance(double threshold, const std::optional<Focus>& focus,
@@ -17,7 +19,7 @@ Tolerance::Tolerance(double threshold, const std::optional<Focus>& focus,
       spacing_(spacing),
       origin_(origin) {
     const double longest = std::max({spacing[0], spacing[1], spacing[2]});
-    diagonal_ = std::hypot(spacing[0], spacing[1], spacing[2]);
+    diagonal_ = hypot3(spacing[0], spacing[1], spacing[2]);
     // From a centre to a face centre, from there to an edge midpoint (one step each), from there to
     // a centre of half the scale (half a diagonal), and so on: (2 steps + diagonal / 2) (1 + 1/2 +
     // 1/4
@@ -47,12 +49,12 @@ double Tolerance::at(const Int3& twice, std::int64_t half_scale) const {
         for (std::size_t a = 0; a < 3; ++a) {
             away[a] = std::max({focus_->lo[a] - p[a], p[a] - focus_->hi[a], 0.0});
         }
-        const double distance = std::max(std::hypot(away[0], away[1], away[2]) - radius, 0.0);
+        const double distance = std::max(hypot3(away[0], away[1], away[2]) - radius, 0.0);
         threshold *= 1 + focus_->falloff * distance;
     }
     if (camera_) {
         const Double3& eye = camera_->position;
-        const double distance = std::hypot(p[0] - eye[0], p[1] - eye[1], p[2] - eye[2]) - radius;
+        const double distance = hypot3(p[0] - eye[0], p[1] - eye[1], p[2] - eye[2]) - radius;
         if (distance > 0 && 2 * scale * diagonal_ < camera_->pixels * pixel_ * distance) {
             return std::numeric_limits<double>::infinity();
         }

@@ -219,7 +219,7 @@ namespace {
 std::uint64_t largest_chunk(const StoreLayout& layout, Field field) {
     std::uint64_t largest = 0;
     for (const ArrayInfo& array : layout.arrays()) {
-        largest = std::max(largest, array.field == field ? array.chunk_bytes() : 0);
+        largest = std::max<std::uint64_t>(largest, array.field == field ? array.chunk_bytes() : 0);
     }
     return largest;
 }

@@ -54,7 +54,7 @@ std::optional<CachedBlock> CachedBlock::decode(std::span<const std::byte> file,
     block.parts_.resize(head.parts);
     copy_bytes(block.parts_.data(), rest.data(), part_bytes);
     rest = rest.subspan(part_bytes);
-    const auto name = std::as_bytes(std::span(object));
+    const auto name = std::as_bytes(std::span(object.data(), object.size()));
     if (!std::equal(name.begin(), name.end(), rest.begin())) {
         return std::nullopt;
     }

@@ -105,10 +105,11 @@ class CachedObject : public RangeCache {
     static bool each_piece(ByteRange range, const F& f) {
         for (std::uint64_t done = 0; done < range.size;) {
             const std::uint64_t offset = range.offset + done;
-            const std::size_t from = offset % CachedBlock::kBytes;
-            const std::size_t size =
-                std::min<std::uint64_t>(CachedBlock::kBytes - from, range.size - done);
-            if (!f(Piece{offset / CachedBlock::kBytes, from, done, size})) {
+            const auto from = static_cast<std::size_t>(offset % CachedBlock::kBytes);
+            const auto size = static_cast<std::size_t>(
+                std::min<std::uint64_t>(CachedBlock::kBytes - from, range.size - done));
+            if (!f(Piece{offset / CachedBlock::kBytes, from, static_cast<std::size_t>(done),
+                         size})) {
                 return false;
             }
             done += size;

@@ -137,7 +137,7 @@ void ChunkCache::erase(Entries::iterator entry) {
 DecodedChunk ChunkCache::decode(const ArrayInfo& array, const Int3& chunk,
                                 std::unique_lock<std::mutex>& lock) {
     lock.unlock();
-    const std::uint64_t bytes = array.chunk_bytes();
+    const auto bytes = static_cast<std::size_t>(array.chunk_bytes());
     std::shared_ptr<std::byte[]> raw;
     std::uint64_t stored = 0;
     try {

@@ -24,15 +24,21 @@ struct FreeContext {
     void operator()(ZSTD_DCtx* c) const { ZSTD_freeDCtx(c); }
 };
 
-struct ThreadState {
-    std::unique_ptr<ZSTD_CCtx, FreeContext> compress{ZSTD_createCCtx()};
-    std::unique_ptr<ZSTD_DCtx, FreeContext> decompress{ZSTD_createDCtx()};
+struct Packing {
+    std::unique_ptr<ZSTD_CCtx, FreeContext> context{ZSTD_createCCtx()};
     std::vector<std::byte> shuffled;
     std::vector<std::byte> packed;
 };
 
-ThreadState& thread_state() {
-    thread_local ThreadState state;
+struct Unpacking {
+    std::unique_ptr<ZSTD_DCtx, FreeContext> context{ZSTD_createDCtx()};
+    std::vector<std::byte> shuffled;
+};
+
+/// Of a thread: a context is dear to make.
+template <class State>
+State& thread_state() {
+    thread_local State state;
     return state;
 }
 
@@ -120,8 +126,8 @@ void unshuffle(std::span<const std::byte> from, std::byte* to, std::size_t size)
 
 void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
                   std::vector<std::byte>& out) {
-    ThreadState& state = thread_state();
-    if (!state.compress) {
+    Packing& state = thread_state<Packing>();
+    if (!state.context) {
         throw std::bad_alloc();
     }
     const std::byte* from = raw.data();
@@ -130,7 +136,7 @@ void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
         shuffle(raw, state.shuffled.data(), spec.element_size);
         from = state.shuffled.data();
     }
-    ZSTD_CCtx* const context = state.compress.get();
+    ZSTD_CCtx* const context = state.context.get();
     ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel, spec.level);
     ZSTD_CCtx_setParameter(context, ZSTD_c_contentSizeFlag, 1);
     ZSTD_CCtx_setParameter(context, ZSTD_c_checksumFlag, 1);
@@ -146,8 +152,8 @@ void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
 
 void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
                   std::span<std::byte> raw, const ErrorPlace& place) {
-    ThreadState& state = thread_state();
-    if (!state.decompress) {
+    Unpacking& state = thread_state<Unpacking>();
+    if (!state.context) {
         throw std::bad_alloc();
     }
     const unsigned long long content = ZSTD_getFrameContentSize(stored.data(), stored.size());
@@ -162,7 +168,7 @@ void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
         to = state.shuffled.data();
     }
     const std::size_t size =
-        ZSTD_decompressDCtx(state.decompress.get(), to, raw.size(), stored.data(), stored.size());
+        ZSTD_decompressDCtx(state.context.get(), to, raw.size(), stored.data(), stored.size());
     if (ZSTD_isError(size) != 0U || size != raw.size()) {
         throw Error(ErrorKind::corrupt, place,
                     ZSTD_isError(size) != 0U ? ZSTD_getErrorName(size) : "the frame is too short",
@@ -174,11 +180,11 @@ void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
 }
 
 bool decompress(std::span<const std::byte> packed, std::span<std::byte> raw) {
-    ThreadState& state = thread_state();
-    if (!state.decompress) {
+    Unpacking& state = thread_state<Unpacking>();
+    if (!state.context) {
         throw std::bad_alloc();
     }
-    return ZSTD_decompressDCtx(state.decompress.get(), raw.data(), raw.size(), packed.data(),
+    return ZSTD_decompressDCtx(state.context.get(), raw.data(), raw.size(), packed.data(),
                                packed.size()) == raw.size();
 }
 

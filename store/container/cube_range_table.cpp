@@ -11,37 +11,8 @@
 #include <isonest/error.h>
 
 #include "store/bytes/read_whole.h"
-#include "store/container/hdf5_types.h"
-#include "store/hdf5/handles.h"
 
 namespace isonest::detail {
-CubeRangeTable::CubeRangeTable(std::int64_t file, const StoreLayout& layout,
-                               const StoreBytes& bytes)
-    : bytes_(&bytes), type_(cube_range_type(layout.header().type)) {
-    for (int level = kFirstRangeLevel; layout.has_cube_ranges(level); ++level) {
-        const auto open = [&](const std::string& path) {
-            return DatasetHandle(H5Dopen2(file, path.c_str(), H5P_DEFAULT));
-        };
-        const DatasetHandle ranges = open(StoreLayout::cube_ranges_path(level));
-        const DatasetHandle sums = open(StoreLayout::cube_range_sums_path(level));
-        const Int3 cells = layout.lattice().cells_at(level);
-        const std::uint64_t sum_bytes = static_cast<std::uint64_t>(cells.z) * sizeof(std::uint64_t);
-        std::optional<std::uint64_t> offset;
-        HeldBytes held;
-        if (ranges.valid() && sums.valid()) {
-            const auto sums_at = offset_of(sums.get(), sum_bytes, bytes.size());
-            const auto sum = read_integers(sums.get(), "xxh64", 1);
-            held = sums_at ? bytes.read(*sums_at, sum_bytes) : held;
-            if (sum && checksum_of(held.bytes()) == (*sum)[0]) {
-                offset = offset_of(ranges.get(),
-                                   static_cast<std::uint64_t>(cells.product()) *
-                                       cube_range_bytes(layout.header().type),
-                                   bytes.size());
-            }
-        }
-        add(layout, level, offset, std::move(held));
-    }
-}
 
 CubeRangeTable::CubeRangeTable(const Catalogue& catalogue, const StoreLayout& layout,
                                const StoreBytes& bytes)
@@ -67,7 +38,7 @@ void CubeRangeTable::add(const StoreLayout& layout, int level, std::optional<std
     Level l;
     l.cells = layout.lattice().cells_at(level);
     l.plane_bytes =
-        static_cast<std::size_t>(l.cells.x * l.cells.y) * cube_range_bytes(layout.header().type);
+        static_cast<std::uint64_t>(l.cells.x * l.cells.y) * cube_range_bytes(layout.header().type);
     const auto planes = static_cast<std::size_t>(l.cells.z);
     if (!offset || sums.bytes().size() != planes * sizeof(std::uint64_t)) {
         throw Error(ErrorKind::corrupt, {bytes_->name(), fmt::format("level {}", level)},

@@ -46,7 +46,7 @@ class CubeRangeTable {
   private:
     struct Level {
         Int3 cells;
-        std::size_t plane_bytes = 0;
+        std::uint64_t plane_bytes = 0;
         std::uint64_t offset = 0;
         HeldBytes sums;
         HeldBytes ranges;                           ///< of a store that is far: read later

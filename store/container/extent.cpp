@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "store/base/hypot3.h"
+
 namespace isonest::detail {
 
 std::string why_no_place(const Int3& nodes, const Double3& spacing, const Double3& origin) {
@@ -37,8 +39,8 @@ std::string why_no_place(const Int3& nodes, const Double3& spacing, const Double
 
 double diagonal_of(const StoreHeader& header) {
     const Double3 last = last_position(header);
-    return std::hypot(last[0] - header.origin[0], last[1] - header.origin[1],
-                      last[2] - header.origin[2]);
+    return hypot3(last[0] - header.origin[0], last[1] - header.origin[1],
+                  last[2] - header.origin[2]);
 }
 
 }  // namespace isonest::detail

@@ -7,8 +7,10 @@
 
 #include <isonest/error.h>
 
+#include "store/base/checksum.h"
 #include "store/bytes/store_bytes.h"
 #include "store/container/format.h"
+#include "store/container/header_digests.h"
 #include "store/container/label_table.h"
 #include "store/hdf5/bytes_driver.h"
 

@@ -55,11 +55,6 @@ std::optional<std::vector<double>> read_numbers(hid_t object, const char* name, 
 /// Empty if the attribute is missing or not a fixed-length text of at most 4096 bytes.
 std::optional<std::string> read_text(hid_t object, const char* name);
 
-/// The attributes that the header's `xxh64` covers, in this order.
-inline constexpr std::array<const char*, 12> kDigested{
-    "version", "flags",       "nodes", "spacing", "origin", "value_type",
-    "chunk",   "compression", "exact", "fields",  "range",  "has_missing"};
-
 /// XXH64 of the header's attributes, `version` to `has_missing` (FORMAT.md, section 2); empty if
 /// one is missing or of another kind.
 std::optional<std::uint64_t> header_digest(hid_t root);

@@ -13,10 +13,9 @@
 
 #include <isonest/error.h>
 
+#include "store/base/checksum.h"
 #include "store/base/rotation.h"
-#include "store/container/hdf5_types.h"
-#include "store/container/header_writer.h"
-#include "store/container/label_table.h"
+#include "store/container/header_digests.h"
 
 namespace isonest::detail {
 namespace {
@@ -24,49 +23,7 @@ namespace {
 constexpr FormatVersion kNewest{kFormatMajor, kFormatMinor};
 constexpr FormatVersion kOldest{1, 0};
 
-/// Attributes of a root group, wherever they are. Empty where one is missing or another kind.
-class Attributes {
-  public:
-    Attributes() = default;
-    Attributes(const Attributes&) = delete;
-    Attributes& operator=(const Attributes&) = delete;
-    virtual ~Attributes() = default;
-    [[nodiscard]] virtual std::optional<std::string> text(const char* name) const = 0;
-    [[nodiscard]] virtual std::optional<std::vector<std::uint64_t>> integers(
-        const char* name, std::size_t count) const = 0;
-    [[nodiscard]] virtual std::optional<std::vector<double>> numbers(const char* name,
-                                                                     std::size_t count) const = 0;
-    /// Of those in kDigested.
-    [[nodiscard]] virtual std::optional<std::uint64_t> digest() const = 0;
-    [[nodiscard]] virtual bool has_label_names() const = 0;
-};
-
-class Hdf5Attributes : public Attributes {
-  public:
-    explicit Hdf5Attributes(hid_t root) : root_(root) {}
-    [[nodiscard]] std::optional<std::string> text(const char* name) const override {
-        return read_text(root_, name);
-    }
-    [[nodiscard]] std::optional<std::vector<std::uint64_t>> integers(
-        const char* name, std::size_t count) const override {
-        return read_integers(root_, name, count);
-    }
-    [[nodiscard]] std::optional<std::vector<double>> numbers(const char* name,
-                                                             std::size_t count) const override {
-        return read_numbers(root_, name, count);
-    }
-    [[nodiscard]] std::optional<std::uint64_t> digest() const override {
-        return header_digest(root_);
-    }
-    [[nodiscard]] bool has_label_names() const override {
-        return H5Lexists(root_, LabelTable::kPath, H5P_DEFAULT) > 0;
-    }
-
-  private:
-    hid_t root_;
-};
-
-class CatalogueAttributes : public Attributes {
+class CatalogueAttributes : public RootGroup {
   public:
     explicit CatalogueAttributes(const Catalogue& catalogue) : catalogue_(catalogue) {}
     [[nodiscard]] std::optional<std::string> text(const char* name) const override {
@@ -126,7 +83,7 @@ class CatalogueAttributes : public Attributes {
 
 class Reader {
   public:
-    Reader(const Attributes& root, const std::string& file) : root_(root), file_(file) {}
+    Reader(const RootGroup& root, const std::string& file) : root_(root), file_(file) {}
 
     RootAttributes read() {
         if (root_.text("format") != kFormatName) {
@@ -311,7 +268,7 @@ class Reader {
         }
     }
 
-    const Attributes& root_;
+    const RootGroup& root_;
     const std::string& file_;
     bool turned_ = false;  ///< the axes are not along the world's
     RootAttributes out_;
@@ -319,12 +276,12 @@ class Reader {
 
 }  // namespace
 
-RootAttributes read_root_attributes(std::int64_t root, const std::string& file) {
-    return Reader(Hdf5Attributes(root), file).read();
+RootAttributes read_root_attributes(const RootGroup& root, const std::string& file) {
+    return Reader(root, file).read();
 }
 
 RootAttributes read_root_attributes(const Catalogue& catalogue, const std::string& file) {
-    return Reader(CatalogueAttributes(catalogue), file).read();
+    return read_root_attributes(CatalogueAttributes(catalogue), file);
 }
 
 }  // namespace isonest::detail

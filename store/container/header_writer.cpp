@@ -1,43 +1,16 @@
 #include "store/container/header_writer.h"
 
 #include <cstdint>
-#include <span>
 #include <string>
 #include <vector>
 
 #include <isonest/field.h>
 #include <isonest/value_type.h>
 
-#include "store/container/codec.h"
 #include "store/container/hdf5_types.h"
+#include "store/container/header_digests.h"
 
 namespace isonest::detail {
-
-namespace {
-
-/// The three vectors one after the other.
-std::vector<double> flat(const Directions& direction) {
-    std::vector<double> numbers;
-    for (const Double3& axis : direction) {
-        numbers.insert(numbers.end(), axis.begin(), axis.end());
-    }
-    return numbers;
-}
-
-}  // namespace
-
-std::uint64_t direction_digest(const Directions& direction) {
-    const std::vector<double> numbers = flat(direction);
-    Checksum sum;
-    sum.add(std::as_bytes(std::span(numbers)));
-    return sum.value();
-}
-
-std::uint64_t unit_digest(std::string_view symbol) {
-    Checksum sum;
-    sum.add(std::as_bytes(std::span(symbol)));
-    return sum.value();
-}
 
 std::vector<double> vtk_direction(const Directions& direction) {
     std::vector<double> rows;
@@ -74,7 +47,7 @@ void write_header(hid_t root, const StoreHeader& header) {
     }
     write_attribute(root, "fields", fields);
     if (turned) {
-        write_attribute(root, "direction", flat(header.direction));
+        write_attribute(root, "direction", flat_directions(header.direction));
         write_attribute(root, "direction_xxh64", direction_digest(header.direction));
     }
     if (header.unit) {

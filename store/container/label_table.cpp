@@ -10,39 +10,17 @@
 #include "store/base/label_text.h"
 #include "store/bytes/read_whole.h"
 #include "store/container/codec.h"
-#include "store/container/hdf5_types.h"
-#include "store/hdf5/handles.h"
 
 namespace isonest::detail {
 namespace {
 
 constexpr std::byte kHasColor{1};
-constexpr const char* kOtherForm = "it has another form than the format's";
-
-[[noreturn]] void names_damaged(const std::string& name, const std::string& problem) {
-    throw Error(ErrorKind::corrupt, {name, "names of labels"}, "damaged: " + problem,
-                {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
-}
 
 }  // namespace
 
-CatalogueNames LabelTable::find(std::int64_t file, const std::string& name) {
-    const QuietHdf5 quiet;
-    const DatasetHandle table(H5Dopen2(file, kPath, H5P_DEFAULT));
-    if (!table.valid()) {
-        names_damaged(name, "the dataset cannot be opened");
-    }
-    const SpaceHandle space(H5Dget_space(table.get()));
-    const TypeHandle type(H5Dget_type(table.get()));
-    const hssize_t rows = H5Sget_simple_extent_npoints(space.get());
-    const std::size_t row_bytes = H5Tget_size(type.get());
-    const auto sum = read_integers(table.get(), "xxh64", 1);
-    const haddr_t offset = H5Dget_offset(table.get());
-    if (!sum || rows < 1 || offset == HADDR_UNDEF ||
-        H5Dget_storage_size(table.get()) != static_cast<std::uint64_t>(rows) * row_bytes) {
-        names_damaged(name, kOtherForm);
-    }
-    return {offset, static_cast<std::uint64_t>(rows), row_bytes, (*sum)[0]};
+void names_damaged(const std::string& store, const std::string& problem) {
+    throw Error(ErrorKind::corrupt, {store, "names of labels"}, "damaged: " + problem,
+                {{RemedyKind::good_copy}, {RemedyKind::preprocess_again}});
 }
 
 LabelTable::LabelTable(const CatalogueNames& place, const StoreBytes& bytes)
@@ -52,7 +30,7 @@ LabelTable::LabelTable(const CatalogueNames& place, const StoreBytes& bytes)
         place.row_bytes <= LabelRow::kName ||
         place.row_bytes > LabelRow::kName + LabelName::kMostBytes ||
         !lies_within(place.offset, place.rows * place.row_bytes, bytes.size())) {
-        names_damaged(name, kOtherForm);
+        names_damaged(name, kOtherNamesForm);
     }
     auto held = read_whole(bytes, {place.offset, place.rows * place.row_bytes}, place.xxh64);
     if (!held) {

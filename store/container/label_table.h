@@ -53,6 +53,10 @@ class LabelTable {
     std::size_t row_bytes_ = 1;
 };
 
+/// Throws Error{corrupt} about the names of labels in a store of this name.
+[[noreturn]] void names_damaged(const std::string& store, const std::string& problem);
+inline constexpr const char* kOtherNamesForm = "it has another form than the format's";
+
 /// Bytes for the longest of these names, at least 1.
 std::size_t name_bytes_of(std::span<const LabelName> names);
 /// The rows as they are stored.

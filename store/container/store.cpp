@@ -1,16 +1,13 @@
 #include <isonest/store.h>
 
 #include "store/base/world_units.h"
-#include "store/bytes/disk_cache.h"
 #include "store/container/reader.h"
 #include "store/remote/open_location.h"
 
 namespace isonest {
 
 Store::Store(const std::filesystem::path& location, const RemoteAccess& remote)
-    : cache_(!remote.cache.empty() && is_url(location.native())
-                 ? std::make_shared<const detail::DiskCache>(remote.cache, remote.cache_bytes)
-                 : nullptr),
+    : cache_(detail::open_cache(location, remote)),
       reader_(std::make_unique<const detail::StoreReader>(
           detail::open_location(location, remote, cache_))) {}
 Store::Store(Store&& other) noexcept = default;
@@ -27,7 +24,7 @@ FetchedCounts Store::fetched() const {
     return reader_->bytes().fetched();
 }
 std::string Store::cache_warning() const {
-    return cache_ ? cache_->warning() : std::string();
+    return detail::cache_warning(cache_.get());
 }
 Int3 Store::nodes() const {
     return reader_->layout().header().nodes;

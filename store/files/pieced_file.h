@@ -40,7 +40,7 @@ class PiecedFile {
     /// The current map as an array of T.
     template <class T>
     [[nodiscard]] std::span<T> as() const {
-        return {reinterpret_cast<T*>(map_), mapped_ / sizeof(T)};
+        return {reinterpret_cast<T*>(map_), static_cast<std::size_t>(mapped_ / sizeof(T))};
     }
 
   private:

@@ -11,7 +11,7 @@
 namespace isonest::detail {
 
 /// Whether all of it was there; else `errno` says why, 0 if the file is shorter. Thread-safe.
-inline bool read_whole(int fd, std::uint64_t offset, std::span<std::byte> to) {
+inline bool pread_whole(int fd, std::uint64_t offset, std::span<std::byte> to) {
     while (!to.empty()) {
         const ssize_t n = ::pread(fd, to.data(), to.size(), static_cast<off_t>(offset));
         if (n < 0 && errno == EINTR) {

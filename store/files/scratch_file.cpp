@@ -153,7 +153,7 @@ void ScratchFile::write_at(std::uint64_t offset, std::span<const std::byte> byte
 }
 
 void ScratchFile::read_at(std::uint64_t offset, std::span<std::byte> bytes) const {
-    if (!read_whole(fd_, offset, bytes)) {
+    if (!pread_whole(fd_, offset, bytes)) {
         fail(folder_, "cannot read", errno == 0 ? EIO : errno);
     }
 }

@@ -93,12 +93,34 @@ Judgement judge_part(const AnswerHead& head, const Asked& asked, const Validator
     return of_verdict(Verdict::part, *content->range, size);
 }
 
+Judgement judge_whole(const AnswerHead& head, const Asked& asked) {
+    if (head.status == 206) {
+        return failed("the server sends a part where it was asked for everything",
+                      FailureClass::odd);
+    }
+    if (head.length.value_or(0) > asked.most) {
+        Judgement judgement =
+            failed(fmt::format("it has {} bytes, more than the {} that it can have", *head.length,
+                               asked.most),
+                   FailureClass::odd);
+        judgement.is_too_large = true;
+        return judgement;
+    }
+    const std::uint64_t size = head.length.value_or(asked.most);
+    Judgement judgement = of_verdict(Verdict::part, {0, size}, size);
+    judgement.is_open_ended = !head.length;
+    return judgement;
+}
+
 Judgement judge_good(const AnswerHead& head, const Asked& asked, const Validators* opened) {
     if (!head.encoding.empty() && !is_same_name(head.encoding, "identity")) {
         return failed(
             "the server sends it in another encoding (Content-Encoding), of which no "
             "part can be read",
             FailureClass::odd);
+    }
+    if (asked.is_whole) {
+        return judge_whole(head, asked);
     }
     if (opened != nullptr) {
         const std::optional<bool> same = is_same_object(head, *opened);

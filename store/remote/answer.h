@@ -54,8 +54,10 @@ enum class FailureClass : std::uint8_t {
 };
 
 enum class Verdict : std::uint8_t {
-    part,           ///< 206 with bytes from where they were asked for, and not more
-    whole,          ///< 200: the whole object
+    /// 206 with bytes from where they were asked for, and not more; or, of what was asked for
+    /// whole, 200.
+    part,
+    whole,          ///< 200: the whole object, where a part was asked for
     redirect,       ///< to `location`
     no_such_range,  ///< 416
     changed,        ///< the object is another one than that which was opened
@@ -66,14 +68,19 @@ struct Judgement {
     Verdict verdict = Verdict::failed;
     ByteRange range;         ///< of part and whole
     std::uint64_t size = 0;  ///< of the object, for part, whole and no_such_range
-    std::string problem;     ///< of failed
+    /// Of part: the server does not say how much comes; `range` and `size` say what may come.
+    bool is_open_ended = false;
+    bool is_too_large = false;  ///< of failed: more than Asked::most
+    std::string problem;        ///< of failed
     FailureClass failure = FailureClass::final;
 };
 
-/// What was asked for: a range, or (at opening) the last `tail` bytes.
+/// What was asked for: a range, or (at opening) the last `tail` bytes, or the whole object.
 struct Asked {
-    ByteRange range;
+    ByteRange range = {};
     std::uint64_t tail = 0;  ///< 0: range
+    bool is_whole = false;   ///< no range; whoever asks again begins anew
+    std::uint64_t most = 0;  ///< of is_whole: bytes that it may have
 };
 
 /// `opened`: null if the object is just being opened.

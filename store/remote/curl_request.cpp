@@ -104,7 +104,9 @@ void CurlRequest::prepare(const RequestBasis& basis, Plan plan) {
     set(CURLOPT_USERAGENT, "isonest");
     set(CURLOPT_ACCEPT_ENCODING, "identity");
     set(CURLOPT_HTTP_CONTENT_DECODING, 0L);  // judge() refuses other encodings
-    set(CURLOPT_RANGE, range_text(plan_.asked).c_str());
+    if (!plan_.asked.is_whole) {
+        set(CURLOPT_RANGE, range_text(plan_.asked).c_str());
+    }
     set(CURLOPT_ERRORBUFFER, error_text_);
     set(CURLOPT_HEADERFUNCTION, &header_callback);
     set(CURLOPT_HEADERDATA, this);
@@ -156,6 +158,9 @@ std::size_t CurlRequest::body_callback(char* data, std::size_t /*one*/, std::siz
         return request.take_body(std::as_bytes(std::span(data, size))) ? size : 0;
     } catch (const std::bad_alloc&) {
         request.failure_ = failure_of_transfer(CURLE_OUT_OF_MEMORY, "");
+    } catch (const Error& error) {
+        request.failure_ =
+            Failure{FailureClass::final, error.problem(), error.kind(), error.remedies()};
     } catch (const std::exception& error) {
         request.failure_ = Failure{FailureClass::final, error.what()};
     }
@@ -179,6 +184,14 @@ void CurlRequest::judge_now() {
 bool CurlRequest::take_body(std::span<const std::byte> bytes) {
     judge_now();
     if (judgement_->verdict == Verdict::part) {
+        if (received_ > judgement_->range.size && judgement_->is_open_ended) {
+            failure_ = Failure{FailureClass::odd,
+                               fmt::format("it has more bytes than the {} that it can have",
+                                           judgement_->range.size),
+                               ErrorKind::corrupt,
+                               {{RemedyKind::check_url}}};
+            return false;
+        }
         if (received_ > judgement_->range.size) {
             failure_ = Failure{FailureClass::odd,
                                "the server sends more bytes than it announced",
@@ -224,7 +237,7 @@ CurlRequest::Outcome CurlRequest::finish(CURLcode code) {
         case Verdict::part:
             if (ended_early) {
                 outcome.failure = failure_of_transfer(code, said(code));
-            } else if (received_ < judgement_->range.size) {
+            } else if (received_ < judgement_->range.size && !judgement_->is_open_ended) {
                 outcome.failure = failure_of_transfer(CURLE_PARTIAL_FILE, "bytes are missing");
             }
             break;

@@ -17,9 +17,9 @@
 
 namespace isonest::detail {
 
-/// What is the same for all requests of one object.
+/// What is the same for all requests of one object, or of all objects below one URL.
 struct RequestBasis {
-    ObjectUrl url;
+    ObjectUrl url;  ///< who asks whom
     RemoteOptions options;
     bool waits_for_stream = false;  ///< the server has HTTP/2: one connection carries all requests
 };
@@ -30,7 +30,7 @@ class CurlRequest {
   public:
     /// Of the body, in order. What it throws is a failure of the request.
     using Take = std::function<void(std::span<const std::byte>)>;
-    /// Once, before the first byte of a body that is wanted.
+    /// Before the first byte of a body that is wanted; once for each request.
     using Begin = std::function<void(const AnswerHead&, const Judgement&)>;
 
     struct Plan {

@@ -40,7 +40,6 @@ FetchLoop::FetchLoop(RequestBasis basis, Next next)
     : basis_(std::move(basis)),
       next_(std::move(next)),
       origin_(origin_of(basis_.url.request)),
-      target_(basis_.url.request),
       seed_(std::random_device{}()) {
     multi_ = curl().curl_multi_init();
     if (multi_ == nullptr) {
@@ -133,7 +132,7 @@ void FetchLoop::take_new_jobs() {
 void FetchLoop::send(Active& active) {
     active.is_waiting = false;
     if (active.redirects == 0) {
-        active.url = active.tried_origin ? basis_.url.request : target_;
+        active.url = active.tried_origin ? active.object.request : active.object.target;
     }
     try {
         if (active.request == nullptr) {
@@ -148,19 +147,24 @@ void FetchLoop::send(Active& active) {
         plan.url = active.url;
         plan.is_own_server = is_own(active.url);
         plan.asked = active.asked;
-        plan.opened = opened_ ? &*opened_ : nullptr;
+        plan.opened = active.object.opened ? &*active.object.opened : nullptr;
         plan.begin = [&active](const AnswerHead& head, const Judgement& judgement) {
-            if (!active.has_begun) {
+            if (active.asked.is_whole) {
+                active.job->begin(head, judgement.range, judgement.size);
+            } else if (!active.has_begun) {
                 // A server may give less than a range that it was asked for, but not of the end.
                 const ByteRange range =
                     active.asked.tail != 0 ? judgement.range : active.asked.range;
                 active.has_begun = true;
-                active.asked = {range, 0};
+                active.asked = {.range = range};
                 active.job->begin(head, range, judgement.size);
             }
         };
         plan.take = [&active](std::span<const std::byte> bytes) {
             active.job->take(bytes);
+            if (active.asked.is_whole) {
+                return;
+            }
             active.asked.range.offset += bytes.size();
             active.asked.range.size -= bytes.size();
         };
@@ -214,7 +218,7 @@ void FetchLoop::end_request(Active& active, CURLcode code) {
     switch (outcome.judgement.verdict) {
         case Verdict::part:
             basis_.waits_for_stream = is_https(active.url) && active.request->has_http2();
-            target_ = active.url;
+            active.object.target = active.url;
             active.redirects = 0;
             if (active.asked.range.size > 0) {
                 send(active);  // it gave less than it was asked for
@@ -253,7 +257,7 @@ void FetchLoop::ask_for_the_end(Active& active, std::uint64_t size) {
     }
     // Some servers know ranges, but not those that count from the end.
     const std::uint64_t bytes = std::min(active.asked.tail, size);
-    active.asked = {{size - bytes, bytes}, 0};
+    active.asked = {.range = {size - bytes, bytes}};
     send(active);
 }
 
@@ -285,7 +289,7 @@ void FetchLoop::fail_or_retry(Active& active, Failure failure) {
     const Clock::time_point now = Clock::now();
     // What an earlier redirect led to may serve for a while only: the URL itself knows a new place.
     const bool may_try_origin = !failure.is_change && !active.tried_origin &&
-                                active.redirects == 0 && active.url != basis_.url.request;
+                                active.redirects == 0 && active.url != active.object.request;
     const bool is_final = failure.failure == FailureClass::final;
     const auto wait = may_try_origin && is_final
                           ? std::nullopt
@@ -293,7 +297,7 @@ void FetchLoop::fail_or_retry(Active& active, Failure failure) {
                                                     basis_.options.retry);
     if (!wait && may_try_origin) {
         active.tried_origin = true;
-        target_ = basis_.url.request;
+        active.object.target = active.object.request;
         active.retry.got_on();
         send(active);
         return;
@@ -312,9 +316,8 @@ void FetchLoop::fail_or_retry(Active& active, Failure failure) {
 
 void FetchLoop::give_up(Active& active, const Failure& failure) {
     const int tries = active.retry.failures();
-    finish_with(active, [&] {
-        active.job->failed(error_of(failure, basis_.url.name, tries), failure.is_change);
-    });
+    finish_with(active,
+                [&] { active.job->failed(error_of(failure, active.object.name, tries), failure); });
 }
 
 void FetchLoop::finish_with(Active& active, const std::function<void()>& tell) {

@@ -1,5 +1,5 @@
-// The thread that fetches ranges of one object: many at a time, again where that may help, and
-// along redirects.
+// The thread that fetches ranges of one object, or many objects below one URL: many at a time,
+// again where that may help, and along redirects.
 #pragma once
 
 #include <atomic>
@@ -24,6 +24,16 @@
 
 namespace isonest::detail {
 
+/// An object of the loop's server. Only the loop's thread uses what is not const.
+struct FetchObject {
+    const std::string name;     ///< for messages
+    const std::string request;  ///< http(s)://host[:port]/path[?query]
+    /// How it was when it was opened, which goes along with requests from then on; nothing: it is
+    /// taken as it is.
+    std::optional<Validators> opened = std::nullopt;
+    std::string target = request;  ///< where the last redirects led
+};
+
 /// Something to fetch. All its methods are called by the loop's thread; the last one is done() or
 /// failed().
 class FetchJob {
@@ -33,14 +43,17 @@ class FetchJob {
     FetchJob& operator=(const FetchJob&) = delete;
     virtual ~FetchJob() = default;
 
+    /// It lives as long as the job.
+    [[nodiscard]] virtual FetchObject& object() const = 0;
     [[nodiscard]] virtual Asked asked() const = 0;
-    /// Once: what comes is this, though it may come in several requests.
+    /// Once: what comes is this, though it may come in several requests. Of a whole object once for
+    /// each request: what came before is void, and where the server does not say its `size`, this
+    /// is the largest that it can have.
     virtual void begin(const AnswerHead& head, const ByteRange& range, std::uint64_t size) = 0;
     /// The next bytes of it.
     virtual void take(std::span<const std::byte> bytes) = 0;
     virtual void done() = 0;
-    /// `is_change`: the object is another one now.
-    virtual void failed(const Error& error, bool is_change) = 0;
+    virtual void failed(const Error& error, const Failure& failure) = 0;
 };
 
 struct RequestCounts {
@@ -65,9 +78,6 @@ class FetchLoop {
     void stop();
 
     void wake();
-    /// How the object was when it was opened: all later answers are compared with it. Called by the
-    /// loop's thread, in FetchJob::begin().
-    void set_opened(const Validators& opened) { opened_ = opened; }
     [[nodiscard]] RequestCounts counts() const { return {bytes_, requests_}; }
 
   private:
@@ -76,8 +86,9 @@ class FetchLoop {
     /// A job that has been begun, and its request.
     struct Active {
         Active(std::shared_ptr<FetchJob> what, std::uint32_t seed)
-            : job(std::move(what)), asked(job->asked()), retry(seed) {}
+            : job(std::move(what)), object(job->object()), asked(job->asked()), retry(seed) {}
         std::shared_ptr<FetchJob> job;
+        FetchObject& object;
         Asked asked;  ///< what has not come yet
         std::unique_ptr<CurlRequest> request = nullptr;
         std::string url = {};
@@ -109,8 +120,6 @@ class FetchLoop {
     Next next_;
     std::string origin_;
     CURLM* multi_ = nullptr;
-    std::optional<Validators> opened_;
-    std::string target_;  ///< where the last redirects led
     std::optional<Clock::time_point> pause_until_;
     std::vector<std::unique_ptr<Active>> active_;
     std::vector<std::unique_ptr<CurlRequest>> idle_;

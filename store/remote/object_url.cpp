@@ -258,6 +258,21 @@ ObjectUrl parse_object_url(std::string_view text, Environment environment) {
     return scheme == "s3" ? parse_s3(rest, environment) : parse_http(scheme, rest);
 }
 
+ObjectUrl object_below(const ObjectUrl& folder, std::string_view path) {
+    const auto joined = [path](std::string_view start, bool is_encoded) {
+        while (start.ends_with('/')) {
+            start.remove_suffix(1);
+        }
+        return fmt::format("{}/{}", start, is_encoded ? encoded_key(path) : std::string(path));
+    };
+    ObjectUrl object = folder;
+    const std::size_t query_at = std::min(folder.request.find('?'), folder.request.size());
+    object.name = joined(folder.name, false);
+    object.request = joined(std::string_view(folder.request).substr(0, query_at), true) +
+                     folder.request.substr(query_at);
+    return object;
+}
+
 std::string origin_of(std::string_view url) {
     const std::string_view scheme = scheme_of(url);
     const std::string_view rest = url.substr(scheme.size() + 3);

@@ -33,6 +33,10 @@ struct ObjectUrl {
 /// with no character that means anything else. Throws Error{invalid_argument}.
 ObjectUrl parse_object_url(std::string_view text, const char* (*environment)(const char*));
 
+/// The object `path` below a URL that stands for a folder; the URL's query goes along, and so do
+/// its keys and passwords. `path`: not encoded, with '/' between its parts. No I/O.
+ObjectUrl object_below(const ObjectUrl& folder, std::string_view path);
+
 /// scheme://host:port, in lower case and with the scheme's port if there is none: of two URLs for
 /// the same server it is the same. REQUIRES: is_url(url) (<isonest/remote.h>, defined here).
 std::string origin_of(std::string_view url);

@@ -33,6 +33,13 @@ RemoteOptions options_of(const RemoteAccess& remote,
     return options;
 }
 
+void check_headers(const std::filesystem::path& location, const RemoteAccess& remote) {
+    if (!std::all_of(remote.headers.begin(), remote.headers.end(), is_header)) {
+        throw Error(ErrorKind::invalid_argument, {shown_location(location.native())},
+                    "a header has to be one line, 'Name: value', and none about ranges");
+    }
+}
+
 }  // namespace
 
 std::shared_ptr<const StoreBytes> open_location(const std::filesystem::path& location,
@@ -41,11 +48,25 @@ std::shared_ptr<const StoreBytes> open_location(const std::filesystem::path& loc
     if (!is_url(location.native())) {
         return std::make_shared<FileBytes>(location);
     }
-    if (!std::all_of(remote.headers.begin(), remote.headers.end(), is_header)) {
-        throw Error(ErrorKind::invalid_argument, {shown_location(location.native())},
-                    "a header has to be one line, 'Name: value', and none about ranges");
-    }
+    check_headers(location, remote);
     return open_url(location.native(), options_of(remote, cache));
+}
+
+std::shared_ptr<ObjectFolder> open_folder_location(const std::filesystem::path& location,
+                                                   const RemoteAccess& remote) {
+    check_headers(location, remote);
+    return open_url_folder(location.native(), options_of(remote, nullptr));
+}
+
+std::shared_ptr<const DiskCache> open_cache(const std::filesystem::path& location,
+                                            const RemoteAccess& remote) {
+    return !remote.cache.empty() && is_url(location.native())
+               ? std::make_shared<const DiskCache>(remote.cache, remote.cache_bytes)
+               : nullptr;
+}
+
+std::string cache_warning(const DiskCache* cache) {
+    return cache != nullptr ? cache->warning() : std::string();
 }
 
 bool is_header(std::string_view line) {

@@ -9,6 +9,7 @@
 
 #include <isonest/remote.h>
 
+#include "store/bytes/object_folder.h"
 #include "store/bytes/store_bytes.h"
 
 namespace isonest::detail {
@@ -20,6 +21,16 @@ class DiskCache;
 std::shared_ptr<const StoreBytes> open_location(
     const std::filesystem::path& location, const RemoteAccess& remote = {},
     const std::shared_ptr<const DiskCache>& cache = nullptr);
+
+/// What lies below a URL. Throws what open_url_folder() throws.
+std::shared_ptr<ObjectFolder> open_folder_location(const std::filesystem::path& location,
+                                                   const RemoteAccess& remote);
+
+/// That of remote.cache; null if none is asked for, or `location` is no URL.
+std::shared_ptr<const DiskCache> open_cache(const std::filesystem::path& location,
+                                            const RemoteAccess& remote);
+/// What is wrong with it, empty if nothing is or it is null.
+std::string cache_warning(const DiskCache* cache);
 
 /// For messages: a path as it is, a URL without userinfo, query and fragment.
 std::string shown_location(std::string_view location);

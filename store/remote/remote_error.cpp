@@ -54,6 +54,7 @@ void say_status(Failure& failure, const AnswerHead& head, const std::string& cod
 Failure failure_of_answer(const AnswerHead& head, const Judgement& judgement,
                           const std::string& code, bool is_signed) {
     Failure failure{judgement.failure, judgement.problem};
+    failure.status = head.status;
     if (failure.problem.empty()) {
         failure.problem = fmt::format("the server answers {}", said_status(head.status));
     }
@@ -61,6 +62,10 @@ Failure failure_of_answer(const AnswerHead& head, const Judgement& judgement,
         failure.problem += fmt::format(" ({})", code);
     }
     say_status(failure, head, code, is_signed);
+    if (judgement.is_too_large) {
+        failure.kind = ErrorKind::corrupt;
+        failure.remedies = {{RemedyKind::check_url}};
+    }
     const bool names_region =
         !head.bucket_region.empty() && head.bucket_region.size() <= 32 &&
         std::all_of(head.bucket_region.begin(), head.bucket_region.end(), [](char c) {

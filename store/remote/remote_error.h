@@ -22,6 +22,7 @@ struct Failure {
     std::vector<Remedy> remedies = {};
     std::optional<std::chrono::seconds> retry_after = std::nullopt;
     bool is_change = false;  ///< the object is another one now
+    int status = 0;          ///< of the answer; 0: there was none
 };
 
 /// Of an answer with such a status, for the problem that judge() found. `code`: of S3's message,

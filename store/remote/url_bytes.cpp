@@ -12,16 +12,10 @@
 
 #include "store/base/checksum.h"
 #include "store/remote/join_ranges.h"
+#include "store/remote/waiting.h"
 
 namespace isonest::detail {
 namespace {
-
-constexpr std::chrono::milliseconds kCheckEvery{50};
-
-/// Each thread gets an error of its own.
-[[noreturn]] void throw_copy_of(const Error& error) {
-    throw Error(error.kind(), error.place(), error.problem(), error.remedies());
-}
 
 /// Nothing of it can be read in the checksum: queries may have secrets.
 std::string checksum_of_query(const std::string& url) {
@@ -37,7 +31,8 @@ class UrlBytes::ExtentJob : public FetchJob {
     ExtentJob(const UrlBytes& owner, ExtentPointer extent)
         : owner_(owner), extent_(std::move(extent)) {}
 
-    [[nodiscard]] Asked asked() const override { return {extent_->range, 0}; }
+    [[nodiscard]] Asked asked() const override { return {.range = extent_->range}; }
+    [[nodiscard]] FetchObject& object() const override { return owner_.object_; }
     void begin(const AnswerHead& /*head*/, const ByteRange& /*range*/,
                std::uint64_t /*size*/) override {
         extent_->bytes.resize(extent_->range.size);
@@ -52,10 +47,10 @@ class UrlBytes::ExtentJob : public FetchJob {
         owner_.keep_later(extent_);  // before anybody can find that its bytes are wrong
         owner_.end_extent(*extent_, Extent::State::present, nullptr);
     }
-    void failed(const Error& error, bool is_change) override {
+    void failed(const Error& error, const Failure& why) override {
         const auto failure = std::make_shared<const Error>(error);
         owner_.end_extent(*extent_, Extent::State::failed, failure);
-        if (is_change) {
+        if (why.is_change) {
             const Lock lock(owner_.mutex_);
             owner_.broken_ = failure;
             owner_.changed_.notify_all();
@@ -73,13 +68,14 @@ class UrlBytes::OpeningJob : public FetchJob {
     explicit OpeningJob(UrlBytes& owner) : owner_(owner) {}
 
     [[nodiscard]] Asked asked() const override {
-        return {{}, owner_.known_ ? kKnownTailBytes : kTailBytes};
+        return {.tail = owner_.known_ ? kKnownTailBytes : kTailBytes};
     }
+    [[nodiscard]] FetchObject& object() const override { return owner_.object_; }
     void begin(const AnswerHead& head, const ByteRange& range, std::uint64_t size) override {
         const Validators opened{head.etag, head.last_modified, size};
-        owner_.loop_.set_opened(opened);
+        owner_.object_.opened = opened;
         const Lock lock(owner_.mutex_);
-        owner_.state_ = {owner_.name_, "", size, owner_.query_};
+        owner_.state_ = {owner_.object_.name, "", size, owner_.query_};
         owner_.version_ = !opened.etag.empty() ? opened.etag : opened.last_modified;
         if (opened.is_strong()) {
             owner_.state_.version = opened.etag;
@@ -104,7 +100,7 @@ class UrlBytes::OpeningJob : public FetchJob {
         owner_.is_open_ = true;
         owner_.changed_.notify_all();
     }
-    void failed(const Error& error, bool /*is_change*/) override {
+    void failed(const Error& error, const Failure& /*why*/) override {
         const Lock lock(owner_.mutex_);
         owner_.broken_ = std::make_shared<const Error>(error);
         owner_.changed_.notify_all();
@@ -116,11 +112,11 @@ class UrlBytes::OpeningJob : public FetchJob {
 };
 
 UrlBytes::UrlBytes(ObjectUrl url, RemoteOptions options)
-    : name_(url.name),
+    : object_{url.name, url.request},
       has_query_(url.request.find('?') != std::string::npos),
       query_(checksum_of_query(url.request)),
       options_(std::move(options)),
-      known_(options_.recall ? options_.recall({name_, "", 0, query_}) : std::nullopt),
+      known_(options_.recall ? options_.recall({object_.name, "", 0, query_}) : std::nullopt),
       extents_(options_.budget_bytes),
       opening_(std::make_shared<OpeningJob>(*this)),
       loop_({std::move(url), options_}, [this] { return next_job(); }) {
@@ -173,8 +169,8 @@ void UrlBytes::use_cache() {
     if (cache_ == nullptr) {
         return;
     }
-    loading_ = std::make_unique<Background>(~std::uint64_t{0}, name_);
-    keeping_ = std::make_unique<Background>(options_.budget_bytes / 4, name_);
+    loading_ = std::make_unique<Background>(~std::uint64_t{0}, object_.name);
+    keeping_ = std::make_unique<Background>(options_.budget_bytes / 4, object_.name);
     lock.lock();
     const std::vector<ExtentPointer> end =
         extents_.use({state_.size - std::min(state_.size, kKnownTailBytes), kKnownTailBytes});
@@ -255,29 +251,22 @@ bool UrlBytes::is_distrusted(const ByteRange& range) const {
 }
 
 void UrlBytes::wait_until(Lock& lock, const std::function<bool()>& is_over) const {
-    auto next_check = std::chrono::steady_clock::now() + kCheckEvery;
-    while (true) {
+    const std::function<void()> check = [this] {
+        if (options_.check) {
+            try {
+                options_.check();
+            } catch (...) {
+                was_cancelled_ = true;
+                throw;
+            }
+        }
+    };
+    wait_and_check(lock, changed_, check, [&] {
         if (broken_ != nullptr) {
             throw_copy_of(*broken_);
         }
-        if (is_over()) {
-            return;
-        }
-        changed_.wait_until(lock, next_check);
-        if (std::chrono::steady_clock::now() >= next_check) {
-            next_check = std::chrono::steady_clock::now() + kCheckEvery;
-            if (options_.check) {
-                lock.unlock();
-                try {
-                    options_.check();
-                } catch (...) {
-                    was_cancelled_ = true;
-                    throw;
-                }
-                lock.lock();
-            }
-        }
-    }
+        return is_over();
+    });
 }
 
 void UrlBytes::end_extent(Extent& extent, Extent::State state,

@@ -48,7 +48,7 @@ class UrlBytes : public StoreBytes {
     /// most.
     ~UrlBytes() override;
 
-    [[nodiscard]] const std::string& name() const override { return name_; }
+    [[nodiscard]] const std::string& name() const override { return object_.name; }
     [[nodiscard]] std::uint64_t size() const override { return state_.size; }
     [[nodiscard]] std::string version() const override { return version_; }
     [[nodiscard]] bool is_far() const override { return true; }
@@ -104,13 +104,13 @@ class UrlBytes : public StoreBytes {
     std::vector<ExtentPointer> hold_places(const std::vector<ByteRange>& absent, const Place& place,
                                            bool is_urgent) const;
 
-    std::string name_;
+    mutable FetchObject object_;
     bool has_query_;
     std::string query_;  ///< of ObjectState
     RemoteOptions options_;
     ObjectState state_;
     std::optional<ObjectState> known_;  ///< of an earlier opening
-    std::string version_;  ///< also a weak one, or a time, which a cache cannot go by
+    std::string version_;               ///< also a weak one, or a time, which a cache cannot go by
     std::shared_ptr<RangeCache> cache_;
     bool is_open_ = false;
 

@@ -49,7 +49,9 @@ INNER_ROOMS = {
     "store/container": {"footer": {"codec.h", "format.h", "hdf5_types.h", "label_table.h"},
                         "announce": {"chunk_cache.h", "chunk_source.h"},
                         "wrapping": {"chunk_source.h"},
-                        "writing": {"codec.h", "cube_range.h", "format.h", "hdf5_types.h", "label_table.h"}},
+                        "writing": {"codec.h", "cube_range.h", "format.h", "hdf5_types.h", "label_table.h"},
+                        "by_hdf5": {"format.h", "cube_range_table.h", "hdf5_types.h", "header_reader.h",
+                                    "header_writer.h", "label_table.h", "reader.h", "footer"}},
     "preprocess/sources": SHARED | {name: {*SHARED, "volume_format.h"} for name in FORMATS},
     "query/extract": {
         "stages": {"extract_query.h"},

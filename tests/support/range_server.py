@@ -25,6 +25,7 @@ import time
 import urllib.parse
 
 PIECE = 16384
+PAGE = b"<!DOCTYPE html><html><title>Please log in</title></html>\n"
 
 
 def certificate(folder, host="127.0.0.1"):
@@ -106,7 +107,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
     def answer(self, status, headers=(), body=b"", length=None, also=b""):
         """`length`: what the head says of the body, if it is not the truth."""
         self.send_response(status)
-        for name, value in dict(headers).items():
+        for name, value in {**self.server.owner.extra(self.command, self.path), **dict(headers)}.items():
             self.send_header(name, value)
         self.send_header("Content-Length", str(len(body) if length is None else length))
         self.end_headers()
@@ -143,7 +144,25 @@ class Handler(http.server.BaseHTTPRequestHandler):
         except (OSError, ValueError):
             self.close_connection = True
 
-    do_HEAD = None
+    def do_HEAD(self):
+        owner = self.server.owner
+        number = owner.count(1, 0)
+        owner.note({"method": "HEAD", "path": self.path, **{name.lower(): value for name, value in self.headers.items()}})
+        path = owner.folder / urllib.parse.unquote(self.path.partition("?")[0]).lstrip("/")
+        if not path.is_file() or owner.fault_of(number, self.path, self.headers) == "no_head":
+            return self.answer(405 if path.is_file() else 404)
+        data = owner.data_of(path)
+        self.send_response(200)
+        for name, value in {**owner.extra(self.command, self.path), **owner.validators(path, data)}.items():
+            self.send_header(name, value)
+        self.send_header("Content-Length", str(len(data)))
+        return self.end_headers()
+
+    def do_OPTIONS(self):
+        owner = self.server.owner
+        owner.count(1, 0)
+        owner.note({"method": "OPTIONS", "path": self.path, **{name.lower(): value for name, value in self.headers.items()}})
+        self.answer(owner.options, {}, b"")
 
     def do_request(self, owner, fault):
         if fault.startswith("status:"):
@@ -189,6 +208,10 @@ class Handler(http.server.BaseHTTPRequestHandler):
         if fault == "gzip":
             headers["Content-Encoding"] = "gzip"
         asked = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", ""))
+        if fault in ("page", "long_page"):
+            return self.answer(200, headers, PAGE * (1 if fault == "page" else 20_000_000 // len(PAGE)))
+        if "Range" not in self.headers:
+            return self.send_whole(headers, data, fault)
         if not asked or not owner.knows_ranges or fault == "whole" or (not asked[1] and not owner.knows_tails):
             return self.answer(200, headers, bytes(data))
         first = int(asked[1]) if asked[1] else max(size - int(asked[2]), 0)
@@ -237,8 +260,23 @@ class Handler(http.server.BaseHTTPRequestHandler):
             raise AssertionError(fault)
         return self.answer(206, headers, body)
 
-    def send_chunked(self, headers, body):
-        self.send_response(206)
+    def send_whole(self, headers, data, fault):
+        body = bytes(data)
+        if fault in ("short", "broken"):
+            self.send_response(200)
+            for name, value in {**headers, "Content-Length": len(body)}.items():
+                self.send_header(name, str(value))
+            self.end_headers()
+            self.write_body(body[:len(body) // 2])
+            return self.reset() if fault == "broken" else setattr(self, "close_connection", True)
+        if fault == "chunked":
+            return self.send_chunked(headers, body, 200)
+        if fault == "wrong_bytes":
+            body = bytes([body[0] ^ 1]) + body[1:]
+        return self.answer(200, headers, body)
+
+    def send_chunked(self, headers, body, status=206):
+        self.send_response(status)
         for name, value in {**headers, "Transfer-Encoding": "chunked"}.items():
             self.send_header(name, value)
         self.end_headers()
@@ -264,12 +302,14 @@ class RangeServer:
     """`delay`: seconds before each answer; `handshakes`: such delays before the first request of a connection.
     `rate`: bytes per second of all connections together. `fault_of(number, path, headers)`: what goes wrong with
     the request of this number (Handler.do_request); nothing if all is well. `keys`: of signature_fault().
-    `password`: (user, password). `tls`: what certificate() gives."""
+    `password`: (user, password). `tls`: what certificate() gives. `extra(method, path)`: headers of whole answers and
+    of parts beside those of the request; `options`: the status for OPTIONS."""
 
     def __init__(self, folder, *, port=0, delay=0, handshakes=0, rate=0, fault_of=None, keys=None, password=None,
-                 tls=None, knows_ranges=True, knows_tails=True, validators=None, silence=30):
+                 tls=None, knows_ranges=True, knows_tails=True, validators=None, silence=30, extra=None, options=501):
         self.folder, self.delay, self.handshakes = pathlib.Path(folder), delay, handshakes
         self.link, self.silence = Link(rate), silence
+        self.extra, self.options = extra or (lambda method, path: {}), options
         self.fault_of = fault_of or (lambda number, path, headers: None)
         self.keys, self.password, self.knows_ranges, self.knows_tails = keys, password, knows_ranges, knows_tails
         self.validators = validators or (lambda path, data: {

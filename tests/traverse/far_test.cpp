@@ -102,8 +102,10 @@ void require_few_round_trips(const StoreReader& store, const Case& c) {
     const FarSource source(store);
     const Outcome far = outcome_of(source, query, c.isovalues, {});
     require_same_meshes(local, far);
-    CHECK(far.chunks_read == local.chunks_read);
-    CHECK(far.bytes_read == local.bytes_read);
+    if (query.vertices == VertexPlace::linear) {
+        CHECK(far.chunks_read == local.chunks_read);
+        CHECK(far.bytes_read == local.bytes_read);
+    }
     const FarCounts counts = source.counts();
     INFO("announced " << counts.announced_bytes << " of " << counts.decoded_bytes << ", "
                       << counts.unannounced << " unannounced");
@@ -200,7 +202,7 @@ std::vector<Case> cases(double iso, double range, const Int3& n) {
         {"two isovalues", fine, {iso, b}},
         {"two isovalues, full", full, {iso, b}},
         {"hexahedra, fine", adaptive_hexahedra, {iso}, 1.5, 2},
-        {"slice by hexahedra", hexahedra_slice, {iso}, 1.5, 2},
+        {"slice by hexahedra", hexahedra_slice, {iso}, 1.8, 2},
         {"exact vertices", exact, {iso}, 1.5, 3},
         {"coarse, exact vertices", coarse_exact, {iso}, 1.5, 3},
         {"exact vertices, two isovalues", exact, {iso, b}, 1.5, 3},

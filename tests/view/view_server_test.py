@@ -337,7 +337,7 @@ class Answers(unittest.TestCase):
         self.assertIn("script-src 'self' 'wasm-unsafe-eval'", headers["Content-Security-Policy"])
         self.assertEqual(headers["X-Content-Type-Options"], "nosniff")
         self.assertNotIn("Access-Control-Allow-Origin", headers)
-        for name in ("main.js", "worker.js", "style.css", "licences.txt"):
+        for name in ("main.js", "mesh_worker.js", "worker.js", "style.css", "licences.txt"):
             self.assertEqual(self.view.ask("/" + name)[0], 200, name)
 
     def test_other_origins_and_names_get_nothing(self):

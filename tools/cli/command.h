@@ -11,15 +11,17 @@
 #include <isonest/length_unit.h>
 #include <isonest/progress.h>
 
+#include "tools/cli/terminal/json.h"
 #include "tools/cli/terminal/terminal_progress.h"
 
 namespace isonest::detail {
 class Communicator;
 }
+namespace isonest::detail::publish {
+struct PageFile;
+}
 
 namespace isonest::detail::cli {
-
-using Json = nlohmann::ordered_json;  // keeps the order in which it was filled
 
 /// "mm", or null where it is not known.
 Json unit_json(std::optional<LengthUnit> unit);
@@ -67,6 +69,10 @@ void add_check(CLI::App& app, Invocation& chosen);
 void add_make_volume(CLI::App& app, Invocation& chosen);
 void add_picture(CLI::App& app, Invocation& chosen);
 void add_view(CLI::App& app, Invocation& chosen);  ///< of the library isonest_view
+/// What a build needs for more of `publish` than its --check.
+inline constexpr const char* kPublishNeeds = "emscripten and node-acorn";
+/// `page`: of a site; without the library that runs in it, sites are only checked.
+void add_publish(CLI::App& app, Invocation& chosen, const std::vector<publish::PageFile>& page);
 
 /// Adds an option whose text is handed to `parse`, which throws Error{invalid_argument}.
 CLI::Option* add_parsed(CLI::App* command, const std::string& name,

@@ -1,10 +1,26 @@
 // The program isonest: all commands, in one process.
 #include <string>
+#include <vector>
 
 #include "tools/cli/program.h"
+#include "tools/publish/site.h"
+#if ISONEST_WITH_VIEW
+#include "tools/view/page_files.h"
+#endif
 
 namespace isonest::detail::cli {
 namespace {
+
+/// Of a published site.
+std::vector<publish::PageFile> site_page_files() {
+    std::vector<publish::PageFile> files;
+#if ISONEST_WITH_VIEW
+    for (const view::NamedPageFile& file : view::page_files()) {
+        files.push_back({file.path.substr(1), file.file.bytes});
+    }
+#endif
+    return files;
+}
 
 void declare(CLI::App& app, Invocation& chosen) {
     add_preprocess(app, chosen);
@@ -20,6 +36,7 @@ void declare(CLI::App& app, Invocation& chosen) {
 #if ISONEST_WITH_VIEW
     add_view(app, chosen);
 #endif
+    add_publish(app, chosen, site_page_files());
 }
 
 std::string why_missing([[maybe_unused]] const std::string& command) {
@@ -50,7 +67,13 @@ Program whole_program() {
             "Meshes, pictures and plots replace an existing file of their name; stores and\n"
             "volumes, which take longer to make, only with --force. Never replaced are files\n"
             "that the command reads, links, devices, FIFOs and sockets; permissions stay.",
-            declare, why_missing};
+            declare,
+            why_missing,
+            nullptr,
+            publish::has_library(site_page_files())
+                ? std::vector<std::pair<std::string, std::string>>{}
+                : std::vector<std::pair<std::string, std::string>>{
+                      {"sites of publish", kPublishNeeds}}};
 }
 
 }  // namespace

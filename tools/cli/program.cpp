@@ -62,10 +62,13 @@ Outcome guarded(const HasOption& has, const Work& work) {
 }
 
 /// With the formats that this build reads, and what the others need.
-std::string version_text(const std::string& name) {
-    std::string text = fmt::format("{} {} (store format {}.{})\nreads:", name, ISONEST_VERSION,
-                                   kFormatMajor, kFormatMinor);
+std::string version_text(const Program& program) {
+    std::string text = fmt::format("{} {} (store format {}.{})\nreads:", program.name,
+                                   ISONEST_VERSION, kFormatMajor, kFormatMinor);
     std::string missing;
+    for (const auto& [name, package] : program.missing) {
+        missing += fmt::format("\n  {:<16} (needs {})", name, package);
+    }
     for (const InputFormat& format : input_formats()) {
         std::string& list = format.package.empty() ? text : missing;
         list += fmt::format("\n  {:<16} {}", format.name, format.extensions);
@@ -75,7 +78,7 @@ std::string version_text(const std::string& name) {
 }
 
 void declare(const Program& program, CLI::App& app, Invocation& chosen) {
-    app.set_version_flag("--version", version_text(program.name));
+    app.set_version_flag("--version", version_text(program));
     app.require_subcommand(1);
     app.formatter(std::make_shared<HelpFormat>());
     app.footer(program.footer);

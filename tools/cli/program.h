@@ -4,6 +4,8 @@
 #include <CLI/CLI.hpp>
 #include <functional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include <isonest/error.h>
 
@@ -22,6 +24,8 @@ struct Program {
     std::function<std::string(const std::string& command)> why_missing = {};
     /// The ranks of the run; null: a process alone.
     Communicator* ranks = nullptr;
+    /// Of what this build does not have beside formats: names, and the packages that it needs.
+    std::vector<std::pair<std::string, std::string>> missing = {};
 };
 
 /// How a run ended, before anybody has been told.

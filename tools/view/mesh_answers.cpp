@@ -3,17 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <chrono>
 #include <cmath>
-#include <cstdlib>
-#include <memory>
-#include <system_error>
 #include <utility>
 #include <vector>
 
 #include <isonest/error.h>
-#include <isonest/mesh_file.h>
 
 #include "tools/view/mesh_message.h"
 
@@ -64,25 +59,7 @@ HttpAnswer as_answer(MeshMessage& mesh, const MeshRequest& request, const Extrac
 constexpr double kSliderSeconds = 0.04;
 constexpr double kPatience = 2;
 
-/// A new folder below `scratch`.
-std::filesystem::path new_folder(const std::filesystem::path& scratch) {
-    std::string name = (scratch / "isonest-view-XXXXXX").string();
-    if (::mkdtemp(name.data()) == nullptr) {
-        throw Error(
-            ErrorKind::io, {scratch.string()},
-            fmt::format("cannot make a folder: {}", std::generic_category().message(errno)));
-    }
-    return name;
-}
-
 }  // namespace
-
-SentFile::~SentFile() {
-    if (!folder_.empty()) {
-        std::error_code ignored;
-        std::filesystem::remove_all(folder_, ignored);
-    }
-}
 
 ExtractReport MeshAnswers::extract_to(MeshSink& sink, const MeshRequest& request, double rounding,
                                       Progress& progress) const {
@@ -181,25 +158,6 @@ HttpAnswer MeshAnswers::message(const MeshRequest& request, Progress& progress) 
         return within_triangles(request, most->most, kSliderSeconds, progress);
     }
     return within_stop(request, progress);
-}
-
-HttpAnswer MeshAnswers::file(const MeshRequest& request, const std::string& ending,
-                             const std::filesystem::path& scratch, Progress& progress) {
-    if (std::holds_alternative<AtMostTriangles>(request.stop)) {
-        throw Error(ErrorKind::invalid_argument,
-                    "a file is made for an error, a camera or a distance, not for a number of "
-                    "triangles");
-    }
-    const std::string name = (request.is_slice() ? "slice." : "surface.") + ending;
-    const std::filesystem::path folder = new_folder(scratch);
-    SentFile file(folder, folder / name);
-    const auto* const choice = std::get_if<LabelChoice>(&request.what);
-    const LabelName label =
-        choice != nullptr ? store_.label_name(choice->id).value_or(LabelName{}) : LabelName{};
-    const std::unique_ptr<MeshSink> sink =
-        open_mesh_file(file.path(), {.title = label.name, .color = label.color});
-    extract_to(*sink, request, 0, progress);
-    return {200, "application/octet-stream", std::move(file), name};
 }
 
 }  // namespace isonest::detail::view

@@ -12,6 +12,7 @@
 
 #include <isonest/error.h>
 
+#include "store/base/hypot3.h"
 #include "store/base/vector3.h"
 
 namespace isonest::detail::view {
@@ -148,11 +149,11 @@ void MeshMessage::add_elements(const ElementBatch& batch) {
 }
 
 double MeshMessage::position_rounding() const {
-    return std::hypot(step_[0], step_[1], step_[2]) / 2;
+    return hypot3(step_[0], step_[1], step_[2]) / 2;
 }
 
 double MeshMessage::rounding_of(const std::array<double, 3>& extent) {
-    return std::hypot(extent[0], extent[1], extent[2]) / kSteps / 2;
+    return hypot3(extent[0], extent[1], extent[2]) / kSteps / 2;
 }
 
 void MeshMessage::round_values(Json& header) {
@@ -200,7 +201,7 @@ void MeshMessage::make_normals() {
     }
     normals_.assign(positions_.size(), {});
     for (std::size_t v = 0; v < sum.size(); ++v) {
-        const double length = std::hypot(sum[v][0], sum[v][1], sum[v][2]);
+        const double length = hypot3(sum[v][0], sum[v][1], sum[v][2]);
         for (std::size_t axis = 0; axis < 3 && length > 0; ++axis) {
             normals_[v][axis] = rounded_normal(static_cast<double>(sum[v][axis]) / length);
         }

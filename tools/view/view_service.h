@@ -11,7 +11,7 @@
 #include <isonest/store.h>
 
 #include "tools/view/access.h"
-#include "tools/view/first_levels.h"
+#include "tools/view/answers/store_answers.h"
 #include "tools/view/mesh_answers.h"
 #include "tools/view/request_target.h"
 #include "tools/view/store_watch.h"
@@ -19,14 +19,6 @@
 #include "tools/view/work_lane.h"
 
 namespace isonest::detail::view {
-
-/// How the memory is divided. Sixteenths: extraction of surfaces 4, their message 4, slices 2 and
-/// 1, files 2, values and histogram 1, answers that are being sent 2.
-struct MemoryShares {
-    explicit MemoryShares(std::uint64_t memory_);
-    std::uint64_t memory;
-    std::uint64_t surface, surface_message, slice, slice_message, file, small, sending;
-};
 
 class ViewService : public HttpHandler {
   public:
@@ -48,18 +40,12 @@ class ViewService : public HttpHandler {
                                         const Reply& reply);
     std::shared_ptr<Waiting> start_value(RequestTarget& target, const std::string& stream,
                                          const Reply& reply);
-    std::shared_ptr<Waiting> start_histogram(RequestTarget& target, const std::string& stream,
-                                             const Reply& reply);
-    [[nodiscard]] HttpAnswer describe() const;
     [[nodiscard]] HttpAnswer status() const;
     [[nodiscard]] HttpAnswer command(RequestTarget& target) const;
-    [[nodiscard]] bool are_labels() const;
-    MeshRequest take_mesh(RequestTarget& target, const std::string& path) const;
 
     const Store& store_;
-    std::optional<FirstLevels> first_;
     MemoryShares shares_;
-    int threads_;
+    StoreAnswers answers_;
     Access access_;
     std::function<std::size_t()> connections_;
     StoreWatch watch_;

@@ -50,30 +50,32 @@ std::string quoted_numbers(const std::string& text, std::size_t& depth) {
 
 }  // namespace
 
-std::optional<nlohmann::json> read_json(const std::filesystem::path& path) {
-    constexpr std::uint64_t kMost = std::uint64_t{1} << 24U;
+nlohmann::json parse_json(const std::string& text, const std::string& name) {
     constexpr std::size_t kDeepest = 64;
+    std::size_t depth = 0;
+    const std::string quoted = quoted_numbers(text, depth);
+    if (depth > kDeepest) {
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("JSON that nests {} levels deep", depth));
+    }
+    nlohmann::json json = nlohmann::json::parse(quoted, nullptr, false);
+    if (json.is_discarded()) {
+        throw Error(ErrorKind::corrupt, {name}, "not JSON");
+    }
+    return json;
+}
+
+std::optional<nlohmann::json> read_json(const std::filesystem::path& path) {
     std::error_code error;
     if (!std::filesystem::is_regular_file(path, error)) {
         return std::nullopt;
     }
     const std::uint64_t size = regular_file_size(path);
-    if (size > kMost) {
+    if (size > kMostJsonBytes) {
         throw Error(ErrorKind::unsupported, {path.string()},
                     fmt::format("a description of {} bytes", size));
     }
-    std::size_t depth = 0;
-    const std::string text =
-        quoted_numbers(first_bytes(path, static_cast<std::size_t>(size)), depth);
-    if (depth > kDeepest) {
-        throw Error(ErrorKind::unsupported, {path.string()},
-                    fmt::format("JSON that nests {} levels deep", depth));
-    }
-    nlohmann::json json = nlohmann::json::parse(text, nullptr, false);
-    if (json.is_discarded()) {
-        throw Error(ErrorKind::corrupt, {path.string()}, "not JSON");
-    }
-    return json;
+    return parse_json(first_bytes(path, static_cast<std::size_t>(size)), path.string());
 }
 
 }  // namespace isonest::detail

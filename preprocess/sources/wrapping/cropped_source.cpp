@@ -65,6 +65,10 @@ class CroppedSource : public WrappedSource {
         return inner_source().heap() + piece_bytes_;
     }
 
+    void will_read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny) override {
+        inner_source().will_read(lo_.z + z0 * every_.z, (nz - 1) * every_.z + 1,
+                                 lo_.y + y0 * every_.y, (ny - 1) * every_.y + 1);
+    }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         buffer_.resize(piece_bytes_);

@@ -41,6 +41,10 @@ class MirroredSource : public WrappedSource {
                                             : inner_source().granularity();
     }
 
+    void will_read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny) override {
+        inner_source().will_read(backward_[2] ? nodes_.z - z0 - nz : z0, nz,
+                                 backward_[1] ? nodes_.y - y0 - ny : y0, ny);
+    }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         const Int3& n = nodes_;

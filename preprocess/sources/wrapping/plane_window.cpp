@@ -82,6 +82,8 @@ void PlaneWindow::spool(std::uint64_t budget, const std::filesystem::path& folde
     };
     for (std::int64_t z = part_.z_begin; z < part_.z_end;) {
         const std::int64_t nz = next(z, planes, part_.z_begin, part_.z_end) - z;
+        const std::int64_t behind = std::min(part_.z_end, z + 2 * nz);
+        source_.will_read(z, behind - z, part_.y_begin, all_rows);
         for (std::int64_t y = part_.y_begin; y < part_.y_end;) {
             progress_.check();
             const std::int64_t ny = next(y, rows, part_.y_begin, part_.y_end) - y;
@@ -117,6 +119,9 @@ void PlaneWindow::read_until(std::int64_t z_end) {
         if (to <= end_) {
             return;
         }
+        // As far as the piece behind, of which there is one in any case.
+        const std::int64_t behind = std::min(nz, to + std::max<std::int64_t>(to - end_, step));
+        source_.will_read(end_, behind - end_, part_.y_begin, part_.y_end - part_.y_begin);
         const std::int64_t slot = (end_ - first_plane_) % capacity_;
         const std::int64_t first = std::min(to - end_, capacity_ - slot);
         source_.read(end_, first, part_.y_begin, part_.y_end - part_.y_begin,

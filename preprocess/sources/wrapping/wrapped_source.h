@@ -18,6 +18,9 @@ class WrappedSource : public VolumeSource {
   public:
     [[nodiscard]] VolumeDescription describe() const override { return inner_->describe(); }
     [[nodiscard]] std::string identity() const override { return inner_->identity(); }
+    void will_read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny) override {
+        inner_->will_read(z0, nz, y0, ny);
+    }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return inner_->files();
     }

@@ -13,8 +13,6 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/json_file.h"
-
 namespace isonest::detail {
 namespace {
 
@@ -24,16 +22,19 @@ constexpr std::size_t kMostAxes = 32;
 
 class Description {
   public:
-    explicit Description(const std::filesystem::path& folder) { array_.folder = folder; }
+    Description(ZarrFiles& files, const std::filesystem::path& folder) : files_(files) {
+        array_.folder = folder;
+    }
 
     ZarrArray read() {
         array_.description = array_.folder / "zarr.json";
-        if (const auto v3 = read_json(array_.description)) {
+        if (const auto v3 = files_.json(array_.description)) {
             read_v3(*v3);
         } else {
             array_.description = array_.folder / ".zarray";
-            const auto v2 = read_json(array_.description);
+            const auto v2 = files_.json(array_.description);
             if (!v2) {
+                files_.refuse();
                 throw Error(ErrorKind::not_found, {array_.folder.string()},
                             "there is no Zarr array in this folder");
             }
@@ -104,7 +105,7 @@ class Description {
             array_.separator = '/';
         }
         set_fill(member(d, "fill_value"));
-        array_.attributes = read_json(array_.folder / ".zattrs").value_or(json::object());
+        array_.attributes = files_.json(array_.folder / ".zattrs").value_or(json::object());
         set_names(member(array_.attributes, "_ARRAY_DIMENSIONS"));
     }
 
@@ -349,6 +350,7 @@ class Description {
         }
     }
 
+    ZarrFiles& files_;
     ZarrArray array_;
 };
 
@@ -362,39 +364,36 @@ std::filesystem::path ZarrArray::file_of(const Lengths& index) const {
     return folder / name;
 }
 
-std::filesystem::path description_of(const std::filesystem::path& folder) {
-    std::error_code error;
+std::filesystem::path description_of(ZarrFiles& files, const std::filesystem::path& folder) {
     std::filesystem::path v3 = folder / "zarr.json";
-    return std::filesystem::is_regular_file(v3, error) ? v3 : folder / ".zarray";
+    return files.has(v3) ? v3 : folder / ".zarray";
 }
 
-bool is_zarr_array(const std::filesystem::path& folder) {
-    std::error_code error;
-    if (std::filesystem::is_regular_file(folder / ".zarray", error)) {
+bool is_zarr_array(ZarrFiles& files, const std::filesystem::path& folder) {
+    if (files.has(folder / ".zarray")) {
         return true;
     }
-    const auto v3 = read_json(folder / "zarr.json");
+    const auto v3 = files.json(folder / "zarr.json");
     return v3 && v3->is_object() && v3->value("node_type", json()) == "array";
 }
 
-bool is_zarr_group(const std::filesystem::path& folder) {
-    std::error_code error;
-    if (std::filesystem::is_regular_file(folder / ".zgroup", error)) {
+bool is_zarr_group(ZarrFiles& files, const std::filesystem::path& folder) {
+    if (files.has(folder / ".zgroup")) {
         return true;
     }
-    const auto v3 = read_json(folder / "zarr.json");
+    const auto v3 = files.json(folder / "zarr.json");
     return v3 && v3->is_object() && v3->value("node_type", json()) == "group";
 }
 
-json zarr_group_attributes(const std::filesystem::path& folder) {
-    if (const auto v3 = read_json(folder / "zarr.json"); v3 && v3->is_object()) {
+json zarr_group_attributes(ZarrFiles& files, const std::filesystem::path& folder) {
+    if (const auto v3 = files.json(folder / "zarr.json"); v3 && v3->is_object()) {
         return v3->value("attributes", json::object());
     }
-    return read_json(folder / ".zattrs").value_or(json::object());
+    return files.json(folder / ".zattrs").value_or(json::object());
 }
 
-ZarrArray read_zarr_array(const std::filesystem::path& folder) {
-    return Description(folder).read();
+ZarrArray read_zarr_array(ZarrFiles& files, const std::filesystem::path& folder) {
+    return Description(files, folder).read();
 }
 
 }  // namespace isonest::detail

@@ -12,6 +12,7 @@
 
 #include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/zarr/zarr_codec.h"
+#include "preprocess/sources/zarr/zarr_files.h"
 
 namespace isonest::detail {
 
@@ -56,15 +57,15 @@ struct ZarrArray {
 };
 
 /// Whether a folder holds an array, or a group.
-bool is_zarr_array(const std::filesystem::path& folder);
-bool is_zarr_group(const std::filesystem::path& folder);
+bool is_zarr_array(ZarrFiles& files, const std::filesystem::path& folder);
+bool is_zarr_group(ZarrFiles& files, const std::filesystem::path& folder);
 /// The file that describes an array: zarr.json, else .zarray.
-std::filesystem::path description_of(const std::filesystem::path& folder);
+std::filesystem::path description_of(ZarrFiles& files, const std::filesystem::path& folder);
 /// A group's attributes. Throws Error{corrupt, io}.
-nlohmann::json zarr_group_attributes(const std::filesystem::path& folder);
+nlohmann::json zarr_group_attributes(ZarrFiles& files, const std::filesystem::path& folder);
 
 /// Throws Error{corrupt, unsupported, io}. No length is believed before it is checked; there are at
 /// most 32 axes, and a chunk has at most 2^40 bytes.
-ZarrArray read_zarr_array(const std::filesystem::path& folder);
+ZarrArray read_zarr_array(ZarrFiles& files, const std::filesystem::path& folder);
 
 }  // namespace isonest::detail

@@ -12,42 +12,31 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/file_identity.h"
-#include "preprocess/sources/bytes/header_number.h"
-#include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/zarr/packed_chunks.h"
 
 namespace isonest::detail {
 namespace {
 
-std::uint64_t product(const Lengths& lengths) {
-    std::uint64_t all = 1;
-    for (const std::uint64_t n : lengths) {
-        all *= n;
-    }
-    return all;
-}
+/// Chunks, or indices of shards, of which no more are announced at a time.
+constexpr std::uint64_t kMostAnnounced = 4096;
 
 class ZarrSource : public VolumeSource {
   public:
-    ZarrSource(ZarrImage image, ChosenAxes chosen, Placement place, std::optional<LengthUnit> unit,
-               std::uint64_t max_heap, std::string name)
+    ZarrSource(std::shared_ptr<ZarrFiles> files, ZarrImage image, ChosenAxes chosen,
+               Placement place, std::optional<LengthUnit> unit, std::uint64_t max_heap,
+               const NeededNodes& needed, std::string name)
         : image_(std::move(image)),
           chosen_(std::move(chosen)),
           place_(std::move(place)),
           unit_(unit),
-          name_(std::move(name)) {
+          needed_(needed),
+          packed_(std::move(files), image_.array, std::move(name)) {
         const ZarrArray& a = array();
-        chunk_bytes_ = product(a.chunk.shape) * a.value_bytes();
-        if (a.shard) {
-            for (std::size_t i = 0; i < a.shape.size(); ++i) {
-                per_shard_.push_back(a.shard->shape[i] / a.chunk.shape[i]);
-            }
-            index_bytes_ = product(per_shard_) * kEntry;
-        }
+        const std::uint64_t index_bytes = packed_.index_bytes();
         constexpr std::uint64_t kPackedAndTwice = 3;
-        const std::uint64_t one = kPackedAndTwice * chunk_bytes_;
-        if (one + index_bytes_ > max_heap) {
-            throw Error(ErrorKind::limit, {name_},
+        const std::uint64_t one = kPackedAndTwice * packed_.chunk_bytes();
+        if (one + index_bytes > max_heap) {
+            throw Error(ErrorKind::limit, {packed_.name()},
                         fmt::format("one chunk of [{}] values{} takes more than {} MiB",
                                     fmt::join(a.chunk.shape, ", "),
                                     a.shard ? " and the index of its shard" : "", max_heap >> 20U),
@@ -55,7 +44,7 @@ class ZarrSource : public VolumeSource {
         }
         const std::uint64_t cores = std::max(1U, std::thread::hardware_concurrency());
         at_once_ =
-            static_cast<int>(std::clamp<std::uint64_t>((max_heap - index_bytes_) / one, 1, cores));
+            static_cast<int>(std::clamp<std::uint64_t>((max_heap - index_bytes) / one, 1, cores));
         strides_.assign(a.shape.size(), 0);
         std::uint64_t stride = 1;
         for (std::size_t i = a.chunk.order.size(); i-- > 0;) {
@@ -68,21 +57,23 @@ class ZarrSource : public VolumeSource {
         const ZarrArray& a = array();
         return {chosen_.nodes,  a.stored ? bits_type(*a.stored) : a.type,
                 place_.spacing, place_.origin,
-                name_,          place_.direction,
+                packed_.name(), place_.direction,
                 false,          unit_};
     }
-    [[nodiscard]] std::vector<std::filesystem::path> files() const override { return image_.files; }
-    /// Of the chunks the first and the last are looked at.
+    [[nodiscard]] std::vector<std::filesystem::path> files() const override {
+        return packed_.files().files(image_.files);
+    }
+    [[nodiscard]] FetchedCounts fetched() const override { return packed_.files().fetched(); }
+    /// Of the chunks in a folder the first and the last are looked at.
     [[nodiscard]] std::string identity() const override {
-        std::vector<std::filesystem::path> looked_at = image_.files;
         const Lengths& outer = array().shard ? array().shard->shape : array().chunk.shape;
         Lengths last;
         for (std::size_t i = 0; i < outer.size(); ++i) {
             last.push_back((array().shape[i] - 1) / outer[i]);
         }
-        looked_at.push_back(array().file_of(Lengths(outer.size(), 0)));
-        looked_at.push_back(array().file_of(last));
-        return fmt::format("{}zarr at {}\n", identity_of(looked_at), fmt::join(chosen_.at, " "));
+        const std::string files = packed_.files().identity(
+            image_.files, {array().file_of(Lengths(outer.size(), 0)), array().file_of(last)});
+        return fmt::format("{}zarr at {}\n", files, fmt::join(chosen_.at, " "));
     }
     [[nodiscard]] Granularity granularity() const override {
         const auto along = [&](std::size_t a) -> std::int64_t {
@@ -94,60 +85,54 @@ class ZarrSource : public VolumeSource {
         return {along(2), along(1)};
     }
     [[nodiscard]] std::uint64_t heap() const override {
-        return (1U << 20U) + index_bytes_ + 3 * chunk_bytes_ * static_cast<std::uint64_t>(at_once_);
+        return (1U << 20U) + packed_.index_bytes() +
+               3 * packed_.chunk_bytes() * static_cast<std::uint64_t>(at_once_);
     }
 
+    void will_read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny) override {
+        if (packed_.files().is_far()) {
+            announced_ = Request{{0, y0, z0}, {chosen_.nodes.x, ny, nz}, nullptr};
+        }
+    }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         const Request request{{0, y0, z0}, {chosen_.nodes.x, ny, nz}, dst};
-        // Chunks that the request touches, per array axis.
-        Lengths first;
-        Lengths count;
-        for (std::size_t i = 0; i < array().shape.size(); ++i) {
-            const auto [from, to] = range_on(i, request);
-            const std::uint64_t n = array().chunk.shape[i];
-            first.push_back(from / n);
-            count.push_back((to - 1) / n - from / n + 1);
+        const Box chunks = chunks_of(request);
+        if (packed_.files().is_far()) {
+            want(chunks, Wait::for_indices);
+            want_announced();
         }
         if (!array().shard) {
-            read_chunks(first, count, request, nullptr);
-            return;
-        }
-        // Shard by shard, as each has an index.
-        Lengths shard_first;
-        Lengths shard_count;
-        for (std::size_t i = 0; i < first.size(); ++i) {
-            shard_first.push_back(first[i] / per_shard_[i]);
-            shard_count.push_back((first[i] + count[i] - 1) / per_shard_[i] - shard_first[i] + 1);
-        }
-        for (std::uint64_t s = 0; s < product(shard_count); ++s) {
-            const Lengths shard = unlinear(s, shard_first, shard_count);
-            Lengths lo;
-            Lengths size;
-            for (std::size_t i = 0; i < first.size(); ++i) {
-                lo.push_back(std::max(first[i], shard[i] * per_shard_[i]));
-                size.push_back(std::min(first[i] + count[i], (shard[i] + 1) * per_shard_[i]) -
-                               lo[i]);
+            read_chunks(chunks, request, nullptr);
+        } else {
+            // Shard by shard, as each has an index.
+            const Box shards = shards_of(chunks);
+            for (std::uint64_t s = 0; s < product(shards.count); ++s) {
+                const Lengths shard = unlinear(s, shards);
+                const Box inside = part_in(chunks, shard);
+                if (needs_any(inside)) {
+                    const PackedChunks::ShardIndex index = packed_.read_index(shard);
+                    read_chunks(inside, request, &index);
+                } else {
+                    read_chunks(inside, request, nullptr);
+                }
             }
-            const ShardIndex index = read_index(array().file_of(shard));
-            read_chunks(lo, size, request, &index);
         }
+        want_announced();
     }
 
   private:
-    static constexpr std::uint64_t kEntry = 16;  ///< bytes of an index: offset, size
-    static constexpr std::uint64_t kNone = ~std::uint64_t{0};
-
     struct Request {
         Int3 lo;
         Int3 size;
         std::byte* dst;
     };
-    struct ShardIndex {
-        std::filesystem::path file;
-        std::uint64_t size = 0;  ///< of the file
-        std::string entries;     ///< empty: there is no file
+    /// Chunks, or shards, per array axis: those from `first` on.
+    struct Box {
+        Lengths first;
+        Lengths count;
     };
+    enum class Wait : std::uint8_t { for_indices, not_at_all };
 
     [[nodiscard]] const ZarrArray& array() const { return image_.array; }
 
@@ -169,108 +154,141 @@ class ZarrSource : public VolumeSource {
         const auto at = static_cast<std::uint64_t>(chosen_.at[axis]);
         return {at, at + 1};
     }
-    static Lengths unlinear(std::uint64_t i, const Lengths& first, const Lengths& count) {
-        Lengths at(first.size());
-        for (std::size_t k = first.size(); k-- > 0;) {
-            at[k] = first[k] + i % count[k];
-            i /= count[k];
+    static Lengths unlinear(std::uint64_t i, const Box& box) {
+        Lengths at(box.first.size());
+        for (std::size_t k = box.first.size(); k-- > 0;) {
+            at[k] = box.first[k] + i % box.count[k];
+            i /= box.count[k];
         }
         return at;
     }
-
-    void read_chunks(const Lengths& first, const Lengths& count, const Request& request,
-                     const ShardIndex* index) const {
-        const std::uint64_t all = product(count);
-        const auto jobs = static_cast<std::uint64_t>(at_once_);
-        tbb::parallel_for(std::uint64_t{0}, jobs, [&](std::uint64_t job) {
-            for (std::uint64_t i = job; i < all; i += jobs) {
-                read_chunk(unlinear(i, first, count), request, index);
+    [[nodiscard]] Box chunks_of(const Request& request) const {
+        Box box;
+        for (std::size_t i = 0; i < array().shape.size(); ++i) {
+            const auto [from, to] = range_on(i, request);
+            const std::uint64_t n = array().chunk.shape[i];
+            box.first.push_back(from / n);
+            box.count.push_back((to - 1) / n - from / n + 1);
+        }
+        return box;
+    }
+    [[nodiscard]] Box shards_of(const Box& chunks) const {
+        Box box;
+        for (std::size_t i = 0; i < chunks.first.size(); ++i) {
+            const std::uint64_t n = packed_.per_shard()[i];
+            box.first.push_back(chunks.first[i] / n);
+            box.count.push_back((chunks.first[i] + chunks.count[i] - 1) / n - box.first[i] + 1);
+        }
+        return box;
+    }
+    /// Of these chunks those in a shard.
+    [[nodiscard]] Box part_in(const Box& chunks, const Lengths& shard) const {
+        Box box;
+        for (std::size_t i = 0; i < chunks.first.size(); ++i) {
+            const std::uint64_t n = packed_.per_shard()[i];
+            box.first.push_back(std::max(chunks.first[i], shard[i] * n));
+            box.count.push_back(std::min(chunks.first[i] + chunks.count[i], (shard[i] + 1) * n) -
+                                box.first[i]);
+        }
+        return box;
+    }
+    /// Whether the caller takes any node of these chunks.
+    [[nodiscard]] bool needs_any(const Box& chunks) const {
+        for (std::size_t i = 0; i < chunks.first.size(); ++i) {
+            const std::uint64_t n = array().chunk.shape[i];
+            const auto begin = static_cast<std::int64_t>(chunks.first[i] * n);
+            const auto end = static_cast<std::int64_t>(
+                std::min((chunks.first[i] + chunks.count[i]) * n, array().shape[i]));
+            const auto a = volume_axis(i);
+            if (a && !needed_.any(*a, begin, end)) {
+                return false;
             }
-        });
+        }
+        return true;
+    }
+    [[nodiscard]] bool needs(const Lengths& chunk) const {
+        return needs_any({chunk, Lengths(chunk.size(), 1)});
     }
 
-    void read_chunk(const Lengths& chunk, const Request& request, const ShardIndex* index) const {
-        const std::string where = fmt::format("chunk [{}]", fmt::join(chunk, ", "));
+    /// Chunks from the `from`-th on, up to `to` and as many as may be announced.
+    void want_some(const Box& chunks, std::uint64_t from, std::uint64_t to,
+                   const PackedChunks::ShardIndex* index) const {
+        std::vector<ZarrPart> parts;
+        for (std::uint64_t i = from; i < to && parts.size() < kMostAnnounced; ++i) {
+            const Lengths chunk = unlinear(i, chunks);
+            if (needs(chunk)) {
+                if (auto part = packed_.part_of(chunk, index)) {
+                    parts.push_back(*std::move(part));
+                }
+            }
+        }
+        packed_.files().want(parts);
+    }
+    /// False: some of the shards' indices are not there yet, and only they were announced.
+    bool want(const Box& chunks, Wait wait) const {
+        if (!array().shard) {
+            want_some(chunks, 0, product(chunks.count), nullptr);
+            return true;
+        }
+        const Box box = shards_of(chunks);
+        std::vector<Lengths> shards;
+        std::vector<ZarrPart> indices;
+        for (std::uint64_t s = 0; s < product(box.count) && shards.size() < kMostAnnounced; ++s) {
+            const Lengths shard = unlinear(s, box);
+            if (needs_any(part_in(chunks, shard))) {
+                shards.push_back(shard);
+                indices.push_back(packed_.index_part(shard));
+            }
+        }
+        packed_.files().want(indices);
+        bool all = true;
+        for (const Lengths& shard : shards) {
+            const auto index = wait == Wait::for_indices ? packed_.read_index(shard)
+                                                         : packed_.index_at_hand(shard);
+            const Box inside = part_in(chunks, shard);
+            if (index) {
+                want_some(inside, 0, product(inside.count), &*index);
+            }
+            all = all && index;
+        }
+        return all;
+    }
+    void want_announced() {
+        if (announced_ && want(chunks_of(*announced_), Wait::not_at_all)) {
+            announced_.reset();
+        }
+    }
+
+    void read_chunks(const Box& chunks, const Request& request,
+                     const PackedChunks::ShardIndex* index) const {
+        const std::uint64_t all = product(chunks.count);
+        const bool is_far = packed_.files().is_far();
+        const std::uint64_t batch = is_far ? std::min(all, kMostAnnounced) : all;
+        const auto jobs = static_cast<std::uint64_t>(at_once_);
+        for (std::uint64_t from = 0; from < all; from += batch) {
+            const std::uint64_t to = std::min(all, from + batch);
+            if (is_far && to < all) {
+                want_some(chunks, to, std::min(all, to + batch), index);
+            }
+            tbb::parallel_for(std::uint64_t{0}, jobs, [&](std::uint64_t job) {
+                for (std::uint64_t i = from + job; i < to; i += jobs) {
+                    read_chunk(unlinear(i, chunks), request, index);
+                }
+            });
+        }
+    }
+
+    void read_chunk(const Lengths& chunk, const Request& request,
+                    const PackedChunks::ShardIndex* index) const {
         std::vector<std::byte> packed =
-            index != nullptr ? from_shard(chunk, *index, where) : from_file(chunk, where);
+            needs(chunk) ? packed_.read(chunk, index) : std::vector<std::byte>();
         if (packed.empty()) {
             copy(chunk, request, {});
             return;
         }
         copy(chunk, request,
-             decode_zarr(std::move(packed), array().chunk.codecs, chunk_bytes_,
-                         name_ + ": " + where));
-    }
-
-    /// No more than what a chunk can be packed into; nothing where there is no file.
-    [[nodiscard]] std::vector<std::byte> from_file(const Lengths& chunk,
-                                                   const std::string& where) const {
-        const std::filesystem::path file = array().file_of(chunk);
-        std::error_code error;
-        if (!std::filesystem::exists(file, error)) {
-            return {};
-        }
-        const std::uint64_t size = regular_file_size(file);
-        check_packed(size, where);
-        return bytes_at(file, 0, size, where);
-    }
-    void check_packed(std::uint64_t size, const std::string& where) const {
-        constexpr std::uint64_t kBeside = 4096;
-        if (size > chunk_bytes_ + chunk_bytes_ / 2 + kBeside) {
-            throw Error(ErrorKind::corrupt, {name_, where},
-                        fmt::format("{} bytes for a chunk of {}", size, chunk_bytes_));
-        }
-    }
-    [[nodiscard]] std::vector<std::byte> bytes_at(const std::filesystem::path& file,
-                                                  std::uint64_t at, std::uint64_t size,
-                                                  const std::string& where) const {
-        const std::string text = first_bytes(file, static_cast<std::size_t>(size), at);
-        if (text.size() != size || size == 0) {
-            throw Error(ErrorKind::corrupt, {name_, where}, "its file is too short");
-        }
-        const auto bytes = std::as_bytes(std::span(text));
-        return {bytes.begin(), bytes.end()};
-    }
-
-    [[nodiscard]] ShardIndex read_index(const std::filesystem::path& file) const {
-        ShardIndex index;
-        index.file = file;
-        std::error_code error;
-        if (!std::filesystem::exists(file, error)) {
-            return index;
-        }
-        const ZarrArray::Shard& shard = *array().shard;
-        const std::string where = file.filename().string();
-        index.size = regular_file_size(file);
-        const std::uint64_t stored = index_bytes_ + 4 * shard.index_codecs.size();
-        if (index.size < stored) {
-            throw Error(ErrorKind::corrupt, {name_, where}, "a shard shorter than its index");
-        }
-        const std::vector<std::byte> entries =
-            decode_zarr(bytes_at(file, shard.index_at_end ? index.size - stored : 0, stored, where),
-                        shard.index_codecs, index_bytes_, name_ + ": index of " + where);
-        index.entries.assign(reinterpret_cast<const char*>(entries.data()), entries.size());
-        return index;
-    }
-    [[nodiscard]] std::vector<std::byte> from_shard(const Lengths& chunk, const ShardIndex& index,
-                                                    const std::string& where) const {
-        if (index.entries.empty()) {
-            return {};
-        }
-        std::uint64_t entry = 0;
-        for (std::size_t i = 0; i < chunk.size(); ++i) {
-            entry = entry * per_shard_[i] + chunk[i] % per_shard_[i];
-        }
-        const auto at = number_at<std::uint64_t>(index.entries, entry * kEntry, false);
-        const auto size = number_at<std::uint64_t>(index.entries, entry * kEntry + 8, false);
-        if (at == kNone && size == kNone) {
-            return {};
-        }
-        check_packed(size, where);
-        if (at > index.size || size > index.size - at) {
-            throw Error(ErrorKind::corrupt, {name_, where}, "its shard's index leads beyond it");
-        }
-        return bytes_at(index.file, at, size, where);
+             decode_zarr(std::move(packed), array().chunk.codecs, packed_.chunk_bytes(),
+                         packed_.name() + ": " + packed_.where(chunk)));
     }
 
     /// What a chunk (nothing: the fill value) has of the request.
@@ -336,21 +354,21 @@ class ZarrSource : public VolumeSource {
     ChosenAxes chosen_;
     Placement place_;
     std::optional<LengthUnit> unit_;
-    std::string name_;
-    std::uint64_t chunk_bytes_ = 0;
-    Lengths per_shard_;
-    std::uint64_t index_bytes_ = 0;
+    NeededNodes needed_;
+    PackedChunks packed_;
+    std::optional<Request> announced_;  ///< by will_read(), and not yet passed on
     int at_once_ = 1;
     Lengths strides_;  ///< of values in a decoded chunk, per axis
 };
 
 }  // namespace
 
-std::unique_ptr<VolumeSource> zarr_chunks(ZarrImage image, ChosenAxes chosen, Placement place,
+std::unique_ptr<VolumeSource> zarr_chunks(std::shared_ptr<ZarrFiles> files, ZarrImage image,
+                                          ChosenAxes chosen, Placement place,
                                           std::optional<LengthUnit> unit, std::uint64_t max_heap,
-                                          std::string name) {
-    return std::make_unique<ZarrSource>(std::move(image), std::move(chosen), std::move(place), unit,
-                                        max_heap, std::move(name));
+                                          const NeededNodes& needed, std::string name) {
+    return std::make_unique<ZarrSource>(std::move(files), std::move(image), std::move(chosen),
+                                        std::move(place), unit, max_heap, needed, std::move(name));
 }
 
 }  // namespace isonest::detail

@@ -115,24 +115,27 @@ Scaling scaling_of(const ZarrArray& array, const std::string& name) {
 
 /// All numbers of an array of one axis, scaled; none if there is no such array of `length`
 /// numbers.
-std::vector<double> coordinates_of(const std::filesystem::path& folder, std::int64_t length,
+std::vector<double> coordinates_of(const std::shared_ptr<ZarrFiles>& files,
+                                   const std::filesystem::path& folder, std::int64_t length,
                                    const SourceOptions& options) {
-    if (!is_zarr_array(folder)) {
+    if (!is_zarr_array(*files, folder)) {
         return {};
     }
     const std::string name = folder.string();
     std::vector<double> numbers;
     try {
         ZarrImage image;
-        image.array = read_zarr_array(folder);
+        image.array = read_zarr_array(*files, folder);
         if (image.array.shape != Lengths{static_cast<std::uint64_t>(length)}) {
             return {};
         }
         const Scaling scaling = scaling_of(image.array, name);
         const std::optional<StoredNumber> stored = image.array.stored;
         const std::vector<ArrayAxis> axes{{"", length}};
-        std::unique_ptr<VolumeSource> source = zarr_chunks(
-            std::move(image), choose_axes(axes, {}, name), {}, {}, options.max_heap, name);
+        const ChosenAxes chosen = choose_axes(axes, {}, name);
+        std::unique_ptr<VolumeSource> source =
+            zarr_chunks(files, std::move(image), chosen, {}, {}, options.max_heap,
+                        NeededNodes(chosen.nodes), name);
         if (stored) {
             source = converted(std::move(source), *stored);
         }
@@ -158,8 +161,8 @@ std::vector<double> coordinates_of(const std::filesystem::path& folder, std::int
 }
 
 /// CF's `units` of an array.
-std::string unit_of_coordinates(const std::filesystem::path& folder) {
-    const nlohmann::json attributes = read_zarr_array(folder).attributes;
+std::string unit_of_coordinates(ZarrFiles& files, const std::filesystem::path& folder) {
+    const nlohmann::json attributes = read_zarr_array(files, folder).attributes;
     const auto it = attributes.is_object() ? attributes.find("units") : attributes.end();
     return attributes.is_object() && it != attributes.end() && it->is_string()
                ? it->get<std::string>()
@@ -167,7 +170,8 @@ std::string unit_of_coordinates(const std::filesystem::path& folder) {
 }
 
 /// The coordinates of an axis are an array of its name beside the volume, as xarray has it.
-void place_by_coordinates(const ChosenAxes& chosen, const SourceOptions& options, ZarrImage& image,
+void place_by_coordinates(const std::shared_ptr<ZarrFiles>& files, const ChosenAxes& chosen,
+                          const SourceOptions& options, ZarrImage& image,
                           std::vector<std::string>& notes) {
     const std::filesystem::path group = image.array.folder.parent_path();
     for (const std::optional<std::size_t>& axis : chosen.axis) {
@@ -179,11 +183,11 @@ void place_by_coordinates(const ChosenAxes& chosen, const SourceOptions& options
             continue;
         }
         const std::vector<double> numbers =
-            coordinates_of(group / name, image.axes[*axis].length, options);
+            coordinates_of(files, group / name, image.axes[*axis].length, options);
         if (numbers.size() < 2) {
             continue;
         }
-        image.files.push_back(description_of(group / name));
+        image.files.push_back(description_of(*files, group / name));
         const std::optional<EvenAxis> even = even_axis(numbers);
         if (!even || even->step == 0) {
             notes.push_back(fmt::format(
@@ -192,12 +196,26 @@ void place_by_coordinates(const ChosenAxes& chosen, const SourceOptions& options
         }
         image.scale[*axis] = even->step;
         image.translation[*axis] = even->first;
-        image.units[*axis] = unit_of_coordinates(group / name);
+        image.units[*axis] = unit_of_coordinates(*files, group / name);
+    }
+}
+
+/// A URL may name an object that is not there, and no folder either.
+ZarrImage find_image(ZarrFiles& files, const VolumeInput& input, const std::string& dataset) {
+    try {
+        return find_zarr_image(files, files.root(), dataset);
+    } catch (const Error& error) {
+        if (input.missing != nullptr && error.kind() == ErrorKind::not_found && dataset.empty()) {
+            throw Error(*input.missing);
+        }
+        throw;
     }
 }
 
 std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOptions& options) {
-    ZarrImage image = find_zarr_image(input.path(), options.dataset);
+    const std::shared_ptr<ZarrFiles> files =
+        input.far ? far_zarr_files(input.path(), options.remote) : local_zarr_files(input.path());
+    ZarrImage image = find_image(*files, input, options.dataset);
     const std::string name = image.array.folder.string();
     for (const ArrayAxis& axis : image.axes) {
         if (axis.of_volume && axis.length > kMaxNodesPerAxis) {
@@ -216,15 +234,18 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
     const Scaling scaling = scaling_of(image.array, name);
     std::vector<std::string> notes;
     if (!options.spacing && !image.ome) {
-        place_by_coordinates(chosen, options, image, notes);
+        place_by_coordinates(files, chosen, options, image, notes);
     }
     const CommonUnit unit = unit_of(image, chosen);
     notes.insert(notes.end(), unit.notes.begin(), unit.notes.end());
+    const std::vector<std::string> about_files = files->notes();
+    notes.insert(notes.end(), about_files.begin(), about_files.end());
     const Placement place = place_of(image, chosen, unit, name);
     const std::optional<StoredNumber> stored = image.array.stored;
     const FoundLabels labels = std::move(image.labels);
     std::unique_ptr<VolumeSource> source =
-        with_notes(zarr_chunks(std::move(image), chosen, place, unit.unit, options.max_heap, name),
+        with_notes(zarr_chunks(files, std::move(image), chosen, place, unit.unit, options.max_heap,
+                               NeededNodes(chosen.nodes, options, place.backward), name),
                    std::move(notes));
     source = mirrored(std::move(source), place.backward);
     if (stored) {
@@ -239,8 +260,8 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
 bool is_zarr(const VolumeInput& input) {
     std::error_code error;
     const std::filesystem::path& folder = input.path();
-    if (!input.folder) {
-        return false;
+    if (!input.folder || input.far) {
+        return input.folder;  // of folders elsewhere no others are read
     }
     for (const char* const name : {".zarray", ".zgroup", "zarr.json"}) {
         if (std::filesystem::is_regular_file(folder / name, error)) {
@@ -255,6 +276,7 @@ bool is_zarr(const VolumeInput& input) {
 VolumeFormat zarr_format() {
     return {.about = {"Zarr, OME-Zarr", ".zarr .ome.zarr folders", ""},
             .takes = {.dataset = true, .index = true},
+            .reads_urls = true,
             .recognises = is_zarr,
             .open = open_zarr};
 }

@@ -11,7 +11,6 @@
 
 #include <isonest/error.h>
 
-#include "preprocess/sources/bytes/json_file.h"
 #include "preprocess/sources/bytes/natural_order.h"
 #include "preprocess/sources/zarr/zarr_labels.h"
 
@@ -68,9 +67,10 @@ void transform(const json& list, ZarrImage& image, const std::string& name) {
     }
 }
 
-ZarrImage image_of(const fs::path& folder, const std::optional<OmePlace>& ome) {
+ZarrImage image_of(ZarrFiles& files, const fs::path& folder, const std::optional<OmePlace>& ome) {
     ZarrImage image;
-    image.array = read_zarr_array(folder);
+    files.read_anew(folder);
+    image.array = read_zarr_array(files, folder);
     image.files.push_back(image.array.description);
     const std::size_t count = image.array.shape.size();
     const json& axes = ome ? member(*ome->image, "axes") : json();
@@ -118,9 +118,9 @@ std::string inner_path(const json& path, const fs::path& folder) {
 }
 
 /// OME's levels of a group, and what says so.
-std::vector<std::pair<std::string, OmePlace>> levels_of(const fs::path& folder) {
+std::vector<std::pair<std::string, OmePlace>> levels_of(ZarrFiles& files, const fs::path& folder) {
     std::vector<std::pair<std::string, OmePlace>> levels;
-    const json attributes = zarr_group_attributes(folder);
+    const json attributes = zarr_group_attributes(files, folder);
     const json& inside = member(member(attributes, "ome"), "image-label");
     const auto labels =
         std::make_shared<const json>(inside.is_null() ? member(attributes, "image-label") : inside);
@@ -135,10 +135,75 @@ std::vector<std::pair<std::string, OmePlace>> levels_of(const fs::path& folder) 
     return levels;
 }
 
-fs::path attributes_file(const fs::path& folder) {
-    std::error_code error;
+fs::path attributes_file(ZarrFiles& files, const fs::path& folder) {
     const fs::path v3 = folder / "zarr.json";
-    return fs::is_regular_file(v3, error) ? v3 : folder / ".zattrs";
+    return files.has(v3) ? v3 : folder / ".zattrs";
+}
+
+/// A list of texts, each of which names a folder below.
+std::vector<std::string> names_in(const json& list, const fs::path& folder) {
+    std::vector<std::string> names;
+    for (const json& name : list.is_array() ? list : json::array()) {
+        if (name.is_string()) {
+            names.push_back(inner_path(name, folder));
+        }
+    }
+    return names;
+}
+
+/// What OME's words on a group say of its members: the labels of an image, the images of a well,
+/// those that bioformats2raw numbers. Nothing where they say nothing.
+std::optional<std::vector<std::string>> members_by_ome(ZarrFiles& files, const fs::path& folder) {
+    constexpr int kMostImages = 1000;
+    const json attributes = zarr_group_attributes(files, folder);
+    const json& ome = member(attributes, "ome");
+    for (const json* const said : {&ome, &attributes}) {
+        if (member(*said, "labels").is_array()) {
+            return names_in(member(*said, "labels"), folder);
+        }
+        if (const json& images = member(member(*said, "well"), "images"); images.is_array()) {
+            json paths = json::array();
+            for (const json& image : images) {
+                paths.push_back(member(image, "path"));
+            }
+            return names_in(paths, folder);
+        }
+        if (member(*said, "bioformats2raw.layout").is_null()) {
+            continue;
+        }
+        const json of_series = zarr_group_attributes(files, folder / "OME");
+        for (const json* const inside : {&member(of_series, "ome"), &of_series}) {
+            if (member(*inside, "series").is_array()) {
+                return names_in(member(*inside, "series"), folder);
+            }
+        }
+        std::vector<std::string> names;
+        for (int i = 0; i < kMostImages && is_zarr_group(files, folder / std::to_string(i)); ++i) {
+            names.push_back(std::to_string(i));
+        }
+        return names;
+    }
+    return std::nullopt;
+}
+
+std::vector<std::string> members_of(ZarrFiles& files, const fs::path& folder) {
+    if (auto listed = files.folders_in(folder)) {
+        return *std::move(listed);
+    }
+    if (auto said = members_by_ome(files, folder)) {
+        return *std::move(said);
+    }
+    if (!is_zarr_group(files, folder)) {
+        files.refuse();
+        throw Error(ErrorKind::not_found, {folder.string()},
+                    "there is no Zarr array or group at this URL (zarr.json, .zarray, .zgroup, "
+                    ".zmetadata)",
+                    {{RemedyKind::check_url}});
+    }
+    throw Error(ErrorKind::invalid_argument, {folder.string()},
+                "this group's members cannot be listed at a URL, and it has no consolidated "
+                "metadata",
+                {{RemedyKind::choose_dataset}});
 }
 
 struct Candidate {
@@ -147,50 +212,37 @@ struct Candidate {
 };
 
 /// Arrays and OME's images in a group, to a depth of 4.
-void search(const fs::path& root, const fs::path& inside, int depth,
+void search(ZarrFiles& files, const fs::path& root, const fs::path& inside, int depth,
             std::vector<Candidate>& found) {
     constexpr int kDeepest = 4;
     constexpr std::size_t kMost = 10000;
-    std::vector<fs::path> folders;
-    std::error_code error;
-    for (auto entry = fs::directory_iterator(root / inside, error);
-         !error && entry != fs::directory_iterator(); entry.increment(error)) {
-        std::error_code unknown;
-        if (entry->is_directory(unknown)) {
-            folders.push_back(entry->path().filename());
-        }
-        if (folders.size() > kMost) {
-            break;
-        }
-    }
-    std::sort(folders.begin(), folders.end(), [](const fs::path& a, const fs::path& b) {
-        return naturally_less(a.string(), b.string());
-    });
-    for (const fs::path& name : folders) {
+    std::vector<std::string> folders = members_of(files, root / inside);
+    std::sort(folders.begin(), folders.end(), naturally_less);
+    for (const std::string& name : folders) {
         const fs::path path = inside / name;
         if (found.size() >= kMost) {
             return;
         }
-        if (is_zarr_array(root / path)) {
+        if (is_zarr_array(files, root / path)) {
             found.push_back({path, false});
-        } else if (is_zarr_group(root / path)) {
-            if (!levels_of(root / path).empty()) {
+        } else if (is_zarr_group(files, root / path)) {
+            if (!levels_of(files, root / path).empty()) {
                 found.push_back({path, true});
             } else if (depth < kDeepest) {
-                search(root, path, depth + 1, found);
+                search(files, root, path, depth + 1, found);
             }
         }
     }
 }
 
 /// Axes of more than one position; none for what cannot be read.
-std::size_t long_axes(const fs::path& root, const Candidate& candidate) {
+std::size_t long_axes(ZarrFiles& files, const fs::path& root, const Candidate& candidate) {
     try {
         fs::path folder = root / candidate.folder;
         if (candidate.ome) {
-            folder /= levels_of(folder).front().first;
+            folder /= levels_of(files, folder).front().first;
         }
-        const Lengths shape = read_zarr_array(folder).shape;
+        const Lengths shape = read_zarr_array(files, folder).shape;
         return static_cast<std::size_t>(
             std::count_if(shape.begin(), shape.end(), [](std::uint64_t n) { return n > 1; }));
     } catch (const Error&) {
@@ -199,14 +251,15 @@ std::size_t long_axes(const fs::path& root, const Candidate& candidate) {
 }
 
 /// Null if several have as many. Coordinates, which have one axis, lie beside a volume.
-const Candidate* only_with_most_axes(const fs::path& root, const std::vector<Candidate>& found) {
+const Candidate* only_with_most_axes(ZarrFiles& files, const fs::path& root,
+                                     const std::vector<Candidate>& found) {
     if (found.size() == 1) {
         return &found.front();
     }
     const Candidate* best = nullptr;
     std::size_t most = 0;
     for (const Candidate& candidate : found) {
-        const std::size_t axes = long_axes(root, candidate);
+        const std::size_t axes = long_axes(files, root, candidate);
         if (axes > most) {
             best = &candidate;
             most = axes;
@@ -229,8 +282,39 @@ std::string list_of(const std::vector<std::string>& names) {
                           : list;
 }
 
+std::vector<std::string> all_names(ZarrFiles& files, const fs::path& root) {
+    std::vector<std::string> names;
+    for (const auto& [level, place] : levels_of(files, root)) {
+        names.push_back(level);
+    }
+    if (names.empty()) {
+        std::vector<Candidate> found;
+        search(files, root, {}, 0, found);
+        for (const Candidate& c : found) {
+            names.push_back(c.folder.string());
+        }
+    }
+    return names;
+}
+
+[[noreturn]] void refuse_dataset(ZarrFiles& files, const fs::path& root,
+                                 const std::string& dataset) {
+    files.refuse();
+    std::string there;
+    try {
+        there = "; the folder has:" + list_of(all_names(files, root));
+    } catch (const Error& error) {
+        if (!files.is_far() || error.kind() != ErrorKind::invalid_argument) {
+            throw;
+        }
+        // They cannot be listed.
+    }
+    throw Error(ErrorKind::not_found, {root.string()},
+                fmt::format("there is no array {}{}", dataset, there));
+}
+
 /// The array at a path of the root, with OME's words on it if its parent is an OME image.
-ZarrImage named_image(const fs::path& root, const std::string& dataset) {
+ZarrImage named_image(ZarrFiles& files, const fs::path& root, const std::string& dataset) {
     std::string inner = dataset;
     while (inner.starts_with('/')) {
         inner.erase(0, 1);
@@ -239,17 +323,19 @@ ZarrImage named_image(const fs::path& root, const std::string& dataset) {
         inner.pop_back();
     }
     const fs::path path = root / inner_path(json(inner), root);
-    if (!is_zarr_array(path)) {
-        return find_zarr_image(path, "");
+    if (!is_zarr_array(files, path)) {
+        if (files.is_far() && !is_zarr_group(files, path)) {
+            refuse_dataset(files, root, dataset);
+        }
+        return find_zarr_image(files, path, "");
     }
     // A level of any group above it.
     for (fs::path group = path.parent_path(); group.string().size() >= root.string().size();
          group = group.parent_path()) {
-        for (const auto& [level, place] : levels_of(group)) {
-            std::error_code error;
-            if (fs::equivalent(group / level, path, error)) {
-                ZarrImage image = image_of(path, place);
-                image.files.push_back(attributes_file(group));
+        for (const auto& [level, place] : levels_of(files, group)) {
+            if (files.is_same(group / level, path)) {
+                ZarrImage image = image_of(files, path, place);
+                image.files.push_back(attributes_file(files, group));
                 return image;
             }
         }
@@ -257,61 +343,44 @@ ZarrImage named_image(const fs::path& root, const std::string& dataset) {
             break;
         }
     }
-    return image_of(path, std::nullopt);
-}
-
-std::vector<std::string> all_names(const fs::path& root) {
-    std::vector<std::string> names;
-    for (const auto& [level, place] : levels_of(root)) {
-        names.push_back(level);
-    }
-    if (names.empty()) {
-        std::vector<Candidate> found;
-        search(root, {}, 0, found);
-        for (const Candidate& c : found) {
-            names.push_back(c.folder.string());
-        }
-    }
-    return names;
+    return image_of(files, path, std::nullopt);
 }
 
 }  // namespace
 
-ZarrImage find_zarr_image(const fs::path& root, const std::string& dataset) {
-    std::error_code error;
+ZarrImage find_zarr_image(ZarrFiles& files, const fs::path& root, const std::string& dataset) {
     if (!dataset.empty()) {
         const fs::path inside(dataset);
         const bool leaves = std::find(inside.begin(), inside.end(), "..") != inside.end();
-        if (leaves || !fs::is_directory(root.string() + "/" + dataset, error)) {
-            throw Error(ErrorKind::not_found, {root.string()},
-                        fmt::format("there is no array {}; the folder has:{}", dataset,
-                                    list_of(all_names(root))));
+        if (leaves || !files.may_have_folder(root.string() + "/" + dataset)) {
+            refuse_dataset(files, root, dataset);
         }
-        return named_image(root, dataset);
+        return named_image(files, root, dataset);
     }
-    if (is_zarr_array(root)) {
-        return image_of(root, std::nullopt);
+    if (is_zarr_array(files, root)) {
+        return image_of(files, root, std::nullopt);
     }
-    if (const auto levels = levels_of(root); !levels.empty()) {
-        if (multiscales(zarr_group_attributes(root)).size() > 1) {
-            throw Error(ErrorKind::invalid_argument, {root.string()},
-                        "there are several images, with these levels:" + list_of(all_names(root)),
-                        {{RemedyKind::choose_dataset}});
+    if (const auto levels = levels_of(files, root); !levels.empty()) {
+        if (multiscales(zarr_group_attributes(files, root)).size() > 1) {
+            throw Error(
+                ErrorKind::invalid_argument, {root.string()},
+                "there are several images, with these levels:" + list_of(all_names(files, root)),
+                {{RemedyKind::choose_dataset}});
         }
-        ZarrImage image = image_of(root / levels.front().first, levels.front().second);
-        image.files.push_back(attributes_file(root));
+        ZarrImage image = image_of(files, root / levels.front().first, levels.front().second);
+        image.files.push_back(attributes_file(files, root));
         return image;
     }
     std::vector<Candidate> found;
-    search(root, {}, 0, found);
-    if (const Candidate* const only = only_with_most_axes(root, found)) {
-        return find_zarr_image(root / only->folder, "");
+    search(files, root, {}, 0, found);
+    if (const Candidate* const only = only_with_most_axes(files, root, found)) {
+        return find_zarr_image(files, root / only->folder, "");
     }
     if (found.empty()) {
         throw Error(ErrorKind::not_found, {root.string()}, "there is no array in this Zarr group");
     }
     throw Error(ErrorKind::invalid_argument, {root.string()},
-                "there are several arrays:" + list_of(all_names(root)),
+                "there are several arrays:" + list_of(all_names(files, root)),
                 {{RemedyKind::choose_dataset}});
 }
 

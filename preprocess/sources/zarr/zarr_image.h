@@ -28,7 +28,9 @@ struct ZarrImage {
 /// path), or a group: of its arrays and images the only one with the most axes of more than one
 /// position. Source: https://ngff.openmicroscopy.org (0.4, 0.5).
 /// Throws Error{not_found, invalid_argument} (listing what there is), and what read_zarr_array()
-/// throws.
-ZarrImage find_zarr_image(const std::filesystem::path& root, const std::string& dataset);
+/// throws. Where folders cannot be listed, the members of a group are those that OME's words on it
+/// name; of another group, Error{invalid_argument} asks which one is meant.
+ZarrImage find_zarr_image(ZarrFiles& files, const std::filesystem::path& root,
+                          const std::string& dataset);
 
 }  // namespace isonest::detail

@@ -11,6 +11,7 @@
 #include "query/neuroglancer/cut_mesh.h"
 #include "query/neuroglancer/encode_fragment.h"
 #include "query/neuroglancer/label_files.h"
+#include "store/base/hypot3.h"
 
 namespace isonest::detail {
 namespace {
@@ -27,7 +28,7 @@ double half_step(std::int64_t nodes_in_cell) {
 
 double diagonal_of_voxel(const StoreHeader& header) {
     const Double3& d = header.spacing;
-    return std::hypot(d[0], d[1], d[2]);
+    return hypot3(d[0], d[1], d[2]);
 }
 
 /// The first cells of a label: few enough of them that all are numbered.

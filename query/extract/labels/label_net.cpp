@@ -12,6 +12,7 @@
 #include "query/mesh/scratch_mesh.h"
 #include "query/surface_nets/make_net.h"
 #include "query/surface_nets/net_interfaces.h"
+#include "store/base/hypot3.h"
 #include "store/base/memory_budget.h"
 #include "store/base/rotation.h"
 #include "store/base/workers.h"
@@ -112,8 +113,8 @@ LabelNet::LabelNet(const StoreReader& store, std::span<const Label> labels, cons
         const Double3& d = header.spacing;
         sheets_.emplace(*net_,
                         SheetSetting{header, query, options, wanted_, outside_,
-                                     rounding_ * std::hypot(d[0], d[1], d[2]),
-                                     store.path().string(), use.details, is_simplified_},
+                                     rounding_ * hypot3(d[0], d[1], d[2]), store.path().string(),
+                                     use.details, is_simplified_},
                         scratch_, progress);
     }
     if (is_simplified_) {
@@ -167,7 +168,7 @@ ExtractReport LabelNet::emit_measured(
     if (mesh.triangles > 0) {
         const double distance = report.distance ? report.distance->bound : 0;
         report.smooth->bound =
-            kRoundedUp * mesh.moved + rounding_ * std::hypot(d[0], d[1], d[2]) + distance;
+            kRoundedUp * mesh.moved + rounding_ * hypot3(d[0], d[1], d[2]) + distance;
         report.smooth->nodes_beyond = query_.smooth->keep_nodes ? 0 : distance;
     }
     return report;

@@ -23,6 +23,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -44,7 +45,11 @@ using Wave = std::vector<WaitingBrick>;
 template <class Brick>
 class Waves {
   public:
-    explicit Waves(Runs runs) : runs_(runs), run_(*runs.front()), layout_(run_.layout()) {}
+    explicit Waves(Runs runs) : runs_(runs), run_(*runs.front()), layout_(run_.layout()) {
+        if (run_.query.vertices == VertexPlace::exact) {
+            rehearsal_.emplace(runs);
+        }
+    }
 
     /// Throws what the chunk source and the sinks throw, and Error{cancelled}.
     void traverse(std::uint64_t progress_share) {
@@ -60,7 +65,7 @@ class Waves {
     void descend(int level, Wave wave, std::uint64_t progress_share) {
         while (!wave.empty()) {
             std::size_t first = begin_of_window(level, wave);
-            if (run_.query.vertices == VertexPlace::exact && level > 0) {
+            if (rehearsal_ && level > 0) {
                 first = announce_crossings(level, wave, first);
             }
             const auto size = static_cast<std::uint64_t>(wave.size() - first);
@@ -116,14 +121,13 @@ class Waves {
     /// window's begin.
     std::size_t announce_crossings(int level, const Wave& wave, std::size_t first) {
         const std::uint64_t most = run_.cache.budget() / 4;
-        CrossingRehearsal<Brick> rehearsal(runs_);
         TraversalNeeds announced;
         for (;;) {
             std::vector<Wants> wants(wave.size() - first, Wants(announced));
             from_last(wants.size(), [&](std::size_t i) {
                 run_.progress.check();
                 const WaitingBrick& waiting = wave[first + i];
-                rehearsal(level, waiting.brick, waiting.parents, wants[i]);
+                (*rehearsal_)(level, waiting.brick, waiting.parents, wants[i]);
             });
             TraversalNeeds fresh;
             for (std::size_t i = wants.size(); i > 0; --i) {
@@ -216,7 +220,8 @@ class Waves {
     Runs runs_;
     TraversalRun& run_;
     const StoreLayout& layout_;
-    std::uint64_t waiting_ = 0;  ///< bytes of lists in all waves
+    std::optional<CrossingRehearsal<Brick>> rehearsal_;  ///< of exact vertices
+    std::uint64_t waiting_ = 0;                          ///< bytes of lists in all waves
 };
 
 }  // namespace isonest::detail

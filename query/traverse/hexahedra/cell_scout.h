@@ -64,7 +64,7 @@ class CellScout {
             const ArrayInfo& numbers = layout_.array(cell.level, query_.stop);
             wants_->box(numbers, cell.at, cell.at);
         }
-        if (D == 3) {
+        if (D == 3 && !query_.plane) {
             wants_->box(layout_.array(cell.level, Field::values), cell.at, cell.at + kOne);
         }
     }

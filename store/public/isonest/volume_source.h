@@ -59,6 +59,14 @@ class VolumeSource {
     virtual void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
                       std::byte* dst) = 0;
 
+    /// A hint: from the next read() on these rows of these planes are read, in pieces and in
+    /// ascending order. Takes the place of the hint before, and returns at once. REQUIRES: as
+    /// read().
+    virtual void will_read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny) {
+        static_cast<void>(z0), static_cast<void>(nz);
+        static_cast<void>(y0), static_cast<void>(ny);
+    }
+
     /// All files that it reads, also those that only say where others are: none of them may be the
     /// output. The one that was opened comes first.
     [[nodiscard]] virtual std::vector<std::filesystem::path> files() const { return {}; }

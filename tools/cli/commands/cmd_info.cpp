@@ -13,6 +13,7 @@
 #include "tools/cli/commands/analyses.h"
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/units.h"
+#include "tools/cli/terminal/histogram_json.h"
 #include "tools/cli/terminal/histogram_text.h"
 #include "tools/cli/terminal/leftovers.h"
 #include "tools/drawing/canvas.h"

@@ -106,21 +106,4 @@ std::string histogram_text(const Histogram& h) {
     return text;
 }
 
-Json histogram_json(const Histogram& h) {
-    Json bins = Json::array();
-    for (std::size_t k = 0; k < h.nodes.size(); ++k) {
-        bins.push_back({{"low", h.bins.low[k]},
-                        {"nodes", h.nodes[k]},
-                        {"cubes", h.cube_level ? Json(h.cubes[k]) : Json()}});
-    }
-    Json suggested = Json::array();
-    for (const SuggestedIsovalue& s : h.suggested) {
-        suggested.push_back({{"isovalue", s.isovalue}, {"cubes", s.cubes}});
-    }
-    return {{"level", h.level},      {"values", h.looked},
-            {"missing", h.missing},  {"cube_level", h.cube_level ? Json(*h.cube_level) : Json()},
-            {"bins", bins},          {"end", h.nodes.empty() ? Json() : Json(h.bins.end)},
-            {"suggested", suggested}};
-}
-
 }  // namespace isonest::detail::cli

@@ -1,10 +1,9 @@
-// A histogram for people and for programs.
+// A histogram for people.
 #pragma once
 
 #include <string>
 
 #include "query/statistics/histogram.h"
-#include "tools/cli/command.h"
 
 namespace isonest::detail::cli {
 
@@ -12,7 +11,5 @@ namespace isonest::detail::cli {
 std::string value_text(const Histogram& h, double value);
 /// At most 32 rows, the suggestions, and what the numbers are of.
 std::string histogram_text(const Histogram& h);
-/// All bins.
-Json histogram_json(const Histogram& h);
 
 }  // namespace isonest::detail::cli

@@ -6,7 +6,7 @@
 
 #include <isonest/error.h>
 
-#include "tools/cli/command.h"
+#include "tools/cli/terminal/json.h"
 
 namespace isonest::detail::cli {
 

@@ -40,7 +40,7 @@ await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
 await build({
   absWorkingDir: here,
-  entryPoints: { main: "src/main.ts", worker: "src/mesh_worker.ts" },
+  entryPoints: { main: "src/main.ts", mesh_worker: "src/mesh_worker.ts", worker: "src/queries/query_worker.ts" },
   outdir: out,
   bundle: true,
   format: "iife",

@@ -1,11 +1,13 @@
-// Asks the server. One of the newest request of a stream is under way; older ones are aborted.
+// Asks for answers. One of the newest request of a stream is under way; older ones are aborted.
 import type { Mesh } from "./decode";
 import type { MeshDecoder } from "./mesh_decoder";
+import type { PageFormat } from "./mesh_files";
+import { type Answer, type Transport, Unanswered } from "./site/transport";
 import type { ErrorBody, HistogramInfo, LabelInfo, StatusInfo, StoreInfo, ValueInfo } from "./protocol";
 
 export type Parameters = Readonly<Record<string, string | number>>;
 
-/** What the server refused, or that it does not answer (status 0). */
+/** What was refused. Where nobody answers at all, it is Unanswered. */
 export class ServerError extends Error {
   constructor(
     readonly status: number,
@@ -24,22 +26,20 @@ const kBusyPause = 250; // milliseconds
 const kBusyTries = 20;
 
 export class Api {
-  private readonly token = new URLSearchParams(location.search).get("token");
   /** Two pages of one server do not end each other's requests. */
   private readonly page = crypto.getRandomValues(new Uint32Array(2)).reduce((name, part) => name + part.toString(36), "p");
   private readonly aborts = new Map<string, AbortController>();
   /** Of all answers so far. */
   received = 0;
 
-  constructor(private readonly decoder: MeshDecoder) {}
+  constructor(
+    private readonly transport: Transport,
+    private readonly decoder: MeshDecoder,
+  ) {}
 
-  /** Path and query, with the token; also for links. */
-  url(path: string, parameters: Parameters = {}): string {
-    const query = new URLSearchParams();
-    for (const [name, value] of Object.entries(parameters)) query.set(name, String(value));
-    if (this.token !== null) query.set("token", this.token);
-    const text = query.toString().replaceAll("%2C", ",");
-    return `api/${path}${text === "" ? "" : `?${text}`}`;
+  /** Whether a server answers, which makes files and command lines, too. */
+  get hasServer(): boolean {
+    return this.transport.hasServer;
   }
 
   store(): Promise<StoreInfo> {
@@ -63,20 +63,14 @@ export class Api {
   }
 
   /** `progress` is told the bytes received so far. Rejects with ServerError, superseded if a newer one was asked for. */
-  async mesh(kind: "surface" | "slice", stream: string, parameters: Parameters, progress: (bytes: number) => void): Promise<Mesh> {
-    const abort = this.begin(stream);
-    try {
-      const response = await this.fetch(kind, { ...parameters, stream: `${this.page}-${stream}` }, abort.signal);
-      const bytes = await readAll(response, progress);
-      this.received += bytes.byteLength;
-      const mesh = await this.decoder.decode(bytes);
-      if (abort.signal.aborted) throw new ServerError(409, "superseded");
-      return mesh;
-    } catch (error) {
-      throw asServerError(error, abort.signal);
-    } finally {
-      if (this.aborts.get(stream) === abort) this.aborts.delete(stream);
-    }
+  mesh(kind: "surface" | "slice", stream: string, parameters: Parameters, progress: (bytes: number) => void): Promise<Mesh> {
+    return this.inStream(stream, async (signal) => this.decoder.decode(await this.bytes(kind, stream, parameters, signal, progress)));
+  }
+
+  /** A mesh as a file that the page makes; of a stream of its own. Rejects with ServerError. */
+  meshFile(kind: "surface" | "slice", parameters: Parameters, format: PageFormat): Promise<ArrayBuffer> {
+    const stream = "file";
+    return this.inStream(stream, async (signal) => this.decoder.file(await this.bytes(kind, stream, parameters, signal, () => undefined), format));
   }
 
   /** Ends what is under way for the stream, here and, by closing the connection, at the server. */
@@ -92,57 +86,66 @@ export class Api {
     return abort;
   }
 
-  private async json<T>(path: string, parameters: Parameters = {}, stream?: string): Promise<T> {
-    const abort = stream === undefined ? new AbortController() : this.begin(stream);
+  private async inStream<T>(stream: string, work: (signal: AbortSignal) => Promise<T>): Promise<T> {
+    const abort = this.begin(stream);
     try {
-      const response = await this.fetch(path, parameters, abort.signal);
-      return (await response.json()) as T;
+      const result = await work(abort.signal);
+      if (abort.signal.aborted) throw new ServerError(409, "superseded");
+      return result;
     } catch (error) {
-      throw asServerError(error, abort.signal);
+      throw asError(error, abort.signal);
+    } finally {
+      if (this.aborts.get(stream) === abort) this.aborts.delete(stream);
     }
   }
 
-  private async fetch(path: string, parameters: Parameters, signal: AbortSignal): Promise<Response> {
+  private async bytes(kind: string, stream: string, parameters: Parameters, signal: AbortSignal, progress: (bytes: number) => void): Promise<ArrayBuffer> {
+    const { body } = await this.ask(kind, { ...parameters, stream: `${this.page}-${stream}` }, signal, progress);
+    this.received += body.byteLength;
+    return body;
+  }
+
+  private async json<T>(path: string, parameters: Parameters = {}, stream?: string): Promise<T> {
+    const abort = stream === undefined ? new AbortController() : this.begin(stream);
+    try {
+      return parsed(await this.ask(path, parameters, abort.signal, () => undefined)) as T;
+    } catch (error) {
+      throw asError(error, abort.signal);
+    }
+  }
+
+  private async ask(path: string, parameters: Parameters, signal: AbortSignal, progress: (bytes: number) => void): Promise<Answer> {
     for (let tries = 1; ; ++tries) {
-      const response = await fetch(this.url(path, parameters), { signal, cache: "no-store" });
-      if (response.ok) return response;
-      if (response.status !== kBusy || tries === kBusyTries) throw await refusal(response);
+      const answer = await this.transport.ask(targetOf(path, parameters), signal, progress);
+      if (answer.status === 200) return answer;
+      if (answer.status !== kBusy || tries === kBusyTries) throw refusal(answer);
       await new Promise((resolve) => setTimeout(resolve, kBusyPause));
     }
   }
 }
 
-async function refusal(response: Response): Promise<ServerError> {
+/** What PROTOCOL.md has behind `api/`: path and query. */
+export function targetOf(path: string, parameters: Parameters = {}): string {
+  const query = new URLSearchParams();
+  for (const [name, value] of Object.entries(parameters)) query.set(name, String(value));
+  const text = query.toString().replaceAll("%2C", ",");
+  return `${path}${text === "" ? "" : `?${text}`}`;
+}
+
+function parsed(answer: Answer): unknown {
+  return JSON.parse(new TextDecoder().decode(answer.body));
+}
+
+function refusal(answer: Answer): ServerError {
   try {
-    const { error } = (await response.json()) as { error: ErrorBody };
-    return new ServerError(response.status, error.message);
+    const { error } = parsed(answer) as { error: ErrorBody };
+    return new ServerError(answer.status, error.message);
   } catch {
-    return new ServerError(response.status, `the server answered ${response.status} ${response.statusText}`);
+    return new ServerError(answer.status, `the answer has the status ${answer.status}`);
   }
 }
 
-function asServerError(error: unknown, signal: AbortSignal): Error {
-  if (signal.aborted) return new ServerError(409, "superseded");
-  if (error instanceof TypeError) return new ServerError(0, "The server does not answer.");
+function asError(error: unknown, signal: AbortSignal): Error {
+  if (signal.aborted && !(error instanceof Unanswered)) return new ServerError(409, "superseded");
   return error instanceof Error ? error : new Error(String(error));
-}
-
-async function readAll(response: Response, progress: (bytes: number) => void): Promise<ArrayBuffer> {
-  if (!response.body) return response.arrayBuffer();
-  const parts: Uint8Array[] = [];
-  let length = 0;
-  for (const reader = response.body.getReader(); ; ) {
-    const { done, value } = await reader.read();
-    if (done) break;
-    parts.push(value);
-    length += value.length;
-    progress(length);
-  }
-  const all = new Uint8Array(length);
-  let at = 0;
-  for (const part of parts) {
-    all.set(part, at);
-    at += part.length;
-  }
-  return all.buffer;
 }

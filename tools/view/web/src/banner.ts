@@ -1,12 +1,13 @@
 // What went wrong, and the way out; one message at a time.
 import { ServerError } from "./api";
 import { button, h } from "./dom";
+import { Unanswered } from "./site/transport";
 
 const kForbidden = 403;
 const kGone = 410;
 
 export class Banner {
-  /** What is shown: "server" for a server that does not answer, "store", "request", or nothing. */
+  /** What is shown: "server" where nobody answers, "store", "request", or nothing. */
   kind: "server" | "store" | "request" | null = null;
   private message = "";
   /** Asks once more for what is to be shown; the page's parts set it. */
@@ -21,8 +22,8 @@ export class Banner {
 
   show(error: Error): void {
     const status = error instanceof ServerError ? error.status : -1;
-    if (status === 0) {
-      this.tell("server", "The server does not answer. Is isonest view still running? When it is started again at the same address, this page goes on.", true);
+    if (error instanceof Unanswered) {
+      this.tell("server", error.message, !error.final);
     } else if (status === kGone) {
       this.tell("store", error.message, false);
     } else if (status === kForbidden) {

@@ -18,6 +18,10 @@ import { Probe } from "./probe";
 import type { HistogramInfo, StoreInfo } from "./protocol";
 import { bindSheet } from "./panels/sheet";
 import { ShownLabel } from "./shown_label";
+import { ServerTransport } from "./site/server_transport";
+import { chosenStore, readSite, type Site, type SiteStore } from "./site/site";
+import { aboutPanel, siteList } from "./site/site_list";
+import { WorkerTransport } from "./site/worker_transport";
 import { Slice } from "./slices";
 import { SlicePanel } from "./panels/slice_panel";
 import { Stage } from "./stage";
@@ -28,18 +32,53 @@ import { bindTheme } from "./theme";
 import { viewPanel } from "./panels/view_panel";
 import { whole } from "./words";
 
-const api = new Api(new MeshDecoder());
 const banner = new Banner(byId("banner"), () => location.reload());
 
+/** Who answers, and of what: a server; or the page itself, of a store of a published site. */
+interface Origin {
+  readonly api: Api;
+  readonly server: ServerTransport | null;
+  readonly published: { readonly site: Site; readonly store: SiteStore } | null;
+}
+
+/** Null if it is to be chosen first, from the list that is shown then. */
+async function origin(): Promise<Origin | null> {
+  const site = await readSite();
+  if (!site) {
+    const server = new ServerTransport();
+    return { api: new Api(server, new MeshDecoder()), server, published: null };
+  }
+  let store: SiteStore | null = null;
+  try {
+    store = chosenStore(site);
+  } catch (error) {
+    banner.show(error as Error);
+  }
+  if (!store) {
+    bindTheme(() => undefined)("auto");
+    document.body.classList.add("list");
+    byId("side").hidden = true;
+    byId("stage").replaceChildren(siteList(site));
+    document.title = site.title;
+    return null;
+  }
+  const url = new URL(store.url, document.baseURI).href;
+  return { api: new Api(new WorkerTransport(url, site.memory), new MeshDecoder()), server: null, published: { site, store } };
+}
+
 async function start(): Promise<void> {
+  const from = await origin();
+  if (!from) return;
+  const { api, published } = from;
   const store = await api.store();
-  byId("store").textContent = store.name;
-  document.title = `${store.name} – isonest`;
+  const name = published?.store.title ?? store.name;
+  byId("store").textContent = name;
+  document.title = `${name} – isonest`;
   const histogram: Promise<HistogramInfo | null> = store.labels ? Promise.resolve(null) : api.histogram(store.first_error !== null);
   const wanted = new URLSearchParams(location.hash.slice(1)).has("iso");
   // The first surface is the one that is suggested, unless finding it takes long, or the URL says another.
   const info = wanted || store.dimension === 2 ? null : await within(histogram, 1500);
-  run(store, histogram, info);
+  run(from, store, histogram, info);
 }
 
 /** Null when it takes longer, in milliseconds, or fails. */
@@ -48,7 +87,7 @@ function within<T>(promise: Promise<T>, time: number): Promise<T | null> {
   return Promise.race([promise.catch(() => null), late]);
 }
 
-function run(store: StoreInfo, histogram: Promise<HistogramInfo | null>, info: HistogramInfo | null): void {
+function run({ api, server, published }: Origin, store: StoreInfo, histogram: Promise<HistogramInfo | null>, info: HistogramInfo | null): void {
   // Between the integers: where many nodes have the isovalue, the normals in them need the finest level.
   const half = ((store.min_value ?? 0) + (store.max_value ?? 1)) / 2;
   const middle = store.integer && !store.labels && half < (store.max_value ?? 1) ? Math.floor(half) + 0.5 : half;
@@ -79,14 +118,14 @@ function run(store: StoreInfo, histogram: Promise<HistogramInfo | null>, info: H
   const surfacePanel = new SurfacePanel(views, store, surface);
   const slicePanel = new SlicePanel(views, store, slices);
   const clipping = new ClippingPanel(views, store, stage);
-  const exporting = new ExportPanel(views, store, api, stage, surface, slices, failed);
+  const exporting = new ExportPanel(views, store, api, server, stage, surface, slices, failed);
   const memory = new MemoryPanel(
     api, store, [surface.drawn, ...[...slices.values()].map((slice) => slice.drawn)], failed,
     (how) => banner.storeLost(how), () => banner.serverThere(),
   );
   const flat = store.dimension === 2;
   byId("panel").append(
-    ...(flat ? [] : [surfacePanel.choices]), ...(store.labels ? [] : [slicePanel.element]), ...(flat ? [] : [clipping.element]),
+    ...(published ? [aboutPanel(published.site, published.store)] : []), ...(flat ? [] : [surfacePanel.choices]), ...(store.labels ? [] : [slicePanel.element]), ...(flat ? [] : [clipping.element]),
     probe.element, exporting.element, viewPanel(views, store, moves), memory.element,
   );
   if (!flat) byId("dock").append(surfacePanel.state, histogramPanel.element);

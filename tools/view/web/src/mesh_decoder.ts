@@ -1,20 +1,21 @@
 // The page's side of the worker that decodes meshes.
 import type { Mesh } from "./decode";
+import type { PageFormat } from "./mesh_files";
 
-type Answer = { readonly id: number; readonly mesh?: Mesh; readonly error?: string };
-type Waiting = { readonly resolve: (mesh: Mesh) => void; readonly reject: (error: Error) => void };
+type Answer = { readonly id: number; readonly result?: Mesh | ArrayBuffer; readonly error?: string };
+type Waiting = { readonly resolve: (result: Mesh | ArrayBuffer) => void; readonly reject: (error: Error) => void };
 
 export class MeshDecoder {
-  private readonly worker = new Worker("worker.js");
+  private readonly worker = new Worker("mesh_worker.js");
   private readonly waiting = new Map<number, Waiting>();
   private next = 0;
 
   constructor() {
     this.worker.onmessage = (event: MessageEvent<Answer>) => {
-      const { id, mesh, error } = event.data;
+      const { id, result, error } = event.data;
       const waiting = this.waiting.get(id);
       this.waiting.delete(id);
-      if (mesh) waiting?.resolve(mesh);
+      if (result) waiting?.resolve(result);
       else waiting?.reject(new Error(error ?? "the mesh could not be decoded"));
     };
     this.worker.onerror = () => {
@@ -25,10 +26,19 @@ export class MeshDecoder {
 
   /** Takes the buffer away from the caller. Rejects with Error if it holds no mesh. */
   decode(buffer: ArrayBuffer): Promise<Mesh> {
+    return this.ask({ buffer }, buffer) as Promise<Mesh>;
+  }
+
+  /** The bytes of a file of this format. Otherwise as decode(). */
+  file(buffer: ArrayBuffer, format: PageFormat): Promise<ArrayBuffer> {
+    return this.ask({ buffer, format }, buffer) as Promise<ArrayBuffer>;
+  }
+
+  private ask(request: object, buffer: ArrayBuffer): Promise<Mesh | ArrayBuffer> {
     const id = this.next++;
     return new Promise((resolve, reject) => {
       this.waiting.set(id, { resolve, reject });
-      this.worker.postMessage({ id, buffer }, [buffer]);
+      this.worker.postMessage({ id, ...request }, [buffer]);
     });
   }
 }

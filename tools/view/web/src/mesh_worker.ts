@@ -1,9 +1,12 @@
-// The Web Worker that decodes meshes, so that the page never waits for it.
+// The Web Worker that decodes meshes, and makes files of them, so that the page never waits for it.
 import { decodeMesh } from "./decode";
+import { meshFile, type PageFormat } from "./mesh_files";
 
 export interface DecodeRequest {
   readonly id: number;
   readonly buffer: ArrayBuffer;
+  /** If it is there, a file is wanted in place of the mesh. */
+  readonly format?: PageFormat;
 }
 
 const scope = self as unknown as {
@@ -11,10 +14,16 @@ const scope = self as unknown as {
   postMessage(message: unknown, transfer?: Transferable[]): void;
 };
 
+async function answer({ id, buffer, format }: DecodeRequest): Promise<void> {
+  const mesh = await decodeMesh(buffer);
+  if (format !== undefined) {
+    const result = meshFile(mesh, format).buffer;
+    scope.postMessage({ id, result }, [result]);
+  } else {
+    scope.postMessage({ id, result: mesh }, [mesh.positions.buffer, mesh.normals.buffer, mesh.indices.buffer]);
+  }
+}
+
 scope.onmessage = (event) => {
-  const { id, buffer } = event.data;
-  decodeMesh(buffer).then(
-    (mesh) => scope.postMessage({ id, mesh }, [mesh.positions.buffer, mesh.normals.buffer, mesh.indices.buffer]),
-    (error: unknown) => scope.postMessage({ id, error: error instanceof Error ? error.message : String(error) }),
-  );
+  answer(event.data).catch((error: unknown) => scope.postMessage({ id: event.data.id, error: error instanceof Error ? error.message : String(error) }));
 };

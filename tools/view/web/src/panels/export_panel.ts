@@ -1,14 +1,17 @@
-// What is seen as a file: the mesh, the picture, and the command line that makes the same mesh.
-import type { Api, Parameters } from "../api";
+// What is seen as a file: the mesh, the picture, and the command line that makes the same mesh. Where there is no server, the page
+// makes the files, and knows no command line.
+import { type Api, type Parameters, ServerError, targetOf } from "../api";
 import { button, h, section, select } from "../dom";
+import { kPageFormats, type PageFormat } from "../mesh_files";
 import type { StoreInfo } from "../protocol";
+import type { ServerTransport } from "../site/server_transport";
 import type { Slice } from "../slices";
 import type { Stage } from "../stage";
 import type { SliceName, ViewStore } from "../state";
 import { kSliceNames } from "../state";
 import type { Surface } from "../surface";
 
-const kFormats = ["ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf"] as const;
+const kServerFormats = ["ply", "stl", "obj", "vtp", "vtkhdf", "glb", "3mf"] as const;
 const kPause = 400; // milliseconds, between the last change and the question for the command line
 
 type Subject = "seen" | "full" | SliceName;
@@ -18,7 +21,7 @@ export class ExportPanel {
   private readonly command = h("pre", { class: "command", id: "command", tabindex: 0, "aria-label": "Command line" });
   private readonly copied = h("span", { class: "note", role: "status" });
   private readonly subject: ReturnType<typeof select<Subject>>;
-  private readonly format: ReturnType<typeof select<(typeof kFormats)[number]>>;
+  private readonly format: ReturnType<typeof select<(typeof kServerFormats)[number]>>;
   private timer = 0;
   private last = "";
 
@@ -26,6 +29,8 @@ export class ExportPanel {
     views: ViewStore,
     private readonly store: StoreInfo,
     private readonly api: Api,
+    /** Null where there is none. */
+    private readonly server: ServerTransport | null,
     private readonly stage: Stage,
     private readonly surface: Surface,
     private readonly slices: ReadonlyMap<SliceName, Slice>,
@@ -38,14 +43,17 @@ export class ExportPanel {
       if (!store.labels && (!flat || views.state.slices[name].on)) subjects.push([name, flat ? "the data as they are seen" : `the slice ${names[i]}`]);
     });
     this.subject = select("Mesh", subjects, () => this.refresh(), { id: "export-subject" });
-    this.format = select("Format", kFormats.map((one) => [one, `.${one}`] as const), () => undefined, { id: "export-format" });
-    const save = button("Save the mesh", () => this.saveMesh(), { id: "export-mesh" });
+    const formats: readonly (typeof kServerFormats)[number][] = server ? kServerFormats : kPageFormats;
+    this.format = select("Format", formats.map((one) => [one, `.${one}`] as const), () => undefined, { id: "export-format" });
+    const save = button("Save the mesh", () => void this.saveMesh(), { id: "export-mesh" });
     const picture = button("Save the picture", () => this.savePicture(), { id: "export-picture" });
     const copy = button("Copy", () => void this.copy(), { id: "copy-command", "aria-label": "Copy the command line" });
     this.element = section(
       "export", "Export", false,
       this.subject.row, this.format.row, h("div", { class: "buttons" }, save, picture),
-      h("p", { class: "note" }, "The same mesh by the command line:"), this.command, h("div", { class: "buttons" }, copy, this.copied),
+      ...(server
+        ? [h("p", { class: "note" }, "The same mesh by the command line:"), this.command, h("div", { class: "buttons" }, copy, this.copied)]
+        : [h("p", { class: "note" }, "The mesh has the places that are shown, rounded as it is said above.")]),
     );
     this.element.addEventListener("toggle", () => this.refresh());
   }
@@ -53,16 +61,14 @@ export class ExportPanel {
   /** What is shown has changed. */
   refresh(): void {
     clearTimeout(this.timer);
-    if (this.element.open) this.timer = setTimeout(() => void this.ask(), kPause);
+    if (this.server && this.element.open) this.timer = setTimeout(() => void this.ask(), kPause);
   }
 
   savePicture(): void {
     this.stage.draw(); // in this same task, so that the canvas still has it
     this.stage.canvas.toBlob((blob) => {
       if (!blob) return this.failed(new Error("The picture could not be made."));
-      const url = URL.createObjectURL(blob);
-      this.download(url, `${this.name}.png`);
-      setTimeout(() => URL.revokeObjectURL(url), 10_000);
+      this.save(blob, `${this.name}.png`);
     }, "image/png");
   }
 
@@ -77,12 +83,25 @@ export class ExportPanel {
     return this.slices.get(subject)?.asSeen() ?? null;
   }
 
-  /** By the browser, straight to the disk: a mesh may be larger than a page may hold. */
-  private saveMesh(): void {
+  private async saveMesh(): Promise<void> {
     const parameters = this.parameters();
     if (!parameters) return this.failed(new Error("There is nothing to save: what was chosen is not shown."));
     const format = this.format.input.value;
-    this.download(this.api.url("export", { ...parameters, format }), `${this.name}.${format}`);
+    const name = `${this.name}.${format}`;
+    // By the browser, straight to the disk: a mesh may be larger than a page may hold.
+    if (this.server) return this.download(this.server.url(targetOf("export", { ...parameters, format })), name);
+    try {
+      const kind = "plane" in parameters ? "slice" : "surface";
+      this.save(new Blob([await this.api.meshFile(kind, parameters, format as PageFormat)]), name);
+    } catch (error) {
+      if (!(error instanceof ServerError && error.superseded)) this.failed(error as Error);
+    }
+  }
+
+  private save(blob: Blob, name: string): void {
+    const url = URL.createObjectURL(blob);
+    this.download(url, name);
+    setTimeout(() => URL.revokeObjectURL(url), 10_000);
   }
 
   private download(url: string, name: string): void {

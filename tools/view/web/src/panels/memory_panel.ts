@@ -23,7 +23,7 @@ export class MemoryPanel {
     const list = h("dl", { class: "figures" });
     const names: readonly (readonly [string, string])[] = [
       ["triangles", "Triangles held"], ["card", "Meshes on the graphics card"], ["page", "Meshes in the page"],
-      ["heap", "Page's JavaScript"], ["received", "Received so far"], ["server", "Server's heap"], ["file", "Store"],
+      ["heap", "Page's JavaScript"], ["received", api.hasServer ? "Received so far" : "Meshes made so far"], ["server", api.hasServer ? "Server's heap" : "Library in the page"], ["file", "Store"],
     ];
     for (const [key, name] of names) {
       const value = h("dd", { id: `memory-${key}` }, "–");

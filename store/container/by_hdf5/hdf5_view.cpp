@@ -1,4 +1,4 @@
-#include "store/container/hdf5_view.h"
+#include "store/container/by_hdf5/hdf5_view.h"
 
 #include <fmt/format.h>
 

@@ -1,6 +1,6 @@
 // The bound of a level covers everything below it, so its largest value, which the catalogue has,
 // is an error at which no element is refined beyond that level.
-#include "tools/view/first_levels.h"
+#include "tools/view/answers/first_levels.h"
 
 #include <vector>
 

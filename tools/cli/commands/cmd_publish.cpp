@@ -1,0 +1,356 @@
+// isonest publish: a folder that shows stores on any web server, and whether a server does.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <memory>
+#include <set>
+
+#include <isonest/error.h>
+#include <isonest/store.h>
+
+#include "store/container/reader.h"
+#include "store/remote/object_url.h"
+#include "store/remote/open_location.h"
+#include "tools/cli/command.h"
+#include "tools/cli/options/remote_options.h"
+#include "tools/cli/options/units.h"
+#include "tools/cli/terminal/leftovers.h"
+#include "tools/publish/check_server.h"
+#include "tools/publish/site.h"
+
+namespace isonest::detail::cli {
+namespace {
+
+using publish::Site;
+using publish::SiteStore;
+
+constexpr const char* kAnyOrigin = "https://example.org";
+/// For opening stores, of which no values are read.
+constexpr std::uint64_t kMemory = std::uint64_t{256} << 20U;
+
+struct PublishArguments {
+    std::vector<std::string> stores;
+    std::string output;
+    std::vector<std::string> links;
+    std::vector<std::string> titles;
+    std::vector<std::string> descriptions;
+    std::vector<std::string> licenses;
+    bool hard_links = false;
+    bool force = false;
+    std::string checked;  ///< a URL
+    std::string origin = kAnyOrigin;
+    std::vector<publish::PageFile> page;
+};
+
+/// Of a file or URL, without folder and ending.
+std::string short_name(const std::string& location) {
+    const std::string path =
+        location.substr(0, is_url(location) ? location.find_first_of("?#") : std::string::npos);
+    std::string name = path.substr(path.rfind('/') + 1);
+    if (name.ends_with(".isonest")) {
+        name.resize(name.size() - std::string_view(".isonest").size());
+    }
+    return name;
+}
+
+/// For links: letters, digits and "._-" alone.
+std::string name_in_links(std::string name) {
+    for (char& c : name) {
+        const bool is_plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
+                              (c >= '0' && c <= '9') || c == '.' || c == '_' || c == '-';
+        c = is_plain ? c : '-';
+    }
+    return name.empty() || name.front() == '.' ? "store" + name : name;
+}
+
+/// What may stand on a page that everybody reads.
+std::string public_url(const std::string& text) {
+    if (!is_url(text)) {
+        throw Error(ErrorKind::invalid_argument, {text},
+                    "is no URL of a store (https://HOST/PATH)");
+    }
+    const ObjectUrl url = parse_object_url(text, [](const char* /*name*/) -> const char* {
+        return nullptr;  // whoever looks at the site has not this machine's keys
+    });
+    const std::size_t query = std::min(url.request.find('?'), url.request.size() - 1) + 1;
+    const bool is_signed = query_without_signature(url.request) != url.request.substr(query);
+    if (!url.user.empty() || !url.password.empty() || is_signed) {
+        throw Error(ErrorKind::invalid_argument, {url.name},
+                    "the URL holds a password or a signature, and everybody could read it on the "
+                    "site: give one that works without");
+    }
+    return url.request;
+}
+
+/// What is said of store `i` by an option that may be given once for all, or once for each.
+std::string said_of(const std::vector<std::string>& values, std::size_t i) {
+    return values.empty() ? "" : values.size() == 1 ? values[0] : values[i];
+}
+
+void require_count(const char* option, const std::vector<std::string>& values, std::size_t stores) {
+    if (values.size() > 1 && values.size() != stores) {
+        throw Error(ErrorKind::invalid_argument,
+                    fmt::format("{} is given {} times for {} store{}: give it once, or once for "
+                                "each store",
+                                option, values.size(), stores, stores == 1 ? "" : "s"));
+    }
+}
+
+void check_counts(const PublishArguments& a) {
+    const std::size_t stores = a.stores.size();
+    require_count("--title", a.titles, stores);
+    require_count("--description", a.descriptions, stores);
+    require_count("--license", a.licenses, stores);
+    require_count("--link", a.links, stores);
+    if (a.links.size() == 1 && stores > 1 && !a.links[0].ends_with('/')) {
+        throw Error(ErrorKind::invalid_argument,
+                    "--link is given once for several stores: end it with / if it is the folder "
+                    "that has all of them under their names, or give it once for each");
+    }
+}
+
+std::string link_of(const PublishArguments& a, std::size_t i) {
+    if (a.links.empty()) {
+        return is_url(a.stores[i]) ? public_url(a.stores[i]) : "";
+    }
+    const std::string& link = said_of(a.links, i);
+    if (!link.ends_with('/')) {
+        return public_url(link);
+    }
+    const std::string& store = a.stores[i];
+    return public_url(link + store.substr(store.rfind('/') + 1));
+}
+
+SiteStore described(const PublishArguments& a, std::size_t i, Progress& progress) {
+    RemoteArguments remote;
+    std::uint64_t memory = kMemory;
+    const Store opened = open_store(a.stores[i], remote, memory, progress);
+    const StoreReader& reader = opened.reader();
+    if (reader.catalogue() == nullptr) {
+        throw Error(ErrorKind::unsupported, {shown_location(a.stores[i])},
+                    fmt::format("is a store of version {}, without the footer by which a page "
+                                "opens one",
+                                reader.version().text()),
+                    {{RemedyKind::preprocess_again}});
+    }
+    SiteStore store;
+    store.url = link_of(a, i);
+    if (store.url.empty()) {
+        store.file = a.stores[i];
+    }
+    store.name = name_in_links(short_name(a.stores[i]));
+    // What is said once of several stores is said of the site.
+    const bool each = a.stores.size() == 1;
+    const auto own = [&](const std::vector<std::string>& values) {
+        return each || values.size() > 1 ? said_of(values, i) : std::string();
+    };
+    store.about = {own(a.titles), own(a.descriptions), own(a.licenses)};
+    if (store.about.title.empty()) {
+        store.about.title = short_name(a.stores[i]);
+    }
+    store.bytes = reader.file_bytes();
+    store.nodes = opened.nodes();
+    store.type = name_of(opened.type());
+    store.unit = opened.unit() ? std::string(symbol_of(*opened.unit())) : "";
+    return store;
+}
+
+void give_own_names(std::vector<SiteStore>& stores) {
+    std::set<std::string> taken;
+    for (SiteStore& store : stores) {
+        const std::string name = store.name;
+        for (int i = 2; !taken.insert(store.name).second; ++i) {
+            store.name = fmt::format("{}-{}", name, i);
+        }
+    }
+}
+
+Site site_of(const PublishArguments& a, Progress& progress) {
+    check_counts(a);
+    Site site;
+    site.hard_links = a.hard_links;
+    for (std::size_t i = 0; i < a.stores.size(); ++i) {
+        site.stores.push_back(described(a, i, progress));
+    }
+    give_own_names(site.stores);
+    const bool one = site.stores.size() == 1;
+    const auto once = [&](const std::vector<std::string>& values) {
+        return values.size() == 1 ? values[0] : std::string();
+    };
+    site.about = {once(a.titles), once(a.descriptions), once(a.licenses)};
+    if (site.about.title.empty()) {
+        site.about.title =
+            one ? site.stores[0].about.title : fmt::format("{} volumes", site.stores.size());
+    }
+    return site;
+}
+
+std::string frame_line(const SiteStore& store) {
+    std::string title;
+    for (const char c : store.about.title) {
+        title += c == '"' ? "&quot;" : c == '&' ? "&amp;" : c == '<' ? "&lt;" : std::string(1, c);
+    }
+    return fmt::format(
+        "<iframe src=\"https://YOUR.HOST/PATH/?store={}\" title=\"{}\" "
+        "width=\"960\" height=\"640\" loading=\"lazy\"></iframe>",
+        store.name, title);
+}
+
+Result write(const PublishArguments& a, Progress& progress) {
+    if (!publish::has_library(a.page)) {
+        throw Error(ErrorKind::unsupported,
+                    "this build writes no sites: it was made without the library for pages",
+                    {{RemedyKind::install_package, kPublishNeeds}});
+    }
+    if (a.output.empty()) {
+        throw Error(ErrorKind::invalid_argument, "give the folder to write with -o");
+    }
+    const Site site = site_of(a, progress);
+    const std::vector<std::string> files =
+        publish::write_site(a.output, site, a.page, a.force, progress);
+    Result result;
+    result.warning =
+        leftovers_of(a.output.ends_with('/') ? a.output.substr(0, a.output.size() - 1) : a.output);
+    result.json = {{"output", a.output}, {"files", files}, {"stores", Json::array()}};
+    std::uint64_t bytes = 0;
+    std::string frames;
+    for (const SiteStore& store : site.stores) {
+        const std::string frame = frame_line(store);
+        frames += frame + "\n";
+        bytes += store.file.empty() ? 0 : store.bytes;
+        result.json["stores"].push_back({{"name", store.name},
+                                         {"url", publish::url_in_site(store)},
+                                         {"bytes", store.bytes},
+                                         {"iframe", frame}});
+    }
+    result.text = fmt::format(
+        "{}: {} files, with {} of stores. Put the folder on a web server, then:\n"
+        "  isonest publish --check https://YOUR.HOST/PATH/\n"
+        "In a page of your own:\n{}",
+        a.output, files.size(), human_bytes(static_cast<double>(bytes)), frames);
+    return result;
+}
+
+Result check(const PublishArguments& a, Progress& progress) {
+    const publish::ServerCheck found = publish::check_server(a.checked, a.origin, progress);
+    const std::string shown = shown_location(a.checked);
+    Result result;
+    result.json = {{"url", shown},
+                   {"kind", found.is_site ? "site" : "store"},
+                   {"right", found.is_right()},
+                   {"findings", Json::array()},
+                   {"lines", Json::array()}};
+    std::string url;
+    for (const publish::ServerFinding& finding : found.findings) {
+        const bool is_right = finding.fault == publish::ServerFault::none;
+        const std::string state = is_right            ? "right"
+                                  : finding.is_needed ? "wrong"
+                                                      : "could be better";
+        const std::string place = shown_location(finding.url);
+        if (place != url) {
+            url = place;
+            result.text += url + "\n";
+        }
+        result.text += fmt::format("  {:<16} {:<15} {}\n", finding.what, state, finding.found);
+        result.json["findings"].push_back({{"url", place},
+                                           {"what", finding.what},
+                                           {"state", state},
+                                           {"fault", publish::name_of(finding.fault)},
+                                           {"found", finding.found}});
+    }
+    for (const publish::ServerLines& lines : publish::lines_to_add(found)) {
+        result.text += fmt::format("\nFor {}, {}:\n{}", lines.server, lines.where, lines.lines);
+        result.json["lines"].push_back(
+            {{"server", lines.server}, {"where", lines.where}, {"lines", lines.lines}});
+    }
+    result.text += found.is_right() ? "\nThis server shows it.\n"
+                                    : "\nThis server does not show it as it is.\n";
+    result.exit_code = found.is_right() ? 0 : static_cast<int>(ErrorKind::unsupported);
+    return result;
+}
+
+}  // namespace
+
+void add_publish(CLI::App& app, Invocation& chosen, const std::vector<publish::PageFile>& page) {
+    const auto a = std::make_shared<PublishArguments>();
+    a->page = page;
+    const std::string lacking =
+        publish::has_library(page)
+            ? ""
+            : fmt::format(
+                  "\nThis build only checks servers: to write sites, install {} (Debian) "
+                  "and build isonest again.",
+                  kPublishNeeds);
+    CLI::App* const c = add_command(
+        app, chosen, "publish",
+        {"Write a folder that shows stores on any web server",
+         "The viewer's page, the library that answers it inside of the browser, and the stores: "
+         "nothing\n"
+         "runs on the server, which only has to answer requests for parts of a file. With --check "
+         "it says\n"
+         "whether a server does, and what to change for nginx, Apache and S3; the exit code is "
+         "then 5 if\n"
+         "something is needed that it does not. The folder appears whole or not at all." +
+             lacking,
+         "isonest publish scan.isonest -o site\n"
+         "isonest publish scan.isonest -o site --link https://example.org/data/scan.isonest\n"
+         "isonest publish head.isonest foot.isonest -o site --title Head --title Foot --license "
+         "'CC BY 4.0'\n"
+         "isonest publish --check https://example.org/site/"});
+    CLI::Option* const stores = c->add_option(
+        "STORE", a->stores, "made by isonest preprocess: files, or URLs as --link names them");
+    CLI::Option* const output =
+        c->add_option("-o,--output", a->output, "the folder to write")->type_name("FOLDER");
+    CLI::Option* const link =
+        c->add_option("--link", a->links,
+                      "where the store is on the web, in place of a copy in the folder: once for\n"
+                      "each store, or once for all, of their folder, with / at its end")
+            ->type_name("URL")
+            ->allow_extra_args(false);
+    CLI::Option* const hard = c->add_flag(
+        "--hard-link", a->hard_links,
+        "link the stores into the folder in place of copying them: takes no space, and\n"
+        "is possible within one file system");
+    std::vector<CLI::Option*> others{output, link, hard};
+    for (const auto& [name, values, words] :
+         {std::tuple{"--title", &a->titles,
+                     "shown above the picture; several stores: given once, it is the "
+                     "site's,\nelse given once for each store"},
+          std::tuple{"--description", &a->descriptions,
+                     "likewise; an empty line begins a paragraph"},
+          std::tuple{"--license", &a->licenses, "likewise"}}) {
+        others.push_back(
+            c->add_option(name, *values, words)->type_name("TEXT")->allow_extra_args(false));
+    }
+    others.push_back(
+        c->add_flag("--force", a->force, "replace a folder that isonest publish made"));
+    CLI::Option* const check_option =
+        c->add_option("--check", a->checked,
+                      "look at a server instead: the URL of a published folder, or of a store")
+            ->type_name("URL");
+    c->add_option("--origin", a->origin,
+                  fmt::format("of --check, for a store: the server of the page that is to read it\n"
+                              "[{}]",
+                              kAnyOrigin))
+        ->type_name("URL")
+        ->needs(check_option);
+    check_option->excludes(stores);
+    for (CLI::Option* const other : others) {
+        check_option->excludes(other);
+    }
+    hard->excludes(link);
+    c->callback([a, stores, &chosen] {
+        chosen.run = [a, has_stores = stores->count() > 0](Progress& progress) {
+            if (!a->checked.empty()) {
+                return check(*a, progress);
+            }
+            if (!has_stores) {
+                throw Error(ErrorKind::invalid_argument,
+                            "give the stores to publish, or --check URL");
+            }
+            return write(*a, progress);
+        };
+    });
+}
+
+}  // namespace isonest::detail::cli

@@ -1,0 +1,313 @@
+// Source: WHATWG, "Fetch" (CORS protocol; a range from a first to a last byte is among the
+// safelisted headers, and only browsers that are older than that ask first); RFC 9110, section 14.
+#include "tools/publish/check_server.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include <isonest/error.h>
+
+#include "store/remote/answer.h"
+#include "store/remote/ask_server.h"
+#include "store/remote/object_url.h"
+
+namespace isonest::detail::publish {
+namespace {
+
+/// Of a store's footer, which ends so: store/FORMAT.md, "Footer and catalogue".
+constexpr std::size_t kPart = 64;
+constexpr std::string_view kFooterEnd = "IsoNest\n";
+constexpr const char* kBrowserEncodings = "Accept-Encoding: gzip, deflate, br";
+constexpr const char* kAsItIs = "Accept-Encoding: identity";
+
+std::string lower_case_of(std::string text) {
+    std::transform(text.begin(), text.end(), text.begin(), [](char c) {
+        return c >= 'A' && c <= 'Z' ? static_cast<char>(c + ('a' - 'A')) : c;
+    });
+    return text;
+}
+
+/// Whether a list of names, with commas between them, has this one, or "*". `name`: lower case.
+bool lists(const std::string& list, std::string_view name) {
+    const std::string text = lower_case_of(list);
+    for (std::size_t at = 0; at <= text.size();) {
+        const std::size_t end = std::min(text.find(',', at), text.size());
+        std::string_view one = std::string_view(text).substr(at, end - at);
+        while (!one.empty() && one.front() == ' ') {
+            one.remove_prefix(1);
+        }
+        while (!one.empty() && one.back() == ' ') {
+            one.remove_suffix(1);
+        }
+        if (one == name || one == "*") {
+            return true;
+        }
+        at = end + 1;
+    }
+    return false;
+}
+
+std::string media_type(const ServerReply& reply) {
+    const std::string type = lower_case_of(reply.header("content-type"));
+    const std::string_view first = std::string_view(type).substr(0, type.find(';'));
+    return std::string(first.substr(0, first.find_last_not_of(' ') + 1));
+}
+
+std::string quoted(const std::string& value) {
+    return value.empty() ? "none" : "\"" + value + "\"";
+}
+
+class Checker {
+  public:
+    Checker(std::string origin, Progress& progress)
+        : origin_(std::move(origin)), progress_(progress) {}
+
+    ServerCheck check(const std::string& url) {
+        const ServerReply page = ask({url, "GET", {kAsItIs}});
+        if (page.is_whole && page.body.find("name=\"isonest-site\"") != std::string::npos) {
+            check_site(url);
+        } else {
+            if (page.status >= 400) {
+                add(url, "file", ServerFault::missing, said_status(page.status));
+                return std::move(check_);
+            }
+            check_store(url, true);
+        }
+        return std::move(check_);
+    }
+
+  private:
+    ServerReply ask(ServerQuestion question) {
+        progress_.advance(1);
+        progress_.check();
+        question.most_body = std::max(question.most_body, kPart);
+        return ask_server(question, [this] { progress_.check(); });
+    }
+
+    void add(const std::string& url, const char* what, ServerFault fault, std::string found,
+             bool is_needed = true) {
+        check_.findings.push_back({url, what, fault, is_needed, std::move(found)});
+    }
+    /// `fault` unless `is_right`.
+    void note(const std::string& url, const char* what, bool is_right, ServerFault fault,
+              std::string found, bool is_needed = true) {
+        add(url, what, is_right ? ServerFault::none : fault, std::move(found), is_needed);
+    }
+
+    void check_site(const std::string& url) {
+        check_.is_site = true;
+        const std::string without_query = url.substr(0, url.find_first_of("?#"));
+        const std::string folder = without_query.substr(0, without_query.rfind('/') + 1);
+        origin_ = origin_of_page(folder);
+        const ServerReply list = ask({folder + "site.json", "GET", {kAsItIs}});
+        const nlohmann::json site = nlohmann::json::parse(list.body, nullptr, false);
+        if (list.status != 200 || !site.is_object() || !site["stores"].is_array()) {
+            add(folder + "site.json", "list of stores", ServerFault::missing,
+                list.status == 200 ? "is none" : said_status(list.status));
+            return;
+        }
+        check_file(folder + "isonest.wasm", true);
+        for (const char* const script : {"isonest.mjs", "worker.js", "mesh_worker.js", "main.js"}) {
+            check_file(folder + script, false);
+        }
+        for (const nlohmann::json& store : site["stores"]) {
+            const std::string named = store.value("url", "");
+            const bool is_elsewhere = is_url(named);
+            const std::string whole = is_elsewhere ? named : folder + named;
+            check_store(whole, is_elsewhere && origin_of(whole) != origin_of(folder));
+        }
+    }
+
+    /// As browsers write it: without the scheme's own port.
+    static std::string origin_of_page(const std::string& url) {
+        std::string origin = origin_of(url);
+        for (const std::string_view port : {":443", ":80"}) {
+            const bool is_own = origin.starts_with(port == ":443" ? "https:" : "http:");
+            if (is_own && origin.ends_with(port)) {
+                origin.resize(origin.size() - port.size());
+            }
+        }
+        return origin;
+    }
+
+    void check_file(const std::string& url, bool is_library) {
+        const ServerReply file = ask({url, "GET", {kBrowserEncodings}, 0});
+        if (file.status != 200) {
+            add(url, "file", ServerFault::missing, said_status(file.status));
+            return;
+        }
+        const std::string type = media_type(file);
+        if (is_library) {
+            note(url, "type", type == "application/wasm", ServerFault::wasm_type,
+                 fmt::format("Content-Type: {}", quoted(type)));
+            const std::string encoding = file.header("content-encoding");
+            note(url, "compression", !encoding.empty(), ServerFault::compression,
+                 fmt::format("Content-Encoding: {}", quoted(encoding)), false);
+        } else {
+            note(url, "type",
+                 type == "text/javascript" || type == "application/javascript" ||
+                     type == "application/x-javascript",
+                 ServerFault::script_type, fmt::format("Content-Type: {}", quoted(type)));
+        }
+    }
+
+    ServerReply ask_part(const std::string& url, const std::string& range) {
+        // A browser that asks for a part takes it as it is.
+        return ask({url, "GET", {"Range: bytes=" + range, kAsItIs, "Origin: " + origin_}});
+    }
+
+    void check_store(const std::string& url, bool is_elsewhere) {
+        const ServerReply part = ask_part(url, fmt::format("0-{}", kPart - 1));
+        if (part.status >= 400) {
+            add(url, "file", ServerFault::missing, said_status(part.status));
+            return;
+        }
+        shares_parts_ = shares(part);
+        const std::optional<std::uint64_t> size = check_first_part(url, part);
+        if (size) {
+            check_end(url, *size);
+        }
+        check_head(url, size, is_elsewhere);
+        const std::string encoding = part.header("content-encoding");
+        note(url, "encoding", encoding.empty() || encoding == "identity", ServerFault::encoding,
+             fmt::format("Content-Encoding: {}", quoted(encoding)));
+        const std::string etag = part.header("etag");
+        note(url, "state", !etag.empty() || part.has("last-modified"), ServerFault::etag,
+             fmt::format("ETag: {}", etag.empty() ? "none" : etag), false);
+        if (is_elsewhere) {
+            check_sharing(url, part);
+        }
+    }
+
+    /// The store's size, if the part is one.
+    std::optional<std::uint64_t> check_first_part(const std::string& url, const ServerReply& part) {
+        if (part.status != 206) {
+            add(url, "ranges", ServerFault::ranges,
+                fmt::format("{} in place of 206 for the first {} bytes", part.status, kPart));
+            return std::nullopt;
+        }
+        const std::string text = part.header("content-range");
+        const std::optional<ContentRange> range = parse_content_range(text);
+        const bool is_right = range && range->range && range->size && range->range->offset == 0 &&
+                              range->range->size == kPart && part.body.size() == kPart &&
+                              part.is_whole;
+        note(url, "ranges", is_right, ServerFault::ranges,
+             fmt::format("206, Content-Range: {}, {} bytes", quoted(text),
+                         part.is_whole ? std::to_string(part.body.size()) : "more"));
+        return is_right ? range->size : std::nullopt;
+    }
+
+    [[nodiscard]] bool shares(const ServerReply& reply) const {
+        const std::string allowed = reply.header("access-control-allow-origin");
+        return allowed == "*" || lower_case_of(allowed) == lower_case_of(origin_);
+    }
+
+    /// A page first asks how long the store is, as browsers ask: they take it compressed.
+    void check_head(const std::string& url, std::optional<std::uint64_t> size, bool is_elsewhere) {
+        const ServerReply head = ask({url, "HEAD", {kBrowserEncodings, "Origin: " + origin_}});
+        const std::string length = head.header("content-length");
+        const std::string encoding = head.header("content-encoding");
+        if (head.status == 200 && !encoding.empty() && encoding != "identity") {
+            add(url, "length", ServerFault::encoding,
+                fmt::format("HEAD: Content-Encoding: {}", quoted(encoding)));
+            return;
+        }
+        const bool is_right = head.status == 200 && !length.empty() &&
+                              (!size || length == std::to_string(*size)) &&
+                              (!is_elsewhere || shares(head) || !shares_parts_);
+        note(url, "length", is_right, ServerFault::length,
+             fmt::format("HEAD: {}, Content-Length: {}", head.status, quoted(length)));
+    }
+
+    void check_end(const std::string& url, std::uint64_t size) {
+        const std::uint64_t from = size - std::min<std::uint64_t>(size, kPart);
+        const ServerReply end = ask_part(url, fmt::format("{}-{}", from, size - 1));
+        const bool is_part = end.status == 206 && end.body.size() == size - from;
+        const bool is_footer = is_part && end.body.ends_with(kFooterEnd);
+        note(url, "store", is_footer, ServerFault::missing,
+             is_footer  ? fmt::format("{} bytes, with a footer", size)
+             : !is_part ? fmt::format("{} in place of its last {} bytes", end.status, kPart)
+                        : "the file has no footer of a store: it is none, is cut off, or is older "
+                          "than version 2.9 of the format");
+    }
+
+    void check_sharing(const std::string& url, const ServerReply& part) {
+        note(url, "CORS origin", shares(part), ServerFault::origin,
+             fmt::format("Access-Control-Allow-Origin: {} for {}",
+                         quoted(part.header("access-control-allow-origin")), origin_));
+        const std::string exposed = part.header("access-control-expose-headers");
+        note(url, "CORS headers", lists(exposed, "content-range") && lists(exposed, "etag"),
+             ServerFault::exposed,
+             fmt::format("Access-Control-Expose-Headers: {}", quoted(exposed)));
+        const ServerReply before = ask({url,
+                                        "OPTIONS",
+                                        {"Origin: " + origin_, "Access-Control-Request-Method: GET",
+                                         "Access-Control-Request-Headers: range"}});
+        const std::string headers = before.header("access-control-allow-headers");
+        note(url, "CORS preflight",
+             before.status >= 200 && before.status < 300 && shares(before) &&
+                 lists(headers, "range"),
+             ServerFault::preflight,
+             fmt::format("OPTIONS: {}, Access-Control-Allow-Headers: {}", before.status,
+                         quoted(headers)),
+             false);
+    }
+
+    std::string origin_;
+    Progress& progress_;
+    bool shares_parts_ = true;  ///< what is wrong with that is said once
+    ServerCheck check_;
+};
+
+}  // namespace
+
+bool ServerCheck::is_right() const {
+    return std::none_of(findings.begin(), findings.end(), [](const ServerFinding& finding) {
+        return finding.fault != ServerFault::none && finding.is_needed;
+    });
+}
+
+bool ServerCheck::has(ServerFault fault) const {
+    return std::any_of(findings.begin(), findings.end(),
+                       [&](const ServerFinding& finding) { return finding.fault == fault; });
+}
+
+std::string_view name_of(ServerFault fault) {
+    switch (fault) {
+        case ServerFault::none:
+            return "none";
+        case ServerFault::missing:
+            return "missing";
+        case ServerFault::length:
+            return "length";
+        case ServerFault::ranges:
+            return "ranges";
+        case ServerFault::encoding:
+            return "encoding";
+        case ServerFault::etag:
+            return "etag";
+        case ServerFault::origin:
+            return "cors_origin";
+        case ServerFault::exposed:
+            return "cors_headers";
+        case ServerFault::preflight:
+            return "cors_preflight";
+        case ServerFault::wasm_type:
+            return "wasm_type";
+        case ServerFault::script_type:
+            return "script_type";
+        case ServerFault::compression:
+            return "compression";
+    }
+    return "none";
+}
+
+ServerCheck check_server(const std::string& url, const std::string& origin, Progress& progress) {
+    progress.begin("asking the server", 0, "requests");
+    return Checker(origin, progress).check(url);
+}
+
+}  // namespace isonest::detail::publish

@@ -1,0 +1,15 @@
+#include <filesystem>
+#include <system_error>
+
+#include "tools/view/http_messages.h"
+
+namespace isonest::detail::view {
+
+SentFile::~SentFile() {
+    if (!folder_.empty()) {
+        std::error_code ignored;
+        std::filesystem::remove_all(folder_, ignored);
+    }
+}
+
+}  // namespace isonest::detail::view

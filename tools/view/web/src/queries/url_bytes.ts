@@ -1,0 +1,108 @@
+// The bytes of an object at a URL, by requests for ranges: as one state of it, or an error.
+import type { ObjectBytes } from "./wasm_store";
+
+/** What of an answer says which state of the object it is of. Other origins may hide the first. */
+interface State {
+  readonly etag: string | null;
+  readonly modified: string | null;
+}
+
+/** Of fetch() or XMLHttpRequest. */
+type HeaderOf = (name: string) => string | null;
+
+function stateOf(header: HeaderOf): State {
+  return { etag: header("ETag"), modified: header("Last-Modified") };
+}
+
+function isSame(a: State, b: State): boolean {
+  const differ = (x: string | null, y: string | null): boolean => x !== null && y !== null && x !== y;
+  return !differ(a.etag, b.etag) && !differ(a.modified, b.modified);
+}
+
+export class UrlBytes implements ObjectBytes {
+  /** `name`: the URL without user, query and fragment. */
+  private constructor(
+    private readonly url: string,
+    readonly name: string,
+    readonly size: number,
+    private readonly state: State,
+    public roundTrip: number,
+    private readonly received: (bytes: number) => void,
+  ) {}
+
+  /** `received` is told the bytes of each answer. */
+  static async open(url: string, received: (bytes: number) => void): Promise<UrlBytes> {
+    const absolute = new URL(url, location.href);
+    const name = absolute.origin + absolute.pathname;
+    const start = performance.now();
+    const response = await asked(name, () => fetch(absolute, { method: "HEAD", cache: "no-cache" }));
+    if (response.status === 404) throw new Error(`${name}: there is no such file.`);
+    if (!response.ok) throw new Error(`${name}: the server answers ${response.status}.`);
+    const size = Number(response.headers.get("Content-Length") ?? Number.NaN);
+    if (!Number.isSafeInteger(size)) throw new Error(`${name}: the server does not say how long the file is.`);
+    const state = stateOf((header) => response.headers.get(header));
+    return new UrlBytes(absolute.href, name, size, state, performance.now() - start, received);
+  }
+
+  async read(offset: number, size: number): Promise<Uint8Array> {
+    const start = performance.now();
+    // What the browser has kept of an older state is asked for anew, once.
+    for (const cache of ["default", "reload"] as const) {
+      const response = await asked(this.name, () => fetch(this.url, { headers: { Range: rangeOf(offset, size) }, cache }));
+      const header: HeaderOf = (name) => response.headers.get(name);
+      if (cache === "default" && response.status === 206 && !isSame(stateOf(header), this.state)) continue;
+      this.require(response.status, header);
+      const bytes = new Uint8Array(await response.arrayBuffer());
+      this.roundTrip = Math.min(this.roundTrip, performance.now() - start);
+      return this.whole(bytes, size);
+    }
+    throw new Error(`${this.name}: cannot be read.`);
+  }
+
+  readNow(offset: number, size: number): Uint8Array {
+    const request = new XMLHttpRequest();
+    request.open("GET", this.url, false);
+    request.responseType = "arraybuffer";
+    request.setRequestHeader("Range", rangeOf(offset, size));
+    try {
+      request.send();
+    } catch {
+      throw new Error(unreachable(this.name));
+    }
+    this.require(request.status, (name) => request.getResponseHeader(name));
+    return this.whole(new Uint8Array(request.response as ArrayBuffer), size);
+  }
+
+  private require(status: number, header: HeaderOf): void {
+    if (status === 200) {
+      throw new Error(`${this.name}: the server answers requests for ranges with the whole file; a page can only read stores from servers that know ranges.`);
+    }
+    if (status === 404 || status === 416) throw new Error(`${this.name}: was removed or replaced since it was opened: load the page anew.`);
+    if (status !== 206) throw new Error(`${this.name}: the server answers ${status}.`);
+    if (!isSame(stateOf(header), this.state)) {
+      throw new Error(`${this.name}: was replaced since it was opened: load the page anew.`);
+    }
+  }
+
+  private whole(bytes: Uint8Array, size: number): Uint8Array {
+    if (bytes.length !== size) throw new Error(`${this.name}: the server sent ${bytes.length} bytes of a range of ${size}.`);
+    this.received(size);
+    return bytes;
+  }
+}
+
+function rangeOf(offset: number, size: number): string {
+  return `bytes=${offset}-${offset + size - 1}`;
+}
+
+function unreachable(name: string): string {
+  return `${name}: cannot be reached, or its server does not let this page read it (CORS: it has to send Access-Control-Allow-Origin).`;
+}
+
+async function asked(name: string, ask: () => Promise<Response>): Promise<Response> {
+  try {
+    return await ask();
+  } catch {
+    throw new Error(unreachable(name));
+  }
+}

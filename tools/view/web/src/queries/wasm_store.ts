@@ -1,0 +1,165 @@
+// isonest.wasm (tools/web): a store and its queries. It knows no network: who makes it gives the bytes.
+
+/** Bytes of the object that the store is. Errors of both are for the user. */
+export interface ObjectBytes {
+  /** For messages: without what may be secret. */
+  readonly name: string;
+  readonly size: number;
+  /** Milliseconds until a small answer is there. */
+  readonly roundTrip: number;
+  read(offset: number, size: number): Promise<Uint8Array>;
+  /** The same, at once; throws. */
+  readNow(offset: number, size: number): Uint8Array;
+}
+
+export interface WasmAnswer {
+  readonly status: number;
+  readonly type: string;
+  readonly body: ArrayBuffer;
+}
+
+/** What isonest.mjs makes. */
+interface Module {
+  readonly HEAPU8: Uint8Array;
+  readonly HEAPF64: Float64Array;
+  _malloc(size: number): number;
+  _free(at: number): void;
+  _isonest_begin(url: number, size: number, memory: number): void;
+  _isonest_round_trip(milliseconds: number): void;
+  _isonest_put(offset: number, bytes: number, size: number): void;
+  _isonest_open(mayUnwind: number): number;
+  _isonest_ask(target: number, mayUnwind: number): number;
+  _isonest_needed_count(): number;
+  _isonest_needed(): number;
+  _isonest_answer_status(): number;
+  _isonest_answer_type(): number;
+  _isonest_answer_body(): number;
+  _isonest_answer_size(): number;
+  _isonest_answer_done(): void;
+}
+
+export type Loader = (options: object) => Promise<Module>;
+
+/** Nobody wants the answer any more. */
+export class Cancelled extends Error {}
+/** Bytes did not come. */
+export class NotFetched extends Error {}
+
+const kPage = 65536;
+/** How often a query may begin anew; then it waits for each of its requests. */
+const kMostRuns = 64;
+const kNeedsBytes = 1;
+
+/** Numbers of times and bytes since it was made. */
+export interface Counts {
+  runs: number;
+  trips: number;
+}
+
+export class WasmStore {
+  readonly counts: Counts = { runs: 0, trips: 0 };
+
+  private constructor(
+    private readonly module: Module,
+    private readonly bytes: ObjectBytes,
+    readonly memory: WebAssembly.Memory,
+  ) {}
+
+  /** Throws what the answer of an error says if the object is no store. `memory`: all that it may use, bytes. */
+  static async open(load: Loader, wasmBinary: ArrayBuffer | Uint8Array, bytes: ObjectBytes, memory: number): Promise<WasmStore> {
+    const wasmMemory = new WebAssembly.Memory({ initial: 256, maximum: Math.max(512, Math.floor(memory / kPage)) });
+    const fetchNow = (offset: number, size: number): Uint8Array | string => {
+      store.counts.trips += 1;
+      try {
+        return bytes.readNow(offset, size);
+      } catch (error) {
+        return error instanceof Error ? error.message : String(error);
+      }
+    };
+    const module = await load({ wasmBinary, wasmMemory, fetchNow });
+    const store = new WasmStore(module, bytes, wasmMemory);
+    store.withText(bytes.name, (at) => module._isonest_begin(at, bytes.size, memory));
+    const answer = await store.run((mayUnwind) => module._isonest_open(mayUnwind), () => false);
+    if (answer.status !== 200) throw new Error(messageOf(answer));
+    return store;
+  }
+
+  /** `target`: "/api/..." as in PROTOCOL.md. Throws Cancelled once `isCancelled()`, which is asked between two runs. */
+  async ask(target: string, isCancelled: () => boolean = () => false): Promise<WasmAnswer> {
+    return this.run((mayUnwind) => this.withText(target, (at) => this.module._isonest_ask(at, mayUnwind)), isCancelled);
+  }
+
+  private async run(query: (mayUnwind: number) => number, isCancelled: () => boolean): Promise<WasmAnswer> {
+    for (let runs = 1; ; ++runs) {
+      this.module._isonest_round_trip(this.bytes.roundTrip);
+      this.counts.runs += 1;
+      if (query(runs < kMostRuns ? 1 : 0) !== kNeedsBytes) return this.answer();
+      await this.fetchNeeded();
+      if (isCancelled()) throw new Cancelled();
+    }
+  }
+
+  private async fetchNeeded(): Promise<void> {
+    const { module } = this;
+    const first = module._isonest_needed() / Float64Array.BYTES_PER_ELEMENT;
+    const needed = module.HEAPF64.slice(first, first + module._isonest_needed_count());
+    const asked: Promise<void>[] = [];
+    for (let i = 0; i < needed.length; i += 2) {
+      const [offset, size] = [needed[i] ?? 0, needed[i + 1] ?? 0];
+      asked.push(this.bytes.read(offset, size).then((bytes) => this.put(offset, bytes)));
+    }
+    this.counts.trips += 1;
+    try {
+      await Promise.all(asked);
+    } catch (error) {
+      throw new NotFetched(error instanceof Error ? error.message : String(error));
+    }
+  }
+
+  private put(offset: number, bytes: Uint8Array): void {
+    const at = this.module._malloc(bytes.length);
+    if (at === 0) throw new Error("The memory of this page is too small for what has to be fetched.");
+    this.module.HEAPU8.set(bytes, at);
+    this.module._isonest_put(offset, at, bytes.length);
+    this.module._free(at);
+  }
+
+  private answer(): WasmAnswer {
+    const { module } = this;
+    const body = module._isonest_answer_body();
+    const answer = {
+      status: module._isonest_answer_status(),
+      type: this.text(module._isonest_answer_type()),
+      body: module.HEAPU8.slice(body, body + module._isonest_answer_size()).buffer as ArrayBuffer,
+    };
+    module._isonest_answer_done();
+    return answer;
+  }
+
+  private text(at: number): string {
+    const heap = this.module.HEAPU8;
+    return new TextDecoder().decode(heap.slice(at, heap.indexOf(0, at)));
+  }
+
+  private withText<T>(text: string, use: (at: number) => T): T {
+    const bytes = new TextEncoder().encode(text + "\0");
+    const at = this.module._malloc(bytes.length);
+    if (at === 0) throw new Error("The memory of this page is too small.");
+    this.module.HEAPU8.set(bytes, at);
+    try {
+      return use(at);
+    } finally {
+      this.module._free(at);
+    }
+  }
+}
+
+/** Of an answer that is an error. */
+export function messageOf(answer: WasmAnswer): string {
+  const text = new TextDecoder().decode(answer.body);
+  try {
+    return (JSON.parse(text) as { error: { message: string } }).error.message;
+  } catch {
+    return text;
+  }
+}

@@ -1,0 +1,82 @@
+// The library in a worker of the page, which reads the store by itself: what answers on a published site.
+import { type Answer, type Transport, Unanswered } from "./transport";
+
+/** From the worker. */
+type Message =
+  | { readonly kind: "opened" }
+  | { readonly kind: "failed"; readonly message: string }
+  | { readonly kind: "answer"; readonly id: number; readonly status: number; readonly type: string; readonly body: ArrayBuffer }
+  | { readonly kind: "progress"; readonly id: number; readonly bytes: number };
+
+interface Waiting {
+  readonly resolve: (answer: Answer) => void;
+  readonly reject: (error: Error) => void;
+  readonly progress: (bytes: number) => void;
+}
+
+const kScript = "worker.js";
+
+export class WorkerTransport implements Transport {
+  readonly hasServer = false;
+  private readonly worker = new Worker(kScript);
+  private readonly waiting = new Map<number, Waiting>();
+  private next = 1;
+  private failure: Unanswered | null = null;
+
+  /** `url`: of the store; `memory`: bytes that the worker may hold. What goes wrong comes with the first answer. */
+  constructor(url: string, memory: number) {
+    this.worker.onmessage = (event: MessageEvent<Message>) => this.take(event.data);
+    this.worker.onmessageerror = () => this.fail("The part of the page that reads the store sends what is no message.");
+    this.worker.onerror = (event) => {
+      event.preventDefault(); // it is told on the page
+      this.fail(event.message ? `The part of the page that reads the store has failed: ${event.message}` : `The part of the page that reads the store cannot be loaded: ${kScript}`);
+    };
+    this.worker.postMessage({ kind: "open", url, memory });
+  }
+
+  ask(target: string, signal: AbortSignal, progress: (bytes: number) => void): Promise<Answer> {
+    const id = this.next++;
+    return new Promise((resolve, reject) => {
+      if (this.failure) return reject(this.failure);
+      if (signal.aborted) return reject(new Error("aborted"));
+      const cancel = (): void => {
+        if (!this.waiting.delete(id)) return;
+        this.worker.postMessage({ kind: "cancel", id });
+        reject(new Error("aborted"));
+      };
+      const done = (): void => signal.removeEventListener("abort", cancel);
+      signal.addEventListener("abort", cancel);
+      this.waiting.set(id, {
+        resolve: (answer) => (done(), resolve(answer)),
+        reject: (error) => (done(), reject(error)),
+        progress,
+      });
+      this.worker.postMessage({ kind: "request", id, target });
+    });
+  }
+
+  private take(message: Message): void {
+    switch (message.kind) {
+      case "opened":
+        return;
+      case "failed":
+        return this.fail(message.message);
+      case "progress":
+        return this.waiting.get(message.id)?.progress(message.bytes);
+      case "answer": {
+        const waiting = this.waiting.get(message.id);
+        this.waiting.delete(message.id);
+        return waiting?.resolve({ status: message.status, body: message.body });
+      }
+    }
+  }
+
+  /** For good: a worker that failed once may hold anything. */
+  private fail(message: string): void {
+    this.failure ??= new Unanswered(message, true);
+    this.worker.terminate();
+    const all = [...this.waiting.values()];
+    this.waiting.clear();
+    for (const { reject } of all) reject(this.failure);
+  }
+}

@@ -1,0 +1,161 @@
+// The functions of isonest.wasm, and what it asks of the worker that calls them. Sizes and offsets
+// are numbers of JavaScript, exact up to 2^53.
+#include <emscripten.h>
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <memory>
+#include <new>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include <isonest/error.h>
+
+#include "tools/web/page_queries.h"
+#include "tools/web/web_bytes.h"
+
+// The worker's function `fetchNow(offset, size)` gives a Uint8Array of `size` bytes or a text that
+// says what went wrong. Returned: malloc'ed bytes, or, with *is_text = 1, text that ends in 0.
+// clang-format off
+EM_JS(char*, isonest_fetch_now, (double offset, double size, int* is_text), {
+    const got = Module["fetchNow"](offset, size);
+    const failed = typeof got == "string";
+    const bytes = failed ? new TextEncoder().encode(got) : got;
+    const at = _malloc(bytes.length + 1);
+    if (!at) return 0;
+    HEAPU8.set(bytes, at);
+    HEAPU8[at + bytes.length] = 0;
+    HEAP32[is_text >> 2] = failed ? 1 : 0;
+    return at;
+});
+// clang-format on
+
+namespace isonest::detail::web {
+namespace {
+
+/// Sixteenths of the memory that are for bytes that were fetched: see MemoryShares.
+constexpr std::uint64_t kFetched = 3;
+
+struct State {
+    std::unique_ptr<PageQueries> queries;
+    view::HttpAnswer answer;
+    std::vector<double> needed;  ///< offset, size, offset, ...
+    double run_began = 0;
+    WebTimes times;
+};
+
+State& state() {
+    static State all;
+    return all;
+}
+
+std::vector<std::byte> fetch_now(const ByteRange& range) {
+    int is_text = 0;
+    const std::unique_ptr<char, decltype(&std::free)> got(
+        ::isonest_fetch_now(static_cast<double>(range.offset), static_cast<double>(range.size),
+                            &is_text),
+        &std::free);
+    if (!got) {
+        throw std::bad_alloc();
+    }
+    if (is_text != 0) {
+        throw Error(ErrorKind::io, got.get());
+    }
+    const auto* const bytes = reinterpret_cast<const std::byte*>(got.get());
+    return {bytes, bytes + static_cast<std::size_t>(range.size)};
+}
+
+enum Outcome : int { kAnswered = 0, kNeedsBytes = 1 };
+
+int outcome_of(Answered answered) {
+    State& s = state();
+    s.needed.clear();
+    if (answered) {
+        s.answer = std::move(*answered);
+        return kAnswered;
+    }
+    for (const ByteRange& range : s.queries->bytes().needed()) {
+        s.needed.push_back(static_cast<double>(range.offset));
+        s.needed.push_back(static_cast<double>(range.size));
+    }
+    s.queries->bytes().count_round_trip();
+    return kNeedsBytes;
+}
+
+void begin_run(bool may_unwind) {
+    State& s = state();
+    s.answer = {};
+    s.run_began = ::emscripten_get_now();
+    s.times.of_run = [] { return ::emscripten_get_now() - state().run_began; };
+    s.queries->begin_run(may_unwind, s.times);
+}
+
+}  // namespace
+}  // namespace isonest::detail::web
+
+using namespace isonest::detail::web;
+
+extern "C" {
+
+/// Once: the object's URL (without query), its bytes, and all that the page may use.
+EMSCRIPTEN_KEEPALIVE void isonest_begin(const char* url, double size, double memory) {
+    const auto most = static_cast<std::uint64_t>(memory);
+    auto bytes = std::make_shared<WebBytes>(url, static_cast<std::uint64_t>(size),
+                                            most / 16 * kFetched, fetch_now);
+    state().queries = std::make_unique<PageQueries>(std::move(bytes), url, most);
+}
+
+/// Milliseconds until a small answer is there.
+EMSCRIPTEN_KEEPALIVE void isonest_round_trip(double milliseconds) {
+    state().times.round_trip = milliseconds;
+}
+
+/// Bytes of the object from `offset` on, which begin with a block of WebBytes::kBlock.
+EMSCRIPTEN_KEEPALIVE void isonest_put(double offset, const char* bytes, std::size_t size) {
+    state().queries->bytes().put(static_cast<std::uint64_t>(offset),
+                                 {reinterpret_cast<const std::byte*>(bytes), size});
+}
+
+/// 0: answered; 1: bytes are needed, and then the same again. `may_unwind`: 0 if it has to go on to
+/// its end.
+EMSCRIPTEN_KEEPALIVE int isonest_open(int may_unwind) {
+    begin_run(may_unwind != 0);
+    return outcome_of(state().queries->open());
+}
+
+/// The same for a request: "/api/surface?iso=1".
+EMSCRIPTEN_KEEPALIVE int isonest_ask(const char* target, int may_unwind) {
+    begin_run(may_unwind != 0);
+    return outcome_of(state().queries->ask(target));
+}
+
+EMSCRIPTEN_KEEPALIVE std::size_t isonest_needed_count() {
+    return state().needed.size();
+}
+EMSCRIPTEN_KEEPALIVE const double* isonest_needed() {
+    return state().needed.data();
+}
+
+EMSCRIPTEN_KEEPALIVE unsigned isonest_answer_status() {
+    return state().answer.status;
+}
+EMSCRIPTEN_KEEPALIVE const char* isonest_answer_type() {
+    return state().answer.type.c_str();
+}
+EMSCRIPTEN_KEEPALIVE const char* isonest_answer_body() {
+    const auto* const text = std::get_if<std::string>(&state().answer.body);
+    return text != nullptr ? text->data() : nullptr;
+}
+EMSCRIPTEN_KEEPALIVE std::size_t isonest_answer_size() {
+    return state().answer.heap();
+}
+/// The body is not looked at any more.
+EMSCRIPTEN_KEEPALIVE void isonest_answer_done() {
+    state().answer = {};
+}
+
+}  // extern "C"

@@ -1,0 +1,59 @@
+// What a page's worker calls: one store, one request after the other.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include <isonest/store.h>
+
+#include "tools/view/http_messages.h"
+#include "tools/view/mesh_answers.h"
+#include "tools/view/answers/store_answers.h"
+#include "tools/web/web_bytes.h"
+
+namespace isonest::detail::web {
+
+/// The answer, or nothing: then WebBytes::needed() is to be put there, and the same is to be asked
+/// again.
+using Answered = std::optional<view::HttpAnswer>;
+
+/// Not thread-safe.
+class PageQueries {
+  public:
+    /// `name`: the URL, for messages; `bytes`: of the object; `memory`: all that the page may use,
+    /// of which the queries get what `isonest view --memory` would give them.
+    PageQueries(std::shared_ptr<WebBytes> bytes, std::string name, std::uint64_t memory);
+
+    /// Opens the store. 200 and no body if it is open; an error else.
+    Answered open();
+    /// `target`: as in PROTOCOL.md, "/api/surface?iso=1". REQUIRES: open() has answered 200.
+    Answered ask(const std::string& target);
+    /// Before each open() and ask(), also when the same is asked again.
+    void begin_run(bool may_unwind, const WebTimes& times) { bytes_->begin_run(may_unwind, times); }
+    [[nodiscard]] WebBytes& bytes() { return *bytes_; }
+
+  private:
+    struct Opened {
+        Opened(const std::string& name, std::uint64_t memory);
+        Store store;
+        view::MemoryShares shares;
+        view::StoreAnswers answers;
+        view::MeshAnswers surfaces;
+        view::MeshAnswers slices;
+    };
+    view::HttpAnswer answer(const std::string& target);
+    [[nodiscard]] view::HttpAnswer status() const;
+
+    std::shared_ptr<WebBytes> bytes_;
+    std::string name_;
+    std::uint64_t memory_;
+    std::unique_ptr<Opened> opened_;
+    std::uint64_t served_ = 0;
+};
+
+}  // namespace isonest::detail::web

@@ -1,0 +1,12 @@
+// As oneTBB's header of this name, for one thread.
+#pragma once
+
+namespace tbb {
+
+template <class First, class Second>
+void parallel_invoke(const First& first, const Second& second) {
+    first();
+    second();
+}
+
+}  // namespace tbb

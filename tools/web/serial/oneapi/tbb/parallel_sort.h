@@ -1,0 +1,18 @@
+// As oneTBB's header of this name, for one thread.
+#pragma once
+
+#include <algorithm>
+
+namespace tbb {
+
+template <class Iterator>
+void parallel_sort(Iterator begin, Iterator end) {
+    std::sort(begin, end);
+}
+
+template <class Iterator, class Precedes>
+void parallel_sort(Iterator begin, Iterator end, const Precedes& precedes) {
+    std::sort(begin, end, precedes);
+}
+
+}  // namespace tbb
