@@ -16,7 +16,7 @@
 
 #include "store/base/checksum.h"
 #include "store/container/footer/footer.h"
-#include "store/container/hdf5_types.h"
+#include "store/container/header_digests.h"
 #include "store/container/reader.h"
 #include "tests/support/far_bytes.h"
 #include "tests/support/test_support.h"

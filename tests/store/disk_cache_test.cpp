@@ -3,7 +3,6 @@
 #include "store/bytes/disk_cache.h"
 
 #include <fcntl.h>
-#include <malloc.h>
 #include <signal.h>
 #include <sys/file.h>
 #include <sys/resource.h>
@@ -19,6 +18,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <memory>
 #include <new>
 #include <optional>
 #include <random>
@@ -547,10 +547,10 @@ TEST_CASE("what there is no memory to load is still there afterwards") {
     keep(*DiskCache(folder.path(), kPlenty).of(object_state()), range);
     const std::size_t entries = entries_below(folder.path()).size();
     const int status = wait_for(start_process([&] {
-        // Nothing comes from what was given back before.
-        ::mallopt(M_MMAP_THRESHOLD, 4096);
         const DiskCache cache(folder.path(), kPlenty);
         const auto ranges = cache.of(object_state());
+        std::vector<std::unique_ptr<std::byte[]>> taken;
+        taken.reserve(100'000);
         std::uint64_t pages = 0;
         std::ifstream statm("/proc/self/statm");
         for (int i = 0; i < 6; ++i) {  // the sixth: data
@@ -558,12 +558,25 @@ TEST_CASE("what there is no memory to load is still there afterwards") {
         }
         rlimit before{};
         ::getrlimit(RLIMIT_DATA, &before);
-        int failed = 0;
-        int loaded = 0;
-        for (std::uint64_t more = 0; more < 40 * kBlock; more += kBlock / 2) {
+        const auto limit_to = [&](std::uint64_t more) {
             const rlimit limit{pages * static_cast<rlim_t>(::getpagesize()) + more,
                                before.rlim_max};
             ::setrlimit(RLIMIT_DATA, &limit);
+        };
+        // What earlier tests gave back is in use.
+        limit_to(0);
+        for (const std::size_t size : {kBlock * 16, kBlock, kBlock / 16}) {
+            while (taken.size() < taken.capacity()) {
+                taken.emplace_back(new (std::nothrow) std::byte[size]);
+                if (taken.back() == nullptr) {
+                    break;
+                }
+            }
+        }
+        int failed = 0;
+        int loaded = 0;
+        for (std::uint64_t more = 0; more < 40 * kBlock; more += kBlock / 2) {
+            limit_to(more);
             bool is_wrong = false;
             try {
                 const auto found = ranges->load(range);
