@@ -135,7 +135,8 @@ detail::Histogram histogram(const OpenStore& handle, std::optional<int> level, s
     }
     detail::Histogram result;
     run_watched(report, [&](Progress& progress) {
-        result = detail::histogram(store->reader(), {level, memory, threads}, progress);
+        result = detail::histogram(
+            store->reader(), {.level = level, .memory = memory, .threads = threads}, progress);
     });
     return result;
 }
