@@ -11,7 +11,7 @@
 #include <isonest/error.h>
 
 #include "store/remote/answer.h"
-#include "store/remote/ask_server.h"
+#include "store/remote/server/ask_server.h"
 #include "store/remote/object_url.h"
 
 namespace isonest::detail::publish {

@@ -61,5 +61,13 @@ std::optional<PageFile> page_file(std::string_view path) {
     return std::nullopt;
 }
 
+std::vector<NamedPageFile> page_files() {
+    std::vector<NamedPageFile> files;
+    for (const Row& row : kRows) {
+        files.push_back({row.path, {row.type, {row.begin, static_cast<std::size_t>(row.end - row.begin)}}});
+    }
+    return files;
+}
+
 }  // namespace isonest::detail::view
 ")

@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace isonest::detail::view {
 
@@ -14,5 +15,12 @@ struct PageFile {
 
 /// "/" and "/main.js"; nothing for what is none of the page's.
 std::optional<PageFile> page_file(std::string_view path);
+
+struct NamedPageFile {
+    std::string_view path;  ///< "/main.js"
+    PageFile file;
+};
+/// All of them, by their names.
+std::vector<NamedPageFile> page_files();
 
 }  // namespace isonest::detail::view

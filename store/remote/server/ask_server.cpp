@@ -1,4 +1,4 @@
-#include "store/remote/ask_server.h"
+#include "store/remote/server/ask_server.h"
 
 #include <isonest/error.h>
 
