@@ -32,7 +32,9 @@ struct About {
 struct SiteStore {
     std::string name;            ///< what links call it by, and its file in the site
     std::filesystem::path file;  ///< empty: it is only named
-    std::string url;             ///< where it is, percent-encoded; empty: in the site's own folder
+    /// That was opened to describe it, also where it is only named; empty: a URL.
+    std::filesystem::path described_by;
+    std::string url;  ///< where it is, percent-encoded; empty: in the site's own folder
     About about;
     std::uint64_t bytes = 0;
     Int3 nodes;

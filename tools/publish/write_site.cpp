@@ -97,11 +97,11 @@ void require_outside(const std::filesystem::path& folder, const Site& site) {
     const std::filesystem::path whole = std::filesystem::canonical(folder, error);
     for (const SiteStore& store : site.stores) {
         std::error_code ignored;
-        const std::filesystem::path file = std::filesystem::canonical(store.file, ignored);
+        const std::filesystem::path file = std::filesystem::canonical(store.described_by, ignored);
         const auto [end, unused] =
             std::mismatch(whole.begin(), whole.end(), file.begin(), file.end());
-        if (!error && !store.file.empty() && end == whole.end()) {
-            throw Error(ErrorKind::invalid_argument, {store.file.string()},
+        if (!error && !ignored && !store.described_by.empty() && end == whole.end()) {
+            throw Error(ErrorKind::invalid_argument, {store.described_by.string()},
                         "is read, and lies in the folder that is to be replaced",
                         {{RemedyKind::other_name}});
         }

@@ -135,6 +135,9 @@ SiteStore described(const PublishArguments& a, std::size_t i, Progress& progress
     }
     SiteStore store;
     store.url = link_of(a, i);
+    if (!is_url(a.stores[i])) {
+        store.described_by = a.stores[i];
+    }
     if (store.url.empty()) {
         store.file = a.stores[i];
     }
