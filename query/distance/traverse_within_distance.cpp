@@ -14,6 +14,7 @@
 #include "query/march/vertex_key.h"
 #include "query/traverse/each_leaf.h"
 #include "query/traverse/far/element_scout.h"
+#include "query/traverse/far/given_ahead.h"
 #include "store/base/in_order.h"
 #include "store/container/indicator_code.h"
 
@@ -95,16 +96,26 @@ void for_groups(const Grid& grid, const char* phase, Progress& progress, const L
     progress.begin(phase, groups.size(), "");
     std::vector<Element<3>> blocks;
     std::size_t ahead = 0;
+    GivenAhead given_groups;
+    GivenAhead given_blocks;
+    const auto take = [&](std::span<const Element<3>> left, int coarsest, int finest,
+                          GivenAhead& given_ahead) {
+        const std::size_t given = given_ahead.of(left.size());
+        const std::size_t taken = looked_at(left.first(given), coarsest, finest);
+        given_ahead.took(taken, given);
+        return taken;
+    };
     for (std::size_t g = 0; g < groups.size(); ++g) {
         progress.check();
         if (g == ahead) {
-            ahead += looked_at(std::span(groups).subspan(g), group_level, block_level + 1);
+            ahead += take(std::span<const Element<3>>(groups).subspan(g), group_level,
+                          block_level + 1, given_groups);
         }
         blocks.clear();
         traversal.above(groups[g], block_level, nothing, blocks);
         for (std::size_t first = 0; first < blocks.size();) {
             const auto left = std::span<const Element<3>>(blocks).subspan(first);
-            const std::size_t count = looked_at(left, block_level, 0);
+            const std::size_t count = take(left, block_level, 0, given_blocks);
             visit(left.first(count));
             first += count;
         }

@@ -16,6 +16,7 @@
 
 #include "query/march/clip.h"
 #include "query/march/local_mesh.h"
+#include "query/traverse/far/given_ahead.h"
 #include "query/traverse/traversal.h"
 
 namespace isonest::detail {
@@ -78,12 +79,16 @@ TraversalCounts walk_subtrees(bool is_far, const Make& make, const Above& above,
     };
     std::vector<Subtree> left;
     in_subtree(0, [&](Worker& worker) { above(worker, left); });
+    GivenAhead given_ahead;
     for (std::size_t first = 0; first < left.size();) {
         std::size_t end = left.size();
         if (is_far) {
             add_counts();
             workers.emplace(make);
-            end = first + ahead(std::span<const Subtree>(left).subspan(first));
+            const std::size_t given = given_ahead.of(left.size() - first);
+            const std::size_t taken = ahead(std::span<const Subtree>(left).subspan(first, given));
+            given_ahead.took(taken, given);
+            end = first + taken;
         }
         tbb::parallel_for(first, end, [&](std::size_t i) {
             in_subtree(i + 1, [&](Worker& worker) { below(worker, left[i]); });

@@ -23,6 +23,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <limits>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -48,6 +49,8 @@ class Waves {
     explicit Waves(Runs runs) : runs_(runs), run_(*runs.front()), layout_(run_.layout()) {
         if (run_.query.vertices == VertexPlace::exact) {
             rehearsal_.emplace(runs);
+            most_bricks_.assign(static_cast<std::size_t>(layout_.lattice().top()) + 1,
+                                std::numeric_limits<std::size_t>::max());
         }
     }
 
@@ -66,7 +69,10 @@ class Waves {
         while (!wave.empty()) {
             std::size_t first = begin_of_window(level, wave);
             if (rehearsal_ && level > 0) {
-                first = announce_crossings(level, wave, first);
+                const std::size_t begin =
+                    std::max(first, wave.size() - std::min(wave.size(), most_bricks(level)));
+                first = announce_crossings(level, wave, begin);
+                note_window(level, wave.size() - begin, wave.size() - first);
             }
             const auto size = static_cast<std::uint64_t>(wave.size() - first);
             const std::uint64_t share =
@@ -99,7 +105,7 @@ class Waves {
         TraversalNeeds needs;
         std::uint64_t lists = 0;
         std::size_t first = wave.size();
-        while (first > 0) {
+        while (first > 0 && (wave.size() - first) / kAhead < most_bricks(level)) {
             TraversalNeeds next;
             add_brick_needs(runs_, level, wave[first - 1].brick, wave[first - 1].parents, next);
             lists += each;
@@ -145,6 +151,24 @@ class Waves {
             }
             announce(run_, fresh);
             announced.add(fresh);
+        }
+    }
+
+    /// What bricks need themselves is announced for so many times those that are rehearsed.
+    static constexpr std::size_t kAhead = 8;
+    /// Bricks of a level's next window, where they are rehearsed.
+    [[nodiscard]] std::size_t most_bricks(int level) const {
+        return most_bricks_.empty() ? std::numeric_limits<std::size_t>::max()
+                                    : most_bricks_[static_cast<std::size_t>(level)];
+    }
+    /// What is cut off a window was rehearsed in vain: so the next one has at most twice as many
+    /// bricks as were left of this, and others after it twice as many as fitted last.
+    void note_window(int level, std::size_t rehearsed, std::size_t left) {
+        std::size_t& most = most_bricks_[static_cast<std::size_t>(level)];
+        if (left < rehearsed) {
+            most = 2 * left;
+        } else if (rehearsed == most) {
+            most *= 2;
         }
     }
 
@@ -221,6 +245,7 @@ class Waves {
     TraversalRun& run_;
     const StoreLayout& layout_;
     std::optional<CrossingRehearsal<Brick>> rehearsal_;  ///< of exact vertices
+    std::vector<std::size_t> most_bricks_;               ///< by level, with rehearsals
     std::uint64_t waiting_ = 0;                          ///< bytes of lists in all waves
 };
 
