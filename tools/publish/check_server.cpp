@@ -11,8 +11,8 @@
 #include <isonest/error.h>
 
 #include "store/remote/answer.h"
-#include "store/remote/server/ask_server.h"
 #include "store/remote/object_url.h"
+#include "store/remote/server/ask_server.h"
 
 namespace isonest::detail::publish {
 namespace {
@@ -104,7 +104,13 @@ class Checker {
         origin_ = origin_of_page(folder);
         const ServerReply list = ask({folder + "site.json", "GET", {kAsItIs}});
         const nlohmann::json site = nlohmann::json::parse(list.body, nullptr, false);
-        if (list.status != 200 || !site.is_object() || !site["stores"].is_array()) {
+        const nlohmann::json stores =
+            site.is_object() ? site.value("stores", nlohmann::json()) : nlohmann::json();
+        const auto has_url = [](const nlohmann::json& store) {
+            return store.is_object() && store.contains("url") && store["url"].is_string();
+        };
+        if (list.status != 200 || !stores.is_array() ||
+            !std::all_of(stores.begin(), stores.end(), has_url)) {
             add(folder + "site.json", "list of stores", ServerFault::missing,
                 list.status == 200 ? "is none" : said_status(list.status));
             return;
@@ -113,8 +119,8 @@ class Checker {
         for (const char* const script : {"isonest.mjs", "worker.js", "mesh_worker.js", "main.js"}) {
             check_file(folder + script, false);
         }
-        for (const nlohmann::json& store : site["stores"]) {
-            const std::string named = store.value("url", "");
+        for (const nlohmann::json& store : stores) {
+            const std::string named = store["url"].get<std::string>();
             const bool is_elsewhere = is_url(named);
             const std::string whole = is_elsewhere ? named : folder + named;
             check_store(whole, is_elsewhere && origin_of(whole) != origin_of(folder));
