@@ -82,8 +82,9 @@ class RangeChecks {
                 const Int3 low = groups.unlinear(i) * (kGroup * kFirstRangeEdge);
                 want_box(values, low, low + kOne * (kGroup * kFirstRangeEdge), chunks);
             });
-        for_all("cube ranges", groups.product(), "groups", [&](std::int64_t i) {
-            announcer.reach(i);
+        progress_.begin("cube ranges", static_cast<std::uint64_t>(end - begin), "groups");
+        for_each_announced(cache_.source(), announcer, begin, end, [&](std::int64_t i) {
+            progress_.check();
             const Int3 first = groups.unlinear(i) * kGroup;
             try {
                 dispatch(layout_.header().type, [&](auto tag) {
@@ -95,6 +96,7 @@ class RangeChecks {
                     throw;  // a damaged chunk of values is a finding already
                 }
             }
+            progress_.advance(1);
         });
     }
 
