@@ -51,6 +51,8 @@ struct Site {
 /// Bytes that the library in the page may hold; the page says so.
 inline constexpr std::uint64_t kPageMemory = std::uint64_t{256} << 20U;
 
+/// A name, of a file for example, as a part of a URL's path.
+std::string percent_encoded(std::string_view text);
 /// "stores/NAME.isonest", percent-encoded, or its url.
 std::string url_in_site(const SiteStore& store);
 /// The list that the page reads. `files`: all of the folder, which isonest may replace.

@@ -39,19 +39,6 @@ std::string in_html(std::string_view text) {
     return out;
 }
 
-/// Source: RFC 3986, section 2.3.
-std::string percent_encoded(std::string_view text) {
-    std::string out;
-    for (const char c : text) {
-        const auto byte = static_cast<unsigned char>(c);
-        const bool is_plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
-                              (c >= '0' && c <= '9') || c == '-' || c == '.' || c == '_' ||
-                              c == '~';
-        out += is_plain ? std::string(1, c) : fmt::format("%{:02X}", byte);
-    }
-    return out;
-}
-
 std::string url_origin(const std::string& url) {
     const std::size_t host = url.find("://") + 3;
     return url.substr(0, url.find_first_of("/?#", host));
@@ -66,6 +53,19 @@ void replace_once(std::string& text, std::string_view from, const std::string& t
 }
 
 }  // namespace
+
+/// Source: RFC 3986, section 2.3.
+std::string percent_encoded(std::string_view text) {
+    std::string out;
+    for (const char c : text) {
+        const auto byte = static_cast<unsigned char>(c);
+        const bool is_plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
+                              (c >= '0' && c <= '9') || c == '-' || c == '.' || c == '_' ||
+                              c == '~';
+        out += is_plain ? std::string(1, c) : fmt::format("%{:02X}", byte);
+    }
+    return out;
+}
 
 bool has_library(const std::vector<PageFile>& page) {
     return std::any_of(page.begin(), page.end(),

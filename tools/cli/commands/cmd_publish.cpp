@@ -118,7 +118,9 @@ std::string link_of(const PublishArguments& a, std::size_t i) {
         return public_url(link);
     }
     const std::string& store = a.stores[i];
-    return public_url(link + store.substr(store.rfind('/') + 1));
+    const std::string name = store.substr(store.rfind('/') + 1);
+    // That of a file may have a # or ?; a URL is encoded already.
+    return public_url(link + (is_url(store) ? name : publish::percent_encoded(name)));
 }
 
 SiteStore described(const PublishArguments& a, std::size_t i, Progress& progress) {
