@@ -66,6 +66,10 @@ class UrlFolder::PartJob : public FetchJob {
     void begin(const AnswerHead& head, const ByteRange& range, std::uint64_t size) override {
         Entry& entry = *entry_;
         const bool is_whole = entry.part.kind == ObjectPart::Kind::whole;
+        if (!is_whole && size == 0) {
+            is_empty_ = true;  // nothing comes: done() says so
+            return;
+        }
         if (!is_whole) {
             if (entry.part.offset + entry.part.size > size) {
                 throw Error(ErrorKind::corrupt,
@@ -90,6 +94,13 @@ class UrlFolder::PartJob : public FetchJob {
     }
     void done() override {
         Entry& entry = *entry_;
+        if (is_empty_) {
+            entry.failure = std::make_shared<const Error>(
+                ErrorKind::corrupt, ErrorPlace{entry.object->name},
+                fmt::format("it is empty, but {} bytes were to be read", entry.part.size));
+            end(Entry::State::failed);
+            return;
+        }
         entry.fetched.is_there = true;
         if (entry.part.kind == ObjectPart::Kind::whole) {
             entry.fetched.object_size = entry.bytes.size();
@@ -123,6 +134,7 @@ class UrlFolder::PartJob : public FetchJob {
 
     UrlFolder& owner_;
     EntryPointer entry_;
+    bool is_empty_ = false;
 };
 
 UrlFolder::UrlFolder(const ObjectUrl& url, RemoteOptions options)
