@@ -148,6 +148,9 @@ UrlFolder::Key UrlFolder::key_of(const ObjectPart& part) {
 }
 
 std::shared_ptr<FetchObject> UrlFolder::object_of(const std::string& path) {
+    if (objects_.size() > 2 * entries_.size() + 64) {
+        std::erase_if(objects_, [](const auto& known) { return known.second.expired(); });
+    }
     std::weak_ptr<FetchObject>& known = objects_[path];
     std::shared_ptr<FetchObject> object = known.lock();
     if (object == nullptr) {
@@ -202,10 +205,6 @@ void UrlFolder::forget(Entry& entry) {
     if (entry.place) {
         read_.erase(*entry.place);
         entry.place.reset();
-    }
-    const auto known = objects_.find(entry.part.path);
-    if (known != objects_.end() && known->second.use_count() <= 1) {
-        objects_.erase(known);
     }
     entries_.erase(key_of(entry.part));  // which may be the last that holds it
 }
