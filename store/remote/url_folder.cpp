@@ -232,8 +232,8 @@ bool UrlFolder::make_room(const Entry& entry, bool is_urgent) {
     if (is_urgent && !fits(entry)) {
         std::vector<EntryPointer> unread;
         for (const auto& [key, other] : entries_) {
-            if (other->state == Entry::State::present && other->waiting == 0) {
-                unread.push_back(other);
+            if (other->is_over() && other->waiting == 0) {
+                unread.push_back(other);  // or one that failed, which is asked for again
             }
         }
         for (; !unread.empty() && !fits(entry); unread.pop_back()) {
@@ -278,6 +278,8 @@ FetchedPart UrlFolder::take(const EntryPointer& entry, const ObjectPart& part) {
     } else if (entry->unread == 0 && entry->is_in_map) {
         entry->place = read_.insert(read_.end(), entry.get());
         loop_.wake();  // there may be room now
+    } else if (!urgent_.empty()) {
+        loop_.wake();  // nobody waits for this any more: it may give way
     }
     return out;
 }
