@@ -319,6 +319,7 @@ FetchedPart UrlFolder::read(const ObjectPart& part) {
             const std::shared_ptr<const Error> failure = entry->failure;
             if (entry->is_in_map && entry->waiting == 0) {
                 forget(*entry);
+                loop_.wake();  // there may be room now
             }
             throw_copy_of(*failure);
         }
