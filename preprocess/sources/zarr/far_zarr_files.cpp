@@ -148,10 +148,14 @@ class FarZarrFiles : public ZarrFiles {
     }
     std::vector<std::byte> range(const Path& file, const ByteRange& range,
                                  const ZarrChunkPlace& place) override {
+        if (range.size == 0) {
+            // No request can ask for it.
+            throw Error(ErrorKind::corrupt, {place.name, place.where}, "its file is too short");
+        }
         const FetchedPart got =
             objects_->read({inner(file), ObjectPart::Kind::range, range.size, range.offset});
         const std::span<const std::byte> bytes = got.bytes.bytes();
-        if (bytes.size() != range.size || bytes.empty()) {
+        if (bytes.size() != range.size) {
             throw Error(ErrorKind::corrupt, {place.name, place.where}, "its file is too short");
         }
         return {bytes.begin(), bytes.end()};
