@@ -60,7 +60,10 @@ std::string head_of(const InputFile& file) {
         }
         GzipStream stream(file, file.name(), 0);
         text.resize(stream.read(reinterpret_cast<std::byte*>(text.data()), text.size()));
-    } catch (const Error&) {
+    } catch (const Error& error) {
+        if (file.is_far() && error.kind() != ErrorKind::corrupt) {
+            throw;  // what it is is not known
+        }
         text.clear();
     }
     return text;
