@@ -190,8 +190,8 @@ class FarZarrFiles : public ZarrFiles {
     [[nodiscard]] std::string identity(const std::vector<Path>& descriptions,
                                        const std::vector<Path>& /*chunks*/) const override {
         // Volumes that are described alike have the same ETags, where these are made of the bytes.
-        std::string text = fmt::format(
-            "elsewhere {:016x}\n", checksum_of(std::as_bytes(std::span(root_.native()))));
+        std::string text = fmt::format("elsewhere {:016x}\n",
+                                       checksum_of(std::as_bytes(std::span(root_.native()))));
         for (const Path& file : descriptions) {
             const std::string path = inner(file);
             const auto found = found_.find(path);
