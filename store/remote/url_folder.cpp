@@ -278,7 +278,8 @@ FetchedPart UrlFolder::take(const EntryPointer& entry, const ObjectPart& part) {
     } else if (entry->unread == 0 && entry->is_in_map) {
         entry->place = read_.insert(read_.end(), entry.get());
         loop_.wake();  // there may be room now
-    } else if (!urgent_.empty()) {
+    }
+    if (!urgent_.empty()) {
         loop_.wake();  // nobody waits for this any more: it may give way
     }
     return out;
