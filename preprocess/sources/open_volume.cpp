@@ -53,8 +53,9 @@ class Placed : public DescribedSource {
 /// A source with what was fetched for it.
 class Elsewhere : public DescribedSource {
   public:
-    Elsewhere(std::unique_ptr<VolumeSource> inner, std::shared_ptr<const FarObjects> objects)
-        : DescribedSource(std::move(inner)), objects_(std::move(objects)) {}
+    Elsewhere(std::unique_ptr<VolumeSource> inner, std::shared_ptr<const FarObjects> objects,
+              bool is_folder)
+        : DescribedSource(std::move(inner)), objects_(std::move(objects)), is_folder_(is_folder) {}
     [[nodiscard]] FetchedCounts fetched() const override {
         FetchedCounts all = objects_->fetched();
         const FetchedCounts own = inner_source().fetched();
@@ -65,12 +66,18 @@ class Elsewhere : public DescribedSource {
         return all;
     }
     [[nodiscard]] std::string cache_warning() const override {
+        if (is_folder_ && !objects_->remote().cache.empty()) {
+            return fmt::format(
+                "{}: nothing of a folder of objects is kept in the cache or taken from it",
+                objects_->remote().cache.string());
+        }
         const std::string warning = objects_->cache_warning();
         return warning.empty() ? inner_source().cache_warning() : warning;
     }
 
   private:
     std::shared_ptr<const FarObjects> objects_;
+    bool is_folder_;  ///< what is read is many objects below one URL
 };
 
 /// Options that were given but mean nothing for the format are refused.
@@ -244,7 +251,7 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
         source = std::make_unique<Placed>(std::move(source), options);
     }
     if (input.elsewhere) {
-        source = std::make_unique<Elsewhere>(std::move(source), input.elsewhere);
+        source = std::make_unique<Elsewhere>(std::move(source), input.elsewhere, input.folder);
     }
     source = cropped(std::move(source), options.crop, options.every);
     if (options.missing) {

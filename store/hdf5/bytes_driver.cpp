@@ -120,13 +120,19 @@ class ReadBytes {
         noted_ = noted;
         noting_ = std::this_thread::get_id();
     }
-    /// Whether it was noted.
-    bool noted(std::uint64_t from, std::size_t size) {
+    /// Whether it was noted. Where that fails, read() fails, too.
+    bool noted(std::uint64_t from, std::size_t size) noexcept {
         if (noted_ == nullptr || noting_ != std::this_thread::get_id()) {
             return false;
         }
-        noted_->push_back({from, size});
-        return true;
+        try {
+            noted_->push_back({from, size});
+            return true;
+        } catch (...) {
+            const std::lock_guard lock(mutex_);
+            failure_ = std::current_exception();
+            return false;
+        }
     }
 
     /// Zeros past the end, as HDF5's own driver reads. False: it failed.

@@ -231,6 +231,10 @@ CurlRequest::Outcome CurlRequest::finish(CURLcode code) {
         judge_now();
     } catch (const std::bad_alloc&) {
         return {{}, head_, failure_of_transfer(CURLE_OUT_OF_MEMORY, "")};
+    } catch (const Error& error) {
+        return {{},
+                head_,
+                Failure{FailureClass::final, error.problem(), error.kind(), error.remedies()}};
     }
     Outcome outcome{*judgement_, head_, std::nullopt};
     switch (judgement_->verdict) {

@@ -66,6 +66,10 @@ class UrlFolder::PartJob : public FetchJob {
     void begin(const AnswerHead& head, const ByteRange& range, std::uint64_t size) override {
         Entry& entry = *entry_;
         const bool is_whole = entry.part.kind == ObjectPart::Kind::whole;
+        if (!is_whole && size == 0) {
+            is_empty_ = true;  // nothing comes: done() says so
+            return;
+        }
         if (!is_whole) {
             if (entry.part.offset + entry.part.size > size) {
                 throw Error(ErrorKind::corrupt,
@@ -90,6 +94,13 @@ class UrlFolder::PartJob : public FetchJob {
     }
     void done() override {
         Entry& entry = *entry_;
+        if (is_empty_) {
+            entry.failure = std::make_shared<const Error>(
+                ErrorKind::corrupt, ErrorPlace{entry.object->name},
+                fmt::format("it is empty, but {} bytes were to be read", entry.part.size));
+            end(Entry::State::failed);
+            return;
+        }
         entry.fetched.is_there = true;
         if (entry.part.kind == ObjectPart::Kind::whole) {
             entry.fetched.object_size = entry.bytes.size();
@@ -123,6 +134,7 @@ class UrlFolder::PartJob : public FetchJob {
 
     UrlFolder& owner_;
     EntryPointer entry_;
+    bool is_empty_ = false;
 };
 
 UrlFolder::UrlFolder(const ObjectUrl& url, RemoteOptions options)
@@ -136,6 +148,9 @@ UrlFolder::Key UrlFolder::key_of(const ObjectPart& part) {
 }
 
 std::shared_ptr<FetchObject> UrlFolder::object_of(const std::string& path) {
+    if (objects_.size() > 2 * entries_.size() + 64) {
+        std::erase_if(objects_, [](const auto& known) { return known.second.expired(); });
+    }
     std::weak_ptr<FetchObject>& known = objects_[path];
     std::shared_ptr<FetchObject> object = known.lock();
     if (object == nullptr) {
@@ -191,10 +206,6 @@ void UrlFolder::forget(Entry& entry) {
         read_.erase(*entry.place);
         entry.place.reset();
     }
-    const auto known = objects_.find(entry.part.path);
-    if (known != objects_.end() && known->second.use_count() <= 1) {
-        objects_.erase(known);
-    }
     entries_.erase(key_of(entry.part));  // which may be the last that holds it
 }
 
@@ -221,8 +232,8 @@ bool UrlFolder::make_room(const Entry& entry, bool is_urgent) {
     if (is_urgent && !fits(entry)) {
         std::vector<EntryPointer> unread;
         for (const auto& [key, other] : entries_) {
-            if (other->state == Entry::State::present && other->waiting == 0) {
-                unread.push_back(other);
+            if (other->is_over() && other->waiting == 0) {
+                unread.push_back(other);  // or one that failed, which is asked for again
             }
         }
         for (; !unread.empty() && !fits(entry); unread.pop_back()) {
@@ -268,6 +279,9 @@ FetchedPart UrlFolder::take(const EntryPointer& entry, const ObjectPart& part) {
         entry->place = read_.insert(read_.end(), entry.get());
         loop_.wake();  // there may be room now
     }
+    if (!urgent_.empty()) {
+        loop_.wake();  // nobody waits for this any more: it may give way
+    }
     return out;
 }
 
@@ -306,6 +320,7 @@ FetchedPart UrlFolder::read(const ObjectPart& part) {
             const std::shared_ptr<const Error> failure = entry->failure;
             if (entry->is_in_map && entry->waiting == 0) {
                 forget(*entry);
+                loop_.wake();  // there may be room now
             }
             throw_copy_of(*failure);
         }

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <utility>
 
 #include <isonest/error.h>
@@ -32,6 +33,11 @@ bool stays_below(std::string_view name) {
         }
         name = name.substr(slash + 1);
     }
+}
+
+/// A key of S3 is text as it is, of which nothing is encoded.
+bool is_s3(std::string_view url) {
+    return url.starts_with('s') || url.starts_with('S');
 }
 
 /// As a part of a path: what means something in a URL, and what may not stand there, is encoded.
@@ -82,6 +88,27 @@ std::uint64_t FarObjects::window() const {
     return (std::max(remote_.memory, RemoteAccess::kLeastMemory) - kRemoteHeap) * 3 / 8;
 }
 
+std::string last_part_of(std::string_view url) {
+    const std::string_view part = url.substr(url.rfind('/') + 1);
+    if (is_s3(url)) {
+        return std::string(part);
+    }
+    std::string out;
+    for (std::size_t i = 0; i < part.size(); ++i) {
+        unsigned byte = 0;
+        const std::string_view digits = part.substr(i + 1, 2);
+        const char* const end = digits.data() + digits.size();
+        if (part[i] == '%' && digits.size() == 2 &&
+            std::from_chars(digits.data(), end, byte, 16).ptr == end) {
+            out += static_cast<char>(byte);
+            i += 2;
+        } else {
+            out += part[i];
+        }
+    }
+    return out;
+}
+
 std::string url_beside(std::string_view url, std::string_view name, const std::string& shown) {
     if (!stays_below(name)) {
         throw Error(ErrorKind::unsupported, {shown},
@@ -91,9 +118,9 @@ std::string url_beside(std::string_view url, std::string_view name, const std::s
                     {{RemedyKind::download}});
     }
     const std::size_t host = url.find("://") + 3;
-    const bool is_s3 = std::string_view("sS").find(url.front()) != std::string_view::npos;
+    const bool has_key = is_s3(url);
     std::string_view query;
-    if (!is_s3) {
+    if (!has_key) {
         // A key of S3 has no query: all characters are its own.
         url = url.substr(0, url.find('#'));
         const std::size_t mark = std::min(url.find('?'), url.size());
@@ -102,7 +129,7 @@ std::string url_beside(std::string_view url, std::string_view name, const std::s
     }
     const std::size_t slash = url.rfind('/');
     const std::string_view folder = slash < host ? url : url.substr(0, slash);
-    return fmt::format("{}/{}{}", folder, is_s3 ? std::string(name) : as_path(name), query);
+    return fmt::format("{}/{}{}", folder, has_key ? std::string(name) : as_path(name), query);
 }
 
 }  // namespace isonest::detail

@@ -40,6 +40,9 @@ class FarObjects {
     std::vector<std::shared_ptr<const StoreBytes>> opened_;
 };
 
+/// The last part of a URL without query, as text: not encoded, as url_beside() takes it.
+std::string last_part_of(std::string_view url);
+
 /// The URL of an object beside another one, or below its folder, by its name as text (not
 /// encoded); with the other one's query, in which some servers expect credentials. A name that
 /// leads elsewhere (absolute, a URL, "..") is refused: Error{unsupported}, about `shown`.

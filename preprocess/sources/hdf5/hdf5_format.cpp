@@ -89,18 +89,8 @@ class Hdf5Source : public VolumeSource {
     }
     /// What the dataset's attributes say of its numbers.
     [[nodiscard]] Scaling scaling() const {
-        return cf_scaling(
-            [this](const std::string& name) {
-                std::vector<double> numbers = numbers_of_attribute(dataset_.get(), name);
-                const bool stored = name != "scale_factor" && name != "add_offset";
-                for (double& number : numbers) {
-                    number += stored && unsigned_ && number < 0
-                                  ? std::ldexp(1.0, static_cast<int>(8 * size_of(type_)))
-                                  : 0;
-                }
-                return numbers;
-            },
-            name_);
+        // Elsewhere, attributes that cannot be fetched are not taken for ones that are not there.
+        return reading(dataset_.get(), [this] { return said_scaling(); });
     }
     /// Axes whose coordinates run downward.
     [[nodiscard]] const std::array<bool, 3>& backward() const { return backward_; }
@@ -135,6 +125,20 @@ class Hdf5Source : public VolumeSource {
     }
 
   private:
+    [[nodiscard]] Scaling said_scaling() const {
+        return cf_scaling(
+            [this](const std::string& name) {
+                std::vector<double> numbers = numbers_of_attribute(dataset_.get(), name);
+                const bool stored = name != "scale_factor" && name != "add_offset";
+                for (double& number : numbers) {
+                    number += stored && unsigned_ && number < 0
+                                  ? std::ldexp(1.0, static_cast<int>(8 * size_of(type_)))
+                                  : 0;
+                }
+                return numbers;
+            },
+            name_);
+    }
     [[nodiscard]] std::string text_of_place() const {
         return shape_.at.empty() ? "" : fmt::format("at {}\n", fmt::join(shape_.at, " "));
     }

@@ -15,6 +15,7 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/bytes/far_objects.h"
 #include "preprocess/sources/bytes/gzip_stream.h"
 #include "preprocess/sources/bytes/header_number.h"
 #include "preprocess/sources/bytes/input_file.h"
@@ -60,16 +61,20 @@ std::string head_of(const InputFile& file) {
         }
         GzipStream stream(file, file.name(), 0);
         text.resize(stream.read(reinterpret_cast<std::byte*>(text.data()), text.size()));
-    } catch (const Error&) {
+    } catch (const Error& error) {
+        if (file.is_far() && error.kind() != ErrorKind::corrupt) {
+            throw;  // what it is is not known
+        }
         text.clear();
     }
     return text;
 }
 
 /// The names of a file beside another one: its ending, less ".gz", replaced by these.
-std::vector<std::string> neighbours(const std::filesystem::path& named,
+std::vector<std::string> neighbours(const InputFile& named,
                                     std::initializer_list<const char*> endings) {
-    std::filesystem::path path = named.filename();
+    std::filesystem::path path = named.is_far() ? std::filesystem::path(last_part_of(named.name()))
+                                                : named.path().filename();
     if (path.extension() == ".gz") {
         path.replace_extension();
     }
@@ -116,7 +121,7 @@ InputFile header_file(const InputFile& named) {
     if (path.extension() != ".img") {
         return named;
     }
-    InputFile header = first_beside(named, neighbours(named.path(), {".hdr", ".hdr.gz"}));
+    InputFile header = first_beside(named, neighbours(named, {".hdr", ".hdr.gz"}));
     return header.empty() ? named : header;
 }
 
@@ -126,7 +131,7 @@ InputFile image_file(const InputFile& header, const InputFile& named) {
     if (named.path() != header.path()) {
         return named;
     }
-    const std::vector<std::string> names = neighbours(header.path(), {".img", ".img.gz"});
+    const std::vector<std::string> names = neighbours(header, {".img", ".img.gz"});
     InputFile image = first_beside(header, names);
     return image.empty() ? header.beside(names.front()) : image;
 }

@@ -118,6 +118,7 @@ class ZarrSource : public VolumeSource {
                 }
             }
         }
+        leave_out_read(request);
         want_announced();
     }
 
@@ -252,6 +253,21 @@ class ZarrSource : public VolumeSource {
             all = all && index;
         }
         return all;
+    }
+    /// Of what was announced and could not be asked for yet, what was read meanwhile: it may be
+    /// dropped already, and would be fetched again.
+    void leave_out_read(const Request& done) {
+        if (!announced_ || done.lo.y > announced_->lo.y ||
+            done.lo.y + done.size.y < announced_->lo.y + announced_->size.y ||
+            done.lo.z > announced_->lo.z) {
+            return;
+        }
+        const std::int64_t end = announced_->lo.z + announced_->size.z;
+        announced_->lo.z = std::max(announced_->lo.z, done.lo.z + done.size.z);
+        announced_->size.z = end - announced_->lo.z;
+        if (announced_->size.z <= 0) {
+            announced_.reset();
+        }
     }
     void want_announced() {
         if (announced_ && want(chunks_of(*announced_), Wait::not_at_all)) {

@@ -235,6 +235,16 @@ void search(ZarrFiles& files, const fs::path& root, const fs::path& inside, int 
     }
 }
 
+/// Whether another try might read what this one could not. What a server refuses may be what is not
+/// there.
+bool could_not_be_fetched(const Error& error) {
+    const bool is_refused =
+        std::any_of(error.remedies().begin(), error.remedies().end(),
+                    [](const Remedy& r) { return r.kind == RemedyKind::give_credentials; });
+    return error.kind() == ErrorKind::cancelled || error.kind() == ErrorKind::limit ||
+           (error.kind() == ErrorKind::io && !is_refused);
+}
+
 /// Axes of more than one position; none for what cannot be read.
 std::size_t long_axes(ZarrFiles& files, const fs::path& root, const Candidate& candidate) {
     try {
@@ -245,7 +255,10 @@ std::size_t long_axes(ZarrFiles& files, const fs::path& root, const Candidate& c
         const Lengths shape = read_zarr_array(files, folder).shape;
         return static_cast<std::size_t>(
             std::count_if(shape.begin(), shape.end(), [](std::uint64_t n) { return n > 1; }));
-    } catch (const Error&) {
+    } catch (const Error& error) {
+        if (files.is_far() && could_not_be_fetched(error)) {
+            throw;
+        }
         return 0;
     }
 }

@@ -89,11 +89,13 @@ def march(volume: Any, iso: "Union[None, float, Sequence[float]]", *, spacing: O
 
     The arguments are those of :func:`isonest.isosurface`.
     """
+    budget = to_bytes(memory)
+
     def open_source() -> Any:
-        return _sources.of_volume(volume, identified=False, memory=to_bytes(memory), spacing=spacing, unit=unit,
-                                  missing=missing)
+        return _sources.of_volume(volume, identified=False, memory=budget, spacing=spacing, unit=unit, missing=missing)
 
     try:
-        return _Volume(open_source, iso is None).isosurface(0.0 if iso is None else iso, memory=memory, **query)
+        return _Volume(open_source, iso is None).isosurface(
+            0.0 if iso is None else iso, memory=budget - _sources.for_fetching(volume, budget), **query)
     except _NeedsStore:
         return None

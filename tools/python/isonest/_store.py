@@ -258,7 +258,7 @@ class Store(Extracting):
         deep: everything, also that HDF5 finds the same chunks by its own index.
         source: the volume that the store was made from, as of :func:`isonest.preprocess`: the values are compared
             with it. reading: how it is read, the arguments of :func:`isonest.preprocess` from ``spacing`` to
-            ``offset``.
+            ``offset``, ``headers`` and ``cache``.
         """
         if quick and deep:
             raise ValueError("give one of quick= and deep=, not both")
@@ -266,6 +266,7 @@ class Store(Extracting):
             raise ValueError(f"{next(iter(reading))}= goes with source=")
         budget = to_bytes(memory)
         volume = None if source is None else _sources.of_volume(source, identified=False, memory=budget, **reading)
+        budget -= 0 if source is None else _sources.for_fetching(source, budget)
         with reporting(progress) as report:
             return _core.check(self._core, quick, deep, volume, budget, int(threads), report)
 
