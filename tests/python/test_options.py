@@ -30,6 +30,7 @@ COMMANDS = {
 COMMANDS_LEFT_OUT = {
     "make-volume": "NumPy makes arrays",
     "picture": "VTK and Matplotlib draw meshes",
+    "publish": "sites are written by the program alone",
 }
 RENAMED = {  # the command, the option: the argument
     ("*", "force"): "replace", ("*", "dims"): "shape", ("*", "type"): "dtype", ("*", "endian"): "dtype",

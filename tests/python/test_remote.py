@@ -103,8 +103,9 @@ def test_errors_say_what_helps_and_no_secret(made):
         with pytest.raises(ValueError, match="headers") as raised:
             isonest.open(made, headers=headers)
         assert SECRET not in str(raised.value)
-    with pytest.raises(isonest.UnsupportedError, match="download"):
-        isonest.preprocess("http://127.0.0.1:1/volume.nrrd", made.parent / "x.isonest")
+    (made.parent / "slice.tif").write_bytes(b"II*\0" + bytes(100))
+    with RangeServer(made.parent) as server, pytest.raises(isonest.UnsupportedError, match="download"):
+        isonest.preprocess(server.url("slice.tif"), made.parent / "x.isonest")
 
 
 def test_ctrl_c_ends_a_wait(made):

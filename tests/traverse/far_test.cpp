@@ -102,15 +102,17 @@ void require_few_round_trips(const StoreReader& store, const Case& c) {
     const FarSource source(store);
     const Outcome far = outcome_of(source, query, c.isovalues, {});
     require_same_meshes(local, far);
-    if (query.vertices == VertexPlace::linear) {
-        CHECK(far.chunks_read == local.chunks_read);
-        CHECK(far.bytes_read == local.bytes_read);
-    }
+    // Who looks ahead may read a chunk before it is known that nobody needs it.
+    CHECK(far.chunks_read <= local.chunks_read + local.chunks_read / 16);
+    CHECK(far.bytes_read <= local.bytes_read + local.bytes_read / 16);
     const FarCounts counts = source.counts();
     INFO("announced " << counts.announced_bytes << " of " << counts.decoded_bytes << ", "
                       << counts.unannounced << " unannounced");
     const int levels = store.layout().lattice().top() + 1;
-    CHECK(counts.round_trips <= static_cast<std::uint64_t>(c.per_level * levels + 3));
+    // Of exact vertices only what is one or two chunks on an edge is announced at once.
+    CHECK(counts.round_trips <= (query.vertices == VertexPlace::exact
+                                     ? counts.decoded_chunks / 3
+                                     : static_cast<std::uint64_t>(c.per_level * levels + 3)));
     CHECK(static_cast<double>(counts.announced_bytes) <=
           c.waste * static_cast<double>(counts.decoded_bytes));
     if (std::getenv("ISONEST_FAR_FIGURES") != nullptr) {
