@@ -77,8 +77,8 @@ class Case(unittest.TestCase):
         for path in FOLDER.glob("*.isonest*"):
             path.unlink()
 
-    def same(self, *options, name="v.zarr", server_options=None):
-        """The bytes of both stores; what was asked for."""
+    def same(self, *options, name="v.zarr", server_options=None, little_memory=False):
+        """The bytes of both stores; what was asked for. With little memory, indices of shards may be asked for again."""
         local = preprocess(FOLDER / name, "local.isonest", *options)
         self.assertEqual(local.returncode, 0, local.stderr)
         with RangeServer(FOLDER, **(server_options or {})) as server:
@@ -86,7 +86,8 @@ class Case(unittest.TestCase):
             self.assertEqual(far.returncode, 0, far.stderr)
             self.assertEqual((FOLDER / "far.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
             counts = asked(server)
-            self.assertEqual([key for key, count in counts.items() if count > 1], [])
+            self.assertEqual([key for key, count in counts.items()
+                              if count > (2 if little_memory and key[1].startswith("bytes=-") else 1)], [])
             return counts
 
     def failed(self, code, words, url, *options, **environment):
@@ -290,11 +291,11 @@ class SameBytes(Case):
     def test_little_memory_and_copies_on_disk(self):
         data = smooth((100, 200, 210))
         V3(self.path, data, (16, 32, 64), codecs=("zstd",))
-        self.same("--memory", "64M", "--chunk", "32")
+        self.same("--memory", "64M", "--chunk", "32", little_memory=True)
         shutil.rmtree(self.path)
         # Chunks as long as the axis z: a copy in temporary space.
         V3(self.path, data, (100, 8, 210), codecs=("zstd",), shards=(100, 64, 210))
-        self.same("--memory", "64M", "--chunk", "32")
+        self.same("--memory", "64M", "--chunk", "32", little_memory=True)
 
     def test_what_goes_along_with_a_url(self):
         V3(self.path, smooth((17, 18, 19)), (8, 8, 8))
