@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 #include <malloc.h>
 
+#include <new>
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include <isonest/error.h>
 #include <isonest/progress.h>
 
 #include "tools/view/answers/answers.h"
@@ -44,11 +46,21 @@ Answered PageQueries::open() {
 
 Answered PageQueries::ask(const std::string& target) {
     try {
-        HttpAnswer made = view::guarded([&] { return answer(target); });
+        HttpAnswer made = view::guarded([&] { return answer_within_memory(target); });
         ++served_;
         return made;
     } catch (const BytesAreMissing&) {
         return std::nullopt;
+    }
+}
+
+HttpAnswer PageQueries::answer_within_memory(const std::string& target) {
+    try {
+        return answer(target);
+    } catch (const std::bad_alloc&) {
+        throw Error(ErrorKind::limit,
+                    "this takes more memory than a page may use: allow a larger error, or open the "
+                    "store with `isonest view`");
     }
 }
 

@@ -11,9 +11,9 @@
 
 #include <isonest/store.h>
 
+#include "tools/view/answers/store_answers.h"
 #include "tools/view/http_messages.h"
 #include "tools/view/mesh_answers.h"
-#include "tools/view/answers/store_answers.h"
 #include "tools/web/web_bytes.h"
 
 namespace isonest::detail::web {
@@ -46,6 +46,8 @@ class PageQueries {
         view::MeshAnswers surfaces;
         view::MeshAnswers slices;
     };
+    /// Throws Error{limit} where the memory is not enough.
+    view::HttpAnswer answer_within_memory(const std::string& target);
     view::HttpAnswer answer(const std::string& target);
     [[nodiscard]] view::HttpAnswer status() const;
 
