@@ -67,8 +67,9 @@ TEST_CASE("what ranks have left is taken over by as many ranks or by others") {
                 const TemporaryFolder scratch;
                 leave_interrupted(before, nodes, 80, folder / "s", options, scratch.path());
                 CHECK(!std::filesystem::exists(folder / "s"));
-                // Two of each rank that has made a block.
-                CHECK_FALSE(scratch.names().empty());
+                // Two of each rank that has made a block, which of several none may have done yet.
+                const bool has_left = !scratch.names().empty();
+                CHECK((has_left || before > 1));
                 CHECK(scratch.names().size() % 2 == 0);
                 CHECK(scratch.names().size() <= static_cast<std::size_t>(2 * before));
                 for (const std::string& name : scratch.names()) {
@@ -87,7 +88,7 @@ TEST_CASE("what ranks have left is taken over by as many ranks or by others") {
                 const bool same = read_file(folder / "s") == expected;
                 CHECK(same);
                 CHECK(scratch.names().empty());
-                if (!damaged) {
+                if (!damaged && has_left) {
                     CHECK(all.front().whole.resumed_chunks > 0);
                 }
                 most = std::max(most, all.front().whole.resumed_chunks);
