@@ -8,16 +8,15 @@ import os
 import pathlib
 import resource
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
-import time
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1]))
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "support"))
 import served  # noqa: E402
+from support.interrupted import interrupted  # noqa: E402
 from support.range_server import RangeServer, certificate  # noqa: E402
 
 ISONEST = pathlib.Path(sys.argv[1]).resolve()
@@ -239,17 +238,10 @@ class Faults(unittest.TestCase):
         for first_silent in (1, 2):
             with self.subTest(first_silent=first_silent), RangeServer(
                     FOLDER, fault_of=lambda number, *_, n=first_silent: "silent" if number >= n else None) as server:
-                process = subprocess.Popen([ISONEST, "extract", server.url("s.isonest"), *EXTRACT], cwd=FOLDER,
-                                           env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-                until = time.monotonic() + 60
-                while server.requests < first_silent and time.monotonic() < until:
-                    time.sleep(0.02)
-                time.sleep(0.3)
-                start = time.monotonic()
-                process.send_signal(signal.SIGINT)
-                _, text = process.communicate(timeout=60)
-                self.assertLess(time.monotonic() - start, 3)
-                self.assertEqual(process.returncode, 130, text)
+                code, seconds, text = interrupted(server, first_silent, [ISONEST, "extract", server.url("s.isonest"), *EXTRACT],
+                                                  cwd=FOLDER, env=ENVIRONMENT)
+                self.assertLess(seconds, 3)
+                self.assertEqual(code, 130, text)
                 self.assertIn("interrupted", text)
 
 

@@ -9,8 +9,6 @@ import os
 import pathlib
 import re
 import shutil
-import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -19,6 +17,7 @@ import unittest
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1]))
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "support"))
 import served  # noqa: E402
+from support.interrupted import interrupted  # noqa: E402
 from support.range_server import RangeServer  # noqa: E402
 
 try:
@@ -415,17 +414,10 @@ class Faults(Case):
         for first_silent in (1, 9):
             with self.subTest(first_silent=first_silent), RangeServer(
                     FOLDER, fault_of=lambda number, *_, n=first_silent: "silent" if number >= n else None) as server:
-                process = subprocess.Popen([ISONEST, "preprocess", server.url("v.zarr"), "-o", "out.isonest"], cwd=FOLDER,
-                                           env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-                until = time.monotonic() + 60
-                while server.requests < first_silent and time.monotonic() < until:
-                    time.sleep(0.02)
-                time.sleep(0.3)
-                start = time.monotonic()
-                process.send_signal(signal.SIGINT)
-                _, text = process.communicate(timeout=60)
-                self.assertLess(time.monotonic() - start, 3)
-                self.assertEqual(process.returncode, 130, text)
+                code, seconds, text = interrupted(server, first_silent, [ISONEST, "preprocess", server.url("v.zarr"), "-o", "out.isonest"],
+                                                  cwd=FOLDER, env=ENVIRONMENT)
+                self.assertLess(seconds, 3)
+                self.assertEqual(code, 130, text)
 
 
 class Resume(Case):
