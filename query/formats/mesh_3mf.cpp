@@ -11,6 +11,7 @@
 #include "query/formats/mesh_files.h"
 #include "query/formats/zip_writer.h"
 #include "store/base/in_order.h"
+#include "store/base/markup_text.h"
 
 namespace isonest::detail {
 namespace {
@@ -79,39 +80,15 @@ ThreeMfUnit unit_in_3mf(std::optional<LengthUnit> unit) {
     });
 }
 
-/// Text between quotes.
-std::string in_xml(std::string_view text) {
-    std::string out;
-    for (const char c : text) {
-        switch (c) {
-            case '&':
-                out += "&amp;";
-                break;
-            case '<':
-                out += "&lt;";
-                break;
-            case '>':
-                out += "&gt;";
-                break;
-            case '"':
-                out += "&quot;";
-                break;
-            default:
-                out += c;
-        }
-    }
-    return out;
-}
-
 /// The beginning of the object, and before it the material that gives it its colour, if it has one.
 std::string object_of(const std::string& title, const std::optional<LabelColor>& color) {
-    const std::string name = title.empty() ? "" : fmt::format(" name=\"{}\"", in_xml(title));
+    const std::string name = title.empty() ? "" : fmt::format(" name=\"{}\"", in_markup(title));
     std::string material;
     if (color) {
         material = fmt::format(
             "<basematerials id=\"2\">\n<base name=\"{}\" "
             "displaycolor=\"#{:02X}{:02X}{:02X}\"/>\n</basematerials>\n",
-            title.empty() ? "surface" : in_xml(title), (*color)[0], (*color)[1], (*color)[2]);
+            title.empty() ? "surface" : in_markup(title), (*color)[0], (*color)[1], (*color)[2]);
     }
     return fmt::format("{}{}{}{}{}", material, kObject, name,
                        color ? " pid=\"2\" pindex=\"0\"" : "", kVerticesStart);

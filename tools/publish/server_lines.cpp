@@ -3,9 +3,14 @@
 namespace isonest::detail::publish {
 namespace {
 
+/// Whether something is missing by which pages of other servers may read the store.
+bool lacks_sharing(const ServerCheck& check) {
+    return check.has(ServerFault::origin) || check.has(ServerFault::exposed) ||
+           check.has(ServerFault::preflight);
+}
+
 ServerLines nginx_lines(const ServerCheck& check) {
-    const bool shares = check.has(ServerFault::origin) || check.has(ServerFault::exposed) ||
-                        check.has(ServerFault::preflight);
+    const bool shares = lacks_sharing(check);
     std::string text;
     if (shares || check.has(ServerFault::encoding)) {
         text += "location ~ \\.isonest$ {\n";
@@ -46,8 +51,7 @@ ServerLines nginx_lines(const ServerCheck& check) {
 }
 
 ServerLines apache_lines(const ServerCheck& check) {
-    const bool shares = check.has(ServerFault::origin) || check.has(ServerFault::exposed) ||
-                        check.has(ServerFault::preflight);
+    const bool shares = lacks_sharing(check);
     std::string text;
     if (shares || check.has(ServerFault::encoding)) {
         text += "<FilesMatch \"\\.isonest$\">\n";
@@ -85,8 +89,7 @@ ServerLines apache_lines(const ServerCheck& check) {
 
 ServerLines s3_lines(const ServerCheck& check) {
     std::string text;
-    if (check.has(ServerFault::origin) || check.has(ServerFault::exposed) ||
-        check.has(ServerFault::preflight)) {
+    if (lacks_sharing(check)) {
         text +=
             "aws s3api put-bucket-cors --bucket BUCKET --cors-configuration '{\"CORSRules\": "
             "[{\"AllowedOrigins\": [\"*\"], \"AllowedMethods\": [\"GET\", \"HEAD\"], "

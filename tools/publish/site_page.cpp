@@ -8,6 +8,7 @@
 
 #include <isonest/error.h>
 
+#include "store/base/markup_text.h"
 #include "store/remote/object_url.h"
 #include "tools/publish/site.h"
 
@@ -15,29 +16,6 @@ namespace isonest::detail::publish {
 namespace {
 
 constexpr int kListVersion = 1;
-
-std::string in_html(std::string_view text) {
-    std::string out;
-    for (const char c : text) {
-        switch (c) {
-            case '&':
-                out += "&amp;";
-                break;
-            case '<':
-                out += "&lt;";
-                break;
-            case '>':
-                out += "&gt;";
-                break;
-            case '"':
-                out += "&quot;";
-                break;
-            default:
-                out += c;
-        }
-    }
-    return out;
-}
 
 std::string url_origin(const std::string& url) {
     const std::size_t host = url.find("://") + 3;
@@ -126,9 +104,9 @@ std::string site_page(std::string_view page, const Site& site) {
                              "    <meta name=\"referrer\" content=\"no-referrer\" />\n"
                              "    <meta name=\"isonest-site\" content=\"site.json\" />\n"
                              "    <meta name=\"description\" content=\"{}\" />",
-                             in_html(content_policy(site)), in_html(site.about.description)));
+                             in_markup(content_policy(site)), in_markup(site.about.description)));
     replace_once(html, "<title>isonest</title>",
-                 fmt::format("<title>{}</title>", in_html(site.about.title)));
+                 fmt::format("<title>{}</title>", in_markup(site.about.title)));
     return html;
 }
 

@@ -317,6 +317,21 @@ class FileSearch {
     std::vector<ObjectId> under_way_;
 };
 
+/// The object, opened as a dataset; invalid, with the reason, if it is none.
+DatasetHandle dataset_of(const ObjectHandle& object, hid_t file, const std::string& path,
+                         const PropertyHandle& access, std::string* reason) {
+    DatasetHandle dataset;
+    std::string message = object.valid() ? "it is not a dataset" : hdf5_message();
+    if (object.valid() && H5Iget_type(object.get()) == H5I_DATASET) {
+        dataset = DatasetHandle(H5Dopen2(file, path.c_str(), access.get()));
+        message = hdf5_message();
+    }
+    if (reason != nullptr) {
+        *reason = message;
+    }
+    return dataset;
+}
+
 }  // namespace
 
 std::vector<fs::path> places_of(const fs::path& name, const fs::path& file, const char* variable) {
@@ -360,16 +375,7 @@ DatasetHandle open_dataset(hid_t file, const std::string& path, const PropertyHa
     if (links.fault) {
         throw Error(*links.fault);
     }
-    DatasetHandle dataset;
-    std::string message = object.valid() ? "it is not a dataset" : hdf5_message();
-    if (object.valid() && H5Iget_type(object.get()) == H5I_DATASET) {
-        dataset = DatasetHandle(H5Dopen2(file, path.c_str(), access.get()));
-        message = hdf5_message();
-    }
-    if (reason != nullptr) {
-        *reason = message;
-    }
-    return dataset;
+    return dataset_of(object, file, path, access, reason);
 }
 
 namespace {
@@ -400,16 +406,7 @@ DatasetHandle open_far_dataset(hid_t file, const std::string& path, const Proper
                                 other),
                     {{RemedyKind::download}});
     }
-    DatasetHandle dataset;
-    std::string message = object.valid() ? "it is not a dataset" : hdf5_message();
-    if (object.valid() && H5Iget_type(object.get()) == H5I_DATASET) {
-        dataset = DatasetHandle(H5Dopen2(file, path.c_str(), access.get()));
-        message = hdf5_message();
-    }
-    if (reason != nullptr) {
-        *reason = message;
-    }
-    return dataset;
+    return dataset_of(object, file, path, access, reason);
 }
 
 bool holds_its_values(hid_t dataset) {
