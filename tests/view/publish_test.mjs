@@ -142,7 +142,10 @@ test("the page shows what isonest view shows, asks its own server alone, and its
   await ready(page);
   const strip = ({ seconds: _a, chunks_read: _b, bytes_read: _c, ...rest }) => rest;
   assert.deepEqual(strip(await header(page)), strip(await header(theirs.page)));
-  assert.deepEqual(strip(await page.evaluate(() => window.isonest.header("z"))), strip(await theirs.page.evaluate(() => window.isonest.header("z"))));
+  // A slice stays as fine as its first mesh if that is fine enough, and how fine that is depends on what was asked before it.
+  const [slice, other] = [await page.evaluate(() => window.isonest.header("z")), await theirs.page.evaluate(() => window.isonest.header("z"))];
+  assert.deepEqual([slice.origin, slice.step, slice.value_origin, slice.value_step], [other.origin, other.step, other.value_origin, other.value_step]);
+  for (const { error_bound: bound, triangles } of [slice, other]) assert.ok(bound <= 0.003 && triangles > 1000, `${bound}, ${triangles}`);
   await setIso(page, 0.7);
   await idle(page);
   await page.waitForFunction(() => location.hash.includes("iso=0.7"));
