@@ -1,0 +1,15 @@
+#!/usr/bin/env python3
+"""Valid random files of DICOM, NIfTI, MetaImage and MRC, read by isonest: every value, where each node lies, the unit.
+
+Judges are pydicom, nibabel, VTK and mrcfile, and the numbers that were written where none of them can tell. Files that must not be
+taken for an even volume (gaps, doubled slices, tilts, ...) have to be refused, with the reason in the message.
+"""
+import sys
+
+import attack
+from medical import dicom, meta_image, mrc, nifti
+
+if __name__ == "__main__":
+    sys.exit(attack.main(__doc__, {
+        "nifti": nifti.nifti, "analyze": nifti.analyze, "meta_image": meta_image.meta_image,
+        "meta_image_refused": meta_image.meta_image_refused, "mrc": mrc.mrc}))
