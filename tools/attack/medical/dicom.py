@@ -1,0 +1,353 @@
+"""Kinds of tries of DICOM: series of files, times, enhanced images, packed frames, and what must not be read as an even volume.
+
+The numbers are the ones that were written, and pydicom reads those of plain files again. The place is by PS3.3, C.7.6.2.1.1, which
+nibabel.nicom computes again for one image.
+"""
+import shutil
+import subprocess
+import warnings
+
+import numpy as np
+
+import attack
+
+from . import volumes
+from .dicom_files import (SYNTAXES, Bits, Dataset, DeflatedExplicitVRLittleEndian, ExplicitVRBigEndian, ExplicitVRLittleEndian,
+                          ImplicitVRLittleEndian, Sequence, bits, image, meaning, place, position, pydicom, scale_elements, scales,
+                          text, uid)
+
+warnings.simplefilter("ignore")
+dicomwrappers = attack.require("nibabel.nicom.dicomwrappers")
+
+
+def _shape(one):
+    return int(one.random.integers(1, 7)), int(one.random.integers(1, 9)), int(one.random.integers(1, 9))
+
+
+def _names(one, count):
+    """Names of files, in an order that says nothing."""
+    way = int(one.random.integers(4))
+    ids = one.random.permutation(count)
+    return [(f"IM{i}", f"{i}.dcm", f"sub{i % 2}/I{i:04}", f"a{i}.ima")[way] for i in ids]
+
+
+def _given(one, folder, files):
+    """How the files are named to isonest."""
+    way = one.random.random()
+    if way < 0.7 or len(files) == 1:
+        return folder if way < 0.9 else files[0] if len(files) == 1 else folder
+    return [files[i] for i in one.random.permutation(len(files))]
+
+
+def _pydicom_differs(path, stored, b):
+    if b.stored != b.allocated or b.floating:
+        return None
+    data = pydicom.dcmread(path).pixel_array
+    return None if np.array_equal(np.atleast_2d(data.reshape(stored.shape)), stored) else f"{path.name}: values"
+
+
+def _nibabel_differs(path, p, z):
+    d = dicomwrappers.wrapper_from_file(str(path))
+    affine = d.affine  # of row, column, slice
+    want = p.affine()[:3, [1, 0, 2, 3]]
+    if not np.allclose(affine[:3, :2], want[:, :2], rtol=1e-5, atol=1e-6) or not np.allclose(affine[:3, 3], p.at(z), atol=1e-6):
+        return f"{path.name}: {affine.tolist()}, {want.tolist()}"
+    return None
+
+
+def dicom(one):
+    """A series of single images, even along its normal."""
+    n, ny, nx = _shape(one)
+    b, p = bits(one), place(one)
+    stored = b.numbers(one, (n, ny, nx))
+    pairs = scales(one, n)
+    folder = one.folder / "series"
+    syntaxes = SYNTAXES if one.chance(0.2) else (one.pick(*SYNTAXES),)
+    series = uid(one)
+    step = {}
+    if n == 1:
+        p.size[2] = 1
+        for name in ("SliceThickness", "SpacingBetweenSlices"):
+            if one.chance(0.6):
+                p.size[2] = float(text(one.random.uniform(0.5, 5)))
+                step[name] = text(p.size[2])
+    else:
+        step = {"SliceThickness": text(p.size[2] * one.pick(0.5, 1, 2))} if one.chance(0.7) else {}
+    numbers = one.random.permutation(n) + 1 if one.chance(0.5) else np.arange(n, 0, -1)
+    jitter = 0.03 if one.chance(0.2) else 0
+    files = [folder / name for name in _names(one, n)]
+    unit = "mm"
+    for z in range(n):
+        aside = one.random.uniform(-jitter, jitter, 2) if 0 < z < n - 1 else (0, 0)
+        forth = one.random.uniform(-jitter, jitter) if 0 < z < n - 1 else 0
+        image(one, files[z], stored[z], b, syntax=one.pick(*syntaxes), series=series, **p.elements(), **scale_elements(pairs[z]), **step,
+              ImagePositionPatient=position(p.at(z + forth, aside)), InstanceNumber=int(numbers[z]) if one.chance(0.95) else None)
+    if one.chance(0.3):
+        problem = _pydicom_differs(files[0], stored[0], b) or _nibabel_differs(files[0], p, 0)
+        if problem:
+            return attack.wrong("the judge and the attacker disagree: " + problem)
+    values, dtype = meaning(stored, b, pairs)
+    volume = volumes.Volume(values, p.affine(), unit, dtype)
+    if one.chance(0.2):
+        (folder / "notes.txt").write_text("nothing")
+        d = image(one, folder / "report", stored[0], b, PixelData=None, series=uid(one))
+        del d
+    given = _given(one, folder, files)
+    if one.chance(0.15):
+        other = uid(one)
+        for i in range(int(one.random.integers(1, 3))):
+            image(one, folder / f"other{i}", np.zeros((4, 5), "i8"), Bits(8, 8, 7, False), series=other, **p.elements(),
+                  ImagePositionPatient=position(p.at(i)))
+        if given == folder:
+            if one.chance(0.2):
+                volume.must_refuse = ("several series, none named", "2 series")
+            else:
+                volume.options["series"] = series if one.chance(0.6) else series[-9:]
+    return volumes.compared(one, given, volume)
+
+
+def dicom_frames(one):
+    """One file of several frames, as dose, nuclear medicine and ultrasound have it: steps and offsets along the normal."""
+    n, ny, nx = _shape(one)
+    n = max(n, 2)
+    b, p = bits(one), place(one)
+    stored = b.numbers(one, (n, ny, nx))
+    pair = scales(one, 1)[0]
+    elements = dict(scale_elements(pair))
+    way = one.pick("between", "backward", "thickness", "offsets", "offsets from z", "offsets down")
+    step = p.size[2]
+    sign = 1
+    if way == "between":
+        elements |= {"SpacingBetweenSlices": text(step), "SliceThickness": text(9)}
+    elif way == "backward":
+        elements["SpacingBetweenSlices"] = text(-step)  # PS3.3, C.8.4.15: slices in front of the first
+        sign = -1
+    elif way == "thickness":
+        elements["SliceThickness"] = text(step)
+    else:
+        sign = -1 if way == "offsets down" else 1
+        begin = p.first[2] if way == "offsets from z" else 0
+        offsets = [begin + sign * step * i for i in range(n)]
+        elements["GridFrameOffsetVector"] = [text(v) for v in offsets]
+        elements["SliceThickness"] = text(2.5 * step)
+        if pair is None and one.chance(0.5):
+            pair = (0.00125, 0.0)
+            elements["DoseGridScaling"] = "0.00125"
+    image(one, one.folder / "all.dcm", stored, b, syntax=one.pick(*SYNTAXES), **p.elements(), **elements,
+          ImagePositionPatient=position(p.first), InstanceNumber=1)
+    values, dtype = meaning(stored, b, [pair] * n)
+    affine = p.affine()
+    affine[:3, 2] *= sign
+    return volumes.compared(one, one.folder / "all.dcm", volumes.Volume(values, affine, "mm", dtype))
+
+
+def dicom_times(one):
+    """Several images at each place: an axis t."""
+    n, ny, nx = _shape(one)
+    times = int(one.random.integers(2, 4))
+    b, p = bits(one), place(one)
+    stored = b.numbers(one, (times, n, ny, nx))
+    pairs = scales(one, 1)
+    p.size[2] = p.size[2] if n > 1 else 1
+    by_time, outer = one.chance(0.5), one.chance(0.5)
+    moved = int(one.random.integers(times)) if one.chance(0.15) else None
+    for t in range(times):
+        for z in range(n):
+            number = t * n + z if outer else z * times + t
+            aside = (3.0, 0) if t == moved else (0, 0)
+            image(one, one.folder / "s" / f"f{one.random.integers(10**9)}", stored[t, z], b, **p.elements(), **scale_elements(pairs[0]),
+                  ImagePositionPatient=position(p.at(z, aside)), InstanceNumber=number + 1,
+                  TemporalPositionIdentifier=t + 1 if by_time else None)
+    t = int(one.random.integers(times))
+    values, dtype = meaning(stored[t], b, pairs * n)
+    volume = volumes.Volume(values, p.affine(), "mm", dtype, options={"index": {"t": t}})
+    if moved is not None:
+        volume.must_refuse = ("times that lie beside each other", "beside")
+    elif one.chance(0.1):
+        volume.options, volume.must_refuse = {}, ("several times, none named", "index")
+    return volumes.compared(one, one.folder / "s", volume)
+
+
+def dicom_bad(one):
+    """A series with something that must not be taken for an even volume."""
+    n, ny, nx = int(one.random.integers(4, 8)), int(one.random.integers(2, 9)), int(one.random.integers(2, 9))
+    b, p = bits(one, floats=False), place(one)
+    stored = b.numbers(one, (n, ny, nx))
+    folder = one.folder / "s"
+    places = np.arange(n, dtype=float)
+    asides = np.zeros((n, 2))
+    special = {}
+    extra = []
+    which = int(one.random.integers(1, n - 1))
+    syntax = one.pick(*SYNTAXES)
+    way = one.pick("gap", "uneven", "copy", "doubled", "tilt", "aside", "size", "turned", "spacing", "bits", "RGB", "palette", "one bit",
+                   "deflated", "offset", "nearly")
+    must = {"gap": ("slices are missing", "missing"), "uneven": ("slices at uneven distances", "even distances"),
+            "copy": ("copies of an image", "doubled"), "doubled": ("two images at one place", "doubled"), "tilt": ("a tilted gantry", "sheared"),
+            "aside": ("a slice that lies aside", "beside its place"), "size": ("images of another size", "has "),
+            "turned": ("images of another direction", "another direction"), "spacing": ("images of another pixel spacing", "pixel spacing"),
+            "bits": ("images of other numbers", "bits"), "RGB": ("colours", "colours"), "palette": ("colours", "colours"),
+            "one bit": ("single bits", "bits for each number"), "deflated": ("a deflated file", "deflated"),
+            "offset": ("slices that drift", "even distances|beside its place"), "nearly": ("", "")}[way]
+    if way == "gap":
+        places[which:] += int(one.random.integers(1, 4))
+    elif way == "uneven":
+        places[which] += one.pick(-1, 1) * one.random.uniform(0.3, 0.6)
+    elif way in ("copy", "doubled"):
+        extra = [which]
+    elif way == "tilt":
+        asides[:, 1] = np.arange(n) * one.random.uniform(0.4, 2)  # at least 1.2 pixels from the first slice to the last
+    elif way == "aside":
+        asides[which] = one.random.choice([-1, 1], 2) * one.random.uniform(0.15, 3, 2)
+    elif way == "turned":
+        special[which] = {"ImageOrientationPatient": [text(v) for v in (*p.turn[:, 1], *p.turn[:, 0])]}
+    elif way == "spacing":
+        special[which] = {"PixelSpacing": [text(p.size[1] * 1.01), text(p.size[0])]}
+    elif way == "offset":
+        places = places**2 * 0.1 + places
+    elif way == "nearly":
+        must = None
+        places[which] += one.random.uniform(-0.07, 0.07)
+    for z in range(n):
+        elements = p.elements() | {"ImagePositionPatient": position(p.at(places[z], asides[z])), "InstanceNumber": z + 1} | special.get(z, {})
+        plane, c = stored[z], b
+        if way == "size" and z == which:
+            plane = stored[z][:-1]
+        if way == "bits" and z == which:
+            c = Bits(b.allocated, b.allocated, b.allocated - 1, not b.signed)
+        if way == "RGB" and z == which:
+            elements |= {"SamplesPerPixel": 3, "PhotometricInterpretation": "RGB", "PlanarConfiguration": 0}
+        if way == "palette" and z == which:
+            elements |= {"PhotometricInterpretation": "PALETTE COLOR"}
+        if way == "one bit":
+            elements |= {"BitsAllocated": 1, "BitsStored": 1, "HighBit": 0}
+        d = image(one, folder / f"{z}.dcm", plane, c, **elements,
+                  syntax=DeflatedExplicitVRLittleEndian if way == "deflated" and z == which else syntax)
+        if z in extra:
+            image(one, folder / "again.dcm", plane, c, **elements, syntax=syntax,
+                  SOPInstanceUID=d.SOPInstanceUID if way == "copy" else uid(one))
+    volume = volumes.Volume(stored.astype(b.dtype()), p.affine(), "mm", must_refuse=must)
+    return volumes.compared(one, folder, volume)
+
+
+def _group(**elements):
+    """A functional group of one item."""
+    item = Dataset()
+    for key, value in elements.items():
+        setattr(item, key, value)
+    return Sequence([item])
+
+
+def dicom_enhanced(one):
+    """An enhanced image: what frames have in common, and what each has of its own, in functional groups."""
+    n, ny, nx = _shape(one)
+    b, p = bits(one, floats=False), place(one)
+    times = int(one.random.integers(2, 4)) if one.chance(0.2) else 1
+    stored = b.numbers(one, (times, n, ny, nx))
+    pairs = scales(one, n)
+    p.size[2] = p.size[2] if n > 1 else 1
+    own_orientation, own_measures, own_scale = one.chance(0.4), one.chance(0.4), one.chance(0.5) or len(set(pairs)) > 1
+    way = one.random.random()
+    must = None
+    moved = None
+    if way < 0.08 and n > 2:
+        must, moved = ("slices are missing", "missing"), {n - 1: n + 1.0}
+    elif way < 0.16 and n > 3:
+        must, moved = ("slices at uneven distances", "even distances|beside"), {1: 1.4}
+    shared = Dataset()
+    undefined = one.chance(0.5)
+    orientation = {"PlaneOrientationSequence": _group(ImageOrientationPatient=p.elements()["ImageOrientationPatient"])}
+    measures = {"PixelMeasuresSequence": _group(PixelSpacing=p.elements()["PixelSpacing"], SliceThickness=text(p.size[2]))}
+    if n == 1 and one.chance(0.5):
+        p.size[2] = 3.5
+        measures["PixelMeasuresSequence"][0].SpacingBetweenSlices = "3.5"
+    elif n == 1:
+        p.size[2] = float(text(p.size[2]))
+
+    def scale_group(pair):
+        return {} if pair is None else {"PixelValueTransformationSequence": _group(**scale_elements(pair), RescaleType="US")}
+
+    for there, groups in ((not own_orientation, orientation), (not own_measures, measures), (not own_scale, scale_group(pairs[0]))):
+        for key, value in groups.items():
+            if there:
+                setattr(shared, key, value)
+    frames, planes = [], []
+    order = one.random.permutation(n * times)
+    for i in order:
+        t, z = divmod(int(i), n)
+        frame = Dataset()
+        groups = {"PlanePositionSequence": _group(ImagePositionPatient=position(p.at((moved or {}).get(z, z))))}
+        content = {"FrameAcquisitionNumber": 1, "InStackPositionNumber": z + 1, "StackID": "1"}
+        if times > 1:
+            content["TemporalPositionIndex"] = t + 1
+        groups["FrameContentSequence"] = _group(**content)
+        if own_orientation:
+            groups |= orientation
+        if own_measures:
+            groups |= measures
+        if own_scale:
+            groups |= scale_group(pairs[z])
+        if one.chance(0.2):
+            groups["DerivationImageSequence"] = _group(SourceImageSequence=_group(ReferencedSOPInstanceUID="1.2"))
+        for key, value in groups.items():
+            setattr(frame, key, value)
+        frame.is_undefined_length_sequence_item = undefined
+        frames.append(frame)
+        planes.append(stored[t, z])
+    path = one.folder / "e.dcm"
+    d = image(one, path, np.stack(planes), b, syntax=one.pick(*SYNTAXES), SharedFunctionalGroupsSequence=Sequence([shared]),
+              PerFrameFunctionalGroupsSequence=Sequence(frames), NumberOfFrames=n * times, InstanceNumber=1)
+    for tag in (0x52009229, 0x52009230):
+        d[tag].is_undefined_length = undefined
+    d.save_as(path, write_like_original=False)
+    t = int(one.random.integers(times))
+    values, dtype = meaning(stored[t], b, pairs if own_scale else pairs[:1] * n)
+    volume = volumes.Volume(values, p.affine(), "mm", dtype, must_refuse=must)
+    if times > 1 and not must:
+        volume.options["index"] = {"t": t}
+    return volumes.compared(one, path, volume)
+
+
+def dicom_packed(one):
+    """JPEG, JPEG-LS, JPEG 2000 and RLE, all without loss, by GDCM and pydicom; files of one series packed each in its way."""
+    if shutil.which("gdcmconv") is None:
+        return attack.refused("no gdcmconv (Debian: libgdcm-tools)")
+    n, ny, nx = int(one.random.integers(1, 4)), int(one.random.integers(1, 40)), int(one.random.integers(1, 40))
+    several = one.chance(0.3) and n > 1
+    b, p = bits(one, floats=False), place(one)
+    if b.allocated == 32:
+        b = Bits(16, 16, 15, b.signed)
+    b.high = b.stored - 1  # what encoders do with other bits is theirs
+    stored = b.numbers(one, (n, ny, nx)) if one.chance(0.5) else \
+        np.clip(np.arange(n * ny * nx).reshape(n, ny, nx) + b.range()[0], *b.range())
+    pairs = scales(one, 1) * n
+    p.size[2] = float(text(p.size[2]))
+    p.size[2] = p.size[2] if n > 1 else 1
+    ways = ("--jpeg", "--jpegls", "--j2k", "--rle", "pydicom", None)
+    way = one.pick(*ways)
+    mixed = one.chance(0.3)
+    folder = one.folder / "s"
+    common = p.elements() | scale_elements(pairs[0])
+    if several:
+        common["SpacingBetweenSlices"] = text(p.size[2])
+    for z in range(1 if several else n):
+        way = one.pick(*ways) if mixed else way
+        path = folder / f"{z}.dcm"
+        d = image(one, path, stored if several else stored[z], b, noise=False, InstanceNumber=z + 1, **common,
+                  ImagePositionPatient=position(p.at(z)))
+        if way == "pydicom":
+            d = pydicom.dcmread(path)
+            d.compress(pydicom.uid.RLELossless, encoding_plugin="pydicom")
+            d.save_as(path, write_like_original=False)
+        elif way:
+            done = subprocess.run(["gdcmconv", way, path, path.with_suffix(".new")], capture_output=True)
+            if done.returncode != 0:
+                return attack.refused("GDCM does not pack it")
+            raw = subprocess.run(["gdcmconv", "--raw", path.with_suffix(".new"), one.folder / "raw.dcm"], capture_output=True)
+            again = pydicom.dcmread(one.folder / "raw.dcm") if raw.returncode == 0 else None
+            before = pydicom.dcmread(path)
+            if again is None or again.PixelData[:stored[z].size] != before.PixelData[:stored[z].size] or again.PixelData != before.PixelData:
+                return attack.refused("GDCM does not unpack what it packed")
+            path.with_suffix(".new").rename(path)
+    values, dtype = meaning(stored, b, pairs)
+    return volumes.compared(one, folder, volumes.Volume(values, p.affine(), "mm", dtype))

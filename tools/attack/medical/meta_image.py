@@ -41,7 +41,8 @@ def meta_image(one):
     if one.chance(0.2):
         lines.append("Comment = written = by hand, ElementType = MET_OTHER: NDims")
     lines.append("ObjectType = Image")
-    body = [f"NDims = {dims}", f"DimSize = {_text(shape)}", f"ElementType = {kind}"]
+    lines.append(f"NDims = {dims}")  # MetaIO wants it before what depends on it
+    body = [f"DimSize = {_text(shape)}", f"ElementType = {kind}"]
     if one.chance(0.7):
         body.append(f"ElementSpacing = {_text(size)}")
         if one.chance(0.2):

@@ -89,8 +89,10 @@ def mrc(one):
     place = at.astype("f8") if at.any() else np.array([start[along.index(w)] * voxel[w - 1] for w in (1, 2, 3)], "f8")
     volume = volumes.Volume(values, volumes.affine_of(np.eye(3), voxel, place), "angstrom" if has_cell else None,
                             must_refuse=must, options=options)
-    if has_cell and angles[2] == 120:
+    if has_cell and angles[2] == 120:  # skewed
         volume.must_refuse = ("angles that are not right", "angle of 120")
+    if path.suffix == ".gz" and along != [1, 2, 3]:
+        volume.may_refuse = (("other axes in gzip", "decompress it"),)  # a stream is read from its front
     return volumes.compared(one, path, volume)
 
 

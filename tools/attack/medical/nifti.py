@@ -5,6 +5,7 @@ nibabel's get_best_affine() where the header has a code; without one by nifti1.h
 the axes from (0, 0, 0), where nibabel has a default of its own.
 """
 import gzip
+import warnings
 
 import numpy as np
 
@@ -13,6 +14,8 @@ import attack
 from . import volumes
 
 nibabel = attack.require("nibabel")
+nibabel.imageglobals.logger.setLevel("ERROR")
+warnings.simplefilter("ignore")
 
 TYPES = ("u1", "i1", "i2", "u2", "i4", "u4", "f4", "f8", "i8", "u8")
 UNITS = {1: "m", 2: "mm", 3: "um"}
