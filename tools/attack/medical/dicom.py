@@ -141,6 +141,55 @@ def dicom_frames(one):
     return volumes.compared(one, one.folder / "all.dcm", volumes.Volume(values, affine, "mm", dtype))
 
 
+def dicom_files_of_frames(one):
+    """A series of files of several frames each, whose slices may lie between each other."""
+    n, ny, nx = _shape(one)
+    n = max(n, 2)
+    b, p = bits(one, floats=False), place(one)
+    files = int(one.random.integers(2, 4))
+    stored = b.numbers(one, (n * files, ny, nx))
+    pairs = scales(one, files)
+    between = one.chance(0.5)  # slices of the files in turn, else one file behind the other
+    series = uid(one)
+    own = []
+    for f in one.random.permutation(files):
+        slices = np.arange(f, n * files, files) if between else np.arange(f * n, (f + 1) * n)
+        step = p.size[2] * (files if between else 1)
+        image(one, one.folder / "s" / f"{one.random.integers(10**9)}", stored[slices], b, syntax=one.pick(*SYNTAXES), series=series,
+              **p.elements(), **scale_elements(pairs[f]), SpacingBetweenSlices=text(step), ImagePositionPatient=position(p.at(slices[0])))
+        own += [(z, pairs[f]) for z in slices]
+    values, dtype = meaning(stored, b, [pair for _, pair in sorted(own, key=lambda o: o[0])])
+    return volumes.compared(one, one.folder / "s", volumes.Volume(values, p.affine(), "mm", dtype))
+
+
+def dicom_unplaced(one):
+    """Images that do not say where they lie: by their numbers, if all have different ones, else by their files' names."""
+    n, ny, nx = _shape(one)
+    b = bits(one, floats=False)
+    stored = b.numbers(one, (n, ny, nx))
+    pairs = scales(one, 1) * n
+    size = np.array([float(text(v)) for v in volumes.spacing(one)])
+    ids = one.random.permutation(200)[:n]
+    way = one.pick("numbers", "names", "double", "some")
+    spaced = one.chance(0.7)
+    elements = {"PixelSpacing": [text(size[1]), text(size[0])]} if spaced else {}
+    size = size if spaced else np.array([1, 1, size[2]])
+    elements["SliceThickness"] = text(size[2])
+    for z in range(n):
+        number = int(ids[z])
+        if way == "double" and n > 1 and z < 2:
+            number = int(ids[0])
+        if way == "names" or way == "some" and z == 0:
+            number = None
+        image(one, one.folder / "s" / f"im{(7 * z + 3) % 11}.dcm", stored[z], b, syntax=one.pick(*SYNTAXES), **elements, InstanceNumber=number,
+              **scale_elements(pairs[z]))
+    by_number = way == "numbers" or way == "double" and n == 1
+    order = np.argsort(ids) if by_number else sorted(range(n), key=lambda z: (7 * z + 3) % 11)
+    values, dtype = meaning(stored[order], b, pairs)
+    return volumes.compared(one, one.folder / "s", volumes.Volume(values, volumes.affine_of(np.eye(3), size, np.zeros(3)),
+                                                                 "mm" if spaced else None, dtype))
+
+
 def dicom_times(one):
     """Several images at each place: an axis t."""
     n, ny, nx = _shape(one)

@@ -150,6 +150,12 @@ def image(one, path, values, b, *, syntax=ExplicitVRLittleEndian, series="1.2.3"
             setattr(d, key, value)
         elif key in d:
             delattr(d, key)
+    if clutters and syntax != ImplicitVRLittleEndian and one.chance(0.1):
+        for name in one.random.choice(["ImagePositionPatient", "PixelSpacing", "RescaleSlope", "SliceThickness", "PatientName"], 3):
+            if isinstance(elements.get(name), (str, list)):  # as tools that do not know an element leave it
+                value = elements[name] if isinstance(elements[name], str) else "\\".join(elements[name])
+                tag = pydicom.datadict.tag_for_keyword(name)
+                d[tag] = pydicom.DataElement(tag, "UN", value.encode() + b" " * (len(value) % 2))
     path.parent.mkdir(exist_ok=True, parents=True)
     d.save_as(path, write_like_original=False)
     return d

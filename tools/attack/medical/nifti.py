@@ -51,11 +51,11 @@ def _qform(header):
 
 
 def _shear(affine, shape):
-    """By how many of the smallest voxel's size the far corner of the volume moves if its axes are made straight."""
+    """By how many of the largest voxel's size the far corner of the volume moves if its axes are made straight."""
     u, _, v = np.linalg.svd(affine[:3, :3] / np.linalg.norm(affine[:3, :3], axis=0))
     straight = (u @ v) * np.linalg.norm(affine[:3, :3], axis=0)
     return np.linalg.norm((straight - affine[:3, :3]) * (np.array(shape[:3]) - 1), axis=0).sum() / \
-        np.linalg.norm(affine[:3, :3], axis=0).min()
+        np.linalg.norm(affine[:3, :3], axis=0).max()
 
 
 def _write(one, header, stored, version, single, big):
@@ -157,9 +157,9 @@ def nifti(one):
         shear = _shear(volume.affine, (*shape, 1, 1))
         volume.loose = True
         pair = ("a sheared volume", "sheared")
-        if shear > 0.8:
+        if shear > 1:
             volume.must_refuse = pair
-        elif shear > 0.02:
+        elif shear > 1e-4:
             volume.may_refuse = (pair,)
     if any(n > 1 for n in extra):
         # Axes of one position need no index; by name or by position.

@@ -119,7 +119,7 @@ def _place_problem(store, volume, flips):
         own = np.where(flips, np.array((nx, ny, nz)) - 1 - index, index)
         off = at + steps @ own - (affine[:3, :3] @ index + affine[:3, 3])
         shift = np.abs(np.linalg.norm(off) / lengths.min())
-        exact = SAME_PLACE * (1 + np.abs(affine[:3, 3]).max() / lengths.min() * 1e-2)
+        exact = SAME_PLACE * lengths.max() / lengths.min() * (1 + np.abs(affine[:3, 3]).max() / lengths.max() * 1e-2)
         if not shift < (math.sqrt(3) * MOST_SHIFT * lengths.max() / lengths.min() if volume.loose else exact):
             return f"node {tuple(index)} lies {shift:.3g} voxels beside its place"
     return None
