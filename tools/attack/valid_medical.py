@@ -7,11 +7,12 @@ taken for an even volume (gaps, doubled slices, tilts, ...) have to be refused, 
 import sys
 
 import attack
-from medical import dicom, meta_image, mrc, nifti
+from medical import dicom, dicom_odd, meta_image, mrc, nifti
 
 if __name__ == "__main__":
     sys.exit(attack.main(__doc__, {
         "nifti": nifti.nifti, "analyze": nifti.analyze, "meta_image": meta_image.meta_image,
         "meta_image_refused": meta_image.meta_image_refused, "mrc": mrc.mrc, "dicom": dicom.dicom,
-        "dicom_frames": dicom.dicom_frames, "dicom_files_of_frames": dicom.dicom_files_of_frames, "dicom_unplaced": dicom.dicom_unplaced, "dicom_times": dicom.dicom_times, "dicom_bad": dicom.dicom_bad,
-        "dicom_enhanced": dicom.dicom_enhanced, "dicom_packed": dicom.dicom_packed}))
+        "dicom_frames": dicom.dicom_frames, "dicom_files_of_frames": dicom.dicom_files_of_frames,
+        "dicom_unplaced": dicom.dicom_unplaced, "dicom_times": dicom.dicom_times, "dicom_enhanced": dicom.dicom_enhanced,
+        "dicom_bad": dicom_odd.dicom_bad, "dicom_packed": dicom_odd.dicom_packed}))
