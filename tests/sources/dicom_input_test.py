@@ -264,6 +264,27 @@ class Dicom(DamagedFiles, Module, Input):
         self.reads((self.data * 0.001).astype("f4"))
         self.lies([1, 2, 3], [0.25, 0.5, 3])
 
+    def test_reconstructions_of_nuclear_medicine(self):
+        """Their place is their detector's, and frames that have the same slice number are gates."""
+        detector = Dataset()
+        detector.ImagePositionPatient, detector.ImageOrientationPatient = ["1", "2", "3"], [1, 0, 0, 0, 1, 0]
+        other = Dataset()
+        other.ImagePositionPatient, other.ImageOrientationPatient = ["9", "9", "9"], [0, 1, 0, 0, 0, 1]
+        for implicit in (False, True):
+            syntax = ImplicitVRLittleEndian if implicit else ExplicitVRLittleEndian
+            nuclear = {"DetectorInformationSequence": Sequence([detector, other]), "syntax": syntax, "position": None}
+            self.image(self.data, "all.dcm", SpacingBetweenSlices=text(-4), **nuclear)
+            self.reads(self.data[::-1])
+            self.lies([1, 2, 3 - 5 * 4], [0.25, 0.5, 4])
+            self.image(self.data, "all.dcm", SpacingBetweenSlices=text(4), SliceVector=[1, 2, 3, 1, 2, 3], **nuclear)
+            self.refuses(5, "t 2, z 3", "--index")
+            self.reads(self.data[3:], "--index", "t=1")
+            self.lies([1, 2, 3], [0.25, 0.5, 4])
+        # Projections have no spacing between slices.
+        self.image(self.data, "all.dcm", **nuclear)
+        done = self.reads(self.data)
+        self.assertIn("do not say where they lie", done.stdout + done.stderr)
+
     def enhanced(self, implicit=False, order=None, undefined=False):
         groups = []
         order = list(range(6)) if order is None else order

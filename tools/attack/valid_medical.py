@@ -14,5 +14,5 @@ if __name__ == "__main__":
         "nifti": nifti.nifti, "analyze": nifti.analyze, "meta_image": meta_image.meta_image,
         "meta_image_refused": meta_image.meta_image_refused, "mrc": mrc.mrc, "dicom": dicom.dicom,
         "dicom_frames": dicom.dicom_frames, "dicom_files_of_frames": dicom.dicom_files_of_frames,
-        "dicom_unplaced": dicom.dicom_unplaced, "dicom_times": dicom.dicom_times, "dicom_enhanced": dicom.dicom_enhanced,
+        "dicom_nuclear": dicom.dicom_nuclear, "dicom_unplaced": dicom.dicom_unplaced, "dicom_times": dicom.dicom_times, "dicom_enhanced": dicom.dicom_enhanced,
         "dicom_bad": dicom_odd.dicom_bad, "dicom_packed": dicom_odd.dicom_packed}))

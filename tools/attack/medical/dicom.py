@@ -137,6 +137,35 @@ def dicom_frames(one):
     return volumes.compared(one, one.folder / "all.dcm", volumes.Volume(values, affine, "mm", dtype))
 
 
+def dicom_nuclear(one):
+    """A reconstruction of nuclear medicine: its place is its detector's, its frames are slices of several gates."""
+    n, ny, nx = _shape(one)
+    n = max(n, 2)
+    b, p = bits(one, floats=False), place(one)
+    gates = one.pick(1, 1, 2, 3)
+    stored = b.numbers(one, (gates, n, ny, nx))
+    pair = scales(one, 1)[0]
+    sign = one.pick(1, -1)
+    detector, second = Dataset(), Dataset()
+    detector.ImagePositionPatient = position(p.first)
+    detector.ImageOrientationPatient = p.elements()["ImageOrientationPatient"]
+    second.ImagePositionPatient, second.ImageOrientationPatient = ["7", "8", "9"], ["0", "1", "0", "0", "0", "1"]
+    numbers = np.tile(np.arange(1, n + 1), gates)
+    order = np.arange(n * gates) if one.chance(0.5) else np.argsort(numbers, kind="stable")  # gate by gate, or slice by slice
+    d = image(one, one.folder / "nm.dcm", stored.reshape(-1, ny, nx)[order], b, syntax=one.pick(*SYNTAXES),
+              PixelSpacing=p.elements()["PixelSpacing"], SpacingBetweenSlices=text(sign * p.size[2]), SliceThickness=text(p.size[2]),
+              DetectorInformationSequence=Sequence([detector, second][:int(one.random.integers(1, 3))]),
+              SliceVector=[int(numbers[i]) for i in order] if gates > 1 or one.chance(0.5) else None, **scale_elements(pair))
+    d["DetectorInformationSequence"].is_undefined_length = one.chance(0.5)
+    d.save_as(one.folder / "nm.dcm", write_like_original=False)
+    gate = int(one.random.integers(gates))
+    values, dtype = meaning(stored[gate], b, [pair] * n)
+    affine = p.affine()
+    affine[:3, 2] *= sign
+    return volumes.compared(one, one.folder / "nm.dcm", volumes.Volume(values, affine, "mm", dtype,
+                                                                      options={"index": {"t": gate}} if gates > 1 else {}))
+
+
 def dicom_files_of_frames(one):
     """A series of files of several frames each, whose slices may lie between each other."""
     n, ny, nx = _shape(one)
