@@ -51,7 +51,7 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
     }
     auto source = bytes ? open_bytes(std::move(bytes), array.name, layout, array.file)
                         : open_raw(array.file, array.name, layout);
-    if (placement && source->sequential() && layout.nodes.z > 1) {
+    if (placement && placement->backward[2] && source->sequential()) {
         placement = with_z_as_it_runs(*placement, layout.nodes);
         set_place(*placement, layout);
         source = open_raw(array.file, array.name, layout);
