@@ -88,6 +88,17 @@ class Nifti(DamagedFiles, Input):
         self.reads(data.T)
         self.lies([0, 0, 0], [2, 0.5, 3])
 
+    def test_a_packed_image_whose_z_runs_backward_keeps_its_place(self):
+        """A stream is read from its front: z stays as it runs, and x is turned around, so that axes are right-handed."""
+        data = numbers((7, 6, 5))
+        for x, y, name in itertools.product((2, -2), (0.5, -0.5), ("v.nii.gz", "v.img.gz")):
+            with self.subTest(x=x, y=y, name=name):
+                self.save(data, np.array([[x, 0, 0, 10], [0, y, 0, 20], [0, 0, -3, 30], [0, 0, 0, 1.]]), name,
+                          nibabel.Nifti1Pair if "img" in name else nibabel.Nifti1Image)
+                self.reads(np.ascontiguousarray((data[::-1] if x > 0 else data)[:, ::-1 if y < 0 else 1].T))
+                self.lies([10 + max(x, 0) * 6, 20 + min(y, 0) * 5, 30], [2, 0.5, 3])
+                self.assertEqual(self.directions(), [[-1, 0, 0], [0, 1, 0], [0, 0, -1]])
+
     def test_slope_and_intercept(self):
         for kind, slope, intercept, made in (("u2", 2, -1024, "i4"), ("i2", 0.5, 3, "f4"), ("i4", 0.1, 0, "f8"),
                                              ("u1", 1, 100, "u2"), ("f4", 3, 1, "f4"), ("u1", 1, 0, "u1"),
@@ -184,6 +195,14 @@ class MetaImage(DamagedFiles, Input):
         self.reads(data)
         self.text("HeaderSize = 6", file="other.raw")
         self.reads(data)
+
+    def test_intensities_are_not_computed_and_that_is_said(self):
+        data = numbers((5, 6, 7))
+        for lines, said in ((("ElementToIntensityFunctionSlope = 2", "ElementToIntensityFunctionOffset = 100"), True),
+                            (("ElementToIntensityFunctionSlope = 1.0", "ElementToIntensityFunctionOffset = 0"), False)):
+            self.text(*lines, data=data)
+            done = self.reads(data)
+            self.assertEqual("ElementToIntensityFunction" in done.stdout + done.stderr, said)
 
     def test_channels_are_chosen(self):
         data = numbers((5, 6, 7, 2))

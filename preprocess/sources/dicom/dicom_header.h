@@ -60,6 +60,8 @@ struct DicomHeader {
     DicomPlace shared = {};
     std::vector<DicomPlace> per_frame = {};  ///< empty, or one for each
     std::vector<double> grid_offsets = {};   ///< dose: of the frames along the normal
+    std::vector<double> slice_numbers = {};  ///< nuclear medicine: of each frame
+    DicomPlace detector = {};                ///< nuclear medicine: of the first one
     std::optional<double> dose_scaling = {};
     std::optional<std::int64_t> padding = {};  ///< the stored number outside of the image
     bool has_modality_table = false;           ///< numbers have a meaning by a table

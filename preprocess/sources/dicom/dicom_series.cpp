@@ -50,7 +50,13 @@ std::optional<Double3> position_of(const DicomHeader& header, const DicomPlace& 
     if (static_cast<std::int64_t>(header.grid_offsets.size()) == header.frames) {
         along = header.grid_offsets[frame] - header.grid_offsets[0];
     } else if (const std::optional<double> step = step_of(place)) {
-        along = *step * static_cast<double>(frame);
+        // Spacing between slices has a sign: frames may lie in front of the first one (PS3.3,
+        // C.8.4.15).
+        const double slices =
+            static_cast<std::int64_t>(header.slice_numbers.size()) == header.frames
+                ? header.slice_numbers[frame] - header.slice_numbers[0]
+                : static_cast<double>(frame);
+        along = std::copysign(*step, place.step.value_or(1)) * slices;
     } else {
         return std::nullopt;
     }
