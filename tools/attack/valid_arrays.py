@@ -11,9 +11,11 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import attack  # noqa: E402
 
 attack.require("numpy", "numcodecs", "tifffile", "zarr")
-from arrays import numpy_files  # noqa: E402
+from arrays import numpy_files, ome_tiff_files, ome_zarr_files, tiff_files, zarr_files  # noqa: E402
 
-KINDS = {"npy": numpy_files.npy, "npz": numpy_files.npz, "raw": numpy_files.raw}
+KINDS = {"tiff": tiff_files.tiff, "tiff_series": tiff_files.tiff_series, "imagej": tiff_files.imagej, "ome_tiff": ome_tiff_files.ome_tiff,
+         "zarr_v2": zarr_files.zarr_v2, "zarr_v3": zarr_files.zarr_v3, "zarr_sharded": zarr_files.zarr_sharded, "ome_zarr": ome_zarr_files.ome_zarr,
+         "npy": numpy_files.npy, "npz": numpy_files.npz, "raw": numpy_files.raw}
 
 if __name__ == "__main__":
     sys.exit(attack.main(__doc__, KINDS))

@@ -96,3 +96,15 @@ def check(one, path, data, options=None, *, spacing=None, origin=None, unit=None
     if found_unit != unit:
         return attack.wrong(f"unit {found_unit}, but {unit} is right")
     return attack.SAME
+
+
+def by_unit(units, lengths):
+    """The store's unit and the factor of each axis, both in [z, y, x]: that of x, if all axes of more than one node have one.
+
+    units: of each axis a symbol, None for a word that is none of length, "" for nothing.
+    """
+    long = [a for a in (2, 1, 0) if lengths[a] > 1 or units[a] != ""]
+    if not long or all(units[a] == "" for a in long) or any(not units[a] for a in long):
+        return None, [1, 1, 1]
+    unit = units[long[0]]
+    return unit, [METRES[units[a]] / METRES[unit] if units[a] else 1 for a in range(3)]
