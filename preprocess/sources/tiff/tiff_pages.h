@@ -46,7 +46,12 @@ class TiffPages {
     [[nodiscard]] std::int64_t rows() const { return rows_; }
     /// Bytes that are held.
     [[nodiscard]] std::uint64_t heap() const;
-    /// The first page's numbers lie in the file as they are, one after the other, from here on.
+    /// The page that is a directory of a file, both by their numbers; none if it is not there, or a
+    /// smaller copy.
+    [[nodiscard]] std::optional<std::int64_t> page_of(std::size_t file,
+                                                      std::int64_t directory) const;
+    /// The first page's numbers, all samples of a pixel together, lie in the file as they are, one
+    /// after the other, from here on.
     struct Plain {
         std::uint64_t offset;
         bool big_endian;
@@ -64,10 +69,11 @@ class TiffPages {
     struct Place {
         std::uint32_t file;
         std::uint64_t directory;  ///< its offset in the file
+        std::int64_t number;      ///< of the file's directories
     };
     void open(std::uint32_t file);
     void list(std::uint32_t file);
-    void look_at(std::uint32_t file, std::uint64_t directory);
+    void look_at(const Place& place);
     void check_size(std::uint64_t bytes) const;
     void go_to(std::int64_t page);
     void decode(std::int64_t page, std::int64_t y, std::int64_t sample);

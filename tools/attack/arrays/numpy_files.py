@@ -206,6 +206,8 @@ def raw(one):
             whole = gzip.decompress(blob)
             cut = int(one.random.integers(len(whole) + 1))
             blob = gzip.compress(whole[:cut]) + gzip.compress(whole[cut:]) + b"\0" * one.pick(0, 512)
+    if not blob and refused == "bytes":
+        refused = "empty"
     path = one.folder / one.pick("a.raw", "a.bin", "a", "a.npy")
     path.write_bytes(blob)
     options, place = placed(one, data.ndim)

@@ -65,11 +65,11 @@ def pages_of(one, data, look):
     return pages
 
 
-def judge(path, data, squeeze=True):
+def judge(path, data):
     """tifffile reads the same, where it has the codecs. `data`: [pages, height, width, samples]."""
     try:
         with tifffile.TiffFile(path) as file:
-            pages = [page for page in file.pages if not page.keyframe.is_reduced and not page.is_reduced]
+            pages = [page for page in file.pages if not page.is_reduced]
             found = [page.asarray() for page in pages]
     except (ValueError, NotImplementedError, RuntimeError) as error:
         if "imagecodecs" in str(error) or "cannot decompress" in str(error) or "predictor" in str(error).lower():
@@ -173,24 +173,24 @@ def unreadable(one):
     data = numbers(one, (3, *size_of(one), 1), one.pick("u2", "f4"))
     refused = ""
     if what == "complex":
-        data = data.astype(one.pick("c8", "c16"))
+        data, refused = data.astype(one.pick("c8", "c16")), "complex"
     elif what == "complex integers":
-        data, look["format"] = data.astype(one.pick("u4", "u8")), 5
+        data, look["format"], refused = data.astype(one.pick("u4", "u8")), 5, "complex"
     elif what == "bits":
         tifffile.imwrite(path, data[..., 0] > 1, photometric="minisblack")
         return check(one, path, data, refused="bits")
     elif what == "depth":
-        look["tags"] = {32997: (4, [one.pick(2, 3)])}
+        look["tags"], refused = {one.pick(32997, 32998): (4, [one.pick(2, 3)])}, "planes in one page"
     elif what == "truncated":
         # One directory for all pages: what is behind the first is not to be lost without a word.
         data = numbers(one, (one.pick(2, 3, 5), 5, int(one.random.integers(2, 9))), one.pick("u1", "u2", "f4"))
-        tifffile.imwrite(path, data, photometric="minisblack", truncate=True)
+        tifffile.imwrite(path, data, photometric="minisblack", truncate=True, byteorder=one.pick("<", ">"))
         np.testing.assert_array_equal(tifffile.imread(path), data)
         return check(one, path, data)
     elif what == "volumetric":
         data = numbers(one, (one.pick(2, 3, 20), 5, int(one.random.integers(2, 9))), one.pick("u1", "u2", "f4"))
         tifffile.imwrite(path, data, photometric="minisblack", volumetric=True, **one.pick({}, {"tile": (16, 16, 16)}), metadata=one.pick(None, {}))
-        return check(one, path, data, refused="may: ")
+        return check(one, path, data, refused="planes in one page")
     pages = [page_of(one, plane, look) for plane in data]
     if what == "differs":
         at = int(one.random.integers(3))
@@ -211,11 +211,7 @@ def natural_names(one, count):
     first, step = int(one.random.integers(0, 120)), one.pick(1, 1, 2, 10)
     digits = one.pick(0, 0, 3, 5)
     front, back = one.pick("slice", "a_", "", "Z", "img 2 ", "b1c", "\u00e4"), one.pick("", "", "_ch0", "x", "-5")
-    return [f"{front}{first + step * i:0{digits}d}{back}{one.pick('.tif', '.tiff') if mixed(one) else '.tif'}" for i in range(count)]
-
-
-def mixed(one):
-    return one.chance(0.0)
+    return [f"{front}{first + step * i:0{digits}d}{back}" for i in range(count)]
 
 
 def tiff_series(one):
@@ -239,7 +235,7 @@ def tiff_series(one):
     at = 0
     files = []
     for number, name in zip(pages, names):
-        path = folder / (name[:name.rindex(".")] + ending)
+        path = folder / (name + ending)
         looks = look if one.chance(0.5) else {**look_of(one, kind, data.shape[-1]), "photometric": look["photometric"]}
         parts = [page_of(one, plane, looks) for plane in data[at:at + number]]
         if imagej:
@@ -331,11 +327,6 @@ def imagej(one):
         chosen = data[at["T"], :, at["C"], :, :, s]
     told = "unit" in lines or "spacing" in lines
     units = [IMAGEJ_UNITS[own.get("z") or written], IMAGEJ_UNITS[own.get("y") or written], IMAGEJ_UNITS[written]]
-    unit, factors = by_unit_of_all(units)
+    unit, factors = by_unit(units, (2, 2, 2))
     spacing = [abs(step) if step else 1, 1 / pixel[1] if told else 1, 1 / pixel[0] if told else 1]
     return check(one, path, chosen, {"index": index or None}, spacing=[s * f for s, f in zip(spacing, factors)], unit=unit)
-
-
-def by_unit_of_all(units):
-    """Of all three axes, in [z, y, x]."""
-    return by_unit(units, (2, 2, 2))
