@@ -168,8 +168,25 @@ class Tiff(DamagedFiles, Input):
             offset = file.pages[0].dataoffsets[0]
         path.write_bytes(path.read_bytes()[:offset] + data.tobytes())
         self.reads(np.ascontiguousarray(data[..., 2]), "--index", "c=2")
-        tifffile.imwrite(path, data[..., 0], truncate=True, tile=(16, 16), photometric="minisblack")
+        tifffile.imwrite(path, data[0, ..., 0], tile=(16, 16), photometric="minisblack", metadata=None,
+                         description='{"shape": [5, 7, 9], "truncated": true}')
         self.refuses(5, "one page for 5 images")
+
+    def test_stacks_of_metamorph(self):
+        data = numbers((5, 7, 9), "u2")
+        for compression in (None, "zlib"):
+            # A rational number and, behind them, four times and dates, of each plane.
+            uic2 = (33629, 5, 5, (2, 1) * 5, True)
+            tifffile.imwrite(self.path, data[0], photometric="minisblack", byteorder="<", metadata=None, compression=compression,
+                             extratags=[uic2])
+            with tifffile.TiffFile(self.path) as file:
+                offset = file.pages[0].dataoffsets[0]
+            if compression:
+                self.refuses(5, "one page for 5 images")
+                continue
+            self.assertEqual(len(self.path.read_bytes()), offset + data[0].nbytes)
+            self.path.write_bytes(self.path.read_bytes()[:offset] + data.tobytes())
+            self.reads(data)
 
     def test_what_is_no_plane_of_numbers_is_refused(self):
         for kind in ("c8", "c16"):
@@ -179,11 +196,11 @@ class Tiff(DamagedFiles, Input):
             tifffile.imwrite(self.path, numbers((20, 7, 9)), volumetric=True, tile=tile, photometric="minisblack")
             self.refuses(5, "planes in one page")
 
-    def ome_file(self, planes, attributes="", elements="<TiffData/>", text=None, name="a.ome.tif", front="", **options):
+    def ome_file(self, planes, attributes="", elements="<TiffData/>", text=None, name="a.ome.tif", front="", uuid="urn:uuid:1", **options):
         """Pages as they come, and a description of T 2, Z 3 and C 2 of them."""
         n, height, width = planes.shape[:3]
         text = text or (f'<?xml version="1.0" encoding="UTF-8"?><{front}OME xmlns:ome="http://www.openmicroscopy.org/Schemas/OME/2016-06" '
-                        f'UUID="urn:uuid:1"><{front}Image ID="Image:0"><{front}Pixels ID="Pixels:0" DimensionOrder="XYCZT" Type="uint16" '
+                        f'UUID="{uuid}"><{front}Image ID="Image:0"><{front}Pixels ID="Pixels:0" DimensionOrder="XYCZT" Type="uint16" '
                         f'SizeX="{width}" SizeY="{height}" SizeZ="3" SizeC="2" SizeT="2" {attributes}>{elements}'
                         f'</{front}Pixels></{front}Image></{front}OME>')
         self.path = self.here / name
@@ -225,7 +242,7 @@ class Tiff(DamagedFiles, Input):
         # Each file has one time, the later one first.
         elements = "".join(f'<TiffData FirstT="{t}" FirstZ="{z}" FirstC="{c}" IFD="{z * 2 + c}"><UUID FileName="{1 - t}.ome.tif">'
                            f'urn:uuid:{1 - t}</UUID></TiffData>' for t, z, c in np.ndindex(2, 3, 2))
-        files = [self.ome_file(data[1 - i].reshape(6, 7, 9), elements=elements, name=f"{i}.ome.tif") for i in range(2)]
+        files = [self.ome_file(data[1 - i].reshape(6, 7, 9), elements=elements, name=f"{i}.ome.tif", uuid=f"urn:uuid:{i}") for i in range(2)]
         self.refuses(5, "a set of several files", options=("--index", "t=1,c=0"))
         folder = self.here / "set"
         folder.mkdir()

@@ -92,10 +92,10 @@ std::vector<PlaneData> plane_data(const std::vector<XmlElement>& elements,
             data.file_name = elements[i + 1].attribute("FileName");
         }
         const auto named = std::find(set.files.begin(), set.files.end(), data.file_name);
-        if (data.uuid.empty() || data.uuid == own) {
-            data.file = 0;
-        } else if (!data.file_name.empty() && named != set.files.end()) {
+        if (!data.file_name.empty() && named != set.files.end()) {
             data.file = static_cast<std::size_t>(named - set.files.begin());
+        } else if (data.uuid.empty() || data.uuid == own) {
+            data.file = 0;
         }
         list.push_back(std::move(data));
     }
@@ -106,7 +106,7 @@ std::vector<PlaneData> plane_data(const std::vector<XmlElement>& elements,
 std::vector<std::int64_t> pages_of_planes(const std::vector<XmlElement>& elements,
                                           const std::vector<ArrayAxis>& axes, const TiffSet& set) {
     std::vector<PlaneData> list = plane_data(elements, axes, set);
-    if (list.size() == 1 && list[0].plane == 0 && list[0].directory == 0) {
+    if (list.empty() || (list.size() == 1 && list[0].plane == 0 && list[0].directory == 0)) {
         return {};
     }
     if (std::none_of(list.begin(), list.end(), [](const PlaneData& d) { return d.file; })) {

@@ -152,11 +152,14 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
             : fmt::format("{} and {} more", files.front().string(), files.size() - 1);
     auto pages = std::make_unique<TiffPages>(std::move(files), options.max_heap);
     const TiffPage& page = pages->page();
+    const bool is_stack = pages->planes_of_stack() > 1;
     const std::int64_t images =
-        images_of_description(pages->description(), page.width * page.height * page.samples);
+        is_stack
+            ? pages->planes_of_stack()
+            : images_of_description(pages->description(), page.width * page.height * page.samples);
     const bool one_page = pages->count() == 1 && images > 1;
     const bool contiguous = one_page && pages->plain().has_value();
-    if (one_page && !contiguous && pages->description().starts_with('{')) {
+    if (one_page && !contiguous && (is_stack || pages->description().starts_with('{'))) {
         throw Error(ErrorKind::unsupported, {name},
                     fmt::format("one page for {} images that are stored in tiles or packed: write "
                                 "each image to a page of its own",

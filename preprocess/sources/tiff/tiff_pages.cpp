@@ -42,6 +42,16 @@ std::size_t bytes_of(const TiffPage& page) {
     return size_of(page.stored ? bits_type(*page.stored) : page.type);
 }
 
+/// MetaMorph's tag UIC2 has a number for each plane.
+std::int64_t planes_of_metamorph(TIFF* file) {
+    constexpr std::uint32_t kUic2 = 33629;
+    std::uint32_t count = 0;
+    const void* numbers = nullptr;
+    const bool has = TIFFGetField(file, kUic2, &count, &numbers) == 1 &&
+                     TIFFFieldDataType(TIFFFieldWithTag(file, kUic2)) == TIFF_RATIONAL;
+    return has ? std::max<std::int64_t>(count, 1) : 1;
+}
+
 /// Rows of the page that lie in one strip, or beside each other in tiles, which may be taller than
 /// the page.
 std::int64_t rows_of_part(TIFF* file, std::int64_t height) {
@@ -194,6 +204,7 @@ void TiffPages::look_at(const Place& place) {
                        ? std::string(text)
                        : std::string();
         }();
+        planes_of_stack_ = planes_of_metamorph(t);
         resolution_ = {static_cast<double>(tag_or<float>(t, TIFFTAG_XRESOLUTION, 0)),
                        static_cast<double>(tag_or<float>(t, TIFFTAG_YRESOLUTION, 0))};
         if (compression == COMPRESSION_NONE && TIFFIsTiled(t) == 0 &&

@@ -57,6 +57,8 @@ class TiffPages {
         bool big_endian;
     };
     [[nodiscard]] std::optional<Plain> plain() const { return plain_; }
+    /// MetaMorph's stacks (.stk) have all planes behind the first page: how many, else 1.
+    [[nodiscard]] std::int64_t planes_of_stack() const { return planes_of_stack_; }
     [[nodiscard]] const std::vector<std::filesystem::path>& files() const { return files_; }
 
     /// A sample of row `y`, native endianness, of the width. REQUIRES: they are there.
@@ -87,6 +89,7 @@ class TiffPages {
     std::string description_;
     std::array<double, 2> resolution_{};
     std::optional<Plain> plain_;
+    std::int64_t planes_of_stack_ = 1;
     std::int64_t rows_ = 1;
     std::uint64_t buffer_bytes_ = 0;
     mutable std::string problem_;  ///< libtiff's last message
