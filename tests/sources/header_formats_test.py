@@ -6,6 +6,7 @@ usage: header_formats_test.py ISONEST PLUGIN_FOLDER
 import gzip
 import itertools
 import pathlib
+import struct
 import subprocess
 import sys
 import unittest
@@ -323,6 +324,23 @@ class NumPyFiles(DamagedFiles, Input):
                 data = numbers((5, 6, 7), "u1") > 100 if kind == "b1" else numbers((5, 6, 7), kind)
                 np.save(self.path, np.asarray(data, dtype=data.dtype.newbyteorder(ends), order=order))
                 self.reads(is_read_as(data.astype("u1") if kind == "b1" else data))
+
+    def test_headers_that_other_programs_write(self):
+        data = numbers((3, 1, 14))
+
+        def write(text, pack=bytes):
+            head = b"\x93NUMPY\2\0" + struct.pack("<I", len(text)) + text.encode()
+            self.path.write_bytes(pack(head + data.tobytes("F" if "True" in text else "C")))
+        for text in ("{'descr': '<i2', 'fortran_order': False, 'shape': (3, 1, 14), }\n",
+                     '{"shape":(3,1,14),"descr":"<i2","fortran_order":True}', "{'shape': ( 3L , 1L, 14L\t) ,\n'descr' : '<i2' , 'fortran_order': True }\n"):
+            with self.subTest(text=text):
+                write(text)
+                np.testing.assert_array_equal(np.load(self.path), data)
+                self.reads(data)
+        write("{'descr': '<i2', 'fortran_order': False, 'shape': (3, 1, 14), }" + " " * 5000 + "\n", gzip.compress)
+        self.reads(data)
+        write("{'descr': '<i2', 'fortran_order': maybe, 'shape': (3, 1, 14), }")
+        self.refuses(4, "fortran_order")
 
     def test_arrays_of_one_to_six_axes(self):
         for shape, index, part in (((9,), (), ...), ((5, 6), (), ...), ((1, 5, 6, 1), (), (0, slice(None), slice(None), 0)),
