@@ -349,3 +349,6 @@ for name, url, beside in (("https", "https://user:p%40ss@Example.org:8443/a%20b/
                           ("s3", "s3://bucket/key with space/v.zarr", "0/c/0/1"), ("escape", "http://[::1]/a/", "../b"),
                           ("other", "http://h/a?b", "//other/c"), ("none", "ftp://x", "http://y/z")):
     seed("object_url", name, struct.pack("<H", len(url)) + url.encode() + beside.encode())
+place = b"https://example.org/a"
+seed("cached_block", "two", b"isorng01" + struct.pack("<QQII4I", 0, 3, len(place), 2, 0, 8, 100, 4) + place + b"abcdefghijkl")
+seed("cached_block", "none", b"isorng01" + struct.pack("<QQII", 0, 3, len(place), 0) + place)

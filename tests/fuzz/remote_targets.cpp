@@ -2,19 +2,24 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <cstdint>
+#include <cstring>
 #include <map>
 #include <memory>
 #include <optional>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
 
 #include <isonest/error.h>
+#include <isonest/remote.h>
 
 #include "preprocess/sources/bytes/far_objects.h"
 #include "preprocess/sources/zarr/zarr_files.h"
+#include "store/base/checksum.h"
 #include "store/bytes/cached_block.h"
 #include "store/bytes/object_folder.h"
 #include "store/remote/answer.h"
@@ -158,11 +163,24 @@ void object_url(Bytes bytes) {
 }
 
 void cached_block(Bytes bytes) {
-    const auto block = CachedBlock::decode(std::as_bytes(bytes), "https://example.org/a", 3);
+    constexpr std::size_t kSummedFrom = 16;  // behind eight letters and the checksum
+    std::vector<std::byte> file(bytes.size());
+    std::copy_n(std::as_bytes(bytes).begin(), bytes.size(), file.begin());
+    if (file.size() > kSummedFrom) {
+        const std::uint64_t sum = checksum_of(std::span(file).subspan(kSummedFrom));
+        std::memcpy(file.data() + kSummedFrom - sizeof(sum), &sum, sizeof(sum));
+    }
+    constexpr std::string_view kObject = "https://example.org/a";
+    auto block = CachedBlock::decode(file, kObject, 3);
     if (block) {
-        std::vector<std::byte> all(CachedBlock::kBytes);
-        keep(block->copy(0, all) ? 1 : 0);
-        keep(static_cast<double>(block->encode("https://example.org/a", 3).size()));
+        std::vector<std::byte> part(CachedBlock::kBytes);
+        keep(block->copy(0, std::span(part).first(7)) ? 1 : 0);
+        if (block->encode(kObject, 3) != file) {
+            throw std::logic_error("a block that is written otherwise than it was read");
+        }
+        block->remove(5, 9);
+        keep(block->add(7, std::span(part).first(100)) ? 1 : 0);
+        keep(block->copy(7, std::span(part).first(100)) ? 1 : 0);
     }
 }
 

@@ -36,7 +36,8 @@ void dicom(Bytes bytes);
 void far_zarr(Bytes bytes);
 void answer(Bytes bytes);      ///< eight bytes of a question, and the head of a server's answer
 void object_url(Bytes bytes);  ///< two bytes that say how long a URL is, that, and a name beside it
-void cached_block(Bytes bytes);  ///< a file of the cache on disk
+/// A file of the cache on disk, with a right checksum.
+void cached_block(Bytes bytes);
 /// A Zarr folder: of which kind (an array of version 2, of version 3, a group), two bytes that say
 /// how long its description is, that, and its only chunk.
 void zarr(Bytes bytes);

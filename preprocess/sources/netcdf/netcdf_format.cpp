@@ -167,14 +167,20 @@ std::vector<double> read_numbers(const std::filesystem::path& path, const Netcdf
         return {};
     }
     std::vector<double> numbers;
-    for (std::uint64_t i = 0; i < count; ++i) {
-        const std::string bytes = first_bytes(path, value, v.begin + i * stride);
-        if (bytes.size() != value) {
+    constexpr std::uint64_t kPart = std::uint64_t{1} << 16U;
+    const std::uint64_t together = std::max<std::uint64_t>(kPart / stride, 1);
+    for (std::uint64_t i = 0; i < count; i += together) {
+        const std::uint64_t n = std::min(together, count - i);
+        const std::size_t size = static_cast<std::size_t>((n - 1) * stride) + value;
+        const std::string bytes = first_bytes(path, size, v.begin + i * stride);
+        if (bytes.size() != size) {
             return {};
         }
-        numbers.push_back(netcdf_number(bytes, 0, v.type));
-        if (is_unsigned(v) && numbers.back() < 0) {
-            numbers.back() += std::ldexp(1.0, static_cast<int>(8 * value));
+        for (std::uint64_t j = 0; j < n; ++j) {
+            numbers.push_back(netcdf_number(bytes, static_cast<std::size_t>(j * stride), v.type));
+            if (is_unsigned(v) && numbers.back() < 0) {
+                numbers.back() += std::ldexp(1.0, static_cast<int>(8 * value));
+            }
         }
     }
     unpack(numbers, [&](const std::string& name) {
