@@ -1,8 +1,30 @@
-// libFuzzer's entry; ISONEST_FUZZ_TARGET is a function of targets.h.
+// libFuzzer's entry, for the target of targets.h that ISONEST_FUZZ_TARGET in the environment names.
+#include <cstdio>
+#include <cstdlib>
+#include <functional>
+
 #include "tests/fuzz/targets.h"
+
+namespace {
+
+const isonest::detail::fuzz::Target& target() {
+    static const isonest::detail::fuzz::Target& chosen = [] {
+        const char* const name = std::getenv("ISONEST_FUZZ_TARGET");
+        for (const auto& one : isonest::detail::fuzz::targets()) {
+            if (name != nullptr && one.name == name) {
+                return std::cref(one);
+            }
+        }
+        std::fputs("ISONEST_FUZZ_TARGET names no target of tests/fuzz/targets.cpp\n", stderr);
+        std::exit(2);
+    }();
+    return chosen;
+}
+
+}  // namespace
 
 // NOLINTNEXTLINE(readability-identifier-naming)
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-    isonest::detail::fuzz::ISONEST_FUZZ_TARGET({data, size});
+    target().run({data, size});
     return 0;
 }

@@ -106,25 +106,25 @@ def vtk_file(writer, path, **calls):
 
 
 grid = np.arange(24, dtype="i2").reshape(2, 3, 4)
-seed("volume", "npy", saved("v.npy", lambda p: np.save(p, grid)))
-seed("volume", "npy_fortran", saved("v.npy", lambda p: np.save(p, np.asfortranarray(grid[None]))))
-seed("volume", "npz", saved("v.npz", lambda p: np.savez(p, v=grid)))
-seed("volume", "npz_deflated", saved("v.npz", lambda p: np.savez_compressed(p, v=grid)))
-seed("volume", "mrc", saved("v.mrc", lambda p: mrcfile.new(p, grid).close()))
+seed("numpy", "npy", saved("v.npy", lambda p: np.save(p, grid)))
+seed("numpy", "npy_fortran", saved("v.npy", lambda p: np.save(p, np.asfortranarray(grid[None]))))
+seed("numpy", "npz", saved("v.npz", lambda p: np.savez(p, v=grid)))
+seed("numpy", "npz_deflated", saved("v.npz", lambda p: np.savez_compressed(p, v=grid)))
+seed("mrc", "mrc", saved("v.mrc", lambda p: mrcfile.new(p, grid).close()))
 for name, kind in (("nifti", nibabel.Nifti1Image), ("nifti2", nibabel.Nifti2Image)):
-    seed("volume", name, saved("v.nii", lambda p: nibabel.save(kind(grid.T, np.diag([1, 2, 3, 1])), p)))
-seed("volume", "nifti_gzip", saved("v.nii.gz", lambda p: nibabel.save(nibabel.Nifti1Image(grid.T, np.eye(4)), p)))
+    seed("nifti", name, saved("v.nii", lambda p: nibabel.save(kind(grid.T, np.diag([1, 2, 3, 1])), p)))
+seed("nifti", "nifti_gzip", saved("v.nii.gz", lambda p: nibabel.save(nibabel.Nifti1Image(grid.T, np.eye(4)), p)))
 meta = b"ObjectType = Image\nNDims = 3\nDimSize = 4 3 2\nElementType = MET_SHORT\n"
-seed("volume", "meta", meta + b"ElementSpacing = 1 2 3\nTransformMatrix = -1 0 0 0 1 0 0 0 1\n"
+seed("meta_image", "meta", meta + b"ElementSpacing = 1 2 3\nTransformMatrix = -1 0 0 0 1 0 0 0 1\n"
      b"ElementDataFile = LOCAL\n" + values)
-seed("volume", "meta_zlib", meta + b"CompressedData = True\nElementDataFile = LOCAL\n" + zlib.compress(values))
+seed("meta_image", "meta_zlib", meta + b"CompressedData = True\nElementDataFile = LOCAL\n" + zlib.compress(values))
 for name, calls in (("vti", {}), ("vti_raw", {"SetCompressorTypeToNone": ()}),
                     ("vti_base64", {"SetEncodeAppendedData": (1,)}), ("vti_binary", {"SetDataModeToBinary": ()}),
                     ("vti_text", {"SetDataModeToAscii": ()})):
-    seed("volume", name, saved("v.vti", lambda p: vtk_file(vtk.vtkXMLImageDataWriter(), p, **{
+    seed("vti", name, saved("v.vti", lambda p: vtk_file(vtk.vtkXMLImageDataWriter(), p, **{
         "SetEncodeAppendedData": (0,), **calls})))
-seed("volume", "vtk", saved("v.vtk", lambda p: vtk_file(vtk.vtkStructuredPointsWriter(), p, SetFileTypeToBinary=())))
-seed("volume", "vtk_text", saved("v.vtk", lambda p: vtk_file(vtk.vtkStructuredPointsWriter(), p)))
+seed("vtk", "vtk", saved("v.vtk", lambda p: vtk_file(vtk.vtkStructuredPointsWriter(), p, SetFileTypeToBinary=())))
+seed("vtk", "vtk_text", saved("v.vtk", lambda p: vtk_file(vtk.vtkStructuredPointsWriter(), p)))
 
 
 def dicom_file(path, way=None):
@@ -155,25 +155,49 @@ def dicom_file(path, way=None):
 
 
 seed("volume", "dicom", saved("v.dcm", dicom_file))
+
+
+def dicom_slice(path, z, way=None):
+    dicom_file(path)
+    d = pydicom.dcmread(path)
+    del d.NumberOfFrames, d.PerFrameFunctionalGroupsSequence
+    d.ImagePositionPatient, d.InstanceNumber, d.SOPInstanceUID = [0, 0, z], z, f"1.2.3.4.{z}"
+    d.PixelData = d.PixelData[:128]
+    d["PixelData"].VR = "OW"
+    d.save_as(path)
+    if way is not None:
+        subprocess.run(["gdcmconv", way, path, str(path) + ".new"], check=True)
+        pathlib.Path(str(path) + ".new").replace(path)
+
+
+def several(*files):
+    return b"".join(struct.pack("<H", len(file)) + file for file in files)
+
+
+seed("dicom", "frames", several(saved("v.dcm", dicom_file)))
+seed("dicom", "slices", several(*(saved("v.dcm", lambda p: dicom_slice(p, z)) for z in (2, 1, 3))))
+seed("dicom", "gap", several(*(saved("v.dcm", lambda p: dicom_slice(p, z)) for z in (1, 2, 4))))
+seed("dicom", "rle", several(*(saved("v.dcm", lambda p: dicom_slice(p, z, "--rle")) for z in (1, 2))))
+seed("dicom", "implicit", several(*(saved("v.dcm", lambda p: dicom_slice(p, z, "--implicit")) for z in (1, 2))))
 for way in ("jpeg", "jpegls", "j2k", "rle"):
     seed("volume", f"dicom_{way}", saved("v.dcm", lambda p: dicom_file(p, f"--{way}")))
 stack = np.arange(3 * 20 * 17, dtype="u2").reshape(3, 20, 17)
 for name, options in (("strips", {"rowsperstrip": 7}), ("tiles", {"tile": (16, 16)}), ("big", {"bigtiff": True}),
                       ("big_endian", {"byteorder": ">"}), ("deflate", {"compression": "zlib", "predictor": 2})):
-    seed("volume", f"tiff_{name}", saved("v.tif", lambda p: tifffile.imwrite(p, stack, photometric="minisblack",
+    seed("tiff", f"{name}", saved("v.tif", lambda p: tifffile.imwrite(p, stack, photometric="minisblack",
                                                                             metadata=None, **options)))
-seed("volume", "tiff_imagej", saved("v.tif", lambda p: tifffile.imwrite(
+seed("tiff", "imagej", saved("v.tif", lambda p: tifffile.imwrite(
     p, stack[None, :, None], imagej=True, resolution=(2, 4), metadata={"axes": "TZCYX", "spacing": 3.5, "unit": "um"})))
-seed("volume", "tiff_ome", saved("v.tif", lambda p: tifffile.imwrite(
+seed("tiff", "ome", saved("v.tif", lambda p: tifffile.imwrite(
     p, stack, ome=True, photometric="minisblack", metadata={"axes": "ZYX", "PhysicalSizeX": 0.5})))
-seed("volume", "tiff_colours", saved("v.tif", lambda p: tifffile.imwrite(
+seed("tiff", "colours", saved("v.tif", lambda p: tifffile.imwrite(
     p, np.zeros((2, 8, 8, 3), "u1"), photometric="rgb", planarconfig="contig", metadata=None)))
 for way in ("lzw:2", "packbits", "zstd", "jpeg"):
     def packed(path):
         plain = path.with_name("plain.tif")
         tifffile.imwrite(plain, stack.astype("u1"), photometric="minisblack", metadata=None)
         subprocess.run(["tiffcp", "-c", way, plain, path], check=True)
-    seed("volume", f"tiff_{way.split(':')[0]}", saved("v.tif", packed))
+    seed("tiff", f"{way.split(':')[0]}", saved("v.tif", packed))
 
 
 def netcdf(path, kind):
@@ -187,7 +211,21 @@ def netcdf(path, kind):
 
 
 for kind in ("NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA"):
-    seed("volume", kind.lower(), saved("v.nc", lambda p: netcdf(p, kind)))
+    seed("netcdf3", kind.lower().removeprefix("netcdf3_"), saved("v.nc", lambda p: netcdf(p, kind)))
+
+
+def records(path):
+    """Of a length that is no multiple of all of its numbers; coordinates are packed."""
+    with netCDF4.Dataset(path, "w", format="NETCDF3_64BIT_DATA") as file:
+        for dim, length in (("time", None), ("y", 3)):
+            file.createDimension(dim, length)
+        file.createVariable("step", "i4", ("time",))[:] = [1, 2]
+        file.createVariable("time", "i8", ("time",))[:] = [5, 6]
+        y = file.createVariable("y", "u1", ("y",))
+        y.set_auto_maskandscale(False)
+        y.scale_factor, y.units = -0.5, "mm"
+        y[:] = [1, 2, 3]
+        file.createVariable("v", "f8", ("time", "y"))[:] = [[1, 2, 3], [4, 5, 6]]
 
 
 def zarr_folder(kind, description, chunk):
@@ -235,8 +273,8 @@ def with_extension(path):
     nibabel.save(nifti, path)
 
 
-seed("volume", "nifti_labels", saved("v.nii", with_extension))
-seed("volume", "nifti_labels_gzip", saved("v.nii.gz", with_extension))
+seed("nifti", "nifti_labels", saved("v.nii", with_extension))
+seed("nifti", "nifti_labels_gzip", saved("v.nii.gz", with_extension))
 seed("label_file", "freesurfer", b"#No. Label Name: R G B A\n0 Unknown 0 0 0 0\n3 Left-Cortex 205 62 78 0\n")
 seed("label_file", "itk_snap", b'\xef\xbb\xbf 1 255 0 0 1 1 1 "left lung"\r\n 2 0 255 0 0.5 1 1 ""\n')
 seed("label_file", "plain", "5 fünf\n-3 minus 1 2 3".encode())
@@ -254,3 +292,63 @@ seed("footer", "attribute_size", struct.pack("<BHQ", 1, 8, 0xFFFFFFFFFFFFFFF8))
 seed("footer", "catalogue_place", struct.pack("<BHQ", 3, 0, 1 << 40))
 seed("footer", "magic", struct.pack("<BHQ", 2, 56, 0))
 seed("chunk_table", "swapped", struct.pack("<HQ", 40, 4096) + struct.pack("<HQ", 80, 4096))
+
+
+def vtk_of_all_kinds(path, text):
+    image = vtk.vtkImageData()
+    image.SetDimensions(3, 2, 1)
+    of = image.GetPointData()
+    for name, parts, place in (("a", 4, of.SetScalars), ("b", 3, of.SetVectors), ("c", 2, of.SetTCoords), ("v", 3, of.AddArray)):
+        array = numpy_support.numpy_to_vtk(np.ones((6, parts), "f4"), deep=True)
+        array.SetName(name)
+        place(array)
+        array.GetRange(-1)
+        array.SetComponentName(0, "part")
+    for kind in (vtk.vtkBitArray, vtk.vtkStringArray, vtk.vtkIdTypeArray):
+        array = kind()
+        array.SetName(array.GetClassName())
+        array.SetNumberOfValues(6)
+        for i in range(6):
+            array.SetValue(i, "text" if kind is vtk.vtkStringArray else i % 2)
+        of.AddArray(array)
+    writer = vtk.vtkStructuredPointsWriter()
+    writer.SetInputData(image)
+    writer.SetFileName(str(path))
+    (writer.SetFileTypeToASCII if text else writer.SetFileTypeToBinary)()
+    writer.Write()
+
+
+chosen = b"\xff"  # the targets of one file then choose the array v, and its component 1
+for text in (False, True):
+    seed("vtk", f"kinds_{'text' if text else 'binary'}", saved("v.vtk", lambda p: vtk_of_all_kinds(p, text)) + chosen)
+seed("netcdf3", "records", saved("v.nc", lambda p: records(p)))
+
+
+def objects(**of):
+    """What the target far_zarr takes: objects by their number there."""
+    return b"".join(bytes([int(n[1:])]) + struct.pack("<H", len(text)) + text
+                    for n, text in ((n, json.dumps(value).encode()) for n, value in of.items()))
+
+
+group3 = {"zarr_format": 3, "node_type": "group", "attributes": {"ome": {"version": "0.5", "multiscales": [image]}}}
+array2 = {"zarr_format": 2, "shape": [2, 3, 4], "chunks": [2, 3, 4], "dtype": "<i2", "compressor": None, "fill_value": 0,
+          "order": "C", "filters": None}
+seed("far_zarr", "v3", objects(_0={**group3, "consolidated_metadata": {"kind": "inline", "must_understand": False,
+                                                                       "metadata": {"0": array}}}))
+seed("far_zarr", "v2", objects(_4={"zarr_consolidated_format": 1, "metadata": {
+    ".zgroup": {"zarr_format": 2}, ".zattrs": {"multiscales": [image]}, "0/.zarray": array2}}, _3={"zarr_format": 2}))
+seed("far_zarr", "plain", objects(_1=array2, _2={"a": 1}, _5=array2))
+asked = bytes([10, 20, 2, 0, 0, 200, 0, 1])
+reply = b"HTTP/1.1 206 Partial Content\r\nContent-Range: bytes 10-29/200\r\nContent-Length: 20\r\nETag: \"a\"\r\n"
+seed("answer", "part", asked + reply + b"Last-Modified: Thu, 26 Nov 2026 20:00:00 GMT\r\n\r\n")
+seed("answer", "opening", bytes([0, 0, 0, 64, 0, 0, 0, 0]) + reply.replace(b"10-29", b"136-199").replace(b": 20", b": 64"))
+seed("answer", "whole", bytes([0, 0, 1, 0, 99, 0, 0, 0]) + b"HTTP/2 200\r\ncontent-length: 7\r\ncontent-encoding: gzip\r\n")
+seed("answer", "redirect", asked + b"HTTP/1.1 301 Moved\nLocation: https://example.org/b\nx-amz-bucket-region: eu-west-1\n\n")
+seed("answer", "no_range", asked + b"HTTP/1.1 416 Range Not Satisfiable\r\nContent-Range: bytes */200\r\n")
+for name, url, beside in (("https", "https://user:p%40ss@Example.org:8443/a%20b/c.nhdr?sig=1&X=2#f", "d e.raw"),
+                          ("s3", "s3://bucket/key with space/v.zarr", "0/c/0/1"), ("escape", "http://[::1]/a/", "../b"),
+                          ("other", "http://h/a?b", "//other/c"), ("none", "ftp://x", "http://y/z")):
+    seed("object_url", name, struct.pack("<H", len(url)) + url.encode() + beside.encode())
+place = b"https://example.org/a"
+seed("cached_block", "two", b"isorng01" + struct.pack("<QQII4I", 0, 3, len(place), 2, 0, 8, 100, 4) + place + b"abcdefghijkl")
+seed("cached_block", "none", b"isorng01" + struct.pack("<QQII", 0, 3, len(place), 0) + place)

@@ -5,11 +5,9 @@
 #include <algorithm>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
-#include <string_view>
+#include <vector>
 
 #include <isonest/error.h>
-#include <isonest/open_volume.h>
 
 #include "preprocess/sources/label_names/label_file.h"
 #include "preprocess/sources/wrapping/named_labels_source.h"
@@ -17,29 +15,12 @@
 #include "store/bytes/file_bytes.h"
 #include "store/container/footer/footer.h"
 #include "store/container/hdf5_types.h"
+#include "tests/fuzz/scratch.h"
 #include "tests/support/test_support.h"
 #include "tools/drawing/input/ply_reader.h"
 
 namespace isonest::detail::fuzz {
 namespace {
-
-namespace fs = std::filesystem;
-
-/// A folder of this process, removed at its end.
-const test::TemporaryFolder& folder() {
-    static const test::TemporaryFolder folder;
-    return folder;
-}
-
-fs::path written(const char* name, Bytes bytes) {
-    fs::path path = folder() / name;
-    std::ofstream out(path, std::ios::binary | std::ios::trunc);
-    out.write(reinterpret_cast<const char*>(bytes.data()),
-              static_cast<std::streamsize>(bytes.size()));
-    return path;
-}
-
-constexpr std::uint64_t kMemory = std::uint64_t{64} << 20U;
 
 /// A whole small store under this name, made once and copied.
 fs::path fresh_store(const char* name) {
@@ -242,112 +223,6 @@ void chunk_decode(Bytes bytes) {
     }
 }
 
-namespace {
-
-/// So that reading is not left out.
-void keep(double value) {
-    static volatile double sink = 0;
-    sink = sink + value;
-}
-
-void use_volume(const fs::path& path, const SourceOptions& options) {
-    try {
-        const auto source = open_volume(path, options);
-        const VolumeDescription volume = source->describe();
-        const Int3 n = volume.nodes;
-        const std::size_t row = static_cast<std::size_t>(n.x) * size_of(volume.type);
-        if (row * static_cast<std::size_t>(n.y) > (std::size_t{1} << 22U)) {
-            return;
-        }
-        std::vector<std::byte> plane(row * static_cast<std::size_t>(n.y));
-        for (std::int64_t z = 0; z < std::min<std::int64_t>(n.z, 64); ++z) {
-            source->read(z, 1, 0, n.y, plane.data());
-        }
-        std::uint64_t sum = 0;  // a map must be readable to its end
-        for (const std::byte b : source->mapped().first(
-                 std::min<std::size_t>(source->mapped().size(), std::size_t{1} << 22U))) {
-            sum += static_cast<std::uint64_t>(b);
-        }
-        keep(static_cast<double>(sum));
-        for (const LabelName& label : source->label_names()) {
-            keep(static_cast<double>(label.id));
-        }
-    } catch (const Error&) {
-        // Refused.
-    }
-}
-
-}  // namespace
-
-void nrrd(Bytes bytes) {
-    SourceOptions options;
-    options.labels = true;
-    options.max_heap = kMemory;
-    use_volume(written("v.nrrd", bytes), options);
-}
-
-void volume(Bytes bytes) {
-    SourceOptions options;
-    options.labels = true;
-    options.max_heap = kMemory;
-    use_volume(written("v", bytes), options);
-}
-
-void zarr(Bytes bytes) {
-    if (bytes.size() < 3) {
-        return;
-    }
-    const std::size_t length = bytes[1] + std::size_t{256} * bytes[2];
-    const Bytes rest = bytes.subspan(3);
-    const Bytes description = rest.first(std::min(length, rest.size()));
-    const Bytes chunk = rest.subspan(description.size());
-    static const fs::path root = folder() / "v.zarr";
-    fs::remove_all(root);
-    fs::create_directories(root / "c" / "0" / "0");
-    switch (bytes[0] % 3) {
-        case 0:
-            written("v.zarr/.zarray", description);
-            written("v.zarr/0.0.0", chunk);
-            break;
-        case 1:
-            written("v.zarr/zarr.json", description);
-            written("v.zarr/c/0/0/0", chunk);
-            break;
-        default: {  // a group, with an array that is whole
-            constexpr std::string_view kArray =
-                R"({"zarr_format": 3, "node_type": "array", "shape": [2, 3, 4], "data_type": "uint8",
-                "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [2, 3, 4]}},
-                "chunk_key_encoding": {"name": "default"}, "fill_value": 7, "codecs": [{"name": "bytes"}],
-                "attributes": {}})";
-            fs::create_directories(root / "0");
-            written("v.zarr/zarr.json", description);
-            written("v.zarr/0/zarr.json",
-                    {reinterpret_cast<const std::uint8_t*>(kArray.data()), kArray.size()});
-            break;
-        }
-    }
-    SourceOptions options;
-    options.labels = true;
-    options.max_heap = kMemory;
-    use_volume(root, options);
-}
-
-void raw(Bytes bytes) {
-    if (bytes.size() < 8) {
-        return;
-    }
-    SourceOptions options;
-    options.max_heap = kMemory;
-    options.dims = Int3{1 + bytes[0], 1 + bytes[1], 1 + bytes[2] % 8};
-    options.type = static_cast<ValueType>(bytes[3] % 8);
-    options.big_endian = (bytes[4] & 1U) != 0;
-    options.offset = (bytes[4] & 2U) != 0 ? std::optional<std::uint64_t>(bytes[5]) : std::nullopt;
-    if ((bytes[4] & 4U) != 0) {
-        options.missing = bytes[6];
-    }
-    use_volume(written("v.raw", bytes.subspan(8)), options);
-}
-
 void ply(Bytes bytes) {
     try {
         const cli::PlyMesh mesh(written("f.ply", bytes));
@@ -363,18 +238,32 @@ void ply(Bytes bytes) {
 }
 
 const std::vector<Target>& targets() {
-    static const std::vector<Target> all{{"open_store", open_store},
-                                         {"store_header", store_header},
-                                         {"chunk_table", chunk_table},
-                                         {"footer", footer},
-                                         {"label_table", label_table},
-                                         {"label_file", label_file},
-                                         {"chunk_decode", chunk_decode},
-                                         {"nrrd", nrrd},
-                                         {"raw", raw},
-                                         {"volume", volume},
-                                         {"zarr", zarr},
-                                         {"ply", ply}};
+    static const std::vector<Target> all{
+        {"open_store", open_store},
+        {"store_header", store_header},
+        {"chunk_table", chunk_table},
+        {"footer", footer},
+        {"label_table", label_table},
+        {"label_file", label_file},
+        {"chunk_decode", chunk_decode},
+        {"nrrd", nrrd},
+        {"raw", raw},
+        {"volume", volume},
+        {"zarr", zarr},
+        {"dicom", dicom},
+        {"nifti", [](Bytes bytes) { one_file("v.nii", bytes); }},
+        {"meta_image", [](Bytes bytes) { one_file("v.mha", bytes); }},
+        {"mrc", [](Bytes bytes) { one_file("v.mrc", bytes); }},
+        {"tiff", [](Bytes bytes) { one_file("v.tif", bytes); }},
+        {"numpy", [](Bytes bytes) { one_file("v.npy", bytes); }},
+        {"netcdf3", [](Bytes bytes) { one_file("v.nc", bytes); }},
+        {"vtk", [](Bytes bytes) { one_file("v.vtk", bytes); }},
+        {"vti", [](Bytes bytes) { one_file("v.vti", bytes); }},
+        {"far_zarr", far_zarr},
+        {"answer", answer},
+        {"object_url", object_url},
+        {"cached_block", cached_block},
+        {"ply", ply}};
     return all;
 }
 

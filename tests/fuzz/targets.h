@@ -26,6 +26,18 @@ void chunk_decode(Bytes bytes);  ///< a stored chunk
 void nrrd(Bytes bytes);          ///< an NRRD file
 void raw(Bytes bytes);           ///< a raw file, perhaps gzipped
 void volume(Bytes bytes);        ///< a file of any of the other formats of one file
+/// A file of one format, whose seeds the target has; what is chosen of several arrays and
+/// components if the last byte is 128 or more.
+void one_file(const char* name, Bytes bytes);
+/// A folder of up to four files; two bytes before each say how long it is.
+void dicom(Bytes bytes);
+/// What stands at a URL of a Zarr hierarchy: for each object a byte that says which, two bytes that
+/// say how long it is, and what it has.
+void far_zarr(Bytes bytes);
+void answer(Bytes bytes);      ///< eight bytes of a question, and the head of a server's answer
+void object_url(Bytes bytes);  ///< two bytes that say how long a URL is, that, and a name beside it
+/// A file of the cache on disk, with a right checksum.
+void cached_block(Bytes bytes);
 /// A Zarr folder: of which kind (an array of version 2, of version 3, a group), two bytes that say
 /// how long its description is, that, and its only chunk.
 void zarr(Bytes bytes);

@@ -143,6 +143,97 @@ class Cf(Input):
                 file.createVariable("t", "i1", ("time", "x"))[:] = data[:, 0].astype("i1")
             np.testing.assert_array_equal(self.values()[0], data[:, 0].astype("i1"))
 
+    def test_records_whose_length_is_no_multiple_of_their_numbers(self):
+        data, steps = numbers((4, 5, 3), "f8"), np.array([7, 9, 11, 13], "i4")
+        for fmt in FORMATS[2:]:
+            with netCDF4.Dataset(self.path, "w", format=fmt) as file:
+                for dim, length in (("time", None), ("y", 5), ("x", 3)):
+                    file.createDimension(dim, length)
+                file.createVariable("step", "i4", ("time",))[:] = steps
+                file.createVariable("time", "f8", ("time",))[:] = [4, 3, 2, 1]
+                file.createVariable("t", "f8", ("time", "y", "x"))[:] = data
+            np.testing.assert_array_equal(self.values(), data[::-1])
+            self.lies([0, 0, 1], [1, 1, 1])
+            np.testing.assert_array_equal(self.values("--index", "time=2")[0], data[2])
+            np.testing.assert_array_equal(self.values("--index", "1,2,0").ravel(), data[1, 2, 0])
+
+    def test_records_that_are_not_all_there(self):
+        data = numbers((40, 50, 60), "f4")
+        for fmt in FORMATS[2:]:
+            with netCDF4.Dataset(self.path, "w", format=fmt) as file:
+                for dim, length in (("time", None), ("y", 50), ("x", 60)):
+                    file.createDimension(dim, length)
+                for name in "ab":
+                    file.createVariable(name, "f4", ("time", "y", "x"))[:] = data
+            whole = self.path.read_bytes()
+            record = 50 * 60 * 4
+            for lost in (record + 4, record + 100, 20 * record, 40 * record):  # of b's last record, and of a
+                self.path.write_bytes(whole[:-lost])
+                self.refuses(2, "but the file has", options=("--dataset", "a"))
+            self.path.write_bytes(whole[:-record])
+            np.testing.assert_array_equal(self.values("--dataset", "a"), data)
+
+    def test_packed_and_wide_coordinates(self):
+        data = numbers((4, 5, 6), "f4")
+        for fmt in FORMATS:
+            wide = fmt in ("NETCDF4", "NETCDF3_64BIT_DATA")
+            with netCDF4.Dataset(self.path, "w", format=fmt) as file:
+                for dim, length in zip("zyx", data.shape):
+                    file.createDimension(dim, length)
+                v = file.createVariable("z", "i2", ("z",))
+                v.set_auto_maskandscale(False)
+                v.scale_factor, v.add_offset, v.units = -0.5, 10.0, "mm"
+                v[:] = range(4)
+                v = file.createVariable("y", "i1", ("y",))
+                v.set_auto_maskandscale(False)
+                v._Unsigned = "true"
+                v.units = "mm"
+                v[:] = np.array([100, 120, 140, 160, 180], "u1").view("i1")
+                v = file.createVariable("x", "i8" if wide else "i4", ("x",))
+                v.units = "mm"
+                v[:] = [20, 18, 16, 14, 12, 10]
+                file.createVariable("t", "f4", ("z", "y", "x"))[:] = data
+            with xarray.open_dataset(self.path) as x:
+                np.testing.assert_array_equal(x["z"].values, [10, 9.5, 9, 8.5])
+            np.testing.assert_array_equal(self.values(), data[::-1, :, ::-1])
+            self.assertEqual(self.notes, [])
+            self.lies([10, 100, 8.5], [2, 20, 0.5])
+
+    def test_coordinates_of_text_are_none(self):
+        data = numbers((4, 5, 6), "f4")
+        for fmt in FORMATS:
+            self.write(data, "f4", fmt, coordinates={"y": range(5)})
+            with netCDF4.Dataset(self.path, "a") as file:
+                file.createVariable("z", "S1", ("z",))[:] = np.array(list("abcd"), "S1")
+            np.testing.assert_array_equal(self.values("--dataset", "t"), data)
+
+    def test_an_axis_of_one_node_lies_where_its_coordinate_says(self):
+        data = numbers((1, 5, 6), "f4")
+        for fmt in FORMATS:
+            for units, origin, unit in ((("m", "m", "m"), [3, 0, 850], "m"), ((None, None, None), [3, 0, 850], None),
+                                        (("km", "m", "m"), [3, 0, 850000], "m"), (("hPa", "m", "m"), [3, 0, 0], "m"),
+                                        ((None, "m", "m"), [3, 0, 0], "m")):
+                with self.subTest(fmt=fmt, units=units):
+                    self.write(data, "f4", fmt, coordinates={"z": [850], "y": range(5), "x": range(3, 9)})
+                    with netCDF4.Dataset(self.path, "a") as file:
+                        for dim, of in zip("zyx", units):
+                            if of:
+                                file[dim].units = of
+                    np.testing.assert_array_equal(self.values(), data)
+                    self.lies(origin, [1, 1, 1])
+                    info = served.run([ISONEST, "info", self.here / "s.isonest", "--json"], check=True, capture_output=True)
+                    self.assertEqual(json.loads(info.stdout)["unit"], unit)
+
+    def test_what_is_missing_in_float32_may_be_said_in_float64(self):
+        stored = numbers((4, 5, 6), "f4")
+        stored[1, 2, 3], stored[0, 0, 0], stored[3, 4, 5] = 1e20, 0.1, -0.3
+        for fmt in FORMATS:
+            self.write(stored, "f4", fmt, attributes={"missing_value": np.array([1e20, 0.1], "f8")})
+            np.testing.assert_array_equal(self.values(), self.expected())
+            self.assertEqual(np.isnan(self.values()).sum(), 2)
+            self.write(np.clip(stored, -0.3, 0.1), "f4", fmt, attributes={"valid_range": np.array([-0.3, 0.1], "f8")})
+            self.assertEqual(np.isnan(self.values()).sum(), 0)
+
     def test_labels_of_64_bits_are_kept_beside_a_note(self):
         labels = np.array([0, 7, 2**53 + 1, 2**62 - 1], "i8")[RANDOM.integers(4, size=(4, 5, 6))]
         for fmt in ("NETCDF4", "NETCDF3_64BIT_DATA"):

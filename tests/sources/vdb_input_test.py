@@ -72,6 +72,13 @@ class OpenVdb(DamagedFiles, Module, Input):
         self.reads(self.data, "--dataset", "b")
         self.lies([0, 0, 0], [1, 1, 1])
         self.refuses(3, "no grid c", options=("--dataset", "c"))
+        other = self.grid("a", at=(1, 2, 3))
+        vdb.write(str(self.path), grids=[self.grid("a"), self.grid("b"), other])
+        self.refuses(2, "a[0] (float)", "a[1] (float)", "b (float)", options=("--dataset", "a"))
+        self.reads(self.data, "--dataset", "a[1]")
+        self.lies([1, 2, 3], [1, 1, 1])
+        self.reads(self.data, "--dataset", "a[0]")
+        self.lies([-3, 5, 100], [1, 1, 1])
         empty = vdb.FloatGrid(1)
         empty.name = "empty"
         vdb.write(str(self.path), grids=[empty])

@@ -80,6 +80,19 @@ class Vti(DamagedFiles, Input):
             self.save(image_of({"v": data}))
             self.reads(is_read_as(data))
 
+    def test_text_as_others_write_it(self):
+        data = numbers((2, 3, 4), "i4")
+        for kind, values in (("Int32", data), ("Int64", data.astype("i8") * 4096), ("UInt64", np.abs(data).astype("u8")),
+                             ("Float64", data / 8)):
+            words = " ".join(str(v) for v in values.ravel())
+            for before, behind in (("", ""), ("\n ", "\n"), (" ", "")):
+                self.path.write_text('<VTKFile type="ImageData"><ImageData WholeExtent="0 3 0 2 0 1"><Piece Extent="0 3 0 2 0 1">'
+                                     f'<PointData><DataArray Name="v" type="{kind}" format="ascii">{before}{words}{behind}'
+                                     '</DataArray></PointData></Piece></ImageData></VTKFile>')
+                self.reads(is_read_as(values))
+            self.path.write_text(self.path.read_text().replace(words, words.rsplit(" ", 1)[0]))
+            self.assertIn(self.preprocess().returncode, (4,))
+
     def test_arrays_components_and_cells(self):
         data, other = numbers((5, 6, 7)), numbers((5, 6, 7, 3), "f4")
         for mode in ("appended", "binary", "ascii"):
@@ -156,13 +169,66 @@ class Legacy(DamagedFiles, Input):
 
     def test_what_vtk_writes(self):
         for kind, text, version in itertools.product((*TYPES, "i8"), (True, False), (42, 51)):
-            if text and kind in ("i8", "f4", "f8", "u1"):
-                continue  # rounded, colours, or not read
+            if text and kind in ("f4", "f8", "u1"):
+                continue  # rounded, or colours
             with self.subTest(kind=kind, text=text, version=version):
                 data = numbers((5, 6, 7), kind)
                 self.save(image_of({"v": data}), text, version)
                 self.reads(is_read_as(data))
                 self.lies(ORIGIN, SPACING)
+
+    def test_a_title_is_no_more_than_that(self):
+        data = numbers((5, 6, 7))
+        for text, title in itertools.product((False, True), ("Binary volume", "ASCII", "", "binary", "DATASET x")):
+            self.save(image_of({"v": data}), text)
+            magic, _, rest = self.path.read_bytes().split(b"\n", 2)
+            self.path.write_bytes(b"\n".join((magic, title.encode(), rest)))
+            self.reads(data)
+
+    def test_an_array_behind_others_of_all_kinds(self):
+        data = numbers((5, 6, 7))
+        for text, version, cells in itertools.product((False, True), (42, 51), (False, True)):
+            image = image_of({"first": numbers((5, 6, 7, 4)), "my data": data}, cells)
+            of = image.GetCellData() if cells else image.GetPointData()
+            for name, kind in (("bits", vtk.vtkBitArray), ("ids", vtk.vtkIdTypeArray), ("texts", vtk.vtkStringArray)):
+                array = kind()
+                array.SetName(name)
+                array.SetNumberOfValues(data.size)
+                for i in range(data.size):
+                    array.SetValue(i, "a\nb" * (i % 30) if name == "texts" else i % 2)
+                of.AddArray(array)
+            for name, place in (("vectors", of.SetVectors), ("normals", of.SetNormals), ("tensors", of.SetTensors),
+                                ("places", of.SetTCoords), ("global", of.SetGlobalIds)):
+                parts = {"tensors": 9, "places": 2, "global": 1}.get(name, 3)
+                array = numpy_support.numpy_to_vtk(np.ones((data.size, parts), "i8" if name == "global" else "f4"), deep=True,
+                                                   array_type=vtk.VTK_ID_TYPE if name == "global" else None)
+                array.SetName(name)
+                place(array)
+                if parts > 1:
+                    array.GetRange(-1)  # which leaves metadata behind it
+                    array.SetComponentName(0, "a part")
+            table = vtk.vtkLookupTable()
+            table.Build()
+            of.GetArray("first").SetLookupTable(table)
+            field = numpy_support.numpy_to_vtk(np.linspace(0, 1, 3000), deep=True)
+            field.SetName("of the file")
+            image.GetFieldData().AddArray(field)
+            last = numpy_support.numpy_to_vtk(data.ravel() // 2, deep=True)
+            last.SetName("last")
+            of.AddArray(last)
+            with self.subTest(text=text, version=version, cells=cells):
+                self.save(image, text, version)
+                self.reads(data, "--dataset", "my data")
+                self.reads(data, "--dataset", "my%20data")
+                self.reads(data // 2, "--dataset", "last")
+                self.reads(np.ones(data.shape, "f4"), "--dataset", "tensors", "--index", "c=8")
+                self.refuses(3, "of the file'", "my data short", options=("--dataset", "of the file"))
+
+    def test_an_array_of_another_length_is_refused(self):
+        self.save(image_of({"v": numbers((5, 6, 7)), "w": numbers((5, 6, 7))}))
+        whole = self.path.read_bytes()
+        self.path.write_bytes(whole.replace(b"\nw 1 210 short", b"\nw 1 209 short"))
+        self.refuses(4, "209", options=("--dataset", "w"))
 
     def test_text_of_colours_is_refused(self):
         self.save(image_of({"v": numbers((5, 6, 7), "u1")}), True)

@@ -213,51 +213,50 @@ class ZlibBlocks : public ByteReader {
     std::vector<std::byte> decoded_;
 };
 
+template <class T>
 class TextNumbers : public ByteReader {
   public:
-    TextNumbers(const InputFile& file, std::uint64_t start, ValueType type, std::uint64_t count)
+    TextNumbers(const InputFile& file, std::uint64_t start, std::string_view type,
+                std::uint64_t count)
         : name_(file.name()),
           type_(type),
           count_(count),
           end_(regular_file_size(file)),
           at_(start),
           text_(file_bytes(file, 0, end_)) {}
-    [[nodiscard]] std::uint64_t size() const override { return count_ * size_of(type_); }
+    [[nodiscard]] std::uint64_t size() const override { return count_ * sizeof(T); }
     [[nodiscard]] bool sequential() const override { return true; }
     [[nodiscard]] std::uint64_t heap() const override { return kPart + kLongest; }
     void read(std::uint64_t at, std::byte* dst, std::uint64_t bytes) override {
-        dispatch(type_, [&](auto tag) {
-            using T = typename decltype(tag)::type;
-            for (; done_ < at / sizeof(T); ++done_) {
-                static_cast<void>(next<T>());
-            }
-            for (std::uint64_t i = 0; i < bytes / sizeof(T); ++i, ++done_) {
-                const T value = next<T>();
-                std::memcpy(dst + i * sizeof(T), &value, sizeof(T));
-            }
-        });
+        for (; done_ < at / sizeof(T); ++done_) {
+            static_cast<void>(next());
+        }
+        for (std::uint64_t i = 0; i < bytes / sizeof(T); ++i, ++done_) {
+            const T value = next();
+            std::memcpy(dst + i * sizeof(T), &value, sizeof(T));
+        }
     }
 
   private:
     static constexpr std::size_t kPart = std::size_t{1} << 16U;
     static constexpr std::size_t kLongest = 64;  ///< letters of a number
 
-    template <class T>
     T next() {
         const std::string_view word = next_word();
         T value{};
         const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
         if (error != std::errc{} || end != word.data() + word.size()) {
             throw Error(ErrorKind::corrupt, {name_, fmt::format("number {}", done_)},
-                        fmt::format("{:?} is no {}", word.substr(0, kLongest), name_of(type_)));
+                        fmt::format("{:?} is no {}", word.substr(0, kLongest), type_));
         }
         return value;
     }
     std::string_view next_word() {
         const auto blank = [](char c) { return c == ' ' || (c >= '\t' && c <= '\r'); };
+        const auto ends = [&](char c) { return blank(c) || c == '<'; };
         while (true) {
             const auto from = std::find_if_not(part_.begin() + used_, part_.end(), blank);
-            const auto to = std::find_if(from, part_.end(), blank);
+            const auto to = std::find_if(from, part_.end(), ends);
             if (from != part_.end() && (to != part_.end() || at_ == end_)) {
                 used_ = to - part_.begin();
                 return {&*from, static_cast<std::size_t>(to - from)};
@@ -277,7 +276,7 @@ class TextNumbers : public ByteReader {
     }
 
     std::string name_;
-    ValueType type_;
+    std::string_view type_;  ///< for messages
     std::uint64_t count_;
     std::uint64_t end_;
     std::uint64_t at_;  ///< of what follows the part
@@ -308,7 +307,17 @@ std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std:
 }
 std::unique_ptr<ByteReader> text_numbers(const InputFile& file, std::uint64_t start, ValueType type,
                                          std::uint64_t count) {
-    return std::make_unique<TextNumbers>(file, start, type, count);
+    return dispatch(type, [&](auto tag) -> std::unique_ptr<ByteReader> {
+        using T = typename decltype(tag)::type;
+        return std::make_unique<TextNumbers<T>>(file, start, name_of(type), count);
+    });
+}
+std::unique_ptr<ByteReader> text_integers(const InputFile& file, std::uint64_t start,
+                                          bool is_signed, std::uint64_t count) {
+    if (is_signed) {
+        return std::make_unique<TextNumbers<std::int64_t>>(file, start, "int64", count);
+    }
+    return std::make_unique<TextNumbers<std::uint64_t>>(file, start, "uint64", count);
 }
 
 }  // namespace isonest::detail

@@ -42,8 +42,11 @@ std::unique_ptr<ByteReader> zlib_blocks(std::unique_ptr<ByteReader> packed, std:
                                         const std::vector<std::uint64_t>& packed_sizes,
                                         std::uint64_t block, std::uint64_t size);
 /// `count` numbers of a type in text, white space between them, from byte `start` of a file on.
-/// Sequential. Throws Error{io}; read() Error{corrupt}.
+/// They end at a `<`, as text in XML does. Sequential. Throws Error{io}; read() Error{corrupt}.
 std::unique_ptr<ByteReader> text_numbers(const InputFile& file, std::uint64_t start, ValueType type,
                                          std::uint64_t count);
+/// The same of integers of 64 bits.
+std::unique_ptr<ByteReader> text_integers(const InputFile& file, std::uint64_t start,
+                                          bool is_signed, std::uint64_t count);
 
 }  // namespace isonest::detail

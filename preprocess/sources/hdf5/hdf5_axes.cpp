@@ -1,6 +1,7 @@
 #include "preprocess/sources/hdf5/hdf5_axes.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "preprocess/sources/bytes/lower_case.h"
 #include "preprocess/sources/hdf5/hdf5_files.h"
@@ -44,6 +45,13 @@ std::vector<double> coordinates_of(hid_t scale, hsize_t length) {
     if (H5Dread(scale, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, numbers.data()) < 0) {
         return {};
     }
+    if (kind == H5T_INTEGER && is_said_unsigned(scale)) {
+        const double all = std::ldexp(1.0, static_cast<int>(8 * H5Tget_size(type.get())));
+        for (double& number : numbers) {
+            number += number < 0 ? all : 0;
+        }
+    }
+    unpack(numbers, [&](const std::string& name) { return numbers_of_attribute(scale, name); });
     return numbers;
 }
 

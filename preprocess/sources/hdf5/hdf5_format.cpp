@@ -277,10 +277,11 @@ class Hdf5Source : public VolumeSource {
                     "the coordinates '{}' are not evenly spaced: the nodes are placed 1 apart",
                     axis.name));
             }
-            if (!axis.even || nodes_[static_cast<int>(i)] < 2 || axis.even->step == 0) {
+            if (!axis.even || axis.even->step == 0 || !common.places(i)) {
                 continue;
             }
-            const double step = common.converted(i, axis.even->step);
+            const bool alone = nodes_[static_cast<int>(i)] == 1;  // which has no spacing
+            const double step = alone ? 1 : common.converted(i, axis.even->step);
             spacing_.at(i) = std::fabs(step);
             origin_.at(i) = common.converted(i, axis.even->first);
             if (step < 0) {
@@ -292,14 +293,13 @@ class Hdf5Source : public VolumeSource {
         notes_.insert(notes_.end(), common.notes.begin(), common.notes.end());
     }
 
-    /// Of axes of more than one node; those that coordinates do not place have none.
+    /// Axes that coordinates do not place have none.
     [[nodiscard]] AxisUnits units_of_axes() const {
         AxisUnits units;
         for (std::size_t i = 0; i < shape_.axes.size(); ++i) {
             const Hdf5Axis& axis = axes_[shape_.axes[shape_.axes.size() - 1 - i]];
-            if (nodes_[static_cast<int>(i)] > 1) {
-                units.at(i) = axis.even && axis.even->step != 0 ? axis.unit : "";
-            }
+            const bool placed = axis.even && axis.even->step != 0;
+            units.at(i) = counted_unit(nodes_[static_cast<int>(i)], placed ? axis.unit : "");
         }
         return units;
     }

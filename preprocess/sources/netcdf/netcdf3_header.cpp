@@ -15,34 +15,10 @@ namespace {
 
 constexpr int kChar = 2;
 constexpr std::uint64_t kMostItems = 1000000;
+constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 60U;
 
 std::uint64_t padded(std::uint64_t bytes) {
     return (bytes + 3) / 4 * 4;
-}
-
-double number_of(std::string_view bytes, std::size_t at, int type) {
-    switch (type) {
-        case 1:
-            return number_at<std::int8_t>(bytes, at, true);
-        case 3:
-            return number_at<std::int16_t>(bytes, at, true);
-        case 4:
-            return number_at<std::int32_t>(bytes, at, true);
-        case 5:
-            return static_cast<double>(number_at<float>(bytes, at, true));
-        case 6:
-            return number_at<double>(bytes, at, true);
-        case 7:
-            return number_at<std::uint8_t>(bytes, at, true);
-        case 8:
-            return number_at<std::uint16_t>(bytes, at, true);
-        case 9:
-            return number_at<std::uint32_t>(bytes, at, true);
-        case 10:
-            return static_cast<double>(number_at<std::int64_t>(bytes, at, true));
-        default:
-            return static_cast<double>(number_at<std::uint64_t>(bytes, at, true));
-    }
 }
 
 class Reader {
@@ -175,7 +151,7 @@ class Reader {
                 attribute.text = bytes.substr(0, static_cast<std::size_t>(values));
             } else if (values <= kMostNumbers && !bytes.empty()) {
                 for (std::size_t i = 0; i < values; ++i) {
-                    attribute.numbers.push_back(number_of(bytes, i * each, type));
+                    attribute.numbers.push_back(netcdf_number(bytes, i * each, type));
                 }
             }
             all.push_back(std::move(attribute));
@@ -185,7 +161,6 @@ class Reader {
 
     NetcdfVariable variable(const NetcdfHeader& header, std::size_t record_dim) {
         constexpr std::uint64_t kMostDims = 1024;
-        constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 60U;
         NetcdfVariable v;
         v.name = name();
         const std::uint64_t dims = count();
@@ -221,12 +196,15 @@ class Reader {
         return v;
     }
 
-    static void find_record_bytes(NetcdfHeader& header) {
+    void find_record_bytes(NetcdfHeader& header) const {
         std::uint64_t records = 0;
         for (const NetcdfVariable& v : header.variables) {
             if (v.record) {
                 ++records;
                 header.record_bytes += padded(v.bytes);
+                if (header.record_bytes > kMostBytes) {
+                    corrupt("records have a size that cannot be");
+                }
             }
         }
         // The records of a single variable are not padded.
@@ -273,6 +251,31 @@ std::size_t netcdf_type_bytes(int type) {
             return 8;
         default:
             return 0;
+    }
+}
+
+double netcdf_number(std::string_view bytes, std::size_t at, int type) {
+    switch (type) {
+        case 1:
+            return number_at<std::int8_t>(bytes, at, true);
+        case 3:
+            return number_at<std::int16_t>(bytes, at, true);
+        case 4:
+            return number_at<std::int32_t>(bytes, at, true);
+        case 5:
+            return static_cast<double>(number_at<float>(bytes, at, true));
+        case 6:
+            return number_at<double>(bytes, at, true);
+        case 7:
+            return number_at<std::uint8_t>(bytes, at, true);
+        case 8:
+            return number_at<std::uint16_t>(bytes, at, true);
+        case 9:
+            return number_at<std::uint32_t>(bytes, at, true);
+        case 10:
+            return static_cast<double>(number_at<std::int64_t>(bytes, at, true));
+        default:
+            return static_cast<double>(number_at<std::uint64_t>(bytes, at, true));
     }
 }
 

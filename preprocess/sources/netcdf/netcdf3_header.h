@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace isonest::detail {
@@ -42,5 +43,7 @@ NetcdfHeader read_netcdf3_header(const std::filesystem::path& path);
 
 /// Bytes of a number of a type; 0 for types that do not exist.
 std::size_t netcdf_type_bytes(int type);
+/// The number that stands at `at`. REQUIRES: one of a type but text.
+double netcdf_number(std::string_view bytes, std::size_t at, int type);
 
 }  // namespace isonest::detail

@@ -24,6 +24,8 @@
 namespace isonest::detail {
 namespace {
 
+constexpr int kText = 2;
+
 bool is_netcdf3(const VolumeInput& input) {
     return input.head.size() > 4 && input.head.starts_with("CDF") &&
            (input.head[3] == 1 || input.head[3] == 2 || input.head[3] == 5);
@@ -117,7 +119,6 @@ const NetcdfVariable& choose(const NetcdfHeader& header, const SourceOptions& op
     std::size_t count = 0;
     for (const NetcdfVariable& v : header.variables) {
         const bool scale = v.dims.size() == 1 && v.name == header.dims[v.dims[0]].name;
-        constexpr int kText = 2;
         if (!options.dataset.empty()) {
             if (v.name == options.dataset) {
                 return v;
@@ -159,29 +160,33 @@ std::vector<std::uint64_t> strides_of(const NetcdfHeader& header, const NetcdfVa
 
 std::vector<double> read_numbers(const std::filesystem::path& path, const NetcdfHeader& header,
                                  const NetcdfVariable& v) {
-    PlacedArray array;
-    array.name = path.string() + ":" + v.name;
-    array.file = path;
-    set_type(v, array);
     const std::uint64_t count = header.dims[v.dims[0]].length;
     const std::uint64_t stride = strides_of(header, v)[0];
     const std::size_t value = netcdf_type_bytes(v.type);
-    if (array.stored || count > static_cast<std::uint64_t>(kMaxNodesPerAxis)) {
+    if (v.type == kText || count > static_cast<std::uint64_t>(kMaxNodesPerAxis)) {
         return {};
     }
     std::vector<double> numbers;
-    for (std::uint64_t i = 0; i < count; ++i) {
-        const std::string bytes = first_bytes(path, value, v.begin + i * stride);
-        if (bytes.size() != value) {
+    constexpr std::uint64_t kPart = std::uint64_t{1} << 16U;
+    const std::uint64_t together = std::max<std::uint64_t>(kPart / stride, 1);
+    for (std::uint64_t i = 0; i < count; i += together) {
+        const std::uint64_t n = std::min(together, count - i);
+        const std::size_t size = static_cast<std::size_t>((n - 1) * stride) + value;
+        const std::string bytes = first_bytes(path, size, v.begin + i * stride);
+        if (bytes.size() != size) {
             return {};
         }
-        dispatch(array.layout.type, [&](auto tag) {
-            using T = typename decltype(tag)::type;
-            std::array<char, sizeof(T)> reversed{};
-            std::reverse_copy(bytes.begin(), bytes.end(), reversed.begin());
-            numbers.push_back(static_cast<double>(std::bit_cast<T>(reversed)));
-        });
+        for (std::uint64_t j = 0; j < n; ++j) {
+            numbers.push_back(netcdf_number(bytes, static_cast<std::size_t>(j * stride), v.type));
+            if (is_unsigned(v) && numbers.back() < 0) {
+                numbers.back() += std::ldexp(1.0, static_cast<int>(8 * value));
+            }
+        }
     }
+    unpack(numbers, [&](const std::string& name) {
+        const NetcdfAttribute* const attribute = attribute_of(v, name);
+        return attribute == nullptr ? std::vector<double>{} : attribute->numbers;
+    });
     return numbers;
 }
 
@@ -198,13 +203,12 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
     if (is_unsigned(v)) {
         notes.emplace_back("stored numbers are taken as unsigned (_Unsigned)");
     }
-    for (const std::uint64_t bytes : strides_of(header, v)) {
-        if (bytes % value != 0) {
-            throw Error(
-                ErrorKind::unsupported, {array.name},
-                fmt::format("records of {} bytes do not hold whole numbers of {}", bytes, value));
-        }
-        array.strides.push_back(bytes / value);
+    array.strides = strides_of(header, v);
+    // Records may have lengths that are not multiples of all of their numbers.
+    array.strides_in_bytes = std::any_of(array.strides.begin(), array.strides.end(),
+                                         [&](std::uint64_t bytes) { return bytes % value != 0; });
+    for (std::uint64_t& stride : array.strides) {
+        stride /= array.strides_in_bytes ? 1 : value;
     }
     array.steps.assign(v.dims.size(), Double3{0, 0, 0});
     for (const std::size_t d : v.dims) {
@@ -222,9 +226,8 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
         }
         const std::size_t axis = *chosen.axis.at(a);
         double step = 1;
-        if (header.dims[v.dims[axis]].length > 1) {
-            units.at(a) = "";  // if no coordinates place it
-        }
+        const auto nodes = static_cast<std::int64_t>(header.dims[v.dims[axis]].length);
+        units.at(a) = counted_unit(nodes, "");  // if no coordinates place it
         if (const NetcdfVariable* const c = coordinates_of(header, v.dims[axis])) {
             const auto even = even_axis(read_numbers(path, header, *c));
             if (!even) {
@@ -236,7 +239,7 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
                 step = even->step;
                 array.first.at(a) = even->first;
                 const NetcdfAttribute* const unit = attribute_of(*c, "units");
-                units.at(a) = unit == nullptr ? "" : unit->text;
+                units.at(a) = counted_unit(nodes, unit == nullptr ? "" : unit->text);
             }
         }
         array.steps[axis].at(a) = step;
@@ -245,8 +248,10 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
     for (std::size_t a = 0; a < 3; ++a) {
         if (chosen.axis.at(a)) {
             double& step = array.steps[*chosen.axis.at(a)].at(a);
-            step = common.converted(a, step);
-            array.first.at(a) = common.converted(a, array.first.at(a));
+            if (chosen.nodes[static_cast<int>(a)] > 1) {
+                step = common.converted(a, step);
+            }
+            array.first.at(a) = common.places(a) ? common.converted(a, array.first.at(a)) : 0;
         }
     }
     array.layout.unit = common.unit;

@@ -29,6 +29,8 @@ struct RawLayout {
     /// Of a larger array (components of a vector, time steps, another order of its axes): values
     /// from a node to the next along x, y and z, each > 0. None: x fastest, without gaps.
     std::optional<Int3> strides = {};
+    /// strides and `first` are bytes, not values; of files here that are not packed.
+    bool strides_in_bytes = false;
     std::uint64_t first = 0;  ///< values of that array before node (0, 0, 0)
     std::uint64_t whole = 0;  ///< values of that array; 0: as many as nodes
     Double3 spacing{1, 1, 1};

@@ -24,7 +24,24 @@ std::uint64_t volume_bytes(const RawLayout& layout) {
 }
 
 std::uint64_t data_bytes(const RawLayout& layout) {
-    return layout.whole > 0 ? layout.whole * size_of(layout.type) : volume_bytes(layout);
+    const std::uint64_t dense =
+        layout.whole > 0 ? layout.whole * size_of(layout.type) : volume_bytes(layout);
+    if (!layout.strides) {
+        return dense;
+    }
+    // There may be gaps, such as between the records of a variable in NetCDF.
+    constexpr double kMost = 0x1p62;
+    const std::uint64_t step = layout.strides_in_bytes ? 1 : size_of(layout.type);
+    std::uint64_t last = layout.first * step;
+    double rough = static_cast<double>(layout.first) * static_cast<double>(step);
+    for (int a = 0; a < 3; ++a) {
+        const auto steps = static_cast<std::uint64_t>(layout.nodes[a] - 1);
+        const auto stride = static_cast<std::uint64_t>((*layout.strides)[a]) * step;
+        last += steps * stride;
+        rough += static_cast<double>(steps) * static_cast<double>((*layout.strides)[a]) *
+                 static_cast<double>(step);
+    }
+    return rough > kMost ? ~std::uint64_t{0} : std::max(dense, last + size_of(layout.type));
 }
 
 std::string text_of_nodes(const RawLayout& layout) {

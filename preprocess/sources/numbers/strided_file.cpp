@@ -18,7 +18,8 @@ class StridedFile : public VolumeSource {
   public:
     StridedFile(const std::filesystem::path& path, std::string name, const RawLayout& layout)
         : path_(path), name_(std::move(name)), layout_(layout), map_(path) {
-        const auto value = static_cast<std::int64_t>(size_of(layout.type));
+        const auto value =
+            layout.strides_in_bytes ? 1 : static_cast<std::int64_t>(size_of(layout.type));
         MemoryLayout memory;
         memory.strides = *layout.strides * value;
         memory.name = name_;

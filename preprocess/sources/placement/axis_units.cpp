@@ -21,6 +21,10 @@ std::string text_of(const AxisUnits& axes) {
 
 }  // namespace
 
+std::optional<std::string> counted_unit(std::int64_t nodes, const std::string& said) {
+    return nodes > 1 || length_unit_from(said) ? std::optional(said) : std::nullopt;
+}
+
 CommonUnit common_unit(const AxisUnits& axes) {
     CommonUnit common;
     if (std::none_of(axes.begin(), axes.end(),

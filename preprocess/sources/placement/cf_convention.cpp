@@ -39,6 +39,21 @@ Scaling cf_scaling(const NumbersOfAttribute& attribute, const std::string& name)
     return scaling;
 }
 
+void unpack(std::vector<double>& coordinates, const NumbersOfAttribute& attribute) {
+    const auto one = [&](const char* key, double otherwise) {
+        const std::vector<double> numbers = attribute(key);
+        return numbers.size() == 1 ? numbers.front() : otherwise;
+    };
+    const double scale = one("scale_factor", 1);
+    const double offset = one("add_offset", 0);
+    if (!std::isfinite(scale) || !std::isfinite(offset) || scale == 0) {
+        return;
+    }
+    for (double& coordinate : coordinates) {
+        coordinate = coordinate * scale + offset;
+    }
+}
+
 std::optional<EvenAxis> even_axis(const std::vector<double>& coordinates) {
     if (coordinates.empty() || !std::all_of(coordinates.begin(), coordinates.end(),
                                             [](double c) { return std::isfinite(c); })) {

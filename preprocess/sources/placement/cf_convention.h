@@ -22,6 +22,10 @@ using NumbersOfAttribute = std::function<std::vector<double>(const std::string& 
 /// sections 2.5.1 and 8.1. Throws Error{corrupt} for a scale factor of 0 or that is no number.
 Scaling cf_scaling(const NumbersOfAttribute& attribute, const std::string& name);
 
+/// Coordinates that are packed as values may be: `scale_factor` and `add_offset` are applied, if
+/// they are numbers and the factor is not 0.
+void unpack(std::vector<double>& coordinates, const NumbersOfAttribute& attribute);
+
 /// The spacing and the first of evenly spaced coordinates; none if they are not even by a tenth of
 /// their mean distance, or no numbers. One coordinate has spacing 1.
 struct EvenAxis {

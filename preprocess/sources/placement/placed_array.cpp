@@ -26,6 +26,10 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
     const ArrayPlace place = place_in_array(array.axes, index, array.name, array.strides);
     layout.nodes = place.nodes;
     layout.strides = place.strides;
+    if (array.strides_in_bytes) {
+        layout.strides_in_bytes = true;
+        layout.strides = place.strides.value_or(Int3{1, 1, 1});  // of one node alone
+    }
     layout.first = place.first;
     layout.whole = place.whole;
     if (array.stored) {

@@ -26,7 +26,8 @@ struct PlacedArray {
     std::vector<ArrayAxis> axes;  ///< slowest first
     /// Values from a position to the next on each axis; empty: the last axis is the fastest.
     std::vector<std::uint64_t> strides = {};
-    RawLayout layout = {};  ///< all but nodes, strides, first, whole and the place
+    bool strides_in_bytes = false;  ///< `strides` are bytes; then there are some
+    RawLayout layout = {};          ///< all but nodes, strides, first, whole and the place
     /// Numbers of a type that volumes do not have; layout.type is set from it.
     std::optional<StoredNumber> stored = {};
     /// The world's step along each of `axes`, and where the array's first value lies. None: a step

@@ -212,11 +212,10 @@ std::unique_ptr<VolumeSource> open_vti(const VolumeInput& input, const SourceOpt
     const ValueType type = array.stored ? bits_type(*array.stored) : array.layout.type;
     const std::uint64_t count = place_in_array(array.axes, options.index, array.name).whole;
     if (given.format == "ascii") {
-        if (array.stored) {
-            throw Error(ErrorKind::unsupported, {array.name}, "64-bit integers as text");
-        }
         return open_placed(array, options.index,
-                           text_numbers(array.file, given.content, type, count));
+                           array.stored ? text_integers(array.file, given.content,
+                                                        *array.stored == StoredNumber::i64, count)
+                                        : text_numbers(array.file, given.content, type, count));
     }
     const Stored stored = stored_at(header, given, array);
     array.layout.big_endian = header.big_endian;

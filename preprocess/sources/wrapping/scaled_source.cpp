@@ -44,13 +44,30 @@ Range scaled_range(ValueType stored, const Scaling& s) {
     return {std::min(a, b), std::max(a, b)};
 }
 
+/// float32 numbers are what they are compared with, rounded: 1e20 as float64 is no float32.
+Scaling as_stored(ValueType stored, const Scaling& scaling) {
+    Scaling rounded = scaling;
+    if (stored == ValueType::f32) {
+        const auto round = [](double& number) {
+            constexpr double kMost = std::numeric_limits<float>::max();
+            number = std::fabs(number) > kMost ? std::copysign(HUGE_VAL, number)
+                                               : static_cast<double>(static_cast<float>(number));
+        };
+        std::for_each(rounded.missing.begin(), rounded.missing.end(), round);
+        round(rounded.least_valid);
+        round(rounded.most_valid);
+    }
+    return rounded;
+}
+
 class ScaledSource : public WrappedSource {
   public:
     ScaledSource(std::unique_ptr<VolumeSource> inner, Scaling scaling)
         : WrappedSource(std::move(inner)),
           given_(inner_source().describe()),
           made_(scaled_type(given_.type, scaling)),
-          scaling_(std::move(scaling)) {}
+          scaling_(std::move(scaling)),
+          compared_(as_stored(given_.type, scaling_)) {}
     [[nodiscard]] VolumeDescription describe() const override {
         VolumeDescription result = given_;
         result.type = made_;
@@ -87,9 +104,9 @@ class ScaledSource : public WrappedSource {
     template <class T>
     [[nodiscard]] bool is_missing(T value) const {
         const auto v = static_cast<double>(value);
-        return std::find(scaling_.missing.begin(), scaling_.missing.end(), v) !=
-                   scaling_.missing.end() ||
-               !(v >= scaling_.least_valid && v <= scaling_.most_valid);
+        return std::find(compared_.missing.begin(), compared_.missing.end(), v) !=
+                   compared_.missing.end() ||
+               !(v >= compared_.least_valid && v <= compared_.most_valid);
     }
     template <class From, class To>
     void scale(const std::byte* from, std::size_t count, std::byte* to) const {
@@ -118,6 +135,7 @@ class ScaledSource : public WrappedSource {
     VolumeDescription given_;
     ValueType made_;
     Scaling scaling_;
+    Scaling compared_;  ///< with what is missing and valid as stored numbers
 };
 
 }  // namespace

@@ -17,7 +17,8 @@ namespace isonest::detail {
 struct Scaling {
     double slope = 1;
     double intercept = 0;
-    /// Stored numbers that mean missing data (CF: _FillValue, missing_value).
+    /// Stored numbers that mean missing data (CF: _FillValue, missing_value); of float32 numbers
+    /// those that these round to.
     std::vector<double> missing = {};
     /// Stored numbers outside of these are missing data (CF: valid_range).
     double least_valid = -HUGE_VAL;

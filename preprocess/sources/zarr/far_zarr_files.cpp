@@ -333,7 +333,10 @@ class FarZarrFiles : public ZarrFiles {
 
 std::shared_ptr<ZarrFiles> far_zarr_files(const std::filesystem::path& url,
                                           const RemoteAccess& remote) {
-    return std::make_shared<FarZarrFiles>(open_folder_location(url, remote));
+    return far_zarr_files(open_folder_location(url, remote));
+}
+std::shared_ptr<ZarrFiles> far_zarr_files(std::shared_ptr<ObjectFolder> objects) {
+    return std::make_shared<FarZarrFiles>(std::move(objects));
 }
 
 }  // namespace isonest::detail

@@ -15,6 +15,7 @@
 #include <isonest/open_volume.h>
 #include <isonest/remote.h>
 
+#include "store/bytes/object_folder.h"
 #include "store/bytes/store_bytes.h"
 
 namespace isonest::detail {
@@ -112,5 +113,7 @@ std::shared_ptr<ZarrFiles> local_zarr_files(std::filesystem::path root);
 /// open_folder_location() throws, Error{io, corrupt, unsupported}, and what remote.check throws.
 std::shared_ptr<ZarrFiles> far_zarr_files(const std::filesystem::path& url,
                                           const RemoteAccess& remote);
+/// The same of objects that somebody else opened.
+std::shared_ptr<ZarrFiles> far_zarr_files(std::shared_ptr<ObjectFolder> objects);
 
 }  // namespace isonest::detail

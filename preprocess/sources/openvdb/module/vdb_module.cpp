@@ -8,7 +8,9 @@
 
 #include <exception>
 #include <new>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include <isonest/error.h>
 
@@ -41,7 +43,9 @@ class VdbSource : public VolumeSource {
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return {path_}; }
     [[nodiscard]] std::string identity() const override {
-        return fmt::format("{}grid {}\n", identity_of({path_}), grid_->getName());
+        // Of several of one name, name_ says which.
+        return fmt::format("{}grid {}\n", identity_of({path_}),
+                           name_.substr(path_.string().size() + 1));
     }
     [[nodiscard]] std::uint64_t heap() const override { return (1U << 20U) + grid_->memUsage(); }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
@@ -66,22 +70,41 @@ class VdbSource : public VolumeSource {
     std::string name_;
 };
 
-std::string list_of(const openvdb::GridPtrVec& grids) {
+/// A grid of a file. Where several have the same name, they are told apart as "density[1]".
+struct NamedGrid {
+    std::string name;   ///< of this one alone
+    std::string given;  ///< perhaps of several
+    std::string type;
+};
+
+std::vector<NamedGrid> grids_of(openvdb::io::File& file) {
+    std::vector<NamedGrid> grids;
+    for (auto it = file.beginName(); it != file.endName(); ++it) {
+        const openvdb::GridBase::Ptr grid = file.readGridMetadata(it.gridName());
+        grids.push_back({it.gridName(), grid->getName(), grid->valueType()});
+    }
+    return grids;
+}
+
+std::string list_of(const std::vector<NamedGrid>& grids) {
     std::string text;
-    for (const auto& grid : grids) {
-        text += fmt::format("\n  {} ({})", grid->getName(), grid->valueType());
+    for (const NamedGrid& grid : grids) {
+        text += fmt::format("\n  {} ({})", grid.name, grid.type);
     }
     return text.empty() ? " nothing" : text;
 }
 
 /// The one that is named, or the only one that can be read.
-std::string choose_grid(const openvdb::GridPtrVec& grids, const std::string& wanted,
+std::string choose_grid(const std::vector<NamedGrid>& grids, const std::string& wanted,
                         const std::string& name) {
     std::vector<std::string> fitting;
-    for (const auto& grid : grids) {
-        const bool is_read = grid->valueType() == "float" || grid->valueType() == "double";
-        if (is_read && (wanted.empty() || grid->getName() == wanted)) {
-            fitting.push_back(grid->getName());
+    for (const NamedGrid& grid : grids) {
+        const bool is_read = grid.type == "float" || grid.type == "double";
+        if (is_read && !wanted.empty() && grid.name == wanted) {
+            return grid.name;
+        }
+        if (is_read && (wanted.empty() || grid.given == wanted)) {
+            fitting.push_back(grid.name);
         }
     }
     if (fitting.size() == 1) {
@@ -144,8 +167,7 @@ std::unique_ptr<VolumeSource> open_vdb(const VolumeInput& input, const SourceOpt
         openvdb::initialize();
         openvdb::io::File file(path);
         file.open(false);
-        const openvdb::GridPtrVecPtr grids = file.readAllGridMetadata();
-        const std::string chosen = choose_grid(*grids, options.dataset, path);
+        const std::string chosen = choose_grid(grids_of(file), options.dataset, path);
         const openvdb::GridBase::Ptr grid = file.readGrid(chosen);
         const std::string name = path + ":" + chosen;
         return grid->valueType() == "float"

@@ -1,0 +1,102 @@
+"""What isonest makes of a file, and what it should have made of it."""
+import dataclasses
+import re
+
+import attack
+import numpy as np
+
+MOST_EXACT = 2**53
+KINDS = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
+
+
+@dataclasses.dataclass
+class Expected:
+    values: np.ndarray  # [z, y, x]; NaN is missing
+    spacing: tuple = (1, 1, 1)  # x, y, z
+    origin: tuple = (0, 0, 0)
+    direction: tuple = (1, 0, 0, 0, 1, 0, 0, 0, 1)  # of axis x, then y, then z
+    unit: object = None
+    single: bool = False  # values may be rounded to float32
+    refusals: tuple = ()  # expressions: what is refused on purpose
+
+
+def plain(message, folder):
+    """A message without names and numbers, so that the same reasons are counted together."""
+    text = message.splitlines()[0].replace(str(folder), "")
+    text = re.sub(r"^\S*?: ", "", text)
+    return re.sub(r"[-+]?\d[\d.e+]*|'[^']*'", "N", text)[:160]
+
+
+def numbers(one, shape, kind):
+    """Random numbers of a type: all of its range, a small one, few values, or smooth."""
+    kind = np.dtype(kind)
+    way = one.pick("wide", "narrow", "few", "smooth", "smooth")
+    if kind.kind == "f":
+        if way == "wide":
+            made = one.random.normal(size=shape) * 10.0 ** one.random.integers(-30, 30)
+        elif way == "few":
+            made = one.random.integers(-2, 3, shape) * 0.5
+        else:
+            made = one.random.normal(size=shape) * 100
+        return made.astype(kind)
+    info = np.iinfo(kind)
+    low, high = max(info.min, -MOST_EXACT), min(info.max, MOST_EXACT)
+    if way == "narrow":
+        low, high = max(low, -100), min(high, 100)
+    elif way == "few":
+        low, high = max(low, 0), 3
+    return one.random.integers(low, high, shape, dtype=kind, endpoint=True)
+
+
+def differs(one, path, expected, **options):
+    """The result of a try: preprocess() of `path`, and its store against what is expected."""
+    isonest = attack.package(one.program)
+    store_path = one.folder / "s.isonest"
+    try:
+        isonest.preprocess(path, store_path, memory="256M", threads=1, chunk=one.pick(8, 16, 32, 64), **options)
+    except isonest.Error as error:
+        why = plain(str(error), one.folder)
+        if any(re.search(pattern, str(error)) for pattern in expected.refusals):
+            return attack.refused(why)
+        return attack.wrong(f"refused: {error}\nbecause: {why}")
+    if expected.refusals and "must" in expected.refusals:
+        return attack.wrong("it is read, but should be refused")
+    store = isonest.open(store_path)
+    found = store.values(0)
+    values = np.asarray(expected.values)
+    if found.shape != values.shape:
+        return attack.wrong(f"shape {found.shape}, not {values.shape}")
+    problem = _values(found, values, expected.single)
+    if problem:
+        return attack.wrong(problem)
+    missing = bool((~np.isfinite(values)).any()) if values.dtype.kind == "f" else False
+    if store.has_missing != missing:
+        return attack.wrong(f"has_missing is {store.has_missing}")
+    scale = np.abs(expected.spacing)
+    if not np.allclose(store.spacing[::-1], expected.spacing, rtol=1e-7, atol=0):
+        return attack.wrong(f"spacing {store.spacing[::-1]}, not {expected.spacing}")
+    far = np.abs(np.array(store.origin[::-1]) - expected.origin)
+    if not (far <= 1e-6 * scale + 1e-9 * np.abs(expected.origin)).all():
+        return attack.wrong(f"origin {store.origin[::-1]}, not {expected.origin}")
+    if not np.allclose(np.ravel(store.direction), expected.direction, rtol=0, atol=1e-6):
+        return attack.wrong(f"direction {np.ravel(store.direction)}, not {expected.direction}")
+    if store.unit != expected.unit:
+        return attack.wrong(f"unit {store.unit}, not {expected.unit}")
+    return attack.SAME
+
+
+def _values(found, values, single):
+    if values.dtype.kind != "f" and found.dtype.kind != "f":
+        same = found.astype(object) == values.astype(object) if found.dtype != values.dtype else found == values
+    else:
+        if found.dtype == np.float32 and not single and values.dtype != np.float32:
+            return "float32, which the numbers do not fit into"
+        with np.errstate(over="ignore"):
+            to = values.astype(found.dtype)
+        # A scale may be applied in another order of operations: the last place may differ.
+        near = np.abs(found - to) <= (np.finfo(found.dtype).eps * np.abs(to) * 2 if found.dtype.kind == "f" else 0)
+        same = (found == to) | near | (np.isnan(found) & np.isnan(to)) if found.dtype.kind == "f" else found == to
+    if not same.all():
+        at = tuple(int(i) for i in np.argwhere(~same)[0])
+        return f"{(~same).sum()} of {same.size} values differ, first at {at}: {found[at]}, not {values[at]}"
+    return ""
