@@ -134,7 +134,13 @@ def _batch(function, kind, seeds, folder, program, out):
     for seed in seeds:
         os.write(out, (json.dumps({"seed": seed}) + "\n").encode())
         result = _one(function, kind, seed, folder, program)
+        if result.what == "wrong" and folder.exists():
+            folder.rename(_kept(folder, seed))  # the next try empties the folder
         os.write(out, (json.dumps({"seed": seed, "what": result.what, "why": result.why}) + "\n").encode())
+
+
+def _kept(folder, seed):
+    return folder.parent / f"wrong-{seed}"
 
 
 class Worker:
@@ -183,8 +189,13 @@ class Tally:
             return
         place = self.keep / f"{self.kind}-{seed}"
         shutil.rmtree(place, ignore_errors=True)
-        if folder.exists():
-            shutil.copytree(folder, place, symlinks=True)
+        moved = _kept(folder, seed)
+        if moved.exists() or folder.exists():
+            try:
+                shutil.copytree(moved if moved.exists() else folder, place, symlinks=True)
+            except shutil.Error:  # FIFOs and sockets are not copied
+                pass
+            shutil.rmtree(moved, ignore_errors=True)
         place.mkdir(parents=True, exist_ok=True)
         (place / "why.txt").write_text(result.why + "\n")
         last = (result.why.strip().splitlines() or ["?"])[-1]
