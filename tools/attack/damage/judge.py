@@ -27,13 +27,13 @@ CODES = (2, 3, 4, 5, 6, 7)
 LIMITS = ("--memory", f"{MEMORY}M", "-q")
 
 
-def run(one, *arguments, seconds=SECONDS):
+def run(one, *arguments, seconds=SECONDS, heap=HEAP):
     """As Try.run(), of a program that is loaded once for all tries of a process."""
     if not served._library(one.program).exists():
-        return one.run(*arguments, heap=HEAP, seconds=seconds)
+        return one.run(*arguments, heap=heap, seconds=seconds)
     limited = served._server(os.fspath(one.program), "")
     process = next(process for socket, process in served._servers.values() if socket is limited)
-    for what, most in ((resource.RLIMIT_DATA, HEAP), (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, LARGEST_FILE)):
+    for what, most in ((resource.RLIMIT_DATA, heap), (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, LARGEST_FILE)):
         resource.prlimit(process.pid, what, (most, most))
     try:
         done = served.run([one.program, *arguments], cwd=one.folder, capture_output=True, text=True, errors="replace",
@@ -128,7 +128,9 @@ def refusal(one, done, output, names, foreign):
         return attack.wrong(f"not one error message, exit {done.code}:\n{done.err[-3000:]}")
     if re.search(r"[\0-\t\x0b-\x1f\x7f-\x9f]", done.err):
         return attack.wrong(f"the message has control characters: {done.err!r}")
-    if "out of memory" in done.err:
+    if "out of memory" in done.err or "lets this run have" in done.err:
+        if foreign:
+            return attack.refused("library took more memory than it may")
         return attack.wrong(f"took more memory than it may\n{done.err}")
     if not any(name in done.err for name in names):
         return attack.wrong(f"the message names no file: {done.err}")
@@ -146,10 +148,10 @@ def prepare(one, case):
     return one.folder / "in/deep" / case.name
 
 
-def watched(one, output, arguments, names, foreign):
-    """Runs the program; the Result if there is a finding or an error, else None; and whether it is a large job."""
+def watched(one, output, arguments, names, foreign, more=0):
+    """What the program did, and the Result if there is a finding or an error, else None. more: bytes of heap that it may take."""
     before = listing(one.folder, output)
-    done = run(one, *arguments)
+    done = run(one, *arguments, heap=HEAP + more)
     if done.code == "hang":
         return done, None
     after = listing(one.folder, output)
@@ -167,7 +169,7 @@ def preprocessed(one, case, foreign=False):
     command = [*(("extract", path, "--iso", "100") if straight else ("preprocess", path, "--chunk", "8", "--indicators", "linf_bar")), "-o", output,
                "--threads", "2", *LIMITS, *case.options]
     # A message names the input, another file that the input names, or the option or space that is too small.
-    names = ["in/deep", *(f"error: {place}:" for place in ELSEWHERE), "error: --dims", "/out: temporary space"]
+    names = ["in/deep", f"error: {case.name}", *(f"error: {place}:" for place in ELSEWHERE), "error: --dims", "/out: temporary space"]
     done, result = watched(one, output, command, names, foreign)
     if done.code == "hang":
         # A good header of a huge volume is no damage: then a corner of it is read at once.
