@@ -64,7 +64,7 @@ def gzip_tricks(case, one):
     elif what == 4:
         data = data[:3] + bytes([one.pick(2, 4, 8, 16, 31, 255)]) + data[4:10] + b"x" * one.pick(1, 70000) + data[10:]
     elif what == 5:
-        data += gzip.compress(b"", 1) * one.pick(1, 20000)
+        data += gzip.compress(b"", 1) * one.pick(1, 1000)
     else:
         data += one.pick(b"\0" * 5000, b"\0\0\x1f", b"garbage", data)
     return case.with_data(data, fields=(), texts=(), closing=None, exact=False)
@@ -165,8 +165,7 @@ def npz_tricks(case, one):
         elif what == 1:
             with archive.open("v.npy", "w") as file:
                 file.write(member)
-                for _ in range(200):
-                    file.write(bytes(1 << 20))
+                file.write(bytes(16 << 20))
         elif what == 2:
             archive.writestr("v.npy", member)
             archive.writestr("v.npy", member[:-4] + b"abcd")
@@ -359,7 +358,7 @@ def nrrd_tricks(case, one):
         more, place = astray(case, one)
         return more.with_data(case.data.replace(b"data file: v.raw", b"data file: " + place.encode() + one.pick(b"", b"\nbyte skip: -1")))
     start = case.data.index(b"\n\n")
-    line = one.pick(b"a:=" + b"b" * one.pick(70000, 20 << 20), b"k:=v\n" * 200000 + b"k:=v", b"sizes: " + b"1 " * 100000 + b"3", b"data file: LIST\nv.nrrd\n" * 3 + b"x",
+    line = one.pick(b"a:=" + b"b" * one.pick(70000, 6 << 20), b"k:=v\n" * 30000 + b"k:=v", b"sizes: " + b"1 " * 100000 + b"3", b"data file: LIST\nv.nrrd\n" * 3 + b"x",
                     b"data file: v%05d.raw 1 1000000000 1", b"# " + b"c" * (1 << 20), b"byte skip: 9223372036854775807", b"byte skip: -1",
                     b"line skip: 9223372036854775807", b"byte skip: -9223372036854775808", b"line skip: 5\nbyte skip: 7", b"encoding: ascii", b"encoding: hex",
                     b"encoding: bzip2", b"encoding: gz", b"space directions: " + b"(" * 100000, b"measurement frame: (1,0,0) (0,1,0) (0,0,1e999)",
@@ -397,7 +396,7 @@ def meta_tricks(case, one):
         case = dataclasses.replace(case, target="v.mhd", texts=(), exact=False)
         more, place = astray(case, one)
         return more.with_data(case.data.replace(b"ElementDataFile = v.raw", one.pick(b"", b"HeaderSize = -1\n") + b"ElementDataFile = " + place.encode()))
-    line = one.pick(b"Comment = " + b"c" * one.pick(70000, 20 << 20), b"DimSize = " + b"1 " * 100000 + b"3", b"NDims = 2000000000", b"NDims = -1",
+    line = one.pick(b"Comment = " + b"c" * one.pick(70000, 6 << 20), b"DimSize = " + b"1 " * 100000 + b"3", b"NDims = 2000000000", b"NDims = -1",
                     b"HeaderSize = -1", b"HeaderSize = -9223372036854775808", b"HeaderSize = 9223372036854775807", b"ElementNumberOfChannels = 1000000000",
                     b"ElementDataFile = LIST 2\na\nb", b"ElementDataFile = %05d.raw 1 1000000000 1", b"CompressedData = True\nCompressedDataSize = 99999999999999",
                     b"ObjectType = Image\n" * 100000 + b"NDims = 3", b"Comment = x\nComment = y", b"ElementSpacing = 0 0 0", b"ElementSpacing = 1e999 nan inf")

@@ -1,5 +1,6 @@
 """DICOM and Zarr: good ones, damages of their own, independent readers."""
 import dataclasses
+import gzip
 import json
 import pathlib
 import struct
@@ -13,7 +14,7 @@ from pydicom.uid import CTImageStorage, ExplicitVRBigEndian, ExplicitVRLittleEnd
 
 import attack
 from damage.arrays import saved, values
-from damage.case import LINK, FIFO, FOLDER, TOKENS, Case
+from damage.case import LINK, FIFO, FOLDER, TOKENS, Case, bomb
 
 sys.path.insert(0, str(attack.ROOT / "tests/support"))
 from zarr_writer import V3  # noqa: E402
@@ -136,7 +137,7 @@ def dicom_tricks(case, one):
     elif what == 3:
         put = b"".join(struct.pack("<HH2sH", 0x0008, 0x0060, b"CS", 2) + b"CT" for _ in range(one.pick(1000, 200000)))
     elif what == 4:  # a text as long as may be
-        put = element(0x0008103E, b"UT", b"t" * one.pick(65536, 1 << 20, 30 << 20))
+        put = element(0x0008103E, b"UT", b"t" * one.pick(65536, 1 << 20, 17 << 20))
     elif what == 5:
         put = element(0x0020000D, b"UN", b"", one.pick(0xFFFFFFFF, 0xFFFFFFFE, 0x7FFFFFFF))
     elif what == 6 and case.name == "s":  # many images, links, FIFOs
@@ -156,6 +157,9 @@ def dicom_tricks(case, one):
 
 
 # Zarr
+
+HEAD = b"\x1f\x8b\x08\0\0\0\0\0\0\x03"  # of gzip
+
 
 def read_zarr2(path):
     return zarr.open_array(str(path), "r")[...]
@@ -242,11 +246,10 @@ def zarr_tricks(case, one):
                                                    (LINK, "../../../outside/secret.raw"))}, values=None, exact=False, read=None)
     if what == 6:  # metadata that are something else than files
         name = one.pick(*described)
-        return case.with_files({name: one.pick((LINK, "/dev/zero"), (FIFO,), (FOLDER,), (LINK, "."), b"", b"\0" * (1 << 20), b"[" * (30 << 20), b'"' + b"a" * (30 << 20) + b'"')},
+        return case.with_files({name: one.pick((LINK, "/dev/zero"), (FIFO,), (FOLDER,), (LINK, "."), b"", b"\0" * (1 << 20), b"[" + b"0," * (8 << 20), b'{"a":[' + b"{}," * (4 << 20), b"[" * (17 << 20), b'"' + b"a" * (17 << 20) + b'"')},
                                values=None, exact=False, read=None, target=described[0])
-    import gzip
     chunks = [name for name in case.files if name not in described]
     if not chunks:
         return case.with_data(case.data + b"{")
     name = one.pick(*chunks)
-    return case.with_files({name: gzip.compress(bytes(one.pick(1000, 100 << 20)), 1)}, values=None, exact=False, read=None)
+    return case.with_files({name: one.pick(gzip.compress(bytes(1000)), HEAD + bomb(100 << 20))}, values=None, exact=False, read=None)

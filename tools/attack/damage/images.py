@@ -69,7 +69,7 @@ def vti(r):
     at = data.find(b"_", end)
     fields = tuple((at + 1 + 4 * i, "<u4") for i in range(4)) if end >= 0 and way > 2 else ()
     return Case("v.vti", {"v.vti": data}, fields=fields, texts=((0, end if end >= 0 else len(data)),), values=array,
-                close=True, read=read_vtk(vtk.vtkXMLImageDataReader))
+                close=True, read=read_vtk(vtk.vtkXMLImageDataReader), apart=True)
 
 
 LAUGHS = b'<!DOCTYPE x [<!ENTITY a0 "0 0 0 0">' + b"".join(b'<!ENTITY a%d "%s">' % (i, b"&a%d;" % (i - 1) * 12) for i in range(1, 11)) + b"]>"
@@ -95,7 +95,7 @@ def xml_tricks(case, one):
     elif what == 4:
         data = data.replace(b"<", b"<" + b"n" * (1 << 20), 1)
     elif what == 5:
-        data = data[:inside] + b" " * (20 << 20) + data[inside:]
+        data = data[:inside] + b" " * (6 << 20) + data[inside:]
     else:
         data = b'<!DOCTYPE x [<!ENTITY % p SYSTEM "../../outside/secret.raw"> %p; <!ENTITY a "&a;">]>' + data[:inside] + b"&a;" + data[inside:]
     return case.with_data(head + data, fields=(), texts=(), values=None, read=None)
@@ -115,12 +115,12 @@ def vtk_legacy(r):
     end = data.find(b"LOOKUP_TABLE")
     end = data.index(b"\n", end) + 1
     return Case("v.vtk", {"v.vtk": data}, texts=((0, end), (0, len(data) if text else end)), values=array, close=text,
-                read=read_vtk(vtk.vtkStructuredPointsReader))
+                read=read_vtk(vtk.vtkStructuredPointsReader), apart=True)
 
 
 def vtk_tricks(case, one):
     data = case.data
-    line = one.pick(b"FIELD f 2000000000\n", b"FIELD f 1\na 3 1000000000000 float\n", b"METADATA\nINFORMATION 100000000\n", b"x" * (20 << 20) + b"\n",
+    line = one.pick(b"FIELD f 2000000000\n", b"FIELD f 1\na 3 1000000000000 float\n", b"METADATA\nINFORMATION 100000000\n", b"x" * (6 << 20) + b"\n",
                     b"DIMENSIONS 1048576 1048576 1048576\n", b"SPACING 0 0 0\n", b"SPACING 1e999 1 1\n", b"SCALARS v float 1000000000\n", b"POINT_DATA -1\n",
                     b"FIELD f 1\n" * 100000, b"LOOKUP_TABLE t 1000000000\n")
     at = data.find(one.pick(b"DATASET", b"POINT_DATA", b"LOOKUP_TABLE", b"FIELD"))
@@ -247,7 +247,7 @@ def netcdf3(r):
     data = saved("v.nc", lambda path: write_netcdf(path, array, kind, unlimited))
     end = min(len(data), 400)
     fields = tuple((at, ">i4") for at in range(4, end - 4, 4))
-    return Case("v.nc", {"v.nc": data}, fields=fields, values=array, read=read_netcdf)
+    return Case("v.nc", {"v.nc": data}, fields=fields, values=array, read=read_netcdf, apart=True)
 
 
 def netcdf_tricks(case, one):
