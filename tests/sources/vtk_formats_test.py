@@ -124,6 +124,19 @@ class Vti(DamagedFiles, Input):
             done = self.preprocess()
             self.assertIn(done.returncode, (2, 3, code), done.stderr)
 
+    def test_xml_that_would_take_much_memory(self):
+        self.save(image_of({"v": numbers((5, 6, 7))}), mode="ascii")
+        whole = self.path.read_bytes()
+        at = whole.index(b"<PointData")
+        for hostile, words in ((b"<a>" * 1000000, "more than 64 deep"), (b"<!--" + b"x" * (8 << 20) + b"-->", "more than 4 MiB"),
+                               (b"<a b='" + b"x" * (8 << 20) + b"'/>", "more than 4 MiB"), (b"<a>" * 60 + b"</a>" * 60, None),
+                               (b" " * (8 << 20), None)):
+            self.path.write_bytes(whole[:at] + hostile + whole[at:])
+            if words:
+                self.refuses(4, words)
+            else:
+                self.assertEqual(self.preprocess().returncode, 0)
+
     def test_damaged_files(self):
         image = image_of({"v": numbers((5, 6, 7))})
         for options in ({}, {"compressed": False}, {"mode": "binary"}, {"mode": "ascii"}, {"encoded": True}):

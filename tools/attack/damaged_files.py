@@ -7,6 +7,8 @@ Wrong is: a signal, a hang, exit code 1; an error without one message that names
 left in spite of an error; a file that was cut short and is read (with other values than the good one); other values than an independent reader
 gives. The libraries of hdf5, netcdf4 and openvdb are outside of the promise: if they crash or hang, that is counted as refused.
 """
+import argparse
+import logging
 import pathlib
 import sys
 
@@ -16,8 +18,9 @@ import attack  # noqa: E402
 np, nibabel, mrcfile, pydicom, tifffile, zarr, netCDF4, h5py, vtk = attack.require(
     "numpy", "nibabel", "mrcfile", "pydicom", "tifffile", "zarr", "netCDF4", "h5py", "vtk")
 
-from damage import arrays, case, folders, images, judge, stores  # noqa: E402
+from damage import arrays, case, folders, headers, images, judge, stores  # noqa: E402
 
+logging.disable(logging.CRITICAL)  # what readers say of damaged files
 VARIANTS = 60  # good files of a format
 
 
@@ -36,10 +39,10 @@ def kind(make, *tricks, foreign=False):
 KINDS = {
     "npy": kind(arrays.npy, arrays.npy_tricks),
     "npz": kind(arrays.npz, arrays.npz_tricks),
-    "nifti": kind(arrays.nifti, arrays.nifti_tricks),
-    "mrc": kind(arrays.mrc, arrays.mrc_tricks),
-    "nrrd": kind(arrays.nrrd, arrays.nrrd_tricks),
-    "metaimage": kind(arrays.meta_image, arrays.meta_tricks),
+    "nifti": kind(headers.nifti, headers.nifti_tricks),
+    "mrc": kind(headers.mrc, headers.mrc_tricks),
+    "nrrd": kind(headers.nrrd, headers.nrrd_tricks),
+    "metaimage": kind(headers.meta_image, headers.meta_tricks),
     "raw": kind(arrays.raw, arrays.raw_tricks),
     "vti": kind(images.vti, images.xml_tricks),
     "vtk": kind(images.vtk_legacy, images.vtk_tricks),
@@ -57,4 +60,9 @@ KINDS = {
 }
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--isonest", type=pathlib.Path, default=attack.ROOT / "build/bin/isonest")
+    if not judge.can_run(parser.parse_known_args()[0].isonest):
+        print("skipped: this build has no library that serves (sanitizers), or no Python package")
+        sys.exit(77)
     sys.exit(attack.main(__doc__, KINDS))

@@ -252,6 +252,11 @@ def netcdf3(r):
 
 def netcdf_tricks(case, one):
     data = bytearray(case.data)
+    if one.chance(0.1):  # more items than anyone has
+        tag, item = one.pick((10, struct.pack(">ii", 0, 1)), (12, struct.pack(">iii", 0, 1, 0)), (12, struct.pack(">iii", 0, 1, 1024) + bytes(1024)))
+        count = one.pick(1000, 150000, 900000) * 12 // len(item)
+        lists = struct.pack(">ii", tag, count) + item * count
+        return case.with_data(b"CDF\1" + bytes(4) + (lists if tag == 10 else bytes(8) + lists) + bytes(16), values=None, fields=())
     for word in (b"\0\0\0\x0a", b"\0\0\0\x0b", b"\0\0\0\x0c"):  # the lists of dimensions, variables and attributes
         at = data.find(word)
         if at >= 0 and one.chance(0.5):

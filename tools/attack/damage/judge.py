@@ -27,10 +27,17 @@ CODES = (2, 3, 4, 5, 6, 7)
 LIMITS = ("--memory", f"{MEMORY}M", "-q")
 
 
+def can_run(program):
+    """Whether the build has what is needed to run the program many times, and to look at stores."""
+    try:
+        attack.package(program)
+    except ImportError:
+        return False
+    return served._library(program).exists()
+
+
 def run(one, *arguments, seconds=SECONDS, heap=HEAP):
     """As Try.run(), of a program that is loaded once for all tries of a process."""
-    if not served._library(one.program).exists():
-        return one.run(*arguments, heap=heap, seconds=seconds)
     limited = served._server(os.fspath(one.program), "")
     process = next(process for socket, process in served._servers.values() if socket is limited)
     for what, most in ((resource.RLIMIT_DATA, heap), (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, LARGEST_FILE)):

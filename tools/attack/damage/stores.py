@@ -1,4 +1,5 @@
 """Damaged stores, meshes and tables of labels, for the commands that read them."""
+import dataclasses
 import json
 import pathlib
 import subprocess
@@ -8,8 +9,9 @@ import numpy as np
 
 import attack
 from damage import judge
-from damage.arrays import values
-from damage.case import Case, damaged
+from damage.arrays import values, zip_fields
+from damage.case import FIFO, FOLDER, LINK, Case, damaged
+from damage.images import xml_tricks
 
 COMMANDS = {
     "info": ("info", "STORE"), "json": ("info", "STORE", "--json"), "histogram": ("info", "STORE", "--histogram"),
@@ -52,7 +54,10 @@ def good_store(program, variant):
 def store_tricks(case, one):
     """Two stores in one, the store's end before or behind other bytes."""
     data = case.data
-    what = int(one.random.integers(4))
+    what = int(one.random.integers(5))
+    if what == 4:
+        return dataclasses.replace(case, files={case.target: one.pick((LINK, "/dev/zero"), (FIFO,), (FOLDER,), (LINK, case.target), (LINK, "/proc/self/mem"),
+                                                                      b"", data[:512] * 50, bytes(5000))})
     if what == 0:
         return case.with_data(data + one.random.bytes(one.pick(1, 64, 5000)))
     if what == 1:
@@ -111,6 +116,10 @@ def good_mesh(program, ending):
         return (folder / f"m.{ending}").read_bytes()
 
 
+def special_files(case, one):
+    return dataclasses.replace(case, files={case.target: one.pick((LINK, "/dev/zero"), (FIFO,), (FOLDER,), (LINK, case.target), b"")})
+
+
 def mesh_of(endings, foreign):
     def attempt(one):
         ending = one.pick(*endings)
@@ -120,15 +129,13 @@ def mesh_of(endings, foreign):
         header = data.find(b"end_header") if ending == "ply" else {"glb": 0, "3mf": 0, "stl": 0}.get(ending, len(data))
         fields = tuple((at, kind) for at in range(0, 64, 4) for kind in ("<u4", "<f4")) if ending in ("glb", "stl") else ()
         if ending == "3mf":
-            from damage.arrays import zip_fields
             fields = zip_fields(data)
         if ending == "glb":
             header = 20 + int.from_bytes(data[12:16], "little")
         if ending == "ply":
             fields = tuple((at, kind) for at in range(header + 11, len(data) - 4, 13) for kind in ("<u4", "<f4"))
         case = Case(f"m.{ending}", {f"m.{ending}": data}, fields=fields, texts=((0, header),) if header > 0 else ())
-        from damage.images import xml_tricks
-        case = damaged(case, one, (xml_tricks,) if ending == "vtp" else ())
+        case = damaged(case, one, (xml_tricks, special_files) if ending == "vtp" else (special_files,))
         path = judge.prepare(one, case)
         output = one.folder / "out/p.png"
         done, result = judge.watched(one, output, ("picture", path, "-o", output, "--size", "64x48", "--memory", "128M", "-q"), ["in/deep"], foreign,
@@ -176,6 +183,8 @@ def labels(one):
 
 def label_tricks(case, one):
     data = case.data
+    if one.chance(0.1):
+        return dataclasses.replace(case, files={case.target: one.pick((LINK, "/dev/zero"), (FIFO,), (FOLDER,), (LINK, case.target), (LINK, "/proc/self/mem"))})
     line = one.pick(b"3 " + b"n" * 256, b"3 " + b"n" * (1 << 20), b"3 a\x1b[2Jb", b"3 \xff\xfe", b"1 again", b"4611686018427387904 big", b"-1 minus", b"3 x 256 0 0 0",
                     b"3 x 1e999 nan inf 0", b"3", b"3 \"", b"3 \"x", b"\n".join(b"%d n%d" % (i, i) for i in range(10, 70000)), b"18446744073709551616 x",
                     b" " * (6 << 20), b"3 \xe2\x80\xae evil", b"3 a\rb", b"3 \0", b"0x3 hex", b"3.0 x", b"+3 x", b"\xef\xbb\xbf3 x")
