@@ -177,6 +177,17 @@ class Legacy(DamagedFiles, Input):
                 self.reads(is_read_as(data))
                 self.lies(ORIGIN, SPACING)
 
+    def test_arrays_of_another_length_than_the_image_are_refused(self):
+        for fields, code in ((b"FIELD f 1\nv 1 24 char\n", 0), (b"FIELD f 1\nv 1 1 char\n", 4), (b"FIELD f 1\nv 1 25 char\n", 4)):
+            self.path.write_bytes(b"# vtk DataFile Version 3.0\nx\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 4 3 2\nPOINT_DATA 24\n"
+                                  + fields + bytes(range(30)))
+            done = self.preprocess()
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertIn("but the image 24 points" if code else "", done.stderr)
+        self.path.write_bytes(b"# vtk DataFile Version 3.0\nx\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 4 3 2\nPOINT_DATA 25\n"
+                              b"SCALARS v char\nLOOKUP_TABLE default\n" + bytes(range(30)))
+        self.refuses(4, "'v' has 25 values")
+
     def test_text_of_colours_is_refused(self):
         self.save(image_of({"v": numbers((5, 6, 7), "u1")}), True)
         self.refuses(5, "colours")

@@ -190,11 +190,22 @@ class LegacyHeader {
         take({words[1], lower(words[2]), components, lines_.at(), of_cells_}, values_);
     }
     void take(const Found& array, std::int64_t tuples) {
-        list_ += fmt::format("\n  {:.80} {:.40}", array.name, array.type);
+        constexpr int kMostListed = 40;
+        if (listed_++ < kMostListed) {
+            list_ += fmt::format("\n  {:.80} {:.40}", array.name, array.type);
+        }
         if (!image_) {
             corrupt("numbers come before DATASET");
         }
         if (wanted_.empty() || array.name == wanted_) {
+            double values = 1;
+            for (const double nodes : dimensions_) {
+                values *= of_cells_ ? std::max(nodes - 1, 1.0) : nodes;
+            }
+            if (static_cast<double>(tuples) != values) {
+                corrupt(fmt::format("'{:.80}' has {} values, but the image {} {}", array.name,
+                                    tuples, values, of_cells_ ? "cells" : "points"));
+            }
             found_ = array;
             return;
         }
@@ -220,6 +231,7 @@ class LegacyHeader {
     Double3 spacing_{1, 1, 1};
     Double3 origin_{0, 0, 0};
     std::string list_;
+    int listed_ = 0;
     std::optional<Found> found_;
 };
 

@@ -2,7 +2,6 @@
 import dataclasses
 import gzip
 import io
-import os
 import pathlib
 import re
 import struct

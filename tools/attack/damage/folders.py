@@ -13,7 +13,7 @@ import zarr
 from pydicom.uid import CTImageStorage, ExplicitVRBigEndian, ExplicitVRLittleEndian, ImplicitVRLittleEndian, RLELossless
 
 import attack
-from damage.arrays import saved, values
+from damage.arrays import values
 from damage.case import LINK, FIFO, FOLDER, TOKENS, Case, bomb
 
 sys.path.insert(0, str(attack.ROOT / "tests/support"))

@@ -1,10 +1,7 @@
 """VTK's files, TIFF, NetCDF, HDF5 and OpenVDB: good ones, damages of their own, independent readers."""
 import dataclasses
-import os
-import pathlib
 import re
 import struct
-import tempfile
 
 import h5py
 import netCDF4

@@ -22,7 +22,8 @@ START = 24 * MIB  # of data that the program needs for the smallest good files, 
 MEMORY = 64       # MiB
 HEAP = START + MEMORY * MIB + 64 * MIB
 LARGEST_FILE = 256 * MIB  # that it may write
-SECONDS = 10
+SECONDS = 10      # of the processor
+WALL = 45         # until what waits for something is a hang, on a busy machine
 CODES = (2, 3, 4, 5, 6, 7)
 LIMITS = ("--memory", f"{MEMORY}M", "-q")
 
@@ -36,18 +37,18 @@ def can_run(program):
     return served._library(program).exists()
 
 
-def run(one, *arguments, seconds=SECONDS, heap=HEAP):
+def run(one, *arguments, heap=HEAP):
     """As Try.run(), of a program that is loaded once for all tries of a process."""
     limited = served._server(os.fspath(one.program), "")
     process = next(process for socket, process in served._servers.values() if socket is limited)
-    for what, most in ((resource.RLIMIT_DATA, heap), (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, LARGEST_FILE)):
+    for what, most in ((resource.RLIMIT_DATA, heap), (resource.RLIMIT_CORE, 0), (resource.RLIMIT_CPU, SECONDS), (resource.RLIMIT_FSIZE, LARGEST_FILE)):
         resource.prlimit(process.pid, what, (most, most))
     try:
         done = served.run([one.program, *arguments], cwd=one.folder, capture_output=True, text=True, errors="replace",
-                          timeout=seconds)
+                          timeout=WALL)
     except served.subprocess.TimeoutExpired:
         return attack.Done("hang", "", "")
-    return attack.Done(done.returncode, done.stdout, done.stderr)
+    return attack.Done("hang" if done.returncode == -signal.SIGXCPU else done.returncode, done.stdout, done.stderr)
 
 
 def listing(folder, but):
