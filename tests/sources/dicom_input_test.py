@@ -6,6 +6,7 @@ usage: dicom_input_test.py ISONEST PLUGIN_FOLDER
 import pathlib
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import unittest
@@ -442,6 +443,18 @@ class Dicom(DamagedFiles, Module, Input):
         done = self.reads(self.data[:1])
         self.assertIn("MONOCHROME1", done.stdout + done.stderr)
         self.assertIn("stored as 3", done.stdout + done.stderr)
+
+    def test_frames_that_would_take_much_memory(self):
+        count = 200000
+        self.image(np.zeros((count, 1, 1), "u1"), "all.dcm", position=None)
+        whole = (self.path / "all.dcm").read_bytes()
+        self.path = self.path / "all.dcm"
+        self.refuses(7, "200000 slices takes more than", "--memory", options=("--memory", "64M"))
+        sequence = (struct.pack("<HH2sHI", 0x5200, 0x9230, b"SQ", 0, 0xFFFFFFFF) + struct.pack("<HHI", 0xFFFE, 0xE000, 0) * count
+                    + struct.pack("<HHI", 0xFFFE, 0xE0DD, 0))
+        at = whole.index(struct.pack("<HH2s", 0x7FE0, 0x0010, b"OB"))
+        self.path.write_bytes(whole[:at] + sequence + whole[at:])
+        self.refuses(7, "PerFrameFunctionalGroupsSequence", "--memory", options=("--memory", "64M"))
 
     def test_damaged_files(self):
         self.enhanced()

@@ -232,6 +232,16 @@ class MetaImage(DamagedFiles, Input):
         self.save(numbers((5, 6, 7)), "v.mha", True)
         self.damaged(self.path.read_bytes())
 
+    def test_what_a_message_quotes_does_not_reach_the_terminal_as_it_is(self):
+        self.save(numbers((5, 6, 7)), "v.mha", False)
+        whole = self.path.read_bytes()
+        for hostile, shown in ((b"\x1b[2J", r"\x1b"), (b"\x07", r"\x07"), (b"\x7f", r"\x7f"), (b"\xc2\x9b2J", r"\x9b")):
+            self.path.write_bytes(whole.replace(b"MET_SHORT", b"MET_" + hostile))
+            done = self.preprocess()
+            self.assertEqual(done.returncode, 5, done.stderr)
+            self.assertIn(shown, done.stderr)
+            self.assertNotRegex(done.stderr, "[\0-\x08\x0b-\x1f\x7f-\x9f]")
+
 
 class Mrc(DamagedFiles, Input):
     def setUp(self):

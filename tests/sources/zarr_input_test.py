@@ -293,6 +293,15 @@ class Zarr(Input):
             (self.path / ".zarray").write_text(text)
             self.assertIn(self.preprocess().returncode, (2, 3, 4, 5), text)
 
+    def test_a_description_that_would_take_much_memory(self):
+        V3(self.fresh(), numbers((9, 10, 11)), (4, 4, 4))
+        whole = json.loads((self.path / "zarr.json").read_text())
+        for hostile, code in (([0] * 3000000, 5), ([{}] * 2000000, 5), ([0] * 300000, 0), ({str(i): i for i in range(300000)}, 0)):
+            (self.path / "zarr.json").write_text(json.dumps({**whole, "attributes": {"a": hostile}}, separators=(",", ":")))
+            done = self.preprocess("--memory", "64M")
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertIn("MiB of memory" if code else "", done.stderr)
+
     def test_damaged_files(self):
         for options in ({"codecs": ("zstd",)}, {"codecs": ("blosc",), "shards": (8, 8, 8)}, {"codecs": ("gzip",)}):
             V3(self.fresh(), numbers((9, 10, 11)), (4, 4, 4), **options)

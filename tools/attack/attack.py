@@ -193,7 +193,10 @@ class Tally:
         if kept.exists():
             shutil.move(kept, place)
         elif folder.exists():  # its process ended
-            shutil.copytree(folder, place, symlinks=True)
+            try:
+                shutil.copytree(folder, place, symlinks=True)
+            except shutil.Error:  # FIFOs and sockets are not copied
+                pass
         place.mkdir(parents=True, exist_ok=True)
         (place / "why.txt").write_text(result.why + "\n")
         last = (result.why.strip().splitlines() or ["?"])[-1]

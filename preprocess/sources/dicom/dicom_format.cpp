@@ -236,7 +236,7 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
             ? input.path().string()
             : fmt::format("{} and {} more", input.path().string(), input.paths.size() - 1);
     const std::vector<std::filesystem::path> files = files_of(input);
-    const DicomFolder folder = find_dicom_series(files);
+    const DicomFolder folder = find_dicom_series(files, options.max_heap);
     if (folder.series.empty()) {
         throw Error(ErrorKind::unsupported, {name}, "there are no DICOM images in it");
     }

@@ -22,7 +22,8 @@ constexpr std::int64_t kMostFrames = 1000000;
 
 class HeaderVisitor {
   public:
-    HeaderVisitor(DicomFile& file, DicomHeader& header) : file_(file), header_(header) {}
+    HeaderVisitor(DicomFile& file, DicomHeader& header, std::uint64_t most_bytes)
+        : file_(file), header_(header), most_bytes_(most_bytes) {}
 
     bool enter(DicomTag sequence, std::int64_t item) {
         const bool groups = sequence == kSharedGroups || sequence == kFrameGroups;
@@ -37,6 +38,13 @@ class HeaderVisitor {
         if (sequence == kFrameGroups) {
             if (item >= kMostFrames) {
                 file_.fail(0, fmt::format("more than {} frames", kMostFrames));
+            }
+            // While the list grows it is there twice, the new one with room for as much again.
+            if (3 * sizeof(DicomPlace) * header_.per_frame.size() > most_bytes_) {
+                throw Error(ErrorKind::limit, {file_.name(), "PerFrameFunctionalGroupsSequence"},
+                            fmt::format("where more than {} frames lie takes more than {} bytes",
+                                        header_.per_frame.size(), most_bytes_),
+                            {{RemedyKind::more_memory}});
             }
             header_.per_frame.emplace_back();
         } else if (item > 0) {
@@ -204,6 +212,7 @@ class HeaderVisitor {
 
     DicomFile& file_;
     DicomHeader& header_;
+    std::uint64_t most_bytes_;
     std::vector<DicomTag> path_;
 };
 
@@ -276,9 +285,9 @@ std::string DicomNumbers::text() const {
     return fmt::format("{} x {} of {}{} bits", columns, rows, is_signed ? "signed " : "", stored);
 }
 
-DicomHeader read_dicom_header(DicomFile& file) {
+DicomHeader read_dicom_header(DicomFile& file, std::uint64_t most_bytes) {
     DicomHeader header;
-    HeaderVisitor visitor(file, header);
+    HeaderVisitor visitor(file, header, most_bytes);
     header.pixels =
         file.visit({.value = [&](const DicomElement& e) { visitor.value(e); },
                     .enter = [&](DicomTag sequence,

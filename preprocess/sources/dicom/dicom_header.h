@@ -68,8 +68,9 @@ struct DicomHeader {
     DicomElement pixels = {};                  ///< its tag is 0: this is no image
 };
 
-/// Throws Error{corrupt, io, unsupported}: colours, bits that are no bytes. An object that is no
-/// image has no pixels.
-DicomHeader read_dicom_header(DicomFile& file);
+/// Throws Error{corrupt, io, unsupported}: colours, bits that are no bytes; and Error{limit} where
+/// what is said of the frames, one by one, takes more than `most_bytes`. An object that is no image
+/// has no pixels.
+DicomHeader read_dicom_header(DicomFile& file, std::uint64_t most_bytes);
 
 }  // namespace isonest::detail

@@ -14,6 +14,10 @@ namespace {
 
 /// Directions and spacings within this are the same: less than a tenth of a voxel over a thousand.
 constexpr double kMostDifference = 1e-4;
+/// What may be held for the slices whatever the memory is: of 90,000 of them.
+constexpr std::uint64_t kSomeHeap = std::uint64_t{32} << 20U;
+/// A list that grows is there twice, and so is one that is put in order.
+constexpr std::uint64_t kBytesOfSlice = 3 * sizeof(DicomSlice);
 
 template <class T>
 const std::optional<T>& either(const std::optional<T>& own, const std::optional<T>& shared) {
@@ -165,7 +169,9 @@ std::string text_of(const std::vector<DicomSeries>& series) {
 
 }  // namespace
 
-DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files) {
+DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files,
+                              std::uint64_t max_heap) {
+    const std::uint64_t most_bytes = std::max(max_heap, kSomeHeap);
     DicomFolder folder;
     std::map<std::string, std::size_t> known;
     std::size_t slices = 0;
@@ -175,7 +181,7 @@ DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files) {
             continue;
         }
         DicomFile file(files[i]);
-        const DicomHeader header = read_dicom_header(file);
+        const DicomHeader header = read_dicom_header(file, most_bytes);
         if (header.pixels.tag == 0) {
             ++folder.others;
             continue;
@@ -184,6 +190,12 @@ DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files) {
         if (slices > kMostDicomSlices) {
             throw Error(ErrorKind::limit, {files[i].string()},
                         fmt::format("there are more than {} slices", kMostDicomSlices));
+        }
+        if (slices * kBytesOfSlice > most_bytes) {
+            throw Error(ErrorKind::limit, {files[i].string()},
+                        fmt::format("what is kept of {} slices takes more than {} bytes", slices,
+                                    most_bytes),
+                        {{RemedyKind::more_memory}});
         }
         const auto [found, is_new] = known.try_emplace(header.series, folder.series.size());
         if (is_new) {
