@@ -36,11 +36,16 @@ class Volume:
     def save(self, one, isonest, name="v", **options):
         """The store of it. A turned one comes from a file of NRRD, others from an array."""
         store = one.folder / f"{name}.isonest"
-        if not self.turned and not options.get("labels"):
+        if not self.turned and options.get("labels"):
+            path = one.folder / f"{name}.npy"
+            np.save(path, self.u)
+            isonest.preprocess(path, store, spacing=self.spacing[::-1], origin=self.origin[::-1], replace=True, **options)
+            return isonest.open(store)
+        if not self.turned:
             isonest.preprocess(self.u, store, spacing=self.spacing[::-1], origin=self.origin[::-1], replace=True, **options)
             return isonest.open(store)
         kinds = {"u1": "uint8", "i1": "int8", "u2": "uint16", "i2": "int16", "u4": "uint32", "i4": "int32", "f4": "float",
-                 "f8": "double", "i8": "int64"}
+                 "f8": "double"}
         directions = " ".join("(" + ",".join(repr(float(c)) for c in self.axes[:, a] * self.spacing[a]) + ")" for a in range(3))
         path = one.folder / f"{name}.nrrd"
         path.write_bytes((f"NRRD0004\ntype: {kinds[self.u.dtype.str[1:]]}\ndimension: 3\nspace dimension: 3\nsizes: "
