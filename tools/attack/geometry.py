@@ -9,12 +9,13 @@ import sys
 import attack
 
 attack.require("numpy", "scipy", "vtk", "h5py")
-from surfaces import near_surfaces, of_labels, outputs, parts, planes, within_errors  # noqa: E402
+from surfaces import near_surfaces, of_labels, outputs, parts, planes, studies, within_errors  # noqa: E402
 
 KINDS = (within_errors.error, within_errors.simplify_error, within_errors.full, within_errors.exact_hexahedra,
          within_errors.several, within_errors.plane_data, near_surfaces.distance, near_surfaces.triangles, parts.closed,
-         parts.components, parts.box, parts.view, planes.slices, planes.contours, of_labels.labels, of_labels.stepped_labels,
-         outputs.formats, outputs.determinism)
+         parts.components, parts.box, parts.view, planes.slices, planes.contours, of_labels.labels,
+         of_labels.stepped_labels, of_labels.label_parts,
+         studies.study, outputs.formats, outputs.determinism)
 
 if __name__ == "__main__":
     sys.exit(attack.main(__doc__, {tried.__name__: tried for tried in KINDS}))

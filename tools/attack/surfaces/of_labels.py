@@ -3,6 +3,7 @@ import numpy as np
 
 from . import judges, volumes
 from .tries import Seen, Wrong, ask, blurred, kind, near, require, store_of, topology
+from .parts import kept_triangles
 from .within_errors import own_full
 
 
@@ -122,7 +123,8 @@ def labels(one):
     most = bound * (1 + 1e-9) + 2 * seen.blur
     require((len(stairs) == 0) == (len(seen.t) == 0), f"{len(seen.t)} triangles, {len(stairs)} of the staircase")
     if "distance" not in options:
-        require(bound <= 0.5 * np.linalg.norm(volume.scale), f"smooth_bound {bound} of the diagonal {np.linalg.norm(volume.scale)}")
+        diagonal = np.linalg.norm(volume.scale)
+        require(bound <= 0.5 * diagonal, f"smooth_bound {bound} of the diagonal {diagonal}")
     if len(stairs):
         found = judges.apart(one.random, seen.t, stairs, most, 150)
         require(found <= most, f"{found} from the staircase of label {label}, smooth_bound {bound}")
@@ -181,6 +183,31 @@ def stepped_labels(one):
         require(small.report.distance_bound <= d * (1 + 1e-12), "beyond the distance")
         near(one, volume, small, base)
         require(topology(small) == topology(base), f"topology {topology(base)} -> {topology(small)}")
+
+
+@kind
+def label_parts(one):
+    """Components of smooth labels, beside scipy's of the meshes with all."""
+    volume, large = label_volume(one)
+    store = store_of(one, volume, **({"labels": True} if large else {}))
+    options = {"smooth": one.pick(True, 0, 3), "close": one.pick(True, None)}
+    chosen = {}
+    if one.chance(0.6):
+        chosen["components"] = one.pick("largest", "all", 2, 5)
+    if one.chance(0.4) or not chosen:
+        chosen["min_component"] = int(one.pick(2, 12, 13, 30, 100))
+    if one.chance(0.3):
+        chosen["min_volume"] = float(one.random.random() ** 2 * 20 * np.prod(volume.spacing))
+    whole = ask(one, store.label_surfaces, coordinates="world", **options)
+    parts = ask(one, store.label_surfaces, coordinates="world", **options, **chosen)
+    require(set(whole) == set(parts), f"labels {sorted(parts)}, not {sorted(whole)}")
+    for label, mesh in whole.items():
+        seen = Seen(mesh, volume)
+        expected, dropped, count = kept_triangles(seen, volume, chosen)
+        found = parts[label]
+        require(sorted(judges.keys(found.vertices, found.faces)) == expected,
+                f"{len(found.faces)} triangles of label {label} are kept, expected {len(expected)} of {count} components")
+        require(found.report.dropped_components == dropped, f"dropped {found.report.dropped_components}, not {dropped}")
 
 
 def border(p, volume):

@@ -28,8 +28,8 @@ def read_mesh(path):
         data = reader.GetOutput()
         if not data.GetNumberOfPoints():
             return np.zeros((0, 3)), np.zeros((0, 3), int)
-        f = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3) if data.GetNumberOfPolys() else np.zeros((0, 3), int)
-        return vtk_to_numpy(data.GetPoints().GetData()), f
+        return (vtk_to_numpy(data.GetPoints().GetData()),
+                vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3))
     if ending == "vtkhdf":
         with h5py.File(path) as file:
             root = file["VTKHDF"]

@@ -92,6 +92,14 @@ def components(one):
     seen = Seen(surface(one, store, iso, **base, **chosen), volume)
     if whole.report.mended_triangles:
         raise Refused("mended triangles may differ")
+    expected, dropped, count = kept_triangles(whole, volume, chosen)
+    require(sorted(judges.keys(seen.mesh.vertices, seen.mesh.faces)) == expected,
+            f"{len(seen.f)} triangles are kept, expected {len(expected)} of {count} components")
+    require(seen.report.dropped_components == dropped, f"dropped {seen.report.dropped_components}, not {dropped}")
+
+
+def kept_triangles(whole, volume, chosen):
+    """The triangles that a choice of components leaves of a whole mesh, by names; how many are dropped, of how many."""
     of = judges.components(whole.f, len(whole.nodes)) if len(whole.f) else np.zeros(0, int)
     counts = np.bincount(of)
     kept = counts >= chosen.get("min_component", 0)
@@ -101,7 +109,7 @@ def components(one):
             f = whole.f[of == c]
             if (judges.edges(f)[1] == 1).any():
                 continue
-            least = chosen["min_volume"] / volume.unit ** 3 if volume.unit > 1e-25 else chosen["min_volume"] / np.prod(volume.spacing) * np.prod(volume.scale)
+            least = chosen["min_volume"] / np.prod(volume.spacing) * np.prod(volume.scale)
             v = abs(judges.volume(whole.scaled[f]))
             unsure[c] = abs(v - least) <= 1e-4 * least + judges.areas(whole.scaled[f]).sum() * whole.blur
             kept[c] = v >= least
@@ -112,10 +120,7 @@ def components(one):
         order = sorted(np.flatnonzero(kept), key=lambda c: (-counts[c], c))[:1 if wanted == "largest" else wanted]
         kept = np.isin(np.arange(len(counts)), order)
     expected = sorted(judges.keys(whole.mesh.vertices, whole.mesh.faces[kept[of]] if len(of) else whole.mesh.faces))
-    require(sorted(judges.keys(seen.mesh.vertices, seen.mesh.faces)) == expected,
-            f"{len(seen.f)} triangles are kept, expected {len(expected)} of {len(counts)} components")
-    dropped = len(counts) - int(kept.sum())
-    require(seen.report.dropped_components == dropped, f"dropped {seen.report.dropped_components}, not {dropped}")
+    return expected, len(counts) - int(kept.sum()), len(counts)
 
 
 @kind
@@ -137,8 +142,8 @@ def box(one):
     part = judges.clip(whole.t, a, b)
     mine, found = judges.areas(part).sum(), judges.areas(seen.t).sum()
     most = 4 * (seen.blur + whole.blur) + 3e-4 * volume.scale.max()
-    flat = np.abs(part[:, :, None, :] - np.stack([a, b])[None, None]).max(1).min(1).min(1) < most if len(part) else np.zeros(0, bool)
-    if flat.any() or whole.rounding > 1e-4:  # in a face of the box: of which side it is nothing says
+    flat = len(part) and (np.abs(part[:, :, None, :] - np.stack([a, b])[None, None]).max(1).min((1, 2)) < most).any()
+    if flat or whole.rounding > 1e-4:  # in a face of the box: of which side it is nothing says
         return
     slack = most * 10 * (len(part) + 1) ** 0.5 * volume.scale.max() + 1e-4 * mine
     require(abs(mine - found) <= slack, f"area {found}, the whole one's part {mine}")

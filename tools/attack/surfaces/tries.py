@@ -117,4 +117,5 @@ def topology(seen):
 def full_options(options):
     """Those of the surface that a distance is measured from."""
     cells = options.get("cells") or ("tet" if options.get("no_simplify") else "hex")
-    return {k: v for k, v in options.items() if k in ("close", "box", "components", "min_component", "min_volume")} | {"cells": cells}
+    kept = {k: v for k, v in options.items() if k in ("close", "box", "components", "min_component", "min_volume")}
+    return kept | {"cells": cells}

@@ -206,6 +206,14 @@ def several(one):
     options = one.pick({"error": volumes.error(one, volume.u)}, {"cells": "hex"}, {"close": True}, {"components": "largest"},
                        {"distance": 0.5 * volume.unit, "effort": "fast"})
     meshes = ask(one, store.isosurface, levels, coordinates="world", normals=False, **options)
+    own = ask(one, store.isosurface, levels[0], coordinates="array", normals=False, **options)
+    seen = Seen(meshes[0], volume)
+    blurred(seen)
+    require(len(own.faces) == len(seen.f), "other triangles in the coordinates of the array")
+    if len(own.faces):
+        nodes = np.asarray(own.vertices, float)[:, ::-1] / volume.spacing
+        off = np.abs(nodes - seen.nodes).max()
+        require(off <= 4 * seen.rounding + 1e-5, f"{off} nodes between the coordinates of the array and of the world")
     for level, mesh in zip(levels, meshes):
         alone = surface(one, store, level, **options)
         require(alone.vertices.tobytes() == mesh.vertices.tobytes() and alone.faces.tobytes() == mesh.faces.tobytes(),
