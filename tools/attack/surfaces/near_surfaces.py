@@ -8,7 +8,7 @@ from .within_errors import on_surface
 
 def ordinary(one, volume, distances=True):
     """Options of a surface within a distance."""
-    options = {"distance": float(one.pick(0, 0.01, 0.3, 0.5, 1, 3, one.random.random() * 4) * volume.unit)}
+    options = {"distance": float(one.pick(0, 1e-7, 0.01, 0.3, 0.5, 1, 3, 1e3, one.random.random() * 4) * volume.unit)}
     how = one.random.integers(4)
     if how == 0:
         options["effort"] = "fast"
@@ -33,7 +33,7 @@ def distance(one):
     store = store_of(one, volume)
     options = ordinary(one, volume)
     answer = surface
-    if one.chance(0.25) and not volume.turned and not {"box", "close", "no_simplify"} & set(options):
+    if one.chance(0.25) and not volume.turned and volume.raw is None and not {"box", "close", "no_simplify"} & set(options):
         options["cells"], volume.origin = "hex", np.zeros(3)
 
         def answer(one, _store, iso, **asked):  # straight from the array, without a store

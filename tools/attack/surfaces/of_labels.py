@@ -31,8 +31,11 @@ def label_volume(one):
     u = u.astype(dtype) if dtype != "u1" else (u % 256).astype("u1")
     if large:
         u = np.where(u > 0, u + one.pick(2 ** 40, 2 ** 61), 0)
-    elif dtype in ("i2", "i4") and one.chance(0.3):
+    elif dtype in ("i2", "i4", "f8") and one.chance(0.3):
         u = (u - 2).astype(dtype)
+    elif dtype in ("u1", "u2", "i2", "i4", "f8") and one.chance(0.3):  # the largest that there are
+        last = 2 ** 53 if dtype == "f8" else np.iinfo(dtype).max
+        u = np.where(u > 0, last + 1 - u.astype(float), 0).astype(dtype)
     elif dtype == "f8" and one.chance(0.4):
         u[one.random.random(sizes) < 0.1] = np.nan
     spacing, origin, axes = volumes.place(one)

@@ -13,7 +13,7 @@ def plane_of(one, volume):
     if one.chance(0.3):
         normal, point = np.rint(normal * 2), np.rint(point)
         normal = normal if normal.any() else np.array([1.0, 0, 0])
-    world = volume.axes @ (normal / volume.scale)
+    world = volume.axes @ (normal / volume.scale) * one.pick(1, 1, 1e-12, 1e12)
     return normal, float(normal @ point), tuple(world.tolist()), float(world @ volume.world(point))
 
 

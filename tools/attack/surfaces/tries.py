@@ -92,6 +92,9 @@ def some_box(one, volume):
     if one.chance(0.2):
         a, b = np.zeros(3), size.astype(float)
     b = np.where(b - a < 1e-3 * (size + 1), a + 0.3, b)
+    if one.chance(0.1):
+        b[one.random.integers(3)] = a.max() + 1e-4
+        b = np.maximum(a + 1e-4, b)
     return a, b
 
 

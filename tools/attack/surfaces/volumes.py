@@ -12,6 +12,8 @@ class Volume:
     origin: np.ndarray
     axes: np.ndarray
     what: str
+    raw: object = None  # the values as they are given, where `missing` stands for those that are not there
+    missing: object = None
 
     @property
     def turned(self):
@@ -36,23 +38,26 @@ class Volume:
     def save(self, one, isonest, name="v", **options):
         """The store of it. A turned one comes from a file of NRRD, others from an array."""
         store = one.folder / f"{name}.isonest"
+        values = self.u if self.raw is None else self.raw
+        if self.missing is not None:
+            options["missing"] = self.missing
         if not self.turned and options.get("labels"):
             path = one.folder / f"{name}.npy"
-            np.save(path, self.u)
+            np.save(path, values)
             isonest.preprocess(path, store, spacing=self.spacing[::-1], origin=self.origin[::-1], replace=True, **options)
             return isonest.open(store)
         if not self.turned:
-            isonest.preprocess(self.u, store, spacing=self.spacing[::-1], origin=self.origin[::-1], replace=True, **options)
+            isonest.preprocess(values, store, spacing=self.spacing[::-1], origin=self.origin[::-1], replace=True, **options)
             return isonest.open(store)
         kinds = {"u1": "uint8", "i1": "int8", "u2": "uint16", "i2": "int16", "u4": "uint32", "i4": "int32", "f4": "float",
                  "f8": "double"}
         directions = " ".join("(" + ",".join(repr(float(c)) for c in self.axes[:, a] * self.spacing[a]) + ")" for a in range(3))
         path = one.folder / f"{name}.nrrd"
-        path.write_bytes((f"NRRD0004\ntype: {kinds[self.u.dtype.str[1:]]}\ndimension: 3\nspace dimension: 3\nsizes: "
+        path.write_bytes((f"NRRD0004\ntype: {kinds[values.dtype.str[1:]]}\ndimension: 3\nspace dimension: 3\nsizes: "
                           f"{' '.join(map(str, self.u.shape[::-1]))}\nendian: little\nencoding: raw\n"
                           f"space directions: {directions}\nspace origin: "
                           f"({','.join(repr(float(o)) for o in self.origin)})\n\n").encode()
-                         + np.ascontiguousarray(self.u).tobytes())
+                         + np.ascontiguousarray(values).tobytes())
         isonest.preprocess(path, store, replace=True, **options)
         return isonest.open(store)
 
@@ -76,6 +81,9 @@ def shape(one, most=24, least=2):
         sizes[one.random.integers(3)] = int(one.random.integers(2, 41))
     elif kind == 2:
         sizes = [int(one.pick(7, 8, 9, 15, 16, 17))] * 3
+    elif kind == 3 and least == 1:
+        sizes = [along() for _ in range(3)]
+        sizes[one.random.integers(3)] = 1
     else:
         sizes = [along() for _ in range(3)]
     return tuple(max(least, min(n, 41)) for n in sizes)
@@ -209,7 +217,12 @@ def volume(one, most=24, least=2, missing=True, turned=True, extremes=True):
     spacing, origin, axes = place(one, extremes)
     if not turned:
         axes = np.eye(3)
-    return Volume(u, spacing, origin, axes, what)
+    made = Volume(u, spacing, origin, axes, what)
+    if missing and u.dtype.kind != "f" and one.chance(0.1):
+        made.raw, made.missing = u, float(u.flat[one.random.integers(u.size)])
+        made.u = np.where(u == made.missing, np.nan, u.astype(float))
+        made.what += ", missing"
+    return made
 
 
 def isovalue(one, u):
