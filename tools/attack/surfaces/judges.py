@@ -1,4 +1,6 @@
 """Judges of meshes: points on them, distances (VTK's locator), edges, winding numbers, clipping, components."""
+from fractions import Fraction
+
 import numpy as np
 import vtk
 from scipy import sparse
@@ -113,6 +115,33 @@ def faults(f, closed):
     if (f[:, 0] == f[:, 1]).any() or (f[:, 1] == f[:, 2]).any() or (f[:, 0] == f[:, 2]).any():
         said.append("a triangle with one corner twice")
     return ", ".join(said)
+
+
+def fans(f):
+    """How many fans of triangles the vertices have in all: as many as vertices where each has one."""
+    corner = np.arange(f.size).reshape(f.shape)
+    ends = np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]])
+    corners = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])
+    turned = ends[:, 0] > ends[:, 1]
+    ends[turned], corners[turned] = ends[turned, ::-1], corners[turned, ::-1]
+    order = np.lexsort((ends[:, 1], ends[:, 0]))
+    same = (ends[order][1:] == ends[order][:-1]).all(1)
+    a, b = corners[order][:-1][same], corners[order][1:][same]
+    graph = sparse.coo_matrix((np.ones(2 * len(a)), (a.T.ravel(), b.T.ravel())), shape=(f.size, f.size))
+    return sparse.csgraph.connected_components(graph, directed=False)[0]
+
+
+def without_area(v, f):
+    """How many triangles have no area, exactly; v: float32."""
+    t = v.astype(float)[f]
+    sides = np.linalg.norm(t - np.roll(t, 1, 1), axis=2).max(1)
+    doubtful = np.flatnonzero(areas(t) <= 1e-6 * np.abs(t).max(initial=0) * sides)
+    count = 0
+    for triangle in t[doubtful]:
+        a, b, c = ([Fraction(float(x)) for x in corner] for corner in triangle)
+        p, q = ([y - x for x, y in zip(a, e)] for e in (b, c))
+        count += all(p[i] * q[j] == p[j] * q[i] for i, j in ((0, 1), (1, 2), (2, 0)))
+    return count
 
 
 def windings(p, t):

@@ -1,13 +1,13 @@
 """Surfaces within a distance, and of a number of triangles."""
 import numpy as np
 
-from . import judges, volumes
-from .tries import Seen, ask, blurred, full_options, kind, near, require, some_box, store_of, surface, topology, world_box
+from . import volumes
+from .tries import Seen, ask, blurred, full_options, kind, near, require, some_box, store_of, surface, topology, whole, world_box
 from .within_errors import on_surface
 
 
-def ordinary(one, volume, distances=True):
-    """Options of a surface within a distance."""
+def ordinary(one, volume):
+    """Options of a surface within a distance, and the box in nodes."""
     options = {"distance": float(one.pick(0, 1e-7, 0.01, 0.3, 0.5, 1, 3, 1e3, one.random.random() * 4) * volume.unit)}
     how = one.random.integers(4)
     if how == 0:
@@ -18,11 +18,12 @@ def ordinary(one, volume, distances=True):
         options["cells"] = "tet" if options.get("no_simplify") else one.pick("tet", "hex")
     if one.chance(0.2) and not options.get("no_simplify"):
         options["close"] = one.pick("below", "above")
-    if one.chance(0.2) and not volume.turned:
-        options["box"] = world_box(volume, *some_box(one, volume))
+    box = some_box(one, volume) if one.chance(0.2) and not volume.turned else None
+    if box:
+        options["box"] = world_box(volume, *box)
     if one.chance(0.15) and not options.get("no_simplify"):
         options |= one.pick({"components": 2}, {"min_component": 30}, {"min_volume": 3 * float(np.prod(volume.spacing))})
-    return options
+    return options, box
 
 
 @kind
@@ -31,7 +32,7 @@ def distance(one):
     volume = volumes.volume(one, most=14)
     iso = volumes.isovalue(one, volume.u)
     store = store_of(one, volume)
-    options = ordinary(one, volume)
+    options, box = ordinary(one, volume)
     answer = surface
     if one.chance(0.25) and not volume.turned and volume.raw is None and not {"box", "close", "no_simplify"} & set(options):
         options["cells"], volume.origin = "hex", np.zeros(3)
@@ -41,16 +42,15 @@ def distance(one):
                        **asked).in_world()
     elif one.chance(0.2) and not options.get("no_simplify") and options.get("effort") != "fast":
         options["keep_analysis"] = True
-    whole = Seen(answer(one, store, iso, **full_options(options)), volume)
-    blurred(whole)
+    full = Seen(answer(one, store, iso, **full_options(options)), volume)
+    blurred(full)
     seen = Seen(answer(one, store, iso, **options), volume)
     require(seen.report.distance_bound <= options["distance"] * (1 + 1e-12),
             f"distance_bound {seen.report.distance_bound} above {options['distance']}")
-    near(one, volume, seen, whole)
-    require(not judges.faults(seen.f, "close" in options and not volume.what.endswith("missing")),
-            judges.faults(seen.f, "close" in options))
+    near(one, volume, seen, full)
+    whole(seen, volume, "close" in options, box)
     if not options.get("no_simplify"):
-        require(topology(seen) == topology(whole), f"topology {topology(whole)} -> {topology(seen)}")
+        require(topology(seen) == topology(full), f"topology {topology(full)} -> {topology(seen)}")
 
 
 @kind
@@ -81,4 +81,4 @@ def triangles(one):
         on_surface(one, volume, seen, iso, seen.report.error_bound)
     else:
         near(one, volume, seen, Seen(surface(one, store, iso, **full_options(options)), volume))
-    require(not judges.faults(seen.f, "close" in options and not volume.what.endswith("missing")), "edges")
+    whole(seen, volume, "close" in options)

@@ -2,7 +2,7 @@
 import numpy as np
 
 from . import judges, volumes
-from .tries import Refused, Seen, Wrong, blurred, kind, require, some_box, store_of, surface, world_box
+from .tries import Refused, Seen, Wrong, blurred, kind, require, some_box, store_of, surface, whole, world_box
 
 
 @kind
@@ -34,7 +34,7 @@ def closed(one):
     seen = Seen(surface(one, store, iso, **options), volume)
     blurred(seen)
     missing = not np.isfinite(volume.u).all()
-    require(not judges.faults(seen.f, not missing), judges.faults(seen.f, not missing))
+    whole(seen, volume, True)
     _, uses, _ = judges.edges(seen.f) if len(seen.f) else (0, np.zeros(0), 0)
     require(bool(seen.report.border_vertices) == bool((uses == 1).any()), f"border_vertices {seen.report.border_vertices}")
     if missing:
@@ -64,8 +64,7 @@ def closed(one):
             raise Wrong(f"node {nodes[chosen[i]]} with {values[chosen[i]]!r}: winding number {found[bad[0]]}")
     if options.get("volume_interval"):
         least, most = (v / volume.unit ** 3 for v in seen.report.full_volume_interval)
-        whole = Seen(surface(one, store, iso, close=options["close"]), volume)
-        v = judges.volume(whole.t) * sign
+        v = judges.volume(Seen(surface(one, store, iso, close=options["close"]), volume).t) * sign
         require(least - slack <= v <= most + slack, f"full volume {v} outside of {least} to {most}")
 
 
@@ -87,10 +86,10 @@ def components(one):
         chosen["min_component"] = int(one.pick(1, 2, 8, 9, 20, 100))
     if one.chance(0.3):
         chosen["min_volume"] = float(one.random.random() ** 3 * 20 * np.prod(volume.spacing))
-    whole = Seen(surface(one, store, iso, **base), volume)
-    blurred(whole)
+    full = Seen(surface(one, store, iso, **base), volume)
+    blurred(full)
     seen = Seen(surface(one, store, iso, **base, **chosen), volume)
-    expected, dropped, count = kept_triangles(whole, volume, chosen)
+    expected, dropped, count = kept_triangles(full, volume, chosen)
     require(sorted(judges.keys(seen.mesh.vertices, seen.mesh.faces)) == expected,
             f"{len(seen.f)} triangles are kept, expected {len(expected)} of {count} components")
     require(seen.report.dropped_components == dropped, f"dropped {seen.report.dropped_components}, not {dropped}")
@@ -131,17 +130,18 @@ def box(one):
     if one.chance(0.2):
         options["vertices"] = "exact"
     a, b = some_box(one, volume)
-    whole = Seen(surface(one, store, iso, **options), volume)
-    blurred(whole)
+    full = Seen(surface(one, store, iso, **options), volume)
+    blurred(full)
     seen = Seen(surface(one, store, iso, box=world_box(volume, a, b), **options), volume)
+    whole(seen, volume, box=(a, b))
     outside = np.maximum(a - seen.nodes, seen.nodes - b).max(initial=0)
     require(outside <= 2 * seen.rounding + 1e-9, f"{outside} outside of the box")
     a, b = a * volume.scale, b * volume.scale
-    part = judges.clip(whole.t, a, b)
+    part = judges.clip(full.t, a, b)
     mine, found = judges.areas(part).sum(), judges.areas(seen.t).sum()
-    most = 4 * (seen.blur + whole.blur) + 3e-4 * volume.scale.max()
+    most = 4 * (seen.blur + full.blur) + 3e-4 * volume.scale.max()
     flat = len(part) and (np.abs(part[:, :, None, :] - np.stack([a, b])[None, None]).max(1).min((1, 2)) < most).any()
-    if flat or whole.rounding > 1e-4:  # in a face of the box: of which side it is nothing says
+    if flat or full.rounding > 1e-4:  # in a face of the box: of which side it is nothing says
         return
     slack = most * 10 * (len(part) + 1) ** 0.5 * volume.scale.max() + 1e-4 * mine
     require(abs(mine - found) <= slack, f"area {found}, the whole one's part {mine}")
@@ -159,20 +159,20 @@ def view(one):
     store = store_of(one, volume, indicators="nodes")
     options = {"error": volumes.error(one, volume.u)} if one.chance(0.6) else {}
     direction = one.random.normal(size=3) if one.chance(0.6) else np.eye(3)[one.random.integers(3)] * one.pick(1, -1)
-    whole = Seen(surface(one, store, iso, **options), volume)
-    blurred(whole)
+    full = Seen(surface(one, store, iso, **options), volume)
+    blurred(full)
     seen = Seen(surface(one, store, iso, view=tuple(direction.tolist()), **options,
                         **one.pick({}, {"cull_by": "normal_turn_plus"}, {"cull_by": "grad_linf_plus"})), volume)
-    if any(m.report.mended_triangles or m.report.apart_vertices for m in (whole, seen)):
+    if any(m.report.mended_triangles or m.report.apart_vertices for m in (full, seen)):
         raise Refused("vertices that were moved may be others")
     have = set(judges.keys(seen.mesh.vertices, seen.mesh.faces))
-    all_of_them = judges.keys(whole.mesh.vertices, whole.mesh.faces)
+    all_of_them = judges.keys(full.mesh.vertices, full.mesh.faces)
     require(have <= set(all_of_them), f"{len(have - set(all_of_them))} triangles that the whole mesh has not")
-    t = whole.t
+    t = full.t
     n = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
     look = volume.axes.T @ (direction / np.linalg.norm(direction))
     size = np.linalg.norm(n, axis=1)
     edge = np.linalg.norm(t - np.roll(t, 1, 1), axis=2).max(1, initial=0)
-    facing = (n @ look < -1e-6 * size - 4 * edge * whole.blur)
+    facing = (n @ look < -1e-6 * size - 4 * edge * full.blur)
     lost = [k for k, faces in zip(all_of_them, facing) if faces and k not in have]
     require(not lost, f"{len(lost)} of {facing.sum()} triangles that face the viewer are left out")

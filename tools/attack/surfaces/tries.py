@@ -83,6 +83,36 @@ def blurred(seen):
         raise Refused("coordinates are rounded by more than a tenth of a voxel")
 
 
+def whole(seen, volume, closed=False, box=None):
+    """A surface as every one is: edges, fans, areas, places; borders in the faces of the volume or the box alone."""
+    f, report = seen.f, seen.report
+    missing = not np.isfinite(volume.u).all()
+    said = judges.faults(f, closed and not missing)
+    require(not said, said)
+    used = len(np.unique(f))
+    require(used == len(seen.nodes), f"{len(seen.nodes)} vertices, of which triangles have {used}")
+    if not len(f):
+        return
+    require(missing or judges.fans(f) == used, f"{judges.fans(f)} fans of triangles around {used} vertices")
+    vertices = np.ascontiguousarray(seen.mesh.vertices)
+    if not report.zero_area_triangles:
+        none = judges.without_area(vertices, f)
+        require(not none, f"{none} triangles without area")
+    if not report.together_vertices:
+        places = len(np.unique(vertices + np.float32(0), axis=0))
+        require(places == used, f"{used} vertices in {places} places")
+    if closed or missing:
+        return
+    low, high = np.zeros(3), np.array(volume.u.shape[::-1]) - 1.0
+    if box:
+        low, high = np.maximum(low, box[0]), np.minimum(high, box[1])
+    both, uses, _ = judges.edges(f)
+    ends = seen.nodes[both[uses == 1]]
+    slack = 4 * seen.rounding + 1e-9 * np.abs(high).max()
+    in_face = (np.abs(ends[..., None, :] - np.stack([low, high])) <= slack).all(1).any((1, 2))
+    require(in_face.all(), f"{(~in_face).sum()} border edges inside of the volume, at {ends[~in_face][:1].tolist()}")
+
+
 def some_box(one, volume):
     """A box in the volume or across its border, in nodes; sometimes with faces through nodes."""
     size = np.array(volume.u.shape[::-1]) - 1
