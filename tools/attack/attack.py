@@ -130,10 +130,16 @@ def _one(function, kind, seed, folder, program):
     return result
 
 
+def _kept(folder, seed):
+    return folder.with_name(f"wrong-{seed}")
+
+
 def _batch(function, kind, seeds, folder, program, out):
     for seed in seeds:
         os.write(out, (json.dumps({"seed": seed}) + "\n").encode())
         result = _one(function, kind, seed, folder, program)
+        if result.what == "wrong" and folder.exists():  # the next try empties the folder
+            folder.rename(_kept(folder, seed))
         os.write(out, (json.dumps({"seed": seed, "what": result.what, "why": result.why}) + "\n").encode())
 
 
@@ -183,7 +189,10 @@ class Tally:
             return
         place = self.keep / f"{self.kind}-{seed}"
         shutil.rmtree(place, ignore_errors=True)
-        if folder.exists():
+        kept = _kept(folder, seed)
+        if kept.exists():
+            shutil.move(kept, place)
+        elif folder.exists():  # its process ended
             shutil.copytree(folder, place, symlinks=True)
         place.mkdir(parents=True, exist_ok=True)
         (place / "why.txt").write_text(result.why + "\n")
