@@ -24,7 +24,9 @@ def made(store, asked, isonest, kind):
     if "error" in asked:
         options["error"] = float(asked["error"])
     try:
-        if "plane" in asked and kind == "plane":
+        if kind == "plane" and "plane" not in asked:
+            return isonest.InvalidArgumentError  # lines, which are no mesh of this protocol
+        if kind == "plane":
             return store.graph(scale=0, vertex_values=store, **options)
         if "plane" in asked:
             plane = _numbers(asked["plane"])
@@ -36,7 +38,7 @@ def made(store, asked, isonest, kind):
         if "label" in asked:
             for name in ("error", "camera", "fov", "height", "pixels"):
                 options.pop(name, None)
-            if float(asked.get("error", 0)) > 0 or "camera" in asked:
+            if float(asked.get("error", 0)) > 0 or "camera" in asked or "triangles" in asked:
                 return isonest.InvalidArgumentError
             smooth = int(asked["smooth"]) if "smooth" in asked else None
             return store.label_surface(int(asked["label"]), smooth=smooth, normals=smooth is None, **options)
@@ -70,11 +72,12 @@ def _wrong_surface(answer, asked, store, isonest, kind, library):
         if isinstance(mesh, Exception) or isinstance(mesh, type):
             return f"a mesh, where the library says {mesh}"
         wrong = truth.wrong_mesh(got, mesh)
-        if not wrong and "label" not in asked and got["error_bound"] != mesh.report.error_bound:
+        # Threads round values of a slice in an order of their own, which is in its bound.
+        if not wrong and "label" not in asked and abs(got["error_bound"] - mesh.report.error_bound) > 1e-6 * mesh.report.error_bound * ("plane" in asked):
             wrong = f"the bound {got['error_bound']}, not {mesh.report.error_bound}"
         return wrong
     if "triangles" in asked or "limit" in asked:
-        return None if answer.status == 413 or isinstance(made(store, {**asked, "limit": "1"}, isonest, kind), Exception) else f"{answer.status} {answer.body[:300]}"
+        return None if answer.status == 413 or isinstance(made(store, asked, isonest, kind), (Exception, type)) else f"{answer.status} {answer.body[:300]}"
     mesh = made(store, asked, isonest, kind)
     if not isinstance(mesh, (Exception, type)):
         return f"{answer.status} {answer.body[:300]}, where the library has a mesh"

@@ -41,7 +41,7 @@ def make_store(one, isonest, kind=None, most=20, name="s.isonest"):
         options["labels"] = True
         if kind == "names":
             table = one.folder / "names.txt"
-            table.write_text("1 Übergang 255 0 128 255\n3 <b>&\"'\\ 1 2 3 255\n77 nowhere\n")
+            table.write_text("1 Übergang 255 0 128 255\n3 <b>&amp;</b> 1 2 3 255\n77 nowhere\n")
             options["label_names"] = table
     if kind == "missing":
         values = values.copy()
@@ -102,6 +102,8 @@ def sensible(one, volume, kind):
             asked["smooth"] = str(int(r.integers(0, 20)))
             if one.chance(0.4):
                 asked["components"] = "largest"
+            if path != "/api/surface":
+                asked["format"] = one.pick(*ENDINGS[:8])
             return path, asked
     else:
         asked["iso"] = repr(float(one.pick(r.uniform(low, high), r.uniform(low, high), one.pick(*finite[:50]) if finite.size else 0.0, low, high)))
