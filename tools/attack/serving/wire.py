@@ -83,15 +83,17 @@ def flood(one, server, r):
     elif kind == 2:
         data = server.request("/api/label?id=1", headers=[("Cookie", "c" * length)])
     elif kind == 3:
-        data = server.request("/api/cancel", "POST", headers=[("Content-Length", str(length))], body=b"d" * length)
+        data = server.request("/api/cancel?stream=x", "POST", headers=[("Content-Length", str(length))], body=b"d" * length)
     else:
-        data = server.request("/api/cancel", "POST", headers=[("Transfer-Encoding", "chunked")]) + b"1;" + b"e" * length + b"\r\nx\r\n0\r\n\r\n"
+        data = server.request("/api/cancel?stream=x", "POST", headers=[("Transfer-Encoding", "chunked")]) + b"1;" + b"e" * length + b"\r\nx\r\n0\r\n\r\n"
     with contextlib.closing(server.connect()) as s:
         with contextlib.suppress(OSError):
             s.sendall(data)
             s.shutdown(socket.SHUT_WR)
         got = _all(s, view.Answers(s))
-    if any(answer.status not in (400, 431) for answer in got):
+    # What a chunk says beside its length is bounded by what is read at once, 64 KiB.
+    taken = kind == 4 and length < 64 << 10
+    if any(answer.status not in (400, 431) and not (taken and answer.status == 204) for answer in got):
         return f"flood {kind} of {length}: {[answer.status for answer in got]}"
     return None
 
@@ -203,6 +205,7 @@ def gone(one, server, r):
         if r.random() < 0.7:
             time.sleep(float(r.random()) * 0.03)
         if r.random() < 0.5:
+            s.settimeout(0.1)
             s.recv(int(r.integers(1, 5000)))
     _gone(s) if r.random() < 0.5 else s.close()
 
