@@ -161,7 +161,8 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
         const http::request<http::string_body>& message = parser_->get();
         // What is there several times is none of the values that it may have.
         const auto header = [&](std::string_view name) {
-            const auto [begin, end] = message.equal_range(name);
+            const auto [begin, end] =
+                message.equal_range(beast::string_view(name.data(), name.size()));
             std::string all;
             for (auto field = begin; field != end; ++field) {
                 all += (field == begin ? "" : ", ") + std::string(field->value());
