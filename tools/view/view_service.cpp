@@ -10,6 +10,7 @@
 #include <utility>
 
 #include <isonest/error.h>
+#include <isonest/mesh_file.h>
 
 #include "tools/view/answers/answers.h"
 #include "tools/view/mesh_message.h"
@@ -106,10 +107,13 @@ std::shared_ptr<Waiting> ViewService::answer(const HttpRequest& request, Request
                         fmt::format("{} answers {} alone", path, is_cancel ? "POST" : "GET")));
     }
     if (is_cancel) {
+        target.require_all_taken();
+        Streams::require_name(stream);
         streams_.cancel(stream);
         return at_once({204, "text/plain", std::string(), {}});
     }
     if (path == "/api/status") {
+        target.require_all_taken();
         return at_once(status());
     }
     if (const StoreState state = watch_.state(); state != StoreState::same) {
@@ -119,6 +123,7 @@ std::shared_ptr<Waiting> ViewService::answer(const HttpRequest& request, Request
                                     store_.path().string(), name_of(state))));
     }
     if (path == "/api/store") {
+        target.require_all_taken();
         return at_once(answers_.describe());
     }
     if (path == "/api/command") {
@@ -231,9 +236,9 @@ HttpAnswer ViewService::command(RequestTarget& target) const {
                     "a command is given for an error, a camera or a distance, not for a number of "
                     "triangles");
     }
-    return json_answer(
-        {{"command",
-          command_line(request, store_, (request.is_slice() ? "slice." : "surface.") + ending)}});
+    const std::string file = (request.is_slice() ? "slice." : "surface.") + ending;
+    open_mesh_file(file);  // throws for the end of a name that no format has, and makes no file
+    return json_answer({{"command", command_line(request, store_, file)}});
 }
 
 }  // namespace isonest::detail::view
