@@ -130,10 +130,16 @@ def _one(function, kind, seed, folder, program):
     return result
 
 
+def _folder_of_wrong(folder, seed):
+    return folder.with_name(f"{folder.name}-wrong-{seed}")
+
+
 def _batch(function, kind, seeds, folder, program, out):
     for seed in seeds:
         os.write(out, (json.dumps({"seed": seed}) + "\n").encode())
         result = _one(function, kind, seed, folder, program)
+        if result.what == "wrong" and folder.exists():
+            folder.rename(_folder_of_wrong(folder, seed))  # the next try empties its own
         os.write(out, (json.dumps({"seed": seed, "what": result.what, "why": result.why}) + "\n").encode())
 
 
@@ -183,7 +189,10 @@ class Tally:
             return
         place = self.keep / f"{self.kind}-{seed}"
         shutil.rmtree(place, ignore_errors=True)
-        if folder.exists():
+        of_wrong = _folder_of_wrong(folder, seed)
+        if of_wrong.exists():
+            shutil.move(of_wrong, place)
+        elif folder.exists():  # its process has ended
             shutil.copytree(folder, place, symlinks=True)
         place.mkdir(parents=True, exist_ok=True)
         (place / "why.txt").write_text(result.why + "\n")
