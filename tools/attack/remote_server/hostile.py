@@ -153,7 +153,8 @@ class Hostile:
             headers[name.strip().lower()] = value.strip()
         path, _, query = target.partition("?")
         asked = re.fullmatch(r"bytes=(\d*)-(\d*)", headers.get("range", ""))
-        key = path + ":" + ("" if not asked else asked[2] if asked[1] else "tail")
+        is_tail = asked and (not asked[1] or asked[2] == str(len(self.data_of(path)) - 1))
+        key = path + ":" + ("" if not asked else "tail" if is_tail else asked[2])
         with self.lock:
             times = self.times.get(key, 0)
             self.times[key] = times + 1

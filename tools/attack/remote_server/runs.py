@@ -154,6 +154,8 @@ class Judge:
             return attack.SAME if got in (right if isinstance(right, list) else [right]) else attack.wrong(f"{done.said()}\nother bytes than those of the file")
         if done.stopped_at is not None and done.code in (130, -done.stop[0]):
             return attack.refused("interrupted")
+        if done.code == 2 and not self.must_succeed and "is no store" in done.err + done.out:
+            return attack.refused("another object")
         if done.code not in ENDS:
             return attack.wrong(f"{done.said()}\ncode {done.code}")
         if done.code == 4 and done.arguments[0] == "check" and not self.must_succeed and '"findings": [' in done.out:
