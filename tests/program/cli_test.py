@@ -181,7 +181,7 @@ class Cli(unittest.TestCase):
 
     def test_a_field_of_cells_is_no_volume(self):
         store = self.here / "cells.isonest"
-        (self.here / "cells.raw").write_bytes(bytes(range(250)) * 3)
+        (self.here / "cells.raw").write_bytes(bytes(range(243)) * 3)
         self.ok("preprocess", self.here / "cells.raw", "--dims", "9,9,9", "--type", "uint8", "--indicators", "linf_bar,hex_linf,hex_deviation",
                 "-o", store)
         for field in ("hex_linf", "hex_deviation"):
