@@ -3,6 +3,7 @@
 #include <pthread.h>
 
 #include <algorithm>
+#include <chrono>
 #include <csignal>
 #include <system_error>
 #include <utility>
@@ -36,11 +37,24 @@ bool Background::add(std::uint64_t bytes, std::function<void()> work) {
     return true;
 }
 
-void Background::finish(std::chrono::milliseconds at_most) {
+void Background::finish(std::chrono::milliseconds at_most,
+                        const std::function<bool()>& is_stopped) {
+    constexpr std::chrono::milliseconds kStep{50};
+    using Clock = std::chrono::steady_clock;
+    const Clock::time_point last = Clock::now() + at_most;
     std::deque<Entry> left;
     {
         std::unique_lock lock(mutex_);
-        changed_.wait_for(lock, at_most, [this] { return entries_.empty() && !is_working_; });
+        const auto is_done = [this] { return entries_.empty() && !is_working_; };
+        while (!changed_.wait_until(lock, std::min(last, Clock::now() + kStep), is_done) &&
+               Clock::now() < last) {
+            lock.unlock();
+            const bool stops = is_stopped && is_stopped();
+            lock.lock();
+            if (stops) {
+                break;
+            }
+        }
         ends_ = true;
         left.swap(entries_);
     }

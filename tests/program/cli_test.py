@@ -179,6 +179,17 @@ class Cli(unittest.TestCase):
             with self.subTest(arguments=arguments):
                 self.fails(2, *arguments)
 
+    def test_a_field_of_cells_is_no_volume(self):
+        store = self.here / "cells.isonest"
+        (self.here / "cells.raw").write_bytes(bytes(range(243)) * 3)
+        self.ok("preprocess", self.here / "cells.raw", "--dims", "9,9,9", "--type", "uint8", "--indicators", "linf_bar,hex_linf,hex_deviation",
+                "-o", store)
+        for field in ("hex_linf", "hex_deviation"):
+            for level in ("0", "2"):
+                self.assertIn("for each cell", self.fails(2, "export", store, "--field", field, "--level", level, "-o", self.here / "cells.npy"))
+        self.assertFalse((self.here / "cells.npy").exists())
+        self.ok("export", store, "--field", "linf_bar", "-o", self.here / "cells.npy")
+
     def test_indicators_are_chosen_by_name_and_in_sets(self):
         measures = ["linf", "deviation", "l1", "l2", "grad_linf", "grad_l1", "grad_l2", "grad_edge", "normal", "normal_edge",
                     "normal_turn", "normal_component"]
