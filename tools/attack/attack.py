@@ -130,10 +130,16 @@ def _one(function, kind, seed, folder, program):
     return result
 
 
+def _folder_of_wrong(folder, seed):
+    return folder.with_name(f"wrong-{seed}")
+
+
 def _batch(function, kind, seeds, folder, program, out):
     for seed in seeds:
         os.write(out, (json.dumps({"seed": seed}) + "\n").encode())
         result = _one(function, kind, seed, folder, program)
+        if result.what == "wrong" and folder.exists():  # the next try begins before anybody keeps it
+            folder.rename(_folder_of_wrong(folder, seed))
         os.write(out, (json.dumps({"seed": seed, "what": result.what, "why": result.why}) + "\n").encode())
 
 
@@ -222,7 +228,7 @@ def attack(kind, function, options, folder):
                 if "what" in said:
                     worker.begun = None
                     worker.left.popleft()
-                    tally.add(said["seed"], Result(said["what"], said["why"]), worker.folder)
+                    tally.add(said["seed"], Result(said["what"], said["why"]), _folder_of_wrong(worker.folder, said["seed"]))
                 else:
                     worker.begun = said["seed"]
             over = lines is not None and time.monotonic() > ends and worker.begun is None
