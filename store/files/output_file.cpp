@@ -143,7 +143,11 @@ void check_output(const std::filesystem::path& path, bool force,
     if (path.filename().empty()) {
         is_folder(path);
     }
-    if (!std::filesystem::is_directory(folder_of(path), ignored)) {
+    const std::filesystem::file_status folder = std::filesystem::status(folder_of(path), ignored);
+    if (folder.type() == std::filesystem::file_type::none) {
+        fail_on(path, "look at its folder", ignored.value());
+    }
+    if (!std::filesystem::is_directory(folder)) {
         throw Error(ErrorKind::not_found, {path.string()},
                     fmt::format("there is no folder {}", folder_of(path).string()));
     }

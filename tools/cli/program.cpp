@@ -2,9 +2,11 @@
 
 #include <fmt/format.h>
 #include <malloc.h>
+#include <sys/resource.h>
 
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <new>
 #include <optional>
@@ -49,6 +51,8 @@ Outcome guarded(const HasOption& has, const Work& work) {
         return failed(Error(ErrorKind::limit, "out of memory",
                             {{RemedyKind::less_memory}, {RemedyKind::fewer_threads}}),
                       has);
+    } catch (const std::filesystem::filesystem_error& e) {
+        return failed(Error(ErrorKind::io, {e.path1().string()}, e.code().message()), has);
     } catch (const std::exception& e) {
         const std::string message = fmt::format("internal error, please report it: {}", e.what());
         return {kInternal,
@@ -276,6 +280,13 @@ void prepare_process() {
     // anew each time costs more than the work on them.
     ::mallopt(M_MMAP_THRESHOLD, 32 << 20);
     ::mallopt(M_TRIM_THRESHOLD, 512 << 20);
+    // The arena of a thread takes 64 MiB of the address space, twice that while it is made. Where
+    // there is little, all threads share one: else there is none for the last threads themselves.
+    constexpr rlim_t kLittle = rlim_t{16} << 30U;
+    rlimit space{};
+    if (::getrlimit(RLIMIT_AS, &space) == 0 && space.rlim_cur < kLittle) {
+        ::mallopt(M_ARENA_MAX, 1);
+    }
 }
 
 }  // namespace isonest::detail::cli

@@ -10,6 +10,7 @@ import pickle
 import re
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -272,6 +273,7 @@ def limited(limits=(), user=None, before=()):
     """For preexec_fn: limits as (name of resource, soft, hard), then `before`'s functions, then another user."""
     def prepare():
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # also where the attacker itself runs under nohup
         for function in before:
             function()
         if user is not None:
