@@ -45,7 +45,7 @@ void require_threads(int count) {
 }
 
 void start_threads_where_memory_is_limited(tbb::task_arena& arena, int count) {
-    const auto limited = [](__rlimit_resource which) {
+    const auto limited = [](auto which) {
         rlimit limit{};
         return ::getrlimit(which, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY;
     };

@@ -134,8 +134,10 @@ def _folder_of_wrong(folder, seed):
     return folder.with_name(f"wrong-{seed}")
 
 
-def _batch(function, kind, seeds, folder, program, out):
+def _batch(function, kind, seeds, folder, program, out, ends):
     for seed in seeds:
+        if time.monotonic() > ends:
+            return
         os.write(out, (json.dumps({"seed": seed}) + "\n").encode())
         result = _one(function, kind, seed, folder, program)
         if result.what == "wrong" and folder.exists():  # the next try begins before anybody keeps it
@@ -146,14 +148,14 @@ def _batch(function, kind, seeds, folder, program, out):
 class Worker:
     """A process that makes a batch of tries."""
 
-    def __init__(self, function, kind, seeds, folder, program):
+    def __init__(self, function, kind, seeds, folder, program, ends):
         read, write = os.pipe()
         self.begun, self.at, self.rest, self.folder = None, time.monotonic(), b"", folder
         self.pid = os.fork()
         if self.pid == 0:
             os.close(read)
             os.setpgid(0, 0)
-            _batch(function, kind, seeds, folder, program, write)
+            _batch(function, kind, seeds, folder, program, write, ends)
             os._exit(0)
         os.close(write)
         self.read = read
@@ -216,7 +218,7 @@ def attack(kind, function, options, folder):
         while len(workers) < options.jobs and following < last and time.monotonic() < ends:
             seeds = range(following, min(following + size, last))
             following = seeds.stop
-            workers.append(Worker(function, kind, seeds, folder / f"{kind}-{following}" / "try", options.isonest))
+            workers.append(Worker(function, kind, seeds, folder / f"{kind}-{following}" / "try", options.isonest, ends))
             workers[-1].left = collections.deque(seeds)
         if not workers:
             return tally
@@ -231,10 +233,9 @@ def attack(kind, function, options, folder):
                     tally.add(said["seed"], Result(said["what"], said["why"]), _folder_of_wrong(worker.folder, said["seed"]))
                 else:
                     worker.begun = said["seed"]
-            over = lines is not None and time.monotonic() > ends and worker.begun is None
-            if lines is not None and not hangs and not over:
+            if lines is not None and not hangs:
                 continue
-            if hangs or over:
+            if hangs:
                 worker.kill()
             os.close(worker.read)
             _, status = os.waitpid(worker.pid, 0)
@@ -244,7 +245,7 @@ def attack(kind, function, options, folder):
                 tally.add(worker.begun, wrong(why), worker.folder)
                 worker.left.popleft()
                 if worker.left and time.monotonic() < ends:  # what its process had yet to do
-                    rest = Worker(function, kind, list(worker.left), worker.folder, options.isonest)
+                    rest = Worker(function, kind, list(worker.left), worker.folder, options.isonest, ends)
                     rest.left = worker.left
                     workers.append(rest)
 
