@@ -98,6 +98,12 @@ class Limits(unittest.TestCase):
             seen = seen or "no further thread" in done.stderr
         self.assertTrue(seen)
 
+    def test_a_viewer_without_descriptors_says_so(self):
+        done = run("view", self.here / "s.isonest", "--port", "0", "--threads", "1", cwd="/", limits=[(resource.RLIMIT_NOFILE, 4)])
+        if "this build has no viewer" in done.stderr:
+            self.skipTest("this build has no viewer")
+        self.refused(done, 6, "Too many open files")
+
     @unittest.skipUnless(os.geteuid() == 0, "only root becomes another user")
     def test_a_folder_that_may_not_be_searched_is_not_called_missing(self):
         self.out.chmod(0o600)

@@ -12,6 +12,7 @@
 #include <optional>
 #include <sstream>
 #include <string_view>
+#include <system_error>
 #include <vector>
 
 #include <isonest/open_volume.h>
@@ -53,6 +54,13 @@ Outcome guarded(const HasOption& has, const Work& work) {
                       has);
     } catch (const std::filesystem::filesystem_error& e) {
         return failed(Error(ErrorKind::io, {e.path1().string()}, e.code().message()), has);
+    } catch (const std::system_error& e) {
+        const std::error_code& code = e.code();
+        const bool lacks = code == std::errc::resource_unavailable_try_again ||
+                           code == std::errc::not_enough_memory;  // a thread that does not start
+        return failed(Error(lacks ? ErrorKind::limit : ErrorKind::io,
+                            fmt::format("the system refuses what is needed: {}", e.what())),
+                      has);
     } catch (const std::exception& e) {
         const std::string message = fmt::format("internal error, please report it: {}", e.what());
         return {kInternal,
