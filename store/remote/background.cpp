@@ -5,22 +5,14 @@
 #include <algorithm>
 #include <chrono>
 #include <csignal>
-#include <system_error>
 #include <utility>
 
-#include <isonest/error.h>
+#include "store/base/started_thread.h"
 
 namespace isonest::detail {
 
 Background::Background(std::uint64_t most_bytes, const std::string& name)
-    : most_bytes_(most_bytes) {
-    try {
-        thread_ = std::thread([this] { run(); });
-    } catch (const std::system_error&) {
-        throw Error(ErrorKind::limit, {name}, "the system lets no further thread start",
-                    {{RemedyKind::raise_limit, "ulimit -u"}});
-    }
-}
+    : most_bytes_(most_bytes), thread_(started_thread(name, [this] { run(); })) {}
 
 Background::~Background() {
     finish(std::chrono::milliseconds(0));

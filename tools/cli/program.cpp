@@ -2,15 +2,18 @@
 
 #include <fmt/format.h>
 #include <malloc.h>
+#include <sys/resource.h>
 
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <new>
 #include <optional>
 #include <sstream>
 #include <string>
 #include <string_view>
+#include <system_error>
 #include <vector>
 
 #include <isonest/open_volume.h>
@@ -67,6 +70,15 @@ Outcome guarded(const HasOption& has, const Work& work) {
     } catch (const std::bad_alloc&) {
         return failed(Error(ErrorKind::limit, "out of memory",
                             {{RemedyKind::less_memory}, {RemedyKind::fewer_threads}}),
+                      has);
+    } catch (const std::filesystem::filesystem_error& e) {
+        return failed(Error(ErrorKind::io, {e.path1().string()}, e.code().message()), has);
+    } catch (const std::system_error& e) {
+        const std::error_code& code = e.code();
+        const bool lacks = code == std::errc::resource_unavailable_try_again ||
+                           code == std::errc::not_enough_memory;  // a thread that does not start
+        return failed(Error(lacks ? ErrorKind::limit : ErrorKind::io,
+                            fmt::format("the system refuses what is needed: {}", e.what())),
                       has);
     } catch (const std::exception& e) {
         const std::string message = fmt::format("internal error, please report it: {}", e.what());
@@ -298,6 +310,13 @@ void prepare_process() {
     // anew each time costs more than the work on them.
     ::mallopt(M_MMAP_THRESHOLD, 32 << 20);
     ::mallopt(M_TRIM_THRESHOLD, 512 << 20);
+    // The arena of a thread takes 64 MiB of the address space, twice that while it is made. Where
+    // there is little, all threads share one: else there is none for the last threads themselves.
+    constexpr rlim_t kLittle = rlim_t{16} << 30U;
+    rlimit space{};
+    if (::getrlimit(RLIMIT_AS, &space) == 0 && space.rlim_cur < kLittle) {
+        ::mallopt(M_ARENA_MAX, 1);
+    }
 }
 
 }  // namespace isonest::detail::cli

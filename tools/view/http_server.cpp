@@ -11,6 +11,7 @@
 #include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
+#include <boost/system/system_error.hpp>
 #include <chrono>
 #include <list>
 #include <optional>
@@ -375,7 +376,14 @@ void HttpServer::Parts::watch(const std::shared_ptr<Parts>& self,
 }
 
 HttpServer::HttpServer(const std::string& address, std::uint16_t port, const HttpLimits& limits)
-    : parts_(std::make_shared<Parts>(limits)) {
+    : parts_([&limits] {
+          try {
+              return std::make_shared<Parts>(limits);
+          } catch (const boost::system::system_error& e) {  // no descriptor for its loop of events
+              throw Error(ErrorKind::io, fmt::format("cannot start a server: {}", e.what()),
+                          {{RemedyKind::raise_limit, "ulimit -n"}});
+          }
+      }()) {
     beast::error_code ec;
     const asio::ip::address ip = asio::ip::make_address(address, ec);
     if (ec) {

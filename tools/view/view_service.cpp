@@ -12,6 +12,7 @@
 #include <isonest/error.h>
 #include <isonest/mesh_file.h>
 
+#include "store/files/scratch_file.h"
 #include "tools/view/answers/answers.h"
 #include "tools/view/mesh_message.h"
 #include "tools/view/page_files.h"
@@ -193,7 +194,7 @@ std::shared_ptr<Waiting> ViewService::start_file(RequestTarget& target, const st
     return start(
         file_lane_, stream,
         [this, request = std::move(request), ending](Progress& progress) {
-            return files_.file(request, ending, std::filesystem::temp_directory_path(), progress);
+            return files_.file(request, ending, temporary_folder(), progress);
         },
         reply);
 }
