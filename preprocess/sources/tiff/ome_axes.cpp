@@ -157,8 +157,8 @@ std::vector<std::int64_t> pages_of_planes(const std::vector<XmlElement>& element
 }  // namespace
 
 std::optional<TiffAxes> axes_of_ome(const std::string& description, const TiffSet& set) {
-    const std::size_t begin = description.find('<');
-    if (begin == std::string::npos || begin > 16 || description.find("OME") == std::string::npos ||
+    constexpr std::size_t kMostBefore = 16;  // blanks, or a mark of the byte order
+    if (description.find('<') > kMostBefore || description.find("OME") == std::string::npos ||
         description.find("Pixels") == std::string::npos) {
         return std::nullopt;
     }
