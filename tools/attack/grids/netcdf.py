@@ -14,6 +14,7 @@ import xarray
 
 from . import compare
 
+warnings.filterwarnings("ignore", "endian-ness of dtype")
 CLASSIC = ("NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA")
 LENGTHS = {"m": ("m", 1.0), "km": ("km", 1e3), "mm": ("mm", 1e-3), "um": ("um", 1e-6), "nm": ("nm", 1e-9),
            "micron": ("um", 1e-6), "meters": ("m", 1.0), "metre": ("m", 1.0), "cm": ("cm", 1e-2),

@@ -159,6 +159,9 @@ def _check(one, path, reader, image, exact=True):
 def legacy(one):
     """VTK's own writers, or lines in other cases, orders and places."""
     image = Image(one, extents=False)
+    # VTK's writer encodes names of colours twice, so that its reader finds others.
+    image.arrays = [("colours" + str(i) if values.dtype == np.uint8 else name, cells, values)
+                    for i, (name, cells, values) in enumerate(image.arrays)]
     path = one.folder / "v.vtk"
     if one.chance(0.35):
         return _legacy_by_hand(one, path, image)
