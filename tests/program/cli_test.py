@@ -564,6 +564,18 @@ class Cli(unittest.TestCase):
             file.unlink()
         (self.here / "p.png").unlink()
 
+    def test_hostile_meshes_take_little_memory(self):
+        mesh = self.here / "h.glb"
+        for text, words in ((b"[" * 3000000, "64 levels"), (b'{"a":[' + b"0," * 2000000 + b"0]}", "1000000 values")):
+            mesh.write_bytes(b"glTF" + struct.pack("<III", 2, len(text) + 20, len(text)) + b"JSON" + text)
+            self.assertIn(words, self.fails(4, "picture", "h.glb", "-o", "p.png"))
+        mesh.unlink()
+        mesh = self.here / "h.obj"
+        for face in (b"c" * (8 << 20), b"f " + b"1 " * (4 << 20)):
+            mesh.write_bytes(b"v 0 0 0\n" * 3 + face + b"\n")
+            self.assertIn("line 4 has more than 1048576", self.fails(4, "picture", "h.obj", "-o", "p.png"))
+        mesh.unlink()
+
     def test_help_is_80_columns_wide(self):
         for command in ("", *COMMANDS, "slice", "study", "smooth"):
             text = self.ok(*([command] if command else []), "--help").stdout.decode()

@@ -86,14 +86,14 @@ class Reader {
         if (short_ || (found == 0 && items == 0)) {
             return 0;
         }
-        if (found != tag || items > kMostItems) {
+        if (found != tag) {
             corrupt(fmt::format("a list of {} items with tag {} where one with {} is expected",
                                 items, found, tag));
         }
-        items_ += items;
-        if (items_ > kMostItems) {
+        if (items > kMostItems - items_) {
             corrupt(fmt::format("more than {} dimensions, variables and attributes", kMostItems));
         }
+        items_ += items;
         return items;
     }
 
