@@ -547,7 +547,7 @@ class Trust(unittest.TestCase):
         waiting = socket.socket()
         waiting.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         waiting.connect(("127.0.0.1", server.port))
-        waiting.sendall(f"GET /api/export?iso=128&error=10 HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n".encode())
+        waiting.sendall(f"GET /api/export?iso=128&error=0 HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n".encode())
         self.wait_until(lambda: list(folder.glob("*/surface.ply")), "no file was made")
         with concurrent.futures.ThreadPoolExecutor(10) as pool:
             for i in range(10):
