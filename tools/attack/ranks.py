@@ -13,6 +13,7 @@ limits      small disks, limits of file sizes for one rank, scratch folders that
 import contextlib
 import os
 import pathlib
+import re
 import resource
 import shutil
 import signal
@@ -68,8 +69,8 @@ class Ranks:
             self.hangs = False
         except subprocess.TimeoutExpired:
             self.code, self.hangs = "hang", True
-        self.left = [] if self.hangs else self.ranks()
-        if self.left:
+        self.left = self.ranks()
+        if self.left and not self.hangs:
             time.sleep(3)
             self.left = self.ranks()
         for number in self.ranks():
@@ -96,6 +97,8 @@ def launched(one, count, *arguments):
 
 def judged(done, output, right, plain_code=0, may_fail=False, is_killed=False):
     """right: the bytes of one process; None: it fails with plain_code."""
+    if done.hangs and is_killed and not done.left:
+        return attack.refused("mpirun hangs without ranks")  # as where one ends while others start
     if done.hangs:
         return attack.wrong(f"{done.said()}\nno end after {LONGEST} s")
     if done.left and not is_killed:
@@ -115,7 +118,7 @@ def judged(done, output, right, plain_code=0, may_fail=False, is_killed=False):
     if right is None and done.code != plain_code:
         return attack.wrong(f"{done.said()}\none process ends with {plain_code}")
     text = next(line for line in done.err.splitlines() if "isonest-mpi: error: " in line).partition("error: ")[2]
-    return attack.refused("".join("N" if c.isdigit() else c for c in text.partition(": ")[2])[:100])
+    return attack.refused(re.sub(r"\d+", "N", re.sub(r"/\S*/", "", text))[:100])
 
 
 def left_beside(folder, *names):
@@ -247,7 +250,8 @@ def killed(one):
         until = time.monotonic() + 20
         while not run.ranks() and run.process.poll() is None and time.monotonic() < until:
             time.sleep(0.005)
-        while not any(folder.iterdir()) and run.process.poll() is None and time.monotonic() < until and one.seed % 5:
+        before = {path.name for path in folder.iterdir()}
+        while {path.name for path in folder.iterdir()} <= before and run.process.poll() is None and time.monotonic() < until and one.seed % 5:
             time.sleep(0.002)  # mpirun itself may hang where ranks end while they start
         time.sleep(one.random.uniform(0, 0.3))
         alive = run.ranks()
