@@ -37,6 +37,25 @@ std::string dump(const Json& json, int indent = 2) {
     return json.dump(indent, ' ', false, Json::error_handler_t::replace);
 }
 
+/// Names and contents of files in a message shall not steer a terminal: of control characters, line
+/// ends and tabs stay, others are written as \xNN.
+std::string printable(const std::string& text) {
+    std::string shown;
+    for (std::size_t i = 0; i < text.size(); ++i) {
+        const auto c = static_cast<unsigned char>(text[i]);
+        const auto next = static_cast<unsigned char>(i + 1 < text.size() ? text[i + 1] : 0);
+        const bool ascii = (c < 0x20 && c != '\n' && c != '\t') || c == 0x7f;
+        const bool other = c == 0xc2 && next >= 0x80 && next < 0xa0;  // U+0080 to U+009F
+        if (ascii || other) {
+            shown += fmt::format("\\x{:02x}", ascii ? c : next);
+            i += other ? 1 : 0;
+        } else {
+            shown += text[i];
+        }
+    }
+    return shown;
+}
+
 Outcome failed(const Error& error, const HasOption& has) {
     return {static_cast<int>(error.kind()), message_of(error, has), json_of(error, has)};
 }
@@ -262,7 +281,8 @@ Outcome run_program(const Program& program, int argc, char** argv) {
 
 int tell(const Program& program, const Outcome& outcome, bool json) {
     if (!outcome.message.empty()) {
-        std::fputs(fmt::format("{}: error: {}\n", program.name, outcome.message).c_str(), stderr);
+        std::fputs(fmt::format("{}: error: {}\n", program.name, printable(outcome.message)).c_str(),
+                   stderr);
         if (json) {
             std::fputs((dump({{"error", outcome.error}}) + "\n").c_str(), stdout);
             std::fflush(stdout);
@@ -271,9 +291,11 @@ int tell(const Program& program, const Outcome& outcome, bool json) {
     }
     let_a_closed_pipe_end_the_program();
     if (!outcome.warning.empty()) {
-        std::fputs(fmt::format("{}: warning: {}\n", program.name, outcome.warning).c_str(), stderr);
+        std::fputs(
+            fmt::format("{}: warning: {}\n", program.name, printable(outcome.warning)).c_str(),
+            stderr);
     }
-    if (std::fputs(outcome.text.c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
+    if (std::fputs(printable(outcome.text).c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
         return tell(program,
                     failed(Error(ErrorKind::io, "cannot write to standard output"),
                            [](const std::string& /*option*/) { return false; }),
