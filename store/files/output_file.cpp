@@ -187,6 +187,7 @@ void check_output(const std::filesystem::path& path, bool force,
 UnfinishedFile::UnfinishedFile(std::filesystem::path output, bool force)
     : output_(std::move(output)), name_(temporary_name(output_)), force_(force) {
     check_output(output_, force_, {});
+    static_cast<void>(status_of(name_));  // it may be too long where the output's is not
 }
 
 UnfinishedFile::~UnfinishedFile() {

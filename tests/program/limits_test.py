@@ -130,6 +130,24 @@ class Limits(unittest.TestCase):
             (self.out / name).unlink()
             self.refused(run(*command, "-o", self.out / ("n" + name), cwd=self.here), 6, "too long")
 
+    def test_a_path_that_leaves_no_room_for_a_temporary_name_is_too_long(self):
+        place = self.out
+        while len(str(place)) + 201 < 4080:
+            place = place / ("d" * 200)
+        place = place / ("e" * (4080 - len(str(place)) - 1))
+        place.mkdir(parents=True)
+        for command, name in ((["preprocess", self.here / "v.h5"], "a.isonest"),
+                              (["extract", self.here / "s.isonest", "--iso", "0.5"], "a.vtkhdf")):
+            self.refused(run(*command, "-o", place / name, cwd=self.here), 6, "too long")
+
+    def test_messages_do_not_steer_the_terminal(self):
+        name = "a\x1b[31m\x9b2J\x07.ply"
+        done = run("extract", self.here / "s.isonest", "--iso", "0.5", "-o", self.out / "none" / name, cwd=self.here)
+        self.refused(done, 3, r"a\\x1b\[31m\\x9b2J\\x07\.ply: there is no folder")
+        done = run("extract", self.here / "s.isonest", "--iso", "0.5", "-o", self.out / name, cwd=self.here)
+        self.assertIn(r"a\x1b[31m\x9b2J\x07.ply", done.stdout)
+        (self.out / name).unlink()
+
     def test_what_a_kill_left_of_a_long_name_is_named(self):
         name, other = "n" * 250 + ".ply", "n" * 249 + "o.ply"
         done = run("extract", self.here / "s.isonest", "--iso", "0.5", "-o", self.out / name, cwd=self.here,

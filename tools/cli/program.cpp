@@ -25,6 +25,7 @@
 #include "store/remote/open_location.h"
 #include "tools/cli/terminal/help_format.h"
 #include "tools/cli/terminal/interrupt.h"
+#include "tools/cli/terminal/shown_text.h"
 #include "tools/cli/terminal/suggestions.h"
 #include "tools/cli/terminal/terminal_progress.h"
 
@@ -36,24 +37,6 @@ constexpr int kInternal = 1;
 /// The message may quote file names and file contents: whatever is not UTF-8 is replaced.
 std::string dump(const Json& json, int indent = 2) {
     return json.dump(indent, ' ', false, Json::error_handler_t::replace);
-}
-
-/// For a terminal: control characters, which names and contents of files may hold, written out.
-/// Those of Latin-1 are two bytes of UTF-8, C2 and one of 80 to 9F.
-std::string printable(std::string_view text) {
-    std::string result;
-    for (std::size_t i = 0; i < text.size(); ++i) {
-        const auto byte = static_cast<unsigned char>(text[i]);
-        const bool latin = byte == 0xC2 && i + 1 < text.size() &&
-                           (static_cast<unsigned char>(text[i + 1]) & 0xE0U) == 0x80;
-        if (latin || byte == 0x7F || (byte < 0x20 && byte != '\n' && byte != '\t')) {
-            i += latin ? 1 : 0;
-            result += fmt::format("\\x{:02x}", static_cast<unsigned char>(text[i]));
-        } else {
-            result += text[i];
-        }
-    }
-    return result;
 }
 
 Outcome failed(const Error& error, const HasOption& has) {
@@ -281,8 +264,9 @@ Outcome run_program(const Program& program, int argc, char** argv) {
 
 int tell(const Program& program, const Outcome& outcome, bool json) {
     if (!outcome.message.empty()) {
-        std::fputs(fmt::format("{}: error: {}\n", program.name, printable(outcome.message)).c_str(),
-                   stderr);
+        std::fputs(
+            fmt::format("{}: error: {}\n", program.name, shown_lines(outcome.message)).c_str(),
+            stderr);
         if (json) {
             std::fputs((dump({{"error", outcome.error}}) + "\n").c_str(), stdout);
             std::fflush(stdout);
@@ -292,10 +276,10 @@ int tell(const Program& program, const Outcome& outcome, bool json) {
     let_a_closed_pipe_end_the_program();
     if (!outcome.warning.empty()) {
         std::fputs(
-            fmt::format("{}: warning: {}\n", program.name, printable(outcome.warning)).c_str(),
+            fmt::format("{}: warning: {}\n", program.name, shown_lines(outcome.warning)).c_str(),
             stderr);
     }
-    if (std::fputs(printable(outcome.text).c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
+    if (std::fputs(shown_lines(outcome.text).c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
         return tell(program,
                     failed(Error(ErrorKind::io, "cannot write to standard output"),
                            [](const std::string& /*option*/) { return false; }),

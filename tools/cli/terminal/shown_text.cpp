@@ -23,23 +23,39 @@ bool turns_direction(std::string_view character) {
            (character >= "\xE2\x81\xA6" && character <= "\xE2\x81\xA9" && character.size() == 3);
 }
 
-}  // namespace
+/// U+0080 to U+009F: C2 and their number.
+bool is_latin_control(std::string_view character) {
+    return character.size() == 2 && character[0] == '\xC2' &&
+           static_cast<unsigned char>(character[1]) < 0xA0U &&
+           static_cast<unsigned char>(character[1]) >= 0x80U;
+}
 
-std::string shown_text(std::string_view text) {
+std::string shown(std::string_view text, std::string_view as_they_are) {
     std::string shown;
     for (std::size_t at = 0; at < text.size();) {
         const std::size_t length =
             std::min(length_of(static_cast<unsigned char>(text[at])), text.size() - at);
         const std::string_view character = text.substr(at, length);
-        if (is_printable_utf8(character) && !turns_direction(character)) {
+        if (as_they_are.find(text[at]) != std::string_view::npos ||
+            (is_printable_utf8(character) && !turns_direction(character))) {
             shown += character;
             at += length;
         } else {
+            at += is_latin_control(character) ? 1 : 0;
             shown += fmt::format("\\x{:02x}", static_cast<unsigned char>(text[at]));
             ++at;
         }
     }
     return shown;
+}
+
+}  // namespace
+
+std::string shown_text(std::string_view text) {
+    return shown(text, "");
+}
+std::string shown_lines(std::string_view text) {
+    return shown(text, "\n\t");
 }
 
 }  // namespace isonest::detail::cli
