@@ -87,7 +87,7 @@ def dicom(one):
     volume = volumes.Volume(values, p.affine(), unit, dtype)
     if one.chance(0.2):
         (folder / "notes.txt").write_text("nothing")
-        image(one, folder / "report", stored[0], b, PixelData=None, series=uid(one))  # not of pixels
+        image(one, folder / "report", stored[0], Bits(8, 8, 7, False), PixelData=None, series=uid(one))  # without pixels
     given = _given(one, folder, files)
     if one.chance(0.15):
         other = uid(one)
