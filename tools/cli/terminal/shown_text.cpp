@@ -31,22 +31,22 @@ bool is_latin_control(std::string_view character) {
 }
 
 std::string shown(std::string_view text, std::string_view as_they_are) {
-    std::string shown;
+    std::string result;
     for (std::size_t at = 0; at < text.size();) {
         const std::size_t length =
             std::min(length_of(static_cast<unsigned char>(text[at])), text.size() - at);
         const std::string_view character = text.substr(at, length);
         if (as_they_are.find(text[at]) != std::string_view::npos ||
             (is_printable_utf8(character) && !turns_direction(character))) {
-            shown += character;
+            result += character;
             at += length;
         } else {
             at += is_latin_control(character) ? 1 : 0;
-            shown += fmt::format("\\x{:02x}", static_cast<unsigned char>(text[at]));
+            result += fmt::format("\\x{:02x}", static_cast<unsigned char>(text[at]));
             ++at;
         }
     }
-    return shown;
+    return result;
 }
 
 }  // namespace
