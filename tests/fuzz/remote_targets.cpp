@@ -86,7 +86,8 @@ void far_zarr(Bytes bytes) {
     while (bytes.size() > 3) {
         const char* const name = kNames.at(bytes[0] % kNames.size());
         bytes = bytes.subspan(1);
-        const std::size_t length = std::min(taken(bytes), bytes.size());
+        const std::size_t said = taken(bytes);
+        const std::size_t length = std::min(said, bytes.size());
         const auto content = std::as_bytes(bytes.first(length));
         objects[name].assign(content.begin(), content.end());
         bytes = bytes.subspan(length);
@@ -141,21 +142,23 @@ void answer(Bytes bytes) {
 }
 
 void object_url(Bytes bytes) {
-    const std::size_t length = std::min(taken(bytes), bytes.size());
+    const std::size_t said = taken(bytes);
+    const std::size_t length = std::min(said, bytes.size());
     const std::string url(text_of(bytes.first(length)));
     const std::string name(text_of(bytes.subspan(length)));
+    if (!is_url(url)) {
+        return;  // which nobody takes for an object
+    }
     try {
         const ObjectUrl object =
             parse_object_url(url, [](const char*) -> const char* { return nullptr; });
         keep(static_cast<double>(object_below(object, name).request.size()));
-        if (is_url(url)) {
-            keep(static_cast<double>(origin_of(url).size()));
-            keep(static_cast<double>(query_without_signature(url).size()));
-            keep(static_cast<double>(last_part_of(url).size()));
-            const std::string beside = url_beside(url, name, "shown");
-            if (origin_of(beside) != origin_of(url)) {
-                throw std::logic_error("a name leads to another server");
-            }
+        keep(static_cast<double>(origin_of(url).size()));
+        keep(static_cast<double>(query_without_signature(url).size()));
+        keep(static_cast<double>(last_part_of(url).size()));
+        const std::string beside = url_beside(url, name, "shown");
+        if (origin_of(beside) != origin_of(url)) {
+            throw std::logic_error("a name leads to another server");
         }
     } catch (const Error&) {
         // Refused.
