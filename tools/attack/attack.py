@@ -15,6 +15,7 @@ with the reason in why.txt, in FOLDER/KIND-SEED.
 """
 import argparse
 import collections
+import contextlib
 import dataclasses
 import importlib
 import json
@@ -195,7 +196,8 @@ class Tally:
         if of_wrong.exists():
             shutil.move(of_wrong, place)
         elif folder.exists():  # its process has ended
-            shutil.copytree(folder, place, symlinks=True)
+            with contextlib.suppress(shutil.Error):  # of what is no file
+                shutil.copytree(folder, place, symlinks=True)
         place.mkdir(parents=True, exist_ok=True)
         (place / "why.txt").write_text(result.why + "\n")
         last = (result.why.strip().splitlines() or ["?"])[-1]
