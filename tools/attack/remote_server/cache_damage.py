@@ -10,6 +10,8 @@ def damage_cache(one, cache):
         if not files:
             break
         path = files[int(one.random.integers(len(files)))]
+        if path.is_symlink() or not path.is_file():
+            continue
         how = one.pick("flip", "cut", "grow", "swap", "remove", "link", "folder", "fifo", "rights", "empty", "owner", "dangling", "socket")
         with contextlib.suppress(OSError):
             data = bytearray(path.read_bytes())
