@@ -22,7 +22,9 @@ void throw_if_no_room_to_load(const std::string& file, const std::string& whole,
                                                         "out of memory",
                                                         "cannot create shared object",
                                                         "cannot create search path"};
-    if (std::any_of(kNoMemory.begin(), kNoMemory.end(), says)) {
+    // A folder from which nothing may be run is another reason why no segment is mapped.
+    const bool is_forbidden = says("not permitted") || says("ermission denied");
+    if (!is_forbidden && std::any_of(kNoMemory.begin(), kNoMemory.end(), says)) {
         throw Error(ErrorKind::limit, {file},
                     fmt::format("there is no memory to load {} ({})", whole, why),
                     {{RemedyKind::raise_limit, "ulimit -d, ulimit -v"}});

@@ -235,6 +235,15 @@ class Cf(Input):
             self.write(np.clip(stored, -0.3, 0.1), "f4", fmt, attributes={"valid_range": np.array([-0.3, 0.1], "f8")})
             self.assertEqual(np.isnan(self.values()).sum(), 0)
 
+    def test_the_largest_float32_is_missing_as_it_is_often_written(self):
+        stored = numbers((4, 5, 6), "f4")
+        stored[1, 2, 3] = -np.finfo("f4").max
+        for fmt in FORMATS:
+            self.write(stored, "f4", fmt, attributes={"missing_value": np.float64(-3.40282347e38)})
+            values = self.values()
+            self.assertTrue(np.isnan(values[1, 2, 3]))
+            self.assertEqual(np.isnan(values).sum(), 1)
+
     def test_labels_of_64_bits_are_kept_beside_a_note(self):
         labels = np.array([0, 7, 2**53 + 1, 2**62 - 1], "i8")[RANDOM.integers(4, size=(4, 5, 6))]
         for fmt in ("NETCDF4", "NETCDF3_64BIT_DATA"):

@@ -258,6 +258,15 @@ class Legacy(DamagedFiles, Input):
         self.save(image_of({"v": numbers((5, 6, 7), "u1")}), True)
         self.refuses(5, "colours")
 
+    def test_text_whose_z_runs_backward(self):
+        for kind in ("i2", "i8"):
+            data = numbers((5, 6, 7), kind)
+            self.save(image_of({"v": data}), True)
+            text = self.path.read_text()
+            self.path.write_text(text.replace("SPACING 1 2 3", "SPACING 1 2 -3"))
+            self.assertNotEqual(self.path.read_text(), text)
+            self.reads(is_read_as(data[:, :, ::-1]))
+
     def test_text_of_floats(self):
         data = np.round(numbers((5, 6, 7), "f4"), 2)
         self.save(image_of({"v": data}), True)

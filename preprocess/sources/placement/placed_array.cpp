@@ -53,6 +53,11 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
         placement = place_in_world(layout.nodes, steps, first, array.name);
         set_place(*placement, layout);
     }
+    const bool is_stream = bytes != nullptr && bytes->sequential();
+    if (placement && is_stream) {
+        placement = with_z_as_it_runs(*placement, layout.nodes);
+        set_place(*placement, layout);
+    }
     auto source = bytes ? open_bytes(std::move(bytes), array.name, layout, array.file)
                         : open_raw(array.file, array.name, layout);
     if (placement && placement->backward[2] && source->sequential()) {

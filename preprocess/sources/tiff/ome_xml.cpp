@@ -56,12 +56,13 @@ std::string referenced(std::string_view name) {
 }
 
 std::string resolved(std::string_view value) {
+    constexpr std::size_t kLongestReference = 32;
     std::string out;
     while (!value.empty()) {
         const std::size_t from = std::min(value.find('&'), value.size());
         out += value.substr(0, from);
         value.remove_prefix(from);
-        const std::size_t end = value.find(';');
+        const std::size_t end = value.substr(0, kLongestReference).find(';');
         const std::string character = value.empty() || end == std::string_view::npos
                                           ? std::string()
                                           : referenced(value.substr(1, end - 1));

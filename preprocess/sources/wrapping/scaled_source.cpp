@@ -49,9 +49,13 @@ Scaling as_stored(ValueType stored, const Scaling& scaling) {
     Scaling rounded = scaling;
     if (stored == ValueType::f32) {
         const auto round = [](double& number) {
+            // 3.40282347e+38, as the largest float32 is often written, is above it.
             constexpr double kMost = std::numeric_limits<float>::max();
-            number = std::fabs(number) > kMost ? std::copysign(HUGE_VAL, number)
-                                               : static_cast<double>(static_cast<float>(number));
+            constexpr double kInfinite = 0x1.ffffffp127;
+            const double size = std::fabs(number);
+            number = size >= kInfinite ? std::copysign(HUGE_VAL, number)
+                     : size > kMost    ? std::copysign(kMost, number)
+                                       : static_cast<double>(static_cast<float>(number));
         };
         std::for_each(rounded.missing.begin(), rounded.missing.end(), round);
         round(rounded.least_valid);
