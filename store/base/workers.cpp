@@ -18,6 +18,7 @@
 #include <isonest/error.h>
 
 namespace isonest::detail {
+
 void require_threads(int count) {
     std::latch done(1);
     std::vector<std::thread> threads;
@@ -52,13 +53,13 @@ void start_threads_where_memory_is_limited(tbb::task_arena& arena, int count) {
     if (count < 2 || (!limited(RLIMIT_AS) && !limited(RLIMIT_DATA))) {
         return;
     }
-    constexpr std::chrono::milliseconds kPatience{200};
+    constexpr std::chrono::seconds kPatience{1};
+    const auto until = std::chrono::steady_clock::now() + kPatience;
     std::atomic<int> here{0};
     arena.execute([&] {
         tbb::parallel_for(
             tbb::blocked_range<int>(0, count, 1),
             [&](const tbb::blocked_range<int>& /*one*/) {
-                const auto until = std::chrono::steady_clock::now() + kPatience;
                 ++here;
                 while (here < count && std::chrono::steady_clock::now() < until) {
                     std::this_thread::yield();

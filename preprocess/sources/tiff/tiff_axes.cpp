@@ -74,7 +74,8 @@ TiffAxes of_imagej(const std::string& text, std::int64_t pages) {
 /// tifffile writes {"shape": [5, 37, 41], "truncated": true}.
 std::int64_t truncated_images(const std::string& description, std::int64_t values) {
     constexpr std::int64_t kMost = std::int64_t{1} << 50U;
-    if (!description.starts_with('{') || description.find("\"truncated\"") == std::string::npos) {
+    if (values < 1 || !description.starts_with('{') ||
+        description.find("\"truncated\"") == std::string::npos) {
         return 1;
     }
     try {

@@ -42,7 +42,7 @@ TiffAxes axes_of_description(const std::string& description, const TiffSet& set)
 
 /// How many images lie under the first page, one behind the other: ImageJ writes those of more than
 /// 4 GiB so, tifffile what its user wants truncated. 1 where the description does not say so.
-/// `values`: of an image.
+/// `values`: of an image; 0 if that is too many.
 std::int64_t images_of_description(const std::string& description, std::int64_t values);
 
 }  // namespace isonest::detail

@@ -114,6 +114,13 @@ PagePlace place_of(const std::vector<ArrayAxis>& page_axes, const TiffPage& page
     return place;
 }
 
+/// Of a page; 0 if that is more than a file can have.
+std::int64_t values_of(const TiffPage& page) {
+    constexpr std::int64_t kMost = std::int64_t{1} << 60U;
+    const std::int64_t row = page.width * page.samples;
+    return page.height > kMost / row ? 0 : page.height * row;
+}
+
 /// The images follow the first page's numbers.
 std::unique_ptr<VolumeSource> open_images(const TiffPages& pages, const PagePlace& place,
                                           const Double3& spacing, std::optional<LengthUnit> unit,
@@ -153,10 +160,9 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
     auto pages = std::make_unique<TiffPages>(std::move(files), options.max_heap);
     const TiffPage& page = pages->page();
     const bool is_stack = pages->planes_of_stack() > 1;
-    const std::int64_t images =
-        is_stack
-            ? pages->planes_of_stack()
-            : images_of_description(pages->description(), page.width * page.height * page.samples);
+    const std::int64_t images = is_stack
+                                    ? pages->planes_of_stack()
+                                    : images_of_description(pages->description(), values_of(page));
     const bool one_page = pages->count() == 1 && images > 1;
     const bool contiguous = one_page && pages->plain().has_value();
     if (one_page && !contiguous && (is_stack || pages->description().starts_with('{'))) {

@@ -20,11 +20,12 @@ namespace isonest::detail {
 namespace {
 
 constexpr std::int64_t kMostNumber = 1'000'000'000'000'000;
+constexpr std::size_t kMostList = std::size_t{1} << 16U;  ///< bytes of names for a message
 
 /// Bytes of a number in a binary file; 0 if that cannot be said. Indices (vtkIdType) are stored as
 /// int.
 std::uint64_t bytes_of(const std::string& type) {
-    static constexpr std::array<std::pair<const char*, std::uint64_t>, 15> kTypes{
+    static constexpr std::array<std::pair<const char*, std::uint64_t>, 14> kTypes{
         {{"char", 1},
          {"signed_char", 1},
          {"unsigned_char", 1},
@@ -38,8 +39,7 @@ std::uint64_t bytes_of(const std::string& type) {
          {"long", 8},
          {"unsigned_long", 8},
          {"vtktypeint64", 8},
-         {"vtktypeuint64", 8},
-         {"", 0}}};
+         {"vtktypeuint64", 8}}};
     const auto* const it = std::find_if(kTypes.begin(), kTypes.end(),
                                         [&](const auto& entry) { return type == entry.first; });
     return it == kTypes.end() ? 0 : it->second;
@@ -209,7 +209,9 @@ class Parser {
             corrupt("numbers come before DATASET");
         }
         if (of_image) {
-            list_ += fmt::format("\n  {:.80} {:.40}", array.name, array.type);
+            if (list_.size() < kMostList) {
+                list_ += fmt::format("\n  {:.80} {:.40}", array.name, array.type);
+            }
             if (wanted_.empty() || array.name == wanted_ || written == wanted_) {
                 found_ = true;
                 header_.array = array;
