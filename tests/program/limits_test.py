@@ -3,9 +3,11 @@ long names, a temporary folder that is not there. tools/attack/limits.py tries t
 
 Usage: limits_test.py ISONEST PLUGIN_FOLDER
 """
+import json
 import os
 import pathlib
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -146,6 +148,13 @@ class Limits(unittest.TestCase):
         self.refused(done, 3, r"a\\x1b\[31m\\x9b2J\\x07\.ply: there is no folder")
         done = run("extract", self.here / "s.isonest", "--iso", "0.5", "-o", self.out / name, cwd=self.here)
         self.assertIn(r"a\x1b[31m\x9b2J\x07.ply", done.stdout)
+        (self.out / name).unlink()
+        # JSON has escapes of its own.
+        name = "\u00e9\u202e\x7f\x9b.isonest"
+        shutil.copy(self.here / "s.isonest", self.out / name)
+        done = run("info", self.out / name, "--json", cwd=self.here)
+        self.assertTrue(json.loads(done.stdout)["store"].endswith(name))
+        self.assertRegex(done.stdout, r"^[\n -~]*$")
         (self.out / name).unlink()
 
     def test_what_a_kill_left_of_a_long_name_is_named(self):

@@ -21,7 +21,7 @@ try:
     import numpy as np
     import vtk
     from vtk.util import numpy_support
-    from volume_inputs import ISONEST, RANDOM, Input, numbers
+    from volume_inputs import ISONEST, Input
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)

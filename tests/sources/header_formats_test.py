@@ -22,7 +22,7 @@ try:
     import numpy as np
     import vtk
     from vtk.util import numpy_support
-    from volume_inputs import ISONEST, RANDOM, TYPES, DamagedFiles, Input, is_read_as, numbers
+    from volume_inputs import ISONEST, TYPES, DamagedFiles, Input, is_read_as, numbers
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)

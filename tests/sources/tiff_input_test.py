@@ -137,11 +137,10 @@ class Tiff(DamagedFiles, Input):
 
     def test_imagejs_large_files_have_one_page(self):
         data = numbers((6, 7, 9), "u2")
-        description = f"ImageJ=1.53t\nimages=6\nslices=6\nspacing=2\nunit=um\n"
+        description = "ImageJ=1.53t\nimages=6\nslices=6\nspacing=2\nunit=um\n"
         tifffile.imwrite(self.path, data[0], byteorder=">", description=description, metadata=None, photometric="minisblack")
-        with open(self.path, "ab") as file:
-            with tifffile.TiffFile(self.path) as t:
-                offset = t.pages[0].dataoffsets[0]
+        with tifffile.TiffFile(self.path) as t:
+            offset = t.pages[0].dataoffsets[0]
         raw = self.path.read_bytes()
         self.path.write_bytes(raw[:offset] + data.astype(">u2").tobytes())
         self.assertLessEqual(len(raw), offset + data[0].nbytes)

@@ -21,6 +21,7 @@ import importlib
 import json
 import os
 import pathlib
+import re
 import resource
 import select
 import shutil
@@ -53,6 +54,14 @@ def refused(why):
 
 def wrong(why):
     return Result("wrong", why)
+
+
+def reason(message, folder=""):
+    """An error's message without names and numbers: the same words for the same reason. folder: of the try."""
+    text = (str(message).strip().splitlines() or [""])[0].replace(str(folder), "")
+    text = re.sub(r"^\S*?: ", "", re.sub(r"^isonest(-mpi)?: error: ", "", text))
+    text = re.sub(r"'[^']*'|\"[^\"]*\"", "'...'", text)
+    return re.sub(r"[-+]?\d[\d.e+-]*( x N)*", "N", re.sub(r"\S*/\S+", "FILE", text))[:160]
 
 
 @dataclasses.dataclass(frozen=True)

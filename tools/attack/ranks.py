@@ -13,7 +13,6 @@ limits      small disks, limits of file sizes for one rank, scratch folders that
 import contextlib
 import os
 import pathlib
-import re
 import resource
 import shutil
 import signal
@@ -118,7 +117,7 @@ def judged(done, output, right, plain_code=0, may_fail=False, is_killed=False):
     if right is None and done.code != plain_code:
         return attack.wrong(f"{done.said()}\none process ends with {plain_code}")
     text = next(line for line in done.err.splitlines() if "isonest-mpi: error: " in line).partition("error: ")[2]
-    return attack.refused(re.sub(r"\d+", "N", re.sub(r"/\S*/", "", text))[:100])
+    return attack.refused(attack.reason(text))
 
 
 def left_beside(folder, *names):

@@ -35,8 +35,11 @@ namespace {
 constexpr int kInternal = 1;
 
 /// The message may quote file names and file contents: whatever is not UTF-8 is replaced.
+/// With what may steer a terminal escaped as JSON does it, where there is any.
 std::string dump(const Json& json, int indent = 2) {
-    return json.dump(indent, ' ', false, Json::error_handler_t::replace);
+    const std::string text = json.dump(indent, ' ', false, Json::error_handler_t::replace);
+    return shown_lines(text) == text ? text
+                                     : json.dump(indent, ' ', true, Json::error_handler_t::replace);
 }
 
 Outcome failed(const Error& error, const HasOption& has) {

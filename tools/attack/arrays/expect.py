@@ -1,6 +1,4 @@
 """What a store of a valid file has to be, and whether it is so."""
-import re
-
 import numpy as np
 
 import attack
@@ -40,14 +38,6 @@ def stored(data):
     return data.astype(STORED.get(data.dtype.str[1:], data.dtype.str[1:]))
 
 
-def reason(error):
-    """An error's message without what differs from file to file."""
-    text = re.sub(r"'[^']*'", "'...'", str(error).splitlines()[0])
-    text = re.sub(r"(/[^\s:]*)+", "PATH", text)
-    text = re.sub(r"; its axes.*|; choose .*", "", text.split(": ", 1)[-1])
-    return re.sub(r"-?\d[\d.e+-]*( x N)*", "N", text)[:160]
-
-
 def check(one, path, data, options=None, *, spacing=None, origin=None, unit=None, refused=None):
     """Compares the store of `path` with [z, y, x] or fewer axes of numbers.
 
@@ -65,7 +55,7 @@ def check(one, path, data, options=None, *, spacing=None, origin=None, unit=None
             return attack.wrong(f"refused: {type(error).__name__}: {error}")
         if words not in str(error):
             return attack.wrong(f"refused, but not for '{words}': {error}")
-        return attack.refused(f"{type(error).__name__}: {reason(error)}")
+        return attack.refused(f"{type(error).__name__}: {attack.reason(error)}")
     if words is not None and not may:
         return attack.wrong(f"it has to be refused for '{words}', and is read")
     data = stored(data)

@@ -6,7 +6,6 @@ import zipfile
 
 import numpy as np
 
-import attack
 from arrays.expect import TYPES, check, numbers
 
 MAGIC = b"\x93NUMPY"

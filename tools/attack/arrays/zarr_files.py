@@ -1,6 +1,5 @@
 """Arrays and groups of Zarr. The judges are zarr-python (version 2) and what was written by the specification (version 3)."""
 import json
-import shutil
 
 import numcodecs
 import numpy as np

@@ -68,15 +68,6 @@ def listing(folder, but):
     return found
 
 
-def reason(message, one):
-    """The message without what differs from try to try."""
-    message = message.removeprefix("isonest: error: ").strip()
-    message = re.sub(r"'[^\n]*?'|\"[^\n]*?\"|\([^\n]*\)", "'...'", message.replace(str(one.folder), "."))
-    message = re.sub(r"\S*/\S+", "FILE", message)
-    message = re.sub(r"[-+]?[0-9][0-9.e+x]*", "N", message)
-    return message[:110].replace("\n", " ")
-
-
 def read_here(read, path):
     try:
         return np.ascontiguousarray(read(path))
@@ -151,7 +142,7 @@ def refusal(one, done, output, names, foreign):
         return attack.wrong(f"the message names no file: {done.err}")
     if output.exists() or output.is_symlink():
         return attack.wrong(f"left an output in spite of an error: {done.err}")
-    return attack.refused(f"exit {done.code}: {reason(done.err, one)}")
+    return attack.refused(f"exit {done.code}: {attack.reason(done.err, one.folder)}")
 
 
 def prepare(one, case):

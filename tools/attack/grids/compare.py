@@ -20,13 +20,6 @@ class Expected:
     refusals: tuple = ()  # expressions: what is refused on purpose
 
 
-def plain(message, folder):
-    """A message without names and numbers, so that the same reasons are counted together."""
-    text = message.splitlines()[0].replace(str(folder), "")
-    text = re.sub(r"^\S*?: ", "", text)
-    return re.sub(r"[-+]?\d[\d.e+]*|'[^']*'", "N", text)[:160]
-
-
 def numbers(one, shape, kind):
     """Random numbers of a type: all of its range, a small one, few values, or smooth."""
     kind = np.dtype(kind)
@@ -55,7 +48,7 @@ def differs(one, path, expected, **options):
     try:
         isonest.preprocess(path, store_path, memory="256M", threads=1, chunk=one.pick(8, 16, 32, 64), **options)
     except isonest.Error as error:
-        why = plain(str(error), one.folder)
+        why = attack.reason(error, one.folder)
         if any(re.search(pattern, str(error)) for pattern in expected.refusals):
             return attack.refused(why)
         return attack.wrong(f"refused: {error}\nbecause: {why}")

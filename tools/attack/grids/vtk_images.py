@@ -12,7 +12,7 @@ import zlib
 import attack
 import numpy as np
 from vtkmodules.util import numpy_support
-from vtkmodules.vtkCommonCore import vtkBitArray, vtkIdTypeArray, vtkLookupTable, vtkObject, vtkStringArray
+from vtkmodules.vtkCommonCore import vtkBitArray, vtkIdTypeArray, vtkObject, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkIOLegacy import vtkDataSetReader, vtkDataSetWriter, vtkStructuredPointsReader, vtkStructuredPointsWriter
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader, vtkXMLImageDataWriter

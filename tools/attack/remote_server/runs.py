@@ -194,5 +194,4 @@ def said_of(text):
 def reason(done):
     text = json.loads(done.out)["error"]["message"] if "--json" in done.arguments else \
         next(line for line in done.err.splitlines() if line.startswith("isonest: error: "))
-    text = re.sub(r"^(isonest: error: )?\S+?: ", "", text)
-    return re.sub(r"\d+", "N", text)[:110]
+    return attack.reason(text)

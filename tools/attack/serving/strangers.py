@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import threading
 import time
-import urllib.parse
 
 import attack as shared
 from serving import questions, view

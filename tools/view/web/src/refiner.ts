@@ -83,7 +83,8 @@ export class Refiner {
   look(): void {
     if (this.plan.coarse() === null || this.wanted !== null || this.shown === null) return;
     this.stopSteps();
-    if (!this.plan.enough(this.shown)) this.restLater();
+    if (this.plan.enough(this.shown)) this.shortOfMemory = false;
+    else this.restLater();
     this.plan.changed();
   }
 
@@ -116,8 +117,9 @@ export class Refiner {
     this.rest = setTimeout(() => {
       this.rest = 0;
       // A finer mesh never gives way to a coarser one of the same surface.
-      this.steps = this.plan.steps().slice(this.refined ? -1 : 0).filter(({ parameters }) => !this.tooLarge.has(keyOf(parameters)));
-      this.shortOfMemory &&= this.steps.length === 0;
+      const steps = this.plan.steps().slice(this.refined ? -1 : 0);
+      this.steps = steps.filter(({ parameters }) => !this.tooLarge.has(keyOf(parameters)));
+      this.shortOfMemory = steps.length > 0 && this.steps.length === 0;
       this.step = [0, this.steps.length];
       this.pump();
     }, kRest);
@@ -162,6 +164,12 @@ export class Refiner {
       if (movedAt > 0) this.latencies.push(performance.now() - movedAt);
     } catch (error) {
       if (!current()) return;
+      if (this.wanted !== null) {
+        // Something else is to be shown by now: what is said of the old one is not true of it.
+        this.running = this.aim = null;
+        this.pump();
+        return;
+      }
       this.steps = [];
       if (error instanceof ServerError && error.tooLarge) {
         this.tooLarge.add(keyOf(parameters));

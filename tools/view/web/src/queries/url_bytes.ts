@@ -125,6 +125,7 @@ async function asked(name: string, ask: () => Promise<Response>, isCancelled: ()
     }
     const wait = patience.wait(response.status, response.headers.get("Retry-After"));
     if (wait === null) return [response, patience.tried];
+    response.body?.cancel().catch(() => undefined); // else it may keep its connection
     for (const end = performance.now() + wait; performance.now() < end && !isCancelled(); ) {
       await new Promise((go) => setTimeout(go, Math.min(kLook, end - performance.now())));
     }
