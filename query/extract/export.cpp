@@ -1,8 +1,14 @@
 #include "query/extract/export.h"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <iterator>
+#include <string>
 #include <vector>
+
+#include <isonest/error.h>
 
 #include "query/view/indicator_box.h"
 #include "store/base/memory_budget.h"
@@ -153,6 +159,16 @@ void export_field(const StoreReader& store, const std::filesystem::path& path,
                                                         progress);
         });
         return file->finish();
+    }
+    if (is_of_cells(options.field)) {
+        std::vector<Field> others = header.fields;
+        others.erase(std::remove_if(others.begin(), others.end(), is_of_cells), others.end());
+        throw Error(
+            ErrorKind::invalid_argument, {store.path().string()},
+            fmt::format("{} has a number for each cell of each level, not for each node: "
+                        "there is no volume of it",
+                        name_of(options.field)),
+            {{RemedyKind::other_field, fmt::format("{}", fmt::join(names_of(others), ","))}});
     }
     // Names the fields there are, or the levels, if the wanted ones are not.
     if (layout.lattice().top() > 0 || !layout.has(options.field)) {

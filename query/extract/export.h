@@ -21,8 +21,8 @@ struct ExportOptions {
 /// Values: the lattice of a level in the input's type. An indicator: the nodal array on the finest
 /// lattice as float32, 0 at the macro vertices (and nodes that refine nothing in the volume).
 /// The file's kind follows from its name: see create_volume_file().
-/// Each chunk is decoded a bounded number of times, values once. Throws Error{not_found,
-/// invalid_argument, limit, io, corrupt, cancelled}.
+/// A field of cells is refused. Each chunk is decoded a bounded number of times, values once.
+/// Throws Error{not_found, invalid_argument, limit, io, corrupt, cancelled}.
 void export_field(const StoreReader& store, const std::filesystem::path& path,
                   const ExportOptions& options, Progress& progress);
 

@@ -18,13 +18,6 @@ ExtractReport run_along_axes(const Store& store, const Query& query, MeshSink& s
         store.reader(), detail::extract_query(store.reader(), query, sink.holds_float64()), sink,
         options, progress);
 }
-ExtractReport run_along_axes(const Store& store, const SurfaceQuery& query, MeshSink& sink,
-                             const ExtractOptions& options, Progress& progress) {
-    if (std::holds_alternative<ErrorBudget>(query.stop)) {
-        return detail::extract_within_error_budget(store, query, sink, options, progress);
-    }
-    return run_along_axes<SurfaceQuery>(store, query, sink, options, progress);
-}
 
 template <class Query>
 ExtractReport run(const Store& store, const Query& query, MeshSink& sink,
@@ -39,6 +32,14 @@ ExtractReport run(const Store& store, const Query& query, MeshSink& sink,
                        turning, options, progress);
     detail::add_turned_rounding(turning, header.spacing, report);
     return report;
+}
+ExtractReport run(const Store& store, const SurfaceQuery& query, MeshSink& sink,
+                  const ExtractOptions& options, Progress& progress) {
+    // The search makes extractions of its own, each of which turns what is asked for and its mesh.
+    if (std::holds_alternative<ErrorBudget>(query.stop)) {
+        return detail::extract_within_error_budget(store, query, sink, options, progress);
+    }
+    return run<SurfaceQuery>(store, query, sink, options, progress);
 }
 
 }  // namespace

@@ -1,6 +1,29 @@
 #include "query/march/clip.h"
 
 namespace isonest::detail {
+namespace {
+
+/// Whether a triangle lies in a face of the box, as that of an element inside: it faces smaller
+/// values, and so the corner of its element that is below the isovalue. Elements of lines, whose
+/// last two corners are one, that are outside are left out before.
+bool is_in_face(const ClipContext& clip, const std::array<std::uint32_t, 3>& triangle,
+                std::size_t axis, double limit, bool low) {
+    const Double3& p = clip.position(triangle[0]);
+    const Double3& q = clip.position(triangle[1]);
+    const Double3& r = clip.position(triangle[2]);
+    if (p[axis] != limit || q[axis] != limit || r[axis] != limit) {
+        return false;
+    }
+    if (triangle[1] == triangle[2]) {
+        return true;
+    }
+    const std::size_t i = (axis + 1) % 3;
+    const std::size_t j = (axis + 2) % 3;
+    const double normal = (q[i] - p[i]) * (r[j] - p[j]) - (q[j] - p[j]) * (r[i] - p[i]);
+    return low ? normal > 0 : normal < 0;
+}
+
+}  // namespace
 
 std::uint32_t ClipContext::crossing(const std::array<std::uint32_t, 3>& triangle, const Side& from,
                                     const Side& to, std::uint32_t plane) {
@@ -70,7 +93,7 @@ std::vector<std::array<std::uint32_t, 3>> ClipContext::cut(
                 kept.push_back({v, d0 > 0 ? 3 : from.edge});
             }
         }
-        if (!any) {
+        if (!any && !is_in_face(*this, triangle, axis, limit, low)) {
             return {};
         }
         polygon.swap(kept);

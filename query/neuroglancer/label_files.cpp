@@ -141,7 +141,7 @@ void write_segment_properties(const std::filesystem::path& folder,
     const std::filesystem::path place = folder / "segment_properties";
     std::error_code error;
     std::filesystem::create_directory(place, error);
-    if (!std::filesystem::is_directory(place)) {
+    if (std::error_code ignored; !std::filesystem::is_directory(place, ignored)) {
         throw Error(ErrorKind::io, {place.string()}, "cannot be made a folder: " + error.message());
     }
     write_whole(place / "info",

@@ -13,6 +13,11 @@ namespace isonest::detail {
 /// oneTBB would find out in the middle of the work, where it can only end the program.
 void require_threads(int count);
 
+/// Lets oneTBB start the threads of the arena now, where the address space or the data of this
+/// process are limited: it ends the program when a thread does not start, which happens once the
+/// work has taken the memory that was there for require_threads().
+void start_threads_where_memory_is_limited(tbb::task_arena& arena, int count);
+
 /// `threads` workers, also where that is more than the machine has; 0 = as many as it has.
 /// Throws Error{limit} if the system refuses them.
 class Workers {
@@ -24,6 +29,7 @@ class Workers {
                              static_cast<std::size_t>(count_));
         }
         arena_.initialize(count_);
+        start_threads_where_memory_is_limited(arena_, count_);
     }
     [[nodiscard]] static int count_of(int threads) {
         return threads > 0 ? threads : tbb::info::default_concurrency();

@@ -118,12 +118,28 @@ void keep_permissions(int fd, const std::filesystem::path& path, const struct st
     }
 }
 
+/// File systems have names of up to 255 bytes, and the temporary one is longer: of long names, the
+/// beginning and a number that only this name has.
+std::string shortened(const std::string& name) {
+    constexpr std::size_t kMost = 200;
+    constexpr std::size_t kKept = 180;
+    if (name.size() <= kMost) {
+        return name;
+    }
+    std::uint64_t number = 0xcbf29ce484222325U;  // FNV-1a
+    for (const char c : name) {
+        number = (number ^ static_cast<unsigned char>(c)) * 0x100000001b3U;
+    }
+    return fmt::format("{}~{:016x}", name.substr(0, kKept), number);
+}
+
 }  // namespace
 
 std::filesystem::path temporary_prefix(const std::filesystem::path& path) {
     const std::string name = path.filename().string();
     const bool is_temporary = name.starts_with('.') && name.find(kMark) != std::string::npos;
-    return folder_of(path) / fmt::format("{}{}{}", is_temporary ? "" : ".", name, kMark);
+    return folder_of(path) / fmt::format("{}{}{}", is_temporary ? "" : ".",
+                                         is_temporary ? name : shortened(name), kMark);
 }
 
 std::filesystem::path temporary_name(const std::filesystem::path& path) {
@@ -143,7 +159,11 @@ void check_output(const std::filesystem::path& path, bool force,
     if (path.filename().empty()) {
         is_folder(path);
     }
-    if (!std::filesystem::is_directory(folder_of(path), ignored)) {
+    const std::filesystem::file_status folder = std::filesystem::status(folder_of(path), ignored);
+    if (folder.type() == std::filesystem::file_type::none) {
+        fail_on(path, "look at its folder", ignored.value());
+    }
+    if (!std::filesystem::is_directory(folder)) {
         throw Error(ErrorKind::not_found, {path.string()},
                     fmt::format("there is no folder {}", folder_of(path).string()));
     }
@@ -167,6 +187,7 @@ void check_output(const std::filesystem::path& path, bool force,
 UnfinishedFile::UnfinishedFile(std::filesystem::path output, bool force)
     : output_(std::move(output)), name_(temporary_name(output_)), force_(force) {
     check_output(output_, force_, {});
+    static_cast<void>(status_of(name_));  // it may be too long where the output's is not
 }
 
 UnfinishedFile::~UnfinishedFile() {

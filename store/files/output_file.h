@@ -13,7 +13,7 @@
 namespace isonest::detail {
 
 /// The temporary names for an output, in the same folder: ".NAME.partial-" and a process id; for a
-/// temporary file's own, its name in place of ".NAME".
+/// temporary file's own, its name in place of ".NAME". A NAME of more than 200 bytes is shortened.
 std::filesystem::path temporary_prefix(const std::filesystem::path& path);
 /// One for this process that no file has: with the process id, or that and "-2", "-3", ...
 std::filesystem::path temporary_name(const std::filesystem::path& path);

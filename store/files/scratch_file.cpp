@@ -9,8 +9,10 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <string>
+#include <system_error>
 #include <utility>
 
 #include <isonest/error.h>
@@ -28,6 +30,20 @@ namespace {
 
 }  // namespace
 
+std::filesystem::path temporary_folder() {
+    std::error_code error;
+    std::filesystem::path folder = std::filesystem::temp_directory_path(error);
+    if (error) {
+        const char* const named = std::getenv("TMPDIR");
+        throw Error(ErrorKind::io, {named == nullptr ? "/tmp" : named},
+                    fmt::format("temporary space: {}", error == std::errc::not_a_directory
+                                                           ? "there is no such folder"
+                                                           : error.message()),
+                    {{RemedyKind::set_variable, "TMPDIR=FOLDER"}});
+    }
+    return folder;
+}
+
 void ScratchMeter::add(std::uint64_t bytes) {
     const std::uint64_t now = now_ += bytes;
     std::uint64_t peak = peak_;
@@ -36,8 +52,7 @@ void ScratchMeter::add(std::uint64_t bytes) {
 }
 
 ScratchFolder ScratchFolder::metered(const std::filesystem::path& path) {
-    return {path.empty() ? std::filesystem::temp_directory_path() : path,
-            std::make_shared<ScratchMeter>()};
+    return {path.empty() ? temporary_folder() : path, std::make_shared<ScratchMeter>()};
 }
 
 ScratchFile::ScratchFile(const ScratchFolder& folder)

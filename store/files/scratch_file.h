@@ -11,6 +11,9 @@
 
 namespace isonest::detail {
 
+/// The system's folder for temporary files, which TMPDIR names. Throws Error{io} if it is none.
+std::filesystem::path temporary_folder();
+
 /// How much temporary space is in use. Thread-safe.
 class ScratchMeter {
   public:

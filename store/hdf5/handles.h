@@ -65,6 +65,10 @@ using TypeHandle = Handle<H5Tclose>;
 using AttributeHandle = Handle<H5Aclose>;
 using PropertyHandle = Handle<H5Pclose>;
 
+/// HDF5 uses what it could not allocate while it opens or creates a file, and ends the program
+/// (1.10.8, H5AC_create). Throws std::bad_alloc where there is no room for that.
+void require_heap_to_open_hdf5();
+
 /// Opens for reading, without a lock: what is read through a map needs none, and some network and
 /// read-only file systems refuse one. Invalid where HDF5 cannot open it.
 FileHandle open_hdf5(const std::filesystem::path& path);

@@ -2,6 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <cerrno>
+#include <cstring>
+#include <string>
+
 #include <isonest/error.h>
 
 namespace isonest::detail {
@@ -52,8 +56,10 @@ void Hdf5Frame::close() {
 
 void Hdf5Frame::check(bool good, const char* what) const {
     if (!good) {
+        const int error = errno;
+        const std::string why = hdf5_message();
         throw Error(ErrorKind::io, {path_.string()},
-                    fmt::format("cannot {}: {}", what, hdf5_message()));
+                    fmt::format("cannot {}: {}", what, why.empty() ? std::strerror(error) : why));
     }
 }
 

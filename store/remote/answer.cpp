@@ -193,6 +193,11 @@ void AnswerHead::add_line(std::string_view line) {
         }
         return;
     }
+    if (trimmed_value(line).empty()) {
+        constexpr int kFirstOfFinal = 200;
+        is_complete = status >= kFirstOfFinal;
+        return;
+    }
     const std::size_t colon = line.find(':');
     if (colon == std::string_view::npos) {
         return;

@@ -32,6 +32,7 @@ struct AnswerHead {
     std::string bucket_region;            ///< x-amz-bucket-region
     std::optional<std::uint64_t> length;  ///< Content-Length
     std::string content_range;            ///< empty: none
+    bool is_complete = false;             ///< the empty line behind it came, of no interim answer
 
     /// A status line begins the head anew.
     void add_line(std::string_view line);

@@ -3,23 +3,16 @@
 #include <pthread.h>
 
 #include <algorithm>
+#include <chrono>
 #include <csignal>
-#include <system_error>
 #include <utility>
 
-#include <isonest/error.h>
+#include "store/base/started_thread.h"
 
 namespace isonest::detail {
 
 Background::Background(std::uint64_t most_bytes, const std::string& name)
-    : most_bytes_(most_bytes) {
-    try {
-        thread_ = std::thread([this] { run(); });
-    } catch (const std::system_error&) {
-        throw Error(ErrorKind::limit, {name}, "the system lets no further thread start",
-                    {{RemedyKind::raise_limit, "ulimit -u"}});
-    }
-}
+    : most_bytes_(most_bytes), thread_(started_thread(name, [this] { run(); })) {}
 
 Background::~Background() {
     finish(std::chrono::milliseconds(0));
@@ -36,11 +29,24 @@ bool Background::add(std::uint64_t bytes, std::function<void()> work) {
     return true;
 }
 
-void Background::finish(std::chrono::milliseconds at_most) {
+void Background::finish(std::chrono::milliseconds at_most,
+                        const std::function<bool()>& is_stopped) {
+    constexpr std::chrono::milliseconds kStep{50};
+    using Clock = std::chrono::steady_clock;
+    const Clock::time_point last = Clock::now() + at_most;
     std::deque<Entry> left;
     {
         std::unique_lock lock(mutex_);
-        changed_.wait_for(lock, at_most, [this] { return entries_.empty() && !is_working_; });
+        const auto is_done = [this] { return entries_.empty() && !is_working_; };
+        while (!changed_.wait_until(lock, std::min(last, Clock::now() + kStep), is_done) &&
+               Clock::now() < last) {
+            lock.unlock();
+            const bool stops = is_stopped && is_stopped();
+            lock.lock();
+            if (stops) {
+                break;
+            }
+        }
         ends_ = true;
         left.swap(entries_);
     }

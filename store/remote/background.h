@@ -26,8 +26,9 @@ class Background {
     /// False, and the work is let go at once, if it would be too much with what waits, or after
     /// finish(). What the work throws is lost.
     bool add(std::uint64_t bytes, std::function<void()> work);
-    /// Waits until all of it is done, or for so long; then for what is under way alone.
-    void finish(std::chrono::milliseconds at_most);
+    /// Waits until all of it is done, or for so long, or until is_stopped() is true, which is asked
+    /// every 50 ms; then for what is under way alone.
+    void finish(std::chrono::milliseconds at_most, const std::function<bool()>& is_stopped = {});
 
   private:
     void run();

@@ -3,7 +3,11 @@
 #include <dlfcn.h>
 #include <fmt/format.h>
 
+#include <string>
+
 #include <isonest/error.h>
+
+#include "store/base/load_failure.h"
 
 namespace isonest::detail {
 namespace {
@@ -24,7 +28,9 @@ void find_in_curl(void* library, const char* name, Function& function) {
 CurlLibrary load_curl() {
     void* const library = ::dlopen("libcurl.so.4", RTLD_NOW | RTLD_LOCAL);
     if (library == nullptr) {
-        fail_to_load(::dlerror());
+        const std::string why = ::dlerror();
+        throw_if_no_room_to_load({}, "libcurl, which URLs need", why);
+        fail_to_load(why.c_str());
     }
     CurlLibrary functions;
 #define ISONEST_CURL_FIND(name) find_in_curl(library, #name, functions.name);

@@ -15,6 +15,7 @@ namespace isonest::detail {
 namespace {
 
 constexpr std::size_t kMostErrorBody = 4096;
+constexpr std::size_t kMostHead = 256U << 10U;
 constexpr long kBufferBytes = 256L << 10;
 /// SHA-256 of nothing, which is the body of our requests.
 constexpr const char* kHashOfNothing =
@@ -88,6 +89,7 @@ void CurlRequest::prepare(const RequestBasis& basis, Plan plan) {
     failure_.reset();
     error_body_.clear();
     received_ = 0;
+    head_bytes_ = 0;
     error_text_[0] = 0;
     is_signed_ = plan_.is_own_server && basis.url.keys.has_value();
     set(CURLOPT_URL, plan_.url.c_str());
@@ -138,6 +140,10 @@ void CurlRequest::prepare(const RequestBasis& basis, Plan plan) {
 std::size_t CurlRequest::header_callback(char* data, std::size_t /*one*/, std::size_t size,
                                          void* self) {
     auto& request = *static_cast<CurlRequest*>(self);
+    request.head_bytes_ += size;
+    if (request.head_bytes_ > kMostHead) {
+        return 0;
+    }
     try {
         // What follows a body are trailers.
         if (!request.judgement_) {
@@ -219,9 +225,27 @@ std::string CurlRequest::said(CURLcode code) const {
     return text;
 }
 
+/// Why the head is not whole: it is too large, or the connection broke. libcurl says of a line that
+/// it finds too long that memory is missing, and of a connection that ends within the head nothing.
+Failure CurlRequest::failure_of_head(CURLcode code) const {
+    const bool is_too_large =
+        head_bytes_ > kMostHead || (code == CURLE_OUT_OF_MEMORY && head_.status != 0);
+    if (is_too_large) {
+        return {FailureClass::odd,
+                "the head of the server's answer is too large",
+                ErrorKind::io,
+                {{RemedyKind::check_url}}};
+    }
+    return code == CURLE_OK ? failure_of_transfer(CURLE_RECV_ERROR, "it ended within the head")
+                            : failure_of_transfer(code, said(code));
+}
+
 CurlRequest::Outcome CurlRequest::finish(CURLcode code) {
     if (failure_) {
         return {judgement_.value_or(Judgement{}), head_, failure_};
+    }
+    if (!judgement_ && !head_.is_complete) {
+        return {{}, head_, failure_of_head(code)};
     }
     const bool ended_early = code != CURLE_OK;
     if (ended_early && !judgement_) {

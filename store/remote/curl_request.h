@@ -70,6 +70,7 @@ class CurlRequest {
     static std::size_t body_callback(char* data, std::size_t one, std::size_t size, void* self);
     bool take_body(std::span<const std::byte> bytes);
     void judge_now();
+    [[nodiscard]] Failure failure_of_head(CURLcode code) const;
     void append_header(const std::string& line);
     void set_authority(const RequestBasis& basis);
     std::string said(CURLcode code) const;
@@ -87,6 +88,7 @@ class CurlRequest {
     std::optional<Failure> failure_;  ///< why the body is not taken any more
     std::string error_body_;
     std::uint64_t received_ = 0;
+    std::size_t head_bytes_ = 0;  ///< of all heads since prepare()
     bool is_signed_ = false;
     char error_text_[CURL_ERROR_SIZE] = {};
 };

@@ -8,7 +8,10 @@
 #include <exception>
 #include <new>
 #include <random>
-#include <system_error>
+
+#include <isonest/error.h>
+
+#include "store/base/started_thread.h"
 
 namespace isonest::detail {
 namespace {
@@ -49,11 +52,10 @@ FetchLoop::FetchLoop(RequestBasis basis, Next next)
     curl().curl_multi_setopt(multi_, CURLMOPT_MAX_HOST_CONNECTIONS, parallel);
     curl().curl_multi_setopt(multi_, CURLMOPT_MAXCONNECTS, parallel);
     try {
-        thread_ = std::thread([this] { run(); });
-    } catch (const std::system_error&) {
+        thread_ = started_thread(basis_.url.name, [this] { run(); });
+    } catch (const Error&) {
         curl().curl_multi_cleanup(multi_);
-        throw Error(ErrorKind::limit, {basis_.url.name}, "the system lets no further thread start",
-                    {{RemedyKind::raise_limit, "ulimit -u"}});
+        throw;
     }
 }
 

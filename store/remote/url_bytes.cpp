@@ -133,9 +133,20 @@ UrlBytes::~UrlBytes() {
     if (keeping_ == nullptr) {
         return;
     }
-    constexpr std::chrono::milliseconds kUntilAllIsKept = std::chrono::hours(1);
+    constexpr std::chrono::milliseconds kUntilAllIsKept = std::chrono::minutes(1);
     constexpr std::chrono::milliseconds kOfCancelled{200};
-    keeping_->finish(was_cancelled_ ? kOfCancelled : kUntilAllIsKept);
+    const auto is_stopped = [this] {
+        try {
+            check_whoever_waits();
+        } catch (...) {  // NOLINT(bugprone-empty-catch): it is noted
+        }
+        return was_cancelled_.load();
+    };
+    if (was_cancelled_) {
+        keeping_->finish(kOfCancelled);
+    } else {
+        keeping_->finish(kUntilAllIsKept, is_stopped);
+    }
 }
 
 /// Waits until the object is open. What the cache has of its end is loaded meanwhile, and used if
@@ -250,23 +261,26 @@ bool UrlBytes::is_distrusted(const ByteRange& range) const {
     });
 }
 
+void UrlBytes::check_whoever_waits() const {
+    if (options_.check) {
+        try {
+            options_.check();
+        } catch (...) {
+            was_cancelled_ = true;
+            throw;
+        }
+    }
+}
+
 void UrlBytes::wait_until(Lock& lock, const std::function<bool()>& is_over) const {
-    const std::function<void()> check = [this] {
-        if (options_.check) {
-            try {
-                options_.check();
-            } catch (...) {
-                was_cancelled_ = true;
-                throw;
+    wait_and_check(
+        lock, changed_, [this] { check_whoever_waits(); },
+        [&] {
+            if (broken_ != nullptr) {
+                throw_copy_of(*broken_);
             }
-        }
-    };
-    wait_and_check(lock, changed_, check, [&] {
-        if (broken_ != nullptr) {
-            throw_copy_of(*broken_);
-        }
-        return is_over();
-    });
+            return is_over();
+        });
 }
 
 void UrlBytes::end_extent(Extent& extent, Extent::State state,

@@ -85,6 +85,8 @@ class UrlBytes : public StoreBytes {
     void keep_later(const ExtentPointer& extent) const;
     void load_next_batch() const;
     std::shared_ptr<FetchJob> next_job() const;
+    /// Calls check(), and notes that it threw.
+    void check_whoever_waits() const;
     /// Throws what check() throws, and what broke the object.
     void wait_until(Lock& lock, const std::function<bool()>& is_over) const;
     /// Whether the extent has its first `until` bytes: not if it was replaced by others.

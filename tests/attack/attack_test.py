@@ -59,6 +59,14 @@ class Shared(unittest.TestCase):
         _, one, _ = self.attack(body, "--seed", "7", "--count", "1")
         self.assertIn(one[1], all_of_them)
 
+    def test_the_folder_of_a_wrong_try_is_kept(self):
+        with tempfile.TemporaryDirectory(prefix="isonest-test-") as folder:
+            code, _, err = self.attack("(one.folder / 'seed').write_text(str(one.seed))\n"
+                                       "return attack.wrong('x') if one.seed % 3 == 0 else attack.SAME", "--count", "60", "--keep", folder)
+            self.assertEqual(code, 20, err)
+            for seed in range(3, 61, 3):
+                self.assertEqual((pathlib.Path(folder) / f"kind-{seed}" / "seed").read_text(), str(seed))
+
     def test_limits_end_the_program(self):
         code, rows, err = self.attack("""
             done = one.run("make-volume", "bucky", "--size", "65", "-o", one.folder / "b.h5", heap=8 << 20)

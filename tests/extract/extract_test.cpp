@@ -251,6 +251,42 @@ TEST_CASE("a box cuts the surface at its faces, and only there") {
     }
 }
 
+TEST_CASE(
+    "a surface in a face of the volume or the box is all there, where other faces cut cells") {
+    const auto area = [](const Mesh& mesh) {
+        double sum = 0;
+        for (const auto& t : mesh.triangles) {
+            Double3 p{};
+            Double3 q{};
+            for (std::size_t i = 0; i < 3; ++i) {
+                p[i] = mesh.vertices[t[1]][i] - mesh.vertices[t[0]][i];
+                q[i] = mesh.vertices[t[2]][i] - mesh.vertices[t[0]][i];
+            }
+            sum += std::hypot(p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2],
+                              p[0] * q[1] - p[1] * q[0]) /
+                   2;
+        }
+        return sum;
+    };
+    const Int3 n{8, 7, 6};
+    const std::array<double, 3> expected{30, 35, 42};
+    for (int axis = 0; axis < 3; ++axis) {
+        for (const std::int64_t at : {std::int64_t{0}, n[axis] - 1}) {
+            CAPTURE(axis, at);
+            FunctionVolume<std::uint8_t> volume(
+                n, [&](const Int3& p) { return static_cast<std::uint8_t>(p[axis] == at ? 1 : 0); });
+            const Result r = surface(volume, 1, 0.1);
+            CHECK(area(r.mesh) == Approx(expected.at(static_cast<std::size_t>(axis))));
+            CHECK(check_mesh(r.mesh, {0, 0, 0}, {7, 6, 5}).split_vertices == 0);
+        }
+    }
+    // The sheet z = 3 faces the cells above it.
+    FunctionVolume<std::uint8_t> step(
+        n, [](const Int3& p) { return static_cast<std::uint8_t>(p.z <= 3 ? 1 : 0); });
+    CHECK(area(surface(step, 1, 0, 8, WorldBox{{0.5, 1, 3}, {4.25, 4, 5}}).mesh) == Approx(11.25));
+    CHECK(surface(step, 1, 0, 8, WorldBox{{0.5, 1, 0}, {4.25, 4, 3}}).mesh.triangles.empty());
+}
+
 TEST_CASE("flat, constant, missing and outside: an empty mesh, no failure") {
     FunctionVolume<float> one({1, 1, 1}, [](const Int3&) { return 1.0F; });
     FunctionVolume<float> thin({1, 1, 100}, [](const Int3& p) { return static_cast<float>(p.z); });

@@ -118,6 +118,25 @@ TEST_CASE("isolines of integers pass through nodes without gaps") {
     }
 }
 
+TEST_CASE("an isoline along the border is all there, where another border cuts cells") {
+    for (const int axis : {0, 1}) {
+        for (const std::int64_t at : {std::int64_t{0}, std::int64_t{6}}) {
+            CAPTURE(axis, at);
+            FunctionVolume<std::uint8_t> volume({7, 7, 1}, [&](const Int3& p) {
+                return static_cast<std::uint8_t>(p[axis] == at ? 1 : 0);
+            });
+            const Lines lines = isolines(volume, 1, 0.1);
+            double length = 0;
+            for (const auto& s : lines.segments) {
+                const Double3& p = lines.points[s[0]];
+                const Double3& q = lines.points[s[1]];
+                length += std::hypot(p[0] - q[0], p[1] - q[1]);
+            }
+            CHECK(length == Approx(6));
+        }
+    }
+}
+
 TEST_CASE("isolines are cut at a box") {
     FunctionVolume<double> volume({33, 33, 1}, [](const Int3& p) {
         return static_cast<double>(p.x) + 0.01 * static_cast<double>(p.y);

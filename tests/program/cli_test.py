@@ -179,6 +179,17 @@ class Cli(unittest.TestCase):
             with self.subTest(arguments=arguments):
                 self.fails(2, *arguments)
 
+    def test_a_field_of_cells_is_no_volume(self):
+        store = self.here / "cells.isonest"
+        (self.here / "cells.raw").write_bytes(bytes(range(243)) * 3)
+        self.ok("preprocess", self.here / "cells.raw", "--dims", "9,9,9", "--type", "uint8", "--indicators", "linf_bar,hex_linf,hex_deviation",
+                "-o", store)
+        for field in ("hex_linf", "hex_deviation"):
+            for level in ("0", "2"):
+                self.assertIn("for each cell", self.fails(2, "export", store, "--field", field, "--level", level, "-o", self.here / "cells.npy"))
+        self.assertFalse((self.here / "cells.npy").exists())
+        self.ok("export", store, "--field", "linf_bar", "-o", self.here / "cells.npy")
+
     def test_indicators_are_chosen_by_name_and_in_sets(self):
         measures = ["linf", "deviation", "l1", "l2", "grad_linf", "grad_l1", "grad_l2", "grad_edge", "normal", "normal_edge",
                     "normal_turn", "normal_component"]
@@ -552,6 +563,18 @@ class Cli(unittest.TestCase):
         for file in self.here.glob("v.*"):
             file.unlink()
         (self.here / "p.png").unlink()
+
+    def test_hostile_meshes_take_little_memory(self):
+        mesh = self.here / "h.glb"
+        for text, words in ((b"[" * 3000000, "64 levels"), (b'{"a":[' + b"0," * 2000000 + b"0]}", "1000000 values")):
+            mesh.write_bytes(b"glTF" + struct.pack("<III", 2, len(text) + 20, len(text)) + b"JSON" + text)
+            self.assertIn(words, self.fails(4, "picture", "h.glb", "-o", "p.png"))
+        mesh.unlink()
+        mesh = self.here / "h.obj"
+        for face in (b"c" * (8 << 20), b"f " + b"1 " * (4 << 20)):
+            mesh.write_bytes(b"v 0 0 0\n" * 3 + face + b"\n")
+            self.assertIn("line 4 has more than 1048576", self.fails(4, "picture", "h.obj", "-o", "p.png"))
+        mesh.unlink()
 
     def test_help_is_80_columns_wide(self):
         for command in ("", *COMMANDS, "slice", "study", "smooth"):

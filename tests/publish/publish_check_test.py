@@ -139,6 +139,16 @@ class Store(unittest.TestCase):
                 self.assertNotIn("s3cret", text + errors)
 
 
+    def test_a_server_does_not_write_to_the_terminal(self):
+        hostile = "ETag, \x1b]0;renamed\x07\x9b31m\xe2\x80\xae\xc3\xa9\x7f"  # bytes of Latin-1
+        with self.server({**SHARED, "Access-Control-Expose-Headers": hostile}) as server:
+            done = subprocess.run([ISONEST, "publish", "--check", server.url("s.isonest")], capture_output=True, timeout=120)
+            self.assertEqual(done.returncode, 0)
+            shown = done.stdout.decode()
+            self.assertIn("ETag, \\x1b]0;renamed\\x07\\x9b31m\\xe2\\x80\\xae\u00e9\\x7f", shown)
+            self.assertTrue(all(c == "\n" or c.isprintable() for c in shown), shown)
+
+
 class Site(unittest.TestCase):
     """A page with the list of its stores, as far as a server is looked at."""
 
@@ -179,6 +189,12 @@ class Site(unittest.TestCase):
                 lines = {one["server"]: one["lines"] for one in report["lines"]}
                 self.assertIn("application/wasm", lines["nginx"])
                 self.assertIn("AddType text/javascript", lines["Apache"])
+                for named in ("\x1b]0;renamed\x07.isonest", "https://\x1b[31m/s.isonest", "http://127.0.0.1:1/\x1b[31m"):
+                    (folder / "site" / "site.json").write_text(json.dumps({"isonest_site": 1, "stores": [{"url": named}]}))
+                    done = subprocess.run([ISONEST, "publish", "--check", page], capture_output=True, text=True, timeout=120)
+                    self.assertNotEqual(done.returncode, 0)
+                    self.assertNotIn("\x1b", done.stdout + done.stderr, named)
+                (folder / "site" / "site.json").write_text(json.dumps({"isonest_site": 1, "stores": [{"url": "s.isonest"}]}))
                 (folder / "site" / "isonest.wasm").unlink()
                 self.assertEqual(check(page)[2], {"missing", "script_type"})
 

@@ -111,6 +111,13 @@ class Publish(unittest.TestCase):
         for wrong in ("https://me:secret@example.org/s", "https://example.org/s?X-Amz-Signature=secret", "s", "file:///s"):
             text = run("publish", self.store, "-o", self.site, "--force", "--link", wrong, code=2)
             self.assertNotIn("secret", text.replace("--link", "").replace("a password or", ""))
+        for name in ("token", "access_token", "%74oken", "X-Access-Token", "key", "api_key", "apiKey", "sig", "password", "client_secret", "jwt", "auth", "code"):
+            link = f"https://example.org/s.isonest?a=1&{name}=hidden123"
+            text = run("publish", self.store, "-o", self.site, "--force", "--link", link, code=2)
+            self.assertNotIn("hidden123", text)
+            self.assertIn("everybody could read it", text)
+        for query in ("version=3", "key=data/s.isonest", "key=s.isonest", "token=", "response-content-type=x", "keys=7", "tokens=1"):
+            run("publish", self.store, "-o", self.site, "--force", "--link", f"https://example.org/s?{query}")
         run("publish", self.store, self.other, "-o", self.site, "--force", "--link", "https://example.org/s.isonest", code=2)
         run("publish", self.store, "-o", self.site, "--force", "--link", "https://example.org/s", "--hard-link", code=2)
 

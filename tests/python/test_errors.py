@@ -333,3 +333,9 @@ def test_the_store_is_that_of_the_program(tmp_path, noise):
                     tmp_path / "a"], check=True, capture_output=True)
     isonest.preprocess(noise, tmp_path / "b")
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_a_temporary_folder_that_is_not_there_is_an_error_of_the_package(store, monkeypatch):
+    monkeypatch.setenv("TMPDIR", "/nowhere")
+    with pytest.raises(isonest.InputOutputError, match="/nowhere.*TMPDIR"):
+        store.isosurface(0.5, distance="0.5voxel")

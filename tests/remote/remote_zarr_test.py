@@ -351,7 +351,7 @@ class Faults(Case):
     def test_what_passes_is_tried_again(self):
         for name in ("v.zarr", "s.zarr"):
             preprocess(FOLDER / name, "local.isonest")
-            for fault in ("status:500", "status:503:1", "status:429:0", "broken", "short", "reset", "garbage", "page",
+            for fault in ("status:500", "status:503:1", "status:429:0", "broken", "short", "reset", "half_head", "garbage", "page",
                           "gzip", "no_etag", "chunked", "less"):
                 with self.subTest(name=name, fault=fault), RangeServer(
                         FOLDER, fault_of=self.only(fault, ("/c/0/1/1", "/c/0/0/0", "zarr.json"), 1)) as server:

@@ -166,6 +166,15 @@ class Reading(unittest.TestCase):
             client.do("close")
             self.assertLess(time.monotonic() - start, 8)
 
+    def test_ctrl_c_while_the_end_waits_for_the_cache(self):
+        with RangeServer(FOLDER) as server, Client() as client:
+            client.open(server.url("a.bin"), cache=True, keep_ms=1000)
+            client.read(*([i * 100_000, 9_000] for i in range(20)))  # 20 s to keep
+            client.do("cancel", after_ms=500)
+            start = time.monotonic()
+            client.do("close")
+            self.assertLess(time.monotonic() - start, 8)
+
     def test_what_is_forgotten_is_fetched_again_and_not_taken_from_the_cache(self):
         faults = iter(["wrong_bytes"])
         with RangeServer(FOLDER, fault_of=lambda number, *_: next(faults, None) if number == 2 else None) as server, \

@@ -46,6 +46,9 @@ class Faults(unittest.TestCase):
                     ("short", "io", "connection broke", "try_later"),
                     ("broken", "io", "connection broke", "try_later"),
                     ("reset", "io", "connection broke", "try_later"),
+                    ("half_head", "io", "connection broke: it ended within the head", "try_later"),
+                    ("large_head", "io", "the head of the server's answer is too large", "check_url"),
+                    ("long_line", "io", "the head of the server's answer is too large", "check_url"),
                     ("garbage", "io", "is no HTTP", "check_url"),
                     ("short_length", "io", "contradicts itself", "serve_ranges"),
                     ("gzip", "io", "encoding", "serve_ranges"),
@@ -111,7 +114,7 @@ class Faults(unittest.TestCase):
             self.assertEqual(server.requests, 2)
 
     def test_what_passes_is_asked_for_again(self):
-        for fault in ("short", "broken", "reset", "garbage", "silent", "status:500", "status:503:1", "status:429",
+        for fault in ("short", "broken", "reset", "half_head", "large_head", "long_line", "garbage", "silent", "status:500", "status:503:1", "status:429",
                       "whole", "range_missing", "range_shifted", "gzip", "no_etag", "less", "chunked", "long"):
             with self.subTest(fault), RangeServer(FOLDER, fault_of=from_second(fault, 1)) as server, \
                     Client() as client:
@@ -192,7 +195,7 @@ class Faults(unittest.TestCase):
 class RandomFaults(unittest.TestCase):
     """No wrong byte, no hang, no leak."""
     KINDS = ("whole", "range_wrong", "range_shifted", "range_missing", "range_damaged", "size", "short", "short_length",
-             "long", "chunked", "broken", "less", "gzip", "no_etag", "etag", "reset", "garbage", "silent", "slow",
+             "long", "chunked", "broken", "less", "gzip", "no_etag", "etag", "reset", "half_head", "garbage", "silent", "slow",
              "status:403", "status:404", "status:429", "status:429:1", "status:500", "status:503", "status:503:9",
              "status:504", "status:412", "status:416", "redirect:/a.bin", "redirect:/b.bin", "redirect:nowhere")
 

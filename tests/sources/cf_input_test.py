@@ -7,6 +7,7 @@ import itertools
 import json
 import os
 import pathlib
+import struct
 import sys
 import unittest
 
@@ -260,6 +261,21 @@ class Cf(Input):
             for t, c in itertools.product(range(3), range(2)):
                 np.testing.assert_array_equal(self.values("--index", f"t={t},c={c}"), data[t, c])
             np.testing.assert_array_equal(self.values("--index", "1,:,:,3,:"), data[1, :, :, 3])
+
+    def test_a_netcdf_3_header_that_would_take_much_memory(self):
+        self.write(numbers((3, 4, 5), "i2"), "i2", FORMATS[2])
+        whole = self.path.read_bytes()
+        nothing = bytes(8)  # where the dataset's own attributes would be listed
+        at = whole.index(nothing, 12)
+        for count, code in ((300000, 4), (1000, 0)):
+            attributes = struct.pack(">ii", 12, count) + struct.pack(">iii", 0, 1, 0) * count
+            data = bytearray(whole[:at] + attributes + whole[at + 8:])
+            begin = data.rindex(whole[-120:]) - 4  # the last number of the header: where the values begin
+            struct.pack_into(">i", data, begin, begin + 4)
+            self.path.write_bytes(data)
+            done = self.preprocess("--memory", "64M")
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertIn("more than 200000 dimensions" if code else "", done.stderr)
 
     def test_damaged_netcdf_3(self):
         for fmt in FORMATS[2:]:

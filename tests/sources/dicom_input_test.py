@@ -6,6 +6,7 @@ usage: dicom_input_test.py ISONEST PLUGIN_FOLDER
 import pathlib
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import unittest
@@ -142,6 +143,25 @@ class Dicom(DamagedFiles, Module, Input):
         done = self.reads((self.data * (0.5 + scale) - scale).astype("f4"))
         self.assertIn("scaling of its own", done.stdout + done.stderr)
 
+    def test_scalings_that_differ_are_kept_in_the_precision_that_numbers_need(self):
+        data = RANDOM.integers(0, 2**32, (3, 4, 5)).astype("u4")
+        for z, plane in enumerate(data):
+            self.image(plane, f"{z}.dcm", position=(0, 0, z), RescaleSlope=text(0.5 + z))
+        scale = np.arange(3).reshape(-1, 1, 1)
+        self.reads(data * (0.5 + scale))
+        for kind, tag, vr in (("f4", 0x7FE00008, "OF"), ("f8", 0x7FE00009, "OD")):
+            with self.subTest(kind=kind):
+                data = RANDOM.normal(size=(3, 4, 5)).astype(kind)
+                for z, plane in enumerate(data):
+                    d = self.image(plane, f"{z}.dcm", position=(0, 0, z), RescaleSlope=text(0.5 + z), PixelData=None)
+                    d.add_new(tag, vr, plane.tobytes())
+                    d.save_as(self.path / f"{z}.dcm", write_like_original=False)
+                self.reads((data.astype("f8") * (0.5 + scale)).astype(kind))
+        self.image(self.data[0, :4, :5], "1.dcm", position=(0, 0, 1), RescaleSlope="0")
+        for z in (0, 2):
+            self.image(self.data[z, :4, :5], f"{z}.dcm", position=(0, 0, z))
+        self.refuses(4, "1.dcm", "RescaleSlope")
+
     def test_turned_slices_lie_where_their_headers_say(self):
         turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
         turn *= np.linalg.det(turn)
@@ -215,6 +235,10 @@ class Dicom(DamagedFiles, Module, Input):
         for t in range(3):
             self.reads(series[t], "--index", f"t={t}")
         self.refuses(5, "crop", options=("--index", "1,2,:,:"))
+        # Those of one time lie elsewhere in their planes: tiles, or a patient who moved.
+        for z in range(4):
+            self.image(series[1, z], f"{3 * z + 1}.dcm", position=(1, 0, z), InstanceNumber=4 + z)
+        self.refuses(5, "lies 1 beside", "in the same plane", options=("--index", "t=1"))
 
     def test_without_positions_images_are_sorted_by_their_numbers(self):
         for z, plane in enumerate(self.data):
@@ -232,10 +256,35 @@ class Dicom(DamagedFiles, Module, Input):
         self.image(self.data, "all.dcm", position=(1, 2, 3), SpacingBetweenSlices=text(4))
         self.reads(self.data)
         self.lies([1, 2, 3], [0.25, 0.5, 4])
+        # Frames in front of the first one.
+        self.image(self.data, "all.dcm", position=(1, 2, 3), SpacingBetweenSlices=text(-4))
+        self.reads(self.data[::-1])
+        self.lies([1, 2, 3 - 5 * 4], [0.25, 0.5, 4])
         self.image(self.data, "all.dcm", position=(1, 2, 3), GridFrameOffsetVector=[text(3 * z) for z in range(6)],
                    DoseGridScaling=text(0.001))
         self.reads((self.data * 0.001).astype("f4"))
         self.lies([1, 2, 3], [0.25, 0.5, 3])
+
+    def test_reconstructions_of_nuclear_medicine(self):
+        """Their place is their detector's, and frames that have the same slice number are gates."""
+        detector = Dataset()
+        detector.ImagePositionPatient, detector.ImageOrientationPatient = ["1", "2", "3"], [1, 0, 0, 0, 1, 0]
+        other = Dataset()
+        other.ImagePositionPatient, other.ImageOrientationPatient = ["9", "9", "9"], [0, 1, 0, 0, 0, 1]
+        for implicit in (False, True):
+            syntax = ImplicitVRLittleEndian if implicit else ExplicitVRLittleEndian
+            nuclear = {"DetectorInformationSequence": Sequence([detector, other]), "syntax": syntax, "position": None}
+            self.image(self.data, "all.dcm", SpacingBetweenSlices=text(-4), **nuclear)
+            self.reads(self.data[::-1])
+            self.lies([1, 2, 3 - 5 * 4], [0.25, 0.5, 4])
+            self.image(self.data, "all.dcm", SpacingBetweenSlices=text(4), SliceVector=[1, 2, 3, 1, 2, 3], **nuclear)
+            self.refuses(5, "t 2, z 3", "--index")
+            self.reads(self.data[3:], "--index", "t=1")
+            self.lies([1, 2, 3], [0.25, 0.5, 4])
+        # Projections have no spacing between slices.
+        self.image(self.data, "all.dcm", **nuclear)
+        done = self.reads(self.data)
+        self.assertIn("do not say where they lie", done.stdout + done.stderr)
 
     def enhanced(self, implicit=False, order=None, undefined=False):
         groups = []
@@ -294,6 +343,14 @@ class Dicom(DamagedFiles, Module, Input):
                     syntax = pydicom.dcmread(self.path / "im0.dcm").file_meta.TransferSyntaxUID
                     self.assertTrue(syntax.is_compressed, syntax)
                     self.reads(data.astype(kind))
+        # Eight bits in sixteen: streams of sixteen.
+        for way in ("--jpeg", "--jpegls", "--j2k", "--rle"):
+            with self.subTest(way=way, bits="8 of 16"):
+                self.clear()
+                data = np.stack([smooth % 256 + z for z in range(2)]) % 256
+                self.stack(data, BitsStored=8, HighBit=7)
+                self.packed(way)
+                self.reads(data)
         # Several frames in one file.
         for way in ("--jpeg", "--jpegls", "--j2k", "--rle"):
             with self.subTest(way=way, frames=4):
@@ -386,6 +443,18 @@ class Dicom(DamagedFiles, Module, Input):
         done = self.reads(self.data[:1])
         self.assertIn("MONOCHROME1", done.stdout + done.stderr)
         self.assertIn("stored as 3", done.stdout + done.stderr)
+
+    def test_frames_that_would_take_much_memory(self):
+        count = 200000
+        self.image(np.zeros((count, 1, 1), "u1"), "all.dcm", position=None)
+        whole = (self.path / "all.dcm").read_bytes()
+        self.path = self.path / "all.dcm"
+        self.refuses(7, "200000 slices takes more than", "--memory", options=("--memory", "64M"))
+        sequence = (struct.pack("<HH2sHI", 0x5200, 0x9230, b"SQ", 0, 0xFFFFFFFF) + struct.pack("<HHI", 0xFFFE, 0xE000, 0) * count
+                    + struct.pack("<HHI", 0xFFFE, 0xE0DD, 0))
+        at = whole.index(struct.pack("<HH2s", 0x7FE0, 0x0010, b"OB"))
+        self.path.write_bytes(whole[:at] + sequence + whole[at:])
+        self.refuses(7, "PerFrameFunctionalGroupsSequence", "--memory", options=("--memory", "64M"))
 
     def test_damaged_files(self):
         self.enhanced()

@@ -103,7 +103,9 @@ class Direction(Input):
 
     def test_meshes_are_the_turned_ones(self):
         for seed, options in itertools.product((1, 2), ((), ("--error", "0.3"), ("--distance", "0.5"), ("--cells", "hex"),
-                                                        ("--triangles", "300"), ("--close",))):
+                                                        ("--triangles", "300"), ("--close",),
+                                                        ("--triangles", "600", "--by", "error"),
+                                                        ("--triangles", "600", "--by", "error", "--simplify"))):
             with self.subTest(seed=seed, options=options):
                 matrix = rotation(seed)
                 self.stores(matrix)

@@ -6,6 +6,7 @@ usage: header_formats_test.py ISONEST PLUGIN_FOLDER
 import gzip
 import itertools
 import pathlib
+import struct
 import subprocess
 import sys
 import unittest
@@ -87,6 +88,17 @@ class Nifti(DamagedFiles, Input):
         nibabel.save(image, self.path)
         self.reads(data.T)
         self.lies([0, 0, 0], [2, 0.5, 3])
+
+    def test_a_packed_image_whose_z_runs_backward_keeps_its_place(self):
+        """A stream is read from its front: z stays as it runs, and x is turned around, so that axes are right-handed."""
+        data = numbers((7, 6, 5))
+        for x, y, name in itertools.product((2, -2), (0.5, -0.5), ("v.nii.gz", "v.img.gz")):
+            with self.subTest(x=x, y=y, name=name):
+                self.save(data, np.array([[x, 0, 0, 10], [0, y, 0, 20], [0, 0, -3, 30], [0, 0, 0, 1.]]), name,
+                          nibabel.Nifti1Pair if "img" in name else nibabel.Nifti1Image)
+                self.reads(np.ascontiguousarray((data[::-1] if x > 0 else data)[:, ::-1 if y < 0 else 1].T))
+                self.lies([10 + max(x, 0) * 6, 20 + min(y, 0) * 5, 30], [2, 0.5, 3])
+                self.assertEqual(self.directions(), [[-1, 0, 0], [0, 1, 0], [0, 0, -1]])
 
     def test_slope_and_intercept(self):
         for kind, slope, intercept, made in (("u2", 2, -1024, "i4"), ("i2", 0.5, 3, "f4"), ("i4", 0.1, 0, "f8"),
@@ -185,6 +197,14 @@ class MetaImage(DamagedFiles, Input):
         self.text("HeaderSize = 6", file="other.raw")
         self.reads(data)
 
+    def test_intensities_are_not_computed_and_that_is_said(self):
+        data = numbers((5, 6, 7))
+        for lines, said in ((("ElementToIntensityFunctionSlope = 2", "ElementToIntensityFunctionOffset = 100"), True),
+                            (("ElementToIntensityFunctionSlope = 1.0", "ElementToIntensityFunctionOffset = 0"), False)):
+            self.text(*lines, data=data)
+            done = self.reads(data)
+            self.assertEqual("ElementToIntensityFunction" in done.stdout + done.stderr, said)
+
     def test_channels_are_chosen(self):
         data = numbers((5, 6, 7, 2))
         for compress in (False, True):
@@ -211,6 +231,16 @@ class MetaImage(DamagedFiles, Input):
         self.damaged(self.path.read_bytes())
         self.save(numbers((5, 6, 7)), "v.mha", True)
         self.damaged(self.path.read_bytes())
+
+    def test_what_a_message_quotes_does_not_reach_the_terminal_as_it_is(self):
+        self.save(numbers((5, 6, 7)), "v.mha", False)
+        whole = self.path.read_bytes()
+        for hostile, shown in ((b"\x1b[2J", r"\x1b"), (b"\x07", r"\x07"), (b"\x7f", r"\x7f"), (b"\xc2\x9b2J", r"\x9b")):
+            self.path.write_bytes(whole.replace(b"MET_SHORT", b"MET_" + hostile))
+            done = self.preprocess()
+            self.assertEqual(done.returncode, 5, done.stderr)
+            self.assertIn(shown, done.stderr)
+            self.assertNotRegex(done.stderr, "[\0-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 class Mrc(DamagedFiles, Input):
@@ -304,6 +334,23 @@ class NumPyFiles(DamagedFiles, Input):
                 data = numbers((5, 6, 7), "u1") > 100 if kind == "b1" else numbers((5, 6, 7), kind)
                 np.save(self.path, np.asarray(data, dtype=data.dtype.newbyteorder(ends), order=order))
                 self.reads(is_read_as(data.astype("u1") if kind == "b1" else data))
+
+    def test_headers_that_other_programs_write(self):
+        data = numbers((3, 1, 14))
+
+        def write(text, pack=bytes):
+            head = b"\x93NUMPY\2\0" + struct.pack("<I", len(text)) + text.encode()
+            self.path.write_bytes(pack(head + data.tobytes("F" if "True" in text else "C")))
+        for text in ("{'descr': '<i2', 'fortran_order': False, 'shape': (3, 1, 14), }\n",
+                     '{"shape":(3,1,14),"descr":"<i2","fortran_order":True}', "{'shape': ( 3L , 1L, 14L\t) ,\n'descr' : '<i2' , 'fortran_order': True }\n"):
+            with self.subTest(text=text):
+                write(text)
+                np.testing.assert_array_equal(np.load(self.path), data)
+                self.reads(data)
+        write("{'descr': '<i2', 'fortran_order': False, 'shape': (3, 1, 14), }" + " " * 5000 + "\n", gzip.compress)
+        self.reads(data)
+        write("{'descr': '<i2', 'fortran_order': maybe, 'shape': (3, 1, 14), }")
+        self.refuses(4, "fortran_order")
 
     def test_arrays_of_one_to_six_axes(self):
         for shape, index, part in (((9,), (), ...), ((5, 6), (), ...), ((1, 5, 6, 1), (), (0, slice(None), slice(None), 0)),

@@ -148,6 +148,136 @@ class Tiff(DamagedFiles, Input):
         self.reads(data)
         self.lies([0, 0, 0], [1, 1, 2])
 
+    def test_images_behind_one_page(self):
+        data = numbers((5, 7, 9, 3), "u1")
+        path = self.path
+        for stack, options in ((data[..., 0].astype("i2"), {}), (data, {"photometric": "rgb"})):
+            for order in "<>":
+                tifffile.imwrite(path, stack, truncate=True, byteorder=order, **{"photometric": "minisblack", **options})
+                with tifffile.TiffFile(path) as file:
+                    self.assertEqual(len(file.pages), 1)
+                np.testing.assert_array_equal(tifffile.imread(path), stack)
+                if stack.ndim == 3:
+                    self.reads(stack)
+                else:
+                    self.refuses(5, "c 3")
+                    self.reads(np.ascontiguousarray(stack[..., 1]), "--index", "c=1")
+        # ImageJ's colours of more than 4 GiB.
+        tifffile.imwrite(path, data[0], photometric="rgb", description="ImageJ=1.53t\nimages=5\nslices=5\n", metadata=None)
+        with tifffile.TiffFile(path) as file:
+            offset = file.pages[0].dataoffsets[0]
+        path.write_bytes(path.read_bytes()[:offset] + data.tobytes())
+        self.reads(np.ascontiguousarray(data[..., 2]), "--index", "c=2")
+        tifffile.imwrite(path, data[0, ..., 0], tile=(16, 16), photometric="minisblack", metadata=None,
+                         description='{"shape": [5, 7, 9], "truncated": true}')
+        self.refuses(5, "one page for 5 images")
+
+    def test_stacks_of_metamorph(self):
+        data = numbers((5, 7, 9), "u2")
+        for compression in (None, "zlib"):
+            # A rational number and, behind them, four times and dates, of each plane.
+            uic2 = (33629, 5, 5, (2, 1) * 5, True)
+            tifffile.imwrite(self.path, data[0], photometric="minisblack", byteorder="<", metadata=None, compression=compression,
+                             extratags=[uic2])
+            with tifffile.TiffFile(self.path) as file:
+                offset = file.pages[0].dataoffsets[0]
+            if compression:
+                self.refuses(5, "one page for 5 images")
+                continue
+            self.assertEqual(len(self.path.read_bytes()), offset + data[0].nbytes)
+            self.path.write_bytes(self.path.read_bytes()[:offset] + data.tobytes())
+            self.reads(data)
+
+    def test_what_is_no_plane_of_numbers_is_refused(self):
+        for kind in ("c8", "c16"):
+            tifffile.imwrite(self.path, np.zeros((3, 4, 5), kind), photometric="minisblack")
+            self.refuses(5, "complex")
+        for tile in (None, (16, 16, 16)):
+            tifffile.imwrite(self.path, numbers((20, 7, 9)), volumetric=True, tile=tile, photometric="minisblack")
+            self.refuses(5, "planes in one page")
+
+    def ome_file(self, planes, attributes="", elements="<TiffData/>", text=None, name="a.ome.tif", front="", uuid="urn:uuid:1", **options):
+        """Pages as they come, and a description of T 2, Z 3 and C 2 of them."""
+        n, height, width = planes.shape[:3]
+        text = text or (f'<?xml version="1.0" encoding="UTF-8"?><{front}OME xmlns:ome="http://www.openmicroscopy.org/Schemas/OME/2016-06" '
+                        f'UUID="{uuid}"><{front}Image ID="Image:0"><{front}Pixels ID="Pixels:0" DimensionOrder="XYCZT" Type="uint16" '
+                        f'SizeX="{width}" SizeY="{height}" SizeZ="3" SizeC="2" SizeT="2" {attributes}>{elements}'
+                        f'</{front}Pixels></{front}Image></{front}OME>')
+        self.path = self.here / name
+        with tifffile.TiffWriter(self.path) as file:
+            for i, plane in enumerate(planes):
+                file.write(plane, description=text.encode() if i == 0 else None, metadata=None, contiguous=False,
+                           **{"photometric": "minisblack", **options})
+        return self.path
+
+    def test_where_ome_says_that_planes_are(self):
+        data = numbers((2, 3, 2, 7, 9), "u2")  # t z c y x
+        planes = data.reshape(12, 7, 9)
+        at = [int(i) for i in RANDOM.permutation(12)]
+
+        def element(directory, plane, inside=""):
+            t, z, c = np.unravel_index(plane, (2, 3, 2))
+            return f'<TiffData IFD="{directory}" FirstT="{t}" FirstZ="{z}" FirstC="{c}">{inside}</TiffData>'
+        each = [element(i, plane) for i, plane in enumerate(at)]
+        self.ome_file(planes[at], elements="".join(each))
+        self.reads(np.ascontiguousarray(data[1, :, 0]), "--index", "t=1,c=0")
+        self.reads(np.ascontiguousarray(data[0, :, 1]), "--index", "t=0,c=1")
+        blocks = '<TiffData IFD="6" PlaneCount="6"/><TiffData FirstT="1" IFD="0" PlaneCount="6"/>'
+        self.ome_file(np.roll(planes, 6, 0), elements=blocks)
+        self.reads(np.ascontiguousarray(data[1, :, 0]), "--index", "t=1,c=0")
+        for elements in ("<TiffData/>", "", '<TiffData IFD="0" PlaneCount="12"/>', '<TiffData FirstZ="0"/>'):
+            self.ome_file(planes, elements=elements)
+            self.reads(np.ascontiguousarray(data[1, :, 0]), "--index", "t=1,c=0")
+        # A file that was renamed.
+        self.ome_file(planes[at], elements="".join(
+            element(i, plane, '<UUID FileName="other.ome.tif">urn:uuid:2</UUID>') for i, plane in enumerate(at)))
+        self.reads(np.ascontiguousarray(data[1, :, 0]), "--index", "t=1,c=0")
+        for code, elements, word in ((5, each[1:], "does not say"), (4, [*each[1:], element(12, at[0])], "directory 12"),
+                                     (4, [*each, '<TiffData FirstZ="3"/>'], "FirstZ 3")):
+            self.ome_file(planes[at], elements="".join(elements))
+            self.refuses(code, word, options=("--index", "t=1,c=0"))
+
+    def test_a_set_of_files_by_ome(self):
+        data = numbers((2, 3, 2, 7, 9), "u2")
+        # Each file has one time, the later one first.
+        elements = "".join(f'<TiffData FirstT="{t}" FirstZ="{z}" FirstC="{c}" IFD="{z * 2 + c}"><UUID FileName="{1 - t}.ome.tif">'
+                           f'urn:uuid:{1 - t}</UUID></TiffData>' for t, z, c in np.ndindex(2, 3, 2))
+        files = [self.ome_file(data[1 - i].reshape(6, 7, 9), elements=elements, name=f"{i}.ome.tif", uuid=f"urn:uuid:{i}") for i in range(2)]
+        self.refuses(5, "a set of several files", options=("--index", "t=1,c=0"))
+        folder = self.here / "set"
+        folder.mkdir()
+        for file in files:
+            file.rename(folder / file.name)
+        self.path = folder
+        self.reads(np.ascontiguousarray(data[1, :, 0]), "--index", "t=1,c=0")
+        self.reads(np.ascontiguousarray(data[0, :, 1]), "--index", "t=0,c=1")
+        (folder / "1.ome.tif").rename(folder / "2.ome.tif")
+        self.refuses(5, "'1.ome.tif'", options=("--index", "t=1,c=0"))
+
+    def test_ome_in_any_spelling_of_xml(self):
+        data = numbers((2, 3, 2, 7, 9), "u2")
+        planes = data.reshape(12, 7, 9)
+        for attributes, front in (("PhysicalSizeX='0.5' PhysicalSizeXUnit='nm' PhysicalSizeY=\"0.25\"\n\tPhysicalSizeYUnit = \"nm\" "
+                                   "PhysicalSizeZ='2' PhysicalSizeZUnit='&#110;m'", ""),
+                                  ('PhysicalSizeX="0.5" PhysicalSizeY="0.25" PhysicalSizeZ="2000" PhysicalSizeXUnit="&#181;m" '
+                                   'PhysicalSizeYUnit="&#xB5;m" PhysicalSizeZUnit="nm"', "ome:")):
+            with self.subTest(attributes=attributes):
+                self.ome_file(planes, attributes, front=front,
+                              elements='<!-- <Pixels SizeZ="9"> --><Channel Name="a > b &amp; \'c\'" ID="Channel:0:0"/><TiffData/>')
+                self.reads(np.ascontiguousarray(data[1, :, 0]), "--index", "t=1,c=0")
+                self.lies([0, 0, 0], [0.5, 0.25, 2])
+        self.ome_file(planes, 'PhysicalSizeX="0.5')
+        self.refuses(4, "OME-XML")
+        # An axis without a size has no unit.
+        self.ome_file(planes, 'PhysicalSizeX="0.5" PhysicalSizeY="0.5"')
+        done = self.reads(np.ascontiguousarray(data[1, :, 0]), "--index", "t=1,c=0")
+        self.assertIn("z: none", done.stdout + done.stderr)
+        # Channels are samples of a page; there are fewer pages than channels.
+        colours = numbers((1, 7, 9, 3), "u2")
+        self.ome_file(colours, text='<OME><Image><Pixels DimensionOrder="XYCZT" SizeX="9" SizeY="7" SizeC="3" SizeZ="1" SizeT="1"><TiffData/></Pixels>'
+                      '</Image></OME>', photometric="rgb")
+        self.reads(np.ascontiguousarray(colours[..., 2]), "--index", "c=2")
+
     def test_ome(self):
         data = numbers((2, 3, 5, 7, 9), "u2")
         tifffile.imwrite(self.path, data, ome=True, photometric="minisblack",

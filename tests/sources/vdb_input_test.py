@@ -91,6 +91,16 @@ class OpenVdb(DamagedFiles, Module, Input):
             self.path.write_bytes(whole[:cut])
             self.assertIn(self.preprocess("--memory", "256M").returncode, (4, 5, 7), cut)
 
+    def test_files_that_were_cut_short(self):
+        # OpenVDB itself reads some of these, with other values.
+        vdb.write(str(self.path), grids=[self.grid("a"), self.grid("density")])
+        whole = self.path.read_bytes()
+        self.reads(self.data, "--dataset", "density")
+        for cut in (1, 2, 5, 17, 60, 200, 900):
+            self.path.write_bytes(whole[:-cut])
+            for name in ("a", "density"):
+                self.refuses(4, "cut short", options=("--dataset", name))
+
 
 if __name__ == "__main__":
     unittest.main(argv=sys.argv[:1])

@@ -137,6 +137,19 @@ class Vti(DamagedFiles, Input):
             done = self.preprocess()
             self.assertIn(done.returncode, (2, 3, code), done.stderr)
 
+    def test_xml_that_would_take_much_memory(self):
+        self.save(image_of({"v": numbers((5, 6, 7))}), mode="ascii")
+        whole = self.path.read_bytes()
+        at = whole.index(b"<PointData")
+        for hostile, words in ((b"<a>" * 1000000, "more than 64 deep"), (b"<!--" + b"x" * (8 << 20) + b"-->", "more than 4 MiB"),
+                               (b"<a b='" + b"x" * (8 << 20) + b"'/>", "more than 4 MiB"), (b"<a>" * 60 + b"</a>" * 60, None),
+                               (b" " * (8 << 20), None)):
+            self.path.write_bytes(whole[:at] + hostile + whole[at:])
+            if words:
+                self.refuses(4, words)
+            else:
+                self.assertEqual(self.preprocess().returncode, 0)
+
     def test_damaged_files(self):
         image = image_of({"v": numbers((5, 6, 7))})
         for options in ({}, {"compressed": False}, {"mode": "binary"}, {"mode": "ascii"}, {"encoded": True}):
@@ -229,6 +242,17 @@ class Legacy(DamagedFiles, Input):
         whole = self.path.read_bytes()
         self.path.write_bytes(whole.replace(b"\nw 1 210 short", b"\nw 1 209 short"))
         self.refuses(4, "209", options=("--dataset", "w"))
+
+    def test_arrays_of_another_length_than_the_image_are_refused(self):
+        for fields, code in ((b"FIELD f 1\nv 1 24 char\n", 0), (b"FIELD f 1\nv 1 1 char\n", 4), (b"FIELD f 1\nv 1 25 char\n", 4)):
+            self.path.write_bytes(b"# vtk DataFile Version 3.0\nx\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 4 3 2\nPOINT_DATA 24\n"
+                                  + fields + bytes(range(30)))
+            done = self.preprocess()
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertIn("but there are [" if code else "", done.stderr)
+        self.path.write_bytes(b"# vtk DataFile Version 3.0\nx\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 4 3 2\nPOINT_DATA 25\n"
+                              b"SCALARS v char\nLOOKUP_TABLE default\n" + bytes(range(30)))
+        self.refuses(4, "it has 25 values")
 
     def test_text_of_colours_is_refused(self):
         self.save(image_of({"v": numbers((5, 6, 7), "u1")}), True)

@@ -65,6 +65,31 @@ class Zarr(Input):
             self.assertEqual(len([p for p in self.path.iterdir() if p.name[0].isdigit()]), 1)
             self.reads(is_read_as(data))
 
+    def test_half_floats_of_chunks_that_are_missing(self):
+        for fill in (1.5, -1.5, 6.103515625e-05, 5.9604644775390625e-08, 1000 / 1024 * 2**-14, 65504.0, -0.0, np.inf, -np.inf, np.nan):
+            with self.subTest(fill=fill):
+                data = np.full((13, 17, 19), fill, "f2")
+                data[:5, 8:16, 7:14] = numbers((5, 8, 7), "f2")
+                a = zarr.open(str(self.fresh()), mode="w", shape=data.shape, chunks=(5, 8, 7), dtype="f2", fill_value=fill)
+                a[:5, 8:16, 7:14] = data[:5, 8:16, 7:14]
+                self.reads(data.astype("f4"))
+        description = json.loads((self.path / ".zarray").read_text())
+        for fill in (0.1, 1 + 2**-11, 1 + 3 * 2**-11, 65519.0, 65520.0, 1e300, 2**-25, 3 * 2**-26, 2047.5 * 2**-10):
+            (self.path / ".zarray").write_text(json.dumps({**description, "fill_value": fill}))
+            with np.errstate(over="ignore"):
+                data[-1] = np.float16(fill)
+            self.assertTrue(np.array_equal(zarr.open(str(self.path))[-1], data[-1]))
+            self.reads(data[-1].astype("f4"), "--crop", ":,:,12:")
+
+    def test_several_checksums(self):
+        data = numbers((9, 10, 11))
+        for codecs in (("crc32c", "crc32c"), ("zstd", "crc32c", "crc32c"), ("crc32c", "gzip", "crc32c"), ("blosc", "crc32c", "crc32c", "crc32c")):
+            with self.subTest(codecs=codecs):
+                V3(self.fresh(), data, (4, 4, 8), codecs=codecs)
+                self.reads(data)
+        V3(self.fresh(), data, (4, 4, 8), codecs=("zstd", "gzip"))
+        self.refuses(5, "compressed twice")
+
     def test_version_3(self):
         data = numbers((13, 17, 19))
         data[:8, :8] = 0  # chunks that are not stored
@@ -146,6 +171,32 @@ class Zarr(Input):
             self.reads(data)
             self.reads(np.ascontiguousarray(data[::2, ::2, ::2]), "--dataset", "0/1")
             self.path = inside
+
+    def test_axes_of_ome_are_those_of_the_world_by_their_names(self):
+        for version, axes in itertools.product(("0.4", "0.5"), ("xyz", "cyzx", "zxy", "xy")):
+            sizes = {"c": 2, "x": 9, "y": 10, "z": 11}
+            self.fresh().mkdir()
+            data = numbers([sizes[a] for a in axes], "u2")
+            image = {"version": version, "axes": [{"name": a, "type": "channel" if a == "c" else "space"} for a in axes],
+                     "datasets": [{"path": "0", "coordinateTransformations": [
+                         {"type": "scale", "scale": [{"c": 1, "x": 0.25, "y": 0.5, "z": 2}[a] for a in axes]},
+                         {"type": "translation", "translation": [{"c": 0, "x": 10, "y": 20, "z": 30}[a] for a in axes]}]}]}
+            if version == "0.5":
+                V3(self.path / "0", data, (4,) * len(axes))
+                (self.path / "zarr.json").write_text(json.dumps(
+                    {"zarr_format": 3, "node_type": "group", "attributes": {"ome": {"version": version, "multiscales": [image]}}}))
+            else:
+                zarr.save_array(str(self.path / "0"), data, chunks=(4,) * len(axes))
+                (self.path / ".zgroup").write_text('{"zarr_format": 2}')
+                (self.path / ".zattrs").write_text(json.dumps({"multiscales": [image]}))
+            with self.subTest(version=version, axes=axes):
+                index = ("--index", "c=1") if "c" in axes else ()
+                data = data[1] if "c" in axes else data
+                names = axes.replace("c", "")
+                right = np.ascontiguousarray(data.transpose([names.index(a) for a in "zyx" if a in names]))
+                self.reads(right, *index)
+                self.lies([10, 20, 30 if "z" in axes else 0], [0.25, 0.5, 2 if "z" in axes else 1])
+                self.reads(np.ascontiguousarray(right[..., 2:5, 1:8]), *index, "--crop", "1:8,2:5,:" if "z" in axes else "1:8,2:5")
 
     def test_groups_of_arrays(self):
         data, other = numbers((5, 6, 7)), numbers((4, 5), "f4")
@@ -241,6 +292,15 @@ class Zarr(Input):
         for text in ("", "{", "[" * 1000, "null", "[]", '{"zarr_format": 2}'):
             (self.path / ".zarray").write_text(text)
             self.assertIn(self.preprocess().returncode, (2, 3, 4, 5), text)
+
+    def test_a_description_that_would_take_much_memory(self):
+        V3(self.fresh(), numbers((9, 10, 11)), (4, 4, 4))
+        whole = json.loads((self.path / "zarr.json").read_text())
+        for hostile, code in (([0] * 3000000, 5), ([{}] * 2000000, 5), ([0] * 300000, 0), ({str(i): i for i in range(300000)}, 0)):
+            (self.path / "zarr.json").write_text(json.dumps({**whole, "attributes": {"a": hostile}}, separators=(",", ":")))
+            done = self.preprocess("--memory", "64M")
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertIn("MiB of memory" if code else "", done.stderr)
 
     def test_damaged_files(self):
         for options in ({"codecs": ("zstd",)}, {"codecs": ("blosc",), "shards": (8, 8, 8)}, {"codecs": ("gzip",)}):

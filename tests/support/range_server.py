@@ -178,6 +178,15 @@ class Handler(http.server.BaseHTTPRequestHandler):
             self.wfile.write(b"\0\1\2 what is this\r\n\r\n" * 3)
             self.close_connection = True
             return None
+        if fault == "half_head":
+            self.wfile.write(b"HTTP/1.1 200 OK\r\nContent-Type: text/plain\r\n")
+            self.close_connection = True
+            return None
+        if fault in ("large_head", "long_line"):
+            count, length = (500, 1000) if fault == "large_head" else (1, 3_000_000)
+            self.wfile.write(b"HTTP/1.1 200 OK\r\n" + b"".join(b"X-%d: %s\r\n" % (i, b"x" * length) for i in range(count)) + b"\r\n")
+            self.close_connection = True
+            return None
         if fault == "reset":
             return self.reset()
         if owner.keys:

@@ -222,6 +222,53 @@ test("a store on another server is shown if that lets pages of others read it; e
   }
 });
 
+test("a server that cannot answer now is asked again, for as long as it says and not for ever", async () => {
+  let left = 0;
+  let wait = null;
+  let status = 503;
+  const times = [];
+  const busy = await publish("busy", [store], [], {
+    handle: (request, response) => {
+      if (!request.url.includes("stores/") || left === 0) return false;
+      left -= 1;
+      times.push(Date.now());
+      response.writeHead(status, wait === null ? {} : { "Retry-After": wait }).end();
+      return true;
+    },
+  });
+  const open = async (count, how, after) => {
+    [left, status, wait] = [count, how, after];
+    times.length = 0;
+    const context = await browser.newContext();
+    const page = await context.newPage();
+    await page.goto(`${busy.url}#iso=0.5&target=error&error=0.05`);
+    return { context, page };
+  };
+  for (const [count, how, after] of [[2, 503, "1"], [3, 429, null], [1, 502, new Date(Date.now() + 1000).toUTCString()]]) {
+    const { context, page } = await open(count, how, after);
+    await ready(page);
+    assert.ok((await header(page)).triangles > 0);
+    assert.equal(await page.evaluate(() => window.isonest.banner()), null);
+    assert.equal(left, 0);
+    for (let i = 1; i < count && count === 2; ++i) assert.ok(times[i] - times[i - 1] >= 990, `asked again after ${times[i] - times[i - 1]} ms`);
+    // Ranges, too, while the page is open.
+    [left, status, wait] = [3, 503, null];
+    await setIso(page, 0.61);
+    await idle(page);
+    assert.equal(await page.evaluate(() => window.isonest.banner()), null);
+    await context.close();
+  }
+  for (const [after, told, most] of [["3600", /answers 503, and asks to wait: 3600/, 1], [null, /answers 503 \(asked 6 times\)/, 6]]) {
+    const { context, page } = await open(1000, 503, after);
+    await page.waitForSelector("#banner:not([hidden])", { timeout: 60_000 });
+    assert.match(await banner(page), told);
+    assert.equal(times.length, most);
+    left = 0;
+    await context.close();
+  }
+  await busy.end();
+});
+
 test("a closed tab ends what was asked for", async () => {
   const slow = await publish("slow", [store], [], { rate: 20_000 });
   const context = await browser.newContext();

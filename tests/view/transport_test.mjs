@@ -27,6 +27,7 @@ const kWorker = `
   self.onmessage = async ({ data }) => {
     if (data.kind === "open") {
       mode = new URL(data.url).searchParams.get("mode") ?? "";
+      self.lastUrl = data.url;
       await fetch("note?" + new URLSearchParams({ url: data.url, memory: data.memory }));
       if (mode === "no-ranges") self.postMessage({ kind: "failed", message: "the server sends whole files in place of parts" });
       else self.postMessage({ kind: "opened" });
@@ -35,6 +36,14 @@ const kWorker = `
       fetch("cancelled?" + data.id);
     } else {
       if (mode === "dies" && data.target.includes("iso=0.7")) return setTimeout(() => { throw new Error("out of memory"); });
+      if (mode === "small") { // its memory is too small for more than some triangles, however they are asked for
+        const query = new URLSearchParams(data.target.split("?")[1]);
+        const most = new URL(self.lastUrl).searchParams.get("most");
+        if (/^(surface|slice)/.test(data.target) && !(Number(query.get("triangles") ?? Infinity) <= Number(most))) {
+          const body = new TextEncoder().encode('{"error": {"kind": "limit", "message": "too large", "remedies": []}}').buffer;
+          return self.postMessage({ kind: "answer", id: data.id, status: 413, type: "application/json", body }, [body]);
+        }
+      }
       const abort = new AbortController();
       aborts.set(data.id, abort);
       const silent = mode === "silent" && /iso=0.5&.*error=0(&|$)/.test(data.target);
@@ -214,6 +223,26 @@ test("a worker that cannot open the store, or dies, says why on the page", async
   assert.match(await banner(third.page), /the part of the page that reads the store/i);
   await third.close();
   await writeFile(join(folder.path, "site", "worker.js"), kWorker);
+});
+
+test("where the memory is too small for a mesh a coarser one is shown, and that is said", async () => {
+  await writeList([description("bucky", { url: "stores/bucky.isonest?mode=small&most=9000" })]);
+  const { page, faults, close } = await openPage(browser, `${site.url}#iso=0.5&target=full&slice-z=1,20`);
+  await idle(page);
+  const shown = await header(page);
+  assert.ok(shown.triangles > 1000 && shown.triangles <= 9000, `${shown.triangles} triangles`);
+  assert.ok(shown.error_bound > 0 && !shown.full_resolution);
+  assert.match(await page.$eval("body", (body) => body.textContent), /too little memory for a finer surface/);
+  assert.ok((await page.evaluate(() => window.isonest.header("z"))).triangles <= 9000);
+  assert.match(await page.$eval("#slice-z-bound", (text) => text.textContent), /too little memory for a finer one/);
+  assert.equal(await page.evaluate(() => window.isonest.banner()), null);
+  assert.deepEqual(faults, []);
+  await close();
+  await writeList([description("bucky", { url: "stores/bucky.isonest?mode=small&most=1" })]);
+  const none = await openPage(browser, `${site.url}#iso=0.5`);
+  await none.page.waitForFunction(() => document.querySelector("#banner:not([hidden])"));
+  assert.match(await banner(none.page), /too large/i);
+  await none.close();
 });
 
 test("what nobody waits for any more is cancelled in the worker", async () => {

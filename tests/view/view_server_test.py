@@ -58,7 +58,7 @@ class View:
     def __init__(self, store, *options, limit=None, folder=None):
         env = dict(os.environ, TMPDIR=str(folder or HERE))
         self.process = subprocess.Popen(
-            [ISONEST, "view", store, "--port", "0", "--json", *map(str, options)], cwd=HERE, env=env,
+            [ISONEST, "view", store, "--json", *([] if "--port" in options else ["--port", "0"]), *map(str, options)], cwd=HERE, env=env,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             preexec_fn=limit and (lambda: resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))))
         self.url = json.loads(self.process.stdout.readline())["url"]
@@ -359,6 +359,43 @@ class Answers(unittest.TestCase):
         self.assertEqual(self.view.ask("/", headers={"Host": "evil.example"})[0], 403)
 
 
+    def raw(self, *lines):
+        """All that is answered to these lines."""
+        with socket.create_connection(("127.0.0.1", self.view.port), timeout=30) as s:
+            s.sendall("".join(line + "\r\n" for line in lines).encode())
+            s.shutdown(socket.SHUT_WR)
+            got = b""
+            while more := s.recv(1 << 16):
+                got += more
+        return got
+
+    def test_a_header_that_is_there_twice_is_none_of_its_values(self):
+        own = f"127.0.0.1:{self.view.port}"
+        for name, good, bad in (("Origin", "http://" + own, "http://evil.example"), ("Sec-Fetch-Site", "same-origin", "cross-site"),
+                                ("Origin", "", "http://evil.example"), ("Sec-Fetch-Site", "none", "cross-site")):
+            for first, second in ((good, bad), (bad, good)):
+                got = self.raw("GET /api/store HTTP/1.1", f"Host: {own}", f"{name}: {first}", f"{name}: {second}", "")
+                self.assertTrue(got.startswith(b"HTTP/1.1 403 "), (name, first, second, got[:100]))
+
+    def test_what_follows_a_head_has_its_body(self):
+        got = self.raw("HEAD /api/store HTTP/1.1", f"Host: 127.0.0.1:{self.view.port}", "", "this is no request", "")
+        first, second, body = got.split(b"\r\n\r\n")
+        self.assertTrue(first.startswith(b"HTTP/1.1 200 ") and second.startswith(b"HTTP/1.1 400 "), got)
+        self.assertEqual(body, b"this is no HTTP request\n")
+
+    def test_no_content_has_no_length(self):
+        _, headers, _ = self.view.ask("/api/cancel", method="POST", stream="a")
+        self.assertNotIn("Content-Length", headers)
+
+    def test_a_parameter_that_is_not_known_is_refused_everywhere(self):
+        for method, path, parameters in (("GET", "/api/store", {"a": 1}), ("GET", "/api/status", {"a": 1}), ("GET", "/api/histogram", {"a": 1}),
+                                         ("POST", "/api/cancel", {"stream": "a", "a": 1}), ("POST", "/api/cancel", {}),
+                                         ("GET", "/api/command", {"iso": 0.5, "format": "exe"})):
+            status, _, body = self.view.ask(path, method=method, **parameters)
+            self.assertEqual(status, 400, (path, parameters))
+            self.assertTrue(json.loads(body)["error"]["message"])
+
+
 class Trust(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -502,6 +539,42 @@ class Trust(unittest.TestCase):
                 self.assertEqual(status, 410)
                 self.assertIn(word, said["error"]["message"])
                 self.assertEqual(server.json("/api/status")[1]["store"], word)
+
+    def test_a_store_that_is_cut_off_while_it_is_read_leaves_no_file(self):
+        shutil.copy(HERE / "l.isonest", HERE / "cut.isonest")
+        folder = pathlib.Path(tempfile.mkdtemp(dir=HERE))
+        server = View("cut.isonest", folder=folder)
+        waiting = socket.socket()
+        waiting.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        waiting.connect(("127.0.0.1", server.port))
+        waiting.sendall(f"GET /api/export?iso=128&error=0 HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n".encode())
+        self.wait_until(lambda: list(folder.glob("*/surface.ply")), "no file was made")
+        with concurrent.futures.ThreadPoolExecutor(10) as pool:
+            for i in range(10):
+                pool.submit(server.ask, "/api/surface", iso=120 + i, error=0)
+            self.wait_until(lambda: server.json("/api/status")[1]["waiting"] > 5, "it never began")
+            os.truncate(HERE / "cut.isonest", 4096)
+            _, err = server.process.communicate(timeout=60)
+        waiting.close()
+        self.assertEqual(server.process.returncode, 6, err)
+        self.assertIn("truncated", err)
+        self.assertEqual(list(folder.iterdir()), [])
+
+    def test_an_address_may_be_written_in_any_way_and_a_browser_leaves_out_port_80(self):
+        with view("t.isonest", "--address", "0:0:0:0:0:0:0:1") as server:
+            self.assertEqual(server.url, f"http://[::1]:{server.port}/")
+            with socket.create_connection(("::1", server.port)) as s:
+                s.sendall(f"GET /api/store HTTP/1.1\r\nHost: [::1]:{server.port}\r\n\r\n".encode())
+                self.assertTrue(s.recv(15).startswith(b"HTTP/1.1 200 "))
+        try:
+            socket.create_server(("127.0.3.7", 80)).close()
+        except OSError as error:
+            self.skipTest(f"port 80: {error}")
+        with view("t.isonest", "--address", "127.0.3.7", "--port", "80") as server:
+            for host, status in (("127.0.3.7", b"200"), ("127.0.3.7:80", b"200"), ("localhost", b"200"), ("evil.example", b"403")):
+                with socket.create_connection(("127.0.3.7", 80)) as s:
+                    s.sendall(f"GET /api/store HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n\r\n".encode())
+                    self.assertTrue(s.recv(15).startswith(b"HTTP/1.1 " + status), host)
 
     def test_signals_end_it_cleanly_with_work_under_way(self):
         for number in (signal.SIGINT, signal.SIGTERM):

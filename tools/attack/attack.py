@@ -15,6 +15,7 @@ with the reason in why.txt, in FOLDER/KIND-SEED.
 """
 import argparse
 import collections
+import contextlib
 import dataclasses
 import importlib
 import json
@@ -130,30 +131,32 @@ def _one(function, kind, seed, folder, program):
     return result
 
 
-def _kept(folder, seed):
-    return folder.with_name(f"wrong-{seed}")
+def _folder_of_wrong(folder, seed):
+    return folder.with_name(f"{folder.name}-wrong-{seed}")
 
 
-def _batch(function, kind, seeds, folder, program, out):
+def _batch(function, kind, seeds, folder, program, out, ends):
     for seed in seeds:
+        if time.monotonic() > ends:
+            return
         os.write(out, (json.dumps({"seed": seed}) + "\n").encode())
         result = _one(function, kind, seed, folder, program)
-        if result.what == "wrong" and folder.exists():  # the next try empties the folder
-            folder.rename(_kept(folder, seed))
+        if result.what == "wrong" and folder.exists():
+            folder.rename(_folder_of_wrong(folder, seed))  # the next try empties its own
         os.write(out, (json.dumps({"seed": seed, "what": result.what, "why": result.why}) + "\n").encode())
 
 
 class Worker:
-    """A process that makes a batch of tries."""
+    """A process that makes a batch of tries, until it is time."""
 
-    def __init__(self, function, kind, seeds, folder, program):
+    def __init__(self, function, kind, seeds, folder, program, ends):
         read, write = os.pipe()
         self.begun, self.at, self.rest, self.folder = None, time.monotonic(), b"", folder
         self.pid = os.fork()
         if self.pid == 0:
             os.close(read)
             os.setpgid(0, 0)
-            _batch(function, kind, seeds, folder, program, write)
+            _batch(function, kind, seeds, folder, program, write, ends)
             os._exit(0)
         os.close(write)
         self.read = read
@@ -189,11 +192,12 @@ class Tally:
             return
         place = self.keep / f"{self.kind}-{seed}"
         shutil.rmtree(place, ignore_errors=True)
-        kept = _kept(folder, seed)
-        if kept.exists():
-            shutil.move(kept, place)
-        elif folder.exists():  # its process ended
-            shutil.copytree(folder, place, symlinks=True)
+        of_wrong = _folder_of_wrong(folder, seed)
+        if of_wrong.exists():
+            shutil.move(of_wrong, place)
+        elif folder.exists():  # its process has ended
+            with contextlib.suppress(shutil.Error):  # of what is no file
+                shutil.copytree(folder, place, symlinks=True)
         place.mkdir(parents=True, exist_ok=True)
         (place / "why.txt").write_text(result.why + "\n")
         last = (result.why.strip().splitlines() or ["?"])[-1]
@@ -219,7 +223,7 @@ def attack(kind, function, options, folder):
         while len(workers) < options.jobs and following < last and time.monotonic() < ends:
             seeds = range(following, min(following + size, last))
             following = seeds.stop
-            workers.append(Worker(function, kind, seeds, folder / f"{kind}-{following}" / "try", options.isonest))
+            workers.append(Worker(function, kind, seeds, folder / f"{kind}-{following}" / "try", options.isonest, ends))
             workers[-1].left = collections.deque(seeds)
         if not workers:
             return tally
@@ -247,7 +251,7 @@ def attack(kind, function, options, folder):
                 tally.add(worker.begun, wrong(why), worker.folder)
                 worker.left.popleft()
                 if worker.left and time.monotonic() < ends:  # what its process had yet to do
-                    rest = Worker(function, kind, list(worker.left), worker.folder, options.isonest)
+                    rest = Worker(function, kind, list(worker.left), worker.folder, options.isonest, ends)
                     rest.left = worker.left
                     workers.append(rest)
 

@@ -2,14 +2,18 @@
 
 #include <fmt/format.h>
 #include <malloc.h>
+#include <sys/resource.h>
 
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <new>
 #include <optional>
 #include <sstream>
+#include <string>
 #include <string_view>
+#include <system_error>
 #include <vector>
 
 #include <isonest/open_volume.h>
@@ -21,6 +25,7 @@
 #include "store/remote/open_location.h"
 #include "tools/cli/terminal/help_format.h"
 #include "tools/cli/terminal/interrupt.h"
+#include "tools/cli/terminal/shown_text.h"
 #include "tools/cli/terminal/suggestions.h"
 #include "tools/cli/terminal/terminal_progress.h"
 
@@ -48,6 +53,15 @@ Outcome guarded(const HasOption& has, const Work& work) {
     } catch (const std::bad_alloc&) {
         return failed(Error(ErrorKind::limit, "out of memory",
                             {{RemedyKind::less_memory}, {RemedyKind::fewer_threads}}),
+                      has);
+    } catch (const std::filesystem::filesystem_error& e) {
+        return failed(Error(ErrorKind::io, {e.path1().string()}, e.code().message()), has);
+    } catch (const std::system_error& e) {
+        const std::error_code& code = e.code();
+        const bool lacks = code == std::errc::resource_unavailable_try_again ||
+                           code == std::errc::not_enough_memory;  // a thread that does not start
+        return failed(Error(lacks ? ErrorKind::limit : ErrorKind::io,
+                            fmt::format("the system refuses what is needed: {}", e.what())),
                       has);
     } catch (const std::exception& e) {
         const std::string message = fmt::format("internal error, please report it: {}", e.what());
@@ -250,7 +264,9 @@ Outcome run_program(const Program& program, int argc, char** argv) {
 
 int tell(const Program& program, const Outcome& outcome, bool json) {
     if (!outcome.message.empty()) {
-        std::fputs(fmt::format("{}: error: {}\n", program.name, outcome.message).c_str(), stderr);
+        std::fputs(
+            fmt::format("{}: error: {}\n", program.name, shown_lines(outcome.message)).c_str(),
+            stderr);
         if (json) {
             std::fputs((dump({{"error", outcome.error}}) + "\n").c_str(), stdout);
             std::fflush(stdout);
@@ -259,9 +275,11 @@ int tell(const Program& program, const Outcome& outcome, bool json) {
     }
     let_a_closed_pipe_end_the_program();
     if (!outcome.warning.empty()) {
-        std::fputs(fmt::format("{}: warning: {}\n", program.name, outcome.warning).c_str(), stderr);
+        std::fputs(
+            fmt::format("{}: warning: {}\n", program.name, shown_lines(outcome.warning)).c_str(),
+            stderr);
     }
-    if (std::fputs(outcome.text.c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
+    if (std::fputs(shown_lines(outcome.text).c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
         return tell(program,
                     failed(Error(ErrorKind::io, "cannot write to standard output"),
                            [](const std::string& /*option*/) { return false; }),
@@ -276,6 +294,13 @@ void prepare_process() {
     // anew each time costs more than the work on them.
     ::mallopt(M_MMAP_THRESHOLD, 32 << 20);
     ::mallopt(M_TRIM_THRESHOLD, 512 << 20);
+    // The arena of a thread takes 64 MiB of the address space, twice that while it is made. Where
+    // there is little, all threads share one: else there is none for the last threads themselves.
+    constexpr rlim_t kLittle = rlim_t{16} << 30U;
+    rlimit space{};
+    if (::getrlimit(RLIMIT_AS, &space) == 0 && space.rlim_cur < kLittle) {
+        ::mallopt(M_ARENA_MAX, 1);
+    }
 }
 
 }  // namespace isonest::detail::cli

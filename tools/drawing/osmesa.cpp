@@ -4,9 +4,11 @@
 #include <fmt/format.h>
 
 #include <cstdlib>
+#include <string>
 
 #include <isonest/error.h>
 
+#include "store/base/load_failure.h"
 #include "store/base/workers.h"
 
 namespace isonest::detail {
@@ -35,8 +37,10 @@ OsMesa load() {
     draw_without_threads_where_they_are_refused();
     void* const library = ::dlopen("libOSMesa.so.8", RTLD_NOW | RTLD_LOCAL);
     if (library == nullptr) {
+        const std::string why = ::dlerror();
+        throw_if_no_room_to_load({}, "libOSMesa, which draws pictures", why);
         throw Error(ErrorKind::unsupported,
-                    fmt::format("pictures need libOSMesa: {}; install libosmesa6", ::dlerror()));
+                    fmt::format("pictures need libOSMesa: {}; install libosmesa6", why));
     }
     OsMesa functions;
 #define ISONEST_OSMESA_FIND(name) find(library, #name, functions.name);

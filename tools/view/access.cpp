@@ -31,6 +31,10 @@ bool is_own_host(const Access& access, const std::string& host) {
     if (host == address + port || host == "localhost" + port) {
         return true;
     }
+    constexpr std::uint16_t kDefaultPort = 80;  // which browsers leave out
+    if (access.port == kDefaultPort && (host == address || host == "localhost")) {
+        return true;
+    }
     return access.any_address && !host.empty();
 }
 

@@ -11,6 +11,7 @@
 #include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
+#include <boost/system/system_error.hpp>
 #include <chrono>
 #include <list>
 #include <optional>
@@ -145,6 +146,7 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
             return;
         }
         if (ec) {
+            head_ = false;  // of the request before
             if (ec == http::error::header_limit || ec == http::error::body_limit) {
                 keep_alive_ = false;
                 answer({431, "text/plain", std::string("the request is too long\n")});
@@ -158,15 +160,24 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
             return;
         }
         const http::request<http::string_body>& message = parser_->get();
-        const auto header = [&](http::field name) { return std::string(message[name]); };
+        // What is there several times is none of the values that it may have.
+        const auto header = [&](std::string_view name) {
+            const auto [begin, end] =
+                message.equal_range(beast::string_view(name.data(), name.size()));
+            std::string all;
+            for (auto field = begin; field != end; ++field) {
+                all += (field == begin ? "" : ", ") + std::string(field->value());
+            }
+            return all;
+        };
         keep_alive_ = message.keep_alive();
         head_ = message.method() == http::verb::head;
         HttpRequest request;
         request.method = head_ ? "GET" : std::string(message.method_string());
         request.target = std::string(message.target());
-        request.host = message.count(http::field::host) == 1 ? header(http::field::host) : "";
-        request.origin = header(http::field::origin);
-        request.fetch_site = std::string(message["Sec-Fetch-Site"]);
+        request.host = message.count(http::field::host) == 1 ? header("Host") : "";
+        request.origin = header("Origin");
+        request.fetch_site = header("Sec-Fetch-Site");
         state_ = State::working;
         alive_ = shared_from_this();
         stream_.expires_never();
@@ -240,6 +251,9 @@ class HttpServer::Connection : public std::enable_shared_from_this<Connection> {
     void send(http::response<Body>&& message) {
         auto held = std::make_shared<http::response<Body>>(std::move(message));
         held->prepare_payload();
+        if (held->result() == http::status::no_content) {
+            held->erase(http::field::content_length);  // RFC 9110, 8.6
+        }
         const std::uint64_t bytes = Body::size(held->body());
         stream_.expires_after(
             std::chrono::seconds(static_cast<std::uint64_t>(parts_->limits.answer_seconds) +
@@ -362,7 +376,14 @@ void HttpServer::Parts::watch(const std::shared_ptr<Parts>& self,
 }
 
 HttpServer::HttpServer(const std::string& address, std::uint16_t port, const HttpLimits& limits)
-    : parts_(std::make_shared<Parts>(limits)) {
+    : parts_([&limits] {
+          try {
+              return std::make_shared<Parts>(limits);
+          } catch (const boost::system::system_error& e) {  // no descriptor for its loop of events
+              throw Error(ErrorKind::io, fmt::format("cannot start a server: {}", e.what()),
+                          {{RemedyKind::raise_limit, "ulimit -n"}});
+          }
+      }()) {
     beast::error_code ec;
     const asio::ip::address ip = asio::ip::make_address(address, ec);
     if (ec) {
@@ -386,6 +407,11 @@ HttpServer::HttpServer(const std::string& address, std::uint16_t port, const Htt
 }
 
 HttpServer::~HttpServer() = default;
+
+std::string HttpServer::address() const {
+    beast::error_code ignored;
+    return parts_->acceptor.local_endpoint(ignored).address().to_string();
+}
 
 std::uint16_t HttpServer::port() const {
     beast::error_code ignored;

@@ -36,6 +36,8 @@ class HttpServer {
     HttpServer& operator=(const HttpServer&) = delete;
     ~HttpServer();
 
+    /// That it listens on, in the form that browsers write in a Host header, without brackets.
+    [[nodiscard]] std::string address() const;
     [[nodiscard]] std::uint16_t port() const;
     /// Answers until stop() is true, which is asked about 20 times a second. `handler` has to be
     /// such that no reply comes after it is gone; replies after this call are dropped.

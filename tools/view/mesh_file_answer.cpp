@@ -13,6 +13,7 @@
 #include <isonest/error.h>
 #include <isonest/mesh_file.h>
 
+#include "tools/view/listed_folders.h"
 #include "tools/view/mesh_answers.h"
 
 namespace isonest::detail::view {
@@ -41,6 +42,7 @@ HttpAnswer MeshAnswers::file(const MeshRequest& request, const std::string& endi
     const std::string name = (request.is_slice() ? "slice." : "surface.") + ending;
     const std::filesystem::path folder = new_folder(scratch);
     SentFile file(folder, folder / name);
+    list_folder(folder);
     const auto* const choice = std::get_if<LabelChoice>(&request.what);
     const LabelName label =
         choice != nullptr ? store_.label_name(choice->id).value_or(LabelName{}) : LabelName{};

@@ -108,7 +108,7 @@ PointValue value_at(const Store& store, const Double3& world, std::uint64_t memo
         const auto end = static_cast<double>(last[static_cast<int>(axis)]);
         const double at = along / spacing[axis];
         result.inside = result.inside && at >= -kRounding && at <= end + kRounding;
-        place[axis] = std::clamp(at, 0.0, end);
+        place[axis] = std::isnan(at) ? 0 : std::clamp(at, 0.0, end);  // infinity times 0: outside
         result.node[static_cast<int>(axis)] = std::llround(place[axis]);
     }
     if (!result.inside) {

@@ -10,7 +10,9 @@
 #include <utility>
 
 #include <isonest/error.h>
+#include <isonest/mesh_file.h>
 
+#include "store/files/scratch_file.h"
 #include "tools/view/answers/answers.h"
 #include "tools/view/mesh_message.h"
 #include "tools/view/page_files.h"
@@ -106,10 +108,13 @@ std::shared_ptr<Waiting> ViewService::answer(const HttpRequest& request, Request
                         fmt::format("{} answers {} alone", path, is_cancel ? "POST" : "GET")));
     }
     if (is_cancel) {
+        target.require_all_taken();
+        Streams::require_name(stream);
         streams_.cancel(stream);
         return at_once({204, "text/plain", std::string(), {}});
     }
     if (path == "/api/status") {
+        target.require_all_taken();
         return at_once(status());
     }
     if (const StoreState state = watch_.state(); state != StoreState::same) {
@@ -119,6 +124,7 @@ std::shared_ptr<Waiting> ViewService::answer(const HttpRequest& request, Request
                                     store_.path().string(), name_of(state))));
     }
     if (path == "/api/store") {
+        target.require_all_taken();
         return at_once(answers_.describe());
     }
     if (path == "/api/command") {
@@ -188,7 +194,7 @@ std::shared_ptr<Waiting> ViewService::start_file(RequestTarget& target, const st
     return start(
         file_lane_, stream,
         [this, request = std::move(request), ending](Progress& progress) {
-            return files_.file(request, ending, std::filesystem::temp_directory_path(), progress);
+            return files_.file(request, ending, temporary_folder(), progress);
         },
         reply);
 }
@@ -231,9 +237,9 @@ HttpAnswer ViewService::command(RequestTarget& target) const {
                     "a command is given for an error, a camera or a distance, not for a number of "
                     "triangles");
     }
-    return json_answer(
-        {{"command",
-          command_line(request, store_, (request.is_slice() ? "slice." : "surface.") + ending)}});
+    const std::string file = (request.is_slice() ? "slice." : "surface.") + ending;
+    open_mesh_file(file);  // throws for the end of a name that no format has, and makes no file
+    return json_answer({{"command", command_line(request, store_, file)}});
 }
 
 }  // namespace isonest::detail::view

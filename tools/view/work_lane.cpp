@@ -2,10 +2,12 @@
 
 #include <utility>
 
+#include "store/base/started_thread.h"
+
 namespace isonest::detail::view {
 
 WorkLane::WorkLane(std::size_t most_waiting)
-    : most_waiting_(most_waiting), thread_([this] { run(); }) {}
+    : most_waiting_(most_waiting), thread_(started_thread({}, [this] { run(); })) {}
 
 WorkLane::~WorkLane() {
     {

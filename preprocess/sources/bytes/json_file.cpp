@@ -14,9 +14,18 @@
 namespace isonest::detail {
 namespace {
 
-/// Puts quotation marks around NaN and the infinities that stand outside of strings; gives the
-/// deepest nesting.
-std::string quoted_numbers(const std::string& text, std::size_t& depth) {
+struct JsonSize {
+    std::size_t depth = 0;
+    std::size_t bytes = 0;  ///< of memory that it takes when it is parsed, roughly
+};
+
+/// Puts quotation marks around NaN and the infinities that stand outside of strings.
+std::string quoted_numbers(const std::string& text, JsonSize& size) {
+    // An element of a list is 16 bytes, of which a growing list has up to three times as many; a
+    // member of an object is a node of a tree with its name.
+    constexpr std::size_t kElement = 48;
+    constexpr std::size_t kMember = 96;
+    constexpr std::size_t kList = 32;
     constexpr std::array<std::string_view, 3> kWords{"NaN", "-Infinity", "Infinity"};
     std::string out;
     bool inside = false;
@@ -32,7 +41,11 @@ std::string quoted_numbers(const std::string& text, std::size_t& depth) {
         if (!inside) {
             open += c == '{' || c == '[' ? 1 : 0;
             open -= (c == '}' || c == ']') && open > 0 ? 1 : 0;
-            depth = std::max(depth, open);
+            size.depth = std::max(size.depth, open);
+            size.bytes += c == ','               ? kElement
+                          : c == ':'             ? kMember
+                          : c == '{' || c == '[' ? kList
+                                                 : 0;
             const auto* const word = std::find_if(
                 kWords.begin(), kWords.end(),
                 [&](std::string_view w) { return text.compare(at, w.size(), w) == 0; });
@@ -52,11 +65,17 @@ std::string quoted_numbers(const std::string& text, std::size_t& depth) {
 
 nlohmann::json parse_json(const std::string& text, const std::string& name) {
     constexpr std::size_t kDeepest = 64;
-    std::size_t depth = 0;
-    const std::string quoted = quoted_numbers(text, depth);
-    if (depth > kDeepest) {
+    constexpr std::size_t kMostMemory = std::size_t{80} << 20U;
+    JsonSize size;
+    const std::string quoted = quoted_numbers(text, size);
+    if (size.depth > kDeepest) {
         throw Error(ErrorKind::unsupported, {name},
-                    fmt::format("JSON that nests {} levels deep", depth));
+                    fmt::format("JSON that nests {} levels deep", size.depth));
+    }
+    if (size.bytes > kMostMemory) {
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("JSON that takes {} MiB of memory: up to {} are read",
+                                size.bytes >> 20U, kMostMemory >> 20U));
     }
     nlohmann::json json = nlohmann::json::parse(quoted, nullptr, false);
     if (json.is_discarded()) {

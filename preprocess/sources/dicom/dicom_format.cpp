@@ -35,7 +35,12 @@ struct SliceVolume {
     std::optional<LengthUnit> unit;
 };
 
-/// Stored numbers; values as float32 where each slice has a scaling of its own.
+/// The type of values whose slices have scalings of their own.
+ValueType own_scaled_type(ValueType stored) {
+    return size_of(stored) <= 2 || stored == ValueType::f32 ? ValueType::f32 : ValueType::f64;
+}
+
+/// Stored numbers; values as floating point numbers where each slice has a scaling of its own.
 class DicomSource : public VolumeSource {
   public:
     DicomSource(std::vector<std::filesystem::path> files, SliceVolume volume, bool own_scalings)
@@ -45,7 +50,7 @@ class DicomSource : public VolumeSource {
     [[nodiscard]] VolumeDescription describe() const override {
         const DicomNumbers& n = volume_.numbers;
         return {{n.columns, n.rows, static_cast<std::int64_t>(volume_.slices.size())},
-                own_scalings_ ? ValueType::f32 : n.type(),
+                own_scalings_ ? own_scaled_type(n.type()) : n.type(),
                 volume_.place.spacing,
                 volume_.place.origin,
                 volume_.name,
@@ -75,7 +80,7 @@ class DicomSource : public VolumeSource {
         const std::size_t size = size_of(describe().type);
         for (std::int64_t z = z0; z < z0 + nz; ++z, dst += count * size) {
             const DicomSlice& slice = volume_.slices[static_cast<std::size_t>(z)];
-            // Stored numbers of up to 32 bits lie at the end of the room for the values.
+            // Stored numbers lie at the end of the room for the values, which are no smaller.
             const std::size_t stored = size_of(volume_.numbers.type());
             std::byte* const from = dst + count * (size - stored);
             frames_.read(slice.file, slice.frame, y0, ny, from);
@@ -90,14 +95,23 @@ class DicomSource : public VolumeSource {
                std::byte* dst) const {
         dispatch(volume_.numbers.type(), [&](auto tag) {
             using T = typename decltype(tag)::type;
-            for (std::size_t i = 0; i < count; ++i) {
-                T in{};
-                std::memcpy(&in, from + i * sizeof(T), sizeof(T));
-                const auto out =
-                    static_cast<float>(slice.slope * static_cast<double>(in) + slice.intercept);
-                std::memcpy(dst + i * sizeof(float), &out, sizeof(float));
+            if (own_scaled_type(volume_.numbers.type()) == ValueType::f32) {
+                scale_to<T, float>(slice, from, count, dst);
+            } else {
+                scale_to<T, double>(slice, from, count, dst);
             }
         });
+    }
+    template <class From, class To>
+    static void scale_to(const DicomSlice& slice, const std::byte* from, std::size_t count,
+                         std::byte* dst) {
+        for (std::size_t i = 0; i < count; ++i) {
+            From in{};
+            std::memcpy(&in, from + i * sizeof(From), sizeof(From));
+            const auto out =
+                static_cast<To>(slice.slope * static_cast<double>(in) + slice.intercept);
+            std::memcpy(dst + i * sizeof(To), &out, sizeof(To));
+        }
     }
 
     DicomFrames frames_;
@@ -203,13 +217,26 @@ std::vector<std::string> notes_of(const DicomSeries& series, const DicomFolder& 
     return notes;
 }
 
+/// A slope of 0 would make one value of all that is stored.
+void check_slopes(const std::vector<DicomSlice>& slices,
+                  const std::vector<std::filesystem::path>& files) {
+    for (const DicomSlice& slice : slices) {
+        if (slice.slope == 0) {
+            throw Error(
+                ErrorKind::corrupt,
+                {files[slice.file].string(), fmt::format("frame {}, RescaleSlope", slice.frame)},
+                "values that are 0 times the stored number");
+        }
+    }
+}
+
 std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceOptions& options) {
     const std::string name =
         input.paths.size() == 1
             ? input.path().string()
             : fmt::format("{} and {} more", input.path().string(), input.paths.size() - 1);
     const std::vector<std::filesystem::path> files = files_of(input);
-    const DicomFolder folder = find_dicom_series(files);
+    const DicomFolder folder = find_dicom_series(files, options.max_heap);
     if (folder.series.empty()) {
         throw Error(ErrorKind::unsupported, {name}, "there are no DICOM images in it");
     }
@@ -252,11 +279,11 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
                 : std::pair{std::int64_t{0}, (std::int64_t{1} << bits) - 1};
     }
     const bool own_scalings =
-        !series.numbers.floating &&
         std::any_of(volume.slices.begin(), volume.slices.end(), [&](const DicomSlice& s) {
             return s.slope != scaling.slope || s.intercept != scaling.intercept;
         });
     if (own_scalings) {
+        check_slopes(volume.slices, used);
         volume.notes.emplace_back("each slice has a scaling of its own, which is applied");
     }
     auto source = std::make_unique<DicomSource>(std::move(used), std::move(volume), own_scalings);

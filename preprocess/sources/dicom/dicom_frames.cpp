@@ -35,7 +35,8 @@ void DicomFrames::open(std::uint32_t file) {
     current_ = ~std::uint32_t{0};
     unpacked_frame_ = -1;
     file_ = std::make_unique<DicomFile>(files_[file]);
-    header_ = read_dicom_header(*file_);
+    header_ = read_dicom_header(*file_, ~std::uint64_t{0});
+    header_.per_frame = {};
     if (header_.pixels.tag == 0 || header_.numbers != numbers_) {
         file_->fail(0, "the file was changed while it was read");
     }

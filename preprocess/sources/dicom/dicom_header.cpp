@@ -12,6 +12,7 @@ namespace {
 
 constexpr DicomTag kSharedGroups = 0x52009229;
 constexpr DicomTag kFrameGroups = 0x52009230;
+constexpr DicomTag kDetectors = 0x00540022;
 constexpr DicomTag kFrameContent = 0x00209111;
 constexpr DicomTag kPlanePosition = 0x00209113;
 constexpr DicomTag kPlaneOrientation = 0x00209116;
@@ -21,12 +22,13 @@ constexpr std::int64_t kMostFrames = 1000000;
 
 class HeaderVisitor {
   public:
-    HeaderVisitor(DicomFile& file, DicomHeader& header) : file_(file), header_(header) {}
+    HeaderVisitor(DicomFile& file, DicomHeader& header, std::uint64_t most_bytes)
+        : file_(file), header_(header), most_bytes_(most_bytes) {}
 
     bool enter(DicomTag sequence, std::int64_t item) {
         const bool groups = sequence == kSharedGroups || sequence == kFrameGroups;
         const bool wanted = path_.empty()
-                                ? groups
+                                ? groups || sequence == kDetectors
                                 : sequence == kFrameContent || sequence == kPlanePosition ||
                                       sequence == kPlaneOrientation || sequence == kPixelMeasures ||
                                       sequence == kValueTransformation;
@@ -36,6 +38,13 @@ class HeaderVisitor {
         if (sequence == kFrameGroups) {
             if (item >= kMostFrames) {
                 file_.fail(0, fmt::format("more than {} frames", kMostFrames));
+            }
+            // While the list grows it is there twice, the new one with room for as much again.
+            if (3 * sizeof(DicomPlace) * header_.per_frame.size() > most_bytes_) {
+                throw Error(ErrorKind::limit, {file_.name(), "PerFrameFunctionalGroupsSequence"},
+                            fmt::format("where more than {} frames lie takes more than {} bytes",
+                                        header_.per_frame.size(), most_bytes_),
+                            {{RemedyKind::more_memory}});
             }
             header_.per_frame.emplace_back();
         } else if (item > 0) {
@@ -47,10 +56,13 @@ class HeaderVisitor {
     void leave(DicomTag /*sequence*/) { path_.pop_back(); }
 
     void value(const DicomElement& e) {
-        const bool in_frame = !path_.empty() && path_.front() == kFrameGroups;
-        place(e, in_frame ? header_.per_frame.back() : header_.shared);
         if (path_.empty()) {
+            place(e, header_.shared);
             whole_image(e);
+        } else if (path_.front() == kFrameGroups) {
+            place(e, header_.per_frame.back());
+        } else {
+            place(e, path_.front() == kDetectors ? header_.detector : header_.shared);
         }
     }
 
@@ -112,18 +124,18 @@ class HeaderVisitor {
                 break;
             case 0x00209128:
                 if (e.length >= 4) {
-                    place.time = number_of_bits(e);
+                    place.time = static_cast<std::int64_t>(binary_numbers(e, "UL").front());
                 }
                 break;
             default:
                 break;
         }
     }
-    /// UL, also where the VR is implicit.
-    std::int64_t number_of_bits(const DicomElement& e) {
+    /// Of this VR, also where it is implicit.
+    std::vector<double> binary_numbers(const DicomElement& e, const char* vr) {
         DicomElement binary = e;
-        binary.vr = "UL";
-        return static_cast<std::int64_t>(file_.numbers(binary).front());
+        binary.vr = vr;
+        return file_.numbers(binary);
     }
     void whole_image(const DicomElement& e) {
         DicomNumbers& n = header_.numbers;
@@ -184,6 +196,9 @@ class HeaderVisitor {
             case 0x00283000:
                 header_.has_modality_table = true;
                 break;
+            case 0x00540080:
+                header_.slice_numbers = binary_numbers(e, "US");
+                break;
             case 0x3004000C:
                 header_.grid_offsets = file_.numbers(e);
                 break;
@@ -197,8 +212,19 @@ class HeaderVisitor {
 
     DicomFile& file_;
     DicomHeader& header_;
+    std::uint64_t most_bytes_;
     std::vector<DicomTag> path_;
 };
+
+/// Nuclear medicine has the place of a reconstruction, which has a spacing between slices, with its
+/// detector (PS3.3, C.8.4.11 and C.8.4.15).
+void use_detector(DicomHeader& header) {
+    DicomPlace& place = header.shared;
+    if (place.step && !place.position && !place.orientation && header.per_frame.empty()) {
+        place.position = header.detector.position;
+        place.orientation = header.detector.orientation;
+    }
+}
 
 void check(const DicomFile& file, DicomHeader& header) {
     DicomNumbers& n = header.numbers;
@@ -259,15 +285,16 @@ std::string DicomNumbers::text() const {
     return fmt::format("{} x {} of {}{} bits", columns, rows, is_signed ? "signed " : "", stored);
 }
 
-DicomHeader read_dicom_header(DicomFile& file) {
+DicomHeader read_dicom_header(DicomFile& file, std::uint64_t most_bytes) {
     DicomHeader header;
-    HeaderVisitor visitor(file, header);
+    HeaderVisitor visitor(file, header, most_bytes);
     header.pixels =
         file.visit({.value = [&](const DicomElement& e) { visitor.value(e); },
                     .enter = [&](DicomTag sequence,
                                  std::int64_t item) { return visitor.enter(sequence, item); },
                     .leave = [&](DicomTag sequence) { visitor.leave(sequence); }});
     if (header.pixels.tag != 0) {
+        use_detector(header);
         check(file, header);
     }
     return header;

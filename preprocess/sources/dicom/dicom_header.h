@@ -60,14 +60,17 @@ struct DicomHeader {
     DicomPlace shared = {};
     std::vector<DicomPlace> per_frame = {};  ///< empty, or one for each
     std::vector<double> grid_offsets = {};   ///< dose: of the frames along the normal
+    std::vector<double> slice_numbers = {};  ///< nuclear medicine: of each frame
+    DicomPlace detector = {};                ///< nuclear medicine: of the first one
     std::optional<double> dose_scaling = {};
     std::optional<std::int64_t> padding = {};  ///< the stored number outside of the image
     bool has_modality_table = false;           ///< numbers have a meaning by a table
     DicomElement pixels = {};                  ///< its tag is 0: this is no image
 };
 
-/// Throws Error{corrupt, io, unsupported}: colours, bits that are no bytes. An object that is no
-/// image has no pixels.
-DicomHeader read_dicom_header(DicomFile& file);
+/// Throws Error{corrupt, io, unsupported}: colours, bits that are no bytes; and Error{limit} where
+/// what is said of the frames, one by one, takes more than `most_bytes`. An object that is no image
+/// has no pixels.
+DicomHeader read_dicom_header(DicomFile& file, std::uint64_t most_bytes);
 
 }  // namespace isonest::detail

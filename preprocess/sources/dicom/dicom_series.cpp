@@ -14,6 +14,10 @@ namespace {
 
 /// Directions and spacings within this are the same: less than a tenth of a voxel over a thousand.
 constexpr double kMostDifference = 1e-4;
+/// What may be held for the slices whatever the memory is: of 90,000 of them.
+constexpr std::uint64_t kSomeHeap = std::uint64_t{32} << 20U;
+/// A list that grows is there twice, and so is one that is put in order.
+constexpr std::uint64_t kBytesOfSlice = 3 * sizeof(DicomSlice);
 
 template <class T>
 const std::optional<T>& either(const std::optional<T>& own, const std::optional<T>& shared) {
@@ -50,7 +54,13 @@ std::optional<Double3> position_of(const DicomHeader& header, const DicomPlace& 
     if (static_cast<std::int64_t>(header.grid_offsets.size()) == header.frames) {
         along = header.grid_offsets[frame] - header.grid_offsets[0];
     } else if (const std::optional<double> step = step_of(place)) {
-        along = *step * static_cast<double>(frame);
+        // Spacing between slices has a sign: frames may lie in front of the first one (PS3.3,
+        // C.8.4.15).
+        const double slices =
+            static_cast<std::int64_t>(header.slice_numbers.size()) == header.frames
+                ? header.slice_numbers[frame] - header.slice_numbers[0]
+                : static_cast<double>(frame);
+        along = std::copysign(*step, place.step.value_or(1)) * slices;
     } else {
         return std::nullopt;
     }
@@ -159,7 +169,9 @@ std::string text_of(const std::vector<DicomSeries>& series) {
 
 }  // namespace
 
-DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files) {
+DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files,
+                              std::uint64_t max_heap) {
+    const std::uint64_t most_bytes = std::max(max_heap, kSomeHeap);
     DicomFolder folder;
     std::map<std::string, std::size_t> known;
     std::size_t slices = 0;
@@ -169,7 +181,7 @@ DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files) {
             continue;
         }
         DicomFile file(files[i]);
-        const DicomHeader header = read_dicom_header(file);
+        const DicomHeader header = read_dicom_header(file, most_bytes);
         if (header.pixels.tag == 0) {
             ++folder.others;
             continue;
@@ -178,6 +190,12 @@ DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files) {
         if (slices > kMostDicomSlices) {
             throw Error(ErrorKind::limit, {files[i].string()},
                         fmt::format("there are more than {} slices", kMostDicomSlices));
+        }
+        if (slices * kBytesOfSlice > most_bytes) {
+            throw Error(ErrorKind::limit, {files[i].string()},
+                        fmt::format("what is kept of {} slices takes more than {} bytes", slices,
+                                    most_bytes),
+                        {{RemedyKind::more_memory}});
         }
         const auto [found, is_new] = known.try_emplace(header.series, folder.series.size());
         if (is_new) {

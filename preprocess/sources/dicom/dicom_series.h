@@ -46,8 +46,10 @@ struct DicomFolder {
 inline constexpr std::size_t kMostDicomSlices = 500000;
 
 /// Reads the headers of all files. Throws Error{corrupt, io, unsupported}, also where a file cannot
-/// be read as the image that it is, and Error{limit} beyond kMostDicomSlices.
-DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files);
+/// be read as the image that it is, and Error{limit} beyond kMostDicomSlices, or where what is kept
+/// of them takes more than `max_heap` bytes and some MiB.
+DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files,
+                              std::uint64_t max_heap);
 
 /// The one that `wanted` names by its UID or an ending of it, or the only one, if it is empty.
 /// Throws Error{invalid_argument, not_found}, which list them; `name` is used in messages.

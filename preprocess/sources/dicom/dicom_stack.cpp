@@ -129,6 +129,7 @@ class Stacking {
         if (!wrong.empty()) {
             refuse("there are doubled slices: " + list(wrong));
         }
+        check_times(starts, usual);
         stack_.times = static_cast<std::int64_t>(usual);
         stack_.count = static_cast<std::int64_t>(starts.size());
         Slices sorted(s.size());
@@ -138,6 +139,24 @@ class Stacking {
             }
         }
         s = std::move(sorted);
+    }
+
+    /// Images of one place along the normal may lie beside each other: tiles, or a patient who
+    /// moved.
+    void check_times(const std::vector<std::size_t>& starts, std::size_t times) {
+        const Slices& s = stack_.slices;
+        for (const std::size_t start : starts) {
+            for (std::size_t i = start + 1; i < start + times; ++i) {
+                const Double3& a = *s[start].position;
+                const Double3& b = *s[i].position;
+                const double aside = std::hypot(b[0] - a[0], b[1] - a[1], b[2] - a[2]);
+                if (aside > kMostShift * std::min((*series_.spacing)[0], (*series_.spacing)[1])) {
+                    report(fmt::format("{} lies {:.3g} beside {}, in the same plane", text(s[i]),
+                                       aside, text(s[start])));
+                    return;
+                }
+            }
+        }
     }
 
     void check_distances() {

@@ -16,6 +16,7 @@
 #include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/numbers/raw_layout.h"
 #include "preprocess/sources/placement/placed_array.h"
+#include "preprocess/sources/wrapping/noted_source.h"
 
 namespace isonest::detail {
 namespace {
@@ -189,6 +190,24 @@ void set_axes(const Header& header, PlacedArray& array) {
     }
 }
 
+/// VTK and ITK leave the numbers as they are, too.
+std::vector<std::string> notes_of(const Header& header) {
+    const std::string slope = header.text({"ElementToIntensityFunctionSlope"});
+    const std::string offset = header.text({"ElementToIntensityFunctionOffset"});
+    const auto is = [](const std::string& text, double neutral) {
+        double value = neutral;
+        std::from_chars(text.data(), text.data() + text.size(), value);
+        return value == neutral;
+    };
+    if (is(slope, 1) && is(offset, 0)) {
+        return {};
+    }
+    return {
+        fmt::format("values are as stored: ElementToIntensityFunction (slope {}, offset {}) is "
+                    "not applied",
+                    slope.empty() ? "1" : slope, offset.empty() ? "0" : offset)};
+}
+
 std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
                                               const SourceOptions& options) {
     const Header header(first_bytes(input.file, kMostHeader), input.name());
@@ -231,7 +250,7 @@ std::unique_ptr<VolumeSource> open_meta_image(const VolumeInput& input,
         regular_file_size(array.file);
         layout.packing = is_gzip(array.file, layout.start) ? Packing::gzip : Packing::zlib;
     }
-    return open_placed(array, options.index);
+    return with_notes(open_placed(array, options.index), notes_of(header));
 }
 
 }  // namespace

@@ -10,6 +10,8 @@
 
 #include <isonest/error.h>
 
+#include "store/base/load_failure.h"
+
 namespace isonest::detail {
 namespace {
 
@@ -70,6 +72,7 @@ void* load_from_module(const LoadedModule& module, const char* function, const s
                     fmt::format("the module that {} is not installed: it is in the package {}",
                                 module.does, module.package));
     }
+    throw_if_no_room_to_load(input, fmt::format("the module that {}", module.does), problem);
     throw Error(ErrorKind::unsupported, {input},
                 fmt::format("the module that {} cannot be loaded: {}", module.does, problem),
                 {{RemedyKind::install_package, module.needs}});

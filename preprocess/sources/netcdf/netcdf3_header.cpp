@@ -14,7 +14,8 @@ namespace isonest::detail {
 namespace {
 
 constexpr int kChar = 2;
-constexpr std::uint64_t kMostItems = 1000000;
+/// Dimensions, variables and attributes together: each takes some hundred bytes of memory.
+constexpr std::uint64_t kMostItems = 200000;
 constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 60U;
 
 std::uint64_t padded(std::uint64_t bytes) {
@@ -28,10 +29,11 @@ class Reader {
 
     NetcdfHeader read() {
         constexpr std::size_t kFirst = std::size_t{1} << 20U;
-        constexpr std::size_t kMost = std::size_t{1} << 26U;
+        constexpr std::size_t kMost = std::size_t{1} << 23U;
         for (const std::size_t most : {kFirst, kMost}) {
             text_ = first_bytes(path_, most);
             at_ = 4;
+            items_ = 0;
             short_ = false;
             NetcdfHeader header = parse();
             if (!short_) {
@@ -41,7 +43,7 @@ class Reader {
                 break;
             }
         }
-        corrupt("the file ends within its header, or that is longer than 64 MiB");
+        corrupt("the file ends within its header, or that is longer than 8 MiB");
     }
 
   private:
@@ -84,10 +86,14 @@ class Reader {
         if (short_ || (found == 0 && items == 0)) {
             return 0;
         }
-        if (found != tag || items > kMostItems) {
+        if (found != tag) {
             corrupt(fmt::format("a list of {} items with tag {} where one with {} is expected",
                                 items, found, tag));
         }
+        if (items > kMostItems - items_) {
+            corrupt(fmt::format("more than {} dimensions, variables and attributes", kMostItems));
+        }
+        items_ += items;
         return items;
     }
 
@@ -226,6 +232,7 @@ class Reader {
     std::uint64_t size_;
     std::string text_;
     std::size_t at_ = 0;
+    std::uint64_t items_ = 0;  ///< of all lists so far
     int version_ = 1;
     bool short_ = false;  ///< more text is needed
 };

@@ -38,7 +38,7 @@ struct NetcdfHeader {
 
 /// CDF-1 (classic), CDF-2 (64-bit offset), CDF-5 (64-bit data).
 /// Source: https://docs.unidata.ucar.edu/netcdf-c/current/file_format_specifications.html
-/// Throws Error{corrupt, unsupported, io}; up to 64 MiB of header are read.
+/// Throws Error{corrupt, unsupported, io}; up to 8 MiB of header with 200,000 items are read.
 NetcdfHeader read_netcdf3_header(const std::filesystem::path& path);
 
 /// Bytes of a number of a type; 0 for types that do not exist.

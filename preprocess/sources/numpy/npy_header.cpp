@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <charconv>
 #include <map>
 
@@ -12,6 +13,9 @@
 
 namespace isonest::detail {
 namespace {
+
+constexpr std::size_t kNpyMagic = 6;
+constexpr std::string_view kLiteralBlanks = " \t\r\n";
 
 /// The literal of a Python dictionary: {'descr': '<f4', 'fortran_order': False, 'shape': (3, 4), }
 class Literal {
@@ -27,7 +31,11 @@ class Literal {
             if (key == "descr") {
                 set_type(header);
             } else if (key == "fortran_order") {
-                header.fortran = word() == "True";
+                const std::string_view truth = word();
+                if (truth != "True" && truth != "False") {
+                    corrupt(fmt::format("'fortran_order' is '{:.40}'", truth));
+                }
+                header.fortran = truth == "True";
             } else if (key == "shape") {
                 set_shape(header);
                 has_shape_ = true;
@@ -50,9 +58,7 @@ class Literal {
         throw Error(ErrorKind::corrupt, {name_, "npy header"}, what);
     }
     void skip_blanks() {
-        while (at_ < text_.size() && (text_[at_] == ' ' || text_[at_] == '\n')) {
-            ++at_;
-        }
+        at_ = std::min(text_.find_first_not_of(kLiteralBlanks, at_), text_.size());
     }
     bool accept(char c) {
         skip_blanks();
@@ -68,8 +74,10 @@ class Literal {
         }
     }
     std::string quoted() {
-        expect('\'');
-        const std::size_t end = text_.find('\'', at_);
+        skip_blanks();
+        const char mark = at_ < text_.size() && text_[at_] == '"' ? '"' : '\'';
+        expect(mark);
+        const std::size_t end = text_.find(mark, at_);
         if (end == std::string_view::npos) {
             corrupt("a quotation has no end");
         }
@@ -83,7 +91,8 @@ class Literal {
         while (at_ < text_.size() && text_[at_] != ',' && text_[at_] != '}' && text_[at_] != ')') {
             ++at_;
         }
-        return text_.substr(from, at_ - from);
+        const std::string_view whole = text_.substr(from, at_ - from);
+        return whole.substr(0, whole.find_last_not_of(kLiteralBlanks) + 1);
     }
     void set_type(NpyHeader& header) {
         skip_blanks();
@@ -121,7 +130,10 @@ class Literal {
         constexpr std::size_t kMostAxes = 64;
         expect('(');
         while (!accept(')')) {
-            const std::string_view number = word();
+            std::string_view number = word();
+            if (number.ends_with('L')) {  // as Python 2 wrote long integers
+                number.remove_suffix(1);
+            }
             std::int64_t length = 0;
             const auto [end, error] =
                 std::from_chars(number.data(), number.data() + number.size(), length);
@@ -149,29 +161,37 @@ class Literal {
 
 }  // namespace
 
-NpyHeader parse_npy_header(std::string_view text, const std::string& name) {
-    constexpr std::size_t kMagic = 6;
+std::uint64_t npy_header_bytes(std::string_view text) {
     constexpr std::size_t kShort = 10;
     constexpr std::size_t kLong = 12;
-    if (text.size() < kLong || text.substr(0, kMagic) != "\x93NUMPY") {
+    if (text.size() < kLong) {
+        return kLong;
+    }
+    return text[kNpyMagic] == 1 ? kShort + std::uint64_t{number_at<std::uint16_t>(text, 8, false)}
+                                : kLong + std::uint64_t{number_at<std::uint32_t>(text, 8, false)};
+}
+
+NpyHeader parse_npy_header(std::string_view text, const std::string& name) {
+    constexpr std::size_t kLong = 12;
+    if (text.size() < kLong || text.substr(0, kNpyMagic) != "\x93NUMPY") {
         throw Error(ErrorKind::corrupt, {name}, "not an array of NumPy");
     }
-    const int version = static_cast<unsigned char>(text[kMagic]);
+    const int version = static_cast<unsigned char>(text[kNpyMagic]);
     if (version < 1 || version > 3) {
         throw Error(ErrorKind::unsupported, {name, "npy header"},
                     fmt::format("version {}: 1 to 3 are read", version));
     }
-    const std::size_t start = version == 1 ? kShort : kLong;
-    const std::uint64_t length = version == 1 ? number_at<std::uint16_t>(text, 8, false)
-                                              : number_at<std::uint32_t>(text, 8, false);
-    if (length > text.size() - start) {
+    const std::uint64_t bytes = npy_header_bytes(text);
+    const std::size_t start = version == 1 ? kLong - 2 : kLong;
+    if (bytes > text.size()) {
         throw Error(ErrorKind::corrupt, {name, "npy header"},
                     fmt::format("{} bytes: the file ends before, or it is longer than the {} that "
                                 "are read",
-                                length, kMostNpyHeader));
+                                bytes - start, kMostNpyHeader));
     }
-    NpyHeader header = Literal(text.substr(start, static_cast<std::size_t>(length)), name).parse();
-    header.bytes = start + length;
+    NpyHeader header =
+        Literal(text.substr(start, static_cast<std::size_t>(bytes) - start), name).parse();
+    header.bytes = bytes;
     return header;
 }
 

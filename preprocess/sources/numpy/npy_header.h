@@ -25,6 +25,9 @@ struct NpyHeader {
 /// Most bytes that a header may have.
 inline constexpr std::size_t kMostNpyHeader = std::size_t{1} << 16U;
 
+/// From the file's first byte to behind its header, by the first 12 bytes of `text`. No I/O.
+std::uint64_t npy_header_bytes(std::string_view text);
+
 /// Parses the start of a file. Throws Error{corrupt, unsupported}. No I/O.
 NpyHeader parse_npy_header(std::string_view text, const std::string& name);
 

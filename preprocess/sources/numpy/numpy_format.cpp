@@ -41,12 +41,24 @@ bool is_npy(const VolumeInput& input) {
     return !input.folder && input.unpacked.starts_with("\x93NUMPY");
 }
 
+/// The start of a packed file is known; of long headers it is not enough.
+std::string unpacked_header(const VolumeInput& input) {
+    if (npy_header_bytes(input.unpacked) <= input.unpacked.size()) {
+        return input.unpacked;
+    }
+    std::string text(kMostNpyHeader, '\0');
+    GzipStream stream(input.file, input.name(), 0, DeflateWrapper::gzip);
+    text.resize(stream.read(reinterpret_cast<std::byte*>(text.data()), text.size()));
+    return text;
+}
+
 std::unique_ptr<VolumeSource> open_npy(const VolumeInput& input, const SourceOptions& options) {
     PlacedArray array;
     array.file = input.file;
     array.name = input.name();
     const NpyHeader header = parse_npy_header(
-        input.gzip() ? input.unpacked : first_bytes(input.file, kMostNpyHeader), array.name);
+        input.gzip() ? unpacked_header(input) : first_bytes(input.file, kMostNpyHeader),
+        array.name);
     array.layout.offset = header.bytes;
     array.layout.packing = input.gzip() ? Packing::gzip : Packing::plain;
     return open_array(header, std::move(array), options);

@@ -1,5 +1,6 @@
 #include "preprocess/sources/placement/placed_array.h"
 
+#include <optional>
 #include <utility>
 
 #include "preprocess/sources/numbers/byte_source.h"
@@ -8,6 +9,15 @@
 #include "preprocess/sources/wrapping/mirrored_source.h"
 
 namespace isonest::detail {
+namespace {
+
+void set_place(const Placement& place, RawLayout& layout) {
+    layout.spacing = place.spacing;
+    layout.origin = place.origin;
+    layout.direction = place.direction;
+}
+
+}  // namespace
 
 std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
                                           std::span<const AxisIndex> index,
@@ -25,7 +35,7 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
     if (array.stored) {
         layout.type = bits_type(*array.stored);
     }
-    std::array<bool, 3> backward{};
+    std::optional<Placement> placement;
     if (!array.steps.empty()) {
         const ChosenAxes chosen = choose_axes(array.axes, index, array.name);
         std::array<Double3, 3> steps{};
@@ -40,15 +50,19 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
                 first.at(w) += array.steps[i].at(w) * static_cast<double>(chosen.at[i]);
             }
         }
-        const Placement world = place_in_world(layout.nodes, steps, first, array.name);
-        layout.spacing = world.spacing;
-        layout.origin = world.origin;
-        layout.direction = world.direction;
-        backward = world.backward;
+        placement = place_in_world(layout.nodes, steps, first, array.name);
+        set_place(*placement, layout);
     }
     auto source = bytes ? open_bytes(std::move(bytes), array.name, layout, array.file)
                         : open_raw(array.file, array.name, layout);
-    source = mirrored(std::move(source), backward);
+    if (placement && placement->backward[2] && source->sequential()) {
+        placement = with_z_as_it_runs(*placement, layout.nodes);
+        set_place(*placement, layout);
+        source = open_raw(array.file, array.name, layout);
+    }
+    if (placement) {
+        source = mirrored(std::move(source), placement->backward);
+    }
     return array.stored ? converted(std::move(source), *array.stored) : std::move(source);
 }
 

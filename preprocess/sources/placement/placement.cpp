@@ -131,4 +131,17 @@ Placement place_in_world(const Int3& nodes, const std::array<Double3, 3>& given,
     return place;
 }
 
+Placement with_z_as_it_runs(const Placement& place, const Int3& nodes) {
+    if (!place.backward[2]) {
+        return place;
+    }
+    Placement result = place;
+    result.backward[2] = false;
+    result.backward[0] = !place.backward[0];
+    result.direction = {{{-1, 0, 0}, {0, 1, 0}, {0, 0, -1}}};
+    result.origin[0] += place.spacing[0] * static_cast<double>(nodes.x - 1);
+    result.origin[2] += place.spacing[2] * static_cast<double>(nodes.z - 1);
+    return result;
+}
+
 }  // namespace isonest::detail

@@ -28,4 +28,9 @@ struct Placement {
 Placement place_in_world(const Int3& nodes, const std::array<Double3, 3>& steps,
                          const Double3& first, const std::string& name);
 
+/// The same place for a stream, whose planes cannot be taken from their other end on: where z runs
+/// backward along the world's axis it stays as it runs, and x is turned around in its place, so
+/// that the directions are half a turn about y. Nothing changes where z does not run backward.
+Placement with_z_as_it_runs(const Placement& place, const Int3& nodes);
+
 }  // namespace isonest::detail

@@ -1,13 +1,15 @@
 #include "preprocess/sources/tiff/tiff_axes.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <string_view>
+#include <utility>
 
 #include <isonest/error.h>
+
+#include "preprocess/sources/bytes/json_file.h"
+#include "preprocess/sources/tiff/ome_axes.h"
 
 namespace isonest::detail {
 namespace {
@@ -30,16 +32,6 @@ T number_or(std::string_view text, T otherwise) {
     T value{};
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     return error == std::errc{} && end != text.data() ? value : otherwise;
-}
-
-/// Of an XML tag's text; empty if there is no such attribute.
-std::string_view attribute(std::string_view tag, const std::string& key) {
-    const std::size_t at = tag.find(" " + key + "=\"");
-    if (at == std::string_view::npos) {
-        return {};
-    }
-    const std::size_t from = at + key.size() + 3;
-    return tag.substr(from, std::min(tag.find('"', from), tag.size()) - from);
 }
 
 /// ImageJ has a unit of y and z where it is not that of x. What is counted in pixels has none.
@@ -79,89 +71,48 @@ TiffAxes of_imagej(const std::string& text, std::int64_t pages) {
     return axes;
 }
 
-/// Without a word of it, sizes are in micrometres.
-/// Source: https://www.openmicroscopy.org/Schemas/OME/2016-06/ome.xsd
-CommonUnit ome_unit(std::string_view tag) {
-    AxisUnits units;
-    for (std::size_t a = 0; a < 3; ++a) {
-        const std::string size = fmt::format("PhysicalSize{}", "XYZ"[a]);
-        if (!attribute(tag, size).empty()) {
-            const std::string_view unit = attribute(tag, size + "Unit");
-            units.at(a) = unit.empty() ? "um" : std::string(unit);
+/// tifffile writes {"shape": [5, 37, 41], "truncated": true}.
+std::int64_t truncated_images(const std::string& description, std::int64_t values) {
+    constexpr std::int64_t kMost = std::int64_t{1} << 50U;
+    if (!description.starts_with('{') || description.find("\"truncated\"") == std::string::npos) {
+        return 1;
+    }
+    try {
+        const nlohmann::json said = parse_json(description, "");
+        if (!said.is_object() || said.value("truncated", nlohmann::json()) != true) {
+            return 1;
         }
-    }
-    return common_unit(units);
-}
-
-TiffAxes of_ome(std::string_view text, std::int64_t pages, const std::string& name) {
-    const std::size_t from = text.find("<Pixels ");
-    const std::string_view tag = text.substr(from, text.find('>', from) - from);
-    if (text.find("<Pixels ", from + 1) != std::string_view::npos) {
-        throw Error(ErrorKind::unsupported, {name, "OME-XML"},
-                    "several images in one file; write the one that is the volume to a file of "
-                    "its own");
-    }
-    const std::string_view order = attribute(tag, "DimensionOrder");
-    TiffAxes axes;
-    std::int64_t product = 1;
-    for (std::size_t i = order.size(); i-- > 2;) {  // x and y come first
-        const char axis = order[i];
-        const auto length = number_or<std::int64_t>(attribute(tag, fmt::format("Size{}", axis)), 0);
-        if (length < 1 || length > pages) {
-            product = 0;
-            break;
+        std::int64_t all = 1;
+        for (const nlohmann::json& length : said.value("shape", nlohmann::json::array())) {
+            if (!length.is_number_unsigned() || length.get<std::uint64_t>() < 1 ||
+                length.get<std::uint64_t>() > static_cast<std::uint64_t>(kMost / all)) {
+                return 1;
+            }
+            all *= length.get<std::int64_t>();
         }
-        product *= length;
-        axes.pages.push_back({axis == 'Z' ? "z" : axis == 'C' ? "c" : "t", length, axis == 'Z'});
+        return all % values == 0 ? all / values : 1;
+    } catch (const Error&) {
+        return 1;  // the words of somebody else
     }
-    // Channels may be samples of one page instead.
-    const auto channels = number_or<std::int64_t>(attribute(tag, "SizeC"), 1);
-    if (channels > 1 && product == pages * channels) {
-        std::erase_if(axes.pages, [](const ArrayAxis& a) { return a.name == "c"; });
-        product = pages;
-    }
-    if (product != pages) {
-        throw Error(ErrorKind::unsupported, {name, "OME-XML"},
-                    fmt::format("it describes {} pages, but there are {} here: a set of several "
-                                "files is read as the list of its files",
-                                text_of(axes.pages), pages));
-    }
-    Double3 spacing{1, 1, 1};
-    bool any = false;
-    constexpr std::array<const char*, 3> kKeys{"PhysicalSizeX", "PhysicalSizeY", "PhysicalSizeZ"};
-    for (std::size_t a = 0; a < 3; ++a) {
-        const auto size = number_or<double>(attribute(tag, kKeys.at(a)), 0);
-        if (size > 0 && std::isfinite(size)) {
-            spacing.at(a) = size;
-            any = true;
-        }
-    }
-    if (any) {
-        axes.spacing = spacing;
-        axes.unit = ome_unit(tag);
-    }
-    return axes;
 }
 
 }  // namespace
 
-std::int64_t imagej_images(const std::string& description) {
+std::int64_t images_of_description(const std::string& description, std::int64_t values) {
     return description.starts_with("ImageJ=")
                ? std::max<std::int64_t>(
                      number_or<std::int64_t>(line_value(description, "images"), 1), 1)
-               : 1;
+               : truncated_images(description, values);
 }
 
-TiffAxes axes_of_description(const std::string& description, std::int64_t pages,
-                             const std::string& name) {
+TiffAxes axes_of_description(const std::string& description, const TiffSet& set) {
     if (description.starts_with("ImageJ=")) {
-        return of_imagej(description, pages);
+        return of_imagej(description, set.pages);
     }
-    if (description.find("<OME") != std::string::npos &&
-        description.find("<Pixels ") != std::string::npos) {
-        return of_ome(description, pages, name);
+    if (auto axes = axes_of_ome(description, set)) {
+        return *std::move(axes);
     }
-    return {{{"z", pages}}, std::nullopt};
+    return {{{"z", set.pages}}, std::nullopt};
 }
 
 }  // namespace isonest::detail

@@ -23,9 +23,10 @@
 namespace isonest::detail {
 namespace {
 
-/// A volume of pages: plane z is page first + z * step.
+/// A volume of pages: plane z is page first + z * step, or what `order` has there.
 struct PagePlace {
     Int3 nodes;
+    std::vector<std::int64_t> order;
     std::int64_t first = 0;
     std::int64_t step = 1;
     std::int64_t sample = 0;
@@ -60,8 +61,11 @@ class TiffSource : public VolumeSource {
               std::byte* dst) override {
         const std::size_t row = static_cast<std::size_t>(place_.nodes.x) * size_of(describe().type);
         for (std::int64_t z = z0; z < z0 + nz; ++z) {
+            const std::int64_t at = place_.first + z * place_.step;
+            const std::int64_t page =
+                place_.order.empty() ? at : place_.order[static_cast<std::size_t>(at)];
             for (std::int64_t y = y0; y < y0 + ny; ++y, dst += row) {
-                pages_->read_row(place_.first + z * place_.step, y, place_.sample, dst);
+                pages_->read_row(page, y, place_.sample, dst);
             }
         }
     }
@@ -110,7 +114,7 @@ PagePlace place_of(const std::vector<ArrayAxis>& page_axes, const TiffPage& page
     return place;
 }
 
-/// ImageJ's large files: the images follow the first page's numbers.
+/// The images follow the first page's numbers.
 std::unique_ptr<VolumeSource> open_images(const TiffPages& pages, const PagePlace& place,
                                           const Double3& spacing, std::optional<LengthUnit> unit,
                                           const std::string& name) {
@@ -123,11 +127,13 @@ std::unique_ptr<VolumeSource> open_images(const TiffPages& pages, const PagePlac
     layout.exact_length = false;
     layout.spacing = spacing;
     layout.unit = unit;
-    const std::int64_t plane = place.nodes.x * place.nodes.y;
-    layout.first = static_cast<std::uint64_t>(place.first * plane);
-    layout.strides = Int3{1, place.nodes.x, place.step * plane};
+    const std::int64_t pixel = pages.page().samples;
+    const std::int64_t row = place.nodes.x * pixel;
+    const std::int64_t plane = place.nodes.y * row;
+    layout.first = static_cast<std::uint64_t>(place.first * plane + place.sample);
+    layout.strides = Int3{pixel, row, place.step * plane};
     layout.whole =
-        layout.first + static_cast<std::uint64_t>(((place.nodes.z - 1) * place.step + 1) * plane);
+        static_cast<std::uint64_t>((place.first + (place.nodes.z - 1) * place.step + 1) * plane);
     return open_raw(pages.files().front(), name, layout);
 }
 
@@ -145,10 +151,33 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
             ? input.path().string()
             : fmt::format("{} and {} more", files.front().string(), files.size() - 1);
     auto pages = std::make_unique<TiffPages>(std::move(files), options.max_heap);
-    const std::int64_t images = imagej_images(pages->description());
-    const bool contiguous = pages->count() == 1 && images > 1 && pages->plain().has_value();
-    const TiffAxes axes =
-        axes_of_description(pages->description(), contiguous ? images : pages->count(), name);
+    const TiffPage& page = pages->page();
+    const bool is_stack = pages->planes_of_stack() > 1;
+    const std::int64_t images =
+        is_stack
+            ? pages->planes_of_stack()
+            : images_of_description(pages->description(), page.width * page.height * page.samples);
+    const bool one_page = pages->count() == 1 && images > 1;
+    const bool contiguous = one_page && pages->plain().has_value();
+    if (one_page && !contiguous && (is_stack || pages->description().starts_with('{'))) {
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("one page for {} images that are stored in tiles or packed: write "
+                                "each image to a page of its own",
+                                images));
+    }
+    TiffSet set;
+    set.pages = contiguous ? images : pages->count();
+    set.width = page.width;
+    set.height = page.height;
+    set.samples = page.samples;
+    set.name = name;
+    for (const std::filesystem::path& file : pages->files()) {
+        set.files.push_back(file.filename().string());
+    }
+    set.page_of = [&pages](std::size_t file, std::int64_t directory) {
+        return pages->page_of(file, directory);
+    };
+    TiffAxes axes = axes_of_description(pages->description(), set);
     Double3 spacing{1, 1, 1};
     if (axes.spacing) {
         const std::array<double, 2> resolution{pages->x_resolution(), pages->y_resolution()};
@@ -161,7 +190,8 @@ std::unique_ptr<VolumeSource> open_tiff(const VolumeInput& input, const SourceOp
             spacing.at(a) = axes.unit.converted(a, spacing.at(a));
         }
     }
-    const PagePlace place = place_of(axes.pages, pages->page(), options, name);
+    PagePlace place = place_of(axes.pages, pages->page(), options, name);
+    place.order = std::move(axes.order);
     const std::optional<StoredNumber> stored = pages->page().stored;
     std::unique_ptr<VolumeSource> source;
     if (contiguous) {

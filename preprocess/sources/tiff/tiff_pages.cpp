@@ -42,6 +42,16 @@ std::size_t bytes_of(const TiffPage& page) {
     return size_of(page.stored ? bits_type(*page.stored) : page.type);
 }
 
+/// MetaMorph's tag UIC2 has a number for each plane.
+std::int64_t planes_of_metamorph(TIFF* file) {
+    constexpr std::uint32_t kUic2 = 33629;
+    std::uint32_t count = 0;
+    const void* numbers = nullptr;
+    const bool has = TIFFGetField(file, kUic2, &count, &numbers) == 1 &&
+                     TIFFFieldDataType(TIFFFieldWithTag(file, kUic2)) == TIFF_RATIONAL;
+    return has ? std::max<std::int64_t>(count, 1) : 1;
+}
+
 /// Rows of the page that lie in one strip, or beside each other in tiles, which may be taller than
 /// the page.
 std::int64_t rows_of_part(TIFF* file, std::int64_t height) {
@@ -103,6 +113,7 @@ void TiffPages::open(std::uint32_t file) {
 
 void TiffPages::list(std::uint32_t file) {
     open(file);
+    std::int64_t number = 0;
     do {
         if (places_.size() >= kMostPages) {
             throw Error(ErrorKind::unsupported, {files_[file].string()},
@@ -111,8 +122,9 @@ void TiffPages::list(std::uint32_t file) {
         // Small copies of an image, for viewers, are no slices.
         constexpr std::uint32_t kReduced = 1;
         if ((tag_or<std::uint32_t>(file_.get(), TIFFTAG_SUBFILETYPE, 0) & kReduced) == 0) {
-            look_at(file, TIFFCurrentDirOffset(file_.get()));
+            look_at({file, TIFFCurrentDirOffset(file_.get()), number});
         }
+        ++number;
         problem_.clear();
     } while (TIFFReadDirectory(file_.get()) == 1);
     if (!problem_.empty()) {
@@ -120,7 +132,18 @@ void TiffPages::list(std::uint32_t file) {
     }
 }
 
-void TiffPages::look_at(std::uint32_t file, std::uint64_t directory) {
+std::optional<std::int64_t> TiffPages::page_of(std::size_t file, std::int64_t directory) const {
+    const auto found = std::lower_bound(
+        places_.begin(), places_.end(), std::pair(file, directory),
+        [](const Place& place, const std::pair<std::size_t, std::int64_t>& wanted) {
+            return std::pair(std::size_t{place.file}, place.number) < wanted;
+        });
+    return found != places_.end() && found->file == file && found->number == directory
+               ? std::optional<std::int64_t>(found - places_.begin())
+               : std::nullopt;
+}
+
+void TiffPages::look_at(const Place& place) {
     TIFF* const t = file_.get();
     const std::int64_t number = count();
     TiffPage page;
@@ -130,10 +153,22 @@ void TiffPages::look_at(std::uint32_t file, std::uint64_t directory) {
     const int bits = tag_or<std::uint16_t>(t, TIFFTAG_BITSPERSAMPLE, 1);
     const int format = tag_or<std::uint16_t>(t, TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_UINT);
     const auto unsupported = [&](const std::string& what) {
-        throw Error(ErrorKind::unsupported, {files_[file].string(), name_of_page(number)}, what);
+        throw Error(ErrorKind::unsupported, {files_[place.file].string(), name_of_page(number)},
+                    what);
     };
     if (page.width < 1 || page.height < 1 || page.samples < 1) {
         fail(number, "it has no size");
+    }
+    if (format == SAMPLEFORMAT_COMPLEXINT || format == SAMPLEFORMAT_COMPLEXIEEEFP) {
+        unsupported("complex numbers");
+    }
+    if (const auto depth = std::max(tag_or<std::uint32_t>(t, TIFFTAG_IMAGEDEPTH, 1),
+                                    tag_or<std::uint32_t>(t, TIFFTAG_TILEDEPTH, 1));
+        depth > 1) {
+        unsupported(
+            fmt::format("{} planes in one page (ImageDepth, TileDepth); write each plane "
+                        "to a page of its own",
+                        depth));
     }
     const bool is_float = format == SAMPLEFORMAT_IEEEFP;
     const bool is_signed = format == SAMPLEFORMAT_INT;
@@ -169,9 +204,13 @@ void TiffPages::look_at(std::uint32_t file, std::uint64_t directory) {
                        ? std::string(text)
                        : std::string();
         }();
+        planes_of_stack_ = planes_of_metamorph(t);
         resolution_ = {static_cast<double>(tag_or<float>(t, TIFFTAG_XRESOLUTION, 0)),
                        static_cast<double>(tag_or<float>(t, TIFFTAG_YRESOLUTION, 0))};
-        if (compression == COMPRESSION_NONE && TIFFIsTiled(t) == 0 && page.samples == 1) {
+        if (compression == COMPRESSION_NONE && TIFFIsTiled(t) == 0 &&
+            (page.samples == 1 ||
+             tag_or<std::uint16_t>(t, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG) ==
+                 PLANARCONFIG_CONTIG)) {
             plain_ = Plain{TIFFGetStrileOffset(t, 0), TIFFIsBigEndian(t) != 0};
         }
     } else if (!(page == page_)) {
@@ -190,7 +229,7 @@ void TiffPages::look_at(std::uint32_t file, std::uint64_t directory) {
     check_size(part);
     buffer_bytes_ = std::max({buffer_bytes_, static_cast<std::uint64_t>(rows) * row, part});
     rows_ = std::max(rows_, rows);
-    places_.push_back({file, directory});
+    places_.push_back(place);
 }
 
 void TiffPages::check_size(std::uint64_t bytes) const {

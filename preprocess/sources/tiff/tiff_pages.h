@@ -46,12 +46,19 @@ class TiffPages {
     [[nodiscard]] std::int64_t rows() const { return rows_; }
     /// Bytes that are held.
     [[nodiscard]] std::uint64_t heap() const;
-    /// The first page's numbers lie in the file as they are, one after the other, from here on.
+    /// The page that is a directory of a file, both by their numbers; none if it is not there, or a
+    /// smaller copy.
+    [[nodiscard]] std::optional<std::int64_t> page_of(std::size_t file,
+                                                      std::int64_t directory) const;
+    /// The first page's numbers, all samples of a pixel together, lie in the file as they are, one
+    /// after the other, from here on.
     struct Plain {
         std::uint64_t offset;
         bool big_endian;
     };
     [[nodiscard]] std::optional<Plain> plain() const { return plain_; }
+    /// MetaMorph's stacks (.stk) have all planes behind the first page: how many, else 1.
+    [[nodiscard]] std::int64_t planes_of_stack() const { return planes_of_stack_; }
     [[nodiscard]] const std::vector<std::filesystem::path>& files() const { return files_; }
 
     /// A sample of row `y`, native endianness, of the width. REQUIRES: they are there.
@@ -64,10 +71,11 @@ class TiffPages {
     struct Place {
         std::uint32_t file;
         std::uint64_t directory;  ///< its offset in the file
+        std::int64_t number;      ///< of the file's directories
     };
     void open(std::uint32_t file);
     void list(std::uint32_t file);
-    void look_at(std::uint32_t file, std::uint64_t directory);
+    void look_at(const Place& place);
     void check_size(std::uint64_t bytes) const;
     void go_to(std::int64_t page);
     void decode(std::int64_t page, std::int64_t y, std::int64_t sample);
@@ -81,6 +89,7 @@ class TiffPages {
     std::string description_;
     std::array<double, 2> resolution_{};
     std::optional<Plain> plain_;
+    std::int64_t planes_of_stack_ = 1;
     std::int64_t rows_ = 1;
     std::uint64_t buffer_bytes_ = 0;
     mutable std::string problem_;  ///< libtiff's last message

@@ -21,6 +21,9 @@ namespace {
 
 constexpr std::size_t kPart = std::size_t{1} << 18U;
 constexpr std::size_t kMostArrays = 10000;
+constexpr int kMostNested = 64;
+/// Of a tag or comment, which expat holds as a whole, and of the arrays' names together.
+constexpr std::uint64_t kMostTag = std::uint64_t{4} << 20U;
 /// Of a file elsewhere, how much is read for its header.
 constexpr std::uint64_t kMostFar = std::uint64_t{4} << 20U;
 
@@ -60,6 +63,10 @@ class VtiReader {
             if (last) {
                 break;
             }
+            const XML_Index done = XML_GetCurrentByteIndex(parser_.get());
+            if (!stopped_ && (done < 0 || at - static_cast<std::uint64_t>(done) > kMostTag)) {
+                corrupt(fmt::format("a tag or comment of more than {} MiB", kMostTag >> 20U));
+            }
         }
         if (!problem_.empty()) {
             throw Error(unsupported_ ? ErrorKind::unsupported : ErrorKind::corrupt,
@@ -95,13 +102,18 @@ class VtiReader {
         }
         auto& reader = *static_cast<VtiReader*>(self);
         if (!reader.stopped_) {
+            if (++reader.nested_ > kMostNested) {
+                return reader.stop(fmt::format("elements lie more than {} deep", kMostNested));
+            }
             reader.start(name, attributes);
         }
     }
     static void on_end(void* self, const XML_Char* name) {
         const std::string_view tag = name;
+        auto& reader = *static_cast<VtiReader*>(self);
+        --reader.nested_;
         if (tag == "PointData" || tag == "CellData") {
-            static_cast<VtiReader*>(self)->section_.clear();
+            reader.section_.clear();
         }
     }
 
@@ -186,6 +198,10 @@ class VtiReader {
             return stop(fmt::format("array '{:.80}' with {} components at offset {}", array.name,
                                     array.components, number[0]));
         }
+        name_bytes_ += array.name.size() + array.type.size() + array.format.size();
+        if (name_bytes_ > kMostTag) {
+            return stop(fmt::format("names of arrays of more than {} MiB", kMostTag >> 20U));
+        }
         header_.arrays.push_back(array);
     }
 
@@ -210,6 +226,8 @@ class VtiReader {
     bool stopped_ = false;
     bool image_ = false;
     int pieces_ = 0;
+    int nested_ = 0;
+    std::uint64_t name_bytes_ = 0;
 };
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 
@@ -115,6 +116,30 @@ void take_for_labels(VolumeSource& source) {
     } else if (auto* const numbers = dynamic_cast<ConvertedSource*>(&source)) {
         numbers->take_for_labels();
     }
+}
+
+std::uint16_t half_of(double value) {
+    constexpr std::uint32_t kNan = 0x7E00;
+    constexpr std::uint32_t kInfinity = 0x7C00;
+    constexpr std::uint32_t kNegative = 0x8000;
+    constexpr double kTooLarge = 65520;
+    constexpr int kMantissaBits = 10;
+    constexpr int kBias = 15;
+    if (std::isnan(value)) {
+        return kNan;
+    }
+    const double size = std::fabs(value);
+    std::uint32_t bits = 0;
+    if (size >= kTooLarge) {
+        bits = kInfinity;
+    } else if (size > 0) {
+        const int exponent = std::max(std::ilogb(size), 1 - kBias);
+        const double mantissa = std::nearbyint(std::ldexp(size, kMantissaBits - exponent));
+        const auto above = static_cast<std::uint32_t>(exponent + kBias - 1) << kMantissaBits;
+        // The mantissa's leading one counts in the exponent; a subnormal number has none.
+        bits = above + static_cast<std::uint32_t>(mantissa);
+    }
+    return static_cast<std::uint16_t>(bits | (std::signbit(value) ? kNegative : 0));
 }
 
 ValueType bits_type(StoredNumber stored) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -17,6 +18,9 @@ enum class StoredNumber {
 
 /// The type under which `inner` has to hold the bits of such numbers: uint16 or float64.
 ValueType bits_type(StoredNumber stored);
+
+/// The bits of the nearest half float; of ties the even one.
+std::uint16_t half_of(double value);
 
 /// `inner`'s bits taken for such numbers. read() throws Error{unsupported} for integers beyond
 /// 2^53, which float64 cannot hold.

@@ -280,15 +280,7 @@ class Description {
                 return put(given.get<std::int64_t>());
             }
         } else if (array_.stored == StoredNumber::f16) {
-            constexpr std::uint16_t kNan = 0x7E00;
-            constexpr std::uint16_t kInfinity = 0x7C00;
-            constexpr std::uint16_t kNegative = 0x8000;
-            if (number == 0 || !std::isfinite(number)) {
-                return put<std::uint16_t>(std::isnan(number) ? kNan
-                                          : number == 0      ? 0
-                                          : number > 0       ? kInfinity
-                                                             : kInfinity | kNegative);
-            }
+            return put(half_of(number));
         } else {
             const bool fits = dispatch(array_.type, [&](auto tag) {
                 using T = typename decltype(tag)::type;

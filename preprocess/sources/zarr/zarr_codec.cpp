@@ -11,6 +11,7 @@
 
 #include <array>
 #include <cstring>
+#include <optional>
 
 #include <isonest/error.h>
 
@@ -148,20 +149,25 @@ ZarrCodec zarr_codec(const std::string& codec, const std::string& name) {
 
 std::vector<std::byte> decode_zarr(std::vector<std::byte> packed, std::span<const ZarrCodec> codecs,
                                    std::uint64_t bytes, const std::string& name) {
-    // What comes out of the codecs behind a checksum has four bytes more. What goes into a
-    // compressor from another one is not known; there is one at most.
-    std::uint64_t made = bytes;
-    std::vector<std::uint64_t> sizes;
+    // What goes into a codec has four bytes more for each checksum before it. What comes out of a
+    // compressor is not known; there is one at most.
+    std::vector<std::optional<std::uint64_t>> sizes;
+    std::optional<std::uint64_t> made = bytes;
     for (const ZarrCodec codec : codecs) {
         sizes.push_back(made);
-        made += codec == ZarrCodec::crc32c ? kChecksum : 0;
+        if (codec != ZarrCodec::crc32c) {
+            made.reset();
+        } else if (made) {
+            *made += kChecksum;
+        }
     }
     for (std::size_t i = codecs.size(); i-- > 0;) {
-        packed = undo(codecs[i], std::move(packed),
-                      codecs[i] == ZarrCodec::crc32c && i > 0 && codecs[i - 1] != ZarrCodec::crc32c
-                          ? packed.size() - std::min<std::size_t>(packed.size(), kChecksum)
-                          : sizes[i],
-                      name);
+        if (!sizes[i] && codecs[i] != ZarrCodec::crc32c) {
+            throw Error(ErrorKind::unsupported, {name}, "its chunks were compressed twice");
+        }
+        const std::uint64_t without =
+            packed.size() - std::min<std::size_t>(packed.size(), kChecksum);
+        packed = undo(codecs[i], std::move(packed), sizes[i].value_or(without), name);
     }
     if (packed.size() != bytes) {
         corrupt(name, fmt::format("{} bytes, but {} are right", packed.size(), bytes));

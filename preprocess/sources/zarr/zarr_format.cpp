@@ -29,6 +29,28 @@
 namespace isonest::detail {
 namespace {
 
+/// OME's axes x, y and z are those of the world by their names, in whatever order they are stored.
+ChosenAxes by_names(const ChosenAxes& chosen, const std::vector<ArrayAxis>& axes) {
+    ChosenAxes named = chosen;
+    named.axis = {};
+    named.nodes = {1, 1, 1};
+    std::size_t count = 0;
+    for (const std::optional<std::size_t>& axis : chosen.axis) {
+        if (!axis) {
+            continue;
+        }
+        ++count;
+        const std::string& name = axes[*axis].name;
+        const std::size_t a = name == "x" ? 0 : name == "y" ? 1 : name == "z" ? 2 : 3;
+        if (a == 3 || named.axis.at(a)) {
+            return chosen;
+        }
+        named.axis.at(a) = axis;
+        named.nodes[static_cast<int>(a)] = axes[*axis].length;
+    }
+    return count == 3 || (count == 2 && !named.axis[2]) ? named : chosen;
+}
+
 /// Of the axes that were chosen; those of one position need none.
 CommonUnit unit_of(const ZarrImage& image, const ChosenAxes& chosen) {
     AxisUnits units;
@@ -224,7 +246,8 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
                                     kMaxNodesPerAxis));
         }
     }
-    const ChosenAxes chosen = choose_axes(image.axes, options.index, name);
+    const ChosenAxes in_order = choose_axes(image.axes, options.index, name);
+    const ChosenAxes chosen = image.ome ? by_names(in_order, image.axes) : in_order;
     if (static_cast<double>(chosen.nodes.x) * static_cast<double>(chosen.nodes.y) *
             static_cast<double>(chosen.nodes.z) >
         1e18) {

@@ -12,6 +12,7 @@
 #include <isonest/open_volume.h>
 
 #include "query/check/check.h"
+#include "store/files/scratch_file.h"
 #include "tools/cli/command.h"
 #include "tools/cli/commands/analyses.h"
 #include "tools/cli/commands/same_store.h"
@@ -64,7 +65,7 @@ Result run(CheckArguments& a, Progress& progress) {
         reach_volume(a.source, a.remote, a.check.memory, a.source_options, progress,
                      is_url(a.store) ? a.store : "");
         a.source_options.max_heap = a.check.memory / 4;
-        source = open_input(a.source, std::filesystem::temp_directory_path(), a.source_options);
+        source = open_input(a.source, temporary_folder(), a.source_options);
         a.check.source = source.get();
     }
     const CheckReport r = check(store, a.check, progress);

@@ -96,7 +96,7 @@ void add_export(CLI::App& app, Invocation& chosen) {
         fmt::format(
             "values, {}; computed from the values, as they are or saturated (_bar, _plus):\n"
             "lp:P, grad_lp:P (any P from 1 to inf), gradient, curvature",
-            list_names(all_fields())),
+            list_names(node_indicators())),
         "NAME")
         ->required();
     add_parsed(

@@ -15,12 +15,15 @@
 #include "tools/cli/options/remote_options.h"
 #include "tools/cli/options/units.h"
 #include "tools/cli/terminal/leftovers.h"
+#include "tools/cli/terminal/shown_text.h"
 #include "tools/publish/check_server.h"
+#include "tools/publish/public_url.h"
 #include "tools/publish/site.h"
 
 namespace isonest::detail::cli {
 namespace {
 
+using publish::public_url;
 using publish::Site;
 using publish::SiteStore;
 
@@ -61,25 +64,6 @@ std::string name_in_links(std::string name) {
         c = is_plain ? c : '-';
     }
     return name.empty() || name.front() == '.' ? "store" + name : name;
-}
-
-/// What may stand on a page that everybody reads.
-std::string public_url(const std::string& text) {
-    if (!is_url(text)) {
-        throw Error(ErrorKind::invalid_argument, {text},
-                    "is no URL of a store (https://HOST/PATH)");
-    }
-    const ObjectUrl url = parse_object_url(text, [](const char* /*name*/) -> const char* {
-        return nullptr;  // whoever looks at the site has not this machine's keys
-    });
-    const std::size_t query = std::min(url.request.find('?'), url.request.size() - 1) + 1;
-    const bool is_signed = query_without_signature(url.request) != url.request.substr(query);
-    if (!url.user.empty() || !url.password.empty() || is_signed) {
-        throw Error(ErrorKind::invalid_argument, {url.name},
-                    "the URL holds a password or a signature, and everybody could read it on the "
-                    "site: give one that works without");
-    }
-    return url.request;
 }
 
 /// What is said of store `i` by an option that may be given once for all, or once for each.
@@ -254,9 +238,10 @@ Result check(const PublishArguments& a, Progress& progress) {
         const std::string place = shown_location(finding.url);
         if (place != url) {
             url = place;
-            result.text += url + "\n";
+            result.text += shown_text(url) + "\n";
         }
-        result.text += fmt::format("  {:<16} {:<15} {}\n", finding.what, state, finding.found);
+        result.text +=
+            fmt::format("  {:<16} {:<15} {}\n", finding.what, state, shown_text(finding.found));
         result.json["findings"].push_back({{"url", place},
                                            {"what", finding.what},
                                            {"state", state},

@@ -18,6 +18,7 @@
 #include "tools/cli/options/units.h"
 #include "tools/cli/terminal/interrupt.h"
 #include "tools/view/http_server.h"
+#include "tools/view/listed_folders.h"
 #include "tools/view/view_service.h"
 
 namespace isonest::detail::cli {
@@ -123,10 +124,10 @@ Result run(ViewArguments& a) {
     limits.answer_bytes = shares.sending;
     const std::unique_ptr<HttpServer> server = listen(a, limits);
     Access access;
-    access.address = a.address;
+    access.address = server->address();  // as browsers write it
     access.port = server->port();
-    access.any_address = a.address == "0.0.0.0" || a.address == "::";
-    if (a.token || !is_own_machine(a.address)) {
+    access.any_address = access.address == "0.0.0.0" || access.address == "::";
+    if (a.token || !is_own_machine(access.address)) {
         access.token = view::new_token();
     }
     const std::string url = url_of(access);
@@ -134,6 +135,7 @@ Result run(ViewArguments& a) {
     {
         view::ViewService service(store, shares, a.threads, access,
                                   [&server] { return server->connections(); });
+        before_a_bus_error_ends_the_program(&view::remove_listed_folders);
         announce(a, url);
         if (a.open) {
             // Where no browser runs yet, the desktop's program may last as long as the new one.

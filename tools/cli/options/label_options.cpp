@@ -314,7 +314,7 @@ Result extract_label_meshes(const Store& store, const LabelArguments& labels,
         chosen_of(find_labels(store, {a.options.memory, a.options.threads}, progress),
                   *labels.several, a.store);
     fs::create_directory(folder, error);
-    if (!fs::is_directory(folder)) {
+    if (std::error_code ignored; !fs::is_directory(folder, ignored)) {
         throw Error(ErrorKind::io, {a.mesh}, "cannot be made a folder: " + error.message());
     }
     ExtractOptions options = a.options;

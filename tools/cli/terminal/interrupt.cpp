@@ -12,6 +12,8 @@ namespace {
 
 std::atomic<int> signals{0};
 static_assert(std::atomic<int>::is_always_lock_free);
+std::atomic<void (*)()> before_end{nullptr};
+static_assert(std::atomic<void (*)()>::is_always_lock_free);
 
 extern "C" void on_signal(int signal) {
     // A terminal that is closed hangs up twice, once itself and once through its shell.
@@ -26,6 +28,9 @@ extern "C" void on_bus_error(int /*signal*/) {
         "isonest: an input file or store was truncated, or its disk failed, while it was being "
         "read; the output was not made. Restore the file and run again.\n";
     [[maybe_unused]] const auto written = ::write(STDERR_FILENO, kMessage, sizeof(kMessage) - 1);
+    if (void (*const last)() = before_end.load()) {
+        last();
+    }
     ::_exit(static_cast<int>(ErrorKind::io));
 }
 
@@ -53,6 +58,10 @@ void watch_signals() {
 
 void let_a_closed_pipe_end_the_program() {
     ::signal(SIGPIPE, SIG_DFL);
+}
+
+void before_a_bus_error_ends_the_program(void (*last)()) {
+    before_end.store(last);
 }
 
 bool interrupted() {

@@ -9,6 +9,9 @@ namespace isonest::detail::cli {
 /// read ends the process with a message and exit code 6.
 void watch_signals();
 
+/// Called, if a truncated file ends the process, before it ends: async-signal-safe.
+void before_a_bus_error_ends_the_program(void (*last)());
+
 /// For the report, when the outputs are done: a reader that went away (head) ends the program as is
 /// usual, without a message.
 void let_a_closed_pipe_end_the_program();

@@ -134,7 +134,19 @@ void read_glb(const std::filesystem::path& path, PlyScratch& to, Progress& progr
     const std::uint64_t length = bytes.number<std::uint32_t>(12);
     const char* const text = reinterpret_cast<const char*>(bytes.at(20, length));
     try {
-        const nlohmann::json scene = nlohmann::json::parse(text, text + length);
+        // Scenes of thousands of objects have some ten thousand values.
+        constexpr int kMostDepth = 64;
+        constexpr int kMostValues = 1000000;
+        int values = 0;
+        const auto within_limits = [&](int depth, nlohmann::json::parse_event_t /*event*/,
+                                       nlohmann::json& /*parsed*/) {
+            if (depth > kMostDepth || ++values > kMostValues) {
+                bytes.fail(fmt::format("its description has more than {} values or {} levels",
+                                       kMostValues, kMostDepth));
+            }
+            return true;
+        };
+        const nlohmann::json scene = nlohmann::json::parse(text, text + length, within_limits);
         if (!scene.contains("meshes")) {
             return;
         }

@@ -6,7 +6,10 @@
 #include <charconv>
 #include <cmath>
 #include <fstream>
+#include <istream>
 #include <memory>
+#include <streambuf>
+#include <string>
 #include <string_view>
 
 #include <isonest/error.h>
@@ -127,6 +130,23 @@ double attribute(std::string_view tag, std::string_view name, const PlyScratch& 
     to.fail(fmt::format("<{}> has no number {}", tag.substr(0, 60), name));
 }
 
+/// Without its end; of a line that is too long the first kLongestLine + 1 characters. False at the
+/// end of the file.
+bool next_line(std::istream& file, std::string& line) {
+    line.clear();
+    std::streambuf& in = *file.rdbuf();
+    for (int next = in.sbumpc(); next != std::char_traits<char>::eof(); next = in.sbumpc()) {
+        if (next == '\n') {
+            return true;
+        }
+        line += static_cast<char>(next);
+        if (line.size() > kLongestLine) {
+            return true;
+        }
+    }
+    return !line.empty();
+}
+
 }  // namespace
 
 void read_obj(const std::filesystem::path& path, PlyScratch& to, Progress& progress) {
@@ -135,12 +155,12 @@ void read_obj(const std::filesystem::path& path, PlyScratch& to, Progress& progr
         throw Error(ErrorKind::not_found, {path.string()}, "cannot open");
     }
     std::string line;
-    for (std::uint64_t number = 1; std::getline(file, line); ++number) {
+    for (std::uint64_t number = 1; next_line(file, line); ++number) {
         if (number % 65536 == 0) {
             progress.check();
         }
         if (line.size() > kLongestLine) {
-            to.fail(fmt::format("line {} has {} characters", number, line.size()));
+            to.fail(fmt::format("line {} has more than {} characters", number, kLongestLine));
         }
         std::string_view rest = line;
         const std::string_view key = next_word(rest);

@@ -64,7 +64,8 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
         hexahedral cells too; exact: not rounded up to 16 bits.
     chunk: nodes per axis, a power of two from 8 to 256. compression: zstd level, 1 to 19.
     replace: an existing store. resume: go on with what an interrupted run left, and leave what this one has done.
-    headers, cache: of a volume at a URL, as in :func:`open`; a quarter of the memory is for what is fetched.
+    headers, cache: of a volume at a URL, as in :func:`open`, and not used of others; a quarter of the memory is for
+        what is fetched.
     memory: bytes of heap, at most, beside the volume. threads: 0 is all cores.
     progress: a function ``(phase, done, total, unit)``, or True for bars of tqdm. What it raises ends the work.
     """
@@ -93,8 +94,9 @@ def open(path: "os.PathLike[str] | str", *, headers: Headers = None,
     asked for is read from it. Of an object at a URL only what is asked for is fetched.
 
     Of a store at a URL: headers are sent with each request, to its own server alone. cache: a folder that keeps what
-    was fetched for other runs, "FOLDER:SIZE" with its largest size (else 4G). memory: bytes of what was fetched that
-    are kept, beside the memory of queries. :attr:`Store.fetched` says what was fetched.
+    was fetched for other runs, "FOLDER:SIZE" with its largest size (else 1G). memory: bytes of what was fetched that
+    are kept, beside the memory of queries. :attr:`Store.fetched` says what was fetched. Of a file, none of these
+    three is used.
     """
     return Store(path, headers=headers, cache=cache, memory=memory)
 

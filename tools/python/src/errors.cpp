@@ -206,8 +206,7 @@ void translate_errors() {
         } catch (const Error& error) {
             raise(error);
         } catch (const std::filesystem::filesystem_error& error) {
-            const py::object arguments = py::make_tuple(error.code().value(), error.what());
-            PyErr_SetObject(PyExc_OSError, arguments.ptr());
+            raise(Error(ErrorKind::io, {error.path1().string()}, error.code().message()));
         }
     });
 }

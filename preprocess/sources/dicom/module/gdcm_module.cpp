@@ -156,7 +156,7 @@ std::string unpack_frame(const std::string& syntax, const DicomNumbers& numbers,
             "{} x {} of 1",
             size->columns, size->rows, size->components, numbers.columns, numbers.rows);
     }
-    if (size->bits > numbers.allocated || (size->bits <= 8) != (numbers.stored <= 8)) {
+    if (size->bits > numbers.allocated || (size->bits <= 8 && numbers.stored > 8)) {
         return fmt::format("the stream has numbers of {} bits, the header says {}", size->bits,
                            numbers.stored);
     }

@@ -6,7 +6,9 @@
 #include <openvdb/openvdb.h>
 #include <openvdb/tools/Dense.h>
 
+#include <cstdint>
 #include <exception>
+#include <filesystem>
 #include <new>
 #include <string>
 #include <utility>
@@ -15,6 +17,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/file_identity.h"
+#include "preprocess/sources/openvdb/module/vdb_ends.h"
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
 
@@ -164,6 +167,14 @@ std::unique_ptr<VolumeSource> open_grid(const openvdb::GridBase::Ptr& base,
 std::unique_ptr<VolumeSource> open_vdb(const VolumeInput& input, const SourceOptions& options) {
     const std::string path = input.path().string();
     try {
+        const std::uint64_t size = std::filesystem::file_size(input.path());
+        if (const std::uint64_t end = end_of_vdb_grids(input.path()); end > size) {
+            throw Error(
+                ErrorKind::corrupt, {path},
+                fmt::format("its grids end at byte {}, but the file has {}: it was cut short", end,
+                            size),
+                {{RemedyKind::good_copy}});
+        }
         openvdb::initialize();
         openvdb::io::File file(path);
         file.open(false);

@@ -19,6 +19,10 @@ export class ServerError extends Error {
   get superseded(): boolean {
     return this.status === 409;
   }
+  /** The memory is too small for it. */
+  get tooLarge(): boolean {
+    return this.status === 413;
+  }
 }
 
 const kBusy = 503;

@@ -4,6 +4,7 @@ import type { Mesh } from "./decode";
 import type { MeshHeader } from "./protocol";
 
 const kRest = 250; // milliseconds
+const kFewest = 500; // triangles
 
 export interface Step {
   readonly parameters: Parameters;
@@ -18,6 +19,8 @@ export interface Plan {
   coarse(): Parameters | null;
   /** While the user rests, the coarsest first. */
   steps(): readonly Step[];
+  /** In place of what the memory was too small for: fewer triangles; null if there is nothing coarser. */
+  coarser(tooLarge: Parameters): Parameters | null;
   /** Of what is shown: no step would make it better. */
   enough(shown: MeshHeader): boolean;
   show(mesh: Mesh, parameters: Parameters): void;
@@ -34,6 +37,8 @@ export class Refiner {
   received = 0;
   /** Step that is under way or comes next, and how many there are; 0 of 0 while it moves. */
   step: readonly [number, number] = [0, 0];
+  /** The memory was too small for a mesh as fine as is wanted. */
+  shortOfMemory = false;
   /** Milliseconds between the last moves of something and the pictures that show them. */
   readonly latencies: number[] = [];
 
@@ -42,6 +47,8 @@ export class Refiner {
   private shown: MeshHeader | null = null;
   /** What is shown came from a step. */
   private refined = false;
+  /** What the memory is too small for, of the same surface. */
+  private readonly tooLarge = new Set<string>();
   private running: "coarse" | "step" | null = null;
   private generation = 0;
   private rest = 0;
@@ -59,6 +66,8 @@ export class Refiner {
   /** Something else is to be shown. A coarse answer that is under way is still shown, a finer one is given up. */
   move(): void {
     this.stopSteps();
+    this.tooLarge.clear();
+    this.shortOfMemory = false;
     this.wanted = this.plan.coarse();
     this.refined = false;
     this.movedAt = performance.now();
@@ -107,7 +116,8 @@ export class Refiner {
     this.rest = setTimeout(() => {
       this.rest = 0;
       // A finer mesh never gives way to a coarser one of the same surface.
-      this.steps = this.plan.steps().slice(this.refined ? -1 : 0);
+      this.steps = this.plan.steps().slice(this.refined ? -1 : 0).filter(({ parameters }) => !this.tooLarge.has(keyOf(parameters)));
+      this.shortOfMemory &&= this.steps.length === 0;
       this.step = [0, this.steps.length];
       this.pump();
     }, kRest);
@@ -153,9 +163,30 @@ export class Refiner {
     } catch (error) {
       if (!current()) return;
       this.steps = [];
-      if (!(error instanceof ServerError && error.superseded)) this.plan.failed(error as Error);
+      if (error instanceof ServerError && error.tooLarge) {
+        this.tooLarge.add(keyOf(parameters));
+        this.shortOfMemory = true;
+        const coarser = this.plan.coarser(parameters);
+        const isShown = running === "step" && this.shown !== null;
+        if (coarser !== null && !(isShown && Number(coarser.triangles) <= (this.shown?.triangles ?? 0))) {
+          void this.run(running, coarser, "as far as the memory allows", movedAt);
+          return;
+        }
+        if (!isShown) this.plan.failed(error);
+      } else if (!(error instanceof ServerError && error.superseded)) this.plan.failed(error as Error);
     }
     this.running = this.aim = null;
     this.pump();
   }
+}
+
+/** The same for all cameras: a mesh that is too large from one place is no better from another. */
+function keyOf({ camera, ...parameters }: Parameters): string {
+  return JSON.stringify({ ...parameters, camera: camera !== undefined });
+}
+
+/** A quarter of the triangles; null where that is too coarse to show anything. `most`: what `tooLarge` was allowed, where it does not say so. */
+export function withFewerTriangles(tooLarge: Parameters, basis: Parameters, most: number): Parameters | null {
+  const triangles = Math.floor(Number(tooLarge.triangles ?? tooLarge.limit ?? most) / 4);
+  return triangles < kFewest ? null : { ...basis, triangles };
 }

@@ -3,7 +3,7 @@ import type { Api, Parameters } from "./api";
 import { DrawnMesh } from "./drawn_mesh";
 import { planeOf } from "./geometry";
 import type { MeshHeader, StoreInfo } from "./protocol";
-import { Refiner, type Step } from "./refiner";
+import { Refiner, type Step, withFewerTriangles } from "./refiner";
 import { mapTexture, sliceMaterial } from "./shaders";
 import type { Stage } from "./stage";
 import { kSliceNames, type SliceName, type ViewStore } from "./state";
@@ -42,6 +42,7 @@ export class Slice {
         return { ...this.basis(), triangles: kMovingTriangles };
       },
       steps: () => this.steps(),
+      coarser: (tooLarge) => withFewerTriangles(tooLarge, this.basis(), kMostTriangles),
       enough: (shown) => this.enough(shown),
       show: (mesh) => {
         this.drawn.show(mesh);

@@ -2,7 +2,7 @@
 import type { Api, Parameters } from "./api";
 import { DrawnMesh } from "./drawn_mesh";
 import type { MeshHeader, StoreInfo } from "./protocol";
-import { Refiner, type Step } from "./refiner";
+import { Refiner, type Step, withFewerTriangles } from "./refiner";
 import { surfaceMaterial } from "./shaders";
 import type { Stage } from "./stage";
 import { mayBeLabels, type Key, type ViewState, type ViewStore } from "./state";
@@ -47,6 +47,7 @@ export class Surface {
         return { ...this.basis(), triangles: views.state.moving };
       },
       steps: () => this.steps(),
+      coarser: (tooLarge) => (store.labels || this.isSmooth() ? null : withFewerTriangles(tooLarge, this.basis(), views.state.most)),
       enough: (shown) => this.enough(shown),
       show: (mesh, parameters) => {
         this.asked = parameters;

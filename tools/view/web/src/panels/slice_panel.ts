@@ -40,7 +40,8 @@ export class SlicePanel {
       const slice = this.slices.get(name);
       const header = slice?.drawn.header;
       const more = slice?.refiner.aim != null ? (header ? ", refining…" : "Loading…") : slice?.refiner.busy && header ? ", refines when you rest" : "";
-      element.textContent = header ? `${sliceBound(header)}; ${whole(header.triangles)} triangles${more}` : more;
+      const short = slice?.refiner.shortOfMemory ? "; there is too little memory for a finer one" : "";
+      element.textContent = header ? `${sliceBound(header)}; ${whole(header.triangles)} triangles${short}${more}` : more;
     }
   }
 

@@ -76,9 +76,10 @@ export class SurfacePanel {
     this.count.textContent = header ? `${whole(header.triangles)} triangles on the screen` : "";
     this.progress.textContent = this.underWay();
     this.progress.classList.toggle("active", this.surface.refiner.busy && header !== null);
-    const limited = header && this.limited() ? `It would take more than ${whole(this.views.state.most)} triangles to be as fine as wanted. ` : "";
+    const short = this.surface.refiner.shortOfMemory ? "There is too little memory for a finer surface. " : "";
+    const limited = header && !short && this.limited() ? `It would take more than ${whole(this.views.state.most)} triangles to be as fine as wanted. ` : "";
     const uncut = header?.stop === "smooth" && this.views.state.box ? "A smooth surface is whole: the box does not cut it. " : "";
-    this.detail.textContent = header ? `${limited}${uncut}${rounding(header, this.unit)}` : "";
+    this.detail.textContent = header ? `${short}${limited}${uncut}${rounding(header, this.unit)}` : "";
   }
 
   /** The bound in a sentence's words, without a stop; empty if there is no surface. */

@@ -1,5 +1,9 @@
 // The bytes of an object at a URL, by requests for ranges: as one state of it, or an error.
+import { Patience, waitNow } from "./patience";
 import type { ObjectBytes } from "./wasm_store";
+
+/** How often somebody who waits is asked whether anybody wants the answer. */
+const kLook = 100; // milliseconds
 
 /** What of an answer says which state of the object it is of. Other origins may hide the first. */
 interface State {
@@ -35,23 +39,23 @@ export class UrlBytes implements ObjectBytes {
     const absolute = new URL(url, location.href);
     const name = absolute.origin + absolute.pathname;
     const start = performance.now();
-    const response = await asked(name, () => fetch(absolute, { method: "HEAD", cache: "no-cache" }));
+    const [response, tried] = await asked(name, () => fetch(absolute, { method: "HEAD", cache: "no-cache" }), () => false);
     if (response.status === 404) throw new Error(`${name}: there is no such file.`);
-    if (!response.ok) throw new Error(`${name}: the server answers ${response.status}.`);
+    if (!response.ok) throw new Error(answers(name, response.status, (header) => response.headers.get(header), tried));
     const size = Number(response.headers.get("Content-Length") ?? Number.NaN);
     if (!Number.isSafeInteger(size)) throw new Error(`${name}: the server does not say how long the file is.`);
     const state = stateOf((header) => response.headers.get(header));
     return new UrlBytes(absolute.href, name, size, state, performance.now() - start, received);
   }
 
-  async read(offset: number, size: number): Promise<Uint8Array> {
+  async read(offset: number, size: number, isCancelled: () => boolean): Promise<Uint8Array> {
     const start = performance.now();
     // What the browser has kept of an older state is asked for anew, once.
     for (const cache of ["default", "reload"] as const) {
-      const response = await asked(this.name, () => fetch(this.url, { headers: { Range: rangeOf(offset, size) }, cache }));
+      const [response, tried] = await asked(this.name, () => fetch(this.url, { headers: { Range: rangeOf(offset, size) }, cache }), isCancelled);
       const header: HeaderOf = (name) => response.headers.get(name);
       if (cache === "default" && response.status === 206 && !isSame(stateOf(header), this.state)) continue;
-      this.require(response.status, header);
+      this.require(response.status, header, tried);
       const bytes = new Uint8Array(await response.arrayBuffer());
       this.roundTrip = Math.min(this.roundTrip, performance.now() - start);
       return this.whole(bytes, size);
@@ -60,25 +64,30 @@ export class UrlBytes implements ObjectBytes {
   }
 
   readNow(offset: number, size: number): Uint8Array {
+    const patience = new Patience();
     const request = new XMLHttpRequest();
-    request.open("GET", this.url, false);
-    request.responseType = "arraybuffer";
-    request.setRequestHeader("Range", rangeOf(offset, size));
-    try {
-      request.send();
-    } catch {
-      throw new Error(unreachable(this.name));
+    const header: HeaderOf = (name) => request.getResponseHeader(name);
+    for (let wait: number | null = 0; wait !== null; wait = patience.wait(request.status, header("Retry-After"))) {
+      if (wait > 0) waitNow(wait);
+      request.open("GET", this.url, false);
+      request.responseType = "arraybuffer";
+      request.setRequestHeader("Range", rangeOf(offset, size));
+      try {
+        request.send();
+      } catch {
+        throw new Error(unreachable(this.name));
+      }
     }
-    this.require(request.status, (name) => request.getResponseHeader(name));
+    this.require(request.status, header, patience.tried);
     return this.whole(new Uint8Array(request.response as ArrayBuffer), size);
   }
 
-  private require(status: number, header: HeaderOf): void {
+  private require(status: number, header: HeaderOf, tried: string): void {
     if (status === 200) {
       throw new Error(`${this.name}: the server answers requests for ranges with the whole file; a page can only read stores from servers that know ranges.`);
     }
     if (status === 404 || status === 416) throw new Error(`${this.name}: was removed or replaced since it was opened: load the page anew.`);
-    if (status !== 206) throw new Error(`${this.name}: the server answers ${status}.`);
+    if (status !== 206) throw new Error(answers(this.name, status, header, tried));
     if (!isSame(stateOf(header), this.state)) {
       throw new Error(`${this.name}: was replaced since it was opened: load the page anew.`);
     }
@@ -99,10 +108,26 @@ function unreachable(name: string): string {
   return `${name}: cannot be reached, or its server does not let this page read it (CORS: it has to send Access-Control-Allow-Origin).`;
 }
 
-async function asked(name: string, ask: () => Promise<Response>): Promise<Response> {
-  try {
-    return await ask();
-  } catch {
-    throw new Error(unreachable(name));
+function answers(name: string, status: number, header: HeaderOf, tried: string): string {
+  const after = header("Retry-After");
+  return `${name}: the server answers ${status}${tried}${after === null ? "" : `, and asks to wait: ${after}`}.`;
+}
+
+/** The answer, once it is none that asks to wait or was waited for long enough; and how often it was asked for, in words. */
+async function asked(name: string, ask: () => Promise<Response>, isCancelled: () => boolean): Promise<[Response, string]> {
+  const patience = new Patience();
+  for (;;) {
+    let response: Response;
+    try {
+      response = await ask();
+    } catch {
+      throw new Error(unreachable(name));
+    }
+    const wait = patience.wait(response.status, response.headers.get("Retry-After"));
+    if (wait === null) return [response, patience.tried];
+    for (const end = performance.now() + wait; performance.now() < end && !isCancelled(); ) {
+      await new Promise((go) => setTimeout(go, Math.min(kLook, end - performance.now())));
+    }
+    if (isCancelled()) return [response, patience.tried];
   }
 }

@@ -7,7 +7,8 @@ export interface ObjectBytes {
   readonly size: number;
   /** Milliseconds until a small answer is there. */
   readonly roundTrip: number;
-  read(offset: number, size: number): Promise<Uint8Array>;
+  /** It waits no longer once `isCancelled()`. */
+  read(offset: number, size: number, isCancelled: () => boolean): Promise<Uint8Array>;
   /** The same, at once; throws. */
   readNow(offset: number, size: number): Uint8Array;
 }
@@ -94,24 +95,25 @@ export class WasmStore {
       this.module._isonest_round_trip(this.bytes.roundTrip);
       this.counts.runs += 1;
       if (query(runs < kMostRuns ? 1 : 0) !== kNeedsBytes) return this.answer();
-      await this.fetchNeeded();
+      await this.fetchNeeded(isCancelled);
       if (isCancelled()) throw new Cancelled();
     }
   }
 
-  private async fetchNeeded(): Promise<void> {
+  private async fetchNeeded(isCancelled: () => boolean): Promise<void> {
     const { module } = this;
     const first = module._isonest_needed() / Float64Array.BYTES_PER_ELEMENT;
     const needed = module.HEAPF64.slice(first, first + module._isonest_needed_count());
     const asked: Promise<void>[] = [];
     for (let i = 0; i < needed.length; i += 2) {
       const [offset, size] = [needed[i] ?? 0, needed[i + 1] ?? 0];
-      asked.push(this.bytes.read(offset, size).then((bytes) => this.put(offset, bytes)));
+      asked.push(this.bytes.read(offset, size, isCancelled).then((bytes) => this.put(offset, bytes)));
     }
     this.counts.trips += 1;
     try {
       await Promise.all(asked);
     } catch (error) {
+      if (isCancelled()) throw new Cancelled();
       throw new NotFetched(error instanceof Error ? error.message : String(error));
     }
   }

@@ -1,0 +1,107 @@
+"""tools/package/DEPENDENCIES.md: every library that is linked, installed for the build or locked for the page has a row, with its version.
+
+usage: dependencies_test.py ISONEST PLUGIN_FOLDER
+"""
+import collections
+import json
+import pathlib
+import re
+import subprocess
+import sys
+import unittest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tools" / "package"))
+import sbom  # noqa: E402
+
+BUILD = pathlib.Path(sys.argv[1]).resolve().parent.parent
+ROWS = list(sbom.libraries())
+DEBIAN = {row[2]: row[3] for row in ROWS if row[0] == "Debian's"}
+# What compiles, and what came with the system's compiler.
+TOOLS = {"g++", "cmake", "ninja-build", "pkg-config"}
+TESTS_ALONE = {"catch2"}
+SYSTEM = {"gcc-12", "glibc"}
+
+
+def sources_of(packages):
+    """Debian's source package of each that is installed."""
+    done = subprocess.run(["dpkg-query", "-W", "-f", "${Package} ${source:Package}\n", *packages], capture_output=True, text=True)
+    return dict(line.split() for line in done.stdout.splitlines())
+
+
+def upstream(version):
+    """Of Debian's version: what comes before its own additions."""
+    return re.sub(r"^\d+:|-[^-]*$|\+.*$|~.*$", "", re.sub(r"^\d+:|-[^-]*$", "", version))
+
+
+def is_debian_12():
+    text = pathlib.Path("/etc/os-release")
+    return text.exists() and "bookworm" in text.read_text()
+
+
+class Dependencies(unittest.TestCase):
+    def test_every_row_is_whole(self):
+        self.assertGreater(len(ROWS), 20)
+        for row in ROWS:
+            self.assertEqual(len(row), 7, row)
+            self.assertTrue(all(row), row)
+
+    def test_packages_for_the_build_have_rows(self):
+        text = (ROOT / "tools" / "install-deps").read_text()
+        packages = set(re.search(r"^packages=\((.*?)\)", text, re.S | re.M)[1].split())
+        rows = set(DEBIAN)
+        self.assertEqual(packages - TOOLS - TESTS_ALONE - rows, set())
+        self.assertEqual([name for name in rows if name not in text], [])
+
+    def test_options_are_those_of_the_build(self):
+        text = (ROOT / "CMakeLists.txt").read_text()
+        for row in ROWS:
+            for option in re.findall(r"-DISONEST_(\w+)=OFF", row[6]):
+                self.assertRegex(text, rf"ISONEST_{option}\b|isonest_format_library\({option}\b|isonest_module\({option}\b")
+
+    def test_the_page_has_its_packages(self):
+        locked = json.loads((ROOT / "tools/view/web/package-lock.json").read_text())["packages"]
+        expected = {name.removeprefix("node_modules/"): (of["version"], of["license"]) for name, of in locked.items()
+                    if name and not of.get("dev") and not of.get("optional")}
+        self.assertEqual({row[2]: (row[3], row[4]) for row in ROWS if row[0] == "npm's"}, expected)
+
+    @unittest.skipUnless(is_debian_12(), "the versions are Debian 12's")
+    def test_versions_are_those_installed(self):
+        for package, version in DEBIAN.items():
+            found = sbom.installed(package)
+            if found:
+                self.assertTrue(upstream(found).startswith(version), f"{package}: {found}")
+
+    @unittest.skipUnless(is_debian_12(), "asks dpkg")
+    def test_what_is_linked_has_a_row(self):
+        files = [BUILD / "bin/isonest", BUILD / "bin/isonest-mpi", *(BUILD / "lib/isonest").glob("*.so"),
+                 *(BUILD / "python/isonest").glob("*.so")]
+        needed = {}
+        for file in filter(pathlib.Path.exists, files):
+            dynamic = subprocess.run(["readelf", "-d", file], capture_output=True, text=True, check=True).stdout
+            for library in re.findall(r"NEEDED.*\[(.*)\]", dynamic):
+                needed[library] = file
+        self.assertIn("libc.so.6", needed)
+        # A line for each file of that name: PACKAGES: PATH.
+        owners = collections.defaultdict(set)
+        found = subprocess.run(["dpkg-query", "-S", *(f"*/{library}" for library in needed)], capture_output=True, text=True)
+        for line in found.stdout.splitlines():
+            packages, _, path = line.partition(": ")
+            if not packages.startswith("diversion by"):
+                owners[path.rsplit("/", 1)[-1]] |= {package.split(":")[0] for package in packages.split(", ")}
+        sources = sources_of({*DEBIAN, *(package for of in owners.values() for package in of)})
+        # Imath is a part of OpenVDB's row.
+        known = {sources.get(package) for package in DEBIAN} | SYSTEM | {"imath"}
+        for library, file in needed.items():
+            self.assertTrue({sources.get(package) for package in owners[library]} & known, f"{file}: {library}")
+
+    def test_cyclonedx_has_every_library(self):
+        made = json.loads(subprocess.run([ROOT / "tools/package/sbom.py"], capture_output=True, text=True, check=True).stdout)
+        self.assertEqual((made["bomFormat"], made["specVersion"]), ("CycloneDX", "1.4"))
+        self.assertEqual([part["name"] for part in made["components"]], [row[1] for row in ROWS])
+        for part in made["components"]:
+            self.assertRegex(part["purl"], r"^pkg:(deb/debian|npm)/[\w.%+-]+@[\w.:%~+-]+(\?distro=bookworm)?$")
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])

@@ -1,0 +1,1 @@
+"""Valid random files of arrays, by kind of file: TIFF, Zarr, NumPy and raw numbers."""

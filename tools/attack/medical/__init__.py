@@ -1,0 +1,1 @@
+"""The kinds of tries of valid_medical.py."""

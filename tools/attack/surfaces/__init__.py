@@ -1,0 +1,1 @@
+"""What geometry.py is made of: hard volumes, the data's function computed by itself, and judges of meshes."""

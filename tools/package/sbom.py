@@ -1,0 +1,65 @@
+#!/usr/bin/env python3
+"""Writes what isonest is made of as CycloneDX 1.4 (JSON) to standard output.
+
+usage: sbom.py
+
+The libraries are those of DEPENDENCIES.md; a version is that of the Debian package that is installed here, and the
+document's where none is.
+"""
+import json
+import pathlib
+import re
+import subprocess
+import sys
+
+HERE = pathlib.Path(__file__).resolve().parent
+HEADER = re.compile(r"\| library \| (Debian's|npm's) package \|")
+
+
+def libraries():
+    """Yields (kind, name, package, version, licence, reads, left out by) of each row; kind: "Debian's" or "npm's"."""
+    kind = None
+    for line in (HERE / "DEPENDENCIES.md").read_text().splitlines():
+        found = HEADER.match(line)
+        if found:
+            kind = found[1]
+        elif not line.startswith("|"):
+            kind = None
+        elif kind and not line.startswith("|---"):
+            yield (kind, *(cell.strip() for cell in line.strip("|").split("|")))
+
+
+def installed(package):
+    """The version of Debian's package, or None."""
+    try:
+        done = subprocess.run(["dpkg-query", "-W", "-f", "${db:Status-Status} ${Version}", package], capture_output=True, text=True)
+    except FileNotFoundError:
+        return None
+    status, _, version = done.stdout.partition(" ")
+    return version if status == "installed" else None
+
+
+def component(kind, name, package, version, licence):
+    if kind == "Debian's":
+        found = installed(package)
+        version = found or version
+        url = f"pkg:deb/debian/{package}@{version}?distro=bookworm"
+    else:
+        url = f"pkg:npm/{package}@{version}"
+    return {"type": "library", "name": name, "version": version, "purl": url.replace("+", "%2B"),
+            "licenses": [{"expression": licence.replace(" or ", " OR ")} if " or " in licence
+                         else {"license": {"name": licence}}]}
+
+
+def main():
+    version = re.search(r"project\(isonest VERSION (\S+)", (HERE.parents[1] / "CMakeLists.txt").read_text())[1]
+    made = {"bomFormat": "CycloneDX", "specVersion": "1.4", "version": 1,
+            "metadata": {"component": {"type": "application", "name": "isonest", "version": version,
+                                       "licenses": [{"license": {"id": "MIT"}}]}},
+            "components": [component(*row[:5]) for row in libraries()]}
+    json.dump(made, sys.stdout, indent=2, ensure_ascii=False)
+    print()
+
+
+if __name__ == "__main__":
+    main()
