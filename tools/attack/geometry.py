@@ -1,4 +1,4 @@
-#!/usr/bin/python3
+#!/usr/bin/env python3
 """Attacks what is promised of surfaces, slices and labels: random hard volumes, random questions, judges of another kind.
 
 The judges compute the data's function and its surface from the values alone (surfaces/function.py), and look at meshes with

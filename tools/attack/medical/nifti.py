@@ -51,11 +51,13 @@ def _qform(header):
 
 
 def _shear(affine, shape):
-    """By how many of the largest voxel's size the far corner of the volume moves if its axes are made straight."""
-    u, _, v = np.linalg.svd(affine[:3, :3] / np.linalg.norm(affine[:3, :3], axis=0))
-    straight = (u @ v) * np.linalg.norm(affine[:3, :3], axis=0)
-    return np.linalg.norm((straight - affine[:3, :3]) * (np.array(shape[:3]) - 1), axis=0).sum() / \
-        np.linalg.norm(affine[:3, :3], axis=0).max()
+    """By how many voxels the far corner of the volume moves if its axes are made straight: of the largest size, and of
+    the smallest, where an axis of one node counts as one of two."""
+    size = np.linalg.norm(affine[:3, :3], axis=0)
+    u, _, v = np.linalg.svd(affine[:3, :3] / size)
+    steps = np.linalg.norm((u @ v) * size - affine[:3, :3], axis=0)
+    cells = np.array(shape[:3]) - 1
+    return (steps * cells).sum() / size.max(), (steps * np.maximum(cells, 1)).sum() / size.min()
 
 
 def _write(one, header, stored, single, big):
@@ -154,12 +156,12 @@ def nifti(one):
     else:
         volume.affine = volumes.affine_of(np.eye(3), header["pixdim"][1:4].astype("f8"), np.zeros(3))
     if sform and sheared:
-        shear = _shear(volume.affine, (*shape, 1, 1))
+        shear, most = _shear(volume.affine, (*shape, 1, 1))
         volume.loose = True
         pair = ("a sheared volume", "sheared")
         if shear > 1:
             volume.must_refuse = pair
-        elif shear > 1e-4:
+        elif max(shear, most) > 1e-4:
             volume.may_refuse = (pair,)
     if any(n > 1 for n in extra):
         # Axes of one position need no index; by name or by position.
