@@ -192,6 +192,10 @@ def unreadable(one):
         tifffile.imwrite(path, data, photometric="minisblack", volumetric=True, **one.pick({}, {"tile": (16, 16, 16)}), metadata=one.pick(None, {}))
         return check(one, path, data, refused="planes in one page")
     pages = [page_of(one, plane, look) for plane in data]
+    if what == "depth":  # that of tiles means nothing where there are none
+        for page in pages:
+            page["tags"] = {tag: value for tag, value in page["tags"].items() if tag == 32997 or "columns" in page}
+        refused = refused if any(page["tags"] for page in pages) else None
     if what == "differs":
         at = int(one.random.integers(3))
         other = one.pick(lambda d: np.concatenate([d, d[-1:]]), lambda d: np.concatenate([d, d[:, -1:]], 1), lambda d: d.astype("f8"),
