@@ -189,6 +189,6 @@ def zarr_sharded(one):
         if one.chance(0.05):
             inner = shard["configuration"]["chunk_shape"]
             shard["configuration"]["codecs"] = [zarr3.random_shards(one, kind, inner)]
-            refused = refused or "at this place of the list"
+            refused = "shards that are transposed" if before and order != sorted(order) else "at this place of the list"
         return [*before, shard, *behind], refused
     return version_3(one, codecs_of)
