@@ -9,9 +9,9 @@
 
 #include <isonest/error.h>
 
+#include "store/container/by_hdf5/hdf5_view.h"
 #include "store/container/codec.h"
 #include "store/container/footer/footer.h"
-#include "store/container/by_hdf5/hdf5_view.h"
 
 namespace isonest::detail {
 namespace {

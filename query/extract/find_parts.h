@@ -35,7 +35,8 @@ void watch_places(const ExtractQuery& asked, PartStore& parts);
 /// afterwards. Says in the reports what it did; chunks are counted in each. REQUIRES: only a
 /// surface or isolines of values have several isovalues; is called within an arena of
 /// budget.threads. `team`: ranks that share the traversal, or null; collective then: rank 0 gets
-/// the parts of all unless they stay, and its reports count what all did. Throws what traverse() throws.
+/// the parts of all unless they stay, and its reports count what all did. Throws what traverse()
+/// throws.
 void find_parts(const StoreReader& store, const ExtractQuery& asked, const TraversalBudget& budget,
                 std::span<FoundParts> found, const ScratchFolder& scratch, Progress& progress,
                 RankTeam* team = nullptr);

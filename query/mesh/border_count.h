@@ -37,8 +37,8 @@ class BorderCount {
 };
 
 /// Of a welded mesh, and of triangles with vertices of a whole one. Throw Error{io, cancelled}.
-std::uint64_t border_vertices(const PartStore& parts, const VertexNumbers& weld, const ScratchFolder& folder,
-                              Progress& progress);
+std::uint64_t border_vertices(const PartStore& parts, const VertexNumbers& weld,
+                              const ScratchFolder& folder, Progress& progress);
 std::uint64_t border_vertices(const ScratchMesh& mesh, const CornerView& triangles,
                               const ScratchFolder& folder, Progress& progress);
 

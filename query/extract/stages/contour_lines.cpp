@@ -81,9 +81,9 @@ class LinePart {
 
 }  // namespace
 
-void contour_lines(const PartStore& parts, const VertexNumbers& weld, std::span<const double> values,
-                   const AttributeChoice& attributes, std::size_t part_vertices,
-                   const PartSink& sink, Progress& progress) {
+void contour_lines(const PartStore& parts, const VertexNumbers& weld,
+                   std::span<const double> values, const AttributeChoice& attributes,
+                   std::size_t part_vertices, const PartSink& sink, Progress& progress) {
     if (weld.vertices() >> kVertexBits != 0) {
         throw Error(ErrorKind::limit, "contour lines: the slice has more than 2^48 vertices");
     }

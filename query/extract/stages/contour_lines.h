@@ -20,9 +20,9 @@ inline constexpr std::size_t kMostContours = 1000;
 /// carry is their value alone, as wide. Vertices held at a time: at most `part_vertices` + 2 per
 /// value. REQUIRES: values.size() <= kMostContours. Throws Error{limit} beyond 2^48 vertices, what
 /// the sink throws, and Error{cancelled}.
-void contour_lines(const PartStore& parts, const VertexNumbers& weld, std::span<const double> values,
-                   const AttributeChoice& attributes, std::size_t part_vertices,
-                   const PartSink& sink, Progress& progress);
+void contour_lines(const PartStore& parts, const VertexNumbers& weld,
+                   std::span<const double> values, const AttributeChoice& attributes,
+                   std::size_t part_vertices, const PartSink& sink, Progress& progress);
 
 /// Most by which the lines' values are rounded.
 double contour_rounding(std::span<const double> values, const AttributeChoice& attributes);

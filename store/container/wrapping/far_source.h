@@ -22,9 +22,9 @@ struct FarCounts {
     std::uint64_t announced_chunks = 0;
 };
 
-/// The model: a chunk's bytes are there once, for the next decode(). Who decodes a chunk that is not
-/// there waits one round trip, in which all that was announced before arrives, too. A chunk that is
-/// announced and was not decoded since is not announced again.
+/// The model: a chunk's bytes are there once, for the next decode(). Who decodes a chunk that is
+/// not there waits one round trip, in which all that was announced before arrives, too. A chunk
+/// that is announced and was not decoded since is not announced again.
 class FarSource : public ForwardingSource {
   public:
     using ForwardingSource::ForwardingSource;

@@ -133,7 +133,8 @@ void add_extract_report(py::module_& module) {
             "world units")
         .def_property_readonly(
             "nodes_beyond", [](const R& r) { return r.smooth ? r.smooth->nodes_beyond : 0.0; },
-            "proven: all nodes further than this from the surfaces between smooth labels are inside "
+            "proven: all nodes further than this from the surfaces between smooth labels are "
+            "inside "
             "the meshes of their own labels alone, in world units; 0: all nodes")
         .def_property_readonly(
             "neighbours",

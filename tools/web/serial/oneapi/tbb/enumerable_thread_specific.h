@@ -14,12 +14,12 @@ class enumerable_thread_specific {
   public:
     enumerable_thread_specific() : make_([] { return new T(); }) {}
     template <class Make>
-        requires std::is_invocable_v<Make>
+    requires std::is_invocable_v<Make>
     explicit enumerable_thread_specific(Make make)
         : make_([make = std::move(make)] { return new T(make()); }) {}
     template <class Exemplar>
-        requires(!std::is_invocable_v<Exemplar>)
-    explicit enumerable_thread_specific(const Exemplar& exemplar)
+    requires(!std::is_invocable_v<Exemplar>) explicit enumerable_thread_specific(
+        const Exemplar& exemplar)
         : make_([exemplar] { return new T(exemplar); }) {}
 
     T& local() {
