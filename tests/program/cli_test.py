@@ -576,6 +576,11 @@ class Cli(unittest.TestCase):
             self.assertIn("line 4 has more than 1048576", self.fails(4, "picture", "h.obj", "-o", "p.png"))
         mesh.unlink()
 
+    def test_a_mesh_that_is_no_file_is_not_waited_for(self):
+        for name in ("p.ply", "p.stl", "p.obj", "p.glb", "p.3mf", "p.vtp"):
+            os.mkfifo(self.here / name)
+            self.assertIn(f"{name}: not a regular file", self.fails(2, "picture", name, "-o", "p.png"))
+
     def test_help_is_80_columns_wide(self):
         for command in ("", *COMMANDS, "slice", "study", "smooth"):
             text = self.ok(*([command] if command else []), "--help").stdout.decode()

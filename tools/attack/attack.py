@@ -205,11 +205,12 @@ class Tally:
             return
         place = self.keep / f"{self.kind}-{seed}"
         shutil.rmtree(place, ignore_errors=True)
+        place.parent.mkdir(parents=True, exist_ok=True)
         of_wrong = _folder_of_wrong(folder, seed)
-        if of_wrong.exists():
-            shutil.move(of_wrong, place)
-        elif folder.exists():  # its process has ended
-            with contextlib.suppress(shutil.Error):  # of what is no file
+        with contextlib.suppress(shutil.Error):  # FIFOs and sockets are not copied
+            if of_wrong.exists():
+                shutil.move(of_wrong, place)
+            elif folder.exists():  # its process has ended
                 shutil.copytree(folder, place, symlinks=True)
         place.mkdir(parents=True, exist_ok=True)
         (place / "why.txt").write_text(result.why + "\n")

@@ -5,12 +5,14 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <istream>
 #include <memory>
 #include <streambuf>
 #include <string>
 #include <string_view>
+#include <system_error>
 
 #include <isonest/error.h>
 
@@ -150,6 +152,11 @@ bool next_line(std::istream& file, std::string& line) {
 }  // namespace
 
 void read_obj(const std::filesystem::path& path, PlyScratch& to, Progress& progress) {
+    // A FIFO would be waited for.
+    if (std::error_code ignored; std::filesystem::exists(path, ignored) &&
+                                 !std::filesystem::is_regular_file(path, ignored)) {
+        throw Error(ErrorKind::invalid_argument, {path.string()}, "not a regular file");
+    }
     std::ifstream file(path);
     if (!file) {
         throw Error(ErrorKind::not_found, {path.string()}, "cannot open");
