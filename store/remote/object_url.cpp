@@ -8,6 +8,8 @@
 
 #include <isonest/error.h>
 
+#include "store/base/percent_text.h"
+
 namespace isonest::detail {
 namespace {
 
@@ -70,25 +72,6 @@ std::string mended(std::string_view part) {
             append_encoded(out, c);
         } else {
             out += c;
-        }
-    }
-    return out;
-}
-
-int digit_of(char c) {
-    const std::size_t at = kHex.find(c >= 'a' && c <= 'f' ? static_cast<char>(c - 'a' + 'A') : c);
-    return at == std::string_view::npos ? -1 : static_cast<int>(at);
-}
-
-std::string decoded(std::string_view text) {
-    std::string out;
-    for (std::size_t i = 0; i < text.size(); ++i) {
-        if (text[i] == '%' && i + 2 < text.size() && digit_of(text[i + 1]) >= 0 &&
-            digit_of(text[i + 2]) >= 0) {
-            out += static_cast<char>(digit_of(text[i + 1]) * 16 + digit_of(text[i + 2]));
-            i += 2;
-        } else {
-            out += text[i];
         }
     }
     return out;
@@ -167,8 +150,8 @@ ObjectUrl parse_http(std::string_view scheme, std::string_view rest) {
     url.request =
         fmt::format("{}://{}{}{}", scheme, host, path.empty() ? "/" : mended(path), mended(query));
     const std::size_t colon = std::min(userinfo.find(':'), userinfo.size());
-    url.user = decoded(userinfo.substr(0, colon));
-    url.password = colon < userinfo.size() ? decoded(userinfo.substr(colon + 1)) : "";
+    url.user = percent_decoded(userinfo.substr(0, colon));
+    url.password = colon < userinfo.size() ? percent_decoded(userinfo.substr(colon + 1)) : "";
     return url;
 }
 

@@ -76,6 +76,18 @@ class Done:
     err: str
 
 
+def ended(process, seconds=30):
+    """How a process ends, which is killed after some seconds."""
+    try:
+        out, err = process.communicate(timeout=seconds)
+        code = process.returncode
+    except subprocess.TimeoutExpired:
+        process.kill()
+        out, err = process.communicate()
+        code = "hang"
+    return Done(code, (out or b"").decode(errors="replace"), (err or b"").decode(errors="replace"))
+
+
 class Try:
     """One try: its seed, its random numbers, its empty folder, the program."""
 
@@ -100,14 +112,7 @@ class Try:
         process = subprocess.Popen([self.program, *map(os.fspath, map(_word, arguments))], cwd=self.folder,
                                    stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                    preexec_fn=limit, env={**os.environ, **(environment or {})})
-        try:
-            out, err = process.communicate(timeout=seconds)
-            code = process.returncode
-        except subprocess.TimeoutExpired:
-            process.kill()
-            out, err = process.communicate()
-            code = "hang"
-        return Done(code, out.decode(errors="replace"), err.decode(errors="replace"))
+        return ended(process, seconds)
 
 
 def require(*names):

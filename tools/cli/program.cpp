@@ -215,7 +215,7 @@ Outcome run(const Program& program, const Invocation& chosen) {
     if (chosen.json) {
         outcome.text = dump(result.json) + "\n";
     } else if (!chosen.quiet || result.exit_code != 0) {
-        outcome.text = std::move(result.text);
+        outcome.text = shown_lines(result.text);
     }
     return outcome;
 }
@@ -282,7 +282,7 @@ int tell(const Program& program, const Outcome& outcome, bool json) {
             fmt::format("{}: warning: {}\n", program.name, shown_lines(outcome.warning)).c_str(),
             stderr);
     }
-    if (std::fputs(shown_lines(outcome.text).c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
+    if (std::fputs(outcome.text.c_str(), stdout) == EOF || std::fflush(stdout) != 0) {
         return tell(program,
                     failed(Error(ErrorKind::io, "cannot write to standard output"),
                            [](const std::string& /*option*/) { return false; }),

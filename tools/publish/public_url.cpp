@@ -10,6 +10,7 @@
 
 #include <isonest/error.h>
 
+#include "store/base/percent_text.h"
 #include "store/remote/object_url.h"
 
 namespace isonest::detail::publish {
@@ -17,19 +18,8 @@ namespace {
 
 /// Letters and digits alone, lower case, of a name that may be percent-encoded.
 std::string plain_name(std::string_view name) {
-    const auto digit = [](char c) {
-        return c >= '0' && c <= '9'   ? c - '0'
-               : c >= 'a' && c <= 'f' ? c - 'a' + 10
-               : c >= 'A' && c <= 'F' ? c - 'A' + 10
-                                      : -1;
-    };
     std::string plain;
-    for (std::size_t i = 0; i < name.size(); ++i) {
-        char c = name[i];
-        if (c == '%' && i + 2 < name.size() && digit(name[i + 1]) >= 0 && digit(name[i + 2]) >= 0) {
-            c = static_cast<char>(digit(name[i + 1]) * 16 + digit(name[i + 2]));
-            i += 2;
-        }
+    for (const char c : percent_decoded(name)) {
         if ((c >= 'a' && c <= 'z') || (c >= '0' && c <= '9')) {
             plain += c;
         } else if (c >= 'A' && c <= 'Z') {

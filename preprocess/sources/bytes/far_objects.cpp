@@ -3,11 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <utility>
 
 #include <isonest/error.h>
 
+#include "store/base/percent_text.h"
 #include "store/bytes/disk_cache.h"
 #include "store/remote/open_location.h"
 
@@ -93,20 +93,7 @@ std::string last_part_of(std::string_view url) {
     if (is_s3(url)) {
         return std::string(part);
     }
-    std::string out;
-    for (std::size_t i = 0; i < part.size(); ++i) {
-        unsigned byte = 0;
-        const std::string_view digits = part.substr(i + 1, 2);
-        const char* const end = digits.data() + digits.size();
-        if (part[i] == '%' && digits.size() == 2 &&
-            std::from_chars(digits.data(), end, byte, 16).ptr == end) {
-            out += static_cast<char>(byte);
-            i += 2;
-        } else {
-            out += part[i];
-        }
-    }
-    return out;
+    return percent_decoded(part);
 }
 
 std::string url_beside(std::string_view url, std::string_view name, const std::string& shown) {

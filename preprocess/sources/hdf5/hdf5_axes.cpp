@@ -1,7 +1,6 @@
 #include "preprocess/sources/hdf5/hdf5_axes.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "preprocess/sources/bytes/lower_case.h"
 #include "preprocess/sources/hdf5/hdf5_files.h"
@@ -46,10 +45,7 @@ std::vector<double> coordinates_of(hid_t scale, hsize_t length) {
         return {};
     }
     if (kind == H5T_INTEGER && is_said_unsigned(scale)) {
-        const double all = std::ldexp(1.0, static_cast<int>(8 * H5Tget_size(type.get())));
-        for (double& number : numbers) {
-            number += number < 0 ? all : 0;
-        }
+        take_as_unsigned(numbers, H5Tget_size(type.get()));
     }
     unpack(numbers, [&](const std::string& name) { return numbers_of_attribute(scale, name); });
     return numbers;

@@ -4,7 +4,6 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <cmath>
 #include <string>
 #include <utility>
 #include <vector>
@@ -178,10 +177,10 @@ std::vector<double> read_numbers(const std::filesystem::path& path, const Netcdf
         }
         for (std::uint64_t j = 0; j < n; ++j) {
             numbers.push_back(netcdf_number(bytes, static_cast<std::size_t>(j * stride), v.type));
-            if (is_unsigned(v) && numbers.back() < 0) {
-                numbers.back() += std::ldexp(1.0, static_cast<int>(8 * value));
-            }
         }
+    }
+    if (is_unsigned(v)) {
+        take_as_unsigned(numbers, value);
     }
     unpack(numbers, [&](const std::string& name) {
         const NetcdfAttribute* const attribute = attribute_of(v, name);
@@ -269,11 +268,8 @@ std::unique_ptr<VolumeSource> open_netcdf3(const VolumeInput& input, const Sourc
         const NetcdfAttribute* const attribute = attribute_of(v, name);
         std::vector<double> list =
             attribute == nullptr ? std::vector<double>{} : attribute->numbers;
-        for (double& number : list) {
-            const bool stored = name != "scale_factor" && name != "add_offset";
-            number += stored && is_unsigned(v) && number < 0
-                          ? std::ldexp(1.0, static_cast<int>(8 * value))
-                          : 0;
+        if (is_unsigned(v) && name != "scale_factor" && name != "add_offset") {
+            take_as_unsigned(list, value);
         }
         return list;
     };

@@ -15,6 +15,7 @@ namespace isonest::detail {
 namespace {
 
 constexpr std::size_t kNpyMagic = 6;
+constexpr std::size_t kNpyFirst = 12;  ///< bytes before the literal, at most
 constexpr std::string_view kLiteralBlanks = " \t\r\n";
 
 /// The literal of a Python dictionary: {'descr': '<f4', 'fortran_order': False, 'shape': (3, 4), }
@@ -159,21 +160,24 @@ class Literal {
     bool has_shape_ = false;
 };
 
+/// Behind the literal's length, which has two bytes in version 1, then four.
+std::size_t npy_literal_start(std::string_view text) {
+    return text[kNpyMagic] == 1 ? kNpyFirst - 2 : kNpyFirst;
+}
+
 }  // namespace
 
 std::uint64_t npy_header_bytes(std::string_view text) {
-    constexpr std::size_t kShort = 10;
-    constexpr std::size_t kLong = 12;
-    if (text.size() < kLong) {
-        return kLong;
+    if (text.size() < kNpyFirst) {
+        return kNpyFirst;
     }
-    return text[kNpyMagic] == 1 ? kShort + std::uint64_t{number_at<std::uint16_t>(text, 8, false)}
-                                : kLong + std::uint64_t{number_at<std::uint32_t>(text, 8, false)};
+    const std::size_t start = npy_literal_start(text);
+    return start + (start < kNpyFirst ? number_at<std::uint16_t>(text, 8, false)
+                                      : std::uint64_t{number_at<std::uint32_t>(text, 8, false)});
 }
 
 NpyHeader parse_npy_header(std::string_view text, const std::string& name) {
-    constexpr std::size_t kLong = 12;
-    if (text.size() < kLong || text.substr(0, kNpyMagic) != "\x93NUMPY") {
+    if (text.size() < kNpyFirst || text.substr(0, kNpyMagic) != "\x93NUMPY") {
         throw Error(ErrorKind::corrupt, {name}, "not an array of NumPy");
     }
     const int version = static_cast<unsigned char>(text[kNpyMagic]);
@@ -182,7 +186,7 @@ NpyHeader parse_npy_header(std::string_view text, const std::string& name) {
                     fmt::format("version {}: 1 to 3 are read", version));
     }
     const std::uint64_t bytes = npy_header_bytes(text);
-    const std::size_t start = version == 1 ? kLong - 2 : kLong;
+    const std::size_t start = npy_literal_start(text);
     if (bytes > text.size()) {
         throw Error(ErrorKind::corrupt, {name, "npy header"},
                     fmt::format("{} bytes: the file ends before, or it is longer than the {} that "

@@ -39,6 +39,13 @@ Scaling cf_scaling(const NumbersOfAttribute& attribute, const std::string& name)
     return scaling;
 }
 
+void take_as_unsigned(std::vector<double>& numbers, std::size_t bytes) {
+    const double all = std::ldexp(1.0, static_cast<int>(8 * bytes));
+    for (double& number : numbers) {
+        number += number < 0 ? all : 0;
+    }
+}
+
 void unpack(std::vector<double>& coordinates, const NumbersOfAttribute& attribute) {
     const auto one = [&](const char* key, double otherwise) {
         const std::vector<double> numbers = attribute(key);

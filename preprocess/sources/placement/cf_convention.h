@@ -1,6 +1,7 @@
 // What the attributes of climate and forecast data (CF) say of stored numbers.
 #pragma once
 
+#include <cstddef>
 #include <functional>
 #include <optional>
 #include <string>
@@ -21,6 +22,10 @@ using NumbersOfAttribute = std::function<std::vector<double>(const std::string& 
 /// Source: https://cfconventions.org/Data/cf-conventions/cf-conventions-1.11/cf-conventions.html,
 /// sections 2.5.1 and 8.1. Throws Error{corrupt} for a scale factor of 0 or that is no number.
 Scaling cf_scaling(const NumbersOfAttribute& attribute, const std::string& name);
+
+/// Numbers of `bytes` bytes that are to be taken as unsigned (`_Unsigned`), but were read as
+/// signed.
+void take_as_unsigned(std::vector<double>& numbers, std::size_t bytes);
 
 /// Coordinates that are packed as values may be: `scale_factor` and `add_offset` are applied, if
 /// they are numbers and the factor is not 0.

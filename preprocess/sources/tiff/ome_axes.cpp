@@ -3,24 +3,17 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <string_view>
 #include <utility>
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/tiff/leading_number.h"
 #include "preprocess/sources/tiff/ome_xml.h"
 
 namespace isonest::detail {
 namespace {
-
-template <class T>
-T attribute_number(const std::string& text, T otherwise) {
-    T value{};
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    return error == std::errc{} && end != text.data() ? value : otherwise;
-}
 
 /// One of x, y and z.
 std::string size_key(std::size_t axis) {
@@ -32,7 +25,7 @@ std::string size_key(std::size_t axis) {
 /// Source: https://www.openmicroscopy.org/Schemas/OME/2016-06/ome.xsd
 CommonUnit ome_unit(const XmlElement& pixels, const TiffSet& set) {
     const std::array<std::int64_t, 3> lengths{
-        set.width, set.height, attribute_number<std::int64_t>(pixels.attribute("SizeZ"), 1)};
+        set.width, set.height, leading_number<std::int64_t>(pixels.attribute("SizeZ"), 1)};
     AxisUnits units;
     for (std::size_t a = 0; a < 3; ++a) {
         if (!pixels.attribute(size_key(a)).empty()) {
@@ -71,7 +64,7 @@ std::vector<PlaneData> plane_data(const std::vector<XmlElement>& elements,
             const std::string key = axis.name == "z"   ? "FirstZ"
                                     : axis.name == "c" ? "FirstC"
                                                        : "FirstT";
-            const auto first = attribute_number<std::int64_t>(element.attribute(key), 0);
+            const auto first = leading_number<std::int64_t>(element.attribute(key), 0);
             if (first < 0 || first >= axis.length) {
                 throw Error(ErrorKind::corrupt, {set.name, "OME-XML"},
                             fmt::format("{} {} of {}", key, first, axis.length));
@@ -80,9 +73,9 @@ std::vector<PlaneData> plane_data(const std::vector<XmlElement>& elements,
             stride *= axis.length;
         }
         const std::string directory = element.attribute("IFD");
-        data.directory = std::max<std::int64_t>(attribute_number<std::int64_t>(directory, 0), 0);
+        data.directory = std::max<std::int64_t>(leading_number<std::int64_t>(directory, 0), 0);
         if (const std::string count = element.attribute("PlaneCount"); !count.empty()) {
-            data.count = attribute_number<std::int64_t>(count, 1);
+            data.count = leading_number<std::int64_t>(count, 1);
         } else if (!directory.empty()) {
             data.count = 1;
         }
@@ -180,7 +173,7 @@ std::optional<TiffAxes> axes_of_ome(const std::string& description, const TiffSe
     for (std::size_t i = 2; i < order.size(); ++i) {  // x and y come first
         const char axis = order[i];
         const auto length =
-            attribute_number<std::int64_t>(pixels.attribute(fmt::format("Size{}", axis)), 0);
+            leading_number<std::int64_t>(pixels.attribute(fmt::format("Size{}", axis)), 0);
         if (length < 1 || length > set.pages * set.samples / product) {
             product = 0;
             break;
@@ -189,7 +182,7 @@ std::optional<TiffAxes> axes_of_ome(const std::string& description, const TiffSe
         planes.push_back({axis == 'Z' ? "z" : axis == 'C' ? "c" : "t", length, axis == 'Z'});
     }
     // Channels may be samples of one page instead.
-    const auto channels = attribute_number<std::int64_t>(pixels.attribute("SizeC"), 1);
+    const auto channels = leading_number<std::int64_t>(pixels.attribute("SizeC"), 1);
     if (channels > 1 && product == set.pages * channels) {
         std::erase_if(planes, [](const ArrayAxis& a) { return a.name == "c"; });
         product = set.pages;
@@ -206,7 +199,7 @@ std::optional<TiffAxes> axes_of_ome(const std::string& description, const TiffSe
     Double3 spacing{1, 1, 1};
     bool any = false;
     for (std::size_t a = 0; a < 3; ++a) {
-        const auto size = attribute_number<double>(pixels.attribute(size_key(a)), 0);
+        const auto size = leading_number<double>(pixels.attribute(size_key(a)), 0);
         if (size > 0 && std::isfinite(size)) {
             spacing.at(a) = size;
             any = true;

@@ -1,7 +1,6 @@
 #include "preprocess/sources/tiff/tiff_axes.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <string_view>
 #include <utility>
@@ -9,6 +8,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/json_file.h"
+#include "preprocess/sources/tiff/leading_number.h"
 #include "preprocess/sources/tiff/ome_axes.h"
 
 namespace isonest::detail {
@@ -27,13 +27,6 @@ std::string_view line_value(std::string_view text, std::string_view key) {
     return {};
 }
 
-template <class T>
-T number_or(std::string_view text, T otherwise) {
-    T value{};
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    return error == std::errc{} && end != text.data() ? value : otherwise;
-}
-
 /// ImageJ has a unit of y and z where it is not that of x. What is counted in pixels has none.
 CommonUnit imagej_unit(std::string_view text) {
     AxisUnits units;
@@ -50,7 +43,7 @@ CommonUnit imagej_unit(std::string_view text) {
 
 TiffAxes of_imagej(const std::string& text, std::int64_t pages) {
     const auto count = [&](const char* key) {
-        return std::max<std::int64_t>(number_or<std::int64_t>(line_value(text, key), 1), 1);
+        return std::max<std::int64_t>(leading_number<std::int64_t>(line_value(text, key), 1), 1);
     };
     TiffAxes axes;
     const std::int64_t channels = count("channels");
@@ -61,7 +54,7 @@ TiffAxes of_imagej(const std::string& text, std::int64_t pages) {
     } else {
         axes.pages = {{"z", pages}};
     }
-    const auto spacing = number_or<double>(line_value(text, "spacing"), 0);
+    const auto spacing = leading_number<double>(line_value(text, "spacing"), 0);
     if (std::isfinite(spacing) && spacing != 0) {
         axes.spacing = Double3{0, 0, std::fabs(spacing)};
     } else if (!line_value(text, "unit").empty()) {
@@ -102,7 +95,7 @@ std::int64_t truncated_images(const std::string& description, std::int64_t value
 std::int64_t images_of_description(const std::string& description, std::int64_t values) {
     return description.starts_with("ImageJ=")
                ? std::max<std::int64_t>(
-                     number_or<std::int64_t>(line_value(description, "images"), 1), 1)
+                     leading_number<std::int64_t>(line_value(description, "images"), 1), 1)
                : truncated_images(description, values);
 }
 

@@ -15,54 +15,13 @@
 
 #include "preprocess/sources/bytes/lower_case.h"
 #include "preprocess/sources/vtk/legacy_text.h"
+#include "store/base/percent_text.h"
 
 namespace isonest::detail {
 namespace {
 
 constexpr std::int64_t kMostNumber = 1'000'000'000'000'000;
 constexpr std::size_t kMostList = std::size_t{1} << 16U;  ///< bytes of names for a message
-
-/// Bytes of a number in a binary file; 0 if that cannot be said. Indices (vtkIdType) are stored as
-/// int.
-std::uint64_t bytes_of(const std::string& type) {
-    static constexpr std::array<std::pair<const char*, std::uint64_t>, 14> kTypes{
-        {{"char", 1},
-         {"signed_char", 1},
-         {"unsigned_char", 1},
-         {"short", 2},
-         {"unsigned_short", 2},
-         {"int", 4},
-         {"unsigned_int", 4},
-         {"float", 4},
-         {"vtkidtype", 4},
-         {"double", 8},
-         {"long", 8},
-         {"unsigned_long", 8},
-         {"vtktypeint64", 8},
-         {"vtktypeuint64", 8}}};
-    const auto* const it = std::find_if(kTypes.begin(), kTypes.end(),
-                                        [&](const auto& entry) { return type == entry.first; });
-    return it == kTypes.end() ? 0 : it->second;
-}
-
-/// What VTK writes of a name: other letters as %20.
-std::string decoded(const std::string& name) {
-    std::string out;
-    for (std::size_t i = 0; i < name.size(); ++i) {
-        unsigned code = 0;
-        if (name[i] == '%' && i + 2 < name.size()) {
-            const auto [end, error] =
-                std::from_chars(name.data() + i + 1, name.data() + i + 3, code, 16);
-            if (error == std::errc{} && end == name.data() + i + 3) {
-                out += static_cast<char>(code);
-                i += 2;
-                continue;
-            }
-        }
-        out += name[i];
-    }
-    return out;
-}
 
 class Parser {
   public:
@@ -160,15 +119,20 @@ class Parser {
         if (of.size() < 4) {
             corrupt("an array of a field has no name, sizes and type");
         }
-        const LegacyArray array{
-            decoded(of[0]), lower(of[3]), whole(of, 1, 0), whole(of, 2, 0), text_.at(),
-            of_cells_,      false};
+        const LegacyArray array{percent_decoded(of[0]),
+                                lower(of[3]),
+                                whole(of, 1, 0),
+                                whole(of, 2, 0),
+                                text_.at(),
+                                of_cells_,
+                                false};
         // Before POINT_DATA and CELL_DATA, they are of the file.
         take(array, of[0], values_ > 0);
     }
     /// SCALARS and other kinds of data, each one array.
     void read_attribute(const std::string& keyword, const Words& words) {
-        LegacyArray array{decoded(words[1]), lower(words[2]), 0, values_, 0, of_cells_, false};
+        LegacyArray array{
+            percent_decoded(words[1]), lower(words[2]), 0, values_, 0, of_cells_, false};
         if (keyword == "scalars") {
             array.components = words.size() > 3 ? whole(words, 3) : 1;
             if (!is(text_.words(), "lookup_table")) {
@@ -223,20 +187,20 @@ class Parser {
         if (array.tuples != 0 && array.components > kMostNumber / array.tuples) {
             corrupt(fmt::format("{} tuples of {} numbers", array.tuples, array.components));
         }
-        const std::uint64_t bytes = bytes_of(array.type);
+        const LegacyType* const type = legacy_type(array.type);
         if (array.type == "string") {
             header_.text ? text_.skip_lines(numbers) : text_.skip_binary_texts(numbers);
         } else if (header_.text) {
             text_.skip_words(numbers);
         } else if (array.type == "bit") {
             text_.skip((numbers + 7) / 8);
-        } else if (bytes == 0) {
+        } else if (type == nullptr) {
             throw Error(ErrorKind::unsupported, {name_},
                         fmt::format("arrays behind '{:.80}' cannot be found: it is of type "
                                     "'{:.40}'",
                                     array.name, array.type));
         } else {
-            text_.skip(bytes * numbers);
+            text_.skip(type->bytes() * numbers);
         }
     }
 
@@ -252,6 +216,27 @@ class Parser {
 };
 
 }  // namespace
+
+const LegacyType* legacy_type(const std::string& name) {
+    static constexpr std::array<LegacyType, 14> kTypes{
+        {{"char", ValueType::i8, {}},
+         {"signed_char", ValueType::i8, {}},
+         {"unsigned_char", ValueType::u8, {}},
+         {"short", ValueType::i16, {}},
+         {"unsigned_short", ValueType::u16, {}},
+         {"int", ValueType::i32, {}},
+         {"unsigned_int", ValueType::u32, {}},
+         {"vtkidtype", ValueType::i32, {}},
+         {"float", ValueType::f32, {}},
+         {"double", ValueType::f64, {}},
+         {"long", ValueType::f64, StoredNumber::i64},
+         {"vtktypeint64", ValueType::f64, StoredNumber::i64},
+         {"unsigned_long", ValueType::f64, StoredNumber::u64},
+         {"vtktypeuint64", ValueType::f64, StoredNumber::u64}}};
+    const auto* const it = std::find_if(kTypes.begin(), kTypes.end(),
+                                        [&](const LegacyType& type) { return name == type.name; });
+    return it == kTypes.end() ? nullptr : it;
+}
 
 LegacyHeader read_legacy_header(const InputFile& file, const std::string& wanted) {
     return Parser(file, wanted).read();

@@ -3,13 +3,26 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include <isonest/int3.h>
+#include <isonest/value_type.h>
 
 #include "preprocess/sources/bytes/input_file.h"
+#include "preprocess/sources/wrapping/converted_source.h"
 
 namespace isonest::detail {
+
+/// A type by its name in small letters, as binary files hold it: indices (vtkIdType) as int.
+struct LegacyType {
+    const char* name;
+    ValueType type;
+    std::optional<StoredNumber> stored;  ///< of types that volumes do not have
+    [[nodiscard]] std::uint64_t bytes() const { return stored ? 8 : size_of(type); }
+};
+/// Null for types whose numbers cannot be read.
+const LegacyType* legacy_type(const std::string& name);
 
 struct LegacyArray {
     std::string name;

@@ -1,7 +1,6 @@
 #include <fmt/format.h>
 
 #include <array>
-#include <map>
 #include <string>
 #include <utility>
 
@@ -19,29 +18,6 @@ bool is_vtk(const VolumeInput& input) {
     return input.head.starts_with("# vtk DataFile Version");
 }
 
-void set_legacy_type(const LegacyArray& found, PlacedArray& array) {
-    static const std::map<std::string, ValueType> types{{"char", ValueType::i8},
-                                                        {"signed_char", ValueType::i8},
-                                                        {"unsigned_char", ValueType::u8},
-                                                        {"short", ValueType::i16},
-                                                        {"unsigned_short", ValueType::u16},
-                                                        {"int", ValueType::i32},
-                                                        {"vtkidtype", ValueType::i32},
-                                                        {"unsigned_int", ValueType::u32},
-                                                        {"float", ValueType::f32},
-                                                        {"double", ValueType::f64}};
-    if (const auto it = types.find(found.type); it != types.end()) {
-        array.layout.type = it->second;
-    } else if (found.type == "long" || found.type == "vtktypeint64") {
-        array.stored = StoredNumber::i64;
-    } else if (found.type == "unsigned_long" || found.type == "vtktypeuint64") {
-        array.stored = StoredNumber::u64;
-    } else {
-        throw Error(ErrorKind::unsupported, {array.name},
-                    fmt::format("numbers of type '{:.40}'", found.type));
-    }
-}
-
 std::unique_ptr<VolumeSource> open_vtk(const VolumeInput& input, const SourceOptions& options) {
     const LegacyHeader header = read_legacy_header(input.file, options.dataset);
     const LegacyArray& found = header.array;
@@ -51,7 +27,13 @@ std::unique_ptr<VolumeSource> open_vtk(const VolumeInput& input, const SourceOpt
     if (header.text && found.colours) {
         throw Error(ErrorKind::unsupported, {array.name}, "numbers of type 'text of colours'");
     }
-    set_legacy_type(found, array);
+    const LegacyType* const type = legacy_type(found.type);
+    if (type == nullptr) {
+        throw Error(ErrorKind::unsupported, {array.name},
+                    fmt::format("numbers of type '{:.40}'", found.type));
+    }
+    array.layout.type = type->type;
+    array.stored = type->stored;
     constexpr std::array<const char*, 3> kNames{"x", "y", "z"};
     array.first = header.origin;
     for (std::size_t i = 3; i-- > 0;) {

@@ -26,6 +26,16 @@ def vtk_image(array):
     return image
 
 
+def written_by(writer, name, array):
+    """The bytes of the file that one of VTK's writers makes of an array."""
+    writer.SetInputData(vtk_image(array))
+
+    def write(path):
+        writer.SetFileName(str(path))
+        writer.Write()
+    return saved(name, write)
+
+
 def read_vtk(reader):
     def read(path):
         one = reader()
@@ -56,12 +66,7 @@ def vti(r):
         writer.SetByteOrderToBigEndian()
     if r.random() < 0.5:
         writer.SetHeaderTypeToUInt64()
-    writer.SetInputData(vtk_image(array))
-
-    def write(path):
-        writer.SetFileName(str(path))
-        writer.Write()
-    data = saved("v.vti", write)
+    data = written_by(writer, "v.vti", array)
     end = data.find(b"<AppendedData")
     at = data.find(b"_", end)
     fields = tuple((at + 1 + 4 * i, "<u4") for i in range(4)) if end >= 0 and way > 2 else ()
@@ -103,12 +108,7 @@ def vtk_legacy(r):
     writer = vtk.vtkStructuredPointsWriter()
     text = r.random() < 0.4
     (writer.SetFileTypeToASCII if text else writer.SetFileTypeToBinary)()
-    writer.SetInputData(vtk_image(array))
-
-    def write(path):
-        writer.SetFileName(str(path))
-        writer.Write()
-    data = saved("v.vtk", write)
+    data = written_by(writer, "v.vtk", array)
     end = data.find(b"LOOKUP_TABLE")
     end = data.index(b"\n", end) + 1
     return Case("v.vtk", {"v.vtk": data}, texts=((0, end), (0, len(data) if text else end)),

@@ -296,19 +296,7 @@ def start(bench, command, cwd, out, *more, output=None, environment=None, prepar
 
 
 def run(bench, command, cwd, out, *more, seconds=30, **options):
-    process = start(bench, command, cwd, out, *more, **options)
-    return ended(process, seconds)
-
-
-def ended(process, seconds=30):
-    try:
-        out, err = process.communicate(timeout=seconds)
-        code = process.returncode
-    except subprocess.TimeoutExpired:
-        process.kill()
-        out, err = process.communicate()
-        code = "hang"
-    return attack.Done(code, (out or b"").decode(errors="replace"), (err or b"").decode(errors="replace"))
+    return attack.ended(start(bench, command, cwd, out, *more, **options), seconds)
 
 
 def judge(bench, command, out, old, done, allowed, *, tell=True, names=(), silent=(), whole_after=(6,), left=False):

@@ -6,7 +6,7 @@ import time
 
 import attack
 
-from .commands import contents, ended, judge, run, start
+from .commands import contents, judge, run, start
 from .tries import bench, options, output_folder, pick
 
 
@@ -55,12 +55,12 @@ def signals(one):
     seconds = usual_seconds(one, command)
     process = start(bench(one), command, one.folder, out, *options(one, command))
     if not wait_until_it_watches(process):
-        return judge(bench(one), command, out, old, ended(process), ())
+        return judge(bench(one), command, out, old, attack.ended(process), ())
     kinds = [one.pick(*ENDING, *HARMLESS) for _ in range(one.pick(1, 1, 2, 3))]
     for kind in kinds:
         time.sleep(one.random.random() * seconds * 1.2 / len(kinds))
         send(process, kind)
-    done = ended(process)
+    done = attack.ended(process)
     ends = [kind for kind in kinds if kind in ENDING]
     twice = len([kind for kind in ends if kind != signal.SIGHUP]) > 1 or (len(ends) > 1 and ends[-1] != signal.SIGHUP)
     result = judge(bench(one), command, out, old, done, (130,) if ends else (), tell=not twice, whole_after=(6, 130), left=twice)
@@ -77,7 +77,7 @@ def kill(one):
     process = start(bench(one), command, one.folder, out, *options(one, command))
     time.sleep(one.random.random() * seconds * 1.1)
     process.kill()
-    done = ended(process)
+    done = attack.ended(process)
     result = judge(bench(one), command, out, old, done, (-signal.SIGKILL,), tell=False, whole_after=(-signal.SIGKILL,), left=True)
     return result if result.what == "wrong" or done.code == 0 else next_run(one, command, out, ["SIGKILL"])
 

@@ -7,7 +7,7 @@ import subprocess
 
 import attack
 
-from .commands import contents, ended, judge, limited, run
+from .commands import contents, judge, limited, run
 from .tries import bench, cannot_start, kept, of_all, open_to_all, options, output_folder, pick, power, user_of, with_limits
 
 CLONE_NEWNS, MS_REC, MS_PRIVATE = 0x20000, 0x4000, 1 << 18
@@ -122,7 +122,7 @@ def cpu(one):
     hard = one.pick(resource.RLIM_INFINITY, 2)
     process = subprocess.Popen([one.program, *words, "-o", out / output], cwd=one.folder, stdin=subprocess.DEVNULL,
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=limited([(resource.RLIMIT_CPU, 1, hard)]))
-    done = ended(process, 50)
+    done = attack.ended(process, 50)
     left = sorted(os.listdir(out))
     if done.code == 0 and left == [output]:
         return attack.SAME

@@ -8,7 +8,7 @@ import subprocess
 
 import attack
 
-from .commands import ended, judge, limited, run, start
+from .commands import judge, limited, run, start
 from .tries import bench, kept, of_all, open_to_all, options, output_folder, pick, user_of
 
 
@@ -90,7 +90,7 @@ def streams(one):
     process = start(bench(one), command, one.folder, out, *options(one, command), prepare=limited(before=before), **given)
     for end in opened:
         os.close(end)
-    done = ended(process)
+    done = attack.ended(process)
     allowed = []
     if chosen[1] != "as usual":
         allowed.append(6)

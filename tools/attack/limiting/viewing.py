@@ -9,7 +9,7 @@ import time
 
 import attack
 
-from .commands import ended, limited
+from .commands import limited
 from .tries import bench, cannot_start, power, user_of
 
 
@@ -48,7 +48,7 @@ def viewer(one):
         process.send_signal(kind)
         if case == "signal" and one.chance(0.3):
             process.send_signal(kind)
-    done = ended(process, 20)
+    done = attack.ended(process, 20)
     said = f"{case} {limits} {kind} {asked}: {done}"
     if done.code == 0 and (url or case == "streams"):
         return attack.SAME

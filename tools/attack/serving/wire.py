@@ -41,6 +41,15 @@ def _label(server, number, headers=(), **more):
     return server.request(f"/api/label?id={number}", headers=headers, **more)
 
 
+def _answered(server, data):
+    """What comes for these bytes, behind which no more are sent."""
+    with contextlib.closing(server.connect()) as s:
+        with contextlib.suppress(OSError):
+            s.sendall(data)
+            s.shutdown(socket.SHUT_WR)
+        return _all(s, view.Answers(s))
+
+
 def flipped(one, server, r):
     data = bytearray(server.request("/api/slice?plane=0,0,1,3&error=0.1", headers=[("Accept", "*/*"), ("Connection", "close")]))
     for _ in range(int(r.integers(1, 9))):
@@ -48,11 +57,7 @@ def flipped(one, server, r):
         data[at:at + int(r.integers(0, 2))] = bytes(r.integers(0, 256, int(r.integers(0, 3)), dtype=np.uint8))
     if r.random() < 0.2:
         data = bytearray(r.integers(0, 256, int(r.integers(1, 3000)), dtype=np.uint8).tobytes())
-    with contextlib.closing(server.connect()) as s:
-        with contextlib.suppress(OSError):
-            s.sendall(data)
-            s.shutdown(socket.SHUT_WR)
-        _all(s, view.Answers(s))
+    _answered(server, data)
 
 
 def strange(one, server, r):
@@ -66,11 +71,7 @@ def strange(one, server, r):
             b"GET /api/store HTTP/1.1\r\nHost: " + host + b"\r\nX: \0\r\n\r\n", b"GET\t/api/store\tHTTP/1.1\r\nHost: " + host + b"\r\n\r\n",
             b"GET /api/store HTTP/1.1\r\nHost: " + host + b"\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: AA==\r\n\r\n",
             b"POST /api/cancel HTTP/1.1\r\nHost: " + host + b"\r\nExpect: 100-continue\r\nContent-Length: 3\r\n\r\nabc")[int(r.integers(17))]
-    with contextlib.closing(server.connect()) as s:
-        with contextlib.suppress(OSError):
-            s.sendall(data)
-            s.shutdown(socket.SHUT_WR)
-        _all(s, view.Answers(s))
+    _answered(server, data)
 
 
 def flood(one, server, r):
@@ -86,11 +87,7 @@ def flood(one, server, r):
         data = server.request("/api/cancel?stream=x", "POST", headers=[("Content-Length", str(length))], body=b"d" * length)
     else:
         data = server.request("/api/cancel?stream=x", "POST", headers=[("Transfer-Encoding", "chunked")]) + b"1;" + b"e" * length + b"\r\nx\r\n0\r\n\r\n"
-    with contextlib.closing(server.connect()) as s:
-        with contextlib.suppress(OSError):
-            s.sendall(data)
-            s.shutdown(socket.SHUT_WR)
-        got = _all(s, view.Answers(s))
+    got = _answered(server, data)
     # What a chunk says beside its length is bounded by what is read at once, 64 KiB.
     taken = kind == 4 and length < 64 << 10
     if any(answer.status not in (400, 431) and not (taken and answer.status == 204) for answer in got):
@@ -137,11 +134,7 @@ def hidden(one, server, r):
     headers, body, good = cases[int(r.integers(len(cases)))]
     path, method = ("/api/cancel?stream=x", "POST") if r.random() < 0.5 else ("/api/label?id=5", "GET")
     data = server.request(path, method, headers=headers, body=body) + _label(server, 7, [("Connection", "close")])
-    with contextlib.closing(server.connect()) as s:
-        with contextlib.suppress(OSError):
-            s.sendall(data)
-            s.shutdown(socket.SHUT_WR)
-        got = _all(s, view.Answers(s))
+    got = _answered(server, data)
     if HIDDEN in _ids(got):
         return f"{headers}: the hidden request was answered"
     if good and (len(got) != 2 or _ids(got)[-1:] != [7]):

@@ -29,26 +29,24 @@ template <class Grid>
 class VdbSource : public VolumeSource {
   public:
     VdbSource(typename Grid::Ptr grid, const openvdb::CoordBBox& box, Placement place,
-              std::filesystem::path path, std::string name)
+              std::filesystem::path path, std::string grid_name)
         : grid_(std::move(grid)),
           box_(box),
           place_(std::move(place)),
           path_(std::move(path)),
-          name_(std::move(name)) {}
+          grid_name_(std::move(grid_name)) {}
     [[nodiscard]] VolumeDescription describe() const override {
         const openvdb::Coord size = box_.dim();
         return {{size.x(), size.y(), size.z()},
                 std::is_same_v<typename Grid::ValueType, float> ? ValueType::f32 : ValueType::f64,
                 place_.spacing,
                 place_.origin,
-                name_,
+                path_.string() + ":" + grid_name_,
                 place_.direction};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return {path_}; }
     [[nodiscard]] std::string identity() const override {
-        // Of several of one name, name_ says which.
-        return fmt::format("{}grid {}\n", identity_of({path_}),
-                           name_.substr(path_.string().size() + 1));
+        return fmt::format("{}grid {}\n", identity_of({path_}), grid_name_);
     }
     [[nodiscard]] std::uint64_t heap() const override { return (1U << 20U) + grid_->memUsage(); }
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
@@ -70,7 +68,7 @@ class VdbSource : public VolumeSource {
     openvdb::CoordBBox box_;
     Placement place_;
     std::filesystem::path path_;
-    std::string name_;
+    std::string grid_name_;  ///< of this one alone, where the file has several of one name
 };
 
 /// A grid of a file. Where several have the same name, they are told apart as "density[1]".
@@ -132,7 +130,8 @@ Double3 to_double3(const openvdb::Vec3d& v) {
 template <class Grid>
 std::unique_ptr<VolumeSource> open_grid(const openvdb::GridBase::Ptr& base,
                                         const VolumeInput& input, const SourceOptions& options,
-                                        const std::string& name) {
+                                        const std::string& grid_name) {
+    const std::string name = input.path().string() + ":" + grid_name;
     const typename Grid::Ptr grid = openvdb::gridPtrCast<Grid>(base);
     const openvdb::CoordBBox box = grid->evalActiveVoxelBoundingBox();
     if (box.empty()) {
@@ -160,7 +159,7 @@ std::unique_ptr<VolumeSource> open_grid(const openvdb::GridBase::Ptr& base,
     if (!options.spacing) {
         place = place_in_world({size.x(), size.y(), size.z()}, steps, to_double3(first), name);
     }
-    return mirrored(std::make_unique<VdbSource<Grid>>(grid, box, place, input.path(), name),
+    return mirrored(std::make_unique<VdbSource<Grid>>(grid, box, place, input.path(), grid_name),
                     place.backward);
 }
 
@@ -180,10 +179,9 @@ std::unique_ptr<VolumeSource> open_vdb(const VolumeInput& input, const SourceOpt
         file.open(false);
         const std::string chosen = choose_grid(grids_of(file), options.dataset, path);
         const openvdb::GridBase::Ptr grid = file.readGrid(chosen);
-        const std::string name = path + ":" + chosen;
         return grid->valueType() == "float"
-                   ? open_grid<openvdb::FloatGrid>(grid, input, options, name)
-                   : open_grid<openvdb::DoubleGrid>(grid, input, options, name);
+                   ? open_grid<openvdb::FloatGrid>(grid, input, options, chosen)
+                   : open_grid<openvdb::DoubleGrid>(grid, input, options, chosen);
     } catch (const Error&) {
         throw;
     } catch (const std::bad_alloc&) {
