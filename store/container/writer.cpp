@@ -182,9 +182,10 @@ void StoreWriter::Impl::write_table() const {
     }
     write_attribute(file.get(), "xxh64", *digest);
     const std::array<hsize_t, 1> count{rows.size()};
-    const DatasetHandle table =
-        written_file().write_whole("/chunks", chunk_row_type().get(), count, rows.data());
+    const WrittenFile out = written_file();
+    DatasetHandle table = out.write_whole("/chunks", chunk_row_type().get(), count, rows.data());
     write_attribute(table.get(), "xxh64", checksum_of(std::as_bytes(rows)));
+    out.close(std::move(table), "/chunks");
     write_attribute(file.get(), "complete", std::uint32_t{1});
 }
 

@@ -44,9 +44,10 @@ std::uint64_t Hdf5Frame::array(hid_t where, const char* name, hid_t type,
 
 void Hdf5Frame::number(hid_t where, const char* name, std::uint64_t value) const {
     static_cast<void>(array(where, name, H5T_STD_I64LE, {1}));
-    const DatasetHandle made(H5Dopen2(where, name, H5P_DEFAULT));
+    DatasetHandle made(H5Dopen2(where, name, H5P_DEFAULT));
     const auto stored = static_cast<std::int64_t>(value);
-    check(H5Dwrite(made.get(), H5T_NATIVE_INT64, H5S_ALL, H5S_ALL, H5P_DEFAULT, &stored) >= 0,
+    check(H5Dwrite(made.get(), H5T_NATIVE_INT64, H5S_ALL, H5S_ALL, H5P_DEFAULT, &stored) >= 0 &&
+              made.close(),  // until then HDF5 may keep it back
           "write a dataset");
 }
 

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <cstring>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <isonest/value_type.h>
@@ -43,7 +44,7 @@ void write_ranges_of_cubes(const WrittenFile& file, const StoreLayout& layout, i
     const std::string name = StoreLayout::cube_ranges_path(level);
     const TypeHandle stored = file_type(type);
     const auto dims = dims_of(cells, 2);
-    const DatasetHandle dataset = file.create_whole(name, stored.get(), dims);
+    DatasetHandle dataset = file.create_whole(name, stored.get(), dims);
     const std::int64_t most = std::max<std::int64_t>(1, kRangesAtOnce / cells.x);  // rows
     std::vector<std::byte> packed;
     std::vector<std::uint64_t> sums;
@@ -62,10 +63,12 @@ void write_ranges_of_cubes(const WrittenFile& file, const StoreLayout& layout, i
         }
         sums.push_back(sum.value());
     }
+    file.close(std::move(dataset), name);
     const std::array<hsize_t, 1> count{sums.size()};
-    const DatasetHandle checksums = file.write_whole(StoreLayout::cube_range_sums_path(level),
-                                                     H5T_STD_U64LE, count, sums.data());
+    const std::string sums_name = StoreLayout::cube_range_sums_path(level);
+    DatasetHandle checksums = file.write_whole(sums_name, H5T_STD_U64LE, count, sums.data());
     write_attribute(checksums.get(), "xxh64", checksum_of(std::as_bytes(std::span(sums))));
+    file.close(std::move(checksums), sums_name);
 }
 
 }  // namespace isonest::detail

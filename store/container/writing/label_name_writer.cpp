@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <isonest/error.h>
@@ -24,7 +25,7 @@ void write_names_of_labels(const WrittenFile& file, std::span<const LabelName> n
     const std::size_t name_bytes = name_bytes_of(names);
     const TypeHandle type = label_row_type(name_bytes);
     const std::array<hsize_t, 1> all{names.size()};
-    const DatasetHandle table = file.create_whole(LabelTable::kPath, type.get(), all);
+    DatasetHandle table = file.create_whole(LabelTable::kPath, type.get(), all);
     Checksum sum;
     constexpr std::size_t kAtOnce = 1024;
     for (std::size_t i = 0; i < names.size(); i += kAtOnce) {
@@ -36,6 +37,7 @@ void write_names_of_labels(const WrittenFile& file, std::span<const LabelName> n
         file.write_part(table, LabelTable::kPath, type.get(), at, count, rows.data());
     }
     write_attribute(table.get(), "xxh64", sum.value());
+    file.close(std::move(table), LabelTable::kPath);
 }
 
 }  // namespace isonest::detail

@@ -64,4 +64,10 @@ void WrittenFile::write_part(const DatasetHandle& dataset, const std::string& na
     }
 }
 
+void WrittenFile::close(DatasetHandle dataset, const std::string& name) const {
+    if (!dataset.close()) {
+        fail_writing(*path_, "write " + name);
+    }
+}
+
 }  // namespace isonest::detail

@@ -31,6 +31,9 @@ class WrittenFile {
     void write_part(const DatasetHandle& dataset, const std::string& name, hid_t type,
                     std::span<const hsize_t> at, std::span<const hsize_t> count,
                     const void* numbers) const;
+    /// Closes it. HDF5 keeps small writes back until then, so that only this says whether the disk
+    /// has taken them. `name`: what could not be written.
+    void close(DatasetHandle dataset, const std::string& name) const;
 
   private:
     hid_t file_;
