@@ -132,7 +132,7 @@ def refusal(one, done, output, names, foreign):
         return attack.wrong(f"ended with {done.code}\n{done.err[-2000:]}")
     if not done.err.startswith("isonest: error: ") or done.err.count("error: ") != 1 + done.err.count("internal error: "):
         return attack.wrong(f"not one error message, exit {done.code}:\n{done.err[-3000:]}")
-    if re.search(r"[\0-\t\x0b-\x1f\x7f-\x9f]", done.err):
+    if re.search(r"[\0-\x08\x0b-\x1f\x7f-\x9f]", done.err):
         return attack.wrong(f"the message has control characters: {done.err!r}")
     if "out of memory" in done.err or "lets this run have" in done.err:
         if foreign:
