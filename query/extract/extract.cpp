@@ -30,7 +30,7 @@ ExtractReport run(const Store& store, const Query& query, MeshSink& sink,
     ExtractReport report =
         run_along_axes(store, detail::in_own_axes(query, header, store.reader().path().string()),
                        turning, options, progress);
-    detail::add_turned_rounding(turning, header.spacing, report);
+    detail::report_turning(turning, header.spacing, report);
     return report;
 }
 ExtractReport run(const Store& store, const SurfaceQuery& query, MeshSink& sink,

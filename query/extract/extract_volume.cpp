@@ -132,7 +132,7 @@ ExtractReport extract(VolumeSource& volume, const SurfaceQuery& query, MeshSink&
     RotatedSink turning(sink, description.origin, description.direction);
     ExtractReport report =
         extract_along_axes(volume, description, query, turning, options, progress);
-    add_turned_rounding(turning, description.spacing, report);
+    report_turning(turning, description.spacing, report);
     return report;
 }
 

@@ -72,7 +72,7 @@ ExtractReport Extraction::finish(const TraversalBudget& budget) {
     Workers(budget.threads).execute([&] {
         progress_.check();
         const Weld weld(*parts_, scratch_);
-        if (asked_.keeps_apart() && parts_->zero_area_triangles() == 0) {
+        if (asked_.keeps_apart() && !parts_->is_to_be_mended()) {
             count_apart(keep_parts_apart(*parts_, weld, apart_range(asked_), scratch_, progress_),
                         asked_, report_);
         }

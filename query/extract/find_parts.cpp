@@ -102,7 +102,7 @@ void report_errors(const ExtractQuery& asked, const TraversalCounts& counts,
     report.error_bound = asked.traversal.vertices == VertexPlace::exact && is_error
                              ? 2 * counts.error_bound
                              : counts.error_bound;
-    report.value_rounding = counts.value_rounding;
+    report.value_rounding = counts.value_rounding.sum();
     // Laid flat, heights say nothing of the values.
     if (asked.product == Product::graph && counts.height_rounding > 0 && asked.graph_scale != 0) {
         report.value_rounding = counts.height_rounding / std::fabs(asked.graph_scale);
@@ -125,14 +125,15 @@ struct Traversed {
 Traversed of_all(Communicator& ranks, const Traversed& own) {
     std::array sums{own.counts.visited, own.counts.leaves, own.counts.bricks, own.chunks_read,
                     own.bytes_read};
-    std::array largest{own.counts.error_bound, own.counts.value_rounding,
-                       own.counts.height_rounding, static_cast<double>(own.peak_cache_bytes)};
+    std::array largest{own.counts.error_bound, own.counts.value_rounding.at_edges,
+                       own.counts.value_rounding.at_cuts, own.counts.height_rounding,
+                       static_cast<double>(own.peak_cache_bytes)};
     ranks.sum(sums);
     ranks.largest(largest);
-    return {{sums[0], sums[1], sums[2], largest[0], largest[1], largest[2]},
+    return {{sums[0], sums[1], sums[2], largest[0], {largest[1], largest[2]}, largest[3]},
             sums[3],
             sums[4],
-            static_cast<std::uint64_t>(largest[3])};
+            static_cast<std::uint64_t>(largest[4])};
 }
 
 }  // namespace

@@ -78,12 +78,16 @@ std::vector<std::array<std::uint32_t, 3>> ClipContext::cut(
         };
         kept.clear();
         bool any = false;
+        bool reaches_out = false;
+        std::uint64_t in_face = 0;
         for (std::size_t i = 0; i < polygon.size(); ++i) {
             const Side& from = polygon[i];
             const Side& to = polygon[(i + 1) % polygon.size()];
             const double d0 = inside(from);
             const double d1 = inside(to);
             any = any || d0 > 0;
+            reaches_out = reaches_out || d0 < 0;
+            in_face += d0 == 0 ? 1 : 0;
             if (d0 >= 0) {
                 // A side that leaves through this very corner is replaced by the plane's.
                 kept.push_back({from.v, d1 < 0 && d0 == 0 ? 3 : from.edge});
@@ -93,7 +97,9 @@ std::vector<std::array<std::uint32_t, 3>> ClipContext::cut(
                 kept.push_back({v, d0 > 0 ? 3 : from.edge});
             }
         }
-        if (!any && !is_in_face(*this, triangle, axis, limit, low)) {
+        const bool goes = !any && !is_in_face(*this, triangle, axis, limit, low);
+        cut_fans_ += goes || reaches_out ? in_face : 0;
+        if (goes) {
             return {};
         }
         polygon.swap(kept);

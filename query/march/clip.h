@@ -51,6 +51,9 @@ class ClipContext {
     [[nodiscard]] const Double3& position(std::uint32_t v) const {
         return v < first_new_ ? old_position_(v) : vertices_[v - first_new_].position;
     }
+    /// Corners in a face of the box, so far, of triangles that reach beyond that face, or lie in it
+    /// and were left out: what is left of the triangles around such a corner may be several fans.
+    [[nodiscard]] std::uint64_t cut_fans() const { return cut_fans_; }
     /// Whether another part may have the same cut vertex: only if both ends are open there.
     [[nodiscard]] bool is_shared(std::uint32_t v, const std::vector<std::uint64_t>& open) const {
         const CutVertex& c = vertex(v);
@@ -71,6 +74,7 @@ class ClipContext {
     std::function<const Double3&(std::uint32_t)> old_position_;
     std::uint32_t first_new_;
     std::vector<CutVertex> vertices_;
+    std::uint64_t cut_fans_ = 0;
     std::map<std::tuple<std::uint32_t, std::uint32_t, std::uint32_t>, std::uint32_t> index_;
 };
 

@@ -98,7 +98,10 @@ class Finisher {
         });
     }
 
-    [[nodiscard]] MeshPart take() { return std::move(part_); }
+    [[nodiscard]] MeshPart take() {
+        part_.cut_fans = clip_.cut_fans();
+        return std::move(part_);
+    }
 
   private:
     std::uint32_t number(std::uint32_t v) {

@@ -199,6 +199,9 @@ void LocalMesh::add_graph(const std::array<Corner, 3>& corners, bool cut) {
 
 MeshPart LocalMesh::finish(const ClipBox& box) {
     MeshPart part = finish_part(vertices_, triangles_, lines_, box);
+    if (single_sheet_ || lines_) {
+        part.cut_fans = 0;
+    }
     vertices_.clear();
     triangles_.clear();
     return part;

@@ -43,6 +43,8 @@ struct MeshPart {
     std::vector<Shared> shared;  ///< those with a vertex in ascending order of it
     std::vector<Name> names;
     std::vector<Cut> cuts;
+    /// ClipContext::cut_fans(), of a surface that may come back to a node or an edge.
+    std::uint64_t cut_fans = 0;
 };
 
 }  // namespace isonest::detail

@@ -155,7 +155,7 @@ VertexAttributes AttributeSampler::sample(const Int3& a, const Int3& b, double t
         const double vb = value(b, level);
         const auto [number, rounding] = interpolate(va, vb, t);
         const double put = choice_.put_value(number, out);
-        at_edges_ = std::max(at_edges_, rounding + std::fabs(put - number));
+        value_rounding_.add({rounding + std::fabs(put - number), 0});
     }
     if (choice_.error && with_error) {
         const Int3 sum = a + b;
@@ -187,7 +187,7 @@ VertexAttributes AttributeSampler::mix(const VertexAttributes& a, const VertexAt
     if (choice_.value) {
         const auto [number, rounding] = interpolate(choice_.value_of(a), choice_.value_of(b), t);
         const double put = choice_.put_value(number, out);
-        at_cuts_ = std::max(at_cuts_, rounding + std::fabs(put - number));
+        value_rounding_.add({0, rounding + std::fabs(put - number)});
     }
     return out;
 }
@@ -218,7 +218,7 @@ VertexAttributes AttributeSampler::mean(const VertexAttributes& a, const VertexA
         const double put =
             choice_.wide_value ? choice_.put_value(number, out) : choice_.value_of(out);
         const double size = std::max({std::fabs(first), std::fabs(second), std::fabs(third)});
-        at_cuts_ = std::max(at_cuts_, std::fabs(put - number) + size * 0x1p-50);
+        value_rounding_.add({0, std::fabs(put - number) + size * 0x1p-50});
     }
     return out;
 }

@@ -1,6 +1,7 @@
 // What a mesh vertex carries beside its position: normal, value, error.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <functional>
@@ -59,6 +60,24 @@ using VertexAttributes = std::array<AttributeWord, kMostAttributes>;
 /// beyond 2^24. Where it does not, meshes carry values as float64.
 bool held_by_float32(const StoreReader& store);
 
+/// Most by which values are off because they were rounded, over vertices on edges and over cuts.
+/// The two are added where all threads' largest are known: else the sum would depend on who
+/// computed what.
+struct ValueRounding {
+    double at_edges = 0;
+    double at_cuts = 0;  ///< by one cut, or one mean of three
+
+    void add(const ValueRounding& other) {
+        at_edges = std::max(at_edges, other.at_edges);
+        at_cuts = std::max(at_cuts, other.at_cuts);
+    }
+    [[nodiscard]] double sum() const {
+        // How often a vertex can be one of a box's cuts through another's edge: once for each side.
+        constexpr double kMostCuts = 6;
+        return at_edges + kMostCuts * at_cuts;
+    }
+};
+
 /// Computes them from the two nodes of a vertex's edge alone, and so the same from every brick,
 /// thread and tetrahedron. Differences are taken over the length of that edge: no finer data are
 /// read than the surface itself needed (a vertex in a node takes the finest). Not thread-safe; one
@@ -82,8 +101,8 @@ class AttributeSampler {
                                         const VertexAttributes& c);
     /// The same attributes with a normal of unit length, which a mixed one has not.
     [[nodiscard]] VertexAttributes with_unit_normal(const VertexAttributes& a) const;
-    /// Most by which a value that was computed so far is off because it was rounded.
-    [[nodiscard]] double value_rounding() const { return at_edges_ + kMostCuts * at_cuts_; }
+    /// Of the values that were computed so far.
+    [[nodiscard]] const ValueRounding& value_rounding() const { return value_rounding_; }
 
     /// See NodeSampler.
     void enter(int level, const Int3& node);
@@ -95,8 +114,6 @@ class AttributeSampler {
     /// brick, whose chunks are there.
     [[nodiscard]] double value(const Int3& p, int level);
 
-    /// How often a vertex can be one of a box's cuts through another's edge: once for each side.
-    static constexpr double kMostCuts = 6;
     AttributeChoice choice_;
     std::size_t width_;
     NodeSampler own_;
@@ -104,8 +121,7 @@ class AttributeSampler {
     std::function<double(const Int3&)> of_node_;  ///< or empty
     std::optional<int> home_level_;
     Double3 spacing_;
-    double at_edges_ = 0;
-    double at_cuts_ = 0;  ///< by one cut, or one mean of three
+    ValueRounding value_rounding_;
 };
 
 }  // namespace isonest::detail

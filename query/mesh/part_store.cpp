@@ -126,7 +126,7 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     for (const auto& t : part.triangles) {
         zero += has_no_area(world[t[0]], world[t[1]], world[t[2]]) ? 1 : 0;
     }
-    include({zero, lo, hi});
+    include({zero, part.cut_fans, lo, hi});
     const std::uint64_t number = reserve(record, pieces.end);
     if (record.in_memory == 0) {
         file_.write_at(record.offset, {bytes.get(), static_cast<std::size_t>(pieces.end)});
@@ -183,6 +183,7 @@ void PartStore::put(const PartRecord& record, std::uint64_t at, std::span<const 
 void PartStore::include(const PartTotals& other) {
     const std::lock_guard lock(mutex_);
     zero_area_ += other.zero_area;
+    cut_fans_ += other.cut_fans;
     for (std::size_t axis = 0; axis < 3; ++axis) {
         // Which of two zeros came first depends on the threads.
         lo_[axis] = std::min(lo_[axis], other.lo[axis]) + 0.0F;

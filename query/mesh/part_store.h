@@ -42,6 +42,7 @@ struct PlaceWatch {
 /// What is known of all parts of a store together.
 struct PartTotals {
     std::uint64_t zero_area = 0;  ///< triangles
+    std::uint64_t cut_fans = 0;   ///< of MeshPart
     /// The smallest box that holds all vertices, world coordinates; lo > hi if there is none.
     std::array<float, 3> lo{};
     std::array<float, 3> hi{};
@@ -95,8 +96,11 @@ class PartStore {
     [[nodiscard]] std::uint64_t count_bytes(const PartRecord& r) const;
     /// Of all parts together.
     [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
-    [[nodiscard]] PartTotals totals() const { return {zero_area_, lo_, hi_}; }
+    [[nodiscard]] PartTotals totals() const { return {zero_area_, cut_fans_, lo_, hi_}; }
     [[nodiscard]] std::uint64_t zero_area_triangles() const { return zero_area_; }
+    [[nodiscard]] std::uint64_t cut_fans() const { return cut_fans_; }
+    /// Whether vertices or triangles change before vertices are kept apart.
+    [[nodiscard]] bool is_to_be_mended() const { return zero_area_ > 0 || cut_fans_ > 0; }
     /// The smallest box that holds all vertices, world coordinates; lo > hi if there is none.
     [[nodiscard]] const std::array<float, 3>& lo() const { return lo_; }
     [[nodiscard]] const std::array<float, 3>& hi() const { return hi_; }
@@ -125,6 +129,7 @@ class PartStore {
     std::uint64_t count_ = 0;
     std::uint64_t bytes_ = 0;
     std::uint64_t zero_area_ = 0;
+    std::uint64_t cut_fans_ = 0;
     static constexpr float kMost = std::numeric_limits<float>::max();
     std::array<float, 3> lo_{kMost, kMost, kMost};
     std::array<float, 3> hi_{-kMost, -kMost, -kMost};

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <limits>
 
+#include "query/mesh/zero_area.h"
 #include "store/base/rotation.h"
 
 namespace isonest::detail {
@@ -67,10 +68,16 @@ void RotatedSink::add_vertices(const VertexBatch& batch) {
 }
 
 void RotatedSink::add_elements(const ElementBatch& batch) {
+    const Turned t = turned(batch.nearby);
     if (!measured_) {
+        if (layout_.corners == 3) {
+            zero_area_ += static_cast<std::uint64_t>(std::count_if(
+                batch.nearby_corners.begin(), batch.nearby_corners.end(), [&t](const auto& c) {
+                    return has_no_area(t.positions[c[0]], t.positions[c[1]], t.positions[c[2]]);
+                }));
+        }
         return;
     }
-    const Turned t = turned(batch.nearby);
     ElementBatch turned_batch = batch;
     turned_batch.nearby = {batch.nearby.first, t.positions, t.attributes, batch.nearby.row_bytes};
     inner_.add_elements(turned_batch);
@@ -96,13 +103,13 @@ double RotatedSink::rounding() const {
     return std::sqrt(sum);
 }
 
-void add_turned_rounding(const RotatedSink& turning, const Double3& spacing,
-                         ExtractReport& report) {
+void report_turning(const RotatedSink& turning, const Double3& spacing, ExtractReport& report) {
     if (report.distance && report.distance->bound > 0) {
         report.distance->bound += turning.rounding();
     }
     report.coordinate_rounding +=
         turning.rounding() / *std::min_element(spacing.begin(), spacing.end());
+    report.mending.zero_area = turning.zero_area_triangles();
 }
 
 }  // namespace isonest::detail

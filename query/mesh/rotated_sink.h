@@ -2,6 +2,8 @@
 #pragma once
 
 #include <array>
+#include <atomic>
+#include <cstdint>
 #include <mutex>
 #include <vector>
 
@@ -12,7 +14,8 @@
 namespace isonest::detail {
 
 /// Positions are turned about a point, normals turned. All batches are asked for once more than the
-/// inner sink does: the first time only their box is looked at, which its begin() is told.
+/// inner sink does: the first time only their box, which its begin() is told, and their
+/// areas are looked at.
 class RotatedSink : public MeshSink {
   public:
     RotatedSink(MeshSink& inner, const Double3& about, const Directions& direction)
@@ -30,6 +33,8 @@ class RotatedSink : public MeshSink {
     [[nodiscard]] bool holds_float64() const override { return inner_.holds_float64(); }
     /// Most by which 32-bit floats round a position, in world units.
     [[nodiscard]] double rounding() const;
+    /// Triangles that have no area once their corners are turned and rounded.
+    [[nodiscard]] std::uint64_t zero_area_triangles() const { return zero_area_; }
 
   private:
     struct Turned {
@@ -42,12 +47,13 @@ class RotatedSink : public MeshSink {
     Double3 about_;
     Directions direction_;
     MeshLayout layout_;
-    bool measured_ = false;  ///< the box is known
+    bool measured_ = false;  ///< the box and the triangles without area are known
+    std::atomic<std::uint64_t> zero_area_ = 0;
     std::mutex box_;
 };
 
 /// Turned positions are rounded once more: adds that to what the report of a mesh in the volume's
-/// own axes says. `spacing`: of the volume.
-void add_turned_rounding(const RotatedSink& turning, const Double3& spacing, ExtractReport& report);
+/// own axes says, and counts triangles without area anew. `spacing`: of the volume.
+void report_turning(const RotatedSink& turning, const Double3& spacing, ExtractReport& report);
 
 }  // namespace isonest::detail

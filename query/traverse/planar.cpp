@@ -36,7 +36,7 @@ class PlanarAction {
     /// Of the leaves that were complete.
     [[nodiscard]] TraversalCounts counts() const {
         TraversalCounts counts = counts_;
-        counts.value_rounding = std::max(counts.value_rounding, attributes_.value_rounding());
+        counts.value_rounding.add(attributes_.value_rounding());
         return counts;
     }
 

@@ -165,7 +165,7 @@ TraversalCounts total_of(const TraversalRun& run) {
         total.add(c);
     }
     for (const AttributeSampler& sampler : run.attributes) {
-        total.value_rounding = std::max(total.value_rounding, sampler.value_rounding());
+        total.value_rounding.add(sampler.value_rounding());
     }
     return total;
 }

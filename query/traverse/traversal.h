@@ -58,7 +58,7 @@ struct TraversalCounts {
     std::uint64_t leaves = 0;
     std::uint64_t bricks = 0;
     double error_bound = 0;
-    double value_rounding = 0;   ///< as in ExtractReport
+    ValueRounding value_rounding;
     double height_rounding = 0;  ///< of a graph, in its units
 
     void add(const TraversalCounts& other) {
@@ -66,7 +66,7 @@ struct TraversalCounts {
         leaves += other.leaves;
         bricks += other.bricks;
         error_bound = std::max(error_bound, other.error_bound);
-        value_rounding = std::max(value_rounding, other.value_rounding);
+        value_rounding.add(other.value_rounding);
         height_rounding = std::max(height_rounding, other.height_rounding);
     }
 };

@@ -79,6 +79,16 @@ void OutputFolder::check() const {
     may_replace_(output_);
 }
 
+void OutputFolder::require_there() const {
+    std::error_code error;
+    if (std::filesystem::symlink_status(name_, error).type() ==
+        std::filesystem::file_type::not_found) {
+        throw Error(ErrorKind::io, {output_.string()},
+                    fmt::format("its unfinished folder, {}, was removed while it was filled",
+                                name_.string()));
+    }
+}
+
 void OutputFolder::publish() {
     check();
     int error = rename_with(name_, output_, RENAME_NOREPLACE);
@@ -91,7 +101,8 @@ void OutputFolder::publish() {
         return;
     }
     if ((error != EEXIST && error != ENOTEMPTY) || !force_) {
-        check();  // what came meanwhile is said as such
+        check();  // what came meanwhile, or went, is said as such
+        require_there();
         fail_with_folder(output_, "give the finished folder its name", error);
     }
     // The old one gets the temporary name, by which the destructor removes it.

@@ -22,6 +22,9 @@ class OutputFolder {
 
     /// To be filled.
     [[nodiscard]] const std::filesystem::path& name() const { return name_; }
+    /// What failed while it was filled failed for another reason if it is there. Throws Error{io}
+    /// if somebody removed it.
+    void require_there() const;
     /// Gives it the output's name. A folder that it replaces is exchanged for it in one step, where
     /// the file system can do that, and then removed. Throws as the constructor does.
     void publish();

@@ -307,6 +307,7 @@ void close_nothing_at_exit() {
 
 FileHandle open_hdf5(std::shared_ptr<const StoreBytes> bytes) {
     close_nothing_at_exit();
+    start_hdf5();
     require_heap_to_open_hdf5();
     const std::string name = bytes->name();
     const auto reads = std::make_shared<ReadBytes>(std::move(bytes));

@@ -17,7 +17,19 @@ void require_heap_to_open_hdf5() {
     std::free(room);
 }
 
+void start_hdf5() {
+    static const bool has_started = [] {
+        require_heap_to_open_hdf5();
+        if (H5open() < 0) {
+            throw std::bad_alloc();
+        }
+        return true;
+    }();
+    static_cast<void>(has_started);
+}
+
 FileHandle open_hdf5(const std::filesystem::path& path) {
+    start_hdf5();
     require_heap_to_open_hdf5();
     const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
     H5Pset_file_locking(access.get(), false, true);
@@ -25,6 +37,7 @@ FileHandle open_hdf5(const std::filesystem::path& path) {
 }
 
 PropertyHandle written_file_access() {
+    start_hdf5();
     PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
     H5Pset_libver_bounds(access.get(), H5F_LIBVER_V110, H5F_LIBVER_V110);
     H5Pset_file_locking(access.get(), false, true);

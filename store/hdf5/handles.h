@@ -9,10 +9,16 @@
 
 namespace isonest::detail {
 
-/// Silences HDF5's printing on stderr for a scope of the calling thread.
+/// Starts HDF5, once, where there is memory for it: where memory ends while it starts, it crashes.
+/// Whatever calls HDF5 first does so after this, or in the scope of a QuietHdf5. Throws
+/// std::bad_alloc; nothing once HDF5 has started.
+void start_hdf5();
+
+/// Starts HDF5, and silences its printing on stderr for a scope of the calling thread.
 class QuietHdf5 {
   public:
     QuietHdf5() {
+        start_hdf5();
         H5Eget_auto2(H5E_DEFAULT, &function_, &data_);
         H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
     }

@@ -290,6 +290,40 @@ TEST_CASE("a mesh whose format has float32 alone says by how much it rounds") {
     CHECK(report.error_bound == report.value_rounding);
 }
 
+TEST_CASE(
+    "the reported error of a slice that the box cuts is the same for any threads and memory") {
+    // Values are rounded at edges and, where the box cuts a triangle, once more.
+    FunctionVolume<double> volume(
+        {41, 38, 35}, [](const Int3& p) { return 1e7 * (smooth(p) + 0.01 * noise(p)); });
+    const TemporaryFolder folder;
+    make_store(volume, folder / "s", with_chunk(8));
+    const StoreReader store(folder / "s");
+    Extraction options;
+    options.plane = WorldPlane{{1, 0.4, 0.7}, 31.3};
+    options.box = WorldBox{{2.3, 1.7, 3.1}, {37.9, 33.3, 30.7}};
+    for (const double error : {0.0, 1e6}) {
+        options.error = error;
+        options.threads = 1;
+        options.memory = std::uint64_t{1} << 30U;
+        // Of GLB, which has float32 alone.
+        const ExtractReport one = extract(store, folder / "m.glb", options, silent_progress());
+        CHECK(one.value_rounding > 0);
+        const std::string bytes = read_file(folder / "m.glb");
+        for (int threads = 1; threads <= 8; ++threads) {
+            for (const std::uint64_t memory : {24U, 64U, 1024U}) {
+                CAPTURE(error, threads, memory);
+                options.threads = threads;
+                options.memory = memory << 20U;
+                const ExtractReport other =
+                    extract(store, folder / "m.glb", options, silent_progress());
+                CHECK(other.value_rounding == one.value_rounding);
+                CHECK(other.error_bound == one.error_bound);
+                CHECK(read_file(folder / "m.glb") == bytes);
+            }
+        }
+    }
+}
+
 TEST_CASE("contour lines of values that float32 does not hold lie where they belong") {
     // Only x makes a difference: the line of 1e9 + 2.5 is x = 2.5.
     FunctionVolume<double> volume({9, 10, 8},

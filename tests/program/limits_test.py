@@ -44,6 +44,9 @@ class Limits(unittest.TestCase):
         for command in (["make-volume", "bucky", "--size", "17", "-o", "v.h5"], ["preprocess", "v.h5", "-o", "s.isonest"],
                         ["extract", "s.isonest", "--iso", "0.5", "-o", "m.ply"]):
             subprocess.run([ISONEST, *command, "-q"], cwd=cls.here, check=True, capture_output=True)
+        # Raw: nothing of HDF5 is in use until the store is made.
+        cls.volume = cls.here / "v.nrrd"
+        cls.volume.write_bytes(b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 9 8 7\nencoding: raw\n\n" + bytes(range(252)) * 2)
 
     def setUp(self):
         temporary = tempfile.TemporaryDirectory(prefix="out", dir=self.here)
@@ -66,6 +69,25 @@ class Limits(unittest.TestCase):
             if done.returncode != 127:  # the loader's: the program does not start
                 self.refused(done, 7, "memory")
         self.assertIn(7, codes)
+
+    @unittest.skipIf(sanitized(), "sanitizers need more memory than such limits leave")
+    def test_little_address_space_is_an_error_also_where_hdf5_would_crash_as_it_starts(self):
+        def made_within(kib):
+            return run("preprocess", self.volume, "-o", self.out / "o.isonest", "--force", "--threads", "1", cwd=self.here,
+                       limits=[(resource.RLIMIT_AS, kib << 10)])
+
+        fails, works = 16 << 10, 1 << 20
+        while works - fails > 128:
+            middle = (fails + works) // 2
+            fails, works = (fails, middle) if made_within(middle).returncode == 0 else (middle, works)
+        (self.out / "o.isonest").unlink()
+        for kib in range(works - 8192, works, 128):
+            done = made_within(kib)
+            if done.returncode == 0:
+                (self.out / "o.isonest").unlink()
+            elif run("--version", cwd=self.here, limits=[(resource.RLIMIT_AS, kib << 10)]).returncode == 0:
+                self.assertIn(done.returncode, (6, 7), f"{kib} KiB: {done.stderr}")
+                self.refused(done, done.returncode, "memory")
 
     @unittest.skipIf(sanitized(), "sanitizers need more memory than such limits leave")
     def test_a_library_that_does_not_fit_into_memory_is_not_called_missing(self):

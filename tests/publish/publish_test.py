@@ -152,10 +152,30 @@ class Publish(unittest.TestCase):
         run("publish", "-o", self.site, code=2)
         self.assertFalse(self.site.exists())
 
-    def test_interrupted(self):
+    def big_store(self):
         big = self.folder / "big.isonest"
-        run("make-volume", "noise", "--size", "257", "-o", self.folder / "big.h5")
-        run("preprocess", self.folder / "big.h5", "-o", big)
+        if not big.exists():
+            run("make-volume", "noise", "--size", "257", "-o", self.folder / "big.h5")
+            run("preprocess", self.folder / "big.h5", "-o", big)
+        return big
+
+    def test_an_unfinished_folder_that_somebody_removes_is_said_to_be_removed(self):
+        process = subprocess.Popen([ISONEST, "publish", *[self.big_store()] * 8, "-o", self.site, "-q"], stderr=subprocess.PIPE, text=True)
+        unfinished = []
+        while not unfinished and process.poll() is None:
+            unfinished = [path for path in self.folder.iterdir() if path.name.startswith(f".{self.site.name}.partial-")]
+        process.send_signal(signal.SIGSTOP)
+        for path in unfinished:
+            shutil.rmtree(path)
+        process.send_signal(signal.SIGCONT)
+        _, said = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 6, said)
+        self.assertIn("was removed while it was filled", said)
+        self.assertEqual(said.count("isonest: error: "), 1, said)
+        self.assertFalse(self.site.exists())
+
+    def test_interrupted(self):
+        big = self.big_store()
         stopped = 0
         for wait in (0.05, 0.1, 0.15, 0.2, 0.3, 0.4):
             process = subprocess.Popen([ISONEST, "publish", *[big] * 8, "-o", self.site, "-q"], stderr=subprocess.DEVNULL)

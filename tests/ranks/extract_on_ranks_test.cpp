@@ -64,12 +64,8 @@ void require_same_report(const ExtractReport& e, const ExtractReport& expected) 
     CHECK(e.vertices == expected.vertices);
     CHECK(e.triangles == expected.triangles);
     CHECK(e.tolerance == expected.tolerance);
-    // By how much a value was rounded is the largest that one thread has met, twice: at vertices
-    // and at cuts. So it may be less where more threads have shared them.
-    CHECK(e.value_rounding <= expected.value_rounding);
-    CHECK(7 * e.value_rounding >= expected.value_rounding);
-    CHECK(e.error_bound <= expected.error_bound);
-    CHECK(e.error_bound >= expected.error_bound - expected.value_rounding);
+    CHECK(e.value_rounding == expected.value_rounding);
+    CHECK(e.error_bound == expected.error_bound);
     CHECK(e.coordinate_rounding == expected.coordinate_rounding);
     CHECK(e.traversal.visited == expected.traversal.visited);
     CHECK(e.traversal.leaves == expected.traversal.leaves);

@@ -108,15 +108,9 @@ void require_outside(const std::filesystem::path& folder, const Site& site) {
     }
 }
 
-}  // namespace
-
-std::vector<std::string> write_site(const std::filesystem::path& folder, const Site& site,
-                                    const std::vector<PageFile>& page, bool force,
-                                    Progress& progress) {
-    OutputFolder output(folder, force, [&](const std::filesystem::path& old) {
-        require_own_site(old);
-        require_outside(old, site);
-    });
+/// Returns the names of all files.
+std::vector<std::string> fill(const OutputFolder& output, const Site& site,
+                              const std::vector<PageFile>& page, Progress& progress) {
     std::vector<std::string> files;
     std::uint64_t all = 0;
     bool has_stores = false;
@@ -151,6 +145,25 @@ std::vector<std::string> write_site(const std::filesystem::path& folder, const S
     files.emplace_back("site.json");
     std::sort(files.begin(), files.end());
     write_text(output.name() / "site.json", site_list(site, files));
+    return files;
+}
+
+}  // namespace
+
+std::vector<std::string> write_site(const std::filesystem::path& folder, const Site& site,
+                                    const std::vector<PageFile>& page, bool force,
+                                    Progress& progress) {
+    OutputFolder output(folder, force, [&](const std::filesystem::path& old) {
+        require_own_site(old);
+        require_outside(old, site);
+    });
+    std::vector<std::string> files;
+    try {
+        files = fill(output, site, page, progress);
+    } catch (...) {
+        output.require_there();
+        throw;
+    }
     output.publish();
     return files;
 }

@@ -158,7 +158,7 @@ ExtractReport LabelNet::emit_measured(
     report.scratch_bytes = scratch_.meter()->peak();
     report.vertices = mesh.vertices;
     report.triangles = mesh.triangles;
-    report.mending.zero_area = mesh.no_area;
+    report.mending.zero_area = turning ? turning->zero_area_triangles() : mesh.no_area;
     measuring.report(report);
     const Double3& d = header.spacing;
     // What was moved was itself rounded to float32.

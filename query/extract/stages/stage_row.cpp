@@ -7,6 +7,7 @@
 #include "query/extract/stages/component_stage.h"
 #include "query/extract/stages/distance_stage.h"
 #include "query/extract/stages/error_stage.h"
+#include "query/extract/stages/fan_stage.h"
 #include "query/extract/stages/line_stage.h"
 #include "query/extract/stages/mapping_stage.h"
 #include "query/extract/stages/mend_stage.h"
@@ -30,6 +31,9 @@ std::unique_ptr<Stage> simplification(const StageSetting& setting) {
 StageRow::StageRow(const StageSetting& setting)
     : threads_(Workers::count_of(setting.options.threads)) {
     const StageChoice& asked = setting.query.stages;
+    if (setting.query.product == Product::surface) {
+        stages_.push_back(std::make_unique<FanStage>(setting));
+    }
     if (setting.query.corners() == 3) {
         stages_.push_back(std::make_unique<MendStage>(setting));
     }

@@ -44,7 +44,7 @@ class HexWorker {
     [[nodiscard]] TraversalCounts counts() const {
         TraversalCounts counts = counts_;
         counts.visited = walk.visited();
-        counts.value_rounding = std::max(counts.value_rounding, attributes_.value_rounding());
+        counts.value_rounding.add(attributes_.value_rounding());
         return counts;
     }
 

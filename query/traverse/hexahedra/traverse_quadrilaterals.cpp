@@ -47,7 +47,7 @@ class QuadWorker {
     [[nodiscard]] TraversalCounts counts() const {
         TraversalCounts counts = counts_;
         counts.visited = walk.visited();
-        counts.value_rounding = std::max(counts.value_rounding, attributes_.value_rounding());
+        counts.value_rounding.add(attributes_.value_rounding());
         counts.error_bound = std::max(counts.error_bound, projection_.largest_number());
         return counts;
     }

@@ -93,12 +93,11 @@ def whole(seen, volume, closed=False, box=None):
     require(used == len(seen.nodes), f"{len(seen.nodes)} vertices, of which triangles have {used}")
     if not len(f):
         return
-    # Known, in tests/TRUST.md: vertices in the volume's faces with two fans where triangles were mended, and triangles of
-    # turned volumes that the turning's rounding flattens. Around missing values borders may meet in a vertex.
-    if not missing and not report.mended_triangles:
+    # Around missing values borders may meet in a vertex.
+    if not missing:
         require(judges.fans(f) == used, f"{judges.fans(f)} fans of triangles around {used} vertices")
     vertices = np.ascontiguousarray(seen.mesh.vertices)
-    if not report.zero_area_triangles and not volume.turned:
+    if not report.zero_area_triangles:
         none = judges.without_area(vertices, f)
         require(not none, f"{none} triangles without area")
     if not report.together_vertices:

@@ -1,0 +1,84 @@
+// What a turned mesh says of itself is true once it is turned: its box, and how many of its
+// triangles float32 leaves no area. Against what the sink behind gets.
+#include "query/mesh/rotated_sink.h"
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "query/mesh/zero_area.h"
+
+using namespace isonest;
+using namespace isonest::detail;
+
+namespace {
+
+/// Counts, and asks for everything twice, as some formats do.
+class Counting : public MeshSink {
+  public:
+    void begin(const MeshLayout& layout) override { layout_ = layout; }
+    void add_vertices(const VertexBatch& batch) override {
+        for (const auto& p : batch.positions) {
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                outside += p[axis] < layout_.lo[axis] || p[axis] > layout_.hi[axis] ? 1 : 0;
+            }
+        }
+    }
+    void add_elements(const ElementBatch& batch) override {
+        triangles += batch.corners.size();
+        const auto& at = batch.nearby.positions;
+        flat += static_cast<std::uint64_t>(std::count_if(
+            batch.nearby_corners.begin(), batch.nearby_corners.end(),
+            [&](const auto& c) { return has_no_area(at[c[0]], at[c[1]], at[c[2]]); }));
+    }
+    [[nodiscard]] bool again() override { return ++passes < 2; }
+    void end() override {}
+
+    int passes = 0;
+    std::uint64_t triangles = 0;
+    std::uint64_t flat = 0;
+    std::uint64_t outside = 0;
+
+  private:
+    MeshLayout layout_;
+};
+
+}  // namespace
+
+TEST_CASE("triangles that turning leaves no area are counted, each once") {
+    // A row of triangles that are small beside the unit in the last place of where they go.
+    std::vector<std::array<float, 3>> positions;
+    std::vector<std::array<std::uint64_t, 3>> corners;
+    std::vector<std::array<std::uint32_t, 3>> nearby;
+    constexpr std::uint32_t kVertices = 3000;
+    constexpr float kUnit = 0x1p-5F;
+    for (std::uint32_t v = 0; v < kVertices; ++v) {
+        positions.push_back({kUnit * static_cast<float>(v), v % 2 == 0 ? 0 : kUnit, 1});
+        if (v >= 2) {
+            corners.push_back({v - 2, v - 1, v});
+            nearby.push_back({v - 2, v - 1, v});
+            CHECK(!has_no_area(positions[v - 2], positions[v - 1], positions[v]));
+        }
+    }
+    const double c = std::cos(0.6);
+    const double s = std::sin(0.6);
+    Counting inner;
+    RotatedSink sink(inner, {1e6, 0, 0}, Directions{Double3{c, s, 0}, {-s, c, 0}, {0, 0, 1}});
+    MeshLayout layout;
+    layout.vertices = positions.size();
+    layout.elements = corners.size();
+    sink.begin(layout);
+    do {
+        sink.add_vertices({0, positions, {}, 0});
+        sink.add_elements({0, corners, nearby, {0, positions, {}, 0}});
+    } while (sink.again());
+    sink.end();
+    CHECK(inner.passes == 2);
+    CHECK(inner.triangles == 2 * corners.size());
+    CHECK(inner.outside == 0);
+    CHECK(sink.zero_area_triangles() > 0);
+    CHECK(2 * sink.zero_area_triangles() == inner.flat);
+    ExtractReport report;
+    report_turning(sink, {1, 1, 1}, report);
+    CHECK(report.mending.zero_area == sink.zero_area_triangles());
+}
