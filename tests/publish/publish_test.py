@@ -165,6 +165,7 @@ class Publish(unittest.TestCase):
         while not unfinished and process.poll() is None:
             unfinished = [path for path in self.folder.iterdir() if path.name.startswith(f".{self.site.name}.partial-")]
         process.send_signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
         for path in unfinished:
             shutil.rmtree(path)
         process.send_signal(signal.SIGCONT)
