@@ -53,8 +53,7 @@ class CornerView {
     CornerView() = default;
     explicit CornerView(std::span<const Narrow> corners)
         : narrow_(corners.data()), size_(corners.size()) {}
-    template <class Range>
-    // NOLINTNEXTLINE(google-explicit-constructor): as a span is made
+    template <class Range>  // NOLINTNEXTLINE(google-explicit-constructor): as a span is made
     requires std::convertible_to<const Range&, std::span<const ElementCorners>> CornerView(
         const Range& corners) {
         const std::span<const ElementCorners> wide = corners;
