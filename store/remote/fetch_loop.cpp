@@ -24,7 +24,7 @@ constexpr std::chrono::milliseconds kLongSleep{60'000};
 constexpr std::chrono::milliseconds kMemoryPause{100};
 
 bool is_https(const std::string& url) {
-    return url.compare(0, 8, "https://") == 0;
+    return url.starts_with("https://");
 }
 
 Failure failure_of_exception() {
