@@ -280,10 +280,10 @@ void FetchLoop::follow(Active& active, const CurlRequest::Outcome& outcome) {
         send(active);
         return;
     }
-    fail_or_retry(active, std::move(failure));
+    fail_or_retry(active, failure);
 }
 
-void FetchLoop::fail_or_retry(Active& active, Failure failure) {
+void FetchLoop::fail_or_retry(Active& active, const Failure& failure) {
     if (active.has_begun && active.asked.range.size == 0 && !failure.is_change) {
         finish_with(active, [&active] { active.job->done(); });  // only its end went wrong
         return;
