@@ -113,6 +113,10 @@ Judgement judge_whole(const AnswerHead& head, const Asked& asked) {
 }
 
 Judgement judge_good(const AnswerHead& head, const Asked& asked, const Validators* opened) {
+    if (head.is_chunked && head.says_length) {
+        return failed("the server contradicts itself (Content-Length and Transfer-Encoding)",
+                      FailureClass::odd);
+    }
     if (!head.encoding.empty() && !is_same_name(head.encoding, "identity")) {
         return failed(
             "the server sends it in another encoding (Content-Encoding), of which no "
@@ -218,7 +222,9 @@ void AnswerHead::add_line(std::string_view line) {
     }
     if (is_same_name(name, "Content-Length")) {
         length = whole_number(value);
+        says_length = true;
     }
+    is_chunked = is_chunked || is_same_name(name, "Transfer-Encoding");
 }
 
 Judgement judge(const AnswerHead& head, const Asked& asked, const Validators* opened) {

@@ -1,6 +1,6 @@
 // What a server answers before it sends bytes, and what that means for a range.
 //
-// Source: RFC 9110, sections 8.4, 8.8, 13, 14 and 15.
+// Source: RFC 9110, sections 8.4, 8.8, 13, 14 and 15; RFC 9112, section 6.3.
 #pragma once
 
 #include <cstdint>
@@ -31,6 +31,8 @@ struct AnswerHead {
     std::string location;
     std::string bucket_region;            ///< x-amz-bucket-region
     std::optional<std::uint64_t> length;  ///< Content-Length
+    bool says_length = false;             ///< a Content-Length came, though it may be no number
+    bool is_chunked = false;              ///< Transfer-Encoding
     std::string content_range;            ///< empty: none
     bool is_complete = false;             ///< the empty line behind it came, of no interim answer
 

@@ -265,6 +265,11 @@ CurlRequest::Outcome CurlRequest::finish(CURLcode code) {
         case Verdict::part:
             if (ended_early) {
                 outcome.failure = failure_of_transfer(code, said(code));
+                // Of chunks that are none, libcurl has handed on what it took for the first ones;
+                // only its text tells that from a connection that broke.
+                outcome.failure->is_void = head_.is_chunked && code == CURLE_RECV_ERROR &&
+                                           received_ > 0 &&
+                                           said(code).find("chunk") != std::string::npos;
             } else if (received_ < judgement_->range.size && !judgement_->is_open_ended) {
                 outcome.failure = failure_of_transfer(CURLE_PARTIAL_FILE, "bytes are missing");
             }

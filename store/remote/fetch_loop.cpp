@@ -284,6 +284,10 @@ void FetchLoop::follow(Active& active, const CurlRequest::Outcome& outcome) {
 }
 
 void FetchLoop::fail_or_retry(Active& active, const Failure& failure) {
+    if (failure.is_void && !active.asked.is_whole) {
+        give_up(active, failure);  // what the job has taken may be wrong
+        return;
+    }
     if (active.has_begun && active.asked.range.size == 0 && !failure.is_change) {
         finish_with(active, [&active] { active.job->done(); });  // only its end went wrong
         return;

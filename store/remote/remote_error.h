@@ -22,6 +22,7 @@ struct Failure {
     std::vector<Remedy> remedies = {};
     std::optional<std::chrono::seconds> retry_after = std::nullopt;
     bool is_change = false;  ///< the object is another one now
+    bool is_void = false;    ///< what came of this answer may be no bytes of the object
     int status = 0;          ///< of the answer; 0: there was none
 };
 

@@ -198,6 +198,8 @@ TEST_CASE("an answer is what was asked for, or says why not") {
              {ok, etag, "Content-Range: bytes 11-19/100"},
              {ok, etag, "Content-Range: bytes 10-19/100", "Content-Length: 9"},
              {ok, etag, "Content-Range: bytes 10-19/100", "Content-Encoding: br"},
+             {ok, etag, "Content-Range: bytes 10-19/100", "Content-Length: 10",
+              "transfer-encoding: chunked"},
              {"HTTP/1.0 200 OK", etag, "Content-Length: 100"}}) {
         const Judgement judgement = judge(head_of(lines), asked, &opened);
         CHECK(judgement.verdict == Verdict::failed);

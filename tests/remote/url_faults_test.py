@@ -51,6 +51,7 @@ class Faults(unittest.TestCase):
                     ("long_line", "io", "the head of the server's answer is too large", "check_url"),
                     ("garbage", "io", "is no HTTP", "check_url"),
                     ("short_length", "io", "contradicts itself", "serve_ranges"),
+                    ("chunked_length", "io", "contradicts itself (Content-Length and Transfer-Encoding)", "serve_ranges"),
                     ("gzip", "io", "encoding", "serve_ranges"),
                     ("silent", "io", "too slow: 0 bytes in 0.3 s (3 tries)", "try_later"),
                     ("slow", "io", "too slow", "try_later"),
@@ -114,8 +115,9 @@ class Faults(unittest.TestCase):
             self.assertEqual(server.requests, 2)
 
     def test_what_passes_is_asked_for_again(self):
-        for fault in ("short", "broken", "reset", "half_head", "large_head", "long_line", "garbage", "silent", "status:500", "status:503:1", "status:429",
-                      "whole", "range_missing", "range_shifted", "gzip", "no_etag", "less", "chunked", "long"):
+        for fault in ("short", "broken", "reset", "half_head", "large_head", "long_line", "garbage", "silent", "status:500",
+                      "status:503:1", "status:429", "whole", "range_missing", "range_shifted", "gzip", "no_etag", "less", "chunked", "chunked_length",
+                      "long"):
             with self.subTest(fault), RangeServer(FOLDER, fault_of=from_second(fault, 1)) as server, \
                     Client() as client:
                 client.open(server.url("a.bin"), slow_ms=500 if fault == "silent" else 3000)
@@ -129,6 +131,16 @@ class Faults(unittest.TestCase):
                     self.assertGreater(time.monotonic() - start, 1)
                 if fault in ("short", "less"):  # what came is not asked for again
                     self.assertLess(server.bytes, TAIL + 200_000 + 64)
+
+    def test_after_chunks_that_are_none_no_rest_is_asked_for(self):
+        """What libcurl takes for the first chunk is not what the object has there."""
+        with RangeServer(FOLDER, fault_of=from_second("no_chunks", 1)) as server, Client() as client:
+            client.open(server.url("a.bin"))
+            errors = client.read([0, 50_000])["errors"]
+            self.assertEqual([error["kind"] for error in errors], ["io"])
+            self.assertIn("the connection broke", errors[0]["message"])
+            self.assertEqual(server.requests, 2)
+            self.assertEqual(client.read([100_000, 1000])["errors"], [])
 
     def test_redirects_are_followed_and_remembered_and_get_no_secrets(self):
         with RangeServer(FOLDER) as other:
@@ -195,7 +207,7 @@ class Faults(unittest.TestCase):
 class RandomFaults(unittest.TestCase):
     """No wrong byte, no hang, no leak."""
     KINDS = ("whole", "range_wrong", "range_shifted", "range_missing", "range_damaged", "size", "short", "short_length",
-             "long", "chunked", "broken", "less", "gzip", "no_etag", "etag", "reset", "half_head", "garbage", "silent", "slow",
+             "long", "chunked", "chunked_length", "broken", "less", "gzip", "no_etag", "etag", "reset", "half_head", "garbage", "silent", "slow",
              "status:403", "status:404", "status:429", "status:429:1", "status:500", "status:503", "status:503:9",
              "status:504", "status:412", "status:416", "redirect:/a.bin", "redirect:/b.bin", "redirect:nowhere")
 

@@ -250,6 +250,10 @@ class Handler(http.server.BaseHTTPRequestHandler):
             return self.send_chunked(headers, body + b"more than was asked for")
         elif fault == "chunked":
             return self.send_chunked(headers, body)
+        elif fault == "chunked_length":
+            return self.send_chunked({**headers, "Content-Length": str(len(body))}, body)
+        elif fault == "no_chunks":  # twelve bytes look like the first one
+            return self.send_chunked(headers, b"c\r\n" + body[1:], is_raw=True)
         elif fault == "broken":
             self.send_response(206)
             for name, value in {**headers, "Content-Length": len(body)}.items():
@@ -284,11 +288,14 @@ class Handler(http.server.BaseHTTPRequestHandler):
             body = bytes([body[0] ^ 1]) + body[1:]
         return self.answer(200, headers, body)
 
-    def send_chunked(self, headers, body, status=206):
+    def send_chunked(self, headers, body, status=206, is_raw=False):
         self.send_response(status)
         for name, value in {**headers, "Transfer-Encoding": "chunked"}.items():
             self.send_header(name, value)
         self.end_headers()
+        if is_raw:
+            self.write_body(body)
+            return setattr(self, "close_connection", True)
         for at in range(0, len(body), 5000):
             part = body[at:at + 5000]
             self.wfile.write(f"{len(part):x}\r\n".encode())
