@@ -73,7 +73,7 @@ LabelQuery in_own_axes(LabelQuery query, const StoreHeader& /*header*/, const st
     return query;
 }
 SliceQuery in_own_axes(SliceQuery query, const StoreHeader& header, const std::string& name) {
-    query = with_places(std::move(query), header, name);
+    query = with_places(query, header, name);
     query.plane = in_own_axes(query.plane, header);
     return query;
 }

@@ -53,9 +53,9 @@ class CornerView {
     CornerView() = default;
     explicit CornerView(std::span<const Narrow> corners)
         : narrow_(corners.data()), size_(corners.size()) {}
-    template <class Range>
+    template <class Range>  // NOLINTNEXTLINE(google-explicit-constructor): as a span is made
     requires std::convertible_to<const Range&, std::span<const ElementCorners>> CornerView(
-        const Range& corners) {  // NOLINT(google-explicit-constructor): as a span is made
+        const Range& corners) {
         const std::span<const ElementCorners> wide = corners;
         wide_ = wide.data();
         size_ = wide.size();

@@ -99,7 +99,8 @@ void cut_at_planes(const CutPolygon& polygon, std::size_t axis, Int3 strip, cons
     if (least == most && at == least) {
         at = std::max(at - 1, 0.0);
     }
-    for (; at + 1 < most; ++at) {
+    // Whole numbers, far below those that double has no more.
+    for (; at + 1 < most; ++at) {  // NOLINT(bugprone-float-loop-counter)
         const auto [below, above] = halves_of(rest, axis, at + 1);
         strip[static_cast<int>(axis)] = static_cast<std::int64_t>(at);
         cut_at_planes(below, axis + 1, strip, visit);

@@ -87,7 +87,7 @@ struct DetailGrid {
     /// Monotone in each coordinate. `position`: world units, in the volume's own axes; not before
     /// the first cell, but for rounding.
     [[nodiscard]] Double3 strips_of(const std::array<float, 3>& position) const {
-        const auto width = static_cast<double>(nodes() / strips());
+        const auto width = static_cast<double>(nodes()) / strips();
         Double3 c{};
         for (std::size_t axis = 0; axis < 3; ++axis) {
             const double node =

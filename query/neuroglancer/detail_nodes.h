@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include <isonest/int3.h>
@@ -26,7 +27,7 @@ struct DetailNode {
 /// of what the finer level has there, which may be nothing. In temporary files. Not thread-safe.
 class DetailNodes {
   public:
-    explicit DetailNodes(const ScratchFolder& folder) : folder_(folder) {}
+    explicit DetailNodes(ScratchFolder folder) : folder_(std::move(folder)) {}
 
     /// Of the level behind the last one; they come by add(), in the order of the Z-curve.
     void begin_level() { levels_.push_back(std::make_unique<GrowingFile<DetailNode>>(folder_)); }

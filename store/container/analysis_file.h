@@ -81,7 +81,7 @@ class AnalysisFile {
     };
     [[noreturn]] void damaged(const std::string& problem) const;
     /// Adds to steps_, too.
-    Arrays arrays_of(std::int64_t root, std::size_t step);
+    Arrays arrays_of(std::int64_t root, std::size_t i);
 
     std::filesystem::path path_;
     MappedFile file_;

@@ -126,7 +126,7 @@ void unshuffle(std::span<const std::byte> from, std::byte* to, std::size_t size)
 
 void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
                   std::vector<std::byte>& out) {
-    Packing& state = thread_state<Packing>();
+    auto& state = thread_state<Packing>();
     if (!state.context) {
         throw std::bad_alloc();
     }
@@ -152,7 +152,7 @@ void encode_chunk(std::span<const std::byte> raw, const CodecSpec& spec,
 
 void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
                   std::span<std::byte> raw, const ErrorPlace& place) {
-    Unpacking& state = thread_state<Unpacking>();
+    auto& state = thread_state<Unpacking>();
     if (!state.context) {
         throw std::bad_alloc();
     }
@@ -180,7 +180,7 @@ void decode_chunk(std::span<const std::byte> stored, const CodecSpec& spec,
 }
 
 bool decompress(std::span<const std::byte> packed, std::span<std::byte> raw) {
-    Unpacking& state = thread_state<Unpacking>();
+    auto& state = thread_state<Unpacking>();
     if (!state.context) {
         throw std::bad_alloc();
     }

@@ -111,6 +111,7 @@ void CubeRangeTable::want(int level) const {
     }
     const Level& l = levels_.at(static_cast<std::size_t>(level - kFirstRangeLevel));
     std::vector<ByteRange> planes;
+    planes.reserve(static_cast<std::size_t>(l.cells.z));
     for (std::int64_t z = 0; z < l.cells.z; ++z) {
         planes.push_back(l.plane(z));
     }

@@ -161,14 +161,15 @@ class Reader {
         const auto spacing = root_.numbers("spacing", 3);
         const auto origin = root_.numbers("origin", 3);
         const auto type = root_.text("value_type");
+        const auto known_type = type ? value_type_from_name(*type) : std::nullopt;
         const auto chunk = root_.integers("chunk", 1);
         const auto compression = root_.integers("compression", 1);
         const auto exact = root_.integers("exact", 1);
         const auto fields = root_.text("fields");
         const auto range = root_.numbers("range", 2);
         const auto missing = root_.integers("has_missing", 1);
-        if (!nodes || !spacing || !origin || !type || !chunk || !compression || !exact || !fields ||
-            !range || !missing || !value_type_from_name(*type) || (*chunk)[0] > kMaxChunk) {
+        if (!nodes || !spacing || !origin || !known_type || !chunk || !compression || !exact ||
+            !fields || !range || !missing || (*chunk)[0] > kMaxChunk) {
             damaged("damaged");
         }
         StoreHeader& header = out_.header;
@@ -185,7 +186,7 @@ class Reader {
             read_unit();
         }
         header.label_names = out_.version >= FormatVersion{2, 8} && root_.has_label_names();
-        header.type = *value_type_from_name(*type);
+        header.type = *known_type;
         if (header.labels && header.type != ValueType::f64) {
             damaged("damaged: labels of 64 bits are float64");
         }

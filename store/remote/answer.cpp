@@ -189,7 +189,7 @@ std::optional<ContentRange> parse_content_range(std::string_view value) {
 }
 
 void AnswerHead::add_line(std::string_view line) {
-    if (line.substr(0, 5) == "HTTP/") {
+    if (line.starts_with("HTTP/")) {
         *this = {};
         const std::size_t space = line.find(' ');
         if (space != std::string_view::npos) {

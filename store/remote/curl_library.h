@@ -34,7 +34,8 @@ namespace isonest::detail {
 
 /// Its functions, as its own headers declare them.
 struct CurlLibrary {
-#define ISONEST_CURL_MEMBER(name) decltype(&::name) name = nullptr;
+#define ISONEST_CURL_MEMBER(name) \
+    decltype(&::name) name = nullptr;  // NOLINT(bugprone-macro-parentheses)
     ISONEST_CURL_FUNCTIONS(ISONEST_CURL_MEMBER)
 #undef ISONEST_CURL_MEMBER
 };

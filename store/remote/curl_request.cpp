@@ -319,7 +319,7 @@ std::string resolved_location(const std::string& url, const std::string& locatio
         c.curl_free(text);
     }
     const std::string_view start(out);
-    return start.substr(0, 7) == "http://" || start.substr(0, 8) == "https://" ? out : "";
+    return start.starts_with("http://") || start.starts_with("https://") ? out : "";
 }
 
 }  // namespace isonest::detail

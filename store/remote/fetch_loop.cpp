@@ -24,7 +24,7 @@ constexpr std::chrono::milliseconds kLongSleep{60'000};
 constexpr std::chrono::milliseconds kMemoryPause{100};
 
 bool is_https(const std::string& url) {
-    return url.compare(0, 8, "https://") == 0;
+    return url.starts_with("https://");
 }
 
 Failure failure_of_exception() {
@@ -280,10 +280,10 @@ void FetchLoop::follow(Active& active, const CurlRequest::Outcome& outcome) {
         send(active);
         return;
     }
-    fail_or_retry(active, std::move(failure));
+    fail_or_retry(active, failure);
 }
 
-void FetchLoop::fail_or_retry(Active& active, Failure failure) {
+void FetchLoop::fail_or_retry(Active& active, const Failure& failure) {
     if (failure.is_void && !active.asked.is_whole) {
         give_up(active, failure);  // what the job has taken may be wrong
         return;

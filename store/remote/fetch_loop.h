@@ -110,7 +110,7 @@ class FetchLoop {
     void end_request(Active& active, CURLcode code);
     void follow(Active& active, const CurlRequest::Outcome& outcome);
     void ask_for_the_end(Active& active, std::uint64_t size);
-    void fail_or_retry(Active& active, Failure failure);
+    void fail_or_retry(Active& active, const Failure& failure);
     void give_up(Active& active, const Failure& failure);
     void finish_with(Active& active, const std::function<void()>& tell);
     void detach(Active& active);

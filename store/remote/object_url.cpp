@@ -302,7 +302,7 @@ std::string query_without_signature(std::string_view url) {
         const std::string_view parameter = left.substr(0, left.find('&'));
         left = left.substr(parameter.size());
         const std::string name = lower_case(parameter.substr(0, parameter.find('=')));
-        if (!parameter.empty() && name.rfind("x-amz-", 0) != 0 && name.rfind("x-goog-", 0) != 0 &&
+        if (!parameter.empty() && !name.starts_with("x-amz-") && !name.starts_with("x-goog-") &&
             std::find(kSigning.begin(), kSigning.end(), name) == kSigning.end()) {
             out += (out.empty() ? "" : "&") + std::string(parameter);
         }

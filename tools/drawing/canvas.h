@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-struct _cairo;
+struct _cairo;  // NOLINT(bugprone-reserved-identifier): as Cairo has named it
 
 namespace isonest::detail::cli {
 

@@ -48,6 +48,7 @@ void FoundLabels::leave_out(const std::string& what) {
 
 std::vector<LabelName> FoundLabels::names() const {
     std::vector<LabelName> all;
+    all.reserve(labels_.size());
     for (const auto& [id, label] : labels_) {
         all.push_back(label);
     }

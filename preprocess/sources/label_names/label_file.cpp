@@ -46,6 +46,7 @@ class LabelFile {
             at = end + 1;
         }
         std::vector<LabelName> all;
+        all.reserve(labels_.size());
         for (auto& [id, label] : labels_) {
             all.push_back(std::move(label));
         }

@@ -103,6 +103,7 @@ std::string list_of(const NetcdfHeader& header) {
     for (std::size_t i = 0; i < std::min(kMostListed, header.variables.size()); ++i) {
         const NetcdfVariable& v = header.variables[i];
         std::vector<std::uint64_t> lengths;
+        lengths.reserve(v.dims.size());
         for (const std::size_t d : v.dims) {
             lengths.push_back(header.dims[d].length);
         }

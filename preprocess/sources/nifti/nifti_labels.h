@@ -24,6 +24,6 @@ struct NiftiExtensions {
 /// https://nifti.nimh.nih.gov/nifti-1/documentation/nifti1fields/nifti1fields_pages/extension.html,
 /// https://www.nitrc.org/projects/cifti (the element LabelTable).
 /// Throws Error{io}, and Error{corrupt} for gzip that is damaged there.
-FoundLabels labels_of_nifti(const NiftiExtensions& extensions, std::int64_t volume);
+FoundLabels labels_of_nifti(const NiftiExtensions& where, std::int64_t volume);
 
 }  // namespace isonest::detail

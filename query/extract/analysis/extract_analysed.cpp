@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cmath>
 #include <memory>
+#include <numbers>
 
 #include "query/extract/analysis/kept_analysis.h"
 #include "query/extract/run_extraction.h"
@@ -142,7 +143,7 @@ class AnalysedExtraction {
         const auto next = std::find_if(steps.begin(), steps.end(), [&](const AnalysisStep& step) {
             return step.bound > distance;
         });
-        return next != steps.end() ? next->bound : distance * std::sqrt(2.0);
+        return next != steps.end() ? next->bound : distance * std::numbers::sqrt2;
     }
     /// Of the steps between the distance and a half of it, each simplified within what is left, the
     /// one with the fewest triangles. REQUIRES: the first step is within the limit.

@@ -178,6 +178,7 @@ std::vector<FoundAnalysis> all_analyses(const StoreReader& store, AnalysisDepth 
     }
     std::sort(paths.begin(), paths.end());
     std::vector<FoundAnalysis> all;
+    all.reserve(paths.size());
     for (const std::filesystem::path& path : paths) {
         all.push_back(open(store, path, depth));
     }

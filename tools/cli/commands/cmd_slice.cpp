@@ -79,7 +79,7 @@ ExtractReport run_contours(const Store& store, const SliceArguments& a, Progress
         throw Error(ErrorKind::invalid_argument,
                     "--contours: lines carry their value, no --normals and no --vertex-error");
     }
-    ContourQuery query = a.extract.query<ContourQuery>();
+    auto query = a.extract.query<ContourQuery>();
     query.plane = a.plane;
     query.values = a.picture.contours;
     const auto sink = open_mesh_file(a.extract.mesh, {.replace = true});
@@ -88,7 +88,7 @@ ExtractReport run_contours(const Store& store, const SliceArguments& a, Progress
 
 ExtractReport run_slice(const Store& store, const SliceArguments& a, MeshSink& sink,
                         Progress& progress) {
-    SliceQuery query = a.extract.query<SliceQuery>();
+    auto query = a.extract.query<SliceQuery>();
     query.plane = a.plane;
     query.cells = a.extract.cells.value_or(Cells::tetrahedra);
     query.attributes = {a.extract.normals, nullptr, a.extract.vertex_error};

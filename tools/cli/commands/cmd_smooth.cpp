@@ -42,6 +42,7 @@ struct SmoothArguments {
 
 /// A store, or a volume file.
 VolumeValues open_values(SmoothArguments& a, Progress& progress) {
+    // NOLINTNEXTLINE(clang-analyzer-deadcode.DeadStores): used where a store was not opened
     const std::uint64_t memory = a.memory;
     try {
         return VolumeValues(

@@ -134,6 +134,7 @@ struct PlotFile {
 
 std::vector<PlotFile> plots_of(const std::vector<const Column*>& further) {
     std::vector<PlotFile> plots;
+    plots.reserve(kColumns.size());
     for (const Column& column : kColumns) {
         plots.push_back({&column, nullptr});
     }
