@@ -1,5 +1,8 @@
 #include "query/march/clip.h"
 
+#include <algorithm>
+#include <cmath>
+
 namespace isonest::detail {
 namespace {
 
@@ -21,6 +24,16 @@ bool is_in_face(const ClipContext& clip, const std::array<std::uint32_t, 3>& tri
     const std::size_t j = (axis + 2) % 3;
     const double normal = (q[i] - p[i]) * (r[j] - p[j]) - (q[j] - p[j]) * (r[i] - p[i]);
     return low ? normal > 0 : normal < 0;
+}
+
+/// Whether the triangles around a vertex in a face of the box may meet that face more than twice:
+/// not if the vertex is on an edge that lies in the face, because then each half of the face at the
+/// edge runs through one element or between two. Edges run along axes and diagonals between nodes:
+/// one that crosses a face through nodes does so where all coordinates are whole.
+bool may_have_fans(const Double3& vertex, double limit) {
+    constexpr double kRounding = 1e-6;
+    const auto is_whole = [](double x) { return std::fabs(x - std::round(x)) <= kRounding; };
+    return !is_whole(limit) || std::all_of(vertex.begin(), vertex.end(), is_whole);
 }
 
 }  // namespace
@@ -87,7 +100,7 @@ std::vector<std::array<std::uint32_t, 3>> ClipContext::cut(
             const double d1 = inside(to);
             any = any || d0 > 0;
             reaches_out = reaches_out || d0 < 0;
-            in_face += d0 == 0 ? 1 : 0;
+            in_face += d0 == 0 && may_have_fans(position(from.v), limit) ? 1 : 0;
             if (d0 >= 0) {
                 // A side that leaves through this very corner is replaced by the plane's.
                 kept.push_back({from.v, d1 < 0 && d0 == 0 ? 3 : from.edge});

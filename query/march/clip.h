@@ -52,7 +52,8 @@ class ClipContext {
         return v < first_new_ ? old_position_(v) : vertices_[v - first_new_].position;
     }
     /// Corners in a face of the box, so far, of triangles that reach beyond that face, or lie in it
-    /// and were left out: what is left of the triangles around such a corner may be several fans.
+    /// and were left out, but for those on edges in the face: what is left of the triangles around
+    /// such a corner may be several fans.
     [[nodiscard]] std::uint64_t cut_fans() const { return cut_fans_; }
     /// Whether another part may have the same cut vertex: only if both ends are open there.
     [[nodiscard]] bool is_shared(std::uint32_t v, const std::vector<std::uint64_t>& open) const {
