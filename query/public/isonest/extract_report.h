@@ -34,7 +34,7 @@ struct ClosingReport {
 
 /// Triangles that had no area since coordinates are rounded to float32.
 struct MendingReport {
-    std::uint64_t mended = 0;     ///< taken out, or changed so that they have one
+    std::uint64_t mended = 0;  ///< taken out, or changed so that they have one
     /// Nothing helped; of a volume that is turned against the world's axes, once it is turned.
     std::uint64_t zero_area = 0;
 };
