@@ -67,6 +67,14 @@ def asked(server):
                                not note["path"].partition("?")[0].endswith(DESCRIPTIONS))
 
 
+def until_it_is_quiet(server):
+    """What a run that has ended had asked for may still be on its way."""
+    before = -1
+    while before != server.requests:
+        before = server.requests
+        time.sleep(0.3)
+
+
 class Case(unittest.TestCase):
     def setUp(self):
         self.path = FOLDER / "v.zarr"
@@ -444,13 +452,14 @@ class Resume(Case):
                              fault_of=lambda number, path, _: "status:400" if "/c/8/" in path else None) as server:
                 done = run("preprocess", server.url("v.zarr"), "-o", "far.isonest", "--chunk", "8", "--resume")
                 self.assertEqual(done.returncode, 6, done.stderr)
+                until_it_is_quiet(server)
                 server.fault_of, server.notes[:] = lambda *_: None, []
                 done = run("preprocess", server.url("v.zarr"), "-o", "far.isonest", "--chunk", "8", "--resume", "--json")
                 self.assertEqual(done.returncode, 0, done.stderr)
                 self.assertGreater(json.loads(done.stdout)["resumed_chunks"], 0)
                 self.assertEqual((FOLDER / "far.isonest").read_bytes(), (FOLDER / "local.isonest").read_bytes())
                 counts = asked(server)
-                self.assertEqual(max(counts.values()), 1)
+                self.assertEqual({what: times for what, times in counts.items() if times > 1}, {})
                 # The first plane is compared; of those between, nothing is fetched.
                 self.assertEqual([path for path, _ in counts if re.match(r"/v.zarr/c/[12]/", path)], [])
             (FOLDER / "far.isonest").unlink()
