@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <numeric>
 #include <span>
 #include <vector>
 
 #include "query/mesh/vertex_stars.h"
+#include "store/base/union_find.h"
 
 namespace isonest::detail {
 namespace {
@@ -34,21 +36,21 @@ class FansOfVertex {
             starts_.push_back({neighbour(at[i], 1), i});
         }
         std::sort(starts_.begin(), starts_.end());
-        root_.resize(at.size());
-        for (std::size_t i = 0; i < at.size(); ++i) {
-            root_[i] = i;
-        }
+        parent_.resize(at.size());
+        std::iota(parent_.begin(), parent_.end(), std::size_t{0});
+        const std::span parent(parent_);
         for (std::size_t i = 0; i < at.size(); ++i) {
             const std::uint64_t end = neighbour(at[i], 2);
             const auto next = std::lower_bound(starts_.begin(), starts_.end(), Start{end, 0});
             if (next != starts_.end() && next->neighbour == end) {
-                unite(i, next->place);
+                unite(parent, i, next->place);
             }
         }
         std::size_t count = 0;
         fan_.resize(at.size());
         for (std::size_t i = 0; i < at.size(); ++i) {
-            fan_[i] = root_of(i) == i ? count++ : fan_[root_of(i)];
+            const std::size_t root = root_of(parent, i);
+            fan_[i] = root == i ? count++ : fan_[root];
         }
         return count;
     }
@@ -63,22 +65,10 @@ class FansOfVertex {
     [[nodiscard]] std::uint64_t neighbour(std::uint64_t corner, std::uint64_t after) const {
         return corners_.at(corner / 3, (corner % 3 + after) % 3);
     }
-    [[nodiscard]] std::size_t root_of(std::size_t i) const {
-        while (root_[i] != i) {
-            i = root_[i];
-        }
-        return i;
-    }
-    /// The first one is the root.
-    void unite(std::size_t i, std::size_t j) {
-        const std::size_t a = root_of(i);
-        const std::size_t b = root_of(j);
-        root_[std::max(a, b)] = std::min(a, b);
-    }
 
     const CornerFile& corners_;
     std::vector<Start> starts_;
-    std::vector<std::size_t> root_;
+    std::vector<std::size_t> parent_;  ///< for unite()
     std::vector<std::size_t> fan_;
 };
 

@@ -68,14 +68,15 @@ void RotatedSink::add_vertices(const VertexBatch& batch) {
 }
 
 void RotatedSink::add_elements(const ElementBatch& batch) {
+    if (!measured_ && layout_.corners != 3) {
+        return;
+    }
     const Turned t = turned(batch.nearby);
     if (!measured_) {
-        if (layout_.corners == 3) {
-            zero_area_ += static_cast<std::uint64_t>(std::count_if(
-                batch.nearby_corners.begin(), batch.nearby_corners.end(), [&t](const auto& c) {
-                    return has_no_area(t.positions[c[0]], t.positions[c[1]], t.positions[c[2]]);
-                }));
-        }
+        zero_area_ += static_cast<std::uint64_t>(std::count_if(
+            batch.nearby_corners.begin(), batch.nearby_corners.end(), [&t](const auto& c) {
+                return has_no_area(t.positions[c[0]], t.positions[c[1]], t.positions[c[2]]);
+            }));
         return;
     }
     ElementBatch turned_batch = batch;

@@ -11,6 +11,9 @@ import tempfile
 import textwrap
 import unittest
 
+sys.path.insert(0, str(pathlib.Path(__file__).parents[1]))
+from support.sanitized import is_sanitized  # noqa: E402
+
 ISONEST = pathlib.Path(sys.argv[1]).resolve()
 FOLDER = pathlib.Path(__file__).resolve().parents[2] / "tools" / "attack"
 SECONDS = os.environ.get("ISONEST_ATTACK_SECONDS")
@@ -23,12 +26,9 @@ def run(program, *arguments):
                                *arguments], capture_output=True, text=True, cwd=folder)
 
 
-# What the attackers allow of time and memory, and the Python package, are of ordinary builds.
-IS_SANITIZED = b"__asan_init" in ISONEST.read_bytes() or b"__tsan_init" in ISONEST.read_bytes()
-
-
 class Attackers(unittest.TestCase):
-    @unittest.skipIf(IS_SANITIZED, "built with a sanitizer")
+    # What the attackers allow of time and memory, and the Python package, are of ordinary builds.
+    @unittest.skipIf(is_sanitized(ISONEST), "built with a sanitizer")
     def test_each_finds_nothing_wrong(self):
         programs = [path for path in sorted(FOLDER.glob("*.py")) if path.name not in SHARED]
         for program in programs:

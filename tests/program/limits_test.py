@@ -13,6 +13,9 @@ import sys
 import tempfile
 import unittest
 
+sys.path.insert(0, str(pathlib.Path(__file__).parents[1]))
+from support.sanitized import is_sanitized  # noqa: E402
+
 ISONEST = os.path.abspath(sys.argv[1])
 
 
@@ -28,10 +31,6 @@ def run(*arguments, cwd, limits=(), user=None, **environment):
             resource.setrlimit(which, (size, size))
     return subprocess.run([ISONEST, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, errors="replace", timeout=120,
                           preexec_fn=prepare, env={**os.environ, **environment})
-
-
-def sanitized():
-    return subprocess.run(["grep", "-qE", "__asan_init|__tsan_init", ISONEST]).returncode == 0
 
 
 class Limits(unittest.TestCase):
@@ -59,7 +58,7 @@ class Limits(unittest.TestCase):
         self.assertEqual(done.stderr.count("isonest: error: "), 1, done.stderr)
         self.assertEqual([path for path in self.out.rglob("*") if path.is_file()], [])
 
-    @unittest.skipIf(sanitized(), "sanitizers need more memory than such limits leave")
+    @unittest.skipIf(is_sanitized(ISONEST), "sanitizers need more memory than such limits leave")
     def test_little_heap_is_an_error_also_where_hdf5_would_crash(self):
         codes = set()
         for kib in range(2048, 4096, 64):
@@ -70,7 +69,7 @@ class Limits(unittest.TestCase):
                 self.refused(done, 7, "memory")
         self.assertIn(7, codes)
 
-    @unittest.skipIf(sanitized(), "sanitizers need more memory than such limits leave")
+    @unittest.skipIf(is_sanitized(ISONEST), "sanitizers need more memory than such limits leave")
     def test_little_address_space_is_an_error_also_where_hdf5_would_crash_as_it_starts(self):
         def made_within(kib):
             return run("preprocess", self.volume, "-o", self.out / "o.isonest", "--force", "--threads", "1", cwd=self.here,
@@ -89,7 +88,7 @@ class Limits(unittest.TestCase):
                 self.assertIn(done.returncode, (6, 7), f"{kib} KiB: {done.stderr}")
                 self.refused(done, done.returncode, "memory")
 
-    @unittest.skipIf(sanitized(), "sanitizers need more memory than such limits leave")
+    @unittest.skipIf(is_sanitized(ISONEST), "sanitizers need more memory than such limits leave")
     def test_a_library_that_does_not_fit_into_memory_is_not_called_missing(self):
         seen = set()
         for mib in range(8, 72, 8):
@@ -100,7 +99,7 @@ class Limits(unittest.TestCase):
                 self.refused(done, 7, "memory")
         self.assertIn(7, seen)
 
-    @unittest.skipIf(sanitized(), "sanitizers need more memory than such limits leave")
+    @unittest.skipIf(is_sanitized(ISONEST), "sanitizers need more memory than such limits leave")
     def test_little_address_space_never_ends_threads(self):
         for mib in range(200, 1000, 40):
             done = run("preprocess", self.here / "v.h5", "-o", self.out / "o.isonest", "--threads", "16", cwd=self.here,

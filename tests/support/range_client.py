@@ -6,11 +6,12 @@ import json
 import os
 import pathlib
 import random
-import re
 import shutil
 import subprocess
 import sys
 import tempfile
+
+from support.sanitized import is_sanitized
 
 PROGRAM = pathlib.Path(sys.argv[1]).parent / "isonest_fetch_ranges"
 FOLDER = pathlib.Path(tempfile.mkdtemp(prefix="isonest-ranges-"))
@@ -20,8 +21,7 @@ TAIL = 65536
 QUICK = {"first_wait_ms": 2, "total_ms": 3000, "slow_ms": 3000, "slow_bytes": 100, "connect_ms": 2000}
 CLEAN = {name: value for name, value in os.environ.items()
          if not name.startswith(("AWS_", "SSL_CERT", "CURL_")) and not name.lower().endswith("_proxy")}
-# A sanitizer's own memory says nothing of ours.
-IS_SANITIZED = re.search(b"__[at]san_init", PROGRAM.read_bytes()) is not None
+IS_SANITIZED = is_sanitized(PROGRAM)
 
 
 class Client:

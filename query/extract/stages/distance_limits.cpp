@@ -44,8 +44,7 @@ WorldLattice world_lattice(const StagedVolume& volume, const ExtractQuery& query
     return {query.origin, query.spacing, volume.header.nodes};
 }
 
-PatchBox world_box(const ExtractQuery& query) {
-    const ClipBox& box = query.asked_box ? *query.asked_box : query.traversal.box;
+PatchBox rounded_box(const ExtractQuery& query, const ClipBox& box) {
     PatchBox world;
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const auto at = [&](double x) {
@@ -55,6 +54,10 @@ PatchBox world_box(const ExtractQuery& query) {
         world.hi[axis] = at(box.hi[axis]);
     }
     return world;
+}
+
+PatchBox world_box(const ExtractQuery& query) {
+    return rounded_box(query, query.asked_box ? *query.asked_box : query.traversal.box);
 }
 
 void report_full(const StageMesh& mesh, ExtractReport& report) {

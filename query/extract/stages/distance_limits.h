@@ -28,6 +28,9 @@ double nested_limit_of(const StagedVolume& volume, const ExtractQuery& query);
 
 WorldLattice world_lattice(const StagedVolume& volume, const ExtractQuery& query);
 
+/// A box between nodes, as vertices are: world coordinates, float32.
+PatchBox rounded_box(const ExtractQuery& query, const ClipBox& box);
+
 /// The box to which the surface is cut, as its vertices are.
 PatchBox world_box(const ExtractQuery& query);
 

@@ -1,4 +1,5 @@
-// The stage that mends triangles without area, before anything else is done to a whole mesh.
+// The stage that mends triangles without area, once fans are split and before anything else is done
+// to a whole mesh.
 #pragma once
 
 #include "query/extract/stages/stage.h"
