@@ -13,7 +13,6 @@ namespace isonest::detail {
 namespace {
 
 using Point = std::array<float, 3>;
-constexpr double kMostAngle = 60;  ///< the smallest of three
 constexpr double kPerDegree = 100;
 
 Double3 between(const Point& from, const Point& to) {
@@ -43,8 +42,7 @@ double smallest_angle(const Point& a, const Point& b, const Point& c) {
     return std::min(angle, kMostAngle);
 }
 
-AngleCounts::AngleCounts()
-    : counts_(static_cast<std::size_t>(kMostAngle * kPerDegree) + 1), least_(kMostAngle) {}
+AngleCounts::AngleCounts() : counts_(static_cast<std::size_t>(kMostAngle * kPerDegree) + 1) {}
 
 void AngleCounts::add(double angle) {
     ++counts_[static_cast<std::size_t>(angle * kPerDegree)];

@@ -15,7 +15,10 @@
 
 namespace isonest::detail {
 
-/// The smallest angle of a triangle, degrees, 0 ... 60; 0 where it has no area.
+/// That of an equilateral triangle, degrees.
+inline constexpr double kMostAngle = 60;
+
+/// The smallest angle of a triangle, degrees, 0 ... kMostAngle; 0 where it has no area.
 double smallest_angle(const std::array<float, 3>& a, const std::array<float, 3>& b,
                       const std::array<float, 3>& c);
 
@@ -35,7 +38,7 @@ class AngleCounts {
     std::vector<std::uint64_t> counts_;  ///< of a hundredth of a degree each
     std::uint64_t triangles_ = 0;
     std::uint64_t narrow_ = 0;  ///< below TriangleQuality::kNarrow
-    double least_;
+    double least_ = kMostAngle;
 };
 
 /// Hands everything to another sink and measures the triangles of the first pass: area and volume,

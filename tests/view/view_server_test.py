@@ -27,6 +27,7 @@ import unittest.mock
 import urllib.parse
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import sanitized  # noqa: E402
 import served  # noqa: E402
 from ply import read_ply  # noqa: E402
 
@@ -606,6 +607,19 @@ class Trust(unittest.TestCase):
             for answer, (path, parameters) in zip(answers, asked * 3):
                 self.assertIn(answer.result()[0], (200, 413), (path, parameters, answer.result()[2][:300]))
             self.assertEqual(server.json("/api/store")[0], 200)
+
+    @unittest.skipIf(sanitized.is_sanitized(ISONEST), "a sanitizer keeps what is freed")
+    def test_a_server_that_nobody_asks_keeps_no_memory(self):
+        with view("l.isonest", "--memory", "512M", "--threads", 2) as server, concurrent.futures.ThreadPoolExecutor(4) as pool:
+            def own():
+                lines = pathlib.Path(f"/proc/{server.process.pid}/status").read_text().splitlines()
+                return next(int(line.split()[1]) << 10 for line in lines if line.startswith("RssAnon"))
+            before = own()
+            asked = [("/api/surface", {"iso": 128, "error": 0}), ("/api/surface", {"iso": 90, "triangles": 200000}),
+                     ("/api/slice", {"plane": "1,1,1,380", "error": 0}), ("/api/export", {"iso": 128, "error": 0})]
+            for answer in [pool.submit(server.ask, path, **parameters) for _ in range(2) for path, parameters in asked]:
+                self.assertEqual(answer.result()[0], 200)
+            self.wait_until(lambda: own() < before + (12 << 20), f"it keeps {own() - before} bytes")
 
     def test_what_cannot_be_is_said_before_the_start(self):
         for options, code, words in ((["none.isonest"], 3, "none.isonest"), (["t.h5"], 4, ""),

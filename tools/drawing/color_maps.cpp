@@ -24,6 +24,7 @@ constexpr std::array<Table, 28> kTables{{
 
 std::vector<std::string> color_map_names() {
     std::vector<std::string> names;
+    names.reserve(kTables.size());
     for (const Table& table : kTables) {
         names.emplace_back(table.name);
     }

@@ -34,8 +34,9 @@ std::vector<double> round_ticks(double low, double high, int wanted) {
     const double first = std::ceil(low / step - 1e-9);
     const double last = std::floor(high / step + 1e-9);
     constexpr double kMost = 50;
-    for (double i = first; i <= std::min(last, first + kMost); ++i) {
-        ticks.push_back(i * step);
+    const int more = static_cast<int>(std::min(last - first, kMost));
+    for (int i = 0; i <= more; ++i) {
+        ticks.push_back((first + i) * step);
     }
     return ticks;
 }

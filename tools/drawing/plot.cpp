@@ -35,7 +35,11 @@ constexpr std::array<Color, 12> kColors{{{0.27, 0.47, 0.67},
                                          {0.00, 0.60, 0.53}}};
 
 /// Curves are told apart by dashes and markers too, in print without colours.
-const std::array<std::vector<double>, 5> kDashes{{{}, {7, 3}, {2, 2.5}, {9, 3, 2, 3}, {4, 2}}};
+const std::vector<double>& dashes_of(std::size_t curve) {
+    static const std::array<std::vector<double>, 5> kinds{
+        {{}, {7, 3}, {2, 2.5}, {9, 3, 2, 3}, {4, 2}}};
+    return kinds.at(curve % kinds.size());
+}
 
 /// A logarithmic axis from whole powers of ten to whole powers of ten.
 struct Axis {
@@ -132,7 +136,7 @@ void draw(Canvas& d, const Plot& plot) {
     for (std::size_t i = 0; i < plot.series.size(); ++i) {
         const PlotSeries& s = plot.series[i];
         d.color(kColors.at(i % kColors.size()));
-        const std::vector<double>& dashes = kDashes.at(i % kDashes.size());
+        const std::vector<double>& dashes = dashes_of(i);
         std::vector<std::array<double, 2>> points;
         const auto draw_points = [&] {
             d.path(points, 1.6, dashes);

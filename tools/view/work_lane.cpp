@@ -1,10 +1,24 @@
 #include "tools/view/work_lane.h"
 
+#include <malloc.h>
+
+#include <chrono>
 #include <utility>
 
 #include "store/base/started_thread.h"
 
 namespace isonest::detail::view {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+// The allocator keeps what was freed for the next piece of work. A server lasts: it returns that
+// memory when nobody asks, and while it is busy, from time to time.
+constexpr auto kPause = std::chrono::seconds(2);
+constexpr auto kKeptFor = std::chrono::seconds(10);
+
+}  // namespace
 
 WorkLane::WorkLane(std::size_t most_waiting)
     : most_waiting_(most_waiting), thread_(started_thread({}, [this] { run(); })) {}
@@ -43,8 +57,16 @@ std::size_t WorkLane::waiting() const {
 
 void WorkLane::run() {
     std::unique_lock lock(mutex_);
+    const auto is_called = [this] { return ended_ || !entries_.empty(); };
+    Clock::time_point returned = Clock::now();
+    const auto return_memory = [&] {
+        lock.unlock();
+        ::malloc_trim(0);
+        returned = Clock::now();
+        lock.lock();
+    };
     for (;;) {
-        changed_.wait(lock, [this] { return ended_ || !entries_.empty(); });
+        changed_.wait(lock, is_called);
         if (entries_.empty()) {
             return;
         }
@@ -58,6 +80,12 @@ void WorkLane::run() {
         lock.lock();
         current_.reset();
         busy_ = false;
+        if (Clock::now() - returned > kKeptFor) {
+            return_memory();
+        }
+        if (!changed_.wait_for(lock, kPause, is_called)) {
+            return_memory();
+        }
     }
 }
 

@@ -1,4 +1,5 @@
-// Work in a thread of its own, one piece after the other, each of which can be cancelled.
+// Work in a thread of its own, one piece after the other, each of which can be cancelled. What it
+// freed is returned to the system when it has paused.
 #pragma once
 
 #include <atomic>

@@ -1,5 +1,6 @@
 // isonest view: a store in a window of the browser.
 #include <fmt/format.h>
+#include <malloc.h>
 #include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -117,6 +118,10 @@ Result run(ViewArguments& a) {
                                 human_bytes(static_cast<double>(a.memory))),
                     {{RemedyKind::more_memory, fmt::format("{}", kLeastMemory)}});
     }
+    // Of one arena for all threads, malloc_trim() returns all that is free, of one for each it
+    // keeps the end. An answer takes some ten thousand blocks, so that waiting for it costs
+    // nothing.
+    ::mallopt(M_ARENA_MAX, 1);
     WhileServing serving;
     const Store store = open_store(a.store, a.remote, a.memory, serving);
     const view::MemoryShares shares(a.memory);

@@ -199,6 +199,7 @@ void add_histogram(py::module_& module) {
         .def_property_readonly("cubes", [](const Histogram& h) { return copied(h.cubes); })
         .def_property_readonly("suggested", [](const Histogram& h) {
             std::vector<std::pair<double, std::uint64_t>> all;
+            all.reserve(h.suggested.size());
             for (const detail::SuggestedIsovalue& s : h.suggested) {
                 all.emplace_back(s.isovalue, s.cubes);
             }
