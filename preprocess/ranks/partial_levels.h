@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "preprocess/levels/finer_levels.h"
@@ -45,8 +46,8 @@ class PartialArray {
 /// from any thread; the rest from one.
 class PartialLevels : public FinerLevels {
   public:
-    PartialLevels(const StoreLayout& layout, const ScratchFolder& folder)
-        : layout_(&layout), folder_(folder) {}
+    PartialLevels(const StoreLayout& layout, ScratchFolder folder)
+        : layout_(&layout), folder_(std::move(folder)) {}
 
     /// Makes room for what a pass makes that is needed later, in a rank's pencils of so many rows
     /// of cubes; and if the pass is computed in parts, for its indicators, too. Throws Error{io}.

@@ -266,6 +266,45 @@ TEST_CASE("adaptive hexahedral surfaces have no cracks, and their vertices are w
     }
 }
 
+TEST_CASE("the error reported of adaptive hexahedra is also that of larger cells beside them") {
+    // All cells with a surface are finest ones, but in some corners a larger cell's values hold.
+    constexpr Int3 kSize{3, 11, 4};
+    constexpr std::array<int, 132> kHundredths{
+        -261, -260, -263, -255, -256, -254, -272, -278, -268, -306, -322, -293, -322, -357, -305,
+        -294, -305, -285, -264, -268, -261, -254, -254, -255, -269, -267, -271, -255, -254, -256,
+        -261, -264, -259, -274, -273, -276, -268, -269, -267, -285, -290, -280, -317, -333, -305,
+        -333, -368, -316, -306, -317, -297, -277, -280, -274, -267, -267, -268, -282, -280, -284,
+        -268, -267, -269, -274, -277, -271, -177, -175, -179, -168, -169, -167, -191, -198, -185,
+        -232, -251, -217, -252, -293, -231, -217, -231, -206, -180, -185, -176, -167, -167, -168,
+        -187, -184, -189, -168, -168, -169, -176, -180, -173, -81,  -78,  -85,  -69,  -70,  -68,
+        -102, -112, -93,  -157, -181, -138, -182, -232, -156, -138, -156, -123, -87,  -93,  -81,
+        -67,  -67,  -68,  -96,  -92,  -100, -69,  -68,  -70,  -81,  -86,  -76};
+    FunctionVolume<float> volume(kSize, [&](const Int3& p) {
+        const auto i = static_cast<std::size_t>(p.x + kSize.x * (p.y + kSize.y * p.z));
+        return static_cast<float>(kHundredths.at(i)) / 100;
+    });
+    const double iso = -0.882;
+    const Result r = extracted(volume, [&](Extraction& e) {
+        e.iso = iso;
+        e.error = 0.622;
+    });
+    double most = 0;
+    for (const auto& v : r.mesh.vertices) {
+        int between = 0;
+        bool cut = false;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            between += std::fabs(v[axis] - std::rint(v[axis])) > 1e-5F ? 1 : 0;
+            cut = cut || v[axis] == static_cast<float>(kSize[static_cast<int>(axis)] - 1);
+        }
+        if (between == 1 && !cut) {
+            most = std::max(most, std::fabs(trilinear_value(volume, v) - iso));
+        }
+    }
+    CHECK(most > 0.02);
+    CHECK(most <= r.report.error_bound);
+    CHECK(r.report.error_bound < 0.622);
+}
+
 TEST_CASE("adaptive hexahedral surfaces through nodes, and beside missing values") {
     FunctionVolume<std::uint8_t> levels({25, 22, 20}, [](const Int3& p) {
         return static_cast<std::uint8_t>(20 * (smooth(p) + 2.2) + 3 * noise(p));

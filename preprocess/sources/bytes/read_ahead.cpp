@@ -75,7 +75,7 @@ void ReadAhead::passed(std::uint64_t size) {
 
 void ReadAhead::read(std::uint64_t at, std::byte* dst, std::uint64_t size) {
     while (size > 0) {
-        const std::uint64_t n = std::min(size, std::min(kCopied, std::max(window_, kCopied / 4)));
+        const std::uint64_t n = std::min({size, kCopied, std::max(window_, kCopied / 4)});
         if (!is_told_) {
             const std::lock_guard lock(mutex_);
             follow(at, n);

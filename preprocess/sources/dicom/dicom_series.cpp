@@ -20,7 +20,7 @@ constexpr std::uint64_t kSomeHeap = std::uint64_t{32} << 20U;
 constexpr std::uint64_t kBytesOfSlice = 3 * sizeof(DicomSlice);
 
 template <class T>
-const std::optional<T>& either(const std::optional<T>& own, const std::optional<T>& shared) {
+std::optional<T> either(const std::optional<T>& own, const std::optional<T>& shared) {
     return own ? own : shared;
 }
 

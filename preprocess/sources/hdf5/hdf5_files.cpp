@@ -274,13 +274,10 @@ class FileSearch {
     static std::string with_block(const std::string& pattern, hsize_t block) {
         std::string name;
         for (std::size_t i = 0; i < pattern.size(); ++i) {
-            if (pattern[i] != '%' || i + 1 == pattern.size()) {
-                name += pattern[i];
-            } else if (pattern[++i] == 'b') {
-                name += std::to_string(block);
-            } else {
-                name += pattern[i];
-            }
+            const bool is_sign = pattern[i] == '%' && i + 1 < pattern.size();
+            i += is_sign ? 1 : 0;
+            name +=
+                is_sign && pattern[i] == 'b' ? std::to_string(block) : std::string(1, pattern[i]);
         }
         return name;
     }

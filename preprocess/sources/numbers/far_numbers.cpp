@@ -30,7 +30,7 @@ class FarRows : public RawBase {
         const std::uint64_t row =
             static_cast<std::uint64_t>(layout_.nodes.x) * size_of(layout_.type);
         const bool whole = s.ny == layout_.nodes.y;
-        const std::uint64_t rows = static_cast<std::uint64_t>(whole ? s.nz * s.ny : s.ny);
+        const auto rows = static_cast<std::uint64_t>(whole ? s.nz * s.ny : s.ny);
         for (std::int64_t z = s.z0; z < (whole ? s.z0 + 1 : s.z0 + s.nz); ++z) {
             ranges.push_back(
                 {start() + static_cast<std::uint64_t>(z * layout_.nodes.y + s.y0) * row,
@@ -46,7 +46,7 @@ class FarRows : public RawBase {
 };
 
 /// With strides: line by line along the axis whose values lie closest together.
-class FarStrides : public VolumeSource {
+class FarStrides final : public VolumeSource {
   public:
     FarStrides(const InputFile& file, std::string name, const RawLayout& layout)
         : file_(file),

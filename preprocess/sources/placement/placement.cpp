@@ -80,9 +80,8 @@ Directions orthonormal(const Int3& nodes, const std::array<Double3, 3>& steps) {
 
 }  // namespace
 
-Placement place_in_world(const Int3& nodes, const std::array<Double3, 3>& given,
-                         const Double3& first, const std::string& name) {
-    std::array<Double3, 3> steps = given;
+Placement place_in_world(const Int3& nodes, std::array<Double3, 3> steps, const Double3& first,
+                         const std::string& name) {
     complete(nodes, steps);
     for (std::size_t a = 0; a < 3; ++a) {
         const double length = length_of(steps.at(a));

@@ -25,8 +25,8 @@ struct Placement {
 /// around. Else x is turned around where the steps are left-handed. No I/O.
 /// Throws Error{unsupported} for steps that are not orthogonal, again by a tenth of a voxel over
 /// the volume, and Error{corrupt} for steps of no length or that are no numbers.
-Placement place_in_world(const Int3& nodes, const std::array<Double3, 3>& steps,
-                         const Double3& first, const std::string& name);
+Placement place_in_world(const Int3& nodes, std::array<Double3, 3> steps, const Double3& first,
+                         const std::string& name);
 
 /// The same place for a stream, whose planes cannot be taken from their other end on: where z runs
 /// backward along the world's axis it stays as it runs, and x is turned around in its place, so

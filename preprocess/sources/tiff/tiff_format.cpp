@@ -34,10 +34,10 @@ struct PagePlace {
 
 class TiffSource : public VolumeSource {
   public:
-    TiffSource(std::unique_ptr<TiffPages> pages, const PagePlace& place, const Double3& spacing,
+    TiffSource(std::unique_ptr<TiffPages> pages, PagePlace place, const Double3& spacing,
                std::optional<LengthUnit> unit, std::string name)
         : pages_(std::move(pages)),
-          place_(place),
+          place_(std::move(place)),
           spacing_(spacing),
           unit_(unit),
           name_(std::move(name)) {}

@@ -37,9 +37,11 @@ class HexProjection {
     [[nodiscard]] double exact(const Int3& node, int level) { return numbers_.value(node, level); }
     /// P U in a corner of a cell that is not refined, but whose parent is.
     [[nodiscard]] double value(const Int3& node);
-    /// The largest number of the cells from which value() has interpolated so far: with that of a
-    /// cell itself it bounds the error in it, if the field is a bound.
+    /// The largest number of the cells from which value() has interpolated so far, or since they
+    /// were forgotten: with that of a cell itself it bounds the error in it, if the field is a
+    /// bound.
     [[nodiscard]] double largest_number() const { return largest_number_; }
+    void forget_largest_number() { largest_number_ = 0; }
     /// Of a volume: bits of the node positions (x + 3 y + 9 z, half edges) that HexCell::nodes has
     /// for a cell that is not refined.
     [[nodiscard]] std::uint32_t nodes_of(int level, const Int3& cell);

@@ -55,6 +55,7 @@ class HexWorker {
         if (walk.is_for_others()) {
             return;
         }
+        projection_.forget_largest_number();
         HexCell hex{cell.low(), cell.edge(), projection_.nodes_of(cell.level, cell.at), {}};
         for (unsigned p = 0; p < 27; ++p) {
             if ((hex.nodes >> p & 1U) == 0) {
@@ -70,7 +71,8 @@ class HexWorker {
         }
         if (mesh_.march_hex_cell(hex, query_.plane ? 0 : query_.iso, cut)) {
             ++counts_.leaves;
-            counts_.error_bound = std::max(counts_.error_bound, number);
+            counts_.error_bound =
+                std::max({counts_.error_bound, number, projection_.largest_number()});
         }
         parts_.flush_if_full(mesh_);
     }

@@ -112,7 +112,9 @@ bool unpack_apart(const gdcm::TransferSyntax& syntax, const DicomNumbers& number
         ::setrlimit(RLIMIT_CORE, &none);
         const rlimit seconds{kMostSeconds, kMostSeconds};
         ::setrlimit(RLIMIT_CPU, &seconds);
-        ::dup2(::open("/dev/null", O_WRONLY | O_CLOEXEC), STDERR_FILENO);
+        if (const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC); nowhere >= 0) {
+            ::dup2(nowhere, STDERR_FILENO);
+        }
         if (::getppid() == parent &&
             unpack_with_gdcm(syntax, numbers, frame, room.first(dst.size()))) {
             room.back() = kGood;

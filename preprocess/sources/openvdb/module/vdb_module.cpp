@@ -28,11 +28,11 @@ namespace {
 template <class Grid>
 class VdbSource : public VolumeSource {
   public:
-    VdbSource(typename Grid::Ptr grid, const openvdb::CoordBBox& box, Placement place,
+    VdbSource(typename Grid::Ptr grid, const openvdb::CoordBBox& box, const Placement& place,
               std::filesystem::path path, std::string grid_name)
         : grid_(std::move(grid)),
           box_(box),
-          place_(std::move(place)),
+          place_(place),
           path_(std::move(path)),
           grid_name_(std::move(grid_name)) {}
     [[nodiscard]] VolumeDescription describe() const override {
