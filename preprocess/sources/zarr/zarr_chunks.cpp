@@ -27,7 +27,7 @@ class ZarrSource : public VolumeSource {
                const NeededNodes& needed, std::string name)
         : image_(std::move(image)),
           chosen_(std::move(chosen)),
-          place_(std::move(place)),
+          place_(place),
           unit_(unit),
           needed_(needed),
           packed_(std::move(files), image_.array, std::move(name)) {
@@ -384,7 +384,7 @@ std::unique_ptr<VolumeSource> zarr_chunks(std::shared_ptr<ZarrFiles> files, Zarr
                                           std::optional<LengthUnit> unit, std::uint64_t max_heap,
                                           const NeededNodes& needed, std::string name) {
     return std::make_unique<ZarrSource>(std::move(files), std::move(image), std::move(chosen),
-                                        std::move(place), unit, max_heap, needed, std::move(name));
+                                        place, unit, max_heap, needed, std::move(name));
 }
 
 }  // namespace isonest::detail
