@@ -121,6 +121,7 @@ class Limits(unittest.TestCase):
             seen = seen or "no further thread" in done.stderr
         self.assertTrue(seen)
 
+    @unittest.skipIf(is_sanitized(ISONEST), "sanitizers need descriptors of their own")
     def test_a_viewer_without_descriptors_says_so(self):
         done = run("view", self.here / "s.isonest", "--port", "0", "--threads", "1", cwd="/", limits=[(resource.RLIMIT_NOFILE, 4)])
         if "this build has no viewer" in done.stderr:

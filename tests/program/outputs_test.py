@@ -20,6 +20,7 @@ import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
+from sanitized import is_sanitized  # noqa: E402
 
 ISONEST = os.path.abspath(sys.argv[1])
 STOPS = int(os.environ.get("ISONEST_KILLS", "20"))
@@ -438,6 +439,7 @@ class Stopped(unittest.TestCase):
             self.assertEqual(output.read_bytes(), (self.here / "m.ply").read_bytes())
             self.assertEqual(list(output.parent.iterdir()), [output])
 
+    @unittest.skipIf(is_sanitized(ISONEST), "sanitizers start threads of their own")
     @unittest.skipUnless(os.geteuid() == 0, "running as a user of its own needs root")
     def test_threads_that_the_system_refuses_are_the_reason_given(self):
         user = 61234
