@@ -118,9 +118,9 @@ Result run(ViewArguments& a) {
                                 human_bytes(static_cast<double>(a.memory))),
                     {{RemedyKind::more_memory, fmt::format("{}", kLeastMemory)}});
     }
-    // Of one arena for all threads, malloc_trim() returns all that is free, of one for each it
-    // keeps the end. An answer takes some ten thousand blocks, so that waiting for it costs
-    // nothing.
+    // WorkLane returns freed memory by malloc_trim(), which gives back the end of the first arena
+    // alone: so all threads share that one. An answer takes some ten thousand blocks, few enough
+    // for threads not to wait for each other.
     ::mallopt(M_ARENA_MAX, 1);
     WhileServing serving;
     const Store store = open_store(a.store, a.remote, a.memory, serving);
