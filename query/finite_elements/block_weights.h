@@ -144,8 +144,8 @@ class BlockWeights {
             // An edge belongs to its lower end.
             constexpr std::uint32_t kOdd = BlockLayout<D>::kEven;
             const std::uint32_t lower_x = parity == 0 ? 0 : kOdd;
-            const std::size_t y_odd = static_cast<std::size_t>(y & 1);
-            const std::size_t z_odd = static_cast<std::size_t>(z & 1);
+            const auto y_odd = static_cast<std::size_t>(y & 1);
+            const auto z_odd = static_cast<std::size_t>(z & 1);
             Real* const along_x = weights_.data() + lower_x;
             Real* const along_y = weights_.data() + size_;
             Real* const along_z = weights_.data() + 2 * size_;

@@ -246,7 +246,8 @@ std::optional<GridMatrix<Real>> GridOperator<Real>::assemble(const Input& input,
                         const auto& c = same[i].corner;
                         found.clear();
                         weights({c[0], c[1], c[2]}, same[i].elements, mass, diagonal, found);
-                        if ((bytes += found.heap()) <= most) {
+                        bytes += found.heap();
+                        if (bytes <= most) {
                             made[i] = found;
                         }
                     }

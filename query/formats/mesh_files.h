@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include <isonest/mesh_file.h>
 
@@ -14,8 +15,8 @@ namespace isonest::detail {
 /// end().
 class MeshFile : public MeshSink {
   public:
-    MeshFile(std::filesystem::path path, const MeshFileOptions& options)
-        : path_(std::move(path)), options_(options) {}
+    MeshFile(std::filesystem::path path, MeshFileOptions options)
+        : path_(std::move(path)), options_(std::move(options)) {}
     void prepare(const MeshLayout& layout, std::span<const std::filesystem::path> inputs) override;
     void end() override;
 

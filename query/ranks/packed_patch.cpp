@@ -1,6 +1,8 @@
 #include "query/ranks/packed_patch.h"
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cstdint>
 #include <cstring>
 #include <limits>
@@ -117,9 +119,10 @@ class Unpacker {
     std::span<const std::byte> bytes_;
 };
 
+/// In all bits: -0 is not.
 bool is_zero(const Displacement& d) {
-    constexpr Displacement kZero;
-    return std::memcmp(&d, &kZero, sizeof(d)) == 0;
+    using Bits = std::array<std::uint32_t, sizeof(Displacement) / sizeof(std::uint32_t)>;
+    return std::bit_cast<Bits>(d) == Bits{};
 }
 
 /// Triangles with what is known of each. All displacements of a full surface are 0.
