@@ -123,6 +123,8 @@ class CachedObject : public RangeCache {
         return checksum_of(std::as_bytes(std::span(key)));
     }
 
+    /// A damaged one goes away. REQUIRES: its mutex of adding_ is held; else what goes away may be
+    /// what has just been put in the place of the damaged one.
     [[nodiscard]] std::optional<CachedBlock> stored(std::uint64_t block) const {
         const std::uint64_t number = number_of(block);
         const auto file = folder_->read(number, CachedBlock::kMostFileBytes);
@@ -135,6 +137,16 @@ class CachedObject : public RangeCache {
         }
         return found;
     }
+    /// The same, whoever adds to it meanwhile.
+    [[nodiscard]] std::optional<CachedBlock> stored_now(std::uint64_t block) {
+        const auto file = folder_->read(number_of(block), CachedBlock::kMostFileBytes);
+        auto found = file ? CachedBlock::decode(*file, name_, block) : std::nullopt;
+        if (!file || found) {
+            return found;
+        }
+        const std::lock_guard lock(adding_.at(block % adding_.size()));
+        return stored(block);
+    }
 
     using BlockPointer = std::shared_ptr<const CachedBlock>;
 
@@ -142,25 +154,30 @@ class CachedObject : public RangeCache {
     /// once.
     [[nodiscard]] BlockPointer last_read(std::uint64_t number) {
         Kept& kept = kept_.at(number % kept_.size());
+        std::uint64_t changes = 0;
         {
             const std::lock_guard lock(kept.mutex);
             if (kept.block != nullptr && kept.number == number) {
                 return kept.block;
             }
+            changes = kept.changes;
         }
-        std::optional<CachedBlock> found = stored(number);
+        std::optional<CachedBlock> found = stored_now(number);
         if (!found) {
             return nullptr;
         }
         auto block = std::make_shared<const CachedBlock>(std::move(*found));
         const std::lock_guard lock(kept.mutex);
-        kept.number = number;
-        kept.block = block;
+        if (kept.changes == changes) {  // else it may be as it was before
+            kept.number = number;
+            kept.block = block;
+        }
         return block;
     }
     void let_go(std::uint64_t number) {
         Kept& kept = kept_.at(number % kept_.size());
         const std::lock_guard lock(kept.mutex);
+        ++kept.changes;
         if (kept.number == number) {
             kept.block = nullptr;
         }
@@ -170,6 +187,7 @@ class CachedObject : public RangeCache {
         std::mutex mutex;
         std::uint64_t number = 0;
         BlockPointer block;
+        std::uint64_t changes = 0;  ///< of files of its blocks
     };
     std::shared_ptr<CacheFolder> folder_;
     std::string name_;

@@ -321,6 +321,35 @@ TEST_CASE("any ranges, by several threads at the same time: all of them are foun
     CHECK_FALSE(has(*ranges, {pieces * kPiece - 1, 2}));
 }
 
+TEST_CASE("what is kept while its block is loaded is found afterwards") {
+    const TemporaryFolder folder;
+    const DiskCache cache(folder.path(), kPlenty);
+    const auto ranges = cache.of(object_state());
+    const ByteRange first{0, 1000};
+    const ByteRange second{5000, 1000};
+    int missing = 0;
+    const bool is_damaged = GENERATE(false, true);
+    for (int turn = 0; turn < 500; ++turn) {
+        ranges->forget({0, kBlock});
+        keep(*ranges, first);
+        if (is_damaged) {
+            const std::filesystem::path entry = entries_below(folder.path()).at(0);
+            std::filesystem::resize_file(entry, std::filesystem::file_size(entry) - 1);
+        }
+        std::atomic<bool> begins = false;
+        std::thread loading([&] {
+            begins = true;
+            (void)ranges->load(first);
+        });
+        while (!begins) {
+        }
+        keep(*ranges, second);
+        loading.join();
+        missing += has(*ranges, second) ? 0 : 1;
+    }
+    CHECK(missing == 0);
+}
+
 TEST_CASE("another ETag, size or URL has entries of its own, and no version has none") {
     const TemporaryFolder folder;
     const DiskCache cache(folder.path(), kPlenty);
