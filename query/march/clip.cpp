@@ -6,24 +6,11 @@
 namespace isonest::detail {
 namespace {
 
-/// Whether a triangle lies in a face of the box, as that of an element inside: it faces smaller
-/// values, and so the corner of its element that is below the isovalue. Elements of lines, whose
-/// last two corners are one, that are outside are left out before.
+/// Whether a triangle lies in a face of the box.
 bool is_in_face(const ClipContext& clip, const std::array<std::uint32_t, 3>& triangle,
-                std::size_t axis, double limit, bool low) {
-    const Double3& p = clip.position(triangle[0]);
-    const Double3& q = clip.position(triangle[1]);
-    const Double3& r = clip.position(triangle[2]);
-    if (p[axis] != limit || q[axis] != limit || r[axis] != limit) {
-        return false;
-    }
-    if (triangle[1] == triangle[2]) {
-        return true;
-    }
-    const std::size_t i = (axis + 1) % 3;
-    const std::size_t j = (axis + 2) % 3;
-    const double normal = (q[i] - p[i]) * (r[j] - p[j]) - (q[j] - p[j]) * (r[i] - p[i]);
-    return low ? normal > 0 : normal < 0;
+                std::size_t axis, double limit) {
+    return std::all_of(triangle.begin(), triangle.end(),
+                       [&](std::uint32_t v) { return clip.position(v)[axis] == limit; });
 }
 
 /// Whether the triangles around a vertex in a face of the box may meet that face more than twice:
@@ -112,7 +99,7 @@ std::vector<std::array<std::uint32_t, 3>> ClipContext::cut(
                 kept.push_back({v, d0 > 0 ? 3 : from.edge});
             }
         }
-        const bool goes = !any && !is_in_face(*this, triangle, axis, limit, low);
+        const bool goes = !any && !is_in_face(*this, triangle, axis, limit);
         cut_fans_ += goes || reaches_out ? in_face : 0;
         if (goes) {
             return {};

@@ -43,7 +43,8 @@ class ClipContext {
                 std::uint32_t first_new)
         : box_(box), old_position_(std::move(position)), first_new_(first_new) {}
 
-    /// The parts of the triangle inside the closed box, as triangles; none if it only touches.
+    /// The parts of the triangle inside the closed box, as triangles; none if it only touches. What
+    /// lies in a face of the box stays. REQUIRES: the triangle is not of an element outside.
     std::vector<std::array<std::uint32_t, 3>> cut(const std::array<std::uint32_t, 3>& triangle);
     [[nodiscard]] const CutVertex& vertex(std::uint32_t v) const {
         return vertices_[v - first_new_];
@@ -51,9 +52,9 @@ class ClipContext {
     [[nodiscard]] const Double3& position(std::uint32_t v) const {
         return v < first_new_ ? old_position_(v) : vertices_[v - first_new_].position;
     }
-    /// Corners in a face of the box, so far, of triangles that reach beyond that face, or lie in it
-    /// and were left out, but for those on edges in the face: what is left of the triangles around
-    /// such a corner may be several fans.
+    /// Corners in a face of the box, so far, of triangles that reach beyond that face, but for
+    /// those on edges in the face: what is left of the triangles around such a corner may be
+    /// several fans.
     [[nodiscard]] std::uint64_t cut_fans() const { return cut_fans_; }
     /// Whether another part may have the same cut vertex: only if both ends are open there.
     [[nodiscard]] bool is_shared(std::uint32_t v, const std::vector<std::uint64_t>& open) const {

@@ -278,6 +278,11 @@ TEST_CASE(
             const Result r = surface(volume, 1, 0.1);
             CHECK(area(r.mesh) == Approx(expected.at(static_cast<std::size_t>(axis))));
             CHECK(check_mesh(r.mesh, {0, 0, 0}, {7, 6, 5}).split_vertices == 0);
+            // It faces the face, which it is in as its coordinates are rounded.
+            FunctionVolume<float> inverse(n,
+                                          [&](const Int3& p) { return p[axis] == at ? 0 : 1e18F; });
+            CHECK(area(surface(inverse, 1, 0.1).mesh) ==
+                  Approx(expected.at(static_cast<std::size_t>(axis))));
         }
     }
     // The sheet z = 3 faces the cells above it.

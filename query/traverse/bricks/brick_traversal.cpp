@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "query/march/clip.h"
 #include "query/view/morton.h"
 
 namespace isonest::detail {
@@ -87,12 +86,33 @@ void BrickTraversal<Interest>::sharpen(CubeNodes& nodes) const {
 }
 
 template <class Interest>
+Overlap BrickTraversal<Interest>::overlap_of_leaf(const std::array<Corner, 4>& corners) const {
+    Int3 low = corners[0].node;
+    Int3 high = low;
+    for (const Corner& corner : corners) {
+        for (int axis = 0; axis < 3; ++axis) {
+            low[axis] = std::min(low[axis], corner.node[axis]);
+            high[axis] = std::max(high[axis], corner.node[axis]);
+        }
+    }
+    return overlap_of(query_.box, low * at_.stride, high * at_.stride);
+}
+
+template <class Interest>
 void BrickTraversal<Interest>::march(const CubeNodes& nodes, const TopologyTetrahedron& t,
                                      double eta, bool cut) {
     if (is_for_others_) {
         return;
     }
     const auto corners = complete_corners(nodes, interest_.function(nodes), t);
+    if (corners && cut) {
+        // Of a cube that reaches across the box, some tetrahedra do not.
+        const Overlap overlap = overlap_of_leaf(*corners);
+        if (overlap == Overlap::outside) {
+            return;
+        }
+        cut = overlap == Overlap::crossing;
+    }
     if (corners && !culling_.leaf(nodes, t)) {
         action_(*corners, t.positive != is_mirror_image(nodes.mirror), eta, cut);
     }

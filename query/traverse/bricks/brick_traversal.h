@@ -13,6 +13,7 @@
 #include <optional>
 #include <utility>
 
+#include "query/march/clip.h"
 #include "query/traverse/bricks/brick_interest.h"
 #include "query/traverse/bricks/brick_parts.h"
 #include "query/traverse/bricks/brick_stop.h"
@@ -69,6 +70,7 @@ class BrickTraversal {
     void subcube(const CubeNodes& nodes, unsigned corner, std::uint8_t mask);
     void sharpen(CubeNodes& nodes) const;
     void skip_to_subcubes(CubeNodes& nodes, const std::array<std::uint8_t, 8>& below);
+    [[nodiscard]] Overlap overlap_of_leaf(const std::array<Corner, 4>& corners) const;
     void march(const CubeNodes& nodes, const TopologyTetrahedron& t, double eta, bool cut);
     void hand_down(const Int3& cube, std::uint8_t mask);
 

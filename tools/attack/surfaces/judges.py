@@ -89,8 +89,13 @@ def farthest(p, t, most):
 
 
 def apart(random, a, b, most, count=300):
-    """The two-sided distance of two sets of triangles, by points of both."""
-    return max(farthest(samples(random, a, count), b, most), farthest(samples(random, b, count), a, most))
+    """The two-sided distance of two sets of triangles, by points of both.
+
+    Triangles of b without area are places where a may be, and need not be: isonest leaves them out, but for thin tubes
+    around nodes and lines of nodes, whose vertices it moves so that no two share a place.
+    """
+    return max(farthest(samples(random, a, count), b, most),
+               farthest(samples(random, b[areas(b) > 0], count), a, most))
 
 
 def edges(f):

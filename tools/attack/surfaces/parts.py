@@ -140,12 +140,11 @@ def box(one):
     part = judges.clip(full.t, a, b)
     mine, found = judges.areas(part).sum(), judges.areas(seen.t).sum()
     most = 4 * (seen.blur + full.blur) + 3e-4 * volume.scale.max()
-    flat = len(part) and (np.abs(part[:, :, None, :] - np.stack([a, b])[None, None]).max(1).min((1, 2)) < most).any()
+    flat = len(full.t) and (np.abs(full.t[:, :, None, :] - np.stack([a, b])[None, None]).max(1).min((1, 2)) < most).any()
     if flat or full.rounding > 1e-4:  # in a face of the box: of which side it is nothing says
         return
     slack = most * 10 * (len(part) + 1) ** 0.5 * volume.scale.max() + 1e-4 * mine
     require(abs(mine - found) <= slack, f"area {found}, the whole one's part {mine}")
-    part = part[judges.areas(part) > 0]
     if len(part) and len(seen.t):
         distance = judges.apart(one.random, seen.t, part, most)
         require(distance <= most, f"{distance} from the part of the whole mesh")

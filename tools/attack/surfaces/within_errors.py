@@ -175,8 +175,7 @@ def full(one):
     a, b = judges.areas(seen.t).sum(), judges.areas(mine).sum()
     slack = most * 10 * (len(mine) + 1) ** 0.5 * volume.scale.max() + 1e-5 * a
     require(abs(a - b) <= slack or seen.rounding > 1e-4, f"area {a}, expected {b}")
-    mine = mine[judges.areas(mine) > 0]
-    if len(mine) or len(seen.t):
+    if (judges.areas(mine) > 0).any() or len(seen.t):
         found = judges.apart(one.random, seen.t, mine, most) if len(mine) and len(seen.t) else np.inf
         require(found <= most or b < slack, f"{found} from the judge's surface")
 
