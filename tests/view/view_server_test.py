@@ -590,6 +590,7 @@ class Trust(unittest.TestCase):
             self.assertTrue(json.loads(out)["ended"])
             self.assertEqual(list(folder.iterdir()), [])
 
+    @unittest.skipIf(sanitized.is_sanitized(ISONEST), "sanitizers need more memory than such limits leave")
     def test_the_memory_is_kept_whatever_is_asked_for(self):
         # What is mapped (the store, the programs' code) does not count; what the threads' stacks reserve does.
         memory = 512 << 20
