@@ -35,7 +35,7 @@ PICTURES = {"env": WITHOUT_LEAKS} if is_sanitized(ISONEST) else {}
 
 
 def run(*arguments, cwd=None, **options):
-    if arguments[0] == "picture":
+    if arguments[:1] == ("picture",):
         options = {**PICTURES, **options}
     start = subprocess.run if options.keys() & {"preexec_fn", "input", "stdin"} else served.run
     return start([ISONEST, *map(os.fsdecode, map(os.fspath, map(_text, arguments)))],
