@@ -105,7 +105,10 @@ void BrickTraversal<Interest>::march(const CubeNodes& nodes, const TopologyTetra
         return;
     }
     const auto corners = complete_corners(nodes, interest_.function(nodes), t);
-    if (corners && cut) {
+    if (!corners) {
+        return;
+    }
+    if (cut) {
         // Of a cube that reaches across the box, some tetrahedra do not.
         const Overlap overlap = overlap_of_leaf(*corners);
         if (overlap == Overlap::outside) {
@@ -113,7 +116,7 @@ void BrickTraversal<Interest>::march(const CubeNodes& nodes, const TopologyTetra
         }
         cut = overlap == Overlap::crossing;
     }
-    if (corners && !culling_.leaf(nodes, t)) {
+    if (!culling_.leaf(nodes, t)) {
         action_(*corners, t.positive != is_mirror_image(nodes.mirror), eta, cut);
     }
 }
