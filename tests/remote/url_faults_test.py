@@ -174,7 +174,8 @@ class Faults(unittest.TestCase):
             start = time.monotonic()
             answer = client.read([100_000, 1000], [300_000, 1000], threads=2)
             self.assertLess(time.monotonic() - start, 10)
-            self.assertEqual([(error["kind"], error["file"]) for error in answer["errors"]], [("io", server.url("a.bin"))])
+            # One thread may have found a broken connection and the other none, in two texts.
+            self.assertEqual({(error["kind"], error["file"]) for error in answer["errors"]}, {("io", server.url("a.bin"))})
             self.assertNotIn("s3cret", json.dumps(answer))
             # The URL knows another place: what was not read is read there, of the same version.
             asked = server.requests
