@@ -90,10 +90,8 @@ Overlap BrickTraversal<Interest>::overlap_of_leaf(const std::array<Corner, 4>& c
     Int3 low = corners[0].node;
     Int3 high = low;
     for (const Corner& corner : corners) {
-        for (int axis = 0; axis < 3; ++axis) {
-            low[axis] = std::min(low[axis], corner.node[axis]);
-            high[axis] = std::max(high[axis], corner.node[axis]);
-        }
+        low = min(low, corner.node);
+        high = max(high, corner.node);
     }
     return overlap_of(query_.box, low * at_.stride, high * at_.stride);
 }
