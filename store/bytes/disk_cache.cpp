@@ -123,26 +123,30 @@ class CachedObject : public RangeCache {
         return checksum_of(std::as_bytes(std::span(key)));
     }
 
-    /// A damaged one goes away. REQUIRES: its mutex of adding_ is held; else what goes away may be
-    /// what has just been put in the place of the damaged one.
-    [[nodiscard]] std::optional<CachedBlock> stored(std::uint64_t block) const {
-        const std::uint64_t number = number_of(block);
-        const auto file = folder_->read(number, CachedBlock::kMostFileBytes);
-        if (!file) {
-            return std::nullopt;
+    /// A block's file in the cache's folder.
+    struct Entry {
+        bool is_there = false;
+        std::optional<CachedBlock> block;  ///< none where the file is damaged
+    };
+    [[nodiscard]] Entry entry(std::uint64_t block) const {
+        const auto file = folder_->read(number_of(block), CachedBlock::kMostFileBytes);
+        return file ? Entry{true, CachedBlock::decode(*file, name_, block)} : Entry{};
+    }
+
+    /// A damaged entry goes away. REQUIRES: its mutex of adding_ is held; else what goes away may
+    /// be what has just been put in the place of the damaged one.
+    [[nodiscard]] std::optional<CachedBlock> stored(std::uint64_t block) {
+        Entry found = entry(block);
+        if (found.is_there && !found.block) {
+            folder_->remove(number_of(block));
         }
-        auto found = CachedBlock::decode(*file, name_, block);
-        if (!found) {
-            folder_->remove(number);
-        }
-        return found;
+        return std::move(found.block);
     }
     /// The same, whoever adds to it meanwhile.
     [[nodiscard]] std::optional<CachedBlock> stored_now(std::uint64_t block) {
-        const auto file = folder_->read(number_of(block), CachedBlock::kMostFileBytes);
-        auto found = file ? CachedBlock::decode(*file, name_, block) : std::nullopt;
-        if (!file || found) {
-            return found;
+        Entry found = entry(block);
+        if (!found.is_there || found.block) {
+            return std::move(found.block);
         }
         const std::lock_guard lock(adding_.at(block % adding_.size()));
         return stored(block);
