@@ -102,7 +102,7 @@ class SourceChecks {
             return std::min(end, std::max<std::int64_t>(1, number / step) * step);
         };
         if (source_.sequential()) {
-            return most >= n.y ? std::pair(std::min(most / n.y, std::min(chunk.z, n.z)), n.y)
+            return most >= n.y ? std::pair(std::min({most / n.y, chunk.z, n.z}), n.y)
                                : std::pair(std::int64_t{1}, multiple(most, order.rows, n.y));
         }
         std::int64_t planes = std::min(multiple(chunk.z, order.planes, n.z), most);

@@ -65,7 +65,7 @@ std::size_t BlockGrid::cell_of(const Points& triangle) const {
             sum += static_cast<double>(point[a]);
         }
         const double at = (sum / 3 - lattice_.origin[a]) / lattice_.spacing[a];
-        const double last = static_cast<double>(lattice_.nodes[axis] - 1);
+        const auto last = static_cast<double>(lattice_.nodes[axis] - 1);
         const auto node = static_cast<std::int64_t>(std::floor(std::clamp(at, 0.0, last)));
         cell[axis] = (node + shift_[axis]) / kCell - first_[axis];
     }

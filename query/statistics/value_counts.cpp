@@ -32,8 +32,12 @@ void ValueCounts::add_cubes(const Box<BinCode>& box, const Int3& cells) {
             const BinCode* const c = box.row(box.lo.y + y, box.lo.z + z + step.z);
             const BinCode* const d = box.row(box.lo.y + y + step.y, box.lo.z + z + step.z);
             for (std::size_t x = 0; x < row_nodes; ++x) {
-                low[x] = std::min(std::min(bin(a[x]), bin(b[x])), std::min(bin(c[x]), bin(d[x])));
-                high[x] = std::max(std::max(a[x], b[x]), std::max(c[x], d[x]));
+                const BinCode low_ab = std::min(bin(a[x]), bin(b[x]));
+                const BinCode low_cd = std::min(bin(c[x]), bin(d[x]));
+                low[x] = std::min(low_ab, low_cd);
+                const BinCode high_ab = std::max(a[x], b[x]);
+                const BinCode high_cd = std::max(c[x], d[x]);
+                high[x] = std::max(high_ab, high_cd);
             }
             for (std::int64_t x = 0; x < cells.x; ++x) {
                 const auto i = static_cast<std::size_t>(x);

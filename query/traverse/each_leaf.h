@@ -105,8 +105,8 @@ template <int D, class Traversal, NodeNumbers Numbers>
 class Tasks {
   public:
     struct Worker {
-        Worker(const Numbers& with, const auto& region, const auto& interest, const auto& stop)
-            : numbers(with), traversal(numbers, region, interest, stop) {}
+        Worker(Numbers with, const auto& region, const auto& interest, const auto& stop)
+            : numbers(std::move(with)), traversal(numbers, region, interest, stop) {}
         Worker(const Worker&) = delete;
         Worker& operator=(const Worker&) = delete;
         Numbers numbers;

@@ -19,7 +19,7 @@ namespace isonest::detail {
 namespace {
 
 std::filesystem::path without_last_slash(std::filesystem::path path) {
-    return path.has_filename() ? path : path.parent_path();
+    return path.has_filename() ? std::move(path) : path.parent_path();
 }
 
 [[noreturn]] void fail_with_folder(const std::filesystem::path& path, const char* what, int error) {

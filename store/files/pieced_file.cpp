@@ -97,7 +97,8 @@ void PiecedFile::release(std::uint64_t offset, std::uint64_t bytes) {
     each_piece(offset, bytes, [&](const Place& at, std::uint64_t /*begin*/, std::uint64_t count) {
         Piece& released = piece(at.number);
         const std::uint64_t size = std::min(at.size, mapped_ - at.begin);
-        if ((released.released += count) == size) {
+        released.released += count;
+        if (released.released == size) {
             mapped_nowhere(map_ + at.begin, size);
             const std::lock_guard lock(mutex_);
             pieces_[at.number].reset();

@@ -175,6 +175,11 @@ class ReadBytes {
     std::exception_ptr failure_;
 };
 
+/// What the driver is told when it opens a file. HDF5 copies it.
+struct BytesToOpen {
+    const std::shared_ptr<ReadBytes>* bytes = nullptr;
+};
+
 /// HDF5 sees its first member.
 struct BytesFile {
     H5FD_t base{};
@@ -201,17 +206,15 @@ H5FD_t* open_bytes(const char* /*name*/, unsigned flags, hid_t access, haddr_t /
     if ((flags & (H5F_ACC_RDWR | H5F_ACC_CREAT | H5F_ACC_TRUNC)) != 0) {
         return fail_to_open("these bytes can only be read");
     }
-    const void* const info = H5Pget_driver_info(access);
+    const auto* const info = static_cast<const BytesToOpen*>(H5Pget_driver_info(access));
     if (info == nullptr) {
         return fail_to_open("another file, which is not opened");
     }
-    const std::shared_ptr<ReadBytes>* bytes = nullptr;
-    std::memcpy(&bytes, info, sizeof(bytes));
     auto* const file = new (std::nothrow) BytesFile;
     if (file == nullptr) {
         return fail_to_open("no memory");
     }
-    file->bytes = *bytes;
+    file->bytes = *info->bytes;
     return &file->base;
 }
 
@@ -276,7 +279,7 @@ H5FD_class_t bytes_driver_class() {
     c.name = "isonest_bytes";
     c.maxaddr = kMostAddress;
     c.fc_degree = H5F_CLOSE_WEAK;
-    c.fapl_size = sizeof(const std::shared_ptr<ReadBytes>*);
+    c.fapl_size = sizeof(BytesToOpen);
     c.open = open_bytes;
     c.close = close_bytes;
     c.cmp = compare_bytes;
@@ -311,7 +314,7 @@ FileHandle open_hdf5(std::shared_ptr<const StoreBytes> bytes) {
     require_heap_to_open_hdf5();
     const std::string name = bytes->name();
     const auto reads = std::make_shared<ReadBytes>(std::move(bytes));
-    const std::shared_ptr<ReadBytes>* const info = &reads;
+    const BytesToOpen info{&reads};
     const PropertyHandle access(H5Pcreate(H5P_FILE_ACCESS));
     H5Pset_driver(access.get(), bytes_driver(), &info);
     FileHandle file(H5Fopen(name.c_str(), H5F_ACC_RDONLY, access.get()));

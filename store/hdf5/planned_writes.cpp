@@ -18,6 +18,11 @@
 namespace isonest::detail {
 namespace {
 
+/// What the driver is told when it opens a file. HDF5 copies it.
+struct WritesToPlan {
+    PlannedWrites* writes = nullptr;
+};
+
 /// HDF5 sees its first member.
 struct PlannedFile {
     H5FD_t base{};
@@ -52,13 +57,13 @@ H5FD_t* open_planned(const char* name, unsigned flags, hid_t access, haddr_t /*m
         report("unable to open file", errno);
         return nullptr;
     }
-    const void* const info = H5Pget_driver_info(access);
+    const auto* const info = static_cast<const WritesToPlan*>(H5Pget_driver_info(access));
     if (info == nullptr || ::fstat(file->fd, &file->status) != 0) {
         report("unable to look at the file", errno);
         ::close(file->fd);
         return nullptr;
     }
-    std::memcpy(&file->writes, info, sizeof(file->writes));
+    file->writes = info->writes;
     file->end_of_file = static_cast<haddr_t>(file->status.st_size);
     return &file.release()->base;
 }
@@ -163,7 +168,7 @@ H5FD_class_t driver_class() {
     c.name = "isonest_planned";
     c.maxaddr = kMostAddress;
     c.fc_degree = H5F_CLOSE_WEAK;
-    c.fapl_size = sizeof(PlannedWrites*);
+    c.fapl_size = sizeof(WritesToPlan);
     c.open = open_planned;
     c.close = close_planned;
     c.cmp = compare_planned;
@@ -184,7 +189,7 @@ H5FD_class_t driver_class() {
 void use_planned_writes(const PropertyHandle& access, PlannedWrites& writes) {
     static const H5FD_class_t kind = driver_class();
     static const hid_t driver = H5FDregister(&kind);
-    PlannedWrites* const info = &writes;
+    const WritesToPlan info{&writes};
     H5Pset_driver(access.get(), driver, &info);
 }
 

@@ -162,13 +162,13 @@ T wave(const Int3& p) {
     return static_cast<T>(20 * (smooth(p) + 2.5) + 5 * noise(p));
 }
 
-const std::vector<Int3> kShapes{{2, 2, 2},   {2, 9, 5},    {40, 2, 3}, {3, 2, 40},
-                                {5, 4, 3},   {64, 5, 4},   {65, 4, 6}, {66, 3, 19},
-                                {130, 4, 9}, {17, 19, 21}, {9, 23, 40}};
+const std::vector<Int3> shapes{{2, 2, 2},   {2, 9, 5},    {40, 2, 3}, {3, 2, 40},
+                               {5, 4, 3},   {64, 5, 4},   {65, 4, 6}, {66, 3, 19},
+                               {130, 4, 9}, {17, 19, 21}, {9, 23, 40}};
 
 template <class T>
 void check_type() {
-    for (const Int3& nodes : kShapes) {
+    for (const Int3& nodes : shapes) {
         check_volume<T>(nodes, 50.5, wave<T>);
         check_volume<T>(nodes, 50, wave<T>);          // nodes on the surface here and there
         check_volume<T>(nodes, 2, small_integer<T>);  // and nearly everywhere

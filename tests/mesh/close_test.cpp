@@ -281,7 +281,7 @@ double solid_volume_of_cells(const FunctionVolume<T>& volume, double iso, const 
     Mesh mesh = read_mesh(folder / "m.ply");
     for (auto& vertex : mesh.vertices) {
         for (std::size_t a = 0; a < 3; ++a) {
-            const double x = static_cast<double>(vertex[a]);
+            const auto x = static_cast<double>(vertex[a]);
             const auto i = static_cast<std::size_t>(std::floor(x));
             const double from = planes[a][i];
             const double to = planes[a][std::min(i + 1, planes[a].size() - 1)];

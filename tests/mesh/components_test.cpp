@@ -129,7 +129,7 @@ std::vector<bool> kept_of(const std::vector<Found>& found, const ComponentChoice
 class Volume {
   public:
     template <class T>
-    Volume(FunctionVolume<T>& volume, int chunk = 8) {
+    explicit Volume(FunctionVolume<T>& volume, int chunk = 8) {
         make_store(volume, folder_ / "s", with_chunk(chunk));
         store_.emplace(folder_ / "s");
     }

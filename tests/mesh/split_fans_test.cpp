@@ -76,7 +76,7 @@ struct Asked {
             surface.cells = Cells::hexahedra;
         }
     }
-    std::int64_t one_of(std::int64_t first, std::int64_t last) {
+    std::int64_t one_of(std::int64_t first, std::int64_t last) const {
         return first + static_cast<std::int64_t>(random() * static_cast<double>(last - first + 1));
     }
 

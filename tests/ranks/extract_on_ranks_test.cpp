@@ -5,6 +5,7 @@
 #include <atomic>
 #include <catch2/catch.hpp>
 #include <limits>
+#include <utility>
 
 #include <isonest/error.h>
 #include <isonest/extract.h>
@@ -99,7 +100,7 @@ template <class T>
 struct Made {
     Made(const Int3& n, const std::function<T(const Int3&)>& f, PreprocessOptions options)
         : volume(n, f) {
-        make_store(volume, folder / "s", options);
+        make_store(volume, folder / "s", std::move(options));
         store.emplace(folder / "s");
     }
     TemporaryFolder folder;

@@ -313,7 +313,7 @@ class Session {
 int main() {
     Session session;
     for (std::string line; std::getline(std::cin, line);) {
-        std::cout << session.run(Json::parse(line)).dump() << std::endl;
+        std::cout << session.run(Json::parse(line)).dump() << '\n' << std::flush;
     }
     return 0;
 }

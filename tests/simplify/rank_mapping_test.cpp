@@ -1,6 +1,8 @@
 // Blocks that ranks map: what they send each other, to the last bit, and meshes against those that
 // one process makes.
+#include <array>
 #include <atomic>
+#include <bit>
 #include <catch2/catch.hpp>
 #include <cstring>
 #include <limits>
@@ -34,7 +36,8 @@ bool same_bits(const std::vector<T>& a, const std::vector<T>& b) {
 }
 
 bool same_bits(const PatchBox& a, const PatchBox& b) {
-    return std::memcmp(&a, &b, sizeof(a)) == 0;
+    using Bits = std::array<std::uint32_t, 6>;
+    return std::bit_cast<Bits>(a) == std::bit_cast<Bits>(b);
 }
 
 bool same_nodes(const std::optional<KeptNodes>& a, const std::optional<KeptNodes>& b) {

@@ -262,7 +262,7 @@ TEST_CASE("A cover says yes exactly where every finest tetrahedron does") {
         const Double3 at{20 * number(random), 17 * number(random), 25 * number(random)};
         for (Double3& corner : t) {
             for (std::size_t axis = 0; axis < 3; ++axis) {
-                const double last = static_cast<double>(lattice.nodes[static_cast<int>(axis)] - 1);
+                const auto last = static_cast<double>(lattice.nodes[static_cast<int>(axis)] - 1);
                 corner[axis] = std::clamp(at[axis] + size * (number(random) - 0.5), 0.0, last);
                 if (i % 5 == 0) {
                     corner[axis] = std::round(corner[axis]);

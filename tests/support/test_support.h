@@ -204,7 +204,7 @@ inline MeshFaults check_mesh(const Mesh& mesh, const Double3& lo, const Double3&
             const std::uint32_t b = t[(i + 1) % 3];
             auto& use = edges[{std::min(a, b), std::max(a, b)}];
             (a < b ? use.first : use.second) += 1;
-            around[a].push_back({b, t[(i + 2) % 3]});
+            around[a].emplace_back(b, t[(i + 2) % 3]);
         }
         const auto& a = mesh.vertices[t[0]];
         const auto& b = mesh.vertices[t[1]];

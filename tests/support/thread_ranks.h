@@ -63,8 +63,8 @@ class ThreadRanks {
                 ++traffic_.messages_sent;
                 traffic_.bytes_sent += message.bytes.size();
                 const std::lock_guard lock(all_.mutex_);
-                all_.boxes_[{message.to, exchanges_}].push_back(
-                    {number_, std::move(message.bytes)});
+                all_.boxes_[{message.to, exchanges_}].emplace_back(number_,
+                                                                   std::move(message.bytes));
                 all_.changed_.notify_all();
             }
             for (std::uint64_t i = 0; i < expected; ++i) {

@@ -89,7 +89,7 @@ class LabelSheets {
     void simplify(const SheetSetting& setting, BlockMapping& mapping, const ScratchFolder& folder,
                   Progress& progress);
     Mapped finest(const SheetSetting& setting, const MeshMapper& mapper);
-    void add_details(const SheetSetting& setting, const MeshMapper& mapper, Mapped finest);
+    void add_details(const SheetSetting& setting, const MeshMapper& mapper, Mapped mapped);
     [[nodiscard]] const SheetOutput& output(int level) const {
         return *levels_[static_cast<std::size_t>(level)]->output;
     }

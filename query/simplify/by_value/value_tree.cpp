@@ -13,8 +13,10 @@ Element<3> element_of(const ValueTetrahedron& t) {
         element.v[i] = {t.node[i][0], t.node[i][1], t.node[i][2]};
     }
     element.value = t.value;
+    // NOLINTBEGIN(bugprone-signed-char-misuse): small numbers, no characters
     element.kind = t.kind;
     element.level = t.level;
+    // NOLINTEND(bugprone-signed-char-misuse)
     return element;
 }
 

@@ -64,8 +64,7 @@ CornerMesh::CornerMesh(std::size_t vertices, std::span<const PatchTriangle> tria
         } while (h != kNone && h != first_[v] && reached <= valence);
         tangled[v] = reached != valence || (is_closed && (h != first_[v] || valence < 3));
     }
-    for (std::size_t i = 0; i < triangles.size(); ++i) {
-        const PatchTriangle& t = triangles[i];
+    for (const PatchTriangle& t : triangles) {
         if (tangled[t[0]] || tangled[t[1]] || tangled[t[2]]) {
             locked[t[0]] = locked[t[1]] = locked[t[2]] = true;
         }

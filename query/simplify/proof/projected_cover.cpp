@@ -241,6 +241,7 @@ std::optional<double> ProjectedCover::covers(const Triangle& triangle, std::uint
     }
     double highest = 0;
     int degree = 0;
+    // The stack grows in the loop. NOLINTNEXTLINE(modernize-loop-convert)
     for (std::size_t next = 0; next < stack_.size(); ++next) {
         const std::uint32_t at = stack_[next];
         const PatchTriangle& f = surface_[at];

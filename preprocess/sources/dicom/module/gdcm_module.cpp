@@ -31,7 +31,8 @@
 namespace isonest::detail {
 namespace {
 
-gdcm::PixelFormat pixel_format(const DicomNumbers& n) {
+/// Not used where the analyzer does not see unpack_with_gdcm().
+[[maybe_unused]] gdcm::PixelFormat pixel_format(const DicomNumbers& n) {
     const auto bits = [](int count) { return static_cast<unsigned short>(count); };
     return gdcm::PixelFormat(1, bits(n.allocated), bits(n.stored), bits(n.high),
                              bits(n.is_signed ? 1 : 0));
