@@ -298,9 +298,7 @@ TEST_CASE("Collapses leave locked vertices and what hangs together through them"
     const Patch grid = wavy_grid(30, 0.3);
     std::vector<bool> locked(grid.positions.size());
     std::mt19937 random(4);
-    for (std::size_t v = 0; v < locked.size(); ++v) {
-        locked[v] = random() % 5 == 0;
-    }
+    std::generate(locked.begin(), locked.end(), [&] { return random() % 5 == 0; });
     CornerMesh mesh(grid.positions.size(), grid.triangles, locked);
     EdgeQueue queue(grid.positions, mesh, 1e4F);
     StarCollapse collapse(grid.positions, grid.box, grid.shared, locked, mesh);

@@ -151,8 +151,9 @@ class Ramp : public VolumeSource {
     void read(std::int64_t z0, std::int64_t nz, std::int64_t y0, std::int64_t ny,
               std::byte* dst) override {
         for (std::int64_t i = 0; i < nz * ny * 50; ++i) {
-            const float value =
-                static_cast<float>(i % 50 + 3 * (y0 + i / 50 % ny) + 7 * (z0 + i / 50 / ny));
+            const std::int64_t row = i / 50;
+            const std::int64_t number = i % 50 + 3 * (y0 + row % ny) + 7 * (z0 + row / ny);
+            const auto value = static_cast<float>(number);
             std::memcpy(dst + i * 4, &value, 4);
         }
     }
@@ -226,8 +227,8 @@ TEST_CASE("an interrupted run on memory goes on with the same values and refuses
         CHECK(std::string(error.what()).find("values in memory") != std::string::npos);
     }
     CHECK(folder.names() == left);
-    const std::vector<float> copy = values;
-    MemoryVolume same(copy.data(), n, {.name = "another name"});
+    const std::vector<float> elsewhere(values.begin(), values.end());
+    MemoryVolume same(elsewhere.data(), n, {.name = "another name"});
     CHECK(preprocess(same, folder / "s", resuming()).resumed_chunks > 0);
     CHECK(read_file(folder / "s") == read_file(folder / "whole"));
 }

@@ -36,7 +36,8 @@ class NamedCells : public FunctionVolume<double> {
   public:
     NamedCells()
         : FunctionVolume({40, 36, 33}, [](const Int3& p) {
-              return static_cast<double>(p.x / 9 + p.y / 9 + p.z / 9);
+              const std::int64_t cell = p.x / 9 + p.y / 9 + p.z / 9;
+              return static_cast<double>(cell);
           }) {}
     [[nodiscard]] VolumeDescription describe() const override {
         VolumeDescription d = FunctionVolume::describe();

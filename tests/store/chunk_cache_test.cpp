@@ -73,7 +73,8 @@ TEST_CASE("the low sides of a chunk are its nodes, for any array and size") {
 
 TEST_CASE("a chunk that somebody holds, or that is not there, is not reduced to its low sides") {
     const TemporaryFolder folder;
-    FunctionVolume<float> volume({20, 20, 20}, [](const Int3& p) { return float(smooth(p)); });
+    FunctionVolume<float> volume({20, 20, 20},
+                                 [](const Int3& p) { return static_cast<float>(smooth(p)); });
     make_store(volume, folder / "s", with_chunk(16));
     const StoreReader store(folder / "s");
     const RecordingSource counted(store);

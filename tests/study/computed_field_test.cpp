@@ -6,6 +6,7 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <utility>
 
 #include <isonest/error.h>
 
@@ -23,7 +24,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-const Double3 kSpacing{1, 0.5, 2};
+constexpr Double3 kSpacing{1, 0.5, 2};
 constexpr std::uint64_t kCache = std::uint64_t{1} << 24U;
 
 ComputedField field_named(const char* name) {
@@ -52,7 +53,7 @@ struct Loaded {
     Loaded(const Int3& n, const std::function<double(const Int3&)>& f, PreprocessOptions options)
         : volume(n, f) {
         volume.spacing_ = kSpacing;
-        make_store(volume, folder / "s", options);
+        make_store(volume, folder / "s", std::move(options));
         store.emplace(folder / "s");
         whole.emplace(store->layout());
         cache.emplace(*store, kCache);
@@ -182,7 +183,7 @@ TEST_CASE("gradient and curvature of spheres and circles are known") {
                     std::min({p.x, p.y, n.z > 1 ? p.z : 1}) > 0 && std::max({p.x, p.y, p.z}) < 32;
                 const double expected =
                     name == std::string("gradient") ? 3 : curvatures / radius(p);
-                const double found = static_cast<double>(l.whole->indicator(p));
+                const auto found = static_cast<double>(l.whole->indicator(p));
                 worst = inside ? std::max(worst, std::fabs(found / expected - 1)) : worst;
             });
             CAPTURE(n.z, name);

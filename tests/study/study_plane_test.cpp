@@ -18,7 +18,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-const Double3 kSpacing{1, 0.5, 2};
+constexpr Double3 kSpacing{1, 0.5, 2};
 
 /// The mesh that refines the nodes whose indicator is at least a threshold, element by element.
 class ExplicitMesh {

@@ -22,7 +22,7 @@ using namespace isonest::detail::test;
 
 namespace {
 
-const Double3 kSpacing{1, 0.5, 2};
+constexpr Double3 kSpacing{1, 0.5, 2};
 
 struct Sample {
     std::vector<double> value;  ///< of U and of P U

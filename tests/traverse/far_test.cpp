@@ -122,7 +122,8 @@ void require_few_round_trips(const StoreReader& store, const Case& c) {
             static_cast<int>(counts.unannounced), static_cast<int>(counts.announced_chunks),
             static_cast<int>(counts.decoded_chunks), static_cast<int>(counts.announced_bytes),
             static_cast<int>(counts.decoded_bytes),
-            double(counts.announced_bytes) / double(counts.decoded_bytes));
+            static_cast<double>(counts.announced_bytes) /
+                static_cast<double>(counts.decoded_bytes));
     }
 }
 

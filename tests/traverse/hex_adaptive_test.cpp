@@ -139,12 +139,12 @@ double trilinear_value(const FunctionVolume<T>& volume, const std::array<float, 
     return sum;
 }
 
-const std::vector<Int3> kSizes{{33, 33, 33}, {20, 31, 17}, {3, 40, 5}, {41, 6, 13}, {2, 2, 2}};
+const std::vector<Int3> sizes{{33, 33, 33}, {20, 31, 17}, {3, 40, 5}, {41, 6, 13}, {2, 2, 2}};
 
 }  // namespace
 
 TEST_CASE("the projection is the same on both sides of every face between cells of two levels") {
-    for (const Int3& n : kSizes) {
+    for (const Int3& n : sizes) {
         for (const auto function : {smooth_f, rough, graded}) {
             FunctionVolume<float> volume(n, function);
             const TemporaryFolder folder;
@@ -198,7 +198,7 @@ TEST_CASE("the projection is the same on both sides of every face between cells 
 }
 
 TEST_CASE("the projection is within the error of the data in every node") {
-    for (const Int3& n : kSizes) {
+    for (const Int3& n : sizes) {
         for (const auto function : {smooth_f, rough, graded}) {
             FunctionVolume<float> volume(n, function);
             const TemporaryFolder folder;
@@ -235,7 +235,7 @@ TEST_CASE("the projection is within the error of the data in every node") {
 }
 
 TEST_CASE("adaptive hexahedral surfaces have no cracks, and their vertices are within the error") {
-    for (const Int3& n : kSizes) {
+    for (const Int3& n : sizes) {
         for (const auto function : {smooth_f, rough, graded}) {
             FunctionVolume<float> volume(n, function);
             for (const double iso : {-0.4, 0.13, 0.5}) {
