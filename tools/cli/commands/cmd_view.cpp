@@ -136,7 +136,6 @@ Result run(ViewArguments& a) {
         access.token = view::new_token();
     }
     const std::string url = url_of(access);
-    std::string warning;
     {
         view::ViewService service(store, shares, a.threads, access,
                                   [&server] { return server->connections(); });

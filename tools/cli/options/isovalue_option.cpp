@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cctype>
 #include <filesystem>
+#include <string_view>
 
 #include <isonest/error.h>
 
@@ -13,7 +14,7 @@
 namespace isonest::detail::cli {
 namespace {
 
-const std::string kPlace = "{iso}";
+constexpr std::string_view kPlace = "{iso}";
 
 }  // namespace
 

@@ -189,7 +189,7 @@ Error with_set_aside(const Error& error, const RemoteArguments& a) {
             remedy.value = std::to_string(enough);
         }
     }
-    return Error(error.kind(), error.place(), error.problem(), std::move(remedies));
+    return {error.kind(), error.place(), error.problem(), std::move(remedies)};
 }
 
 }  // namespace isonest::detail::cli

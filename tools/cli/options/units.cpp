@@ -215,7 +215,7 @@ std::string human_range(double low, double high) {
         const double off = std::fabs(std::strtod(a.c_str(), nullptr) - low) +
                            std::fabs(std::strtod(b.c_str(), nullptr) - high);
         if (digits == kMost || low == high || off <= kClose * (high - low)) {
-            return a + " to " + b;
+            return fmt::format("{} to {}", a, b);
         }
     }
 }

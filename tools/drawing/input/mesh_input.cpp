@@ -186,7 +186,7 @@ PlyMesh open_mesh(const std::filesystem::path& path, const std::string& value,
     PlyScratch scratch(folder, path.string());
     format->read(path, scratch, progress);
     const ScratchFile ply = scratch.finish();
-    return PlyMesh(ply.descriptor(), path, value);
+    return {ply.descriptor(), path, value};
 }
 
 }  // namespace isonest::detail::cli

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <vector>
 
+#include <isonest/label_name.h>
 #include <isonest/mesh_sink.h>
 #include <isonest/progress.h>
 
