@@ -49,7 +49,7 @@ class RotatedSink : public MeshSink {
     MeshLayout layout_;
     bool measured_ = false;  ///< the box and the triangles without area are known
     std::atomic<std::uint64_t> zero_area_ = 0;
-    std::mutex box_;
+    std::mutex box_;  ///< of layout_'s box while it is measured
 };
 
 /// Turned positions are rounded once more: adds that to what the report of a mesh in the volume's

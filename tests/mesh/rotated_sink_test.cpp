@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <thread>
 
 #include "query/mesh/zero_area.h"
 
@@ -33,6 +34,8 @@ class Counting : public MeshSink {
     }
     [[nodiscard]] bool again() override { return ++passes < 2; }
     void end() override {}
+
+    [[nodiscard]] const MeshLayout& layout() const { return layout_; }
 
     int passes = 0;
     std::uint64_t triangles = 0;
@@ -81,4 +84,37 @@ TEST_CASE("triangles that turning leaves no area are counted, each once") {
     ExtractReport report;
     report_turning(sink, {1, 1, 1}, report);
     CHECK(report.mending.zero_area == sink.zero_area_triangles());
+}
+
+TEST_CASE("the box of what several threads add at once is that of all vertices") {
+    constexpr std::size_t kThreads = 4;
+    constexpr std::size_t kBatches = 200;
+    const auto box_of = [](bool at_once) {
+        Counting inner;
+        RotatedSink sink(inner, {0, 0, 0}, Directions{Double3{0, 1, 0}, {-1, 0, 0}, {0, 0, 1}});
+        sink.begin({});
+        const auto add = [&](std::size_t first) {
+            for (std::size_t i = first; i < kThreads * kBatches; i += kThreads) {
+                const auto x = static_cast<float>(i);
+                const std::vector<std::array<float, 3>> positions{{x, -2 * x, 3 - x}};
+                sink.add_vertices({i, positions, {}, 0});
+            }
+        };
+        std::vector<std::thread> threads;
+        for (std::size_t first = 0; first < kThreads; ++first) {
+            if (at_once) {
+                threads.emplace_back(add, first);
+            } else {
+                add(first);
+            }
+        }
+        for (std::thread& thread : threads) {
+            thread.join();
+        }
+        CHECK(sink.again());
+        return std::pair(inner.layout().lo, inner.layout().hi);
+    };
+    CHECK(box_of(true) == box_of(false));
+    constexpr float kLast = kThreads * kBatches - 1;
+    CHECK(box_of(true).second == std::array<float, 3>{2 * kLast, kLast, 3});
 }
