@@ -97,8 +97,9 @@ void PiecedFile::release(std::uint64_t offset, std::uint64_t bytes) {
     each_piece(offset, bytes, [&](const Place& at, std::uint64_t /*begin*/, std::uint64_t count) {
         Piece& released = piece(at.number);
         const std::uint64_t size = std::min(at.size, mapped_ - at.begin);
-        released.released += count;
-        if (released.released == size) {
+        // Of several threads, the one that completes it.
+        const std::uint64_t so_far = released.released.fetch_add(count) + count;
+        if (so_far == size) {
             mapped_nowhere(map_ + at.begin, size);
             const std::lock_guard lock(mutex_);
             pieces_[at.number].reset();
