@@ -106,8 +106,8 @@ void PartStore::append(std::uint64_t order, const MeshPart& part) {
     put(pieces.triangles, part.triangles);
     put(pieces.not_alone, not_alone);
     auto* const world = reinterpret_cast<Point*>(bytes.get() + pieces.vertices);
-    Point lo{kMost, kMost, kMost};
-    Point hi{-kMost, -kMost, -kMost};
+    Point lo = MeshLayout::kEmptyLo;
+    Point hi = MeshLayout::kEmptyHi;
     std::copy(part.world.begin(), part.world.end(), world);
     for (std::size_t i = 0; i < part.positions.size(); ++i) {
         for (std::size_t axis = 0; axis < 3; ++axis) {

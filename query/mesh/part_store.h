@@ -2,11 +2,12 @@
 // that is allowed, then on disk.
 #pragma once
 
-#include <limits>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <vector>
+
+#include <isonest/mesh_sink.h>
 
 #include "query/march/clip.h"
 #include "query/march/mesh_part.h"
@@ -130,9 +131,8 @@ class PartStore {
     std::uint64_t bytes_ = 0;
     std::uint64_t zero_area_ = 0;
     std::uint64_t cut_fans_ = 0;
-    static constexpr float kMost = std::numeric_limits<float>::max();
-    std::array<float, 3> lo_{kMost, kMost, kMost};
-    std::array<float, 3> hi_{-kMost, -kMost, -kMost};
+    std::array<float, 3> lo_ = MeshLayout::kEmptyLo;
+    std::array<float, 3> hi_ = MeshLayout::kEmptyHi;
     std::span<std::byte> data_;
     std::span<PartRecord> records_;
 };

@@ -9,19 +9,10 @@
 #include "store/base/rotation.h"
 
 namespace isonest::detail {
-namespace {
-
-// The corners of an empty box.
-constexpr float kMost = std::numeric_limits<float>::max();
-constexpr std::array<float, 3> kEmptyLo{kMost, kMost, kMost};
-constexpr std::array<float, 3> kEmptyHi{-kMost, -kMost, -kMost};
-
-}  // namespace
-
 void RotatedSink::begin(const MeshLayout& layout) {
     layout_ = layout;
-    layout_.lo = kEmptyLo;
-    layout_.hi = kEmptyHi;
+    layout_.lo = MeshLayout::kEmptyLo;
+    layout_.hi = MeshLayout::kEmptyHi;
 }
 
 RotatedSink::Turned RotatedSink::turned(const VertexBatch& batch) const {
@@ -58,8 +49,8 @@ void RotatedSink::add_vertices(const VertexBatch& batch) {
         inner_.add_vertices({batch.first, t.positions, t.attributes, batch.row_bytes});
         return;
     }
-    std::array<float, 3> lo = kEmptyLo;
-    std::array<float, 3> hi = kEmptyHi;
+    std::array<float, 3> lo = MeshLayout::kEmptyLo;
+    std::array<float, 3> hi = MeshLayout::kEmptyHi;
     const auto widen = [](std::array<float, 3>& low, std::array<float, 3>& high,
                           const std::array<float, 3>& from, const std::array<float, 3>& to) {
         for (std::size_t a = 0; a < 3; ++a) {

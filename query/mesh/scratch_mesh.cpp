@@ -209,9 +209,8 @@ EmittedMesh emit_elements(const ScratchMesh& mesh, const CornerView& elements,
     MeshLayout layout = mesh.layout();
     layout.vertices = used.count();
     layout.elements = elements.size();
-    constexpr float kMost = std::numeric_limits<float>::max();
-    layout.lo = {kMost, kMost, kMost};
-    layout.hi = {-kMost, -kMost, -kMost};
+    layout.lo = MeshLayout::kEmptyLo;
+    layout.hi = MeshLayout::kEmptyHi;
     for (const std::uint64_t v : used.vertices()) {
         for (std::size_t axis = 0; axis < 3; ++axis) {
             layout.lo[axis] = std::min(layout.lo[axis], mesh.positions()[v][axis]);

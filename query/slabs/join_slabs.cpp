@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include <isonest/error.h>
+#include <isonest/mesh_sink.h>
 
 #include "query/mesh/zero_area.h"
 #include "store/base/union_find.h"
@@ -18,7 +19,6 @@ namespace {
 
 constexpr std::uint32_t kNoNumber = 0xFFFFFFFFU;
 constexpr std::uint32_t kForeign = 0xFFFFFFFEU;
-constexpr float kMost = std::numeric_limits<float>::max();
 
 /// A vertex with a name, in one of two slabs: of vertices that are the same, the first one holds.
 struct Member {
@@ -112,8 +112,8 @@ void SlabJoin::number_own(Part& part) {
     for (const Foreign& f : part.foreign) {
         part.number[f.vertex] = kForeign;
     }
-    part.lo = {kMost, kMost, kMost};
-    part.hi = {-kMost, -kMost, -kMost};
+    part.lo = MeshLayout::kEmptyLo;
+    part.hi = MeshLayout::kEmptyHi;
     for (const auto& t : triangles) {
         for (const std::uint32_t v : t) {
             if (part.number[v] != kNoNumber) {
@@ -180,8 +180,8 @@ void SlabJoin::put(Part& part, const MeshRoom& mesh, const SurfaceSums& none, bo
 JoinedMesh SlabJoin::finish(MeshLayout& layout, const MakeRoom& make_room, bool with_angles,
                             Progress& progress) {
     tbb::parallel_for(std::size_t{0}, parts_.size(), [&](std::size_t i) { number_own(parts_[i]); });
-    layout.lo = {kMost, kMost, kMost};
-    layout.hi = {-kMost, -kMost, -kMost};
+    layout.lo = MeshLayout::kEmptyLo;
+    layout.hi = MeshLayout::kEmptyHi;
     const Part* before = nullptr;
     for (Part& part : parts_) {
         part.first_vertex = layout.vertices;

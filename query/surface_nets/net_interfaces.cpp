@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <limits>
 #include <utility>
 #include <vector>
 
@@ -142,9 +141,8 @@ void each_run(const NetStore& store, const MeshSink& sink, const Work& work) {
 NetMesh emit_net_interfaces(const NetStore& store, std::int64_t outside, MeshLayout layout,
                             MeshSink& sink, const Progress& progress) {
     NetMesh mesh;
-    constexpr float kMost = std::numeric_limits<float>::max();
-    layout.lo = {kMost, kMost, kMost};
-    layout.hi = {-kMost, -kMost, -kMost};
+    layout.lo = MeshLayout::kEmptyLo;
+    layout.hi = MeshLayout::kEmptyHi;
     layout.has_sides = true;
     layout.sides_range = {outside, outside};
     for (const NetPieceRecord& piece : store.all_pieces()) {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <limits>
 #include <span>
 #include <vector>
 
@@ -139,9 +138,8 @@ NetMesh emit_net_mesh(const NetStore& store, std::int64_t label, MeshLayout layo
                       const Progress& progress) {
     const std::span<const LabelPartRecord> parts = store.parts(label);
     NetMesh mesh;
-    constexpr float kMost = std::numeric_limits<float>::max();
-    layout.lo = {kMost, kMost, kMost};
-    layout.hi = {-kMost, -kMost, -kMost};
+    layout.lo = MeshLayout::kEmptyLo;
+    layout.hi = MeshLayout::kEmptyHi;
     for (const LabelPartRecord& part : parts) {
         mesh.vertices += part.vertices;
         mesh.triangles += 2 * std::uint64_t{part.quads};

@@ -2,9 +2,10 @@
 
 #include <algorithm>
 #include <cstring>
-#include <limits>
 #include <tuple>
 #include <vector>
+
+#include <isonest/mesh_sink.h>
 
 #include "query/surface_nets/net_cell.h"
 #include "store/base/aligned.h"
@@ -63,9 +64,8 @@ NetPieceRecord record_of(const NetPiece& piece) {
     r.vertices = static_cast<std::uint32_t>(piece.positions().size());
     r.quads = static_cast<std::uint32_t>(piece.quads().size());
     r.no_area = piece.no_area();
-    constexpr float kMost = std::numeric_limits<float>::max();
-    r.lo = {kMost, kMost, kMost};
-    r.hi = {-kMost, -kMost, -kMost};
+    r.lo = MeshLayout::kEmptyLo;
+    r.hi = MeshLayout::kEmptyHi;
     for (const LabelPart& part : piece.labels()) {
         r.moved = std::max(r.moved, part.moved);
         for (std::size_t axis = 0; axis < 3 && !part.vertices.empty(); ++axis) {

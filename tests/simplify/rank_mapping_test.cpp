@@ -2,7 +2,6 @@
 // one process makes.
 #include <array>
 #include <atomic>
-#include <bit>
 #include <catch2/catch.hpp>
 #include <cstring>
 #include <limits>
@@ -33,11 +32,6 @@ template <class T>
 bool same_bits(const std::vector<T>& a, const std::vector<T>& b) {
     return a.size() == b.size() &&
            (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0);
-}
-
-bool same_bits(const PatchBox& a, const PatchBox& b) {
-    using Bits = std::array<std::uint32_t, 6>;
-    return std::bit_cast<Bits>(a) == std::bit_cast<Bits>(b);
 }
 
 bool same_nodes(const std::optional<KeptNodes>& a, const std::optional<KeptNodes>& b) {

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <bit>
 #include <catch2/catch.hpp>
 #include <thread>
 
@@ -48,13 +47,6 @@ std::vector<ChunkRow> all_rows(const std::string& bytes, const CatalogueTable& t
     return rows;
 }
 
-/// Of types without padding.
-template <class T>
-bool is_same(const T& a, const T& b) {
-    using Bits = std::array<std::uint64_t, sizeof(T) / sizeof(std::uint64_t)>;
-    return std::bit_cast<Bits>(a) == std::bit_cast<Bits>(b);
-}
-
 }  // namespace
 
 TEST_CASE("a store opens by its footer alone, and far away by one read") {
@@ -88,7 +80,7 @@ TEST_CASE("a store opens by its footer alone, and far away by one read") {
     for (const ArrayInfo& array : local.layout().arrays()) {
         const ArrayTotals a = local.totals(array);
         const ArrayTotals b = by_hdf5.totals(array);
-        CHECK(is_same(a, b));
+        CHECK(same_bits(a, b));
     }
     const auto older = std::make_shared<const FarBytes>(bytes.substr(0, footer.hdf5_end));
     const StoreReader far_by_hdf5(older);
@@ -116,8 +108,8 @@ TEST_CASE("pages of the chunk table are the same for many threads, near and far"
         threads.emplace_back([&, t] {
             for (std::size_t i = 0; i < rows.size(); ++i) {
                 const std::size_t at = (i * 37 + t * 101) % rows.size();
-                wrong += is_same(near_table.row(at), rows[at]) ? 0 : 1;
-                wrong += is_same(far_table.row(at), rows[at]) ? 0 : 1;
+                wrong += same_bits(near_table.row(at), rows[at]) ? 0 : 1;
+                wrong += same_bits(far_table.row(at), rows[at]) ? 0 : 1;
             }
         });
     }

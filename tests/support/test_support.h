@@ -5,7 +5,9 @@
 #include <unistd.h>
 
 #include <array>
+#include <bit>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
@@ -14,6 +16,7 @@
 #include <limits>
 #include <map>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include <isonest/preprocess.h>
@@ -21,6 +24,14 @@
 #include "tests/support/any_extraction.h"
 
 namespace isonest::detail::test {
+
+/// Whether two values have the same bits. Of types without padding.
+template <class T>
+requires std::is_trivially_copyable_v<T>
+bool same_bits(const T& a, const T& b) {
+    using Bits = std::array<std::byte, sizeof(T)>;
+    return std::bit_cast<Bits>(a) == std::bit_cast<Bits>(b);
+}
 
 /// A folder that exists as long as the object.
 class TemporaryFolder {

@@ -407,7 +407,7 @@ class Trust(unittest.TestCase):
         isonest("preprocess", "t.h5", "-o", "t.isonest", "-q")
 
     def wait_until(self, condition, what):
-        for _ in range(600):
+        for _ in range(6000 if sanitized.is_sanitized(ISONEST) else 600):
             if condition():
                 return
             time.sleep(0.05)

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -41,6 +42,13 @@ struct MeshLayout {
     int corners = 3;             ///< of an element: 3, or 2 for lines
     std::vector<VertexAttribute> attributes = {};
     std::size_t row_bytes = 0;  ///< of all attributes of one vertex
+    /// The corners of a box that holds nothing yet, and grows with each vertex.
+    static constexpr std::array<float, 3> kEmptyLo{std::numeric_limits<float>::max(),
+                                                   std::numeric_limits<float>::max(),
+                                                   std::numeric_limits<float>::max()};
+    static constexpr std::array<float, 3> kEmptyHi{std::numeric_limits<float>::lowest(),
+                                                   std::numeric_limits<float>::lowest(),
+                                                   std::numeric_limits<float>::lowest()};
     /// The smallest box that holds all vertices; lo > hi if there is none.
     std::array<float, 3> lo{};
     std::array<float, 3> hi{};

@@ -1,7 +1,6 @@
 #include "query/simplify/sheets/sheet_output.h"
 
 #include <algorithm>
-#include <limits>
 #include <optional>
 #include <vector>
 
@@ -104,8 +103,8 @@ SheetCounts SheetOutput::emit(std::uint64_t count, const At& at, MeshLayout layo
 
     layout.vertices = counts.vertices;
     layout.elements = count;
-    layout.lo.fill(std::numeric_limits<float>::max());
-    layout.hi.fill(std::numeric_limits<float>::lowest());
+    layout.lo = MeshLayout::kEmptyLo;
+    layout.hi = MeshLayout::kEmptyHi;
     for (const Vertex& v : vertices) {
         for (std::size_t axis = 0; axis < 3; ++axis) {
             layout.lo[axis] = std::min(layout.lo[axis], positions[v.copy][axis]);
