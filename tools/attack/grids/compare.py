@@ -84,10 +84,10 @@ def _values(found, values, single):
     else:
         if found.dtype == np.float32 and not single and values.dtype != np.float32:
             return "float32, which the numbers do not fit into"
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):  # rounding to float32; differences of infinities
             to = values.astype(found.dtype)
-        # A scale may be applied in another order of operations: the last place may differ.
-        near = np.abs(found - to) <= (np.finfo(found.dtype).eps * np.abs(to) * 2 if found.dtype.kind == "f" else 0)
+            # A scale may be applied in another order of operations: the last place may differ.
+            near = np.abs(found - to) <= (np.finfo(found.dtype).eps * np.abs(to) * 2 if found.dtype.kind == "f" else 0)
         same = (found == to) | near | (np.isnan(found) & np.isnan(to)) if found.dtype.kind == "f" else found == to
     if not same.all():
         at = tuple(int(i) for i in np.argwhere(~same)[0])
