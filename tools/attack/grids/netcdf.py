@@ -209,7 +209,10 @@ def _judges(path, name, raw, values, mask, attributes, fill, fmt):
             found = np.ma.getmaskarray(masked) | (np.isnan(masked.data) if masked.dtype.kind == "f" else False)
             cast = np.asarray(attributes.get("missing_value", 0)).dtype == np.float64 and raw.dtype == np.float32  # xarray has it
             default = cast | (raw == netCDF4.default_fillvals[raw.dtype.str[1:]])  # which means nothing here, as in xarray
-            if not default.any() and not np.array_equal(found, mask | np.isnan(values) if values.dtype.kind == "f" else mask):
+            ranged = any(key.startswith("valid_") for key in attributes)
+            # netCDF4's own mistake (1.6.2): it compares with unsigned bounds where "_Unsigned" is there, "false", too.
+            as_unsigned = ranged and attributes.get("_Unsigned") == "false"
+            if not default.any() and not as_unsigned and not np.array_equal(found, mask | np.isnan(values) if values.dtype.kind == "f" else mask):
                 return f"netCDF4 masks {found.sum()}, not {mask.sum()}"
         if fmt in CLASSIC[:2]:
             with scipy.io.netcdf_file(path, mmap=False, maskandscale=False) as file:
@@ -217,7 +220,6 @@ def _judges(path, name, raw, values, mask, attributes, fill, fmt):
                     return "scipy reads other stored numbers"
         with xarray.open_dataset(path, group="/".join(groups) or None, decode_times=False) as file:
             decoded = file[variable].values
-            ranged = [key for key in attributes if key.startswith("valid_")]
             if not ranged and "_Unsigned" not in attributes:
                 if not np.allclose(decoded.astype("f8"), values.astype("f8"), rtol=2e-6, equal_nan=True,
                                    atol=1e-4 if "scale_factor" in attributes or "add_offset" in attributes else 0):
