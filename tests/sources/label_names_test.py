@@ -130,6 +130,9 @@ class LabelNames(unittest.TestCase):
         np.testing.assert_array_equal(self.stored_values(), LABELS)
         self.assertEqual(self.preprocess(path, "--crop", "2:,:,:-1", "--every", 2)[0], expected)
         self.assertEqual(self.preprocess(path, labels=()), ({}, []))  # not asked for
+        # Of a key that comes again the last value counts, as for teem.
+        twice = seg_nrrd(path, {0: ("first", "0 0 0", "1", "0")}, more=("Segment0_Name:=last",))
+        self.assertEqual(self.preprocess(twice)[0], {1: ("last", (0, 0, 0))})
         # Without a value a segment is of label 1, as in files of one segment before Slicer 4.11.
         self.assertEqual(self.preprocess(seg_nrrd(path, {0: ("old", "0 0 0", None, None)}))[0], {1: ("old", (0, 0, 0))})
 

@@ -229,6 +229,8 @@ class Formats(Units):
         self.says("um", spacing=(1, 2, 3))
         self.nrrd("axis mins: 0 0 4", "axis maxs: 6 10 8", 'units: "mm" "mm" "cm"')
         self.says("mm", spacing=(1, 2, 10), origin=(0.5, 1, 45), note=("z: cm",))
+        self.nrrd("spacings: 1 2 3", 'units: "" "um" "um"')
+        self.says(None, spacing=(1, 2, 3), note=("x: none",))
         self.nrrd("spacings: 1 2 3", 'units: "um"')  # of another number of axes
         self.says(None, spacing=(1, 2, 3))
 

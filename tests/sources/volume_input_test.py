@@ -170,6 +170,18 @@ class Hdf5Input(Input):
             file["entry/flat"] = data[:1]
         self.refuses(2, "several volumes", "/entry/x [7] float64", "/entry/flat [1, 5, 7] uint8")
 
+    def test_a_row_or_an_image_beside_an_array_of_four_axes_is_not_the_volume(self):
+        data = RANDOM.integers(0, 99, (2, 6, 5, 7)).astype(np.uint8)
+        for beside in (np.arange(7.0), data[0, 0]):
+            self.write(beside=beside, data=data)
+            self.refuses(5, "/data", "2, 6, 5, 7", "--index")
+            self.reads(data[1], "--index", "1,:,:,:")
+            self.reads(beside.reshape((1, -1, 7)), "--dataset", "/beside")
+        self.write(beside=data[0, 0], data=data, more=data)
+        self.refuses(2, "several volumes", "/data [2, 6, 5, 7]", "/more [2, 6, 5, 7]")
+        self.write(volume=data[0], data=data)
+        self.reads(data[0])
+
     def test_attributes_place_the_volume_and_what_cannot_be_is_refused(self):
         for data, spacing, origin in ((RANDOM.random((4, 5, 6)), (1, 2, 3), (-7, 8, 9)),
                                       (RANDOM.random((5, 6)), (1, 2), (-7, 8)),

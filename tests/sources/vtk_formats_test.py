@@ -4,6 +4,7 @@
 usage: vtk_formats_test.py ISONEST PLUGIN_FOLDER
 """
 import itertools
+import json
 import pathlib
 import sys
 import unittest
@@ -12,6 +13,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
 import served  # noqa: E402
 
 try:
+    import h5py
     import nibabel
     import numpy as np
     import vtk
@@ -165,6 +167,58 @@ class Vti(DamagedFiles, Input):
                 self.path.write_bytes(data)
                 done = self.preprocess("--memory", "256M")
                 self.assertIn(done.returncode, (0, 2, 3, 4, 5, 6, 7), (i, done.stderr))
+
+
+class Vtkhdf(Input):
+    """Images in HDF5, which VTK 9.1 reads in part and does not write: the place is that of the same image in VTI."""
+
+    def save(self, data, cells, extent, direction):
+        self.path = self.here / "v.vtkhdf"
+        with h5py.File(self.path, "w") as file:
+            group = file.create_group("VTKHDF")
+            group.attrs["Version"] = (1, 0)
+            group.attrs.create("Type", np.bytes_("ImageData"))
+            group.attrs.update({"WholeExtent": extent, "Origin": np.float64(ORIGIN), "Spacing": np.float64(SPACING)})
+            if direction is not None:
+                group.attrs["Direction"] = np.ravel(direction)
+            group[f"{'CellData' if cells else 'PointData'}/v"] = data
+
+    def test_an_image_lies_where_the_same_image_in_vti_lies(self):
+        turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+        for cells, direction in itertools.product((False, True), (None, np.diag([-1.0, 1, -1]), np.eye(3)[[1, 2, 0]], turn, -turn)):
+            with self.subTest(cells=cells, direction=direction):
+                data = numbers((5, 6, 7), "i2")
+                extent = (3, 9 + cells, -2, 3 + cells, 0, 4 + cells)
+                self.path = self.here / "v.vti"
+                writer = vtk.vtkXMLImageDataWriter()
+                writer.SetInputData(image_of({"v": data}, cells, extent, direction))
+                writer.SetFileName(str(self.path))
+                writer.SetCompressorTypeToNone()
+                writer.EncodeAppendedDataOff()
+                writer.Write()
+                self.assertEqual(self.preprocess().returncode, 0)
+                info = json.loads(served.run([ISONEST, "info", self.here / "s.isonest", "--json"], check=True,
+                                             capture_output=True).stdout)
+                served.run([ISONEST, "export", self.here / "s.isonest", "--field", "values", "-o", self.here / "t.raw", "--force"],
+                           check=True, capture_output=True)
+                self.save(data, cells, extent, direction)
+                self.reads(np.fromfile(self.here / "t.raw", "i2").reshape(data.shape))
+                self.lies(info["origin"], info["spacing"])
+                np.testing.assert_allclose(self.directions(), info["direction"], atol=1e-12)
+
+    def test_other_spacings_keep_the_first_sample_and_the_rest_is_checked(self):
+        data = numbers((5, 6, 7), "i2")
+        self.save(data, False, (3, 9, -2, 3, 0, 4), np.diag([-1.0, 1, -1]))
+        self.reads(data, "--spacing", "4,5,6")
+        self.save(data, False, (3, 9, -2, 3, 0, 4), [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]])
+        self.refuses(5, "sheared", "--spacing")
+        self.save(data, False, (3, 8, -2, 3, 0, 4), None)  # of another size
+        self.reads(data)
+        self.lies((0, 0, 0), (1, 1, 1))
+        parts = numbers((5, 6, 7, 2), "i2")
+        self.save(parts, False, (0, 6, 0, 5, 0, 4), None)
+        self.reads(np.ascontiguousarray(parts[..., 1]), "--index", ":,:,:,1")
+        self.lies(ORIGIN, SPACING)
 
 
 class Legacy(DamagedFiles, Input):

@@ -205,10 +205,13 @@ std::string choose_dataset(hid_t file, const std::filesystem::path& path, bool i
             fmt::format("has more than {} datasets; among them are:{}", kMostSeen, listing.text()),
             {{RemedyKind::choose_dataset}});
     }
-    if (listing.count_wide == 1 && (indexed || listing.count_best == 0)) {
+    // Rows and images beside an array of more axes are not the volume.
+    constexpr std::size_t kVolume = 3;
+    const bool are_wide = indexed || listing.axes() < kVolume;
+    if (listing.count_wide == 1 && are_wide) {
         return listing.wide;
     }
-    if (listing.count_best != 1) {
+    if (listing.count_best != 1 || (listing.count_wide > 1 && are_wide)) {
         const bool none = listing.count_best == 0;
         throw Error(
             none ? ErrorKind::not_found : ErrorKind::invalid_argument, {path.string()},

@@ -22,6 +22,7 @@
 #include "preprocess/sources/hdf5/hdf5_chunks.h"
 #include "preprocess/sources/hdf5/hdf5_datasets.h"
 #include "preprocess/sources/hdf5/hdf5_files.h"
+#include "preprocess/sources/hdf5/vtkhdf_place.h"
 #include "preprocess/sources/numbers/raw_rows.h"
 #include "preprocess/sources/placement/axis_choice.h"
 #include "preprocess/sources/placement/axis_units.h"
@@ -208,6 +209,7 @@ class Hdf5Source : public VolumeSource {
         set_chunks(options);
         read_coordinates();
         read_element_size();
+        read_place_of_image(options.spacing.has_value());
         read_place("spacing", spacing_);
         read_place("origin", origin_);
         read_direction();
@@ -395,6 +397,20 @@ class Hdf5Source : public VolumeSource {
         }
         *static_cast<bool*>(lossy) = true;
         return H5T_CONV_ABORT;
+    }
+
+    /// Of VTK's images.
+    void read_place_of_image(bool straight) {
+        const std::size_t parts = shape_.dims.size();
+        if (shape_.axes != std::vector<std::size_t>{0, 1, 2} || parts > 4) {
+            return;
+        }
+        if (const auto place = vtkhdf_place(file_.get(), dataset_name_, nodes_, straight, name_)) {
+            spacing_ = place->spacing;
+            origin_ = place->origin;
+            direction_ = place->direction;
+            backward_ = place->backward;
+        }
     }
 
     /// An attribute of three numbers, x first, or of one for each axis of the volume.

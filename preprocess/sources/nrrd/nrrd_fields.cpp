@@ -97,6 +97,9 @@ NrrdFields::NrrdFields(std::string_view text, std::string name) : name_(std::mov
                             number));
         }
         add(line, number);
+        if (lists_files()) {
+            break;  // what follows are names
+        }
     }
 }
 
@@ -113,7 +116,8 @@ void NrrdFields::add(std::string_view line, std::size_t number) {
     if (field.empty()) {
         const std::size_t sign = line.find(":=");
         if (line.starts_with("Segment") && sign != std::string_view::npos) {
-            segment_keys_.emplace(line.substr(0, sign), unescaped(line.substr(sign + 2)));
+            segment_keys_.insert_or_assign(std::string(line.substr(0, sign)),
+                                           unescaped(line.substr(sign + 2)));
         }
         if (sign == std::string_view::npos) {
             constexpr std::size_t kShown = 40;
@@ -131,6 +135,26 @@ void NrrdFields::add(std::string_view line, std::size_t number) {
     if (!fields_.emplace(field, value).second) {
         corrupt(fmt::format("'{}' comes twice, again on line {}", field, number));
     }
+}
+
+bool NrrdFields::lists_files() const {
+    const std::string* const file = find("data file");
+    return file != nullptr && (*file == "LIST" || file->starts_with("LIST "));
+}
+
+bool NrrdFields::has_several_files() const {
+    const std::string* const file = find("data file");
+    if (file == nullptr || lists_files()) {
+        return file != nullptr;
+    }
+    // "%03d.raw 1 20 1": a pattern, the first and the last number, the step.
+    const std::size_t sign = file->find('%');
+    if (sign == std::string::npos) {
+        return false;
+    }
+    const std::size_t letter = file->find_first_not_of("0123456789", sign + 1);
+    return letter != std::string::npos && (*file)[letter] == 'd' &&
+           split_words(file->substr(letter)).size() > 3;
 }
 
 void NrrdFields::corrupt(const std::string& what) const {

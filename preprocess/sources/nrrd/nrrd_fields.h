@@ -32,7 +32,7 @@ class NrrdFields {
     /// if they do not have equally many.
     [[nodiscard]] std::vector<std::vector<double>> vectors(const char* field) const;
 
-    /// Lines of key:=value whose keys begin with "Segment", which 3D Slicer writes; the first one
+    /// Lines of key:=value whose keys begin with "Segment", which 3D Slicer writes; the last one
     /// of a key counts.
     [[nodiscard]] const std::map<std::string, std::string, std::less<>>& segment_keys() const {
         return segment_keys_;
@@ -41,11 +41,15 @@ class NrrdFields {
     /// Texts between quotes, in their own case; none if there is no such field.
     [[nodiscard]] std::vector<std::string> quoted(const char* field) const;
 
+    /// Whether `data file` names more than one: a list, to the header's end, or a pattern.
+    [[nodiscard]] bool has_several_files() const;
+
     [[noreturn]] void corrupt(const std::string& what) const;
     [[noreturn]] void unsupported(const std::string& what) const;
 
   private:
     void add(std::string_view line, std::size_t number);
+    [[nodiscard]] bool lists_files() const;
     [[nodiscard]] double number(const char* field, std::string_view word) const;
 
     std::string name_;

@@ -12,6 +12,7 @@
 #include "preprocess/sources/nrrd/nrrd_header.h"
 #include "preprocess/sources/numbers/raw_source.h"
 #include "preprocess/sources/placement/placement.h"
+#include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
 #include "preprocess/sources/wrapping/named_labels_source.h"
 #include "preprocess/sources/wrapping/noted_source.h"
@@ -56,6 +57,9 @@ std::unique_ptr<VolumeSource> open_nrrd(const VolumeInput& input, const SourceOp
         header.layout.start = header.header_bytes;
     }
     std::unique_ptr<VolumeSource> source = open_raw(data, data.name(), header.layout);
+    if (header.stored) {
+        source = converted(std::move(source), *header.stored);
+    }
     if (options.labels) {
         source = with_label_names(with_notes(std::move(source), header.labels.notes()),
                                   header.labels.names());

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <vector>
 
 #include <isonest/error.h>
@@ -13,6 +12,7 @@
 #include "preprocess/sources/bytes/lower_case.h"
 #include "preprocess/sources/nrrd/nrrd_fields.h"
 #include "preprocess/sources/nrrd/nrrd_segments.h"
+#include "preprocess/sources/nrrd/nrrd_type.h"
 #include "preprocess/sources/placement/axis_units.h"
 
 namespace isonest::detail {
@@ -35,41 +35,13 @@ class Parser {
   private:
     void read_type(NrrdHeader& header) const {
         const std::string type = lower(fields_.require("type"));
-        static const std::map<std::string, ValueType> types{{"signed char", ValueType::i8},
-                                                            {"int8", ValueType::i8},
-                                                            {"int8_t", ValueType::i8},
-                                                            {"char", ValueType::i8},
-                                                            {"uchar", ValueType::u8},
-                                                            {"unsigned char", ValueType::u8},
-                                                            {"uint8", ValueType::u8},
-                                                            {"uint8_t", ValueType::u8},
-                                                            {"short", ValueType::i16},
-                                                            {"short int", ValueType::i16},
-                                                            {"signed short", ValueType::i16},
-                                                            {"signed short int", ValueType::i16},
-                                                            {"int16", ValueType::i16},
-                                                            {"int16_t", ValueType::i16},
-                                                            {"ushort", ValueType::u16},
-                                                            {"unsigned short", ValueType::u16},
-                                                            {"unsigned short int", ValueType::u16},
-                                                            {"uint16", ValueType::u16},
-                                                            {"uint16_t", ValueType::u16},
-                                                            {"int", ValueType::i32},
-                                                            {"signed int", ValueType::i32},
-                                                            {"int32", ValueType::i32},
-                                                            {"int32_t", ValueType::i32},
-                                                            {"uint", ValueType::u32},
-                                                            {"unsigned int", ValueType::u32},
-                                                            {"uint32", ValueType::u32},
-                                                            {"uint32_t", ValueType::u32},
-                                                            {"float", ValueType::f32},
-                                                            {"double", ValueType::f64}};
-        const auto it = types.find(type);
-        if (it == types.end()) {
+        const auto found = nrrd_type(type);
+        if (!found) {
             fields_.unsupported(fmt::format(
-                "type '{}': integers of 8 to 32 bits, float and double are read", type));
+                "type '{}': integers of 8 to 64 bits, float and double are read", type));
         }
-        header.layout.type = it->second;
+        header.layout.type = found->type;
+        header.stored = found->stored;
     }
 
     void read_axes(NrrdHeader& header) const {
@@ -129,7 +101,7 @@ class Parser {
             std::copy_n(space.begin(), std::min<std::size_t>(space.size(), 3), units.begin());
         } else if (const auto each = fields_.quoted("units"); each.size() == count) {
             for (std::size_t a = 0; a < axes.size(); ++a) {
-                units.at(a) = each[axes[a]];
+                units.at(a) = counted_unit(header.layout.nodes[static_cast<int>(a)], each[axes[a]]);
             }
         }
         CommonUnit unit = common_unit(units);
@@ -146,17 +118,20 @@ class Parser {
         constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
         Double3 steps{kUnknown, kUnknown, kUnknown};
         const bool directed = fields_.find("space directions") != nullptr;
-        if (const auto spacing = per_axis("spacings", count); !spacing.empty()) {
-            if (directed) {
-                fields_.corrupt("both 'spacings' and 'space directions'");
-            }
-            for (std::size_t a = 0; a < axes.size(); ++a) {
-                steps.at(a) = unit.converted(a, spacing[axes[a]]);
-            }
-        } else if (directed) {
+        const auto spacing = per_axis("spacings", count);
+        for (std::size_t a = 0; a < axes.size() && !spacing.empty(); ++a) {
+            steps.at(a) = unit.converted(a, spacing[axes[a]]);
+        }
+        if (directed) {
             const auto vectors = converted_vectors("space directions", unit);
             if (vectors.size() != count) {
                 fields_.corrupt("'space directions' and 'sizes' do not agree");
+            }
+            for (std::size_t i = 0; i < spacing.size(); ++i) {
+                if (!vectors[i].empty() && !std::isnan(spacing[i])) {
+                    fields_.corrupt(
+                        fmt::format("axis {} has both 'spacings' and 'space directions'", i));
+                }
             }
             header.oblique = !along_axes(layout.nodes, axes, vectors, steps);
             for (std::size_t a = 0; a < axes.size(); ++a) {
@@ -327,7 +302,7 @@ class Parser {
         layout.offset = static_cast<std::uint64_t>(std::max<std::int64_t>(bytes, 0));
         const std::string* const file = fields_.find("data file");
         if (file != nullptr) {
-            if (file->starts_with("LIST") || file->find('%') != std::string::npos) {
+            if (fields_.has_several_files()) {
                 fields_.unsupported("data spread over several files; join them into one");
             }
             if (file->empty()) {

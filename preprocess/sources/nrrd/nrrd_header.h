@@ -9,14 +9,16 @@
 
 #include "preprocess/sources/label_names/found_labels.h"
 #include "preprocess/sources/numbers/raw_layout.h"
+#include "preprocess/sources/wrapping/converted_source.h"
 
 namespace isonest::detail {
 
 struct NrrdHeader {
     /// But for `start`, which is the data file's.
     RawLayout layout;
-    std::string data_file;           ///< empty: the data follow the header
-    std::uint64_t header_bytes = 0;  ///< with the empty line that ends it
+    std::optional<StoredNumber> stored = {};  ///< in place of the layout's type
+    std::string data_file;                    ///< empty: the data follow the header
+    std::uint64_t header_bytes = 0;           ///< with the empty line that ends it
     /// Axes that run toward smaller world coordinates; the layout's origin is their low end's.
     std::array<bool, 3> backward{};
     /// Axes that are not along the world's: over the whole volume, nodes lie a tenth of a voxel or

@@ -28,6 +28,20 @@ double cells_along(const Int3& nodes, std::size_t axis) {
     return static_cast<double>(std::max<std::int64_t>(nodes[static_cast<int>(axis)] - 1, 1));
 }
 
+/// At a right angle to `v`: of the world's axes from `first` on, the one that is most so, made
+/// exact. That axis itself if `v` is zero.
+Double3 perpendicular(const Double3& v, std::size_t first) {
+    const double length = length_of(v);
+    std::size_t best = first;
+    for (std::size_t i = 1; i < 3; ++i) {
+        const std::size_t axis = (first + i) % 3;
+        best = std::fabs(v.at(axis)) < std::fabs(v.at(best)) ? axis : best;
+    }
+    Double3 normal{0, 0, 0};
+    normal.at(best) = 1;
+    return length > 0 ? sum(normal, times(v, -v.at(best) / (length * length))) : normal;
+}
+
 /// Gives an axis of one sample that has no direction one.
 void complete(const Int3& nodes, std::array<Double3, 3>& steps) {
     for (std::size_t a = 0; a < 3; ++a) {
@@ -38,8 +52,7 @@ void complete(const Int3& nodes, std::array<Double3, 3>& steps) {
         const Double3& c = steps.at((a + 2) % 3);
         Double3 normal = cross(b, c);
         if (!(length_of(normal) > 0)) {
-            normal = {0, 0, 0};
-            normal.at(a) = 1;
+            normal = perpendicular(length_of(b) > 0 ? b : c, a);
         }
         steps.at(a) = times(normal, 1 / length_of(normal));
     }

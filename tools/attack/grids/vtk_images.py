@@ -246,7 +246,7 @@ def xml(one):
         return checked
     expected, options, found = checked
     expected.refusals += ("LZ4",) * (packing == "lz4") + ("LZMA",) * (packing == "lzma") + ("several pieces",) * (pieces > 1)
-    expected.refusals += ("from high to low in a compressed stream",)
+    expected.may_be_turned = True
     return compare.differs(one, path, expected, **options)
 
 
@@ -321,7 +321,7 @@ def _xml_by_hand(one, path, image):
     if not isinstance(checked, tuple):
         return checked
     expected, options, _ = checked
-    expected.refusals += ("from high to low in a compressed stream",)
+    expected.may_be_turned = True
     return compare.differs(one, path, expected, **options)
 
 

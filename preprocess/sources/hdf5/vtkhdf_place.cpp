@@ -1,0 +1,59 @@
+#include "preprocess/sources/hdf5/vtkhdf_place.h"
+
+#include <array>
+#include <cstddef>
+#include <string_view>
+#include <vector>
+
+#include "preprocess/sources/hdf5/hdf5_axes.h"
+#include "store/hdf5/handles.h"
+
+namespace isonest::detail {
+
+std::optional<Placement> vtkhdf_place(hid_t file, const std::string& dataset, const Int3& nodes,
+                                      bool straight, const std::string& name) {
+    std::string_view path = dataset;
+    path.remove_prefix(path.starts_with('/') ? 1 : 0);
+    const bool of_cells = path.starts_with("VTKHDF/CellData/");
+    if (!of_cells && !path.starts_with("VTKHDF/PointData/")) {
+        return std::nullopt;
+    }
+    const QuietHdf5 quiet;
+    const GroupHandle group(H5Gopen2(file, "VTKHDF", H5P_DEFAULT));
+    if (!group.valid() || text_of_attribute(group.get(), "Type") != "ImageData") {
+        return std::nullopt;
+    }
+    const std::vector<double> extent = numbers_of_attribute(group.get(), "WholeExtent");
+    const std::vector<double> origin = numbers_of_attribute(group.get(), "Origin");
+    const std::vector<double> spacing = numbers_of_attribute(group.get(), "Spacing");
+    std::vector<double> direction = numbers_of_attribute(group.get(), "Direction");
+    if (direction.empty()) {
+        direction = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    }
+    if (extent.size() != 6 || origin.size() != 3 || spacing.size() != 3 || direction.size() != 9) {
+        return std::nullopt;
+    }
+    Double3 first{origin[0], origin[1], origin[2]};
+    std::array<Double3, 3> steps{};
+    for (std::size_t a = 0; a < 3; ++a) {
+        const double low = extent[2 * a];
+        const double high = extent[2 * a + 1];
+        const bool between = of_cells && high > low;
+        const auto count = static_cast<double>(nodes[static_cast<int>(a)]);
+        if (high - low + (between ? 0 : 1) != count) {
+            return std::nullopt;
+        }
+        for (std::size_t w = 0; w < 3; ++w) {
+            steps.at(a).at(w) = direction[3 * w + a] * spacing[a];
+            first.at(w) += steps.at(a).at(w) * (low + (between ? 0.5 : 0));
+        }
+    }
+    if (straight) {
+        Placement place;
+        place.origin = first;
+        return place;
+    }
+    return place_in_world(nodes, steps, first, name);
+}
+
+}  // namespace isonest::detail
