@@ -170,6 +170,22 @@ class Hdf5Input(Input):
             file["entry/flat"] = data[:1]
         self.refuses(2, "several volumes", "/entry/x [7] float64", "/entry/flat [1, 5, 7] uint8")
 
+    def test_numbers_that_were_never_written_are_the_fill_value(self):
+        for block in (0, 512, 4096):
+            with h5py.File(self.path, "w", userblock_size=block) as file:
+                file.create_dataset("v", (7, 24, 1), "i1")
+            self.reads(np.zeros((7, 24, 1), np.int8))
+        # Of an array that shrank along its last axis and grew again, which HDF5 1.10 lists in wrong places.
+        for libver in ("earliest", "latest"):
+            with h5py.File(self.path, "w", libver=libver) as file:
+                data = file.create_dataset("v", (1, 2, 7), "f4", maxshape=(1, 5, None), chunks=(1, 3, 3), compression="gzip", fillvalue=7)
+                data[...] = np.arange(100, 114).reshape(1, 2, 7)
+                data.resize(4, axis=2)
+                data.resize(7, axis=2)
+                expected = data[()]
+            self.assertEqual((expected == 7).sum(), 6)
+            self.reads(expected)
+
     def test_a_row_or_an_image_beside_an_array_of_four_axes_is_not_the_volume(self):
         data = RANDOM.integers(0, 99, (2, 6, 5, 7)).astype(np.uint8)
         for beside in (np.arange(7.0), data[0, 0]):

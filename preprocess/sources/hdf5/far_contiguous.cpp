@@ -15,7 +15,7 @@ std::unique_ptr<VolumeSource> open_far_contiguous(const InputFile& file, hid_t d
                                                   const std::string& name) {
     const PropertyHandle creation(H5Dget_create_plist(dataset));
     const TypeHandle stored(H5Dget_type(dataset));
-    const haddr_t offset = H5Dget_offset(dataset);
+    const haddr_t offset = offset_of_values(dataset);
     const TypeHandle swapped(H5Tcopy(number.memory_type));
     H5Tset_order(swapped.get(), H5T_ORDER_BE);
     RawLayout layout;

@@ -212,10 +212,11 @@ std::uint32_t Hdf5Chunks::load(const Int3& chunk, std::vector<std::byte>& stored
     std::transform(at.begin(), at.end(), fixed_.begin(), at.begin(), std::plus<>());
     hsize_t size = 0;
     std::uint32_t skipped = 0;
-    // Walks over all chunks at each call: only where the quick question fails, as it does for
-    // chunks that were never written.
+    // The second question walks over all chunks, and where an axis but the first may grow HDF5
+    // 1.10 has wrong answers to it.
     haddr_t address = HADDR_UNDEF;
     if (H5Dget_chunk_storage_size(dataset_, at.data(), &size) < 0 &&
+        !is_chunk_that_was_never_written() &&
         H5Dget_chunk_info_by_coord(dataset_, at.data(), &skipped, &address, &size) < 0) {
         throw Error(ErrorKind::io, place(chunk), "cannot be found: " + hdf5_message());
     }

@@ -197,6 +197,15 @@ DatasetShape shape_of(hid_t dataset) {
     return shape;
 }
 
+haddr_t offset_of_values(hid_t dataset) {
+    // Behind a user block, H5Dget_offset() adds this to HADDR_UNDEF.
+    return H5Dget_storage_size(dataset) > 0 ? H5Dget_offset(dataset) : HADDR_UNDEF;
+}
+
+bool is_chunk_that_was_never_written() {
+    return hdf5_message() == "chunk storage is not allocated";
+}
+
 std::string choose_dataset(hid_t file, const std::filesystem::path& path, bool indexed) {
     const Listing listing = list_datasets(file, path);
     if (!listing.whole) {

@@ -33,6 +33,11 @@ struct DatasetShape {
 };
 DatasetShape shape_of(hid_t dataset);
 
+/// Where the numbers of a contiguous dataset begin in its file; HADDR_UNDEF if none were written.
+haddr_t offset_of_values(hid_t dataset);
+/// Why H5Dget_chunk_storage_size() failed, for HDF5 1.10: the chunk was never written.
+bool is_chunk_that_was_never_written();
+
 /// The path of the dataset to read where none is named: the only one of those with the most axes,
 /// coordinates of axes left out. Where there is none, or `indexed`, the only one of more than 3.
 /// Throws Error{not_found, invalid_argument, corrupt}, listing what the file has.

@@ -509,7 +509,7 @@ class Hdf5Source : public VolumeSource {
     void map_contiguous() {
         const PropertyHandle creation(H5Dget_create_plist(dataset_.get()));
         const TypeHandle stored(H5Dget_type(dataset_.get()));
-        const haddr_t offset = H5Dget_offset(dataset_.get());
+        const haddr_t offset = offset_of_values(dataset_.get());
         if (!shape_.at.empty() || H5Pget_layout(creation.get()) != H5D_CONTIGUOUS ||
             offset == HADDR_UNDEF || H5Pget_external_count(creation.get()) != 0 ||
             H5Tequal(stored.get(), memory_type_.get()) <= 0 || offset % size_of(type_) != 0) {

@@ -89,7 +89,7 @@ def _filters(one, creation, made, values):
         elif name == "scaleoffset" and creation.get_nfilters() == 0 and values.dtype.kind in "iu" and made.get_class() == h5py.h5t.INTEGER:
             if made.get_precision() == 8 * made.get_size():
                 creation.set_scaleoffset(h5py.h5z.SO_INT, 0)
-        elif name == "scaleoffset" and creation.get_nfilters() == 0 and values.dtype.kind == "f" and np.abs(values).max() < 1e6 and \
+        elif name == "scaleoffset" and creation.get_nfilters() == 0 and values.dtype.kind == "f" and np.abs(values).max(initial=0) < 1e6 and \
                 made.get_size() in (4, 8):
             creation.set_scaleoffset(h5py.h5z.SO_FLOAT_DSCALE, 2)
             exact = False

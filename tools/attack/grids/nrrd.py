@@ -123,12 +123,12 @@ class File:
             self.fields.append("units: " + self.list([f'"{unit}"' for unit in units]))
             self._take_units([units[i] for i in self.wide], [self.sizes[i] for i in self.wide])
             for i in self.wide if self.unit else ():
-                scale = LENGTHS[units[i]][1] / self.scale if units[i] else 1
+                scale = LENGTHS[units[i]][1] / self.scale if units[i] in LENGTHS else 1
                 self.origin[i] *= scale
                 self.steps[i] *= scale if (known[i] if way == "ends" else steps[i] == steps[i]) else 1
 
     def _take_units(self, units, sizes):
-        counted = [unit for unit, n in zip(units, sizes) if n > 1 or unit]
+        counted = [unit for unit, n in zip(units, sizes) if n > 1 or unit in LENGTHS]
         if any(counted) and all(unit in LENGTHS for unit in counted):
             self.unit, self.scale = LENGTHS[counted[0]]
 
@@ -167,6 +167,8 @@ class File:
         if one.chance(0.4):
             units = one.pick([one.pick(*UNITS)] * self.world, [one.pick(*UNITS) for _ in range(self.world)],
                              [one.pick("mm", "cm", "um") for _ in range(self.world)])
+            if "sheared" in self.refusals:  # which units that differ might undo
+                units = units[:1] * self.world
             self.fields.append("space units: " + self.list([f'"{unit}"' for unit in units]))
             self._take_units(units[:w], [2] * w)
             if self.unit:
