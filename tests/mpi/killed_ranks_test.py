@@ -61,7 +61,7 @@ class KilledRanks(unittest.TestCase):
                     os.kill(generator.choice(alive), signal.SIGKILL)
                 except ProcessLookupError:
                     pass  # it was done
-            code = process.wait(timeout=120)
+            code = ranks.ended(process, self.program)
             killed += code != 0
             with self.subTest(kill=i, code=code):
                 if code == 0:
@@ -144,7 +144,7 @@ class KilledRanks(unittest.TestCase):
                     os.kill(rank, signal.SIGTERM)
                 except ProcessLookupError:
                     pass  # it was done
-            code = process.wait(timeout=120)
+            code = ranks.ended(process, self.program)
             codes.add(code)
             with self.subTest(signal=i, code=code):
                 self.assertEqual(store.exists(), code == 0)

@@ -40,6 +40,18 @@ def started(count, program, *arguments):
                             stderr=subprocess.DEVNULL)
 
 
+def ended(process, program, timeout=120):
+    """The launcher's exit code. mpirun (Open MPI 4.1, PMIx 4.2) may stand for ever when a rank was killed, in
+    PMIx_server_finalize(), after all ranks have ended: then it is killed, too."""
+    try:
+        return process.wait(timeout=timeout)
+    except subprocess.TimeoutExpired:
+        if processes_of(program):
+            raise
+        process.kill()
+        return process.wait()
+
+
 def launched_apart(*commands, timeout=300):
     """The finished process of the launcher of one rank for each command, a program with its arguments."""
     parts = [part for command in commands for part in (":", "-n", "1", *map(str, command))]
