@@ -144,7 +144,7 @@ class KilledRanks(unittest.TestCase):
                     os.kill(rank, signal.SIGTERM)
                 except ProcessLookupError:
                     pass  # it was done
-            code = ranks.ended(process, self.program)
+            code = process.wait(timeout=120)
             codes.add(code)
             with self.subTest(signal=i, code=code):
                 self.assertEqual(store.exists(), code == 0)
