@@ -39,7 +39,7 @@ haddr_t offset_of_values(hid_t dataset);
 bool is_chunk_that_was_never_written();
 
 /// The path of the dataset to read where none is named: the only one of those with the most axes,
-/// coordinates of axes left out. Where there is none, or `indexed`, the only one of more than 3.
+/// coordinates of axes left out. Where none has 3, or `indexed`, the only one of more than 3.
 /// Throws Error{not_found, invalid_argument, corrupt}, listing what the file has.
 std::string choose_dataset(hid_t file, const std::filesystem::path& path, bool indexed);
 
