@@ -1,11 +1,13 @@
 #include "preprocess/sources/hdf5/vtkhdf_place.h"
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <string_view>
 #include <vector>
 
 #include "preprocess/sources/hdf5/hdf5_axes.h"
+#include "preprocess/sources/placement/vtk_grid.h"
 #include "store/hdf5/handles.h"
 
 namespace isonest::detail {
@@ -26,13 +28,14 @@ std::optional<Placement> vtkhdf_place(hid_t file, const std::string& dataset, co
     const std::vector<double> extent = numbers_of_attribute(group.get(), "WholeExtent");
     const std::vector<double> origin = numbers_of_attribute(group.get(), "Origin");
     const std::vector<double> spacing = numbers_of_attribute(group.get(), "Spacing");
-    std::vector<double> direction = numbers_of_attribute(group.get(), "Direction");
-    if (direction.empty()) {
-        direction = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-    }
-    if (extent.size() != 6 || origin.size() != 3 || spacing.size() != 3 || direction.size() != 9) {
+    const std::vector<double> direction = numbers_of_attribute(group.get(), "Direction");
+    VtkGrid grid;
+    if (extent.size() != 6 || origin.size() != 3 || spacing.size() != 3 ||
+        (!direction.empty() && direction.size() != grid.direction.size())) {
         return std::nullopt;
     }
+    std::copy(direction.begin(), direction.end(), grid.direction.begin());
+    std::copy(spacing.begin(), spacing.end(), grid.spacing.begin());
     Double3 first{origin[0], origin[1], origin[2]};
     std::array<Double3, 3> steps{};
     for (std::size_t a = 0; a < 3; ++a) {
@@ -43,10 +46,8 @@ std::optional<Placement> vtkhdf_place(hid_t file, const std::string& dataset, co
         if (high - low + (between ? 0 : 1) != count) {
             return std::nullopt;
         }
-        for (std::size_t w = 0; w < 3; ++w) {
-            steps.at(a).at(w) = direction[3 * w + a] * spacing[a];
-            first.at(w) += steps.at(a).at(w) * (low + (between ? 0.5 : 0));
-        }
+        steps.at(a) = grid.step(a);
+        to_first_sample(first, steps.at(a), low, between);
     }
     if (straight) {
         Placement place;

@@ -156,8 +156,8 @@ class VtiReader {
         } else if (tag == "ImageData") {
             image_ = numbers(attributes, "WholeExtent", header_.extent);
             numbers(attributes, "Origin", header_.origin);
-            numbers(attributes, "Spacing", header_.spacing);
-            numbers(attributes, "Direction", header_.direction);
+            numbers(attributes, "Spacing", header_.grid.spacing);
+            numbers(attributes, "Direction", header_.grid.direction);
         } else if (tag == "Piece") {
             std::array<std::int64_t, 6> extent = header_.extent;
             numbers(attributes, "Extent", extent);

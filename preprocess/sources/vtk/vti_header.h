@@ -9,6 +9,7 @@
 #include <isonest/int3.h>
 
 #include "preprocess/sources/bytes/input_file.h"
+#include "preprocess/sources/placement/vtk_grid.h"
 
 namespace isonest::detail {
 
@@ -27,9 +28,8 @@ struct VtiHeader {
     bool wide = false;  ///< sizes have 64 bits
     std::string compressor;
     std::array<std::int64_t, 6> extent{};
-    Double3 spacing{1, 1, 1};
+    VtkGrid grid;
     Double3 origin{0, 0, 0};
-    std::array<double, 9> direction{1, 0, 0, 0, 1, 0, 0, 0, 1};  ///< rows; axes are its columns
     std::vector<VtiArray> arrays;
     std::string encoding;        ///< of appended data: "raw" or "base64"
     std::uint64_t appended = 0;  ///< the byte behind the mark

@@ -89,11 +89,8 @@ void set_place(const VtiHeader& header, const VtiArray& given, bool straight, Pl
         }
         const bool between = given.of_cells && high > low;
         array.axes.push_back({kNames.at(i), high - low + (between ? 0 : 1), true});
-        Double3 step{};
-        for (std::size_t w = 0; w < 3; ++w) {
-            step.at(w) = header.direction.at(3 * w + i) * header.spacing.at(i);
-            array.first.at(w) += step.at(w) * (static_cast<double>(low) + (between ? 0.5 : 0));
-        }
+        const Double3 step = header.grid.step(i);
+        to_first_sample(array.first, step, static_cast<double>(low), between);
         if (!straight) {
             array.steps.push_back(step);
         }
