@@ -4,6 +4,7 @@
 usage: dicom_input_test.py ISONEST PLUGIN_FOLDER
 """
 import pathlib
+import re
 import shutil
 import signal
 import struct
@@ -320,7 +321,7 @@ class Dicom(DamagedFiles, Module, Input):
                 for order in (None, [3, 1, 0, 2, 5, 4]):
                     with self.subTest(implicit=implicit, undefined=undefined, order=order):
                         self.enhanced(implicit, order, undefined)
-                        self.reads((self.data * 2 - 7).astype("i4"))
+                        self.reads(self.data.astype("i4") * 2 - 7)
                         self.lies([1, 2, 3], [0.25, 0.5, 2])
 
     def packed(self, *options):
@@ -438,11 +439,57 @@ class Dicom(DamagedFiles, Module, Input):
         (self.path / "a.txt").write_text("nothing")
         self.refuses(5, "DICOM", "TIFF")
         self.image(self.data[0], "b.dcm", PixelData=None)
+        self.refuses(4, "b.dcm", "without pixels")
+        self.report("b.dcm")
         self.refuses(5, "no DICOM images")
         self.image(self.data[0], "b.dcm", PhotometricInterpretation="MONOCHROME1", PixelPaddingValue=3)
         done = self.reads(self.data[:1])
         self.assertIn("MONOCHROME1", done.stdout + done.stderr)
         self.assertIn("stored as 3", done.stdout + done.stderr)
+
+    def report(self, name):
+        """An object that is no image."""
+        self.image(self.data[0], name, PixelData=None)
+        report = pydicom.dcmread(self.path / name)
+        report.file_meta.MediaStorageSOPClassUID = report.SOPClassUID = "1.2.840.10008.5.1.4.1.1.88.11"
+        report.save_as(self.path / name)
+
+    def test_a_slice_at_the_end_that_was_cut_is_not_left_out(self):
+        self.stack(self.data)
+        last = self.path / "im4.dcm"  # at the largest z
+        whole = last.read_bytes()
+        elements = [m.start() for m in re.finditer(rb"\x28\0\x10\0|\x20\0\x0e\0", whole)]
+        self.assertEqual(len(elements), 2)
+        for size in (0, 1, 23, 85, 128, 131, 132, *elements):
+            with self.subTest(size=size):
+                last.write_bytes(whole[:size])
+                self.refuses(4, "im4.dcm")
+        for name in ("im4", "im4.IMA"):
+            last = last.rename(self.path / name)
+            last.write_bytes(bytes(85))
+            self.refuses(4, name, "has no DICM after 128 bytes")
+        # Another file is left out, and so is an object that is no image.
+        last.unlink()
+        (self.path / "README").write_text("not DICOM")
+        (self.path / "._im1.dcm").write_text("of a file system without forks")
+        (self.path / "done").touch()
+        self.report("sr.dcm")
+        done = self.reads(self.data[:5])
+        self.assertIn("3 files that are no DICOM images", done.stdout + done.stderr)
+
+    def test_texts_that_are_no_numbers_are_not_left_out(self):
+        self.image(self.data[0], "a.dcm", position=(11, 22, 33), RescaleSlope="2.000000", RescaleIntercept="+1.00000")
+        good = (self.path / "a.dcm").read_bytes()
+        self.reads(self.data[:1].astype("i4") * 2 + 1)
+        for before, after in ((b"2.000000", b"2_0     "), (b"2.000000", b"2,0     "), (b"2.000000", b"nan     "), (b"+1.00000", b"+-1.0   "),
+                              (b"+1.00000", b"1.0 \0 3 "), (b"+1.00000", b"0x10    "), (b"2.000000", b"1e999   "), (b"0.5\\0.25", b"0.5 0.25"),
+                              (b"11\\22\\33", b"11\\2x\\33"), (b"11\\22\\33", b"11\\  \\33"), (b"11\\22\\33", b"11\\22 33")):
+            with self.subTest(after=after):
+                self.assertEqual(good.count(before), 1)
+                (self.path / "a.dcm").write_bytes(good.replace(before, after))
+                self.refuses(4, "a.dcm")
+        (self.path / "a.dcm").write_bytes(good.replace(b"+1.00000", b" +1.0 \0\0"))
+        self.reads(self.data[:1].astype("i4") * 2 + 1)
 
     def test_frames_that_would_take_much_memory(self):
         count = 200000

@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <charconv>
+#include <cmath>
 #include <fstream>
 #include <string_view>
 
@@ -53,6 +55,12 @@ DicomSyntax syntax_of(const std::string& uid, const std::string& name) {
     return {uid, true, false, false};
 }
 
+std::string without_padding(const std::string& text) {
+    const std::size_t last = text.find_last_not_of(std::string_view(" \0", 2));
+    const std::size_t first = text.find_first_not_of(' ');
+    return last == std::string::npos ? std::string{} : text.substr(first, last + 1 - first);
+}
+
 }  // namespace
 
 bool is_dicom_file(const std::filesystem::path& path) {
@@ -60,6 +68,24 @@ bool is_dicom_file(const std::filesystem::path& path) {
     std::array<char, kPreamble + 4> head{};
     return file.read(head.data(), head.size()) &&
            std::string_view(head.data() + kPreamble, 4) == "DICM";
+}
+
+bool was_dicom_file(const std::filesystem::path& path) {
+    std::string ending = path.extension().string();
+    std::transform(ending.begin(), ending.end(), ending.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    if (ending == ".dcm" || ending == ".dicom" || ending == ".ima") {
+        return true;
+    }
+    std::error_code error;
+    const std::uintmax_t size = std::filesystem::file_size(path, error);
+    if (error || size == 0 || size >= kPreamble + 4) {
+        return false;
+    }
+    std::ifstream file(path, std::ios::binary);
+    std::string head(size, '\1');
+    file.read(head.data(), static_cast<std::streamsize>(size));
+    return head.substr(0, kPreamble).find_first_not_of('\0') == std::string::npos;
 }
 
 DicomFile::DicomFile(const std::filesystem::path& path)
@@ -231,11 +257,22 @@ DicomElement DicomFile::visit(const Visitor& visitor) {
 }
 
 std::string DicomFile::text(const DicomElement& element) {
-    std::string result = bytes(element.at, std::min(element.length, kMostText));
-    const std::size_t last = result.find_last_not_of(std::string_view(" \0", 2));
-    result.resize(last == std::string::npos ? 0 : last + 1);
-    const std::size_t first = result.find_first_not_of(' ');
-    return first == std::string::npos ? std::string{} : result.substr(first);
+    return without_padding(bytes(element.at, std::min(element.length, kMostText)));
+}
+
+double DicomFile::decimal(const DicomElement& element, const std::string& text) const {
+    const char* const end = text.data() + text.size();
+    const bool has_plus = text.front() == '+' && !text.starts_with("+-");
+    const char* const begin = text.data() + (has_plus ? 1 : 0);
+    double value = 0;
+    const auto [stop, error] = std::from_chars(begin, end, value);
+    if (error != std::errc{} || stop != end || !std::isfinite(value)) {
+        throw Error(
+            ErrorKind::corrupt,
+            {name_, fmt::format("({:04x},{:04x})", element.tag >> 16U, element.tag & 0xFFFFU)},
+            fmt::format("\"{}\" is no number", text), {{RemedyKind::good_copy}});
+    }
+    return value;
 }
 
 std::vector<double> DicomFile::numbers(const DicomElement& element) {
@@ -265,13 +302,9 @@ std::vector<double> DicomFile::numbers(const DicomElement& element) {
     } else {
         for (std::size_t at = 0; at < all.size();) {
             const std::size_t end = std::min(all.find('\\', at), all.size());
-            std::size_t from = at;
-            while (from < end && (all[from] == ' ' || all[from] == '+')) {
-                ++from;
-            }
-            double value = 0;
-            if (std::from_chars(all.data() + from, all.data() + end, value).ec == std::errc{}) {
-                result.push_back(value);
+            const std::string value = without_padding(all.substr(at, end - at));
+            if (!value.empty()) {
+                result.push_back(decimal(element, value));
             }
             at = end + 1;
         }

@@ -69,8 +69,8 @@ class DicomFile {
 
     /// A value that is text, without padding; less where it is longer than 64 KiB.
     std::string text(const DicomElement& element);
-    /// Values that are text ("1.5\\2") or, by their VR, binary. Those that are no numbers are left
-    /// out.
+    /// Values that are text ("1.5\\2") or, by their VR, binary. Empty ones are left out.
+    /// Throws Error{corrupt} for a text that is no finite number.
     std::vector<double> numbers(const DicomElement& element);
     /// The first of unsigned 16 bits (US), or 0.
     std::uint16_t whole(const DicomElement& element);
@@ -92,6 +92,7 @@ class DicomFile {
     std::uint64_t sequence(const DicomElement& of, std::uint64_t end, const Coding& coding,
                            int depth);
     void read_own_group();
+    double decimal(const DicomElement& element, const std::string& text) const;
 
     std::string name_;
     std::unique_ptr<ByteReader> reader_;
@@ -107,5 +108,10 @@ class DicomFile {
 
 /// Whether the file begins as one; false for what cannot be read.
 bool is_dicom_file(const std::filesystem::path& path);
+
+/// Whether a file that does not begin as one looks like what is left of one: by its name (.dcm,
+/// .dicom, .ima), or zeros alone that end in or before the four letters. False for what cannot be
+/// read.
+bool was_dicom_file(const std::filesystem::path& path);
 
 }  // namespace isonest::detail

@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <string_view>
 
 #include <isonest/error.h>
 
@@ -76,14 +78,16 @@ class HeaderVisitor {
         return value && std::fabs(*value) < 9e15 ? std::optional(static_cast<std::int64_t>(*value))
                                                  : std::nullopt;
     }
-    /// Fewer or other than finite numbers are none.
+    /// Without values, as an element of type 2 may be, there are none.
     template <std::size_t N>
     std::optional<std::array<double, N>> several(const DicomElement& e) {
         const std::vector<double> all = file_.numbers(e);
         std::array<double, N> result{};
-        if (all.size() < N ||
-            !std::all_of(all.begin(), all.begin() + N, [](double v) { return std::isfinite(v); })) {
+        if (all.empty()) {
             return std::nullopt;
+        }
+        if (all.size() < N) {
+            file_.fail(e.at, fmt::format("there are {} numbers, of {}", all.size(), N));
         }
         std::copy_n(all.begin(), N, result.begin());
         return result;
@@ -216,6 +220,18 @@ class HeaderVisitor {
     std::vector<DicomTag> path_;
 };
 
+/// Whether objects of this SOP class always have pixels (PS3.3, A.3 and following; PS3.6, A):
+/// slices of CT, MR and PET, and what else may hold a volume. A dose need not have them.
+bool is_image_class(std::string_view uid) {
+    constexpr std::string_view kStorage = "1.2.840.10008.5.1.4.1.1.";
+    constexpr std::array<std::string_view, 24> kImages{
+        "2",   "2.1", "2.2",  "3.1", "4",     "4.1", "4.3",    "4.4",
+        "6.2", "7",   "7.1",  "7.2", "7.3",   "7.4", "13.1.1", "13.1.2",
+        "20",  "30",  "66.4", "128", "128.1", "130", "481.1",  "77.1.5.4"};
+    return uid.starts_with(kStorage) &&
+           std::find(kImages.begin(), kImages.end(), uid.substr(kStorage.size())) != kImages.end();
+}
+
 /// Nuclear medicine has the place of a reconstruction, which has a spacing between slices, with its
 /// detector (PS3.3, C.8.4.11 and C.8.4.15).
 void use_detector(DicomHeader& header) {
@@ -296,6 +312,8 @@ DicomHeader read_dicom_header(DicomFile& file, std::uint64_t most_bytes) {
     if (header.pixels.tag != 0) {
         use_detector(header);
         check(file, header);
+    } else if (is_image_class(file.class_uid())) {
+        file.fail(file.size(), "an image without pixels: the file may have been cut short");
     }
     return header;
 }

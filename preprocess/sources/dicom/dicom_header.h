@@ -69,8 +69,8 @@ struct DicomHeader {
 };
 
 /// Throws Error{corrupt, io, unsupported}: colours, bits that are no bytes; and Error{limit} where
-/// what is said of the frames, one by one, takes more than `most_bytes`. An object that is no image
-/// has no pixels.
+/// what is said of the frames, one by one, takes more than `most_bytes`. An object of a class that
+/// is no image has no pixels; an image without them is corrupt.
 DicomHeader read_dicom_header(DicomFile& file, std::uint64_t most_bytes);
 
 }  // namespace isonest::detail

@@ -177,6 +177,13 @@ DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files,
     std::size_t slices = 0;
     for (std::size_t i = 0; i < files.size(); ++i) {
         if (!is_dicom_file(files[i])) {
+            // Without it a series would lose a slice at its end without a word.
+            if (was_dicom_file(files[i])) {
+                throw Error(ErrorKind::corrupt, {files[i].string()},
+                            "it is named or begins like a DICOM image, but has no DICM after 128 "
+                            "bytes; another file is to lie elsewhere",
+                            {{RemedyKind::good_copy}});
+            }
             ++folder.others;
             continue;
         }

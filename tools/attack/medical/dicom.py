@@ -14,6 +14,8 @@ from .dicom_files import (SYNTAXES, Bits, Dataset, Sequence, bits, image, meanin
                           text, uid)
 
 warnings.simplefilter("ignore")
+from pydicom.uid import BasicTextSRStorage  # noqa: E402
+
 dicomwrappers = attack.require("nibabel.nicom.dicomwrappers")
 
 
@@ -87,7 +89,7 @@ def dicom(one):
     volume = volumes.Volume(values, p.affine(), unit, dtype)
     if one.chance(0.2):
         (folder / "notes.txt").write_text("nothing")
-        image(one, folder / "report", stored[0], Bits(8, 8, 7, False), PixelData=None, series=uid(one))  # without pixels
+        image(one, folder / "report", stored[0], Bits(8, 8, 7, False), PixelData=None, series=uid(one), kind=BasicTextSRStorage)
     given = _given(one, folder, files)
     if one.chance(0.15):
         other = uid(one)

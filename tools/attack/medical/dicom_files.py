@@ -116,15 +116,15 @@ def uid(one):
     return "1.2." + ".".join(str(int(one.random.integers(1, 10**8))) for _ in range(3))
 
 
-def image(one, path, values, b, *, syntax=ExplicitVRLittleEndian, series="1.2.3", noise=True, clutters=True, **elements):
+def image(one, path, values, b, *, syntax=ExplicitVRLittleEndian, series="1.2.3", kind=CTImageStorage, noise=True, clutters=True, **elements):
     """Writes a file of an image, [y, x], or of frames, [frame, y, x]. Elements that are None are left out."""
     meta = FileMetaDataset()
-    meta.MediaStorageSOPClassUID = CTImageStorage
+    meta.MediaStorageSOPClassUID = kind
     meta.MediaStorageSOPInstanceUID = elements.get("SOPInstanceUID") or uid(one)
     meta.TransferSyntaxUID = syntax
     d = FileDataset(str(path), {}, file_meta=meta, preamble=b"\0" * 128)
     d.is_little_endian, d.is_implicit_VR = syntax != ExplicitVRBigEndian, syntax == ImplicitVRLittleEndian
-    d.SOPClassUID, d.SOPInstanceUID = CTImageStorage, meta.MediaStorageSOPInstanceUID
+    d.SOPClassUID, d.SOPInstanceUID = kind, meta.MediaStorageSOPInstanceUID
     d.SeriesInstanceUID, d.StudyInstanceUID, d.Modality, d.PatientName = series, "1.2.9", "CT", "Nobody"
     d.Rows, d.Columns = values.shape[-2:]
     if values.ndim == 3:
