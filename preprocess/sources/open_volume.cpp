@@ -206,6 +206,32 @@ const VolumeFormat& format_of(const VolumeInput& input) {
                 fmt::format("there is no volume in this folder; what is read:{}", names));
 }
 
+/// Whether the error is one of the contents of a file that the input names (a header's data).
+bool is_of_named_file(const Error& error, const VolumeInput& input) {
+    const std::string& file = error.place().file;
+    return error.kind() != ErrorKind::io && error.kind() != ErrorKind::limit && !file.empty() &&
+           !file.starts_with(input.name()) &&
+           std::none_of(
+               input.paths.begin(), input.paths.end(),
+               [&](const std::filesystem::path& path) { return file.starts_with(path.native()); });
+}
+
+/// Errors of a file that the input names say which input that is: its reader may not know that it
+/// names one.
+std::unique_ptr<VolumeSource> opened(const VolumeFormat& format, const VolumeInput& input,
+                                     const SourceOptions& options) {
+    try {
+        return format.open(input, options);
+    } catch (const Error& error) {
+        if (!is_of_named_file(error, input)) {
+            throw;
+        }
+        throw Error(error.kind(), error.place(),
+                    fmt::format("{} ({} names this file)", error.problem(), input.name()),
+                    error.remedies());
+    }
+}
+
 }  // namespace
 
 std::vector<InputFormat> input_formats() {
@@ -238,7 +264,7 @@ std::unique_ptr<VolumeSource> open_volume(const std::vector<std::filesystem::pat
         throw Error(ErrorKind::invalid_argument, {options.label_names.string()},
                     "a table of labels is for volumes that are opened as labels");
     }
-    std::unique_ptr<VolumeSource> source = format.open(input, options);
+    std::unique_ptr<VolumeSource> source = opened(format, input, options);
     if (!options.label_names.empty()) {
         source = with_label_names(std::move(source),
                                   read_label_file(options.label_names, options.max_heap),

@@ -6,6 +6,7 @@ usage: tiff_input_test.py ISONEST PLUGIN_FOLDER
 import itertools
 import pathlib
 import shutil
+import struct
 import subprocess
 import sys
 import unittest
@@ -304,6 +305,19 @@ class Tiff(DamagedFiles, Input):
         empty.mkdir()
         self.path = empty
         self.refuses(5, "no volume in this folder", "TIFF")
+
+    def test_a_damaged_tag_that_decides_numbers_is_not_left_out(self):
+        data = numbers((3, 20, 17))
+        for tag, options in ((317, {"compression": "zlib", "predictor": True}), (339, {}), (324, {"tile": (16, 16)}), (273, {})):
+            with self.subTest(tag=tag):
+                tifffile.imwrite(self.path, data.astype("i2"), photometric="minisblack", metadata=None, **options)
+                with tifffile.TiffFile(self.path) as file:
+                    at = file.pages[2].tags[tag].offset
+                whole = bytearray(self.path.read_bytes())
+                self.reads(data.astype("i2"))
+                whole[at + 2:at + 4] = struct.pack("<H", 1 if tag in (273, 324) else 2)  # of another type
+                self.path.write_bytes(whole)
+                self.refuses(4, "page 2: its directory", tifffile.TIFF.TAGS[tag])
 
     def test_damaged_files(self):
         for options in ({}, {"tile": (16, 16)}, {"bigtiff": True}):

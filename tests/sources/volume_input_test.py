@@ -528,7 +528,7 @@ class NrrdInput(Input):
                 else:
                     self.path.write_bytes(header.encode() + b"\n\n" + stored)
                 if encoding == "gzip" and skip == -1:
-                    self.refuses(5, "byte skip: -1")
+                    self.refuses(5, "byte skip: -1", *(["v.data: ", f"({self.path} names this file)"] if detached else []))
                 else:
                     self.reads(self.data)
         for field, code in (("line skip: 1000000", 4), ("line skip: -1", 4), ("byte skip: -2", 4),

@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <cstring>
 #include <limits>
+#include <string_view>
 #include <utility>
 
 #include <isonest/error.h>
@@ -19,16 +20,42 @@ namespace {
 
 constexpr std::size_t kMostPages = 1000000;
 
-int keep_message(TIFF* /*file*/, void* to, const char* module, const char* format, va_list args) {
+std::string message(const char* module, const char* format, va_list args) {
     std::array<char, 512> text{};
     // NOLINTNEXTLINE(clang-analyzer-valist.Uninitialized): libtiff gives it
     static_cast<void>(std::vsnprintf(text.data(), text.size(), format, args));
-    *static_cast<std::string*>(to) = fmt::format("{}{}{}", module == nullptr ? "" : module,
-                                                 module == nullptr ? "" : ": ", text.data());
+    return fmt::format("{}{}{}", module == nullptr ? "" : module, module == nullptr ? "" : ": ",
+                       text.data());
+}
+
+int keep_message(TIFF* /*file*/, void* to, const char* module, const char* format, va_list args) {
+    *static_cast<std::string*>(to) = message(module, format, args);
     return 1;
 }
-int ignore_message(TIFF* /*file*/, void* /*to*/, const char* /*module*/, const char* /*format*/,
-                   va_list /*args*/) {
+
+/// Keeps a warning that a tag is left out, or read in spite of its type, by which numbers would be
+/// others.
+int keep_warning(TIFF* /*file*/, void* to, const char* module, const char* format, va_list args) {
+    constexpr std::array<std::string_view, 12> kTags{"BitsPerSample",
+                                                     "Compression",
+                                                     "FillOrder",
+                                                     "ImageDescription",
+                                                     "PhotometricInterpretation",
+                                                     "PlanarConfiguration",
+                                                     "Predictor",
+                                                     "SampleFormat",
+                                                     "SamplesPerPixel",
+                                                     "StripOffsets",
+                                                     "TileOffsets",
+                                                     "SubFileType"};
+    const std::string text = message(module, format, args);
+    const bool is_left_out = text.find("ignored") != std::string::npos ||
+                             text.find("Invalid data type") != std::string::npos;
+    if (is_left_out && std::any_of(kTags.begin(), kTags.end(), [&](std::string_view tag) {
+            return text.find(tag) != std::string::npos;
+        })) {
+        *static_cast<std::string*>(to) = text;
+    }
     return 1;
 }
 
@@ -99,10 +126,11 @@ void TiffPages::open(std::uint32_t file) {
     const std::unique_ptr<TIFFOpenOptions, decltype(&TIFFOpenOptionsFree)> options(
         TIFFOpenOptionsAlloc(), &TIFFOpenOptionsFree);
     TIFFOpenOptionsSetErrorHandlerExtR(options.get(), &keep_message, &problem_);
-    TIFFOpenOptionsSetWarningHandlerExtR(options.get(), &ignore_message, nullptr);
+    TIFFOpenOptionsSetWarningHandlerExtR(options.get(), &keep_warning, &warning_);
     TIFFOpenOptionsSetMaxSingleMemAlloc(
         options.get(), static_cast<tmsize_t>(std::max<std::uint64_t>(max_heap_, 16U << 20U)));
     problem_.clear();
+    warning_.clear();
     file_.reset(TIFFOpenExt(files_[file].c_str(), "rm", options.get()));
     open_ = file;
     if (!file_) {
@@ -115,6 +143,10 @@ void TiffPages::list(std::uint32_t file) {
     open(file);
     std::int64_t number = 0;
     do {
+        if (!warning_.empty()) {
+            problem_ = warning_;
+            fail(count(), "its directory is damaged");
+        }
         if (places_.size() >= kMostPages) {
             throw Error(ErrorKind::unsupported, {files_[file].string()},
                         fmt::format("more than {} pages", kMostPages));

@@ -93,6 +93,7 @@ class TiffPages {
     std::int64_t rows_ = 1;
     std::uint64_t buffer_bytes_ = 0;
     mutable std::string problem_;  ///< libtiff's last message
+    std::string warning_;          ///< its last one of a tag by which numbers would be others
     std::unique_ptr<TIFF, Close> file_;
     std::uint32_t open_ = ~std::uint32_t{0};
     std::int64_t current_ = -1;   ///< the page whose directory is read

@@ -175,7 +175,8 @@ def preprocessed(one, case, foreign=False):
     command = [*(("extract", path, "--iso", "100") if straight else ("preprocess", path, "--chunk", "8", "--indicators", "linf_bar")), "-o", output,
                "--threads", "2", *LIMITS, *case.options]
     # A message names the input, another file that the input names, or the option or space that is too small.
-    names = ["in/deep", f"error: {case.name}", *(f"error: {place}:" for place in ELSEWHERE), "error: --dims", "/out: temporary space"]
+    names = ["in/deep", f"error: {case.name}", *(f"error: {place}:" for place in ELSEWHERE), "/outside/secret.raw: ", "error: --dims",
+             "/out: temporary space"]
     done, result = watched(one, output, command, names, foreign)
     if done.code == "hang":
         # A good header of a huge volume is no damage: then a corner of it is read at once.
