@@ -251,6 +251,20 @@ TEST_CASE("a box cuts the surface at its faces, and only there") {
     }
 }
 
+TEST_CASE("the error bound in a box leaves out what lies outside of it") {
+    // Linear but for waves at one end, which no large element within the tolerance reaches.
+    FunctionVolume<float> volume({33, 33, 33}, [](Int3 n) {
+        const double waves = n.x > 20 ? 2 * std::sin(2.0 * static_cast<double>(n.y)) : 0;
+        return static_cast<float>(static_cast<double>(n.z) - 16.25 + waves);
+    });
+    for (const double error : {0.25, 0.5}) {
+        const Result part = surface(volume, 0, error, 8, WorldBox{{1, 1, 1}, {7.5, 30, 31}});
+        CHECK(surface(volume, 0, error).report.error_bound > 0.01);
+        CHECK(part.report.error_bound == part.report.value_rounding);
+        CHECK(part.mesh.triangles.size() > 10);
+    }
+}
+
 TEST_CASE(
     "a surface in a face of the volume or the box is all there, where other faces cut cells") {
     const auto area = [](const Mesh& mesh) {
