@@ -61,21 +61,15 @@ FarChunks::Place FarChunks::look_up(const Int3& chunk) {
         at[d] += shape_.at[d] / chunk_dims_[d] * chunk_dims_[d];
     }
     Place place;
-    hsize_t size = 0;
     const ErrorPlace where{fmt::format("the chunk from node {} {} {} on", chunk.x * chunk_.x,
                                        chunk.y * chunk_.y, chunk.z * chunk_.z)};
-    if (H5Dget_chunk_storage_size(dataset_, at.data(), &size) < 0) {
-        // As Hdf5Chunks asks.
-        haddr_t address = HADDR_UNDEF;
-        if (!is_chunk_that_was_never_written() &&
-            (H5Dget_chunk_info_by_coord(dataset_, at.data(), &place.skipped, &address, &size) < 0 ||
-             address != HADDR_UNDEF)) {
-            fail(where);
-        }
-        rethrow_failed_read(dataset_);
-        return place;
+    const std::optional<hsize_t> stored = stored_size_of_chunk(dataset_, at);
+    if (!stored) {
+        fail(where);
     }
+    const hsize_t size = *stored;
     if (size == 0) {
+        rethrow_failed_read(dataset_);
         return place;
     }
     if (size > most_stored_) {

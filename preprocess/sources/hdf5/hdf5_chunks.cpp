@@ -210,22 +210,17 @@ std::uint32_t Hdf5Chunks::load(const Int3& chunk, std::vector<std::byte>& stored
     std::vector<hsize_t> at =
         shape_.along_dims({chunk.x * chunk_.x, chunk.y * chunk_.y, chunk.z * chunk_.z}, 0);
     std::transform(at.begin(), at.end(), fixed_.begin(), at.begin(), std::plus<>());
-    hsize_t size = 0;
-    std::uint32_t skipped = 0;
-    // The second question walks over all chunks, and where an axis but the first may grow HDF5
-    // 1.10 has wrong answers to it.
-    haddr_t address = HADDR_UNDEF;
-    if (H5Dget_chunk_storage_size(dataset_, at.data(), &size) < 0 &&
-        !is_chunk_that_was_never_written() &&
-        H5Dget_chunk_info_by_coord(dataset_, at.data(), &skipped, &address, &size) < 0) {
+    const std::optional<hsize_t> size = stored_size_of_chunk(dataset_, at);
+    if (!size) {
         throw Error(ErrorKind::io, place(chunk), "cannot be found: " + hdf5_message());
     }
-    if (size > most_stored(chunk_bytes_)) {
+    if (*size > most_stored(chunk_bytes_)) {
         throw Error(ErrorKind::corrupt, place(chunk),
-                    fmt::format("takes {} bytes, its numbers only {}", size, chunk_bytes_));
+                    fmt::format("takes {} bytes, its numbers only {}", *size, chunk_bytes_));
     }
-    stored.resize(size);
-    if (size > 0 && H5Dread_chunk(dataset_, H5P_DEFAULT, at.data(), &skipped, stored.data()) < 0) {
+    stored.resize(*size);
+    std::uint32_t skipped = 0;
+    if (*size > 0 && H5Dread_chunk(dataset_, H5P_DEFAULT, at.data(), &skipped, stored.data()) < 0) {
         throw Error(ErrorKind::io, place(chunk), "cannot be read: " + hdf5_message());
     }
     return skipped;

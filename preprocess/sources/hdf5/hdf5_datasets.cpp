@@ -202,8 +202,16 @@ haddr_t offset_of_values(hid_t dataset) {
     return H5Dget_storage_size(dataset) > 0 ? H5Dget_offset(dataset) : HADDR_UNDEF;
 }
 
-bool is_chunk_that_was_never_written() {
-    return hdf5_message() == "chunk storage is not allocated";
+std::optional<hsize_t> stored_size_of_chunk(hid_t dataset, const std::vector<hsize_t>& at) {
+    // H5Dget_chunk_info_by_coord() walks over all chunks, and where an axis but the first may grow
+    // HDF5 1.10 has wrong answers to it.
+    hsize_t size = 0;
+    if (H5Dget_chunk_storage_size(dataset, at.data(), &size) >= 0) {
+        return size;
+    }
+    // HDF5 1.10 fails where no chunk of the dataset was ever written.
+    return hdf5_message() == "chunk storage is not allocated" ? std::optional<hsize_t>(0)
+                                                              : std::nullopt;
 }
 
 std::string choose_dataset(hid_t file, const std::filesystem::path& path, bool indexed) {

@@ -35,8 +35,9 @@ DatasetShape shape_of(hid_t dataset);
 
 /// Where the numbers of a contiguous dataset begin in its file; HADDR_UNDEF if none were written.
 haddr_t offset_of_values(hid_t dataset);
-/// Why H5Dget_chunk_storage_size() failed, for HDF5 1.10: the chunk was never written.
-bool is_chunk_that_was_never_written();
+/// How many bytes the chunk that begins at the element takes in its file: 0 if it was never
+/// written, none if HDF5 cannot say, and then hdf5_message() says why.
+std::optional<hsize_t> stored_size_of_chunk(hid_t dataset, const std::vector<hsize_t>& at);
 
 /// The path of the dataset to read where none is named: the only one of those with the most axes,
 /// coordinates of axes left out. Where none has 3, or `indexed`, the only one of more than 3.
