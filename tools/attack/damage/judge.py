@@ -183,8 +183,8 @@ def preprocessed(one, case, foreign=False):
         again = run(one, *command, "--crop", "0:2,0:2,0:2", *(() if straight else ("--force",)))
         if foreign:
             return attack.refused("library crashed: hang")
-        if again.code == 0 or again.code == 2 and "--crop" in again.err:
-            return attack.refused("a volume that takes longer than 10 s: a corner of it is read")
+        if again.code == 0 or again.code == 2 and "--crop" in again.err or again.code == 7 and "give at least --memory" in again.err:
+            return attack.refused("a volume that takes longer than 10 s: a corner of it is read, or needs more memory")
         return attack.wrong(f"no end within {SECONDS} s; a corner of the volume: {again.code} {again.err}")
     if result is not None:
         return result
