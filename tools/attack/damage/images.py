@@ -152,7 +152,8 @@ def tiff_fields(data):
 
 def read_tiff(path):
     with tifffile.TiffFile(path) as file:
-        if len(file.series) != 1:
+        # A part of 0 bytes is zeros to tifffile; libtiff looks how long it is.
+        if len(file.series) != 1 or any(0 in page.databytecounts for page in file.pages):
             raise ValueError
         return file.asarray()
 
