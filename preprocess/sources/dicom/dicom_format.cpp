@@ -153,7 +153,7 @@ std::vector<std::filesystem::path> files_below(const std::filesystem::path& fold
     return files;
 }
 
-/// The files that are looked at, and whether all of them have to be images.
+/// The files that are looked at.
 std::vector<std::filesystem::path> files_of(const VolumeInput& input) {
     if (input.folder) {
         return files_below(input.path());
