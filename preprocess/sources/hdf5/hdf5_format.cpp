@@ -16,16 +16,16 @@
 #include "preprocess/sources/bytes/file_identity.h"
 #include "preprocess/sources/bytes/input_file.h"
 #include "preprocess/sources/bytes/regular_file.h"
+#include "preprocess/sources/hdf5/exact_transfer.h"
 #include "preprocess/sources/hdf5/far_chunks.h"
 #include "preprocess/sources/hdf5/far_contiguous.h"
 #include "preprocess/sources/hdf5/hdf5_axes.h"
 #include "preprocess/sources/hdf5/hdf5_chunks.h"
 #include "preprocess/sources/hdf5/hdf5_datasets.h"
 #include "preprocess/sources/hdf5/hdf5_files.h"
-#include "preprocess/sources/hdf5/vtkhdf_place.h"
+#include "preprocess/sources/hdf5/hdf5_place.h"
 #include "preprocess/sources/numbers/raw_rows.h"
 #include "preprocess/sources/placement/axis_choice.h"
-#include "preprocess/sources/placement/axis_units.h"
 #include "preprocess/sources/placement/cf_convention.h"
 #include "preprocess/sources/wrapping/converted_source.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
@@ -94,11 +94,13 @@ class Hdf5Source : public VolumeSource {
         return reading(dataset_.get(), [this] { return said_scaling(); });
     }
     /// Axes whose coordinates run downward.
-    [[nodiscard]] const std::array<bool, 3>& backward() const { return backward_; }
+    [[nodiscard]] const std::array<bool, 3>& backward() const { return place_.in_world.backward; }
     [[nodiscard]] std::vector<std::string> notes() const override { return notes_; }
 
     [[nodiscard]] VolumeDescription describe() const override {
-        return {nodes_, type_, spacing_, origin_, name_, direction_, labels_, unit_};
+        const Placement& in_world = place_.in_world;
+        return {nodes_,  type_,      in_world.spacing, in_world.origin, name_, in_world.direction,
+                labels_, place_.unit};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override { return files_; }
     [[nodiscard]] std::string identity() const override {
@@ -207,15 +209,9 @@ class Hdf5Source : public VolumeSource {
         }
         unwritten_is_undefined_ = is_unwritten_undefined();
         set_chunks(options);
-        read_coordinates();
-        read_element_size();
-        read_place_of_image(options.spacing.has_value());
-        read_place("spacing", spacing_);
-        read_place("origin", origin_);
-        read_direction();
-        if (const auto unit = length_unit_from(text_of_attribute(dataset_.get(), "unit"))) {
-            unit_ = unit;
-        }
+        place_ = hdf5_place({file_.get(), dataset_.get(), dataset_name_, name_}, shape_, axes_,
+                            options.spacing.has_value());
+        notes_.insert(notes_.end(), place_.notes.begin(), place_.notes.end());
         if (input_.is_far()) {
             far_numbers_ = open_far_contiguous(input_, dataset_.get(), shape_,
                                                {memory_type_.get(), type_}, name_);
@@ -269,53 +265,6 @@ class Hdf5Source : public VolumeSource {
         }
     }
 
-    /// Evenly spaced coordinates of the axes place the volume in the world.
-    void read_coordinates() {
-        const CommonUnit common = common_unit(units_of_axes());
-        for (std::size_t i = 0; i < shape_.axes.size(); ++i) {
-            const Hdf5Axis& axis = axes_[shape_.axes[shape_.axes.size() - 1 - i]];
-            if (axis.uneven) {
-                notes_.push_back(fmt::format(
-                    "the coordinates '{}' are not evenly spaced: the nodes are placed 1 apart",
-                    axis.name));
-            }
-            if (!axis.even || axis.even->step == 0 || !common.places(i)) {
-                continue;
-            }
-            const bool alone = nodes_[static_cast<int>(i)] == 1;  // which has no spacing
-            const double step = alone ? 1 : common.converted(i, axis.even->step);
-            spacing_.at(i) = std::fabs(step);
-            origin_.at(i) = common.converted(i, axis.even->first);
-            if (step < 0) {
-                backward_.at(i) = true;
-                origin_.at(i) += step * static_cast<double>(nodes_[static_cast<int>(i)] - 1);
-            }
-        }
-        unit_ = common.unit;
-        notes_.insert(notes_.end(), common.notes.begin(), common.notes.end());
-    }
-
-    /// Axes that coordinates do not place have none.
-    [[nodiscard]] AxisUnits units_of_axes() const {
-        AxisUnits units;
-        for (std::size_t i = 0; i < shape_.axes.size(); ++i) {
-            const Hdf5Axis& axis = axes_[shape_.axes[shape_.axes.size() - 1 - i]];
-            const bool placed = axis.even && axis.even->step != 0;
-            units.at(i) = counted_unit(nodes_[static_cast<int>(i)], placed ? axis.unit : "");
-        }
-        return units;
-    }
-
-    /// Fiji's and ilastik's size of a voxel in micrometres, slowest axis first.
-    void read_element_size() {
-        if (const auto size = read_numbers(dataset_.get(), "element_size_um", 3);
-            size && shape_.axes.size() == 3 &&
-            std::all_of(size->begin(), size->end(), [](double s) { return s > 0; })) {
-            std::reverse_copy(size->begin(), size->end(), spacing_.begin());
-            unit_ = LengthUnit::micrometre;
-        }
-    }
-
     /// A part of a slab, to its place in the slab. What is not in the part is left as it is.
     void read_by_hdf5(const Slab& part, const Slab& slab, std::byte* dst) {
         const QuietHdf5 quiet;
@@ -333,9 +282,8 @@ class Hdf5Source : public VolumeSource {
         const SpaceHandle to(H5Screate_simple(static_cast<int>(size.size()), size.data(), nullptr));
         const std::vector<hsize_t> at = shape_.along_dims({0, part.y0 - slab.y0, 0}, 0);
         H5Sselect_hyperslab(to.get(), H5S_SELECT_SET, at.data(), nullptr, count.data(), nullptr);
-        const PropertyHandle transfer(H5Pcreate(H5P_DATASET_XFER));
         bool lossy = false;
-        H5Pset_type_conv_cb(transfer.get(), &stop_if_lossy, &lossy);
+        const PropertyHandle transfer = exact_transfer(lossy);
         if (H5Dread(dataset_.get(), memory_type_.get(), to.get(), from.get(), transfer.get(), dst) <
             0) {
             const std::string planes = fmt::format("planes {} to {}", z0, z0 + nz - 1);
@@ -360,75 +308,6 @@ class Hdf5Source : public VolumeSource {
         if (labels_) {
             const bool is_signed = H5Tget_sign(type.get()) == H5T_SGN_2;
             memory_type_ = TypeHandle(H5Tcopy(is_signed ? H5T_NATIVE_INT64 : H5T_NATIVE_UINT64));
-        }
-    }
-
-    /// HDF5 takes all negative integers of 64 bits for too long for float64.
-    static bool is_exact(hid_t from, const void* in, void* out) {
-        constexpr std::size_t kSize = 8;
-        if (H5Tget_class(from) != H5T_INTEGER || H5Tget_sign(from) != H5T_SGN_2 ||
-            H5Tget_size(from) != kSize || H5Tget_precision(from) != 8 * kSize) {
-            return false;
-        }
-        std::array<std::byte, kSize> bytes{};
-        std::memcpy(bytes.data(), in, kSize);
-        if (H5Tget_order(from) != H5Tget_order(H5T_NATIVE_INT64)) {
-            std::reverse(bytes.begin(), bytes.end());
-        }
-        std::int64_t value = 0;
-        std::memcpy(&value, bytes.data(), kSize);
-        constexpr std::int64_t kMost = std::int64_t{1} << 53U;
-        if (value < -kMost || value > kMost) {
-            return false;
-        }
-        const auto converted = static_cast<double>(value);
-        std::memcpy(out, &converted, kSize);
-        return true;
-    }
-
-    static H5T_conv_ret_t stop_if_lossy(H5T_conv_except_t kind, hid_t from, hid_t /*to*/, void* in,
-                                        void* out, void* lossy) {
-        if (kind == H5T_CONV_EXCEPT_PRECISION && is_exact(from, in, out)) {
-            return H5T_CONV_HANDLED;
-        }
-        if (kind != H5T_CONV_EXCEPT_PRECISION && kind != H5T_CONV_EXCEPT_RANGE_HI &&
-            kind != H5T_CONV_EXCEPT_RANGE_LOW && kind != H5T_CONV_EXCEPT_TRUNCATE) {
-            return H5T_CONV_UNHANDLED;
-        }
-        *static_cast<bool*>(lossy) = true;
-        return H5T_CONV_ABORT;
-    }
-
-    /// Of VTK's images.
-    void read_place_of_image(bool straight) {
-        const std::size_t parts = shape_.dims.size();
-        if (shape_.axes != std::vector<std::size_t>{0, 1, 2} || parts > 4) {
-            return;
-        }
-        if (const auto place = vtkhdf_place(file_.get(), dataset_name_, nodes_, straight, name_)) {
-            spacing_ = place->spacing;
-            origin_ = place->origin;
-            direction_ = place->direction;
-            backward_ = place->backward;
-        }
-    }
-
-    /// An attribute of three numbers, x first, or of one for each axis of the volume.
-    void read_place(const char* name, Double3& place) const {
-        for (const std::size_t count : {std::size_t{3}, shape_.axes.size()}) {
-            if (const auto numbers = read_numbers(dataset_.get(), name, count)) {
-                std::copy(numbers->begin(), numbers->end(), place.begin());
-                return;
-            }
-        }
-    }
-
-    /// VTK's matrix, row by row: its columns are the axes.
-    void read_direction() {
-        if (const auto numbers = read_numbers(dataset_.get(), "direction", 9)) {
-            for (std::size_t i = 0; i < 9; ++i) {
-                direction_.at(i % 3).at(i / 3) = (*numbers)[i];
-            }
         }
     }
 
@@ -552,12 +431,8 @@ class Hdf5Source : public VolumeSource {
     DatasetShape shape_;
     Int3 nodes_{1, 1, 1};
     ValueType type_ = ValueType::f32;
-    Double3 spacing_{1, 1, 1};
-    Double3 origin_{0, 0, 0};
-    Directions direction_ = kAlongWorld;
-    std::optional<LengthUnit> unit_;
     std::vector<Hdf5Axis> axes_;  ///< of the dataset
-    std::array<bool, 3> backward_{};
+    Hdf5Place place_;
     bool labels_ = false;    ///< the stored integers of 64 bits are labels
     bool unsigned_ = false;  ///< the stored integers are signed, and mean unsigned ones
     std::vector<std::string> notes_;

@@ -1,0 +1,38 @@
+// Where the nodes of an HDF5 dataset lie, by all that its file may say. Private to preprocess.
+#pragma once
+
+#include <hdf5.h>
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <isonest/length_unit.h>
+
+#include "preprocess/sources/hdf5/hdf5_axes.h"
+#include "preprocess/sources/hdf5/hdf5_datasets.h"
+#include "preprocess/sources/placement/placement.h"
+
+namespace isonest::detail {
+
+struct Hdf5Place {
+    Placement in_world = {};
+    std::optional<LengthUnit> unit = {};
+    std::vector<std::string> notes = {};  ///< of coordinates and units that are not taken
+};
+
+struct NamedDataset {
+    hid_t file;
+    hid_t dataset;
+    std::string path;  ///< in the file
+    std::string name;  ///< for messages
+};
+
+/// `axes`: of the dataset, as hdf5_axes() gives them. What is said later counts more: even
+/// coordinates of the axes, `element_size_um`, an image of VTK's, and the attributes `spacing`,
+/// `origin`, `direction`, `unit`. `straight`: spacing and directions are given by the user.
+/// Throws as place_in_world() does.
+Hdf5Place hdf5_place(const NamedDataset& of, const DatasetShape& shape,
+                     const std::vector<Hdf5Axis>& axes, bool straight);
+
+}  // namespace isonest::detail
