@@ -8,7 +8,7 @@
 
 #include "preprocess/sources/hdf5/vtkhdf_place.h"
 #include "preprocess/sources/placement/axis_units.h"
-#include "store/hdf5/handles.h"
+#include "store/container/hdf5_types.h"
 
 namespace isonest::detail {
 namespace {
