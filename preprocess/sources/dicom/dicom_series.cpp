@@ -181,7 +181,7 @@ DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files,
             if (was_dicom_file(files[i])) {
                 throw Error(ErrorKind::corrupt, {files[i].string()},
                             "it is named or begins like a DICOM image, but has no DICM after 128 "
-                            "bytes; another file is to lie elsewhere",
+                            "bytes: it is damaged, or another file, which should not lie here",
                             {{RemedyKind::good_copy}});
             }
             ++folder.others;
