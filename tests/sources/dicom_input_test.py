@@ -463,11 +463,11 @@ class Dicom(DamagedFiles, Module, Input):
         for size in (0, 1, 23, 85, 128, 131, 132, *elements):
             with self.subTest(size=size):
                 last.write_bytes(whole[:size])
-                self.refuses(4, "im4.dcm")
+                self.refuses(2 if size == 0 else 4, "im4.dcm")
         for name in ("im4", "im4.IMA"):
             last = last.rename(self.path / name)
             last.write_bytes(bytes(85))
-            self.refuses(4, name, "has no DICM after 128 bytes")
+            self.refuses(4, name, "after 128 bytes there is no DICM")
         # Another file is left out, and so is an object that is no image.
         last.unlink()
         (self.path / "README").write_text("not DICOM")

@@ -221,8 +221,11 @@ std::uint64_t DicomFile::sequence(const DicomElement& of, std::uint64_t end, con
 
 void DicomFile::read_own_group() {
     if (size() < kPreamble + 4 || bytes(kPreamble, 4) != "DICM") {
-        throw Error(ErrorKind::unsupported, {name_},
-                    "no DICOM file: after 128 bytes there is no DICM");
+        throw Error(
+            ErrorKind::corrupt, {name_},
+            "after 128 bytes there is no DICM: it is damaged, or no DICOM file, and then it "
+            "should not lie among them",
+            {{RemedyKind::good_copy}});
     }
     std::uint64_t at = kPreamble + 4;
     std::string uid;

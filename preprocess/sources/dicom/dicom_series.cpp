@@ -176,14 +176,8 @@ DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files,
     std::map<std::string, std::size_t> known;
     std::size_t slices = 0;
     for (std::size_t i = 0; i < files.size(); ++i) {
-        if (!is_dicom_file(files[i])) {
-            // Without it a series would lose a slice at its end without a word.
-            if (was_dicom_file(files[i])) {
-                throw Error(ErrorKind::corrupt, {files[i].string()},
-                            "it is named or begins like a DICOM image, but has no DICM after 128 "
-                            "bytes: it is damaged, or another file, which should not lie here",
-                            {{RemedyKind::good_copy}});
-            }
+        // A damaged file is an error: left out, it would make a series shorter without a word.
+        if (!is_dicom_file(files[i]) && !was_dicom_file(files[i])) {
             ++folder.others;
             continue;
         }
