@@ -143,10 +143,6 @@ void TiffPages::list(std::uint32_t file) {
     open(file);
     std::int64_t number = 0;
     do {
-        if (!warning_.empty()) {
-            problem_ = warning_;
-            fail(count(), "its directory is damaged");
-        }
         if (places_.size() >= kMostPages) {
             throw Error(ErrorKind::unsupported, {files_[file].string()},
                         fmt::format("more than {} pages", kMostPages));
@@ -155,6 +151,11 @@ void TiffPages::list(std::uint32_t file) {
         constexpr std::uint32_t kReduced = 1;
         if ((tag_or<std::uint32_t>(file_.get(), TIFFTAG_SUBFILETYPE, 0) & kReduced) == 0) {
             look_at({file, TIFFCurrentDirOffset(file_.get()), number});
+        }
+        // What look_at() does not read at all is told first.
+        if (!warning_.empty()) {
+            problem_ = warning_;
+            fail(number, "its directory is damaged");
         }
         ++number;
         problem_.clear();

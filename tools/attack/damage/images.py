@@ -38,12 +38,14 @@ def written_by(writer, name, array):
 
 def read_vtk(reader):
     def read(path):
-        one = reader()
+        one, said = reader(), []
+        for event in ("ErrorEvent", "WarningEvent"):
+            one.AddObserver(event, lambda *_: said.append(True))
         one.SetFileName(str(path))
         one.Update()
         image = one.GetOutput()
         array = numpy_support.vtk_to_numpy(image.GetPointData().GetArray(0))
-        if one.GetErrorCode() or array.ndim > 1:
+        if one.GetErrorCode() or said or array.ndim > 1:
             raise ValueError
         return array.reshape(image.GetDimensions()[::-1])
     return read
