@@ -110,8 +110,7 @@ class DicomFile {
 bool is_dicom_file(const std::filesystem::path& path);
 
 /// Whether a file that does not begin as one looks like what is left of one: by its name (.dcm,
-/// .dicom, .ima), or zeros alone that end in or before the four letters. False for what cannot be
-/// read.
+/// .dicom, .ima), also if it cannot be read, or zeros alone that end in or before the four letters.
 bool was_dicom_file(const std::filesystem::path& path);
 
 }  // namespace isonest::detail
