@@ -468,6 +468,10 @@ class Dicom(DamagedFiles, Module, Input):
             last = last.rename(self.path / name)
             last.write_bytes(bytes(85))
             self.refuses(4, name, "after 128 bytes there is no DICM")
+        last.unlink()
+        last = self.path / "im4.dcm"
+        last.symlink_to(self.here / "nothing")
+        self.refuses(3, "im4.dcm", "No such file")
         # Another file is left out, and so is an object that is no image.
         last.unlink()
         (self.path / "README").write_text("not DICOM")

@@ -95,6 +95,10 @@ class Tiff(DamagedFiles, Input):
         (self.path / "readme.txt").write_text("notes")
         (self.path / ".hidden.tif").write_text("")
         self.reads(data)
+        lost = self.path / "slice12.tif"
+        lost.symlink_to(self.here / "nothing")
+        self.refuses(3, "slice12.tif", "No such file")
+        lost.unlink()
         files = [self.path / name for name in sorted(names)]
         done = served.run([ISONEST, "preprocess", *files, "-o", self.here / "s.isonest", "--chunk", "8", "--force"],
                           capture_output=True, text=True)

@@ -56,6 +56,21 @@ class Zarr(Input):
         zarr.save_array(str(self.fresh()), data, filters=[numcodecs.Delta("i2")])
         self.refuses(5, "filter", "delta")
 
+    def test_a_chunk_that_is_a_link_to_nothing_is_not_missing(self):
+        for version in (2, 3):
+            with self.subTest(version=version):
+                data = numbers((7, 8, 9), "u1")
+                if version == 2:
+                    zarr.save_array(str(self.fresh()), data, chunks=(4, 4, 9), compressor=None)
+                    chunk = self.path / "1.0.0"
+                else:
+                    V3(self.fresh(), data, (2, 4, 9), shards=(4, 4, 9))
+                    chunk = self.path / "c/1/0/0"
+                self.reads(data)
+                chunk.unlink()
+                chunk.symlink_to(self.here / "nothing")
+                self.refuses(3, str(chunk), "No such file")
+
     def test_chunks_that_are_missing_have_the_fill_value(self):
         for kind, fill in (("i2", -7), ("f4", np.nan), ("f8", np.inf), ("u1", 255), ("f4", None), ("i8", 2**50), ("f2", 0)):
             data = np.full((13, 17, 19), 0 if fill is None else fill, kind)

@@ -9,6 +9,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/lower_case.h"
+#include "preprocess/sources/bytes/regular_file.h"
 
 namespace isonest::detail {
 namespace {
@@ -58,11 +59,10 @@ std::vector<std::filesystem::path> files_in(const std::filesystem::path& folder,
     for (auto entry = std::filesystem::directory_iterator(folder, error);
          !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
         const std::string extension = lower(entry->path().extension().string());
-        std::error_code unknown;
         if (entry->path().filename().string().starts_with('.') ||
             (!extensions.empty() &&
              std::find(extensions.begin(), extensions.end(), extension) == extensions.end()) ||
-            !entry->is_regular_file(unknown)) {
+            !is_file_of_folder(*entry)) {
             continue;
         }
         if (files.size() >= kMostFolderFiles) {

@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <system_error>
 
 #include <isonest/error.h>
 
@@ -56,6 +57,15 @@ std::string first_bytes(const InputFile& file, std::size_t count, std::uint64_t 
     }
     text.resize(static_cast<std::size_t>(n));
     return text;
+}
+
+bool is_file_of_folder(const std::filesystem::directory_entry& entry) {
+    using std::filesystem::file_type;
+    std::error_code error;
+    const file_type type = entry.status(error).type();
+    const bool leads_nowhere =
+        type == file_type::not_found || type == file_type::none || type == file_type::unknown;
+    return type == file_type::regular || (leads_nowhere && entry.is_symlink(error));
 }
 
 }  // namespace isonest::detail

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
 #include <string>
 
 #include "preprocess/sources/bytes/input_file.h"
@@ -15,5 +16,9 @@ std::string first_bytes(const InputFile& file, std::size_t count, std::uint64_t 
 /// Throws Error{not_found, invalid_argument, io} unless `file` is a readable regular file, or an
 /// object; gives its size.
 std::uint64_t regular_file_size(const InputFile& file);
+
+/// Whether what a folder has is a regular file, or a link that leads to nothing: left out of a list
+/// of files, that would be missing without a word.
+bool is_file_of_folder(const std::filesystem::directory_entry& entry);
 
 }  // namespace isonest::detail

@@ -11,6 +11,7 @@
 
 #include "preprocess/sources/bytes/file_identity.h"
 #include "preprocess/sources/bytes/natural_order.h"
+#include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/dicom/dicom_codec.h"
 #include "preprocess/sources/dicom/dicom_frames.h"
 #include "preprocess/sources/dicom/dicom_series.h"
@@ -128,7 +129,7 @@ std::error_code for_files_below(const std::filesystem::path& folder, const F& go
     for (; !error && it != std::filesystem::recursive_directory_iterator(); it.increment(error)) {
         if (it->path().filename().string().starts_with('.')) {
             it.disable_recursion_pending();
-        } else if (it->is_regular_file(error) && !goes_on(it->path())) {
+        } else if (is_file_of_folder(*it) && !goes_on(it->path())) {
             break;
         }
     }

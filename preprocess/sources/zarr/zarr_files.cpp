@@ -15,6 +15,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// A link that leads to nothing is no chunk that was not written.
+bool is_there(const fs::path& file) {
+    std::error_code error;
+    return fs::exists(fs::symlink_status(file, error));
+}
+
 class LocalZarrFiles : public ZarrFiles {
   public:
     explicit LocalZarrFiles(Path root) : root_(std::move(root)) {}
@@ -56,8 +62,7 @@ class LocalZarrFiles : public ZarrFiles {
 
     std::optional<std::vector<std::byte>> chunk(const Path& file,
                                                 const ZarrChunkPlace& place) override {
-        std::error_code error;
-        if (!fs::exists(file, error)) {
+        if (!is_there(file)) {
             return std::nullopt;
         }
         const std::uint64_t size = regular_file_size(file);
@@ -66,8 +71,7 @@ class LocalZarrFiles : public ZarrFiles {
     }
     std::optional<ZarrIndexBytes> index(const Path& file, std::uint64_t size, bool at_end,
                                         const std::string& name) override {
-        std::error_code error;
-        if (!fs::exists(file, error)) {
+        if (!is_there(file)) {
             return std::nullopt;
         }
         const std::string where = file.filename().string();
