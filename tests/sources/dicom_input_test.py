@@ -492,6 +492,17 @@ class Dicom(DamagedFiles, Module, Input):
                 self.assertEqual(good.count(before), 1)
                 (self.path / "a.dcm").write_bytes(good.replace(before, after))
                 self.refuses(4, "a.dcm")
+        # Of another type, though a place is text: three numbers of 8 bytes, one of which is none.
+        at = good.index(b"\x20\0\x32\0DS")
+        (length,) = struct.unpack_from("<H", good, at + 6)
+        for last in (33.0, np.nan, np.inf):
+            place = struct.pack("<HH2sH3d", 0x20, 0x32, b"FD", 24, 11, 22, last)
+            (self.path / "a.dcm").write_bytes(good[:at] + place + good[at + 8 + length:])
+            if last == 33:
+                self.reads(self.data[:1].astype("i4") * 2 + 1)
+                self.lies([11, 22, 33], [0.25, 0.5, 1])
+            else:
+                self.refuses(4, "a.dcm", "is no number")
         (self.path / "a.dcm").write_bytes(good.replace(b"+1.00000", b" +1.0 \0\0"))
         self.reads(self.data[:1].astype("i4") * 2 + 1)
 

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <fstream>
@@ -13,6 +12,7 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/header_number.h"
+#include "preprocess/sources/bytes/lower_case.h"
 #include "preprocess/sources/bytes/regular_file.h"
 
 namespace isonest::detail {
@@ -71,9 +71,7 @@ bool is_dicom_file(const std::filesystem::path& path) {
 }
 
 bool was_dicom_file(const std::filesystem::path& path) {
-    std::string ending = path.extension().string();
-    std::transform(ending.begin(), ending.end(), ending.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    const std::string ending = lower(path.extension().string());
     if (ending == ".dcm" || ending == ".dicom" || ending == ".ima") {
         return true;
     }
@@ -263,6 +261,12 @@ std::string DicomFile::text(const DicomElement& element) {
     return without_padding(bytes(element.at, std::min(element.length, kMostText)));
 }
 
+void DicomFile::refuse_number(const DicomElement& element, const std::string& text) const {
+    throw Error(ErrorKind::corrupt,
+                {name_, fmt::format("({:04x},{:04x})", element.tag >> 16U, element.tag & 0xFFFFU)},
+                fmt::format("\"{}\" is no number", text), {{RemedyKind::good_copy}});
+}
+
 double DicomFile::decimal(const DicomElement& element, const std::string& text) const {
     const char* const end = text.data() + text.size();
     const bool has_plus = text.front() == '+' && !text.starts_with("+-");
@@ -270,10 +274,7 @@ double DicomFile::decimal(const DicomElement& element, const std::string& text) 
     double value = 0;
     const auto [stop, error] = std::from_chars(begin, end, value);
     if (error != std::errc{} || stop != end || !std::isfinite(value)) {
-        throw Error(
-            ErrorKind::corrupt,
-            {name_, fmt::format("({:04x},{:04x})", element.tag >> 16U, element.tag & 0xFFFFU)},
-            fmt::format("\"{}\" is no number", text), {{RemedyKind::good_copy}});
+        refuse_number(element, text);
     }
     return value;
 }
@@ -286,7 +287,11 @@ std::vector<double> DicomFile::numbers(const DicomElement& element) {
     const auto binary = [&](auto zero) {
         using T = decltype(zero);
         for (std::size_t at = 0; at + sizeof(T) <= all.size(); at += sizeof(T)) {
-            result.push_back(static_cast<double>(number_at<T>(all, at, big)));
+            const auto value = static_cast<double>(number_at<T>(all, at, big));
+            if (!std::isfinite(value)) {
+                refuse_number(element, fmt::format("{}", value));
+            }
+            result.push_back(value);
         }
     };
     // With implicit VR the values that are asked for are text but for FD.

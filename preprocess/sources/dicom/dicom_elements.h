@@ -70,7 +70,7 @@ class DicomFile {
     /// A value that is text, without padding; less where it is longer than 64 KiB.
     std::string text(const DicomElement& element);
     /// Values that are text ("1.5\\2") or, by their VR, binary. Empty ones are left out.
-    /// Throws Error{corrupt} for a text that is no finite number.
+    /// Throws Error{corrupt} for one that is no finite number.
     std::vector<double> numbers(const DicomElement& element);
     /// The first of unsigned 16 bits (US), or 0.
     std::uint16_t whole(const DicomElement& element);
@@ -93,6 +93,7 @@ class DicomFile {
                            int depth);
     void read_own_group();
     double decimal(const DicomElement& element, const std::string& text) const;
+    [[noreturn]] void refuse_number(const DicomElement& element, const std::string& text) const;
 
     std::string name_;
     std::unique_ptr<ByteReader> reader_;

@@ -71,7 +71,7 @@ class HeaderVisitor {
   private:
     std::optional<double> number(const DicomElement& e) {
         const std::vector<double> all = file_.numbers(e);
-        return all.empty() || !std::isfinite(all[0]) ? std::nullopt : std::optional(all[0]);
+        return all.empty() ? std::nullopt : std::optional(all[0]);
     }
     std::optional<std::int64_t> whole_number(const DicomElement& e) {
         const std::optional<double> value = number(e);

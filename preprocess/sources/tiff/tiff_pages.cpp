@@ -154,8 +154,7 @@ void TiffPages::list(std::uint32_t file) {
         }
         // What look_at() does not read at all is told first.
         if (!warning_.empty()) {
-            problem_ = warning_;
-            fail(number, "its directory is damaged");
+            fail(number, "its directory is damaged: " + warning_);
         }
         ++number;
         problem_.clear();

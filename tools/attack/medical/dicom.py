@@ -10,12 +10,10 @@ import numpy as np
 import attack
 
 from . import volumes
-from .dicom_files import (SYNTAXES, Bits, Dataset, Sequence, bits, image, meaning, place, position, pydicom, scale_elements, scales,
+from .dicom_files import (SYNTAXES, BasicTextSRStorage, Bits, Dataset, Sequence, bits, image, meaning, place, position, pydicom, scale_elements, scales,
                           text, uid)
 
 warnings.simplefilter("ignore")
-from pydicom.uid import BasicTextSRStorage  # noqa: E402
-
 dicomwrappers = attack.require("nibabel.nicom.dicomwrappers")
 
 
