@@ -308,6 +308,13 @@ class Legacy(DamagedFiles, Input):
                               b"SCALARS v char\nLOOKUP_TABLE default\n" + bytes(range(30)))
         self.refuses(4, "it has 25 values")
 
+    def test_numbers_on_the_line_of_the_lookup_table_are_refused(self):
+        self.save(image_of({"v": numbers((5, 6, 7), "i2")}), True)
+        text = self.path.read_text()
+        for line in ("LOOKUP_TABLE default 7", "LOOKUP_TABLE"):
+            self.path.write_text(text.replace("LOOKUP_TABLE default", line))
+            self.refuses(4, "LOOKUP_TABLE")
+
     def test_text_of_colours_is_refused(self):
         self.save(image_of({"v": numbers((5, 6, 7), "u1")}), True)
         self.refuses(5, "colours")

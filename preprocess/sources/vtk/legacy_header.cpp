@@ -135,8 +135,12 @@ class Parser {
             percent_decoded(words[1]), lower(words[2]), 0, values_, 0, of_cells_, false};
         if (keyword == "scalars") {
             array.components = words.size() > 3 ? whole(words, 3) : 1;
-            if (!is(text_.words(), "lookup_table")) {
+            const Words table = text_.words();
+            if (!is(table, "lookup_table")) {
                 corrupt("no LOOKUP_TABLE line follows SCALARS");
+            }
+            if (table.size() != 2) {  // VTK takes what follows the name for values
+                corrupt("the LOOKUP_TABLE line behind SCALARS has more or less than one name");
             }
         } else if (keyword == "color_scalars") {
             array.type = "unsigned_char";
