@@ -20,6 +20,8 @@ if (reason) {
 
 const kBudget = 256 * 2 ** 20;
 const kWander = Number(process.env.ISONEST_VIEW_SECONDS ?? 5);
+/** A large store to wander in, instead of the test's own. */
+const kLarge = process.env.ISONEST_PUBLISHED_STORE;
 const kTimeout = 240_000;
 const test = (name, body, timeout = kTimeout) => anyTest(name, { timeout }, body);
 let folder, store, labels, view, site, browser;
@@ -313,7 +315,8 @@ test("stores that are none, damaged or cut off end in a message", async () => {
 });
 
 test(`${kWander} seconds of random input leave memory within what the page names`, async () => {
-  const { page, faults, close } = await openPage(browser, `${site.url}#iso=0.5&most=400000`);
+  const wide = kLarge ? await publish("large", [kLarge]) : site;
+  const { page, faults, close } = await openPage(browser, `${wide.url}${kLarge ? "" : "#iso=0.5&most=400000"}`);
   await ready(page);
   const seen = await wander(page, kWander, 29);
   console.log(JSON.stringify(seen));
@@ -323,4 +326,5 @@ test(`${kWander} seconds of random input leave memory within what the page names
   assert.equal(await page.evaluate(() => window.isonest.banner()), null);
   assert.deepEqual(faults, []);
   await close();
+  if (kLarge) await wide.end();
 }, kTimeout + 2000 * kWander);
