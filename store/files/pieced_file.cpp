@@ -25,7 +25,7 @@ struct Place {
 Place place_of(std::uint64_t offset) {
     // Before those of 2^k times the first size there are kOfASize * (2^k - 1) times that size.
     constexpr std::uint64_t kGroup = kOfASize * kFirst;
-    const auto k = static_cast<std::uint64_t>(std::bit_width(offset / kGroup + 1)) - 1;
+    const auto k = static_cast<std::uint64_t>(std::bit_width((offset / kGroup + 1) / 2));
     const std::uint64_t group = kGroup * ((std::uint64_t{1} << k) - 1);
     const std::uint64_t size = kFirst << k;
     const std::uint64_t in_group = (offset - group) / size;

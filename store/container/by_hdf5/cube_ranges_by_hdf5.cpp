@@ -26,7 +26,9 @@ CubeRangeTable::CubeRangeTable(std::int64_t file, const StoreLayout& layout,
         if (ranges.valid() && sums.valid()) {
             const auto sums_at = offset_of(sums.get(), sum_bytes, bytes.size());
             const auto sum = read_integers(sums.get(), "xxh64", 1);
-            held = sums_at ? bytes.read(*sums_at, sum_bytes) : held;
+            if (sums_at) {
+                held = bytes.read(*sums_at, sum_bytes);
+            }
             if (sum && checksum_of(held.bytes()) == (*sum)[0]) {
                 offset = offset_of(ranges.get(),
                                    static_cast<std::uint64_t>(cells.product()) *
