@@ -18,6 +18,7 @@ bool hangs(const Lattice& lattice, const Int3& p, const NodeInfo& node, const St
     const int level = node.level();  // of the cells of which it is no corner
     const std::int64_t edge = node.scale * 2;
     const Int3 cells = lattice.elements_at(level);
+    // NOLINTNEXTLINE(clang-analyzer-core.DivideZero): the scale is more than 0
     const Int3 high{p.x / edge, p.y / edge, p.z / edge};
     for (unsigned i = 0; i < 8; ++i) {
         Int3 cell = high;

@@ -21,6 +21,7 @@ class HexWorker {
           mesh_(&attributes_, query.plane.has_value()),
           parts_(query.box, part_vertices, sink, progress) {
         if (query.attribute_values == nullptr) {
+            // NOLINTNEXTLINE(clang-analyzer-core.CallAndMessage): it takes this object for null
             attributes_.take_values([this](const Int3& node) { return projection_.value(node); });
         }
     }
