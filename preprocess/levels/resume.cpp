@@ -23,21 +23,23 @@ namespace {
 
 constexpr std::uint64_t kLongestIdentity = 65536;
 
-/// Whether the process that made the journal still runs.
-bool is_alive(const std::filesystem::path& journal, const std::string& process) {
-    const int fd = ::open(journal.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-    if (fd < 0) {
-        return true;  // not ours to touch
+/// Locks the journal of a run that is over; none if the process that made it still runs, or if
+/// another one looks at what it left. The lock is to be held for as long as that is used: a journal
+/// gets its name before its run has locked it, so one that was not locked a moment ago may be.
+std::optional<FileDescriptor> lock_of_dead(const std::filesystem::path& journal,
+                                           const std::string& process) {
+    // On NFS only what may be written can be locked against others.
+    FileDescriptor file(::open(journal.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW));
+    if (file.get() < 0) {
+        return std::nullopt;  // not ours to touch
     }
-    const bool locked = ::flock(fd, LOCK_EX | LOCK_NB) == 0;
-    const int error = errno;
-    ::close(fd);
-    if (locked || error == EWOULDBLOCK) {
-        return !locked;
+    if (::flock(file.get(), LOCK_EX | LOCK_NB) == 0) {
+        return file;
     }
     pid_t id = 0;
     std::from_chars(process.data(), process.data() + process.size(), id);
-    return id <= 0 || ::kill(id, 0) == 0 || errno != ESRCH;
+    const bool is_dead = errno != EWOULDBLOCK && id > 0 && ::kill(id, 0) != 0 && errno == ESRCH;
+    return is_dead ? std::optional(std::move(file)) : std::nullopt;
 }
 
 template <class T>
@@ -128,7 +130,8 @@ std::optional<InterruptedRun> InterruptedRun::find(const std::filesystem::path& 
         }
         const std::string process =
             name.substr(prefix.size(), name.size() - prefix.size() - suffix.size());
-        if (is_alive(entry.path(), process)) {
+        std::optional<FileDescriptor> lock = lock_of_dead(entry.path(), process);
+        if (!lock) {
             continue;
         }
         std::ifstream in(entry.path(), std::ios::binary);
@@ -150,7 +153,7 @@ std::optional<InterruptedRun> InterruptedRun::find(const std::filesystem::path& 
                                     {RemedyKind::no_resume}});
             continue;
         }
-        InterruptedRun run;
+        InterruptedRun run(std::move(*lock));
         run.temporary_ = names.string() + process;
         run.records_ = static_cast<std::uint64_t>(in.tellg());
         JournalRecord record;

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <isonest/progress.h>
@@ -11,6 +12,7 @@
 #include "preprocess/levels/centre_store.h"
 #include "preprocess/levels/run_journal.h"
 #include "store/container/writer.h"
+#include "store/files/file_descriptor.h"
 
 namespace isonest::detail {
 
@@ -22,11 +24,13 @@ std::uint64_t checkpoint_checksum(const CentreStore& centres, int chunk, int lev
 /// For Checkpoint::ranges.
 std::uint64_t ranges_checksum(const CentreStore& centres, int chunk, std::int64_t rows);
 
-/// What an interrupted run left: its unfinished store, its journal and its centres' file.
+/// What an interrupted run left: its unfinished store, its journal and its centres' file. As long
+/// as the object lives its journal is locked, where the file system can, so that nobody else finds
+/// it.
 class InterruptedRun {
   public:
     /// The one that came furthest among those that have `identity`; none if there is no leftover.
-    /// Runs that are alive are passed over.
+    /// Runs that are alive, or found by another process, are passed over.
     /// Throws Error{invalid_argument} if all leftovers are of other inputs or options, and says
     /// which differ.
     static std::optional<InterruptedRun> find(const std::filesystem::path& store,
@@ -43,10 +47,13 @@ class InterruptedRun {
     [[nodiscard]] std::uint64_t chunks() const { return chunks_; }
 
   private:
+    explicit InterruptedRun(FileDescriptor lock) : lock_(std::move(lock)) {}
+
     struct Mark {
         Checkpoint done;
         std::uint64_t chunks = 0;  ///< before it in the journal
     };
+    FileDescriptor lock_;
     std::filesystem::path temporary_;
     std::uint64_t records_ = 0;  ///< where they begin in the journal
     std::vector<Mark> marks_;

@@ -14,6 +14,7 @@
 #include <isonest/error.h>
 
 #include "store/bytes/cache_room.h"
+#include "store/files/file_descriptor.h"
 
 namespace isonest::detail {
 namespace {
@@ -120,8 +121,8 @@ std::optional<std::vector<std::byte>> CacheFolder::read(std::uint64_t number, st
     if (!reads_) {
         return std::nullopt;
     }
-    const CacheDescriptor file(::openat(root_, cache_entry_name(number).c_str(),
-                                        O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
+    const FileDescriptor file(::openat(root_, cache_entry_name(number).c_str(),
+                                       O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
     struct stat status {};
     if (file.get() < 0 || ::fstat(file.get(), &status) != 0) {
         if (errno != ENOENT) {

@@ -163,7 +163,7 @@ int CacheCount::set(std::uint64_t bytes) const {
 }
 
 int make_cache_room(int root, std::uint64_t most, std::string_view own) {
-    const CacheDescriptor lock(open_for_lock(root, "removing"));
+    const FileDescriptor lock(open_for_lock(root, "removing"));
     if (lock.get() < 0 || ::flock(lock.get(), LOCK_EX | LOCK_NB) != 0) {
         return errno == EWOULDBLOCK || errno == EINTR ? 0 : errno;
     }

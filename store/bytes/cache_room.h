@@ -2,12 +2,12 @@
 // to it.
 #pragma once
 
-#include <unistd.h>
-
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <string_view>
+
+#include "store/files/file_descriptor.h"
 
 namespace isonest::detail {
 
@@ -18,22 +18,6 @@ inline constexpr const char* kTemporariesOfCache = "new";
 std::string cache_entry_name(std::uint64_t number);
 /// What a file of this size takes on a disk.
 std::uint64_t cache_entry_takes(std::uint64_t bytes);
-
-class CacheDescriptor {
-  public:
-    explicit CacheDescriptor(int fd) : fd_(fd) {}
-    CacheDescriptor(const CacheDescriptor&) = delete;
-    CacheDescriptor& operator=(const CacheDescriptor&) = delete;
-    ~CacheDescriptor() {
-        if (fd_ >= 0) {
-            ::close(fd_);
-        }
-    }
-    [[nodiscard]] int get() const { return fd_; }
-
-  private:
-    int fd_;
-};
 
 /// The count of bytes of the cache whose folder is open as `root`, locked as long as the object.
 class CacheCount {
@@ -48,7 +32,7 @@ class CacheCount {
     int set(std::uint64_t bytes) const;
 
   private:
-    CacheDescriptor file_;
+    FileDescriptor file_;
     int error_ = 0;
     bool is_locked_ = false;
 };

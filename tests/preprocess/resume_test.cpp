@@ -289,3 +289,13 @@ TEST_CASE("a run that is alive is not taken over, even under the same name") {
     CHECK(!InterruptedRun::find(folder / "s", "another\n").has_value());
     CHECK(temporary_name(folder / "s") != store);
 }
+
+TEST_CASE("what an interrupted run left is found by one process at a time") {
+    const TemporaryFolder folder;
+    RunJournal(folder / ".s.partial-7", "same\n").keep();
+    std::optional<InterruptedRun> first = InterruptedRun::find(folder / "s", "same\n");
+    REQUIRE(first.has_value());
+    CHECK(!InterruptedRun::find(folder / "s", "same\n").has_value());
+    first.reset();
+    CHECK(InterruptedRun::find(folder / "s", "same\n").has_value());
+}
