@@ -1,6 +1,7 @@
 // Closed surfaces: watertight, and around as much as the solid in all tetrahedra has, each cut by
 // itself, or as the hexahedra's surface in a volume with one more layer of nodes around it.
 #include <catch2/catch.hpp>
+#include <cstdint>
 #include <functional>
 #include <map>
 #include <random>
@@ -223,8 +224,8 @@ ClipBox lattice_box(const StoreReader& store, const std::optional<WorldBox>& box
 /// The nodes of a lattice within a box, and where its faces cut it.
 std::vector<double> planes_within(double lo, double hi) {
     std::vector<double> planes{lo};
-    for (double x = std::floor(lo) + 1; x < hi; ++x) {
-        planes.push_back(x);
+    for (auto x = static_cast<std::int64_t>(std::floor(lo)) + 1; static_cast<double>(x) < hi; ++x) {
+        planes.push_back(static_cast<double>(x));
     }
     planes.push_back(hi);
     return planes;
