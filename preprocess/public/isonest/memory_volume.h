@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include <isonest/frame.h>
 #include <isonest/int3.h>
 #include <isonest/length_unit.h>
 #include <isonest/value_type.h>
@@ -24,6 +25,7 @@ struct MemoryLayout {
     Double3 origin{0, 0, 0};   ///< world position of node (0, 0, 0)
     std::string name = "memory";
     std::optional<LengthUnit> unit = {};  ///< that a world unit is, if known
+    AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of the world's axes
 };
 
 /// Numbers that someone else owns, which must stay there and as they are for the volume's life.

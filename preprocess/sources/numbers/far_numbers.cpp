@@ -65,7 +65,8 @@ class FarStrides final : public VolumeSource {
     }
     [[nodiscard]] VolumeDescription describe() const override {
         return {layout_.nodes, layout_.type,      layout_.spacing, layout_.origin,
-                name_,         layout_.direction, false,           layout_.unit};
+                name_,         layout_.direction, false,           layout_.unit,
+                layout_.frame};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return local_files({file_, layout_.header});

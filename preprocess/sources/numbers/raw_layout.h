@@ -37,6 +37,7 @@ struct RawLayout {
     Double3 origin{0, 0, 0};
     Directions direction = kAlongWorld;
     std::optional<LengthUnit> unit = {};  ///< of spacing and origin
+    AnatomicalFrame frame = AnatomicalFrame::unknown;
     InputFile header;                     ///< what describes them, if it is another file
 };
 

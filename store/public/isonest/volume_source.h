@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include <isonest/frame.h>
 #include <isonest/int3.h>
 #include <isonest/label_name.h>
 #include <isonest/length_unit.h>
@@ -29,6 +30,7 @@ struct VolumeDescription {
     /// The values are float64 that stand for labels of up to 62 bits (SourceOptions::labels).
     bool labels = false;
     std::optional<LengthUnit> unit = {};  ///< of spacing and origin; nothing: it is not known
+    AnatomicalFrame frame = AnatomicalFrame::unknown;  ///< of origin and direction
 };
 
 /// A scalar volume that is read in slabs of whole or partial planes. Three functions are enough:
