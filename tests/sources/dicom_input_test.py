@@ -20,71 +20,15 @@ try:
     import pydicom
     from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
     from pydicom.sequence import Sequence
-    from pydicom.uid import (CTImageStorage, DeflatedExplicitVRLittleEndian, ExplicitVRBigEndian,
-                             ExplicitVRLittleEndian, ImplicitVRLittleEndian, generate_uid)
-    from volume_inputs import ISONEST, RANDOM, DamagedFiles, Input, Module
+    from pydicom.uid import DeflatedExplicitVRLittleEndian, ExplicitVRBigEndian, ExplicitVRLittleEndian, ImplicitVRLittleEndian
+    from dicom_inputs import SERIES, DicomInput, text
+    from volume_inputs import ISONEST, RANDOM, DamagedFiles, Module
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
 
-SERIES = generate_uid(entropy_srcs=["series"])
 
-
-def text(value):
-    return f"{value:.10g}"
-
-
-class Dicom(DamagedFiles, Module, Input):
-    def setUp(self):
-        super().setUp()
-        self.path = self.here / "series"
-        self.path.mkdir()
-        self.data = RANDOM.integers(0, 4096, (6, 9, 12)).astype("u2")
-
-    def image(self, plane, name, syntax=ExplicitVRLittleEndian, position=(0, 0, 0), **more):
-        """A file of an image, or of several."""
-        meta = FileMetaDataset()
-        meta.MediaStorageSOPClassUID = CTImageStorage
-        meta.MediaStorageSOPInstanceUID = generate_uid(entropy_srcs=[str(name)])
-        meta.TransferSyntaxUID = syntax
-        d = FileDataset(str(self.path / name), {}, file_meta=meta, preamble=b"\0" * 128)
-        d.is_little_endian = syntax != ExplicitVRBigEndian
-        d.is_implicit_VR = syntax == ImplicitVRLittleEndian
-        d.SOPClassUID, d.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
-        d.SeriesInstanceUID, d.Modality, d.SeriesDescription = SERIES, "CT", "Thorax"
-        d.StudyInstanceUID, d.PatientName = "1.2.3", "Nobody"
-        d.Rows, d.Columns = plane.shape[-2:]
-        if plane.ndim == 3:
-            d.NumberOfFrames = len(plane)
-        d.SamplesPerPixel, d.PhotometricInterpretation = 1, "MONOCHROME2"
-        d.BitsAllocated = d.BitsStored = 8 * plane.dtype.itemsize
-        d.HighBit = d.BitsStored - 1
-        d.PixelRepresentation = int(plane.dtype.kind == "i")
-        if position is not None:
-            d.ImagePositionPatient = [text(p) for p in position]
-            d.ImageOrientationPatient = [1, 0, 0, 0, 1, 0]
-        d.PixelSpacing = [0.5, 0.25]
-        order = "<" if d.is_little_endian else ">"
-        d.PixelData = plane.astype(plane.dtype.newbyteorder(order)).tobytes()
-        d["PixelData"].VR = "OB" if plane.dtype.itemsize == 1 else "OW"
-        for key, value in more.items():
-            if value is None:
-                delattr(d, key)
-            else:
-                setattr(d, key, value)
-        d.save_as(self.path / name, write_like_original=False)
-        return d
-
-    def stack(self, data, places=None, **more):
-        """Files whose names are not in the order of their places."""
-        for z, plane in enumerate(data):
-            place = 2 * z if places is None else places[z]
-            self.image(plane, f"im{(z * 5) % 7}.dcm", position=(1, 2, 3 + place), InstanceNumber=len(data) - z, **more)
-
-    def clear(self):
-        shutil.rmtree(self.path)
-        self.path.mkdir()
-
+class Dicom(DamagedFiles, Module, DicomInput):
     def test_slices_by_position_in_all_plain_encodings(self):
         for syntax in (ExplicitVRLittleEndian, ImplicitVRLittleEndian, ExplicitVRBigEndian):
             for kind in ("u1", "i1", "u2", "i2", "u4", "i4"):
@@ -104,7 +48,7 @@ class Dicom(DamagedFiles, Module, Input):
             file.rename(self.path / "A" / f"IM{i}")
         (self.path / "notes.txt").write_text("not DICOM")
         done = self.reads(self.data)
-        self.assertIn("1 files that are no DICOM images", done.stdout + done.stderr)
+        self.assertIn("1 file is left out: no DICOM images", done.stdout + done.stderr)
         folder = self.path
         meta = FileMetaDataset()
         meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = "1.2.840.10008.1.3.10", "1.2.3"
@@ -479,7 +423,7 @@ class Dicom(DamagedFiles, Module, Input):
         (self.path / "done").touch()
         self.report("sr.dcm")
         done = self.reads(self.data[:5])
-        self.assertIn("3 files that are no DICOM images", done.stdout + done.stderr)
+        self.assertIn("3 files are left out: no DICOM images", done.stdout + done.stderr)
 
     def test_texts_that_are_no_numbers_are_not_left_out(self):
         self.image(self.data[0], "a.dcm", position=(11, 22, 33), RescaleSlope="2.000000", RescaleIntercept="+1.00000")

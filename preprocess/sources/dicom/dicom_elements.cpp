@@ -6,7 +6,9 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <cstring>
 #include <fstream>
+#include <optional>
 #include <string_view>
 
 #include <isonest/error.h>
@@ -61,13 +63,112 @@ std::string without_padding(const std::string& text) {
     return last == std::string::npos ? std::string{} : text.substr(first, last + 1 - first);
 }
 
+bool has_preamble(std::string_view head) {
+    return head.size() >= kPreamble + 4 && head.substr(kPreamble, 4) == "DICM";
+}
+
+/// How a file without preamble begins.
+struct BareStart {
+    bool own_group = false;  ///< with the file's own group
+    bool explicit_vr = true;
+    bool big_endian = false;
+    std::string class_uid = {};
+};
+
+/// The SOP class in a row of elements that begins at the first byte, each with a larger tag than
+/// the one before; empty if there is none that DICOM defines.
+std::string bare_class(std::string_view head, bool explicit_vr, bool big_endian) {
+    constexpr std::string_view kDefined = "1.2.840.10008.";
+    DicomTag last = 0;
+    for (std::size_t at = 0; at + 12 <= head.size();) {
+        const auto tag = static_cast<DicomTag>(number_at<std::uint16_t>(head, at, big_endian))
+                             << 16U |
+                         number_at<std::uint16_t>(head, at + 2, big_endian);
+        if ((tag >> 16U != 2 && tag >> 16U != 8) || (at > 0 && tag <= last)) {
+            return {};
+        }
+        std::uint64_t length = 0;
+        std::size_t value = at + 8;
+        if (!explicit_vr) {
+            length = number_at<std::uint32_t>(head, at + 4, big_endian);
+        } else {
+            const std::string_view vr = head.substr(at + 4, 2);
+            if (vr[0] < 'A' || vr[0] > 'Z' || vr[1] < 'A' || vr[1] > 'Z') {
+                return {};
+            }
+            length = number_at<std::uint16_t>(head, at + 6, big_endian);
+            if (is_long(vr)) {
+                length = number_at<std::uint32_t>(head, at + 8, big_endian);
+                value += 4;
+            }
+        }
+        if (length % 2 != 0 || value + length > head.size()) {
+            return {};
+        }
+        if (tag == 0x00020002 || tag == 0x00080016) {
+            const std::string uid = without_padding(std::string(head.substr(value, length)));
+            return uid.starts_with(kDefined) ? uid : std::string{};
+        }
+        last = tag;
+        at = value + length;
+    }
+    return {};
+}
+
+std::optional<BareStart> bare_start(std::string_view head) {
+    if (head.size() < 2) {
+        return std::nullopt;
+    }
+    const std::string_view group = head.substr(0, 2);
+    if (group == std::string_view("\2\0", 2)) {
+        const std::string uid = bare_class(head, true, false);
+        return uid.empty() ? std::nullopt : std::optional(BareStart{true, true, false, uid});
+    }
+    const bool little = group == std::string_view("\10\0", 2);
+    const bool big = group == std::string_view("\0\10", 2);
+    for (const bool explicit_vr : {true, false}) {
+        if (little || (big && explicit_vr)) {
+            const std::string uid = bare_class(head, explicit_vr, big);
+            if (!uid.empty()) {
+                return BareStart{false, explicit_vr, big, uid};
+            }
+        }
+    }
+    return std::nullopt;
+}
+
 }  // namespace
+
+bool starts_as_dicom(std::string_view head) {
+    return has_preamble(head) || bare_start(head).has_value();
+}
 
 bool is_dicom_file(const std::filesystem::path& path) {
     std::ifstream file(path, std::ios::binary);
-    std::array<char, kPreamble + 4> head{};
-    return file.read(head.data(), head.size()) &&
-           std::string_view(head.data() + kPreamble, 4) == "DICM";
+    std::string head(kDicomHead, '\0');
+    file.read(head.data(), static_cast<std::streamsize>(head.size()));
+    head.resize(static_cast<std::size_t>(file.gcount()));
+    return starts_as_dicom(head);
+}
+
+bool same_dicom_object(const std::filesystem::path& a, const std::filesystem::path& b) {
+    DicomFile first(a);
+    DicomFile second(b);
+    const std::uint64_t count = first.size() - first.start();
+    if (first.syntax().uid != second.syntax().uid || second.size() - second.start() != count) {
+        return false;
+    }
+    std::vector<std::byte> one(std::min(count, kMostBytes));
+    std::vector<std::byte> other(one.size());
+    for (std::uint64_t at = 0; at < count; at += one.size()) {
+        const std::uint64_t part = std::min<std::uint64_t>(one.size(), count - at);
+        first.read(first.start() + at, one.data(), part);
+        second.read(second.start() + at, other.data(), part);
+        if (std::memcmp(one.data(), other.data(), part) != 0) {
+            return false;
+        }
+    }
+    return true;
 }
 
 bool was_dicom_file(const std::filesystem::path& path) {
@@ -88,7 +189,7 @@ bool was_dicom_file(const std::filesystem::path& path) {
 
 DicomFile::DicomFile(const std::filesystem::path& path)
     : name_(path.string()), reader_(file_bytes(path, 0, regular_file_size(path))) {
-    read_own_group();
+    begin();
 }
 
 void DicomFile::fail(std::uint64_t at, const std::string& problem) const {
@@ -217,15 +318,32 @@ std::uint64_t DicomFile::sequence(const DicomElement& of, std::uint64_t end, con
     return at;
 }
 
-void DicomFile::read_own_group() {
-    if (size() < kPreamble + 4 || bytes(kPreamble, 4) != "DICM") {
+void DicomFile::begin() {
+    const std::string head = bytes(0, std::min<std::uint64_t>(size(), kDicomHead));
+    if (has_preamble(head)) {
+        read_own_group(kPreamble + 4);
+        return;
+    }
+    const std::optional<BareStart> bare = bare_start(head);
+    if (!bare) {
         throw Error(
             ErrorKind::corrupt, {name_},
             "after 128 bytes there is no DICM: it is damaged, or no DICOM file, and then it "
             "should not lie among them",
             {{RemedyKind::good_copy}});
     }
-    std::uint64_t at = kPreamble + 4;
+    if (bare->own_group) {
+        read_own_group(0);
+        return;
+    }
+    class_uid_ = bare->class_uid;
+    syntax_ = syntax_of(!bare->explicit_vr ? "1.2.840.10008.1.2"
+                        : bare->big_endian ? "1.2.840.10008.1.2.2"
+                                           : "1.2.840.10008.1.2.1",
+                        name_);
+}
+
+void DicomFile::read_own_group(std::uint64_t at) {
     std::string uid;
     while (at + 8 <= size()) {
         if (number_at<std::uint16_t>(bytes(at, 2), 0, false) != 2) {

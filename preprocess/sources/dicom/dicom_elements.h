@@ -7,6 +7,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "preprocess/sources/bytes/byte_reader.h"
@@ -38,7 +39,8 @@ inline constexpr DicomTag kFloatPixelData = 0x7FE00008;
 inline constexpr DicomTag kDoublePixelData = 0x7FE00009;
 inline constexpr DicomTag kPixelData = 0x7FE00010;
 
-/// A file with "DICM" after 128 bytes. Thread-safety: one thread.
+/// A file with "DICM" after 128 bytes, or one that begins with its elements at once. Thread-safety:
+/// one thread.
 class DicomFile {
   public:
     /// Reads the group of the file's own data. Throws Error{io}, Error{corrupt} for a file that is
@@ -47,8 +49,10 @@ class DicomFile {
 
     [[nodiscard]] const DicomSyntax& syntax() const { return syntax_; }
     [[nodiscard]] const std::string& name() const { return name_; }
-    /// The SOP class as the file's own group says.
+    /// The SOP class as the file's own group says; without that group, as the object does.
     [[nodiscard]] const std::string& class_uid() const { return class_uid_; }
+    /// Where the elements begin that follow the file's own group.
+    [[nodiscard]] std::uint64_t start() const { return start_; }
 
     /// What is done with the elements up to the pixel data.
     struct Visitor {
@@ -91,7 +95,8 @@ class DicomFile {
                       int depth);
     std::uint64_t sequence(const DicomElement& of, std::uint64_t end, const Coding& coding,
                            int depth);
-    void read_own_group();
+    void read_own_group(std::uint64_t at);
+    void begin();
     double decimal(const DicomElement& element, const std::string& text) const;
     [[noreturn]] void refuse_number(const DicomElement& element, const std::string& text) const;
 
@@ -107,8 +112,19 @@ class DicomFile {
     std::uint64_t window_at_ = 0;
 };
 
-/// Whether the file begins as one; false for what cannot be read.
+/// How many of a file's first bytes starts_as_dicom() looks at.
+inline constexpr std::size_t kDicomHead = 1024;
+
+/// Whether a file with these first bytes is DICOM: "DICM" at byte 128, or elements at once, among
+/// them a SOP class that DICOM defines. No other file has such elements by chance. No I/O.
+bool starts_as_dicom(std::string_view head);
+
+/// The same of a file; false for what cannot be read.
 bool is_dicom_file(const std::filesystem::path& path);
+
+/// Whether two files hold the same object: equal bytes behind their own groups, and one encoding.
+/// Throws Error{io, corrupt, unsupported}.
+bool same_dicom_object(const std::filesystem::path& a, const std::filesystem::path& b);
 
 /// Whether a file that does not begin as one looks like what is left of one: by its name (.dcm,
 /// .dicom, .ima), also if it cannot be read, or zeros alone that end in or before the four letters.

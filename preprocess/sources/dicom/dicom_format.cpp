@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <iterator>
 #include <string_view>
 #include <utility>
 
@@ -14,6 +15,7 @@
 #include "preprocess/sources/bytes/regular_file.h"
 #include "preprocess/sources/dicom/dicom_codec.h"
 #include "preprocess/sources/dicom/dicom_frames.h"
+#include "preprocess/sources/dicom/dicom_place.h"
 #include "preprocess/sources/dicom/dicom_series.h"
 #include "preprocess/sources/dicom/dicom_stack.h"
 #include "preprocess/sources/placement/axis_choice.h"
@@ -31,6 +33,7 @@ struct SliceVolume {
     DicomNumbers numbers;
     std::vector<DicomSlice> slices;
     Placement place;
+    AnatomicalFrame frame = AnatomicalFrame::unknown;
     std::string name;
     std::vector<std::string> notes;
     std::optional<LengthUnit> unit;
@@ -51,13 +54,14 @@ class DicomSource : public VolumeSource {
     [[nodiscard]] VolumeDescription describe() const override {
         const DicomNumbers& n = volume_.numbers;
         return {{n.columns, n.rows, static_cast<std::int64_t>(volume_.slices.size())},
-                own_scalings_ ? own_scaled_type(n.type()) : n.type(),
+                own_scalings_ ? own_scaled_type(n.value_type()) : n.value_type(),
                 volume_.place.spacing,
                 volume_.place.origin,
                 volume_.name,
                 volume_.place.direction,
                 false,
-                volume_.unit};
+                volume_.unit,
+                volume_.frame};
     }
     [[nodiscard]] std::vector<std::filesystem::path> files() const override {
         return frames_.files();
@@ -82,7 +86,7 @@ class DicomSource : public VolumeSource {
         for (std::int64_t z = z0; z < z0 + nz; ++z, dst += count * size) {
             const DicomSlice& slice = volume_.slices[static_cast<std::size_t>(z)];
             // Stored numbers lie at the end of the room for the values, which are no smaller.
-            const std::size_t stored = size_of(volume_.numbers.type());
+            const std::size_t stored = size_of(volume_.numbers.value_type());
             std::byte* const from = dst + count * (size - stored);
             frames_.read(slice.file, slice.frame, y0, ny, from);
             if (own_scalings_) {
@@ -94,9 +98,9 @@ class DicomSource : public VolumeSource {
   private:
     void scale(const DicomSlice& slice, const std::byte* from, std::size_t count,
                std::byte* dst) const {
-        dispatch(volume_.numbers.type(), [&](auto tag) {
+        dispatch(volume_.numbers.value_type(), [&](auto tag) {
             using T = typename decltype(tag)::type;
-            if (own_scaled_type(volume_.numbers.type()) == ValueType::f32) {
+            if (own_scaled_type(volume_.numbers.value_type()) == ValueType::f32) {
                 scale_to<T, float>(slice, from, count, dst);
             } else {
                 scale_to<T, double>(slice, from, count, dst);
@@ -171,9 +175,29 @@ std::vector<std::filesystem::path> files_of(const VolumeInput& input) {
     return files;
 }
 
+/// Takes the entry about `axis` out of the index. Throws Error{invalid_argument} where it comes
+/// twice or is the whole axis.
+std::optional<std::int64_t> taken_entry(std::vector<AxisIndex>& index, std::string_view axis,
+                                        const std::string& name) {
+    std::optional<std::int64_t> at;
+    for (const AxisIndex& entry : index) {
+        if (entry.axis == axis) {
+            if (at || !entry.at) {
+                throw Error(ErrorKind::invalid_argument, {name},
+                            fmt::format("the index needs one position of '{}'", axis),
+                            {{RemedyKind::choose_index, fmt::format("{}=0", axis)}});
+            }
+            at = entry.at;
+        }
+    }
+    std::erase_if(index, [&](const AxisIndex& entry) { return entry.axis == axis; });
+    return at;
+}
+
 /// Which of the stack's slices the caller wants: the whole of one time.
 std::vector<DicomSlice> chosen_slices(const DicomStack& stack, const DicomNumbers& numbers,
-                                      const SourceOptions& options, const std::string& name) {
+                                      const std::vector<AxisIndex>& index,
+                                      const std::string& name) {
     std::vector<ArrayAxis> axes;
     if (stack.times > 1) {
         axes.push_back({"t", stack.times, false});
@@ -182,7 +206,18 @@ std::vector<DicomSlice> chosen_slices(const DicomStack& stack, const DicomNumber
     axes.push_back({"z", stack.count});
     axes.push_back({"y", numbers.rows});
     axes.push_back({"x", numbers.columns});
-    const ChosenAxes chosen = choose_axes(axes, options.index, name);
+    const ChosenAxes chosen = [&] {
+        try {
+            return choose_axes(axes, index, name);
+        } catch (const Error& error) {
+            if (stack.times_are.empty()) {
+                throw;
+            }
+            throw Error(error.kind(), error.place(),
+                        fmt::format("{}; t is {}", error.problem(), stack.times_are),
+                        error.remedies());
+        }
+    }();
     if (chosen.nodes.x != numbers.columns || chosen.nodes.y != numbers.rows ||
         chosen.nodes.z != stack.count) {
         throw Error(ErrorKind::unsupported, {name},
@@ -194,20 +229,19 @@ std::vector<DicomSlice> chosen_slices(const DicomStack& stack, const DicomNumber
     return {from, from + static_cast<std::ptrdiff_t>(stack.count)};
 }
 
-std::vector<std::string> notes_of(const DicomSeries& series, const DicomFolder& folder,
-                                  const DicomStack& stack) {
+std::vector<std::string> notes_of(const DicomGroup& series, const DicomStack& stack) {
     std::vector<std::string> notes = stack.notes;
-    if (folder.others > 0) {
-        notes.push_back(
-            fmt::format("{} files that are no DICOM images are left out", folder.others));
+    if (stack.times > 1) {
+        notes.push_back(fmt::format("it is one of {} volumes along the axis t: {}", stack.times,
+                                    stack.times_are));
     }
     if (series.dark_is_large) {
         notes.emplace_back("larger values are meant to be shown darker (MONOCHROME1)");
     }
-    if (series.has_modality_table) {
-        notes.emplace_back(
-            "its table of values (Modality LUT) is not applied: values are as "
-            "stored");
+    if (series.numbers.table_bits != 0) {
+        notes.push_back(fmt::format("values are those of the file's table (Modality LUT){}{}",
+                                    series.table_type.empty() ? "" : " of type ",
+                                    series.table_type));
     }
     if (series.padding) {
         notes.push_back(
@@ -237,26 +271,32 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
             ? input.path().string()
             : fmt::format("{} and {} more", input.path().string(), input.paths.size() - 1);
     const std::vector<std::filesystem::path> files = files_of(input);
-    const DicomFolder folder = find_dicom_series(files, options.max_heap);
+    std::vector<AxisIndex> index = options.index;
+    const std::optional<std::int64_t> chosen_stack = taken_entry(index, "stack", name);
+    DicomFolder folder = find_dicom_series(files, options.max_heap);
     if (folder.series.empty()) {
         throw Error(ErrorKind::unsupported, {name}, "there are no DICOM images in it");
     }
-    const DicomSeries& series = choose_series(folder.series, options.series, name);
+    DicomSeries& whole_series = choose_series(folder.series, options.series, name);
+    drop_copies(whole_series, files);
+    const DicomGroup& series = choose_group(whole_series, chosen_stack, files, name);
     const DicomStack stack = stack_slices(series, files, options.spacing.has_value(), name);
     SliceVolume volume;
     volume.numbers = series.numbers;
-    volume.slices = chosen_slices(stack, series.numbers, options, name);
+    volume.slices = chosen_slices(stack, series.numbers, index, name);
     volume.name = name;
-    volume.notes = notes_of(series, folder, stack);
+    volume.notes = notes_of(series, stack);
+    for (std::string& note : notes_of_left_out(folder, whole_series, series, files)) {
+        volume.notes.push_back(std::move(note));
+    }
     if (series.spacing) {
         volume.unit = LengthUnit::millimetre;
     }
-    if (!options.spacing) {
-        volume.place = place_in_world({series.numbers.columns, series.numbers.rows, stack.count},
-                                      stack.steps, stack.first, name);
-    } else {
-        volume.place.origin = stack.first;
-    }
+    PlacedStack placed = place_stack({series.numbers.columns, series.numbers.rows, stack.count},
+                                     stack, options.spacing.has_value(), name);
+    volume.place = placed.place;
+    volume.frame = placed.frame;
+    std::move(placed.notes.begin(), placed.notes.end(), std::back_inserter(volume.notes));
     const std::array<bool, 3> backward = volume.place.backward;
     // Of the files only those of the volume.
     std::vector<std::filesystem::path> used;
@@ -272,7 +312,7 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
     Scaling scaling;
     scaling.slope = volume.slices[0].slope;
     scaling.intercept = volume.slices[0].intercept;
-    if (!series.numbers.floating) {
+    if (!series.numbers.floating && series.numbers.table_bits == 0) {
         const int bits = series.numbers.stored;
         scaling.stored =
             series.numbers.is_signed
@@ -315,10 +355,7 @@ bool has_dicom(const std::filesystem::path& folder) {
 }
 
 bool is_dicom(const VolumeInput& input) {
-    constexpr std::size_t kMagic = 128;
-    return input.folder ? has_dicom(input.path())
-                        : input.head.size() >= kMagic + 4 &&
-                              std::string_view(input.head).substr(kMagic, 4) == "DICM";
+    return input.folder ? has_dicom(input.path()) : starts_as_dicom(input.head);
 }
 
 }  // namespace

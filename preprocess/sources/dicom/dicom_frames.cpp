@@ -35,7 +35,8 @@ void DicomFrames::open(std::uint32_t file) {
     current_ = ~std::uint32_t{0};
     unpacked_frame_ = -1;
     file_ = std::make_unique<DicomFile>(files_[file]);
-    header_ = read_dicom_header(*file_, ~std::uint64_t{0});
+    header_ = {};
+    read_dicom_header(*file_, ~std::uint64_t{0}, header_);
     header_.per_frame = {};
     if (header_.pixels.tag == 0 || header_.numbers != numbers_) {
         file_->fail(0, "the file was changed while it was read");
@@ -155,11 +156,32 @@ void DicomFrames::mend_bits(std::byte* data, std::size_t count) const {
     }
 }
 
+void DicomFrames::use_table(const std::byte* stored, std::size_t count, std::byte* values) const {
+    const std::vector<std::uint16_t>& table = header_.table.values;
+    const auto last = static_cast<std::int64_t>(table.size()) - 1;
+    const std::size_t size = size_of(numbers_.value_type());
+    dispatch(numbers_.type(), [&](auto tag) {
+        using T = typename decltype(tag)::type;
+        for (std::size_t i = 0; i < count; ++i) {
+            T number{};
+            std::memcpy(&number, stored + i * sizeof(T), sizeof(T));
+            const std::int64_t at = static_cast<std::int64_t>(number) - header_.table.first;
+            const std::uint16_t value =
+                table[static_cast<std::size_t>(std::clamp<std::int64_t>(at, 0, last))];
+            // Of a value of 8 bits the lower byte, which comes first (little-endian machines).
+            std::memcpy(values + i * size, &value, size);
+        }
+    });
+}
+
 void DicomFrames::read(std::uint32_t file, std::int64_t frame, std::int64_t y0, std::int64_t ny,
                        std::byte* dst) {
     open(file);
     const auto count = static_cast<std::size_t>(ny * numbers_.columns);
     const auto size = static_cast<std::size_t>(numbers_.allocated / 8);
+    // Stored numbers lie at the end of the room for the values, which are no smaller.
+    std::byte* const values = dst;
+    dst += count * (size_of(numbers_.value_type()) - size);
     const auto first = static_cast<std::uint64_t>(y0 * numbers_.columns) * size;
     if (file_->syntax().native) {
         file_->read(
@@ -173,6 +195,9 @@ void DicomFrames::read(std::uint32_t file, std::int64_t frame, std::int64_t y0, 
         std::memcpy(dst, unpacked_.data() + first, count * size);
     }
     mend_bits(dst, count);
+    if (numbers_.table_bits != 0) {
+        use_table(dst, count, values);
+    }
 }
 
 }  // namespace isonest::detail

@@ -20,7 +20,8 @@ class DicomFrames {
     DicomFrames(std::vector<std::filesystem::path> files, const DicomNumbers& numbers);
 
     [[nodiscard]] const std::vector<std::filesystem::path>& files() const { return files_; }
-    /// Rows [y0, y0 + ny) of a frame: sign and unused bits are in order, native endianness.
+    /// Rows [y0, y0 + ny) of a frame: sign and unused bits are in order, native endianness; of
+    /// numbers with a table, the table's values (DicomNumbers::value_type()).
     /// Throws Error{corrupt, io, unsupported}.
     void read(std::uint32_t file, std::int64_t frame, std::int64_t y0, std::int64_t ny,
               std::byte* dst);
@@ -31,6 +32,7 @@ class DicomFrames {
     void find_frames(const std::vector<DicomElement>& fragments);
     void unpack(std::int64_t frame);
     void mend_bits(std::byte* data, std::size_t count) const;
+    void use_table(const std::byte* stored, std::size_t count, std::byte* values) const;
 
     std::vector<std::filesystem::path> files_;
     DicomNumbers numbers_;

@@ -9,6 +9,8 @@
 
 #include <isonest/error.h>
 
+#include "preprocess/sources/bytes/header_number.h"
+
 namespace isonest::detail {
 namespace {
 
@@ -20,6 +22,10 @@ constexpr DicomTag kPlanePosition = 0x00209113;
 constexpr DicomTag kPlaneOrientation = 0x00209116;
 constexpr DicomTag kPixelMeasures = 0x00289110;
 constexpr DicomTag kValueTransformation = 0x00289145;
+constexpr DicomTag kEcho = 0x00189114;
+constexpr DicomTag kDiffusion = 0x00189117;
+constexpr DicomTag kModalityTable = 0x00283000;
+constexpr std::size_t kMostTable = 65536;
 constexpr std::int64_t kMostFrames = 1000000;
 
 class HeaderVisitor {
@@ -30,10 +36,8 @@ class HeaderVisitor {
     bool enter(DicomTag sequence, std::int64_t item) {
         const bool groups = sequence == kSharedGroups || sequence == kFrameGroups;
         const bool wanted = path_.empty()
-                                ? groups || sequence == kDetectors
-                                : sequence == kFrameContent || sequence == kPlanePosition ||
-                                      sequence == kPlaneOrientation || sequence == kPixelMeasures ||
-                                      sequence == kValueTransformation;
+                                ? groups || sequence == kDetectors || sequence == kModalityTable
+                                : is_functional_group(sequence);
         if (!wanted || item < 0) {
             return wanted;
         }
@@ -61,6 +65,8 @@ class HeaderVisitor {
         if (path_.empty()) {
             place(e, header_.shared);
             whole_image(e);
+        } else if (path_.front() == kModalityTable) {
+            table(e);
         } else if (path_.front() == kFrameGroups) {
             place(e, header_.per_frame.back());
         } else {
@@ -69,6 +75,54 @@ class HeaderVisitor {
     }
 
   private:
+    static bool is_functional_group(DicomTag sequence) {
+        constexpr std::array<DicomTag, 7> kGroups{
+            kFrameContent,        kPlanePosition, kPlaneOrientation, kPixelMeasures,
+            kValueTransformation, kEcho,          kDiffusion};
+        return std::find(kGroups.begin(), kGroups.end(), sequence) != kGroups.end();
+    }
+    void table(const DicomElement& e) {
+        switch (e.tag) {
+            case 0x00283002:
+                if (e.length < 6) {
+                    file_.fail(e.at, "a table of values whose descriptor is no three numbers");
+                }
+                for (std::size_t i = 0; i < 3; ++i) {
+                    table_.at(i) = number_at<std::uint16_t>(file_.bytes(e.at, 6), 2 * i,
+                                                            file_.syntax().big_endian);
+                }
+                break;
+            case 0x00283004:
+                header_.table.type = file_.text(e);
+                break;
+            case 0x00283006:
+                table_values(e);
+                break;
+            default:
+                break;
+        }
+    }
+    /// Entries of 8 bits may take a byte or two.
+    void table_values(const DicomElement& e) {
+        const std::size_t count = table_[0] == 0 ? kMostTable : table_[0];
+        const bool big = file_.syntax().big_endian;
+        const bool wide = e.length >= 2 * count;
+        if (e.length < count || (!wide && table_[2] > 8)) {
+            file_.fail(e.at, fmt::format("a table of {} values has {} bytes", count, e.length));
+        }
+        const std::string all = file_.bytes(e.at, wide ? 2 * count : count + count % 2);
+        header_.table.values.resize(count);
+        for (std::size_t i = 0; i < count; ++i) {
+            // Bytes in words of 16 bits: of each the one that counts less comes first.
+            const std::size_t byte = big && e.vr == "OW" ? i ^ 1U : i;
+            header_.table.values[i] = wide ? number_at<std::uint16_t>(all, 2 * i, big)
+                                           : static_cast<unsigned char>(all[byte]);
+        }
+        header_.table.first = header_.numbers.is_signed
+                                  ? std::int64_t{static_cast<std::int16_t>(table_[1])}
+                                  : std::int64_t{table_[1]};
+        header_.numbers.table_bits = table_[2];
+    }
     std::optional<double> number(const DicomElement& e) {
         const std::vector<double> all = file_.numbers(e);
         return all.empty() ? std::nullopt : std::optional(all[0]);
@@ -126,13 +180,42 @@ class HeaderVisitor {
             case 0x00281053:
                 place.slope = number(e);
                 break;
-            case 0x00209128:
-                if (e.length >= 4) {
-                    place.time = static_cast<std::int64_t>(binary_numbers(e, "UL").front());
-                }
-                break;
             default:
+                moment(e, place.moment);
                 break;
+        }
+    }
+    /// What only orders images of one place: a text that is no number is none.
+    void moment(const DicomElement& e, DicomMoment& moment) {
+        struct Part {
+            DicomTag tag;
+            DicomMomentPart part;
+            const char* vr;  ///< empty: as the element says, or text
+        };
+        constexpr std::array<Part, 9> kParts{{{0x00200100, DicomMomentPart::time, ""},
+                                              {0x00209128, DicomMomentPart::time, "UL"},
+                                              {0x00200012, DicomMomentPart::acquisition, ""},
+                                              {0x00209156, DicomMomentPart::acquisition, "US"},
+                                              {0x00189087, DicomMomentPart::b_value, "FD"},
+                                              {0x00181060, DicomMomentPart::trigger, ""},
+                                              {0x00209153, DicomMomentPart::trigger, "FD"},
+                                              {0x00180086, DicomMomentPart::echo, ""},
+                                              {0x00189082, DicomMomentPart::echo, "FD"}}};
+        const auto* const part = std::find_if(kParts.begin(), kParts.end(),
+                                              [&](const Part& p) { return p.tag == e.tag; });
+        if (part == kParts.end()) {
+            return;
+        }
+        try {
+            const std::vector<double> all =
+                part->vr[0] == '\0' ? file_.numbers(e) : binary_numbers(e, part->vr);
+            if (!all.empty()) {
+                moment.at(static_cast<std::size_t>(part->part)) = all[0];
+            }
+        } catch (const Error& error) {
+            if (error.kind() != ErrorKind::corrupt) {
+                throw;
+            }
         }
     }
     /// Of this VR, also where it is implicit.
@@ -144,6 +227,10 @@ class HeaderVisitor {
     void whole_image(const DicomElement& e) {
         DicomNumbers& n = header_.numbers;
         switch (e.tag) {
+            case 0x00080008:
+                header_.localizer =
+                    ("\\" + file_.text(e) + "\\").find("\\LOCALIZER\\") != std::string::npos;
+                break;
             case 0x00080018:
                 header_.instance = file_.text(e);
                 break;
@@ -163,9 +250,6 @@ class HeaderVisitor {
                 break;
             case 0x00200013:
                 header_.number = whole_number(e);
-                break;
-            case 0x00200100:
-                header_.shared.time = whole_number(e);
                 break;
             case 0x00280002:
                 n.samples = file_.whole(e);
@@ -197,9 +281,6 @@ class HeaderVisitor {
             case 0x00280120:
                 header_.padding = file_.whole(e);
                 break;
-            case 0x00283000:
-                header_.has_modality_table = true;
-                break;
             case 0x00540080:
                 header_.slice_numbers = binary_numbers(e, "US");
                 break;
@@ -218,6 +299,7 @@ class HeaderVisitor {
     DicomHeader& header_;
     std::uint64_t most_bytes_;
     std::vector<DicomTag> path_;
+    std::array<std::uint16_t, 3> table_{};  ///< its entries, the first number, bits of a value
 };
 
 /// Whether objects of this SOP class always have pixels (PS3.3, A.3 and following; PS3.6, A):
@@ -276,6 +358,14 @@ void check(const DicomFile& file, DicomHeader& header) {
                fmt::format("{} frames are described, but there are {}", header.per_frame.size(),
                            header.frames));
     }
+    if (n.table_bits != 0 && (n.floating || n.allocated > 16)) {
+        refuse(ErrorKind::unsupported, "ModalityLUTSequence",
+               fmt::format("a table of values for numbers of {} bits", n.allocated));
+    }
+    if (n.table_bits > 16 || (n.table_bits == 0 && !header.table.values.empty())) {
+        refuse(ErrorKind::corrupt, "ModalityLUTSequence",
+               fmt::format("a table of values of {} bits", n.table_bits));
+    }
     if (header.padding && n.is_signed) {
         header.padding = static_cast<std::int16_t>(*header.padding);
     }
@@ -297,12 +387,17 @@ ValueType DicomNumbers::type() const {
     }
 }
 
+ValueType DicomNumbers::value_type() const {
+    return table_bits == 0                     ? type()
+           : allocated == 8 && table_bits <= 8 ? ValueType::u8
+                                               : ValueType::u16;
+}
+
 std::string DicomNumbers::text() const {
     return fmt::format("{} x {} of {}{} bits", columns, rows, is_signed ? "signed " : "", stored);
 }
 
-DicomHeader read_dicom_header(DicomFile& file, std::uint64_t most_bytes) {
-    DicomHeader header;
+void read_dicom_header(DicomFile& file, std::uint64_t most_bytes, DicomHeader& header) {
     HeaderVisitor visitor(file, header, most_bytes);
     header.pixels =
         file.visit({.value = [&](const DicomElement& e) { visitor.value(e); },
@@ -315,7 +410,6 @@ DicomHeader read_dicom_header(DicomFile& file, std::uint64_t most_bytes) {
     } else if (is_image_class(file.class_uid())) {
         file.fail(file.size(), "an image without pixels: the file may have been cut short");
     }
-    return header;
 }
 
 }  // namespace isonest::detail

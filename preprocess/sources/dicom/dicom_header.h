@@ -15,6 +15,11 @@
 
 namespace isonest::detail {
 
+/// What tells images of one place apart, in the order in which it counts.
+enum class DicomMomentPart : std::uint8_t { time, acquisition, b_value, trigger, echo };
+inline constexpr std::size_t kDicomMomentParts = 5;
+using DicomMoment = std::array<std::optional<double>, kDicomMomentParts>;
+
 /// What may be said of all frames of a file, or of one. World coordinates are the patient's: x to
 /// the left, y to the back, z to the head, millimetres.
 struct DicomPlace {
@@ -26,7 +31,7 @@ struct DicomPlace {
     std::optional<double> thickness = {};               ///< of a slice
     std::optional<double> slope = {};
     std::optional<double> intercept = {};
-    std::optional<std::int64_t> time = {};  ///< temporal position
+    DicomMoment moment = {};
 };
 
 /// How the numbers are stored.
@@ -39,13 +44,25 @@ struct DicomNumbers {
     int high = 15;  ///< the highest bit
     bool is_signed = false;
     bool floating = false;  ///< of 32 or 64 bits
+    int table_bits = 0;     ///< of the values in the table of values; 0: there is none
+    /// Of the stored numbers.
     [[nodiscard]] ValueType type() const;
+    /// Of what the table makes of them; no smaller than the stored ones.
+    [[nodiscard]] ValueType value_type() const;
     [[nodiscard]] std::uint64_t frame_bytes() const {
         return static_cast<std::uint64_t>(columns * rows) * static_cast<unsigned>(allocated / 8);
     }
     /// "512 x 512 of 12 bits"
     [[nodiscard]] std::string text() const;
     bool operator==(const DicomNumbers&) const = default;
+};
+
+/// A table of values (Modality LUT; PS3.3, C.11.1): of stored numbers from `first` on. Smaller ones
+/// have the first value, larger ones the last.
+struct DicomTable {
+    std::int64_t first = 0;
+    std::vector<std::uint16_t> values = {};
+    std::string type = {};  ///< "HU", "US"
 };
 
 struct DicomHeader {
@@ -64,13 +81,15 @@ struct DicomHeader {
     DicomPlace detector = {};                ///< nuclear medicine: of the first one
     std::optional<double> dose_scaling = {};
     std::optional<std::int64_t> padding = {};  ///< the stored number outside of the image
-    bool has_modality_table = false;           ///< numbers have a meaning by a table
+    DicomTable table = {};                     ///< without values: there is none
+    bool localizer = false;                    ///< ImageType says so
     DicomElement pixels = {};                  ///< its tag is 0: this is no image
 };
 
-/// Throws Error{corrupt, io, unsupported}: colours, bits that are no bytes; and Error{limit} where
-/// what is said of the frames, one by one, takes more than `most_bytes`. An object of a class that
-/// is no image has no pixels; an image without them is corrupt.
-DicomHeader read_dicom_header(DicomFile& file, std::uint64_t most_bytes);
+/// Fills `header`, as far as it came where it throws. Throws Error{corrupt, io, unsupported}:
+/// colours, bits that are no bytes; and Error{limit} where what is said of the frames, one by one,
+/// takes more than `most_bytes`. An object of a class that is no image has no pixels; an image
+/// without them is corrupt.
+void read_dicom_header(DicomFile& file, std::uint64_t most_bytes, DicomHeader& header);
 
 }  // namespace isonest::detail

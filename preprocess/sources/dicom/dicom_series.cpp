@@ -24,6 +24,14 @@ std::optional<T> either(const std::optional<T>& own, const std::optional<T>& sha
     return own ? own : shared;
 }
 
+DicomMoment moment_of(const DicomMoment& own, const DicomMoment& shared) {
+    DicomMoment result;
+    for (std::size_t i = 0; i < result.size(); ++i) {
+        result.at(i) = either(own.at(i), shared.at(i));
+    }
+    return result;
+}
+
 DicomPlace place_of_frame(const DicomHeader& header, std::size_t frame) {
     if (header.per_frame.empty()) {
         return header.shared;
@@ -33,7 +41,7 @@ DicomPlace place_of_frame(const DicomHeader& header, std::size_t frame) {
     return {either(own.position, all.position),   either(own.orientation, all.orientation),
             either(own.spacing, all.spacing),     either(own.step, all.step),
             either(own.thickness, all.thickness), either(own.slope, all.slope),
-            either(own.intercept, all.intercept), either(own.time, all.time)};
+            either(own.intercept, all.intercept), moment_of(own.moment, all.moment)};
 }
 
 std::optional<double> step_of(const DicomPlace& place) {
@@ -101,70 +109,165 @@ bool same(const std::optional<std::array<double, 2>>& a,
            std::fabs((*a)[1] - (*b)[1]) <= kMostDifference * (*a)[1];
 }
 
-/// What a frame has otherwise than the series, or nothing.
-std::string difference_of(const DicomSeries& series, const DicomNumbers& numbers,
-                          const DicomPlace& place) {
-    if (numbers != series.numbers) {
-        return fmt::format("has {}, the first one {}", numbers.text(), series.numbers.text());
+/// What `b` has otherwise than `a`, which is called `name`; nothing if they are alike.
+std::string difference_of(const DicomGroup& a, const DicomGroup& b, const std::string& name) {
+    if (b.numbers != a.numbers) {
+        return fmt::format("has {}, {} has {}", b.numbers.text(), name, a.numbers.text());
     }
-    if (!same(place.orientation, series.orientation)) {
-        return "lies in another direction than the first one";
+    if (!same(b.orientation, a.orientation)) {
+        return fmt::format("lies in another direction than {}", name);
     }
-    if (!same(place.spacing, series.spacing)) {
-        return "has another pixel spacing than the first one";
+    if (!same(b.spacing, a.spacing)) {
+        return fmt::format("has another pixel spacing than {}", name);
+    }
+    if (b.localizer != a.localizer) {
+        return fmt::format("is {} localizer, {} is {}", b.localizer ? "a" : "no", name,
+                           a.localizer ? "one" : "none");
     }
     return {};
+}
+
+/// The group of the series that such an image belongs to; null if there would be too many.
+DicomGroup* group_of(const DicomGroup& image, DicomSeries& series) {
+    constexpr std::size_t kMostGroups = 100;
+    for (DicomGroup& group : series.groups) {
+        if (difference_of(group, image, "").empty()) {
+            return &group;
+        }
+    }
+    return series.groups.size() < kMostGroups ? &series.groups.emplace_back(image) : nullptr;
+}
+
+void refuse_file(DicomRefused& refused, const Error& error) {
+    ++refused.files;
+    if (refused.first == nullptr) {
+        refused.first = std::make_shared<const Error>(error);
+    }
 }
 
 void add_frames(const DicomHeader& header, std::uint32_t file, const std::string& name,
                 DicomSeries& series) {
     for (std::size_t i = 0; i < static_cast<std::size_t>(header.frames); ++i) {
         const DicomPlace place = place_of_frame(header, i);
-        if (series.slices.empty()) {
-            series.uid = header.series;
-            series.description = header.description;
-            series.modality = header.modality;
-            series.numbers = header.numbers;
-            series.orientation = place.orientation;
-            series.spacing = place.spacing;
-            series.step = step_of(place);
-            series.dark_is_large = header.photometric == "MONOCHROME1";
-            series.padding = header.padding;
-        }
-        series.has_modality_table |= header.has_modality_table;
-        if (series.difference.empty()) {
-            if (const std::string found = difference_of(series, header.numbers, place);
-                !found.empty()) {
-                series.difference =
-                    fmt::format("{}{} {}", name,
-                                header.frames > 1 ? fmt::format(", frame {}", i + 1) : "", found);
-            }
+        DicomGroup image;
+        image.numbers = header.numbers;
+        image.orientation = place.orientation;
+        image.spacing = place.spacing;
+        image.step = step_of(place);
+        image.localizer = header.localizer;
+        image.dark_is_large = header.photometric == "MONOCHROME1";
+        image.table_type = header.table.type;
+        image.padding = header.padding;
+        DicomGroup* const group = group_of(image, series);
+        if (group == nullptr) {
+            refuse_file(series.damaged,
+                        Error(ErrorKind::unsupported, {name},
+                              fmt::format("the images of the series {} lie in more than {} "
+                                          "directions: name the files that belong together",
+                                          series.uid, series.groups.size())));
+            return;
         }
         DicomSlice slice;
         slice.file = file;
         slice.frame = static_cast<std::uint32_t>(i);
         slice.position = position_of(header, place, i);
-        slice.slope = header.dose_scaling.value_or(place.slope.value_or(1));
-        slice.intercept = place.intercept.value_or(0);
+        if (header.table.values.empty()) {
+            slice.slope = header.dose_scaling.value_or(place.slope.value_or(1));
+            slice.intercept = place.intercept.value_or(0);
+        }
         slice.number = header.number;
-        slice.time = place.time.value_or(0);
-        slice.instance = std::hash<std::string>{}(header.instance) + i;
-        series.slices.push_back(slice);
+        std::transform(place.moment.begin(), place.moment.end(), slice.moment.begin(),
+                       [](const auto& part) { return part.value_or(-HUGE_VAL); });
+        slice.instance =
+            header.instance.empty() ? 0 : std::hash<std::string>{}(header.instance) + i;
+        group->slices.push_back(slice);
     }
+}
+
+/// "6 of 512 x 512 of 16 bits", and what is not read of it.
+std::string text_of(const DicomSeries& s) {
+    std::string text = fmt::format("{}  {} \"{}\"", s.uid, s.modality, s.description);
+    for (const DicomGroup& group : s.groups) {
+        text += fmt::format(", {} of {}", group.slices.size(), group.numbers.text());
+    }
+    for (const DicomRefused* refused : {&s.unsupported, &s.damaged}) {
+        if (refused->files > 0) {
+            text += fmt::format(", {} not read ({})", refused->files, refused->first->what());
+        }
+    }
+    return text;
 }
 
 std::string text_of(const std::vector<DicomSeries>& series) {
     std::string text;
     constexpr std::size_t kMost = 50;
     for (std::size_t i = 0; i < series.size() && i < kMost; ++i) {
-        const DicomSeries& s = series[i];
-        text += fmt::format("\n  {}  {} \"{}\", {} of {}", s.uid, s.modality, s.description,
-                            s.slices.size(), s.numbers.text());
+        text += "\n  " + text_of(series[i]);
     }
     if (series.size() > kMost) {
         text += fmt::format("\n  and {} more", series.size() - kMost);
     }
     return text;
+}
+
+/// The groups of a series as its user can choose them.
+std::string text_of_groups(const DicomSeries& series,
+                           const std::vector<std::filesystem::path>& files) {
+    constexpr std::size_t kMost = 20;
+    const auto& groups = series.groups;
+    std::string text;
+    for (std::size_t i = 0; i < groups.size() && i < kMost; ++i) {
+        const DicomGroup& group = groups[i];
+        text += fmt::format("\n  stack={}: {} of {}", i, group.slices.size(), group.numbers.text());
+        if (i > 0) {
+            text += fmt::format("; {}{} {}", files[group.slices[0].file].string(),
+                                group.slices[0].frame > 0
+                                    ? fmt::format(", frame {}", group.slices[0].frame + 1)
+                                    : "",
+                                difference_of(groups[0], group, "stack 0"));
+        }
+    }
+    if (groups.size() > kMost) {
+        text += fmt::format("\n  and {} more", groups.size() - kMost);
+    }
+    return text;
+}
+
+/// "1 file is left out", "3 files are left out"
+std::string left_out(std::int64_t count, const char* what) {
+    return fmt::format("{} {}{} left out", count, what, count == 1 ? " is" : "s are");
+}
+
+/// The entry of a series in the folder.
+DicomSeries& series_of(const DicomHeader& header, DicomFolder& folder,
+                       std::map<std::string, std::size_t>& known) {
+    const auto [found, is_new] = known.try_emplace(header.series, folder.series.size());
+    if (is_new) {
+        DicomSeries& series = folder.series.emplace_back();
+        series.uid = header.series;
+        series.description = header.description;
+        series.modality = header.modality;
+    }
+    return folder.series[found->second];
+}
+
+/// Reads a header. Where the file cannot be read but says which series it is of, this goes to the
+/// series, and the result is false.
+bool read_member(const std::filesystem::path& path, std::uint64_t most_bytes, DicomFolder& folder,
+                 std::map<std::string, std::size_t>& known, DicomHeader& header) {
+    try {
+        DicomFile file(path);
+        read_dicom_header(file, most_bytes, header);
+        return true;
+    } catch (const Error& error) {
+        const bool unsupported = error.kind() == ErrorKind::unsupported;
+        if (header.series.empty() || (error.kind() != ErrorKind::corrupt && !unsupported)) {
+            throw;
+        }
+        DicomSeries& series = series_of(header, folder, known);
+        refuse_file(unsupported ? series.unsupported : series.damaged, error);
+        return false;
+    }
 }
 
 }  // namespace
@@ -181,8 +284,10 @@ DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files,
             ++folder.others;
             continue;
         }
-        DicomFile file(files[i]);
-        const DicomHeader header = read_dicom_header(file, most_bytes);
+        DicomHeader header;
+        if (!read_member(files[i], most_bytes, folder, known, header)) {
+            continue;
+        }
         if (header.pixels.tag == 0) {
             ++folder.others;
             continue;
@@ -198,28 +303,37 @@ DicomFolder find_dicom_series(const std::vector<std::filesystem::path>& files,
                                     most_bytes),
                         {{RemedyKind::more_memory}});
         }
-        const auto [found, is_new] = known.try_emplace(header.series, folder.series.size());
-        if (is_new) {
-            folder.series.emplace_back();
-        }
-        add_frames(header, static_cast<std::uint32_t>(i), file.name(),
-                   folder.series[found->second]);
+        add_frames(header, static_cast<std::uint32_t>(i), files[i].string(),
+                   series_of(header, folder, known));
+    }
+    for (DicomSeries& series : folder.series) {
+        std::stable_sort(series.groups.begin(), series.groups.end(),
+                         [](const DicomGroup& a, const DicomGroup& b) {
+                             return a.slices.size() > b.slices.size();
+                         });
     }
     return folder;
 }
 
-const DicomSeries& choose_series(const std::vector<DicomSeries>& series, const std::string& wanted,
-                                 const std::string& name) {
+DicomSeries& choose_series(std::vector<DicomSeries>& series, const std::string& wanted,
+                           const std::string& name) {
+    DicomSeries* found = nullptr;
     if (wanted.empty()) {
-        if (series.size() == 1) {
-            return series[0];
+        std::size_t candidates = 0;
+        for (DicomSeries& s : series) {
+            if (series.size() == 1 || !s.groups.empty() || s.damaged.files > 0) {
+                ++candidates;
+                found = &s;
+            }
+        }
+        if (candidates == 1) {
+            return *found;
         }
         throw Error(ErrorKind::invalid_argument, {name},
                     fmt::format("there are {} series:{}", series.size(), text_of(series)),
                     {{RemedyKind::choose_series}});
     }
-    const DicomSeries* found = nullptr;
-    for (const DicomSeries& s : series) {
+    for (DicomSeries& s : series) {
         if (s.uid == wanted) {
             return s;
         }
@@ -238,6 +352,124 @@ const DicomSeries& choose_series(const std::vector<DicomSeries>& series, const s
                     {{RemedyKind::choose_series}});
     }
     return *found;
+}
+
+void drop_copies(DicomSeries& series, const std::vector<std::filesystem::path>& files) {
+    struct Member {
+        std::uint64_t instance;
+        std::uint32_t file;
+    };
+    std::vector<Member> members;
+    for (const DicomGroup& group : series.groups) {
+        for (const DicomSlice& slice : group.slices) {
+            if (slice.frame == 0 && slice.instance != 0) {
+                members.push_back({slice.instance, slice.file});
+            }
+        }
+    }
+    std::stable_sort(members.begin(), members.end(), [](const Member& a, const Member& b) {
+        return std::make_pair(a.instance, a.file) < std::make_pair(b.instance, b.file);
+    });
+    std::vector<std::uint32_t> copies;
+    for (std::size_t i = 1; i < members.size(); ++i) {
+        if (members[i].instance != members[i - 1].instance) {
+            continue;
+        }
+        const std::filesystem::path& kept = files[members[i - 1].file];
+        const std::filesystem::path& other = files[members[i].file];
+        if (!same_dicom_object(kept, other)) {
+            throw Error(ErrorKind::unsupported, {other.string()},
+                        fmt::format("it has the same SOP instance UID as {}, but other contents: "
+                                    "leave one of them out",
+                                    kept.string()));
+        }
+        copies.push_back(members[i].file);
+    }
+    if (copies.empty()) {
+        return;
+    }
+    std::sort(copies.begin(), copies.end());
+    for (DicomGroup& group : series.groups) {
+        std::erase_if(group.slices, [&](const DicomSlice& slice) {
+            return std::binary_search(copies.begin(), copies.end(), slice.file);
+        });
+    }
+    series.copies = static_cast<std::int64_t>(copies.size());
+    series.first_copy = files[copies[0]].string();
+}
+
+const DicomGroup& choose_group(const DicomSeries& series, std::optional<std::int64_t> stack,
+                               const std::vector<std::filesystem::path>& files,
+                               const std::string& name) {
+    const auto count = static_cast<std::int64_t>(series.groups.size());
+    // A damaged file may be any of the slices.
+    if (series.damaged.files > 0) {
+        throw Error(*series.damaged.first);
+    }
+    if (count == 0 || (series.unsupported.files > 0 && !stack)) {
+        std::vector<Remedy> remedies = series.unsupported.first->remedies();
+        if (count > 0) {
+            remedies.push_back({RemedyKind::choose_index, "stack=0"});
+        }
+        throw Error(
+            ErrorKind::unsupported, series.unsupported.first->place(),
+            series.unsupported.first->problem() +
+                (count > 0 ? "; the series' other images are:" + text_of_groups(series, files)
+                           : ""),
+            remedies);
+    }
+    if (count > 1 && !stack) {
+        throw Error(ErrorKind::unsupported, {name},
+                    fmt::format("the images of the series are no single volume, but {} stacks:{}",
+                                count, text_of_groups(series, files)),
+                    {{RemedyKind::choose_index, "stack=0"}});
+    }
+    const std::int64_t at = stack.value_or(0) < 0 ? *stack + count : stack.value_or(0);
+    if (at < 0 || at >= count) {
+        throw Error(ErrorKind::invalid_argument, {name},
+                    fmt::format("there is no stack {}; there are:{}", *stack,
+                                text_of_groups(series, files)),
+                    {{RemedyKind::choose_index, "stack=0"}});
+    }
+    return series.groups[static_cast<std::size_t>(at)];
+}
+
+std::vector<std::string> notes_of_left_out(const DicomFolder& folder, const DicomSeries& series,
+                                           const DicomGroup& chosen,
+                                           const std::vector<std::filesystem::path>& files) {
+    std::vector<std::string> notes;
+    if (folder.others > 0) {
+        notes.push_back(left_out(folder.others, "file") + ": no DICOM images");
+    }
+    if (series.copies > 0) {
+        notes.push_back(fmt::format("{}: exact copies of others, the first is {}",
+                                    left_out(series.copies, "file"), series.first_copy));
+    }
+    if (series.unsupported.files > 0) {
+        notes.push_back(left_out(series.unsupported.files, "file") + ": " +
+                        series.unsupported.first->what());
+    }
+    for (const DicomGroup& group : series.groups) {
+        if (&group != &chosen) {
+            notes.push_back(fmt::format(
+                "{}: {} {}", left_out(static_cast<std::int64_t>(group.slices.size()), "image"),
+                files[group.slices[0].file].string(),
+                difference_of(chosen, group, "the chosen stack")));
+        }
+    }
+    constexpr std::size_t kMost = 5;
+    for (std::size_t i = 0, listed = 0; i < folder.series.size(); ++i) {
+        if (&folder.series[i] == &series) {
+            continue;
+        }
+        if (++listed > kMost) {
+            notes.push_back(
+                fmt::format("{} more series are left out", folder.series.size() - 1 - kMost));
+            break;
+        }
+        notes.push_back("another series is left out: " + text_of(folder.series[i]));
+    }
+    return notes;
 }
 
 }  // namespace isonest::detail

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <string_view>
 #include <tuple>
 
 #include <isonest/error.h>
@@ -24,20 +25,19 @@ double dot_of(const Double3& a, const Double3& b) {
 
 class Stacking {
   public:
-    Stacking(const DicomSeries& series, const std::vector<std::filesystem::path>& files,
+    Stacking(const DicomGroup& series, const std::vector<std::filesystem::path>& files,
              bool as_it_is, const std::string& name)
         : series_(series), files_(files), as_it_is_(as_it_is), name_(name) {}
 
     DicomStack run() {
-        if (!series_.difference.empty()) {
-            refuse(series_.difference + "; name the files that belong together");
-        }
         stack_.slices = series_.slices;
         const bool placed = series_.orientation && series_.spacing &&
                             std::all_of(stack_.slices.begin(), stack_.slices.end(),
                                         [](const DicomSlice& s) { return s.position.has_value(); });
+        stack_.placed = placed;
         if (placed) {
             by_position();
+            stack_.normal = normal_;
         } else {
             by_number();
         }
@@ -107,13 +107,19 @@ class Stacking {
             std::max_element(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) {
                 return a.second < b.second;
             })->first;
+        const auto parts = ordering_parts(starts, usual);
         std::vector<std::string> wrong;
         for (std::size_t g = 0; g < starts.size(); ++g) {
             const auto begin = s.begin() + static_cast<std::ptrdiff_t>(starts[g]);
             const auto end = begin + static_cast<std::ptrdiff_t>(size_at(g));
-            std::stable_sort(begin, end, [](const DicomSlice& a, const DicomSlice& b) {
-                return std::make_tuple(a.time, a.number.value_or(0), a.file, a.frame) <
-                       std::make_tuple(b.time, b.number.value_or(0), b.file, b.frame);
+            std::stable_sort(begin, end, [&](const DicomSlice& a, const DicomSlice& b) {
+                for (const std::size_t part : parts) {
+                    if (a.moment.at(part) != b.moment.at(part)) {
+                        return a.moment.at(part) < b.moment.at(part);
+                    }
+                }
+                return std::make_tuple(a.number.value_or(0), a.file, a.frame) <
+                       std::make_tuple(b.number.value_or(0), b.file, b.frame);
             });
             const auto copy = std::adjacent_find(
                 begin, end,
@@ -130,6 +136,9 @@ class Stacking {
             refuse("there are doubled slices: " + list(wrong));
         }
         check_times(starts, usual);
+        if (usual > 1) {
+            stack_.times_are = text_of_times(parts, usual);
+        }
         stack_.times = static_cast<std::int64_t>(usual);
         stack_.count = static_cast<std::int64_t>(starts.size());
         Slices sorted(s.size());
@@ -139,6 +148,58 @@ class Stacking {
             }
         }
         s = std::move(sorted);
+    }
+
+    /// Of what may tell the images of a place apart: the time, and what has the same values at all
+    /// places. Where the number of images differs, that is an error of its own.
+    [[nodiscard]] std::vector<std::size_t> ordering_parts(const std::vector<std::size_t>& starts,
+                                                          std::size_t times) const {
+        const Slices& s = stack_.slices;
+        std::vector<std::size_t> parts;
+        for (std::size_t part = 0; part < kDicomMomentParts; ++part) {
+            std::vector<double> first;
+            bool same = s.size() == starts.size() * times;
+            for (std::size_t g = 0; same && g < starts.size(); ++g) {
+                std::vector<double> values;
+                for (std::size_t i = starts[g]; i < starts[g] + times; ++i) {
+                    same = same && i < s.size();
+                    values.push_back(same ? s[i].moment.at(part) : 0);
+                }
+                std::sort(values.begin(), values.end());
+                first = g == 0 ? values : first;
+                same = same && values == first;
+            }
+            if (part == static_cast<std::size_t>(DicomMomentPart::time) ||
+                (same && times > 1 && first.front() != first.back())) {
+                parts.push_back(part);
+            }
+        }
+        return parts;
+    }
+
+    /// What the slices of the first place, which are in order, have: "echo 1, 2, 3".
+    [[nodiscard]] std::string text_of_times(const std::vector<std::size_t>& parts,
+                                            std::size_t times) const {
+        constexpr std::array<std::string_view, kDicomMomentParts> kNames{
+            "temporal position", "acquisition", "b value", "trigger time", "echo"};
+        constexpr std::size_t kMost = 8;
+        std::string text;
+        for (const std::size_t part : parts) {
+            const auto value = [&](std::size_t i) { return stack_.slices[i].moment.at(part); };
+            bool differ = false;
+            std::string values;
+            for (std::size_t i = 0; i < times; ++i) {
+                differ = differ || value(i) != value(0);
+                if (i < kMost) {
+                    values += fmt::format("{}{:g}", i == 0 ? "" : ", ", value(i));
+                }
+            }
+            if (differ) {
+                text += fmt::format("{}{} {}{}", text.empty() ? "" : "; ", kNames.at(part), values,
+                                    times > kMost ? ", ..." : "");
+            }
+        }
+        return text.empty() ? "the order of their numbers" : text;
     }
 
     /// Images of one place along the normal may lie beside each other: tiles, or a patient who
@@ -264,7 +325,7 @@ class Stacking {
         return text;
     }
 
-    const DicomSeries& series_;
+    const DicomGroup& series_;
     const std::vector<std::filesystem::path>& files_;
     bool as_it_is_;
     const std::string& name_;
@@ -274,9 +335,9 @@ class Stacking {
 
 }  // namespace
 
-DicomStack stack_slices(const DicomSeries& series, const std::vector<std::filesystem::path>& files,
+DicomStack stack_slices(const DicomGroup& images, const std::vector<std::filesystem::path>& files,
                         bool as_it_is, const std::string& name) {
-    return Stacking(series, files, as_it_is, name).run();
+    return Stacking(images, files, as_it_is, name).run();
 }
 
 }  // namespace isonest::detail
