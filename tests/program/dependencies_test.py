@@ -20,10 +20,12 @@ from support.sanitized import is_sanitized  # noqa: E402
 BUILD = pathlib.Path(sys.argv[1]).resolve().parent.parent
 ROWS = list(sbom.libraries())
 DEBIAN = {row[2]: row[3] for row in ROWS if row[0] == "Debian's"}
+# What each of them has in the rows: Debian 12's version, then Debian 13's; or one of both.
+RELEASES = ["bookworm", "trixie"]
 # What compiles, and what came with the system's compiler.
 TOOLS = {"g++", "cmake", "ninja-build", "pkg-config"}
 TESTS_ALONE = {"catch2"}
-SYSTEM = {"gcc-12", "glibc"}
+SYSTEM = {"gcc-12", "gcc-14", "glibc"}
 
 
 def sources_of(packages):
@@ -34,12 +36,17 @@ def sources_of(packages):
 
 def upstream(version):
     """Of Debian's version: what comes before its own additions."""
-    return re.sub(r"^\d+:|-[^-]*$|\+.*$|~.*$", "", re.sub(r"^\d+:|-[^-]*$", "", version))
+    version = re.sub(r"^\d+:|-[^-]*$", "", version)
+    if "+really" in version:
+        version = version.partition("+really")[2]
+    return re.sub(r"^\d+:|-[^-]*$|\+.*$|~.*$", "", version)
 
 
-def is_debian_12():
+def release():
+    """Debian's, if it is one of those in the rows."""
     text = pathlib.Path("/etc/os-release")
-    return text.exists() and "bookworm" in text.read_text()
+    found = re.search(r"^VERSION_CODENAME=(\w+)", text.read_text(), re.M) if text.exists() else None
+    return found[1] if found and found[1] in RELEASES else None
 
 
 class Dependencies(unittest.TestCase):
@@ -68,14 +75,16 @@ class Dependencies(unittest.TestCase):
                     if name and not of.get("dev") and not of.get("optional")}
         self.assertEqual({row[2]: (row[3], row[4]) for row in ROWS if row[0] == "npm's"}, expected)
 
-    @unittest.skipUnless(is_debian_12(), "the versions are Debian 12's")
+    @unittest.skipUnless(release(), "the versions are Debian 12's and 13's")
     def test_versions_are_those_installed(self):
         for package, version in DEBIAN.items():
             found = sbom.installed(package)
             if found:
-                self.assertTrue(upstream(found).startswith(version), f"{package}: {found}")
+                versions = version.split(", ")
+                expected = versions[RELEASES.index(release())] if len(versions) > 1 else version
+                self.assertTrue(upstream(found).startswith(expected), f"{package}: {found}, not {expected}")
 
-    @unittest.skipUnless(is_debian_12(), "asks dpkg")
+    @unittest.skipUnless(release(), "asks dpkg")
     @unittest.skipIf(is_sanitized(sys.argv[1]), "clang links what a library that it uses names, too")
     def test_what_is_linked_has_a_row(self):
         files = [BUILD / "bin/isonest", BUILD / "bin/isonest-mpi", *(BUILD / "lib/isonest").glob("*.so"),
@@ -104,7 +113,7 @@ class Dependencies(unittest.TestCase):
         self.assertEqual((made["bomFormat"], made["specVersion"]), ("CycloneDX", "1.4"))
         self.assertEqual([part["name"] for part in made["components"]], [row[1] for row in ROWS])
         for part in made["components"]:
-            self.assertRegex(part["purl"], r"^pkg:(deb/debian|npm)/[\w.%+-]+@[\w.:%~+-]+(\?distro=bookworm)?$")
+            self.assertRegex(part["purl"], r"^pkg:(deb/debian|npm)/[\w.%+-]+@[\w.:%~+-]+(\?distro=[\w.]+)?$")
 
 
 if __name__ == "__main__":

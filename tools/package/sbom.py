@@ -4,10 +4,11 @@
 usage: sbom.py
 
 The libraries are those of DEPENDENCIES.md; a version is that of the Debian package that is installed here, and the
-document's where none is.
+document's for this release of Debian where none is.
 """
 import json
 import pathlib
+import platform
 import re
 import subprocess
 import sys
@@ -39,11 +40,20 @@ def installed(package):
     return version if status == "installed" else None
 
 
+def debian():
+    """The code name of this machine's release, or of the oldest in the document."""
+    try:
+        return platform.freedesktop_os_release()["VERSION_CODENAME"]
+    except (OSError, KeyError):
+        return "bookworm"
+
+
 def component(kind, name, package, version, licence):
     if kind == "Debian's":
         found = installed(package)
-        version = found or version
-        url = f"pkg:deb/debian/{package}@{version}?distro=bookworm"
+        of_releases = version.split(", ")
+        version = found or of_releases[-1 if debian() == "trixie" else 0]
+        url = f"pkg:deb/debian/{package}@{version}?distro={debian()}"
     else:
         url = f"pkg:npm/{package}@{version}"
     return {"type": "library", "name": name, "version": version, "purl": url.replace("+", "%2B"),
