@@ -16,6 +16,7 @@
 #include "preprocess/sources/dicom/dicom_codec.h"
 #include "preprocess/sources/dicom/dicom_frames.h"
 #include "preprocess/sources/dicom/dicom_place.h"
+#include "preprocess/sources/dicom/dicom_segments.h"
 #include "preprocess/sources/dicom/dicom_series.h"
 #include "preprocess/sources/dicom/dicom_stack.h"
 #include "preprocess/sources/placement/axis_choice.h"
@@ -175,25 +176,6 @@ std::vector<std::filesystem::path> files_of(const VolumeInput& input) {
     return files;
 }
 
-/// Takes the entry about `axis` out of the index. Throws Error{invalid_argument} where it comes
-/// twice or is the whole axis.
-std::optional<std::int64_t> taken_entry(std::vector<AxisIndex>& index, std::string_view axis,
-                                        const std::string& name) {
-    std::optional<std::int64_t> at;
-    for (const AxisIndex& entry : index) {
-        if (entry.axis == axis) {
-            if (at || !entry.at) {
-                throw Error(ErrorKind::invalid_argument, {name},
-                            fmt::format("the index needs one position of '{}'", axis),
-                            {{RemedyKind::choose_index, fmt::format("{}=0", axis)}});
-            }
-            at = entry.at;
-        }
-    }
-    std::erase_if(index, [&](const AxisIndex& entry) { return entry.axis == axis; });
-    return at;
-}
-
 /// Which of the stack's slices the caller wants: the whole of one time.
 std::vector<DicomSlice> chosen_slices(const DicomStack& stack, const DicomNumbers& numbers,
                                       const std::vector<AxisIndex>& index,
@@ -280,6 +262,10 @@ std::unique_ptr<VolumeSource> open_dicom(const VolumeInput& input, const SourceO
     DicomSeries& whole_series = choose_series(folder.series, options.series, name);
     drop_copies(whole_series, files);
     const DicomGroup& series = choose_group(whole_series, chosen_stack, files, name);
+    if (series.segmentation) {
+        return open_dicom_segments(series, files, options, std::move(index),
+                                   notes_of_left_out(folder, whole_series, series, files), name);
+    }
     const DicomStack stack = stack_slices(series, files, options.spacing.has_value(), name);
     SliceVolume volume;
     volume.numbers = series.numbers;

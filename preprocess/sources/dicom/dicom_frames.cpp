@@ -20,12 +20,12 @@ constexpr std::size_t kMostFragments = 4000000;
 }  // namespace
 
 DicomFrames::DicomFrames(std::vector<std::filesystem::path> files, const DicomNumbers& numbers)
-    : files_(std::move(files)), numbers_(numbers) {}
+    : files_(std::move(files)), numbers_(numbers), stored_(numbers.whole_image()) {}
 
 std::uint64_t DicomFrames::heap() const {
     // Packed frames are hardly larger than unpacked ones; an unpacker holds numbers of 32 bits.
-    return 8 * static_cast<std::uint64_t>(numbers_.columns * numbers_.rows) +
-           4 * numbers_.frame_bytes();
+    return 8 * static_cast<std::uint64_t>(stored_.columns * stored_.rows) +
+           4 * stored_.frame_bytes();
 }
 
 void DicomFrames::open(std::uint32_t file) {
@@ -42,19 +42,22 @@ void DicomFrames::open(std::uint32_t file) {
         file_->fail(0, "the file was changed while it was read");
     }
     if (file_->syntax().native) {
-        const std::uint64_t need =
-            numbers_.frame_bytes() * static_cast<std::uint64_t>(header_.frames);
+        const std::uint64_t need = stored_.bytes_of(images());
         if (header_.pixels.length < need) {
-            file_->fail(header_.pixels.at,
-                        fmt::format("{} frames of {} x {} pixels need {} bytes, but there are {}",
-                                    header_.frames, numbers_.columns, numbers_.rows, need,
-                                    header_.pixels.length));
+            file_->fail(
+                header_.pixels.at,
+                fmt::format("{} frames of {} x {} pixels need {} bytes, but there are {}", images(),
+                            stored_.columns, stored_.rows, need, header_.pixels.length));
         }
-        if (file_->syntax().big_endian && header_.pixels.vr == "OW" && numbers_.allocated == 8) {
+        if (file_->syntax().big_endian && header_.pixels.vr == "OW" && numbers_.allocated <= 8) {
             throw Error(ErrorKind::unsupported, {file_->name()},
                         "numbers of 8 bits in big-endian words of 16: repack the file, for "
                         "example with gdcmconv");
         }
+    } else if (numbers_.allocated == 1) {
+        throw Error(ErrorKind::unsupported, {file_->name()},
+                    fmt::format("single bits that are packed as {} (transfer syntax)",
+                                file_->syntax().uid));
     } else {
         find_frames(file_->fragments(header_.pixels, kMostFragments));
     }
@@ -63,7 +66,7 @@ void DicomFrames::open(std::uint32_t file) {
 
 /// PS3.5, A.4: a fragment for each frame, or all for the only one, or as the table of offsets says.
 void DicomFrames::find_frames(const std::vector<DicomElement>& fragments) {
-    const auto frames = static_cast<std::size_t>(header_.frames);
+    const auto frames = static_cast<std::size_t>(images());
     first_.clear();
     if (fragments.empty()) {
         file_->fail(header_.pixels.at, "the pixel data has no table of offsets");
@@ -114,10 +117,10 @@ void DicomFrames::unpack(std::int64_t frame) {
         bytes += fragments_[i].length;
     }
     // What is packed well is smaller; some room for what is not.
-    const std::uint64_t most = 2 * numbers_.frame_bytes() + 65536;
+    const std::uint64_t most = 2 * stored_.frame_bytes() + 65536;
     if (bytes > most || bytes > 0xFFFFFFFE) {
         file_->fail(header_.pixels.at, fmt::format("frame {} takes {} bytes, unpacked only {}",
-                                                   frame, bytes, numbers_.frame_bytes()));
+                                                   frame, bytes, stored_.frame_bytes()));
     }
     packed_.resize(bytes);
     std::uint64_t at = 0;
@@ -127,9 +130,9 @@ void DicomFrames::unpack(std::int64_t frame) {
                     fragments_[i].length);
         at += fragments_[i].length;
     }
-    unpacked_.resize(numbers_.frame_bytes());
+    unpacked_.resize(stored_.frame_bytes());
     const std::string problem =
-        unpack_dicom_frame(file_->syntax().uid, numbers_, packed_, unpacked_, file_->name());
+        unpack_dicom_frame(file_->syntax().uid, stored_, packed_, unpacked_, file_->name());
     if (!problem.empty()) {
         throw Error(ErrorKind::corrupt, {file_->name(), fmt::format("frame {}", frame)}, problem,
                     {{RemedyKind::good_copy}});
@@ -174,26 +177,64 @@ void DicomFrames::use_table(const std::byte* stored, std::size_t count, std::byt
     });
 }
 
-void DicomFrames::read(std::uint32_t file, std::int64_t frame, std::int64_t y0, std::int64_t ny,
-                       std::byte* dst) {
-    open(file);
-    const auto count = static_cast<std::size_t>(ny * numbers_.columns);
+/// Single bits, of each byte the lowest first.
+void DicomFrames::read_bits(std::uint64_t first, std::size_t count, std::byte* dst) {
+    constexpr std::uint64_t kBits = 8;
+    packed_.resize((first + count + kBits - 1) / kBits - first / kBits);
+    file_->read(header_.pixels.at + first / kBits, reinterpret_cast<std::byte*>(packed_.data()),
+                packed_.size());
+    for (std::size_t i = 0; i < count; ++i) {
+        const std::uint64_t bit = first % kBits + i;
+        dst[i] = static_cast<std::byte>(
+            static_cast<unsigned char>(packed_[bit / kBits]) >> bit % kBits & 1U);
+    }
+}
+
+void DicomFrames::read_pixels(std::int64_t image, std::uint64_t first, std::size_t count,
+                              std::byte* dst) {
     const auto size = static_cast<std::size_t>(numbers_.allocated / 8);
-    // Stored numbers lie at the end of the room for the values, which are no smaller.
-    std::byte* const values = dst;
-    dst += count * (size_of(numbers_.value_type()) - size);
-    const auto first = static_cast<std::uint64_t>(y0 * numbers_.columns) * size;
     if (file_->syntax().native) {
-        file_->read(
-            header_.pixels.at + static_cast<std::uint64_t>(frame) * numbers_.frame_bytes() + first,
-            dst, count * size);
+        file_->read(header_.pixels.at + static_cast<std::uint64_t>(image) * stored_.frame_bytes() +
+                        first * size,
+                    dst, count * size);
         if (file_->syntax().big_endian) {
             swap_bytes(dst, count * size, size);
         }
     } else {
-        unpack(frame);
-        std::memcpy(dst, unpacked_.data() + first, count * size);
+        unpack(image);
+        std::memcpy(dst, unpacked_.data() + first * size, count * size);
     }
+}
+
+void DicomFrames::read_stored(std::int64_t frame, std::int64_t y0, std::int64_t ny,
+                              std::byte* dst) {
+    const auto width = static_cast<std::uint64_t>(numbers_.columns);
+    const auto pixels = static_cast<std::uint64_t>(numbers_.columns * numbers_.rows);
+    const auto first = static_cast<std::uint64_t>(y0) * width;
+    const std::size_t count = static_cast<std::size_t>(ny) * width;
+    if (numbers_.allocated == 1) {
+        read_bits(static_cast<std::uint64_t>(frame) * pixels + first, count, dst);
+    } else if (numbers_.mosaic == 1) {
+        read_pixels(frame, first, count, dst);
+    } else {
+        const std::int64_t top = frame / numbers_.mosaic * numbers_.rows + y0;
+        const std::int64_t left = frame % numbers_.mosaic * numbers_.columns;
+        const std::size_t row = width * static_cast<std::size_t>(numbers_.allocated / 8);
+        for (std::int64_t y = 0; y < ny; ++y, dst += row) {
+            read_pixels(0, static_cast<std::uint64_t>((top + y) * stored_.columns + left), width,
+                        dst);
+        }
+    }
+}
+
+void DicomFrames::read(std::uint32_t file, std::int64_t frame, std::int64_t y0, std::int64_t ny,
+                       std::byte* dst) {
+    open(file);
+    const auto count = static_cast<std::size_t>(ny * numbers_.columns);
+    // Stored numbers lie at the end of the room for the values, which are no smaller.
+    std::byte* const values = dst;
+    dst += count * (size_of(numbers_.value_type()) - size_of(numbers_.type()));
+    read_stored(frame, y0, ny, dst);
     mend_bits(dst, count);
     if (numbers_.table_bits != 0) {
         use_table(dst, count, values);

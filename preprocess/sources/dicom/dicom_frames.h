@@ -29,6 +29,11 @@ class DicomFrames {
 
   private:
     void open(std::uint32_t file);
+    void read_stored(std::int64_t frame, std::int64_t y0, std::int64_t ny, std::byte* dst);
+    void read_bits(std::uint64_t first, std::size_t count, std::byte* dst);
+    /// Values of the stored image from pixel `first` on.
+    void read_pixels(std::int64_t image, std::uint64_t first, std::size_t count, std::byte* dst);
+    [[nodiscard]] std::int64_t images() const { return numbers_.mosaic == 1 ? header_.frames : 1; }
     void find_frames(const std::vector<DicomElement>& fragments);
     void unpack(std::int64_t frame);
     void mend_bits(std::byte* data, std::size_t count) const;
@@ -36,6 +41,7 @@ class DicomFrames {
 
     std::vector<std::filesystem::path> files_;
     DicomNumbers numbers_;
+    DicomNumbers stored_;  ///< of the whole image of which a frame may be a part
     std::uint32_t current_ = ~std::uint32_t{0};
     std::unique_ptr<DicomFile> file_;
     DicomHeader header_;

@@ -10,6 +10,8 @@
 #include <isonest/error.h>
 
 #include "preprocess/sources/bytes/header_number.h"
+#include "preprocess/sources/dicom/dicom_csa.h"
+#include "store/base/vector3.h"
 
 namespace isonest::detail {
 namespace {
@@ -26,7 +28,11 @@ constexpr DicomTag kEcho = 0x00189114;
 constexpr DicomTag kDiffusion = 0x00189117;
 constexpr DicomTag kModalityTable = 0x00283000;
 constexpr std::size_t kMostTable = 65536;
+constexpr DicomTag kSegments = 0x00620002;
+constexpr DicomTag kSegmentOfFrame = 0x0062000A;
+constexpr std::size_t kMostSegments = 65535;
 constexpr std::int64_t kMostFrames = 1000000;
+constexpr std::uint64_t kMostCsa = 1U << 20U;
 
 class HeaderVisitor {
   public:
@@ -36,8 +42,9 @@ class HeaderVisitor {
     bool enter(DicomTag sequence, std::int64_t item) {
         const bool groups = sequence == kSharedGroups || sequence == kFrameGroups;
         const bool wanted = path_.empty()
-                                ? groups || sequence == kDetectors || sequence == kModalityTable
-                                : is_functional_group(sequence);
+                                ? groups || sequence == kDetectors || sequence == kModalityTable ||
+                                      sequence == kSegments
+                                : path_.front() != kSegments && is_functional_group(sequence);
         if (!wanted || item < 0) {
             return wanted;
         }
@@ -53,6 +60,11 @@ class HeaderVisitor {
                             {{RemedyKind::more_memory}});
             }
             header_.per_frame.emplace_back();
+        } else if (sequence == kSegments) {
+            if (header_.segmentation.segments.size() >= kMostSegments) {
+                file_.fail(0, fmt::format("more than {} segments", kMostSegments));
+            }
+            header_.segmentation.segments.emplace_back();
         } else if (item > 0) {
             return false;
         }
@@ -61,12 +73,59 @@ class HeaderVisitor {
     }
     void leave(DicomTag /*sequence*/) { path_.pop_back(); }
 
+    /// Makes frames of the slices that a mosaic of Siemens has side by side. Its place is that of a
+    /// single image as large as the mosaic about the same centre (nibabel, dicom_mosaic).
+    void cut_mosaic() {
+        if (!is_mosaic_ || header_.frames != 1 || header_.numbers.mosaic != 1) {
+            return;
+        }
+        const std::optional<SiemensMosaic> mosaic =
+            csa_.tag == 0 || csa_.length > kMostCsa
+                ? std::nullopt
+                : mosaic_of_csa(file_.bytes(csa_.at, csa_.length));
+        DicomNumbers& n = header_.numbers;
+        DicomPlace& place = header_.shared;
+        if (!mosaic || !mosaic->normal || !place.position || !place.orientation || !place.spacing ||
+            !(place.step || place.thickness)) {
+            throw Error(ErrorKind::unsupported, {file_.name()},
+                        "a mosaic of slices in one image (ImageType MOSAIC) that does not say how "
+                        "many there are and where they lie: Siemens' private header (0029,1010) "
+                        "is missing or damaged");
+        }
+        const auto side =
+            static_cast<std::int64_t>(std::ceil(std::sqrt(static_cast<double>(mosaic->images))));
+        if (n.columns % side != 0 || n.rows % side != 0 || mosaic->images > kMostFrames) {
+            file_.fail(csa_.at, fmt::format("a mosaic of {} slices in {} x {} pixels",
+                                            mosaic->images, n.columns, n.rows));
+        }
+        const auto& [row, column] = *place.orientation;
+        const double along = dot(cross(row, column), *mosaic->normal);
+        if (std::fabs(along) < 0.9) {
+            file_.fail(csa_.at,
+                       "the slices of a mosaic do not follow each other along their "
+                       "normal");
+        }
+        header_.mosaic_backward = along < 0;
+        const std::array<double, 2> shift{
+            (*place.spacing)[0] * static_cast<double>(n.columns - n.columns / side) / 2,
+            (*place.spacing)[1] * static_cast<double>(n.rows - n.rows / side) / 2};
+        for (std::size_t a = 0; a < 3; ++a) {
+            place.position->at(a) += shift[0] * row.at(a) + shift[1] * column.at(a);
+        }
+        n.columns /= side;
+        n.rows /= side;
+        n.mosaic = static_cast<int>(side);
+        header_.frames = mosaic->images;
+    }
+
     void value(const DicomElement& e) {
         if (path_.empty()) {
             place(e, header_.shared);
             whole_image(e);
         } else if (path_.front() == kModalityTable) {
             table(e);
+        } else if (path_.front() == kSegments) {
+            segment(e, header_.segmentation.segments.back());
         } else if (path_.front() == kFrameGroups) {
             place(e, header_.per_frame.back());
         } else {
@@ -76,10 +135,46 @@ class HeaderVisitor {
 
   private:
     static bool is_functional_group(DicomTag sequence) {
-        constexpr std::array<DicomTag, 7> kGroups{
-            kFrameContent,        kPlanePosition, kPlaneOrientation, kPixelMeasures,
-            kValueTransformation, kEcho,          kDiffusion};
+        constexpr std::array<DicomTag, 8> kGroups{
+            kSegmentOfFrame, kFrameContent,        kPlanePosition, kPlaneOrientation,
+            kPixelMeasures,  kValueTransformation, kEcho,          kDiffusion};
         return std::find(kGroups.begin(), kGroups.end(), sequence) != kGroups.end();
+    }
+    void segment(const DicomElement& e, DicomSegment& segment) {
+        switch (e.tag) {
+            case 0x00620004:
+                segment.number = file_.whole(e);
+                break;
+            case 0x00620005:
+                segment.label = utf8(file_.text(e));
+                break;
+            case 0x0062000D:
+                if (const std::vector<double> lab = binary_numbers(e, "US"); lab.size() >= 3) {
+                    segment.lab = {static_cast<std::uint16_t>(lab[0]),
+                                   static_cast<std::uint16_t>(lab[1]),
+                                   static_cast<std::uint16_t>(lab[2])};
+                }
+                break;
+            default:
+                break;
+        }
+    }
+    /// Other character sets than UTF-8 and Latin 1 are left as they are.
+    [[nodiscard]] std::string utf8(const std::string& text) const {
+        if (character_set_ != "ISO_IR 100") {
+            return text;
+        }
+        std::string result;
+        for (const char c : text) {
+            const auto byte = static_cast<unsigned char>(c);
+            if (byte < 0x80) {
+                result += c;
+            } else {
+                result += static_cast<char>(0xC0U | byte >> 6U);
+                result += static_cast<char>(0x80U | (byte & 0x3FU));
+            }
+        }
+        return result;
     }
     void table(const DicomElement& e) {
         switch (e.tag) {
@@ -180,6 +275,9 @@ class HeaderVisitor {
             case 0x00281053:
                 place.slope = number(e);
                 break;
+            case 0x0062000B:
+                place.segment = file_.whole(e);
+                break;
             default:
                 moment(e, place.moment);
                 break;
@@ -227,9 +325,12 @@ class HeaderVisitor {
     void whole_image(const DicomElement& e) {
         DicomNumbers& n = header_.numbers;
         switch (e.tag) {
+            case 0x00080005:
+                character_set_ = file_.text(e);
+                break;
             case 0x00080008:
-                header_.localizer =
-                    ("\\" + file_.text(e) + "\\").find("\\LOCALIZER\\") != std::string::npos;
+                header_.localizer = has_value(e, "LOCALIZER");
+                is_mosaic_ = has_value(e, "MOSAIC");
                 break;
             case 0x00080018:
                 header_.instance = file_.text(e);
@@ -290,8 +391,44 @@ class HeaderVisitor {
             case 0x3004000E:
                 header_.dose_scaling = number(e);
                 break;
-            default:
+            case 0x00620001:
+                header_.segmentation.kind = kind_of_segmentation(file_.text(e));
                 break;
+            case 0x0062000E:
+                header_.segmentation.most = file_.whole(e);
+                break;
+            default:
+                private_header(e);
+                break;
+        }
+    }
+    DicomSegmentation::Kind kind_of_segmentation(const std::string& text) const {
+        using Kind = DicomSegmentation::Kind;
+        const Kind kind = text == "BINARY"       ? Kind::binary
+                          : text == "FRACTIONAL" ? Kind::fractional
+                          : text == "LABELMAP"   ? Kind::label_map
+                                                 : Kind::none;
+        if (kind == Kind::none) {
+            throw Error(ErrorKind::unsupported, {file_.name(), "SegmentationType"},
+                        fmt::format("a segmentation of type '{}'", text));
+        }
+        return kind;
+    }
+    /// Whether one of the texts of an element is `value`.
+    bool has_value(const DicomElement& e, std::string_view value) {
+        return ("\\" + file_.text(e) + "\\").find(fmt::format("\\{}\\", value)) !=
+               std::string::npos;
+    }
+    /// Private elements lie in blocks, whose first element says whose it is.
+    void private_header(const DicomElement& e) {
+        if (e.tag >> 16U != 0x0029) {
+            return;
+        }
+        const DicomTag inside = e.tag & 0xFFFFU;
+        if (inside >= 0x10 && inside <= 0xFF && file_.text(e) == "SIEMENS CSA HEADER") {
+            csa_block_ = inside;
+        } else if (csa_block_ != 0 && inside == (csa_block_ << 8U | 0x10U)) {
+            csa_ = e;
         }
     }
 
@@ -300,6 +437,10 @@ class HeaderVisitor {
     std::uint64_t most_bytes_;
     std::vector<DicomTag> path_;
     std::array<std::uint16_t, 3> table_{};  ///< its entries, the first number, bits of a value
+    std::string character_set_;
+    bool is_mosaic_ = false;  ///< ImageType says so
+    DicomTag csa_block_ = 0;
+    DicomElement csa_;
 };
 
 /// Whether objects of this SOP class always have pixels (PS3.3, A.3 and following; PS3.6, A):
@@ -343,6 +484,10 @@ void check(const DicomFile& file, DicomHeader& header) {
     if (n.floating) {
         n.allocated = n.stored = header.pixels.tag == kFloatPixelData ? 32 : 64;
         n.high = n.stored - 1;
+    } else if (n.allocated == 1 && header.segmentation.kind == DicomSegmentation::Kind::binary) {
+        n.stored = 1;
+        n.high = 0;
+        n.is_signed = false;
     } else if (n.allocated != 8 && n.allocated != 16 && n.allocated != 32) {
         refuse(ErrorKind::unsupported, "BitsAllocated",
                fmt::format("{} bits for each number: 8, 16 and 32 are read", n.allocated));
@@ -378,6 +523,7 @@ ValueType DicomNumbers::type() const {
         return allocated == 32 ? ValueType::f32 : ValueType::f64;
     }
     switch (allocated) {
+        case 1:
         case 8:
             return is_signed ? ValueType::i8 : ValueType::u8;
         case 16:
@@ -385,6 +531,14 @@ ValueType DicomNumbers::type() const {
         default:
             return is_signed ? ValueType::i32 : ValueType::u32;
     }
+}
+
+DicomNumbers DicomNumbers::whole_image() const {
+    DicomNumbers whole = *this;
+    whole.columns *= mosaic;
+    whole.rows *= mosaic;
+    whole.mosaic = 1;
+    return whole;
 }
 
 ValueType DicomNumbers::value_type() const {
@@ -407,6 +561,7 @@ void read_dicom_header(DicomFile& file, std::uint64_t most_bytes, DicomHeader& h
     if (header.pixels.tag != 0) {
         use_detector(header);
         check(file, header);
+        visitor.cut_mosaic();
     } else if (is_image_class(file.class_uid())) {
         file.fail(file.size(), "an image without pixels: the file may have been cut short");
     }

@@ -32,6 +32,7 @@ struct DicomPlace {
     std::optional<double> slope = {};
     std::optional<double> intercept = {};
     DicomMoment moment = {};
+    std::optional<std::int64_t> segment = {};  ///< of a segmentation: which one this is
 };
 
 /// How the numbers are stored.
@@ -45,13 +46,21 @@ struct DicomNumbers {
     bool is_signed = false;
     bool floating = false;  ///< of 32 or 64 bits
     int table_bits = 0;     ///< of the values in the table of values; 0: there is none
+    int mosaic = 1;         ///< so many frames beside and below each other are one stored image
     /// Of the stored numbers.
     [[nodiscard]] ValueType type() const;
     /// Of what the table makes of them; no smaller than the stored ones.
     [[nodiscard]] ValueType value_type() const;
-    [[nodiscard]] std::uint64_t frame_bytes() const {
-        return static_cast<std::uint64_t>(columns * rows) * static_cast<unsigned>(allocated / 8);
+    /// The image as it is stored, of which a frame may be a part.
+    [[nodiscard]] DicomNumbers whole_image() const;
+    /// Of `frames` frames. Single bits lie without gaps between frames.
+    [[nodiscard]] std::uint64_t bytes_of(std::int64_t frames) const {
+        return (static_cast<std::uint64_t>(columns * rows) * static_cast<std::uint64_t>(frames) *
+                    static_cast<unsigned>(allocated) +
+                7) /
+               8;
     }
+    [[nodiscard]] std::uint64_t frame_bytes() const { return bytes_of(1); }
     /// "512 x 512 of 12 bits"
     [[nodiscard]] std::string text() const;
     bool operator==(const DicomNumbers&) const = default;
@@ -63,6 +72,26 @@ struct DicomTable {
     std::int64_t first = 0;
     std::vector<std::uint16_t> values = {};
     std::string type = {};  ///< "HU", "US"
+};
+
+/// A segment of a segmentation (PS3.3, C.8.20.4).
+struct DicomSegment {
+    std::int64_t number = 0;
+    std::string label = {};  ///< UTF-8 where the file's character set is that or Latin 1
+    std::optional<std::array<std::uint16_t, 3>> lab = {};  ///< CIELab, as it is stored
+};
+
+/// What the frames of a segmentation are (PS3.3, C.8.20.2).
+struct DicomSegmentation {
+    enum class Kind : std::uint8_t {
+        none,
+        binary,      ///< of each frame one segment, in single bits
+        fractional,  ///< of each frame how much of a segment is there, up to `most`
+        label_map    ///< values are segments' numbers
+    };
+    Kind kind = Kind::none;
+    double most = 255;
+    std::vector<DicomSegment> segments = {};
 };
 
 struct DicomHeader {
@@ -83,7 +112,10 @@ struct DicomHeader {
     std::optional<std::int64_t> padding = {};  ///< the stored number outside of the image
     DicomTable table = {};                     ///< without values: there is none
     bool localizer = false;                    ///< ImageType says so
-    DicomElement pixels = {};                  ///< its tag is 0: this is no image
+    DicomSegmentation segmentation = {};
+    /// Slices of a mosaic lie against the normal of rows and columns.
+    bool mosaic_backward = false;
+    DicomElement pixels = {};  ///< its tag is 0: this is no image
 };
 
 /// Fills `header`, as far as it came where it throws. Throws Error{corrupt, io, unsupported}:

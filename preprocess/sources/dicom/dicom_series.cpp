@@ -41,7 +41,8 @@ DicomPlace place_of_frame(const DicomHeader& header, std::size_t frame) {
     return {either(own.position, all.position),   either(own.orientation, all.orientation),
             either(own.spacing, all.spacing),     either(own.step, all.step),
             either(own.thickness, all.thickness), either(own.slope, all.slope),
-            either(own.intercept, all.intercept), moment_of(own.moment, all.moment)};
+            either(own.intercept, all.intercept), moment_of(own.moment, all.moment),
+            either(own.segment, all.segment)};
 }
 
 std::optional<double> step_of(const DicomPlace& place) {
@@ -69,6 +70,9 @@ std::optional<Double3> position_of(const DicomHeader& header, const DicomPlace& 
                 ? header.slice_numbers[frame] - header.slice_numbers[0]
                 : static_cast<double>(frame);
         along = std::copysign(*step, place.step.value_or(1)) * slices;
+        if (header.numbers.mosaic != 1) {
+            along = (header.mosaic_backward ? -*step : *step) * slices;
+        }
     } else {
         return std::nullopt;
     }
@@ -120,6 +124,9 @@ std::string difference_of(const DicomGroup& a, const DicomGroup& b, const std::s
     if (!same(b.spacing, a.spacing)) {
         return fmt::format("has another pixel spacing than {}", name);
     }
+    if ((b.segmentation == nullptr) != (a.segmentation == nullptr)) {
+        return fmt::format("is {} segmentation", b.segmentation == nullptr ? "no" : "a");
+    }
     if (b.localizer != a.localizer) {
         return fmt::format("is {} localizer, {} is {}", b.localizer ? "a" : "no", name,
                            a.localizer ? "one" : "none");
@@ -147,6 +154,9 @@ void refuse_file(DicomRefused& refused, const Error& error) {
 
 void add_frames(const DicomHeader& header, std::uint32_t file, const std::string& name,
                 DicomSeries& series) {
+    const auto segmentation = header.segmentation.kind == DicomSegmentation::Kind::none
+                                  ? nullptr
+                                  : std::make_shared<const DicomSegmentation>(header.segmentation);
     for (std::size_t i = 0; i < static_cast<std::size_t>(header.frames); ++i) {
         const DicomPlace place = place_of_frame(header, i);
         DicomGroup image;
@@ -154,6 +164,9 @@ void add_frames(const DicomHeader& header, std::uint32_t file, const std::string
         image.orientation = place.orientation;
         image.spacing = place.spacing;
         image.step = step_of(place);
+        image.between =
+            place.step && *place.step != 0 ? std::optional(std::fabs(*place.step)) : std::nullopt;
+        image.segmentation = segmentation;
         image.localizer = header.localizer;
         image.dark_is_large = header.photometric == "MONOCHROME1";
         image.table_type = header.table.type;
@@ -176,6 +189,7 @@ void add_frames(const DicomHeader& header, std::uint32_t file, const std::string
             slice.intercept = place.intercept.value_or(0);
         }
         slice.number = header.number;
+        slice.segment = static_cast<std::uint16_t>(place.segment.value_or(0));
         std::transform(place.moment.begin(), place.moment.end(), slice.moment.begin(),
                        [](const auto& part) { return part.value_or(-HUGE_VAL); });
         slice.instance =

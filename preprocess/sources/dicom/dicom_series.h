@@ -23,6 +23,7 @@ struct DicomSlice {
     double intercept = 0;
     std::optional<std::int64_t> number = {};            ///< of the image in the series
     std::array<double, kDicomMomentParts> moment = {};  ///< -infinity for what is not said
+    std::uint16_t segment = 0;   ///< of a segmentation: which one; 0: not said
     std::uint64_t instance = 0;  ///< tells images from others: a digest of their UID; 0: none
 };
 
@@ -33,6 +34,9 @@ struct DicomGroup {
     std::optional<std::array<Double3, 2>> orientation = {};  ///< along rows and columns
     std::optional<std::array<double, 2>> spacing = {};       ///< along rows and columns
     std::optional<double> step = {};                         ///< between slices, as the file says
+    /// SpacingBetweenSlices, where the file has it; the thickness of slices may be another.
+    std::optional<double> between = {};
+    std::shared_ptr<const DicomSegmentation> segmentation = nullptr;  ///< null: it is none
     bool localizer = false;
     bool dark_is_large = false;   ///< MONOCHROME1
     std::string table_type = {};  ///< of the table of values, if there is one
