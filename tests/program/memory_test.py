@@ -24,9 +24,10 @@ import served  # noqa: E402
 try:
     import netCDF4
     import nibabel
+    import numcodecs
     import numpy as np
     import tifffile
-    import zarr
+    from zarr_two import zarr
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
@@ -102,7 +103,7 @@ def inputs(folder):
                          compression="zlib" if z % 2 else None, rowsperstrip=SIDE if z % 3 else 7)
     tifffile.imwrite(folder / "v.tif", data, photometric="minisblack", metadata=None, tile=(128, 128), compression="zlib")
     zarr.save_array(str(folder / "v.zarr"), data, chunks=(64, 64, 64))
-    zarr.save_array(str(folder / "z.zarr"), data, chunks=(1, SIDE, SIDE), compressor=zarr.Zstd(1))
+    zarr.save_array(str(folder / "z.zarr"), data, chunks=(1, SIDE, SIDE), compressor=numcodecs.Zstd(1))
     with gzip.open(folder / "v.nii.gz", "wb", 1) as file:
         file.write(nibabel.Nifti1Image(data.T, np.eye(4)).to_bytes())
     with netCDF4.Dataset(folder / "v.nc", "w", format="NETCDF3_64BIT_OFFSET") as file:

@@ -23,7 +23,7 @@ from support.range_server import RangeServer  # noqa: E402
 try:
     import numcodecs
     import numpy as np
-    import zarr
+    from zarr_two import zarr
     from zarr_writer import V3
 except ImportError as error:
     print(f"skipped: {error}")

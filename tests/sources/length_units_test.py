@@ -25,9 +25,9 @@ try:
     import pydicom
     import tifffile
     import vtk
-    import zarr
     from pydicom.dataset import FileDataset, FileMetaDataset
     from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
+    from zarr_two import zarr
     from volume_inputs import ISONEST, Input, numbers
 except ImportError as error:
     print(f"skipped: {error}")

@@ -18,7 +18,7 @@ import served  # noqa: E402
 try:
     import numcodecs
     import numpy as np
-    import zarr
+    from zarr_two import zarr
     from volume_inputs import ISONEST, RANDOM, TYPES, Input, is_read_as, numbers
     from zarr_writer import V3
 except ImportError as error:
