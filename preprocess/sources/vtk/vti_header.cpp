@@ -29,6 +29,32 @@ constexpr std::uint64_t kMostFar = std::uint64_t{4} << 20U;
 
 using Attributes = std::map<std::string, std::string, std::less<>>;
 
+// Where the parser is: expat 2.9 has these with numbers of 64 bits on every machine, and warns of
+// the older ones.
+#if XML_MAJOR_VERSION > 2 || (XML_MAJOR_VERSION == 2 && XML_MINOR_VERSION >= 9)
+std::uint64_t line_number(XML_Parser parser) {
+    return XML_GetCurrentLineNumber64(parser);
+}
+/// Negative if there is none.
+std::int64_t byte_index(XML_Parser parser) {
+    return XML_GetCurrentByteIndex64(parser);
+}
+std::uint64_t byte_count(XML_Parser parser) {
+    return XML_GetCurrentByteCount64(parser);
+}
+#else
+std::uint64_t line_number(XML_Parser parser) {
+    return XML_GetCurrentLineNumber(parser);
+}
+/// Negative if there is none.
+std::int64_t byte_index(XML_Parser parser) {
+    return XML_GetCurrentByteIndex(parser);
+}
+std::uint64_t byte_count(XML_Parser parser) {
+    return static_cast<std::uint64_t>(XML_GetCurrentByteCount(parser));
+}
+#endif
+
 struct FreeParser {
     void operator()(XML_Parser parser) const { XML_ParserFree(parser); }
 };
@@ -63,7 +89,7 @@ class VtiReader {
             if (last) {
                 break;
             }
-            const XML_Index done = XML_GetCurrentByteIndex(parser_.get());
+            const std::int64_t done = byte_index(parser_.get());
             if (!stopped_ && (done < 0 || at - static_cast<std::uint64_t>(done) > kMostTag)) {
                 corrupt(fmt::format("a tag or comment of more than {} MiB", kMostTag >> 20U));
             }
@@ -84,8 +110,7 @@ class VtiReader {
   private:
     [[noreturn]] void corrupt(const std::string& what) const {
         throw Error(ErrorKind::corrupt,
-                    {file_.name(), fmt::format("line {}", XML_GetCurrentLineNumber(parser_.get()))},
-                    what);
+                    {file_.name(), fmt::format("line {}", line_number(parser_.get()))}, what);
     }
     /// The parser's C code cannot be left by an exception.
     void stop(const std::string& problem, bool unsupported = false) {
@@ -177,8 +202,7 @@ class VtiReader {
     }
 
     [[nodiscard]] std::uint64_t behind_tag() const {
-        return static_cast<std::uint64_t>(XML_GetCurrentByteIndex(parser_.get()) +
-                                          XML_GetCurrentByteCount(parser_.get()));
+        return static_cast<std::uint64_t>(byte_index(parser_.get())) + byte_count(parser_.get());
     }
 
     void add_array(const Attributes& attributes) {
