@@ -19,7 +19,7 @@ namespace isonest {
 
 /// What is taken of one axis of an array in a file: the whole axis, or one position on it.
 struct AxisIndex {
-    std::string axis = {};  ///< the axis' name; empty: the entries are all axes, slowest first
+    std::string axis = {};  ///< its name or number; empty: the entries are all axes, slowest first
     std::optional<std::int64_t> at =
         {};  ///< position; negative: from the end; none: the whole axis
 };

@@ -201,7 +201,7 @@ NiftiHeader parse(std::string_view head, const std::string& name) {
     for (std::size_t i = 1; i <= static_cast<std::size_t>(dim(0)); ++i) {
         h.dims.push_back(dim(i));
     }
-    for (std::size_t i = 0; i < 4; ++i) {
+    for (std::size_t i = 0; i < 8; ++i) {
         h.pixdim.push_back(real(76, 104, i));
     }
     h.datatype = version == 1 ? number_at<std::int16_t>(head, 70, h.big)
@@ -270,6 +270,9 @@ void set_place(const NiftiHeader& h, PlacedArray& array) {
         }
     }
     array.steps.assign(array.axes.size(), Double3{0, 0, 0});
+    for (std::size_t i = array.axes.size(); i-- > 0;) {
+        array.apart.push_back(h.pixdim[i + 1]);
+    }
     for (std::size_t a = 0; a < std::min<std::size_t>(3, array.axes.size()); ++a) {
         array.steps[array.axes.size() - 1 - a] = columns.at(a);
     }

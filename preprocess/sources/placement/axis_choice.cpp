@@ -3,17 +3,135 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <string_view>
+#include <system_error>
+#include <utility>
 
 #include <isonest/error.h>
+
+#include "preprocess/sources/bytes/lower_case.h"
 
 namespace isonest::detail {
 namespace {
 
+using Entries = std::vector<const AxisIndex*>;  ///< for each axis the one that is about it, or none
+
+/// Names that mean the same axis where a file has one of them alone.
+constexpr std::array<std::array<std::string_view, 6>, 2> kSynonyms{
+    {{"t", "time", "times", "frame", "frames", ""},
+     {"c", "channel", "channels", "component", "components", "sample"}}};
+
+/// The row of kSynonyms that has a name in lower case; none: it has no synonyms.
+std::optional<std::size_t> synonyms_of(const std::string& name) {
+    for (std::size_t row = 0; row < kSynonyms.size(); ++row) {
+        const auto& names = kSynonyms.at(row);
+        if (!name.empty() && std::find(names.begin(), names.end(), name) != names.end()) {
+            return row;
+        }
+    }
+    return std::nullopt;
+}
+
+/// A number as an axis can be named by; none for other names.
+std::optional<std::int64_t> number_of(const std::string& name) {
+    std::int64_t number = 0;
+    const char* const end = name.data() + name.size();
+    const auto [at, error] = std::from_chars(name.data(), end, number);
+    return error == std::errc{} && at == end && !name.empty() ? std::optional(number)
+                                                              : std::nullopt;
+}
+
+/// All axes that a name means; several where it is not clear.
+std::vector<std::size_t> axes_of_name(std::span<const ArrayAxis> axes, const std::string& name) {
+    const auto matching = [&](const auto& matches) {
+        std::vector<std::size_t> found;
+        for (std::size_t i = 0; i < axes.size(); ++i) {
+            if (!axes[i].name.empty() && matches(axes[i].name)) {
+                found.push_back(i);
+            }
+        }
+        return found;
+    };
+    auto found = matching([&](const std::string& own) { return own == name; });
+    if (found.empty()) {
+        found = matching([&](const std::string& own) { return lower(own) == lower(name); });
+    }
+    if (const auto row = synonyms_of(lower(name)); found.empty() && row) {
+        found = matching([&](const std::string& own) { return synonyms_of(lower(own)) == row; });
+    }
+    if (const auto number = number_of(name); found.empty() && number) {
+        const auto count = static_cast<std::int64_t>(axes.size());
+        const std::int64_t i = *number < 0 ? *number + count : *number;
+        if (i >= 0 && i < count) {
+            found.push_back(static_cast<std::size_t>(i));
+        }
+    }
+    return found;
+}
+
+/// What names an axis in an index: its name, where it is plain and means this axis alone, else its
+/// number.
+std::string index_name(std::span<const ArrayAxis> axes, std::size_t i) {
+    const std::string& own = axes[i].name;
+    const bool plain = std::all_of(own.begin(), own.end(), [](unsigned char c) {
+        return std::isalnum(c) != 0 || c == '_' || c == '-' || c == '.';
+    });
+    return plain && !own.empty() && axes_of_name(axes, own) == std::vector{i}
+               ? own
+               : fmt::format("{}", i);
+}
+
+bool is_whole(const AxisIndex* entry) {
+    return entry != nullptr && !entry->at;
+}
+
+/// Indices with which the array would be read: positions 0 where one has to be chosen, and if the
+/// only axis of them may also be taken as a whole, that.
+std::vector<Remedy> proposals(std::span<const ArrayAxis> axes, const Entries& entries) {
+    std::vector<std::size_t> chosen;
+    std::vector<std::size_t> left;
+    std::string given;
+    for (std::size_t i = 0; i < axes.size(); ++i) {
+        const AxisIndex* const entry = entries.empty() ? nullptr : entries[i];
+        if (entry != nullptr && entry->at) {
+            given += fmt::format("{}={},", index_name(axes, i), *entry->at);
+        } else if (axes[i].length > 1) {
+            (axes[i].of_volume || is_whole(entry) ? left : chosen).push_back(i);
+        }
+    }
+    const bool may_be_whole = chosen.size() == 1 && left.size() < 3;
+    // Of too many axes those that are named as times or channels, then the slowest ones; last those
+    // of which the caller wants the whole.
+    const auto rank = [&](std::size_t i) {
+        return std::pair(!entries.empty() && is_whole(entries[i]),
+                         !synonyms_of(lower(axes[i].name)).has_value());
+    };
+    std::stable_sort(left.begin(), left.end(),
+                     [&](std::size_t a, std::size_t b) { return rank(a) < rank(b); });
+    for (std::size_t i = 0; i + 3 < left.size(); ++i) {
+        chosen.push_back(left[i]);
+    }
+    std::sort(chosen.begin(), chosen.end());
+    std::string positions;
+    for (const std::size_t i : chosen) {
+        positions += fmt::format("{}{}=0", positions.empty() ? "" : ",", index_name(axes, i));
+    }
+    std::vector<Remedy> remedies{
+        {RemedyKind::choose_index, positions.empty() ? "" : given + positions}};
+    if (may_be_whole) {
+        remedies.push_back(
+            {RemedyKind::choose_index, fmt::format("{}{}=:", given, index_name(axes, chosen[0]))});
+    }
+    return remedies;
+}
+
 [[noreturn]] void refuse(ErrorKind kind, std::span<const ArrayAxis> axes, const std::string& name,
-                         const std::string& problem) {
+                         const std::string& problem, const Entries& entries = {}) {
     throw Error(kind, {name},
                 fmt::format("{}; its axes (slowest first): {}", problem, text_of(axes)),
-                {{RemedyKind::choose_index}});
+                proposals(axes, entries));
 }
 
 std::string said(std::span<const ArrayAxis> axes, std::size_t i) {
@@ -21,11 +139,9 @@ std::string said(std::span<const ArrayAxis> axes, std::size_t i) {
                                 : fmt::format("axis '{}'", axes[i].name);
 }
 
-/// For each axis the entry that is about it, or none.
-std::vector<const AxisIndex*> entries_of(std::span<const ArrayAxis> axes,
-                                         std::span<const AxisIndex> index,
-                                         const std::string& name) {
-    std::vector<const AxisIndex*> found(axes.size(), nullptr);
+Entries entries_of(std::span<const ArrayAxis> axes, std::span<const AxisIndex> index,
+                   const std::string& name) {
+    Entries found(axes.size(), nullptr);
     const auto named = [](const AxisIndex& entry) { return !entry.axis.empty(); };
     if (std::none_of(index.begin(), index.end(), named)) {
         if (!index.empty() && index.size() != axes.size()) {
@@ -37,22 +153,36 @@ std::vector<const AxisIndex*> entries_of(std::span<const ArrayAxis> axes,
         return found;
     }
     for (const AxisIndex& entry : index) {
-        const auto axis = std::find_if(axes.begin(), axes.end(), [&](const ArrayAxis& a) {
-            return !a.name.empty() && a.name == entry.axis;
-        });
-        if (axis == axes.end()) {
-            refuse(ErrorKind::invalid_argument, axes, name,
-                   entry.axis.empty() ? std::string("the index names only some of its axes")
-                                      : fmt::format("there is no axis '{}'", entry.axis));
+        if (entry.axis.empty()) {
+            refuse(ErrorKind::invalid_argument, axes, name, "the index names only some of its axes",
+                   found);
         }
-        const AxisIndex*& place = found[static_cast<std::size_t>(axis - axes.begin())];
+        const std::vector<std::size_t> meant = axes_of_name(axes, entry.axis);
+        if (meant.size() != 1) {
+            refuse(ErrorKind::invalid_argument, axes, name,
+                   meant.empty()
+                       ? fmt::format("there is no axis '{}'", entry.axis)
+                       : fmt::format("'{}' may be any of {} axes: name one by its number, from 0",
+                                     entry.axis, meant.size()),
+                   found);
+        }
+        const AxisIndex*& place = found[meant[0]];
         if (place != nullptr) {
             refuse(ErrorKind::invalid_argument, axes, name,
-                   fmt::format("axis '{}' comes twice in the index", entry.axis));
+                   fmt::format("{} comes twice in the index", said(axes, meant[0])));
         }
         place = &entry;
     }
     return found;
+}
+
+/// "along axis 't'", "along axis 't' and axis 'c'"
+std::string along(std::span<const ArrayAxis> axes, const std::vector<std::size_t>& some) {
+    std::string text;
+    for (const std::size_t i : some) {
+        text += fmt::format("{}{}", text.empty() ? "along " : " and ", said(axes, i));
+    }
+    return text;
 }
 
 }  // namespace
@@ -109,8 +239,10 @@ ChosenAxes choose_axes(std::span<const ArrayAxis> axes, std::span<const AxisInde
                        const std::string& name) {
     ChosenAxes chosen;
     chosen.at.assign(axes.size(), 0);
-    const auto entries = entries_of(axes, index, name);
+    const Entries entries = entries_of(axes, index, name);
     std::vector<std::size_t> left;
+    std::vector<std::size_t> unchosen;
+    double volumes = 1;
     for (std::size_t i = 0; i < axes.size(); ++i) {
         const std::int64_t length = axes[i].length;
         const AxisIndex* const entry = entries[i];
@@ -121,32 +253,47 @@ ChosenAxes choose_axes(std::span<const ArrayAxis> axes, std::span<const AxisInde
                        fmt::format("{} has no position {}", said(axes, i), *entry->at));
             }
             chosen.at[i] = at;
-            continue;
+        } else if (axes[i].of_volume || is_whole(entry)) {
+            left.push_back(i);
+        } else if (length > 1) {
+            unchosen.push_back(i);
+            volumes *= static_cast<double>(length);
         }
-        if (!axes[i].of_volume) {
-            if (length > 1) {
-                refuse(ErrorKind::unsupported, axes, name,
-                       fmt::format("{} is no place: a volume of one of its {} parts can be read",
-                                   said(axes, i), length));
-            }
-            continue;
-        }
-        left.push_back(i);
+    }
+    if (!unchosen.empty()) {
+        refuse(ErrorKind::unsupported, axes, name,
+               fmt::format("it has {:.0f} volumes {}: one of them can be read", volumes,
+                           along(axes, unchosen)),
+               entries);
     }
     if (left.size() > 3) {
         std::erase_if(left, [&](std::size_t i) { return axes[i].length == 1; });
     }
     if (left.size() > 3) {
-        refuse(
-            ErrorKind::unsupported, axes, name,
-            fmt::format("{} axes: volumes of one scalar on at most 3 axes are read", left.size()));
+        refuse(ErrorKind::unsupported, axes, name,
+               fmt::format("{} axes: a volume has at most 3", left.size()), entries);
     }
     std::reverse(left.begin(), left.end());
     for (std::size_t a = 0; a < left.size(); ++a) {
         chosen.axis.at(a) = left[a];
         chosen.nodes[static_cast<int>(a)] = axes[left[a]].length;
+        chosen.no_space.at(a) = !axes[left[a]].of_volume && axes[left[a]].length > 1;
     }
     return chosen;
+}
+
+std::vector<std::string> notes_of(const ChosenAxes& chosen, std::span<const ArrayAxis> axes,
+                                  const std::optional<Double3>& apart) {
+    std::vector<std::string> notes;
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (chosen.no_space.at(a)) {
+            notes.push_back(fmt::format(
+                "{} is no direction in space; it is taken as {}{}", said(axes, *chosen.axis.at(a)),
+                "xyz"[a],
+                apart ? fmt::format(", with a spacing of {}", apart->at(a)) : std::string{}));
+        }
+    }
+    return notes;
 }
 
 }  // namespace isonest::detail

@@ -11,6 +11,7 @@
 
 #include <isonest/int3.h>
 #include <isonest/open_volume.h>
+#include <isonest/volume_source.h>
 
 namespace isonest::detail {
 
@@ -29,11 +30,17 @@ struct ChosenAxes {
     /// For each of the array's axes the position on it; 0 for those of the volume.
     std::vector<std::int64_t> at;
     Int3 nodes{1, 1, 1};  ///< of the volume
+    /// For x, y and z whether the caller took a whole axis that is no direction in space.
+    std::array<bool, 3> no_space{};
 };
 
 /// Takes `axes`, slowest first, and what the caller wants of them: nothing, an entry per axis, or
-/// entries with names. Of more than three axes that are left those of length 1 are dropped. No I/O.
-/// Throws Error{invalid_argument, unsupported}, which list the axes; `name` is used in messages.
+/// entries that name axes. A name is the file's, in any case; one of its usual synonyms (t and
+/// time; c, channel and component) where the file has one such axis; or the axis' number, from 0,
+/// or negative from the end. An entry without a position takes the whole axis, also one that is not
+/// `of_volume`. Of more than three axes that are left those of length 1 are dropped. No I/O.
+/// Throws Error{invalid_argument, unsupported}, which list the axes and propose an index in the
+/// file's own names; `name` is used in messages.
 ChosenAxes choose_axes(std::span<const ArrayAxis> axes, std::span<const AxisIndex> index,
                        const std::string& name);
 
@@ -50,6 +57,11 @@ struct ArrayPlace {
 /// Error{corrupt} for an array of more than 2^60 values.
 ArrayPlace place_in_array(std::span<const ArrayAxis> axes, std::span<const AxisIndex> index,
                           const std::string& name, std::span<const std::uint64_t> strides = {});
+
+/// Notes about whole axes that are no directions in space. `apart`: the distance of their positions
+/// along x, y and z, where the axes do not say one.
+std::vector<std::string> notes_of(const ChosenAxes& chosen, std::span<const ArrayAxis> axes,
+                                  const std::optional<Double3>& apart = {});
 
 /// "time 5, c 3, z 40, y 50, x 60", "5, 40, 50".
 std::string text_of(std::span<const ArrayAxis> axes);

@@ -1,5 +1,7 @@
 #include "preprocess/sources/placement/placed_array.h"
 
+#include <array>
+#include <cmath>
 #include <optional>
 #include <utility>
 
@@ -7,6 +9,7 @@
 #include "preprocess/sources/numbers/raw_source.h"
 #include "preprocess/sources/placement/placement.h"
 #include "preprocess/sources/wrapping/mirrored_source.h"
+#include "preprocess/sources/wrapping/noted_source.h"
 
 namespace isonest::detail {
 namespace {
@@ -17,12 +20,36 @@ void set_place(const Placement& place, RawLayout& layout) {
     layout.direction = place.direction;
 }
 
+/// Axes that are no directions in space lie at right angles to the others. Gives the distance of
+/// their positions.
+Double3 place_what_is_no_space(const PlacedArray& array, const ChosenAxes& chosen,
+                               std::array<Double3, 3>& steps) {
+    Double3 apart{1, 1, 1};
+    Int3 nodes = chosen.nodes;
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (chosen.no_space.at(a)) {
+            nodes[static_cast<int>(a)] = 1;
+            steps.at(a) = {0, 0, 0};
+            const double said = array.apart.empty() ? 0 : array.apart[*chosen.axis.at(a)];
+            apart.at(a) = said > 0 && std::isfinite(said) ? said : 1;
+        }
+    }
+    complete_steps(nodes, steps);
+    for (std::size_t a = 0; a < 3; ++a) {
+        for (double& part : steps.at(a)) {
+            part *= apart.at(a);
+        }
+    }
+    return apart;
+}
+
 }  // namespace
 
 std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
                                           std::span<const AxisIndex> index,
                                           std::unique_ptr<ByteReader> bytes) {
     RawLayout layout = array.layout;
+    const ChosenAxes chosen = choose_axes(array.axes, index, array.name);
     const ArrayPlace place = place_in_array(array.axes, index, array.name, array.strides);
     layout.nodes = place.nodes;
     layout.strides = place.strides;
@@ -32,12 +59,15 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
     }
     layout.first = place.first;
     layout.whole = place.whole;
+    if (chosen.no_space != std::array<bool, 3>{}) {
+        layout.frame = AnatomicalFrame::unknown;
+    }
     if (array.stored) {
         layout.type = bits_type(*array.stored);
     }
     std::optional<Placement> placement;
+    std::optional<Double3> apart;
     if (!array.steps.empty()) {
-        const ChosenAxes chosen = choose_axes(array.axes, index, array.name);
         std::array<Double3, 3> steps{};
         Double3 first = array.first;
         for (std::size_t a = 0; a < 3; ++a) {
@@ -50,6 +80,7 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
                 first.at(w) += array.steps[i].at(w) * static_cast<double>(chosen.at[i]);
             }
         }
+        apart = place_what_is_no_space(array, chosen, steps);
         placement = place_in_world(layout.nodes, steps, first, array.name);
         set_place(*placement, layout);
     }
@@ -68,6 +99,7 @@ std::unique_ptr<VolumeSource> open_placed(const PlacedArray& array,
     if (placement) {
         source = mirrored(std::move(source), placement->backward);
     }
+    source = with_notes(std::move(source), notes_of(chosen, array.axes, apart));
     return array.stored ? converted(std::move(source), *array.stored) : std::move(source);
 }
 

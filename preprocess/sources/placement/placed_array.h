@@ -34,6 +34,9 @@ struct PlacedArray {
     /// of 1 along the world's axes, the fastest along x.
     std::vector<Double3> steps = {};
     Double3 first{0, 0, 0};
+    /// For each of `axes` that is no direction in space the distance of its positions, if somebody
+    /// takes the whole axis; 0 or none: 1.
+    std::vector<double> apart = {};
 };
 
 /// The volume that `index` leaves of it. Axes that run backward are turned around.

@@ -42,22 +42,6 @@ Double3 perpendicular(const Double3& v, std::size_t first) {
     return length > 0 ? sum(normal, times(v, -v.at(best) / (length * length))) : normal;
 }
 
-/// Gives an axis of one sample that has no direction one.
-void complete(const Int3& nodes, std::array<Double3, 3>& steps) {
-    for (std::size_t a = 0; a < 3; ++a) {
-        if (nodes[static_cast<int>(a)] > 1 || length_of(steps.at(a)) > 0) {
-            continue;
-        }
-        const Double3& b = steps.at((a + 1) % 3);
-        const Double3& c = steps.at((a + 2) % 3);
-        Double3 normal = cross(b, c);
-        if (!(length_of(normal) > 0)) {
-            normal = perpendicular(length_of(b) > 0 ? b : c, a);
-        }
-        steps.at(a) = times(normal, 1 / length_of(normal));
-    }
-}
-
 bool is_along_world(const Int3& nodes, const std::array<Double3, 3>& steps) {
     for (std::size_t world = 0; world < 3; ++world) {
         double shift = 0;
@@ -93,9 +77,24 @@ Directions orthonormal(const Int3& nodes, const std::array<Double3, 3>& steps) {
 
 }  // namespace
 
+void complete_steps(const Int3& nodes, std::array<Double3, 3>& steps) {
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (nodes[static_cast<int>(a)] > 1 || length_of(steps.at(a)) > 0) {
+            continue;
+        }
+        const Double3& b = steps.at((a + 1) % 3);
+        const Double3& c = steps.at((a + 2) % 3);
+        Double3 normal = cross(b, c);
+        if (!(length_of(normal) > 0)) {
+            normal = perpendicular(length_of(b) > 0 ? b : c, a);
+        }
+        steps.at(a) = times(normal, 1 / length_of(normal));
+    }
+}
+
 Placement place_in_world(const Int3& nodes, std::array<Double3, 3> steps, const Double3& first,
                          const std::string& name) {
-    complete(nodes, steps);
+    complete_steps(nodes, steps);
     for (std::size_t a = 0; a < 3; ++a) {
         const double length = length_of(steps.at(a));
         if (!(length > 0) || !std::isfinite(length) || !std::isfinite(first.at(a))) {

@@ -28,6 +28,10 @@ struct Placement {
 Placement place_in_world(const Int3& nodes, std::array<Double3, 3> steps, const Double3& first,
                          const std::string& name);
 
+/// Gives each axis of one node that has no direction one, of length 1, at right angles to the
+/// others. Steps that are there stay.
+void complete_steps(const Int3& nodes, std::array<Double3, 3>& steps);
+
 /// The same place for a stream, whose planes cannot be taken from their other end on: where z runs
 /// backward along the world's axis it stays as it runs, and x is turned around in its place, so
 /// that the directions are half a turn about y. Nothing changes where z does not run backward.

@@ -34,6 +34,7 @@ ChosenAxes by_names(const ChosenAxes& chosen, const std::vector<ArrayAxis>& axes
     ChosenAxes named = chosen;
     named.axis = {};
     named.nodes = {1, 1, 1};
+    named.no_space = {};
     std::size_t count = 0;
     for (const std::optional<std::size_t>& axis : chosen.axis) {
         if (!axis) {
@@ -261,6 +262,8 @@ std::unique_ptr<VolumeSource> open_zarr(const VolumeInput& input, const SourceOp
     }
     const CommonUnit unit = unit_of(image, chosen);
     notes.insert(notes.end(), unit.notes.begin(), unit.notes.end());
+    const std::vector<std::string> about_axes = notes_of(chosen, image.axes);
+    notes.insert(notes.end(), about_axes.begin(), about_axes.end());
     const std::vector<std::string> about_files = files->notes();
     notes.insert(notes.end(), about_files.begin(), about_files.end());
     const Placement place = place_of(image, chosen, unit, name);

@@ -76,16 +76,23 @@ std::int64_t parse_position(const char* option, const std::string& text) {
     return parse_integer(option, text, -kMost, kMost);
 }
 
-/// "5,:,:,:" or "time=5,c=0".
+std::string without_blanks(const std::string& text) {
+    const std::size_t from = text.find_first_not_of(' ');
+    return from == std::string::npos ? ""
+                                     : text.substr(from, text.find_last_not_of(' ') + 1 - from);
+}
+
+/// "5,:,:,:", "time=5,c=0" or, with numbers of axes, "0=5,-1=:".
 std::vector<AxisIndex> parse_index(const std::string& text) {
     std::vector<AxisIndex> index;
     for (const std::string& part : items_of(text, ',')) {
-        const std::size_t sign = part.find('=');
+        const std::size_t sign = part.rfind('=');  // names may have one
         AxisIndex entry;
         if (sign != std::string::npos) {
-            entry.axis = part.substr(0, sign);
+            entry.axis = without_blanks(part.substr(0, sign));
         }
-        const std::string at = sign == std::string::npos ? part : part.substr(sign + 1);
+        const std::string at =
+            without_blanks(sign == std::string::npos ? part : part.substr(sign + 1));
         if (at != ":") {
             entry.at = parse_position("--index", at);
         }
@@ -94,7 +101,7 @@ std::vector<AxisIndex> parse_index(const std::string& text) {
             (sign != std::string::npos && entry.axis.empty())) {
             throw Error(ErrorKind::invalid_argument,
                         fmt::format("--index '{}': give a number or : for each axis (5,:,:,:), or "
-                                    "names (time=5,c=0)",
+                                    "axes by name or number (time=5,c=:,0=2)",
                                     text));
         }
         index.push_back(std::move(entry));
@@ -145,7 +152,8 @@ void add_parts(CLI::App* command, SourceOptions& o, const char* group) {
     add_parsed(
         command, "--index", [&o](const std::string& text) { o.index = parse_index(text); },
         "of an array with time steps or channels: a position or : for each\n"
-        "axis, slowest first (5,:,:,:), or by name (time=5,c=0)",
+        "axis, slowest first (5,:,:,:), or by the axis' name or number\n"
+        "(time=5,c=0, 0=5); t=: takes a whole axis",
         "AT")
         ->group(group);
     add_parsed(

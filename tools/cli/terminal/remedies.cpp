@@ -114,8 +114,8 @@ Phrase phrase_of(RemedyKind kind) {
         case RemedyKind::graph:
             return {"graph", "", "draw data in a plane with extract --graph --scale 0", "", ""};
         case RemedyKind::choose_index:
-            return {"choose_index", "--index",
-                    "choose with --index, an entry per axis (5,:,:,:) or by name (time=5)", "",
+            return {"choose_index", "--index", "choose with --index {}",
+                    "choose with --index, an entry per axis (5,:,:,:) or by name (time=5)",
                     "take one of its volumes"};
         case RemedyKind::choose_series:
             return {"choose_series", "--series", "choose one with --series", "", "choose one"};

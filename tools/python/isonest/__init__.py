@@ -57,7 +57,8 @@ def preprocess(volume: Any, store: "os.PathLike[str] | str", *, spacing: Optiona
     dataset: of a file of several, series: of DICOM. labels: the values are labels; integers of 64 bits are
         kept as they are (0 to 2**62 - 1), and so are names and colours that the file has for its labels; label_names:
         a table of them, as FreeSurfer, 3D Slicer and ITK-SNAP have it, in place of the file's. index: of files with
-        time steps or channels what is taken of each axis, ``(5, None, None, None)`` or by name, ``{"time": 5}``.
+        time steps or channels what is taken of each axis, ``(5, None, None, None)``, or by the axis' name or number,
+        ``{"time": 5}``, ``{0: 5}``; None takes a whole axis, also one that is no direction in space.
         crop: ``np.s_[10:20, :, 5:]``; every: of what is left, each so-many-th node, one number or (z, y, x).
     shape, dtype, offset: of raw numbers; ">u2" is a dtype of big-endian numbers.
     indicators: names of the error indicators, in a list or with commas; "nodes" are all of nodes, "all" those of

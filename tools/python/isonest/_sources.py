@@ -1,10 +1,11 @@
 """Volumes for preprocess: files, NumPy arrays, and whatever gives NumPy arrays when it is sliced."""
 from __future__ import annotations
 
+import operator
 import os
 import re
 import warnings
-from typing import Any, Optional, Sequence, Union
+from typing import Any, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -156,6 +157,20 @@ def of_volume(volume: Any, *, identified: bool, memory: int, spacing: Optional[S
     return of_array(volume, spacing, origin, unit, missing, identified)
 
 
+def index_entries(index: Any) -> List[Tuple[str, Optional[int]]]:
+    """Name (empty for an entry per axis) and position, None for a whole axis, of an ``index`` argument."""
+    if index is None:
+        return []
+    if isinstance(index, dict):
+        named = [(axis if isinstance(axis, str) else str(operator.index(axis)), at) for axis, at in index.items()]
+    elif isinstance(index, (list, tuple)):
+        named = [("", at) for at in index]
+    else:
+        raise ValueError(f"index={index!r}: give an entry for each axis, (5, None, None, None), or a dict by name or "
+                         "number, {'time': 5}")
+    return [(axis, None if at is None or at == slice(None) else operator.index(at)) for axis, at in named]
+
+
 def is_files(volume: Any) -> bool:
     """Whether this is the name of a file or folder, or a list of such names."""
     if isinstance(volume, (list, tuple)):
@@ -203,8 +218,8 @@ def of_files(paths: Any, *, spacing: Optional[Sequence[float]], origin: Optional
         options.origin = per_axis("origin", origin, ndim, 0.0)
     if unit is not None:
         options.set_unit(unit)
-    for axis, at in index.items() if isinstance(index, dict) else (("", at) for at in index or ()):
-        options.add_index(axis, None if at is None or at == slice(None) else int(at))
+    for axis, at in index_entries(index):
+        options.add_index(axis, at)
     if crop is not None:
         if any(not isinstance(part, slice) or part.step not in (None, 1) for part in crop):
             raise ValueError(f"crop={crop!r}: give slices without a step, such as np.s_[10:20, :, 5:]; "

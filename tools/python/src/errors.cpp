@@ -82,8 +82,7 @@ std::string_view words_of(RemedyKind kind) {
         case RemedyKind::graph:
             return "draw its graph with Store.graph";
         case RemedyKind::choose_index:
-            return "choose with index=, an entry per axis (5, None, None, None) or by name "
-                   "{{'time': 5}}";
+            return "choose with index={{{}}}";
         case RemedyKind::choose_series:
             return "say which one with series=";
         case RemedyKind::install_package:
@@ -130,7 +129,26 @@ std::string in_our_names(const std::string& members) {
     return text;
 }
 
+/// "t=0,c=:" as the entries of a dict: "'t': 0, 'c': None".
+std::string entries_of_dict(const std::string& index) {
+    std::string text;
+    for (std::size_t at = 0; at < index.size();) {
+        const std::size_t end = std::min(index.find(',', at), index.size());
+        const std::string entry = index.substr(at, end - at);
+        const std::size_t sign = entry.rfind('=');
+        const std::string position = sign < entry.size() ? entry.substr(sign + 1) : "0";
+        text += fmt::format("{}'{}': {}", text.empty() ? "" : ", ", entry.substr(0, sign),
+                            position == ":" ? "None" : position);
+        at = end + 1;
+    }
+    return text;
+}
+
 std::string text_of(const Remedy& remedy) {
+    if (remedy.kind == RemedyKind::choose_index && remedy.value.empty()) {
+        return "choose with index=, an entry per axis (5, None, None, None) or by name or number "
+               "{'time': 5}";
+    }
     if (remedy.value.empty() && remedy.kind == RemedyKind::other_field) {
         return "name another field";
     }
@@ -144,7 +162,9 @@ std::string text_of(const Remedy& remedy) {
                                remedy.kind == RemedyKind::correct_numbers ||
                                remedy.kind == RemedyKind::place_in_world;
     return fmt::format(fmt::runtime(words_of(remedy.kind)),
-                       names_options ? in_our_names(remedy.value) : remedy.value);
+                       names_options                             ? in_our_names(remedy.value)
+                       : remedy.kind == RemedyKind::choose_index ? entries_of_dict(remedy.value)
+                                                                 : remedy.value);
 }
 
 bool is_about_memory(const Error& error) {
